@@ -11,6 +11,8 @@
 The contract of the bytes is SPEC.md beside this file.
 """
 
+import types
+
 from protocol.errors import LocalError, ProfileError, ProtocolError, RemoteError
 from protocol.link.bulk import Decoded, decode_chunks, decode_samples
 from protocol.link.connection import Connection
@@ -50,44 +52,5 @@ from protocol.text.profile import TextProfile, load_profile
 Gap = SampleGap  # the name that scripts import
 
 __all__ = [
-    "AckStatus",
-    "BoardEvent",
-    "BoardEventReceived",
-    "BoardRestarted",
-    "BoardState",
-    "BootReason",
-    "ClearFault",
-    "Command",
-    "CommandDone",
-    "CommandLost",
-    "Connection",
-    "Decoded",
-    "EventCode",
-    "Gap",
-    "Heartbeat",
-    "Hello",
-    "HelloReceived",
-    "Identify",
-    "Link",
-    "LinkEvent",
-    "LinkStatistics",
-    "LocalError",
-    "ProfileError",
-    "ProtocolError",
-    "RemoteError",
-    "SampleFlag",
-    "SampleGap",
-    "Samples",
-    "SetLimits",
-    "SetPressure",
-    "Start",
-    "Stop",
-    "TextConnection",
-    "TextProfile",
-    "Vent",
-    "WrongProtocol",
-    "decode_chunks",
-    "decode_samples",
-    "load_profile",
-    "sample_dtype",
+    name for name, value in list(globals().items()) if name[0] != "_" and not isinstance(value, types.ModuleType)
 ]

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show
+from boat_daq.commands.console import JsonOption, notify, present, progress_bar
 from boat_daq.commands.options import AllowRemoteOption, FolderArgument, SeedOption
 
 COLUMNS = ("run", "unit", "sensor", "cycles", "sensitivity_mv_per_mm", "snr_db", "error")
@@ -44,9 +44,7 @@ def batch(
         write_table(table, to)
         notify(f"wrote {to}")
     failed = int((table["error"] != "").sum()) if "error" in table else 0
-    if as_json:
-        emit_json({"runs": table["run"].nunique(), "failed": failed, "rows": table.to_dict(orient="records")})
-    else:
-        show(table[[name for name in COLUMNS if name in table]].to_string(index=False))
+    content = {"runs": table["run"].nunique(), "failed": failed, "rows": table.to_dict(orient="records")}
+    present(content, table[[name for name in COLUMNS if name in table]].to_string(index=False), as_json=as_json)
     if failed:
         notify(f"{failed} runs could not be analysed; see the column error")

@@ -7,10 +7,10 @@ Rules: `show` and `emit_json` print results; `notify` and `progress_bar` print m
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -53,10 +53,7 @@ def _request(value: bool) -> bool:
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.", callback=_request)]
 
 
-class Advance(Protocol):
-    """Moves a progress bar: ``advance(done, total)`` in any unit; may raise KeyboardInterrupt on Ctrl-C."""
-
-    def __call__(self, done: float, total: float, /) -> None: ...
+Advance = Callable[[float, float], None]  # moves a progress bar to (done, total), in any unit
 
 
 def emit_json(value: Any) -> None:

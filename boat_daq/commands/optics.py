@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show, writing
+from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, writing
 from boat_daq.commands.options import AllowRemoteOption, OptionalFidelity
 
 if TYPE_CHECKING:
@@ -270,10 +270,7 @@ def sweep(
     if out is not None:
         for path in write_sweep(result, out):
             notify(f"wrote {path}")
-    if as_json:
-        emit_json(sweep_json(result))
-    else:
-        show(sweep_text(result))
+    present(sweep_json(result), sweep_text(result), as_json=as_json)
 
 
 @app.command()

@@ -236,14 +236,11 @@ class Connection:
         self.hello, self._wrong_version = hello, None
         self.n_sensors, self._adc_bits = hello.n_sensors, hello.adc_bits
         self._stream.stream_may_restart()
-        if restarted:
-            self._has_state = False
-            return [
-                BoardRestarted(hello),
-                *self._pending_commands.board_restarted(),
-                *self._pending_commands.identified(now_ns),
-            ]
-        return [HelloReceived(hello), *self._pending_commands.identified(now_ns)]
+        if not restarted:
+            return [HelloReceived(hello), *self._pending_commands.identified(now_ns)]
+        self._has_state = False
+        forgotten = self._pending_commands.board_restarted()
+        return [BoardRestarted(hello), *forgotten, *self._pending_commands.identified(now_ns)]
 
     def _take_ack(self, ack: Ack, now_ns: int) -> list[LinkEvent]:
         if ack.status == AckStatus.DONE:

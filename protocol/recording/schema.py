@@ -161,11 +161,6 @@ def session_dtype(meta: Mapping[str, Any]) -> np.dtype[np.void]:
 
 SESSION_KEYS = tuple(key for key in SESSION_VALUES if key not in ("run_end", "resumptions"))  # of every recording
 # Beside `stop_reason`, for people, its code "run_end" (`RunEnd`), for programs; files before November 2026 lack it.
-# `stop_reason` up to its colon, as every program has written it: what `run_end_of` reads where the code is missing.
-_STOP_REASONS: Final = {
-    "finished": RunEnd.FINISHED, "stopped": RunEnd.STOPPED, "disconnected": RunEnd.STOPPED,
-    "aborted": RunEnd.ABORTED, "interrupted": RunEnd.INTERRUPTED,
-}  # fmt: skip
 # Only in a resumed run: "resumptions", a list in order, one object for each break: utc and host_ns of the resumption,
 # cause ("interrupted", "stopped", "aborted: ..."), break_s, the first segment, chunk, step and cycle after it,
 # complete_cycles before it, last_result (id of the newest result of less than the whole run)
@@ -349,10 +344,8 @@ def refuse_newer(path: Path) -> None:
 
 def run_end_of(meta: Mapping[str, Any]) -> RunEnd | None:
     """Return how a recording ended; None while it is under way or where its program was killed."""
-    code = meta.get("run_end")
-    if code is not None:
-        return RunEnd(code)
-    return _STOP_REASONS.get(str(meta["stop_reason"]).partition(":")[0])
+    code = meta.get("run_end") or str(meta["stop_reason"]).partition(":")[0]  # older files have the sentence alone
+    return RunEnd.STOPPED if code == "disconnected" else next((end for end in RunEnd if end == code), None)
 
 
 def breaks_of(meta: dict[str, Any]) -> list[dict[str, Any]]:

@@ -260,7 +260,7 @@ class VirtualBoard:
             case "ack_refused":
                 self._refusal = AckStatus(int(fault.value))
             case name if FAULTS[name].lasting == "count":
-                self._transmitter.countdown.add(name, fault.value)
+                self._transmitter.countdown[name] += int(fault.value)
 
     # ---- commands ------------------------------------------------------------------------------------------------
 

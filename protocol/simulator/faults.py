@@ -7,7 +7,8 @@ itself (0 = never), one that counts ends when it is used up, every other one sta
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -202,27 +203,13 @@ class FaultSchedule:
         return begun, ended
 
 
-class Countdown:
-    """How many are left of each fault that counts."""
-
-    def __init__(self) -> None:
-        self._left: dict[str, int] = {}
-
-    def add(self, name: str, count: float) -> None:
-        """Add `count` to the number left."""
-        self._left[name] = self._left.get(name, 0) + int(count)
+class Countdown(Counter[str]):
+    """How many are left of each fault that counts, by name."""
 
     def take(self, name: str, most: int = 1) -> int:
         """Use at most `most` of the number left, and return how many."""
-        if name not in self._left:
-            return 0
-        taken = min(self._left[name], most)
-        self._left[name] -= taken
-        if not self._left[name]:
-            del self._left[name]
+        taken = min(self[name], most)
+        self[name] -= taken
+        if not self[name]:
+            del self[name]
         return taken
-
-    @property
-    def left(self) -> Mapping[str, int]:
-        """The number left, by name."""
-        return self._left

@@ -167,7 +167,7 @@ class Transmitter:
 
     def _arrange(self, frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Lose, repeat or swap whole frames, as faults demand."""
-        if not self.countdown.left and not len(self._held):
+        if not self.countdown and not len(self._held):
             return frames
         frames = frames[self.countdown.take("index_gap", len(frames)) :]
         twice = self.countdown.take("duplicate", len(frames))
@@ -175,6 +175,6 @@ class Transmitter:
         swapped = 2 * self.countdown.take("reorder", len(frames) // 2)
         rest = frames[swapped:]
         self._held = frames[:0]
-        if "reorder" in self.countdown.left:  # one is left over: its partner follows
+        if "reorder" in self.countdown:  # one is left over: its partner follows
             self._held, rest = rest, rest[:0]
         return np.concatenate([frames[np.arange(swapped) ^ 1], rest])

@@ -258,11 +258,8 @@ def load_profile(source: str | Path) -> TextProfile:
     return TextProfile(
         name=top["name"],
         toml=text,
-        n_sensors=device["n_sensors"],
         rate_hz=float(device["rate_hz"]),
-        vref_mv=device["vref_mv"],
-        adc_bits=device["adc_bits"],
-        polarity=device["polarity"],
+        **{key: device[key] for key in ("n_sensors", "vref_mv", "adc_bits", "polarity")},
         limits_pa=_limits(device),
         sample_kind=sample_kind,
         columns=tuple(_column(entry, device) for entry in fields),

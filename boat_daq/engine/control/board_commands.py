@@ -15,6 +15,7 @@ from boat_daq.engine.control.sequencer import ControlEvent, SegmentBreak, StepCh
 from boat_daq.engine.control.watchdog import FAST, LONGEST_MS, Feeder, SpeedMeter
 from boat_daq.engine.snapshot import MessageKind, RunEnding
 from protocol.link.messages import (
+    COMMAND_TYPES,
     AckStatus,
     ClearFault,
     Command,
@@ -31,7 +32,7 @@ from protocol.link.messages import (
 
 VENT_AGAIN_S = 0.75  # the link itself has repeated it three times by then
 
-_REFUSALS = {
+_REFUSALS: dict[int, str] = {
     AckStatus.UNKNOWN_COMMAND: "unknown command",
     AckStatus.WRONG_LENGTH: "wrong length of the command",
     AckStatus.OUT_OF_LIMITS: "out of its limits",
@@ -39,7 +40,7 @@ _REFUSALS = {
     AckStatus.FAULT_LATCHED: "it has latched a fault",
     AckStatus.NOT_SUPPORTED: "command not supported",
 }
-_NO_START = {
+_NO_START: dict[int, str] = {
     AckStatus.OUT_OF_LIMITS: "choose a lower rate, with --rate or in the settings",
     AckStatus.FAULT_LATCHED: "clear the board's fault, by its own switch or by its supply, then try again",
     AckStatus.NOT_IN_THIS_STATE: "switch the board off and on, then try again",
@@ -49,30 +50,13 @@ _GUARD = {
     Heartbeat: "no pressure without a watchdog: check the board's firmware",
 }
 _LOWER_SPEED = "close other programs on this computer, or lower the speed of a virtual board"
-_CLEAR_ESTOP = "release it when it is safe, then clear the fault"
 _FIND_LEAK = "check for a leak, and that the pump runs"
-_TRIPS = {  # kind, cause, remedy
-    EventCode.OVER_PRESSURE: (
-        MessageKind.BOARD_OVER_PRESSURE,
-        "the board vented: over-pressure, {} Pa",
-        "check supply and valve",
-    ),
-    EventCode.UNDER_PRESSURE: (
-        MessageKind.BOARD_UNDER_PRESSURE,
-        "the board vented: under-pressure, {} Pa",
-        "check vacuum and valve",
-    ),
-    EventCode.HEARTBEAT_LOST: (
-        MessageKind.BOARD_HEARTBEAT_LOST,
-        "the board vented: nothing received for {} ms",
-        _LOWER_SPEED,
-    ),
-    EventCode.ESTOP_PRESSED: (MessageKind.BOARD_ESTOP_PRESSED, "the e-stop was pressed", _CLEAR_ESTOP),
-    EventCode.TARGET_NOT_REACHED: (
-        MessageKind.BOARD_TARGET_NOT_REACHED,
-        "the board vented: target not reached, {} Pa",
-        _FIND_LEAK,
-    ),
+_TRIPS: dict[int, tuple[str, str]] = {  # cause and remedy; the kind is BOARD_ and the code's name
+    EventCode.OVER_PRESSURE: ("the board vented: over-pressure, {} Pa", "check supply and valve"),
+    EventCode.UNDER_PRESSURE: ("the board vented: under-pressure, {} Pa", "check vacuum and valve"),
+    EventCode.HEARTBEAT_LOST: ("the board vented: nothing received for {} ms", _LOWER_SPEED),
+    EventCode.ESTOP_PRESSED: ("the e-stop was pressed", "release it when it is safe, then clear the fault"),
+    EventCode.TARGET_NOT_REACHED: ("the board vented: target not reached, {} Pa", _FIND_LEAK),
 }
 
 
@@ -235,9 +219,7 @@ class BoardCommands:
         status : the board's reason.
         pressurised : whether the unit may be under pressure.
         """
-        text = (
-            f"the board refused {_name(command)}: {_REFUSALS.get(AckStatus(status)) if status in _REFUSALS else status}"
-        )
+        text = f"the board refused {_name(command)}: {_REFUSALS.get(status, str(status))}"
         if isinstance(command, Heartbeat):
             self.feeder.refused(command)
         if status == AckStatus.NOT_SUPPORTED and not self.whole_contract and isinstance(command, Heartbeat | SetLimits):
@@ -261,9 +243,8 @@ class BoardCommands:
             case Start() if self.meter.known:
                 pass  # it samples already
             case Start(rate_hz):
-                remedy = _NO_START.get(AckStatus(status)) if status in _REFUSALS else None
-                remedy = remedy or "the board's firmware must know START: update it, or give its profile"
-                self.start_refused = (f"{text}, at {rate_hz} Hz", remedy)
+                unknown = "the board's firmware must know START: update it, or give its profile"
+                self.start_refused = (f"{text}, at {rate_hz} Hz", _NO_START.get(status, unknown))
                 self.note(MessageKind.REFUSED, text, "")  # reported where samples are missed
             case _:
                 self.note(MessageKind.REFUSED, text, "error")
@@ -301,19 +282,14 @@ class BoardCommands:
     def board_event(self, code: EventCode | int, value: int) -> Trip | None:
         """Return the trip that an event of the board means, or report it."""
         if code in _TRIPS:
-            kind, cause, remedy = _TRIPS[EventCode(code)]
-            return Trip(kind, cause.format(value), remedy, float(value))
+            cause, remedy = _TRIPS[code]
+            return Trip(MessageKind[f"BOARD_{EventCode(code).name}"], cause.format(value), remedy, float(value))
         if code == EventCode.SENSOR_SATURATED:
             text = f"sensor {value + 1} is saturated"
             self.note(MessageKind.SATURATED, text, "warning", "reduce the light or its gain", value=value + 1)
         elif code == EventCode.SAMPLES_DROPPED:
-            self.note(
-                MessageKind.DROPPED,
-                f"the board dropped {value} samples",
-                "warning",
-                "choose a lower rate",
-                value=value,
-            )
+            text = f"the board dropped {value} samples"
+            self.note(MessageKind.DROPPED, text, "warning", "choose a lower rate", value=value)
         return None
 
     def note(self, kind: MessageKind, text: str, level: str, remedy: str = "", *, value: float | None = None) -> None:
@@ -329,5 +305,4 @@ class BoardCommands:
 
 def _name(command: Command) -> str:
     """Return a command's name in the protocol."""
-    names = {SetPressure: "SET_PRESSURE", SetLimits: "SET_LIMITS", ClearFault: "CLEAR_FAULT"}
-    return names.get(type(command), type(command).__name__.upper())
+    return COMMAND_TYPES[type(command)].name

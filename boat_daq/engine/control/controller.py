@@ -341,9 +341,8 @@ class Controller:
         self.mv_per_count = hello.vref_mv / 2**hello.adc_bits
         self.preflight.take_limits(hello.pressure_min_pa / 1000, hello.pressure_max_pa / 1000)
         if hello.rate_max_hz < self.stream.rate_hz:
-            self.board.note(
-                MessageKind.RATE, f"the board samples at most {hello.rate_max_hz} times a second", "warning"
-            )
+            text = f"the board samples at most {hello.rate_max_hz} times a second"
+            self.board.note(MessageKind.RATE, text, "warning")
             self.stream.rate_hz = hello.rate_max_hz
         self.board.introduce(hello, self.preflight.limits_command)
         if not self.hold_samples:

@@ -53,7 +53,6 @@ class Trip:
     cause: str
     remedy: str = ""
     value: float | None = None  # in the unit of the kind: kPa for pressures
-    time_us: int | None = None
 
 
 class Interlock:
@@ -74,17 +73,13 @@ class Interlock:
         ------
         OperatorError : the limits are swapped, not finite, or do not include 0 kPa, the pressure of a vented unit.
         """
-        if limits_kpa is None:
-            self._limits.pop(source, None)
-            self.limits = _tightest(self._limits)
-            return
-        low, high = limits_kpa
-        if not (math.isfinite(low) and math.isfinite(high) and low <= 0 <= high and low < high):
-            raise OperatorError(
-                f"the {source}'s limits {low:g} .. {high:g} kPa are not usable",
-                "give a range around 0 kPa, the lower limit first",
-            )
-        self._limits[source] = (low, high)
+        self._limits.pop(source, None)
+        if limits_kpa is not None:
+            low, high = limits_kpa
+            if not (math.isfinite(low) and math.isfinite(high) and low <= 0 <= high and low < high):
+                text = f"the {source}'s limits {low:g} .. {high:g} kPa are not usable"
+                raise OperatorError(text, "give a range around 0 kPa, the lower limit first")
+            self._limits[source] = limits_kpa
         self.limits = _tightest(self._limits)
 
     def check(self, target_kpa: float, *, new_plan: bool = False) -> None:
@@ -202,7 +197,7 @@ class Interlock:
         pressure_kpa, (low, high) = float(block.pressure_kpa[at]), self._bounds
         cause, remedy = _LEVELS[kind]
         cause = cause.format(pressure=pressure_kpa, low=low, high=high, margin=MARGIN_KPA)
-        return Trip(kind, cause, remedy, pressure_kpa, int(block.time_us[at]))
+        return Trip(kind, cause, remedy, pressure_kpa)
 
     @property
     def _bounds(self) -> tuple[float, float]:

@@ -27,7 +27,7 @@ that is noisy enough. Here a noisier channel needs a longer window.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -169,7 +169,7 @@ class StepWatch:
         arrival = i + int(np.argmax(inside[i:])) if inside[i:].any() else n
         late = n if self._deadline_us is None else int(np.searchsorted(block.time_us, self._deadline_us))
         if max(late, i) < arrival:
-            self._end("timeout", int(block.time_us[max(late, i)]))
+            self.outcome, self.ended_us = "timeout", int(block.time_us[max(late, i)])
             return n
         if arrival == n:
             return n
@@ -222,7 +222,7 @@ class StepWatch:
             if time_us < self._steady_since_us + _us(self._plan.reading_timeout_s):
                 return
             self.reading_timed_out = True
-        self._end("reached", time_us)
+        self.outcome, self.ended_us = "reached", time_us
 
     def _measure(self, time_us: int) -> None:
         """Test the later part of the settled plateau for drift."""
@@ -238,15 +238,10 @@ class StepWatch:
         self._drifts = {"pressure_kpa": drift(time_s, pressure)} | {
             f"s{k + 1}_mv": drift(time_s, signals[:, k]) for k in range(signals.shape[1])
         }
-        self._steady = all(
-            d.within(
-                self._plan.pressure_drift_kpa_per_s if name == "pressure_kpa" else self._plan.signal_drift_mv_per_s
-            )
-            for name, d in self._drifts.items()
+        pressure_drift, *signal_drifts = self._drifts.values()
+        self._steady = pressure_drift.within(self._plan.pressure_drift_kpa_per_s) and all(
+            signal.within(self._plan.signal_drift_mv_per_s) for signal in signal_drifts
         )
-
-    def _end(self, outcome: str, time_us: int) -> None:
-        self.outcome, self.ended_us = outcome, time_us
 
     def detail(self) -> dict[str, Any]:
         """Return what is kept of the step beside its times.
@@ -263,11 +258,7 @@ class StepWatch:
             found["settling_time_s"] = (self.settled_us - self._started_us) / 1e6
         if self._step.plateau and self._drifts:
             found["steady"] = self._steady
-            found["drift"] = {
-                name: {"slope": d.slope, "std_error": d.std_error, "scatter": d.scatter, "n_eff": d.n_eff}
-                for name, d in self._drifts.items()
-                if math.isfinite(d.std_error)
-            }
+            found["drift"] = {name: asdict(d) for name, d in self._drifts.items() if math.isfinite(d.std_error)}
         if self.reading_timed_out:
             found["reading_timed_out"] = True
         return found

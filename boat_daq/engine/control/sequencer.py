@@ -112,6 +112,12 @@ class Sequencer:
         actions, self._actions = self._actions, []
         return actions
 
+    @property
+    def _planned(self) -> Plan:
+        """The plan of a run."""
+        assert self.plan is not None
+        return self.plan
+
     # ---- the operator ----------------------------------------------------------------------------------------------
 
     def arm(
@@ -142,13 +148,12 @@ class Sequencer:
     def start(self) -> None:
         """Begin with the opening plateau."""
         self._require("start", SessionState.ARMED)
-        assert self.plan is not None
         self.state, self.cycle = SessionState.RUNNING, self._first_cycle - 1
         self._started_us = self._time_us
         self._paces.clear()
         self._waits_s.clear()
         self.ended = None
-        self._report(MessageKind.RUN_STARTED, f"{self.plan.name}: {self.plan.cycles} cycles")
+        self._report(MessageKind.RUN_STARTED, f"{self._planned.name}: {self._planned.cycles} cycles")
         self._open()
 
     def pause(self) -> None:
@@ -156,20 +161,15 @@ class Sequencer:
         self._require("pause", SessionState.RUNNING)
         self._break_step()
         self.state = SessionState.PAUSED
-        self._actions += [
-            VentNow(),
-            SegmentBreak("paused", paused=True),
-            ControlEvent(MessageKind.PAUSED, "paused by the operator", "info"),
-        ]
+        self._actions += [VentNow(), SegmentBreak("paused", paused=True)]
+        self._report(MessageKind.PAUSED, "paused by the operator", "info")
 
     def resume(self) -> None:
         """Resume with the next whole cycle, from the opening plateau."""
         self._require("resume", SessionState.PAUSED)
         self.state = SessionState.RUNNING
-        self._actions += [
-            SegmentBreak("resumed", paused=False),
-            ControlEvent(MessageKind.RESUMED, "resumed by the operator", "info"),
-        ]
+        self._actions.append(SegmentBreak("resumed", paused=False))
+        self._report(MessageKind.RESUMED, "resumed by the operator", "info")
         self._open()
 
     def stop(self) -> None:
@@ -242,16 +242,14 @@ class Sequencer:
 
     def _reached(self, mark: StepMark) -> None:
         """Go to the next step, the next cycle, or the end."""
-        assert self.plan is not None
-        assert mark.ended_us is not None
         if not mark.detail.get("steady", True):
-            text = f"the plateau at {_plateau_name(mark)} was not steady after {self.plan.max_dwell_s:g} s"
+            text = f"the plateau at {_plateau_name(mark)} was not steady after {self._planned.max_dwell_s:g} s"
             self._report(MessageKind.NOT_STEADY, text, "warning", "its drift is recorded with the step")
         if mark.detail.get("reading_timed_out"):
             self._report(MessageKind.READING_MISSING, f"no reading at {_plateau_name(mark)}", "warning")
         if not self._queue and mark.cycle:
             self.complete_cycles += 1
-        if not self._queue and self.complete_cycles >= self.plan.cycles:
+        if not self._queue and self.complete_cycles >= self._planned.cycles:
             self._finish(RunEnd.FINISHED)
             return
         if not self._queue:
@@ -286,23 +284,20 @@ class Sequencer:
     # ---- steps -----------------------------------------------------------------------------------------------------
 
     def _open(self) -> None:
-        assert self.plan is not None
-        self._queue = deque([self.plan.opening])
+        self._queue = deque([self._planned.opening])
         self._begin()
 
     def _next_cycle(self) -> None:
-        assert self.plan is not None
         self.cycle += 1
-        self._queue.extend(self.plan.cycle_steps(self.cycle))
+        self._queue.extend(self._planned.cycle_steps(self.cycle))
 
     def _begin(self) -> None:
         """Begin the next step of the queue."""
-        assert self.plan is not None
         step = self._step = self._queue.popleft()
         self._from_kpa = self._pressure_kpa
-        self._watch = StepWatch(self.plan, step, started_us=self._time_us, wait_for_reading=self._wait_for_reading)
+        self._watch = StepWatch(self._planned, step, started_us=self._time_us, wait_for_reading=self._wait_for_reading)
         self._new_mark(step.cycle, step.branch, step.target_kpa)
-        self._actions.append(GoTo(step.target_kpa, self.plan.ramp_kpa_per_s))
+        self._actions.append(GoTo(step.target_kpa, self._planned.ramp_kpa_per_s))
 
     def _new_mark(self, cycle: int, branch: str, target_kpa: float) -> None:
         ramp = self.plan.ramp_kpa_per_s if self.plan and branch != "end" else 0.0
@@ -311,7 +306,6 @@ class Sequencer:
         self._actions.append(StepChanged(self.marks[-1], new=True))
 
     def _change(self, mark: StepMark) -> None:
-        assert self.plan is not None
         if mark.status == "reached" and self._step is not None and self._watch is not None:
             self._learn(mark, self._step, self._watch)
         self.marks[-1] = mark
@@ -319,9 +313,11 @@ class Sequencer:
 
     def _learn(self, mark: StepMark, step: PlannedStep, watch: StepWatch) -> None:
         """Keep the pace of a step, and how long it waited for its reading."""
-        assert self.plan is not None
         assert mark.ended_us is not None
-        planned_s, waited_s = self.plan.step_duration_s(self._from_kpa, step.target_kpa), watch.waited_s(mark.ended_us)
+        planned_s, waited_s = (
+            self._planned.step_duration_s(self._from_kpa, step.target_kpa),
+            watch.waited_s(mark.ended_us),
+        )
         if planned_s > 0:
             self._paces.append(((mark.ended_us - mark.started_us) / 1e6 - waited_s) / planned_s)
         if self._wait_for_reading and step.plateau:
@@ -395,9 +391,8 @@ class Sequencer:
 
     def _cycles_left(self) -> int:
         """Return how many cycles have yet to begin."""
-        assert self.plan is not None
         begun = bool(self._step and self._step.cycle)
-        return max(0, self.plan.cycles - self.complete_cycles - begun)
+        return max(0, self._planned.cycles - self.complete_cycles - begun)
 
     def _left(self) -> tuple[float, int]:
         """Estimate seconds and number of steps left.
@@ -405,16 +400,15 @@ class Sequencer:
         That is the plan's own time in the median pace of the last steps, and the median wait for a reading at each
         plateau that will wait for one. A plateau that waits takes nothing off the steps behind it.
         """
-        assert self.plan is not None
         if self.state is SessionState.FINISHING:
             return 0.0, 0
         pace = statistics.median(self._paces) if self._paces else 1.0
         path = [self._from_kpa, *([self._step.target_kpa] if self._step else []), *(s.target_kpa for s in self._queue)]
-        each_s = [pace * self.plan.step_duration_s(a, b) for a, b in itertools.pairwise(path)]
+        each_s = [pace * self._planned.step_duration_s(a, b) for a, b in itertools.pairwise(path)]
         cycles = self._cycles_left()
-        steps = len(self._queue) + cycles * len(self.plan.targets_kpa)
+        steps = len(self._queue) + cycles * len(self._planned.targets_kpa)
         plan_s = self._step_left_s(each_s[0] if each_s else 0.0) + sum(each_s[1:])
-        return plan_s + pace * cycles * self.plan.cycle_duration_s + self._readings_left_s(cycles), steps
+        return plan_s + pace * cycles * self._planned.cycle_duration_s + self._readings_left_s(cycles), steps
 
     def _step_left_s(self, planned_s: float) -> float:
         """Estimate the seconds left of the present step, without its wait for a reading."""
@@ -428,7 +422,7 @@ class Sequencer:
         if self.plan is None or not self._wait_for_reading:
             return 0.0
         each_s = statistics.median([*self._waits_s, *[READING_S] * (FIRST_READINGS - len(self._waits_s))])
-        behind = sum(s.plateau for s in self._queue) + cycles * sum(s.plateau for s in self.plan.cycle_steps(1))
+        behind = sum(s.plateau for s in self._queue) + cycles * sum(s.plateau for s in self._planned.cycle_steps(1))
         watch = self._watch
         now_s = max(0.0, each_s - watch.waited_s(self._time_us)) if watch and watch.reading_awaited else 0.0
         return now_s + behind * each_s

@@ -21,7 +21,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
-from boat_daq.engine.link.transport import Transport
+from boat_daq.engine.link.transports import Transport
 from boat_daq.errors import DeviceError
 from protocol.link.events import Link, LinkEvent, LinkStatistics
 from protocol.link.messages import Command, Heartbeat

@@ -14,10 +14,10 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
-from boat_daq.engine.link.transport import READ_WAIT_S
 from boat_daq.errors import DeviceError
 from protocol.recording import open_recording
 
+READ_WAIT_S = 0.05  # of every kind of port
 _AT_ONCE_BYTES = 65_536
 _ROWS = 1_000  # read in one go: short transactions
 _REAL = 0.05  # |pace - 1| below which the board ran in real time, and the times of arrival are kept
@@ -42,6 +42,7 @@ class ReplayTransport:
     """
 
     can_write = False
+    unread = False  # nothing here answers a command
 
     def __init__(self, path: Path, speed: float = 1.0) -> None:
         if not speed > 0:
@@ -84,11 +85,6 @@ class ReplayTransport:
         if wait_s > 0 and (self._closed.wait(min(wait_s, READ_WAIT_S)) or wait_s > READ_WAIT_S):
             return b""
         return self._take()
-
-    @property
-    def unread(self) -> bool:
-        """False: nothing here answers a command."""
-        return False
 
     def write(self, data: bytes) -> None:
         """Refuse: a recording takes no commands.

@@ -1,10 +1,12 @@
 """Ports: serial devices, pseudo-terminals, TCP and replays; every failure of one is a `DeviceError`.
 
 Rules: a read waits up to 50 ms for the first byte and then takes what is there, so a stop flag is seen in time and
-nothing spins. A port is closed by the thread that reads it: closing under a blocking read raises `TypeError` in
-pyserial. An unplugged port raises any of four types there, one of which (`termios.error`) is not even an `OSError`;
-they all become `DeviceError` here. TCP is read from the socket itself: pyserial's own `socket://` reports at most one
-byte to be waiting, and one call a byte is too slow for any board.
+nothing spins. `unread` is whether there is more than `read` has returned. `write` sends all or raises where nothing is
+taken for 250 ms; it may be called from another thread than the one that reads. A port is closed by the thread that
+reads it: closing under a blocking read raises `TypeError` in pyserial. An unplugged port raises any of four types
+there, one of which (`termios.error`) is not even an `OSError`; they all become `DeviceError` here. TCP is read from the
+socket itself: pyserial's own `socket://` reports at most one byte to be waiting, and one call a byte is too slow for
+any board.
 """
 
 from __future__ import annotations
@@ -17,17 +19,17 @@ import socket
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 from urllib.parse import urlsplit
 
 import serial
 from serial.tools import list_ports as system_ports
 
-from boat_daq.engine.link.replay import ReplayTransport
-from boat_daq.engine.link.transport import READ_WAIT_S, WRITE_WAIT_S, Transport
+from boat_daq.engine.link.replay import READ_WAIT_S, ReplayTransport
 from boat_daq.errors import DeviceError
 
 DEFAULT_BAUD = 115_200
+WRITE_WAIT_S = 0.25
 _RECEIVE_BYTES = 65_536
 _T = TypeVar("_T")
 _WINDOWS_BUFFER_BYTES = 65_536  # the driver's own 4 KB is 0.1 s at 1,000 samples/s
@@ -208,6 +210,9 @@ class SocketTransport:
         if not data:
             raise ConnectionResetError("the other end closed the connection")
         return data
+
+
+Transport: TypeAlias = SerialTransport | SocketTransport | ReplayTransport
 
 
 def _or_gone(port: str, action: Callable[[], _T]) -> _T:

@@ -63,7 +63,7 @@ def lock_path(recording: Path) -> Path:
 
 
 class WriterLock:
-    """The exclusive right to write a recording, until `release` or the process ends.
+    """The exclusive right to write a recording, until `close` or the process ends.
 
     Raises
     ------
@@ -86,7 +86,7 @@ class WriterLock:
                 "Wait until that program has closed it.",
             )
 
-    def release(self) -> None:
+    def close(self) -> None:
         """Release the lock; may be called twice."""
         if self._descriptor is None:
             return
@@ -183,18 +183,17 @@ class RecordingFile:
             raise StorageError(f"there is no folder {path.parent}", "Create it, or choose another.")
         lock = WriterLock(path)
         try:
-            with path.open("xb"):
-                pass
+            path.touch(exist_ok=False)
             connection = _connect(path)
             _lay_out(connection, meta)
             return cls(path, connection, lock)
         except FileExistsError:
-            lock.release()
+            lock.close()
             raise OperatorError(
                 f"{path} exists already", "A recording is never overwritten: choose another name."
             ) from None
         except (OSError, sqlite3.Error) as error:
-            lock.release()
+            lock.close()
             raise storage_error(path, error) from error
 
     @classmethod
@@ -215,7 +214,7 @@ class RecordingFile:
                 _into_wal(connection)
             return cls(path, connection, lock)
         except (OSError, sqlite3.Error) as error:
-            lock.release()
+            lock.close()
             raise storage_error(path, error) from error
 
     def commit(self, statements: Iterable[Statement]) -> None:
@@ -283,7 +282,7 @@ class RecordingFile:
         """Let go of the file as it is; may be called twice."""
         with contextlib.suppress(sqlite3.Error):
             self._connection.close()
-        self._lock.release()
+        self._lock.close()
 
 
 def set_meta(values: Mapping[str, Any]) -> list[Statement]:

@@ -93,8 +93,8 @@ def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
         raise StorageError(f"{path} is being written by another program", "Close it there first.")
     refuse_newer(path)
     _roll_back(path)
-    faults = _check(path, progress)
-    if any(fault.structural for fault in faults):
+    faults, structural = _check(path, progress)
+    if structural:
         return _salvage(path, faults, progress)
     with closing(open_recording(path)) as db:
         status = read_session(db)["status"]
@@ -105,7 +105,7 @@ def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
         status = "recovered"
     elif log_left:
         RecordingFile.reopen(path).close()
-    return Recovery(status, path, *counts, tuple(fault.text for fault in faults))
+    return Recovery(status, path, *counts, tuple(faults))
 
 
 def _roll_back(path: Path) -> None:
@@ -120,27 +120,18 @@ def _roll_back(path: Path) -> None:
         return
     if journal.is_symlink() or not journal.is_file() or _end_of(journal) == _NAMES_ANOTHER:
         raise RecordingError(f"{journal} leads to another file, and is not boat-daq's", "Move it elsewhere.")
-    lock = WriterLock(path)
     try:
-        with closing(sqlite3.connect(path, isolation_level=None)) as db:
+        with closing(WriterLock(path)), closing(sqlite3.connect(path, isolation_level=None)) as db:
             harden(db)
             db.execute("SELECT count(*) FROM sqlite_schema").fetchone()
     except DAMAGE as error:
         raise storage_error(path, error) from error
-    finally:
-        lock.release()
 
 
 def _end_of(journal: Path) -> bytes:
     with journal.open("rb") as file:
         file.seek(-min(len(_NAMES_ANOTHER), journal.stat().st_size), os.SEEK_END)
         return file.read()
-
-
-@dataclass(frozen=True, slots=True)
-class _Fault:
-    text: str
-    structural: bool = False  # the tree of pages is damaged, not a value in it
 
 
 def _is_interrupted(path: Path) -> bool:
@@ -151,22 +142,25 @@ def _is_interrupted(path: Path) -> bool:
         return False
 
 
-def _check(path: Path, progress: Progress | None) -> list[_Fault]:
-    """Look for damage without writing anything."""
+def _check(path: Path, progress: Progress | None) -> tuple[list[str], bool]:
+    """Look for damage without writing anything.
+
+    Return what is damaged, and whether it is the tree of pages and not a value in it.
+    """
     try:
         with closing(open_recording(path)) as db:
             found = [text for (text,) in db.execute("PRAGMA quick_check(10)")]
             if found != ["ok"]:
-                return [_Fault(str(text), structural=True) for text in found]
+                return [str(text) for text in found], True
             check_long_tables(path, db)
-            return [_Fault(text) for text in _wrong_checksums(db, progress)]
+            return list(_wrong_checksums(db, progress)), False
     except (*DAMAGE, RecordingError) as error:
         if not _looks_like_ours(path):
             remedy = getattr(error, "remedy", "")
             if isinstance(error, DamagedRecordingError):  # whose remedy, recovery, was just tried
                 remedy = "Nothing in it can be read; use another copy."
             raise RecordingError(str(error), remedy) from error
-        return [_Fault(str(error), structural=True)]
+        return [str(error)], True
 
 
 def _looks_like_ours(path: Path) -> bool:
@@ -271,7 +265,7 @@ def _open_damaged(path: Path) -> sqlite3.Connection:
     return connection
 
 
-def _salvage(path: Path, faults: list[_Fault], progress: Progress | None) -> Recovery:
+def _salvage(path: Path, faults: list[str], progress: Progress | None) -> Recovery:
     """Copy all rows that can be read into a new file."""
     target = _free_name(path)
     with closing(_open_damaged(path)) as db:
@@ -293,8 +287,7 @@ def _salvage(path: Path, faults: list[_Fault], progress: Progress | None) -> Rec
     _close_in_place(target)
     with closing(open_recording(target)) as copy:
         counts = _counts(copy)
-    damaged = (*(fault.text for fault in faults), *reader.lost)
-    return Recovery("salvaged", target, *counts, damaged)
+    return Recovery("salvaged", target, *counts, (*faults, *reader.lost))
 
 
 def _free_name(path: Path) -> Path:

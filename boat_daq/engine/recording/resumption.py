@@ -204,22 +204,15 @@ def reopen(broken: BrokenRun, metadata: Mapping[str, Any]) -> tuple[RecordingFil
 
 def _count(path: Path) -> Counters:
     """Return the newest key of every table that is appended to."""
+    newest = ("segment", "block", "event", "overview", "step", "result")
+    counts = [f"(SELECT coalesce(max(id), 0) FROM {table}) AS {table}" for table in newest]  # noqa: S608 - names are ours
+    sql = f"""
+        SELECT {", ".join(counts)}, (SELECT coalesce(max(id), 0) FROM chunk) AS chunks,
+            (SELECT coalesce(sum(length(raw)), 0) FROM chunk) AS bytes,
+            (SELECT coalesce(sum(n), 0) FROM block) AS samples"""  # noqa: S608 - names are ours
     with closing(open_recording(path)) as db:
-
-        def newest(table: str, what: str = "coalesce(max(id), 0)") -> int:
-            return int(db.execute(f"SELECT {what} FROM {table}").fetchone()[0])  # noqa: S608 - names are ours
-
-        return Counters(
-            segment=newest("segment"),
-            chunks=newest("chunk"),
-            bytes=newest("chunk", "coalesce(sum(length(raw)), 0)"),
-            samples=newest("block", "coalesce(sum(n), 0)"),
-            block=newest("block"),
-            event=newest("event"),
-            overview=newest("overview"),
-            step=newest("step"),
-            result=newest("result"),
-        )
+        found = db.execute(sql)
+        return Counters(**dict(zip((column[0] for column in found.description), found.fetchone(), strict=True)))
 
 
 def _break(broken: BrokenRun, counters: Counters, metadata: Mapping[str, Any]) -> dict[str, Any]:

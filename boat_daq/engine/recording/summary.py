@@ -25,18 +25,6 @@ from protocol.recording import (
 )
 from protocol.recording.checks import DAMAGE, bytes_of
 
-_AS_STORED = (
-    "operator",
-    "unit",
-    "note",
-    "port",
-    "board_id",
-    "program_version",
-    "started_utc",
-    "ended_utc",
-    "stop_reason",
-)
-
 
 @dataclass(frozen=True, slots=True)
 class SegmentSummary:
@@ -132,10 +120,8 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
     segments = tuple(_segments(db))
     samples = sum(segment.samples for segment in segments)
     if samples * session_dtype(meta).itemsize > bytes_of(path):
-        raise DamagedRecordingError(
-            f"{path} claims {samples} samples, more samples than its size can hold",
-            f"boat-daq recover {path}",
-        )
+        cause = f"{path} claims {samples} samples, more samples than its size can hold"
+        raise DamagedRecordingError(cause, f"boat-daq recover {path}")
     duration_s = sum(segment.duration_s for segment in segments)
     gaps, lost = _one(db, "SELECT count(*), coalesce(sum(value), 0) FROM event WHERE kind = 'gap'")
     low, high = _one(db, "SELECT min(pressure_min_kpa), max(pressure_max_kpa) FROM overview")
@@ -143,11 +129,22 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
     status = meta["status"]
     if status == "recording" and not is_being_written(path):
         status = "interrupted"
+    given = (
+        "operator",
+        "unit",
+        "note",
+        "port",
+        "board_id",
+        "program_version",
+        "started_utc",
+        "ended_utc",
+        "stop_reason",
+    )
     return Summary(
         path=path,
         status=status,
         simulated=bool(meta["simulated"]),
-        **{key: meta[key] for key in _AS_STORED},
+        **{key: meta[key] for key in (*stored, "stop_reason")},
         run_end=run_end_of(meta),
         duration_s=duration_s,
         rate_hz=_rate(samples, len(segments), duration_s),

@@ -55,15 +55,13 @@ def upgrade(path: Path) -> Upgrade:
         status = read_session(db)["status"]
     if version == SCHEMA_VERSION:
         return Upgrade("current", path, version, version)
-    lock = WriterLock(path)
-    try:
+    with closing(WriterLock(path)):
         if status == "recording" or path.with_name(path.name + "-wal").exists():
             raise OperatorError(f"{path} was not closed", f"boat-daq recover {path}")
-        return Upgrade("upgraded", path, version, SCHEMA_VERSION, _exchange(path, version))
-    except (OSError, *DAMAGE) as error:
-        raise storage_error(path, error) from error
-    finally:
-        lock.release()
+        try:
+            return Upgrade("upgraded", path, version, SCHEMA_VERSION, _exchange(path, version))
+        except (OSError, *DAMAGE) as error:
+            raise storage_error(path, error) from error
 
 
 def _exchange(path: Path, version: int) -> Path:

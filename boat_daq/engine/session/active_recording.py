@@ -131,12 +131,11 @@ class ActiveRecording:
         with self._acting() as control:
             recorder, plan, rate_hz = self._journal.recorder, control.sequencer.plan, control.stream.rate_hz
             n_sensors = self._link.port.link.n_sensors if self._link.port else None
-        if recorder is None or plan is None:
-            return Check("space")
-        try:
-            check_space(recorder.path.parent, rate_hz=rate_hz, duration_s=plan.duration_s, n_sensors=n_sensors or 2)
-        except StorageError as error:
-            return Check("space", error.cause, error.remedy)
+        if recorder is not None and plan is not None:
+            try:
+                check_space(recorder.path.parent, rate_hz=rate_hz, duration_s=plan.duration_s, n_sensors=n_sensors or 2)
+            except StorageError as error:
+                return Check("space", error.cause, error.remedy)
         return Check("space")
 
     def _describe(self, control: Controller) -> dict[str, Any]:

@@ -52,7 +52,6 @@ class LinkSupervisor:
     journal : messages; the recorder that a returning board is recorded by. Used under that lock.
     show : takes each block on the reading thread, after the controller.
     end_recording : closes the recording, where one runs.
-    clock_s : host monotonic clock.
 
     Attributes
     ----------
@@ -68,7 +67,6 @@ class LinkSupervisor:
         journal: Journal,
         show: Callable[[Block], None],
         end_recording: Callable[[RunEnd], object],
-        clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self.state = LinkState.CLOSED
         self.url: str | None = None
@@ -77,7 +75,8 @@ class LinkSupervisor:
         self.reader: PortReader | None = None
         self.health: LinkHealth | None = None
         self._settings, self._acting, self._journal = settings, acting, journal
-        self._show, self._end_recording, self._clock_s = show, end_recording, clock_s
+        self._show, self._end_recording = show, end_recording
+        self._clock_s = time.monotonic
         self._profile: str | None = None
         self._greeted: Callable[[], None] | None = None
         self._wanted = self._closing = self._ending = self._seeking = False

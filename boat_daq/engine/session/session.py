@@ -63,7 +63,7 @@ class Session:
         self._lock = threading.RLock()
         self._control = Controller()
         self._journal = Journal()
-        self._ring: RingBuffer | None = None
+        self.ring: RingBuffer | None = None  # for the screen: none until the first sample, another one after `connect`
         self._sinks: tuple[SampleSink, ...] = ()
         self._pressures = 0  # odd while a pressure is being sent: see `vent`
         self._resumes_at: tuple[int, int] | None = None  # first cycle and complete cycles of an armed resumption
@@ -77,14 +77,6 @@ class Session:
         self._recording = ActiveRecording(self._acting, self._journal, self._link, self.settings, self.units)
         self._health_log = HealthLog(self._health_line)
         self._report_backups()
-
-    @property
-    def ring(self) -> RingBuffer | None:
-        """Samples for the screen.
-
-        None until the first came, another one after a new `connect`.
-        """
-        return self._ring
 
     # ---- the link --------------------------------------------------------------------------------------------------
 
@@ -138,12 +130,10 @@ class Session:
 
         with self._lock:
             self._link.open(port, profile, greeted=None if path is None else greeted)
-            self._control, self._ring, self._recording.unit = control, None, unit
+            self._control, self.ring, self._recording.unit = control, None, unit
             control.hold_samples = path is not None
-        note(
-            "info",
-            f"connecting to {port}, profile {'none' if profile is None else 'given'}, {control.stream.rate_hz} Hz",
-        )
+        given = "none" if profile is None else "given"
+        note("info", f"connecting to {port}, profile {given}, {control.stream.rate_hz} Hz")
         self._health_log.start()
 
     def wait(self, condition: Callable[[SessionSnapshot], bool], timeout_s: float | None = None) -> SessionSnapshot:
@@ -451,12 +441,12 @@ class Session:
         if not arrays:
             return
         control = self._control
-        if self._ring is None:
+        if self.ring is None:
             n_sensors = self._link.port.link.n_sensors if self._link.port else None
             assert n_sensors is not None  # known from the board before its first sample
-            self._ring = RingBuffer(n_sensors, mv_per_count=control.mv_per_count)
-        self._ring.target_kpa = math.nan if control.target_kpa is None else control.target_kpa
-        self._ring(block)
+            self.ring = RingBuffer(n_sensors, mv_per_count=control.mv_per_count)
+        self.ring.target_kpa = math.nan if control.target_kpa is None else control.target_kpa
+        self.ring(block)
         for sink in self._sinks:
             for array in arrays:
                 sink(array)

@@ -51,6 +51,6 @@ def test_schedule():
 def test_countdown():
     """Takes what is left and no more."""
     countdown = Countdown()
-    countdown.add("duplicate", 3)
+    countdown["duplicate"] += 3
     assert [countdown.take("duplicate", 2), countdown.take("duplicate", 2), countdown.take("duplicate")] == [2, 1, 0]
-    assert not countdown.left
+    assert not countdown

@@ -11,7 +11,7 @@
 The contract of the bytes is SPEC.md beside this file.
 """
 
-import types
+from types import ModuleType as _Module
 
 from protocol.errors import LocalError, ProfileError, ProtocolError, RemoteError
 from protocol.link.bulk import Decoded, decode_chunks, decode_samples
@@ -51,6 +51,4 @@ from protocol.text.profile import TextProfile, load_profile
 
 Gap = SampleGap  # the name that scripts import
 
-__all__ = [
-    name for name, value in list(globals().items()) if name[0] != "_" and not isinstance(value, types.ModuleType)
-]
+__all__ = [name for name, value in list(globals().items()) if name[0].isalpha() and type(value) is not _Module]

@@ -14,8 +14,7 @@ from boat_daq.commands.console import JsonOption, emit_json, notify, progress_ba
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from boat_daq.engine.qualification.drills import Drill
-    from boat_daq.engine.qualification.test_rig import DrillResult
+    from boat_daq.engine.qualification.drills import Drill, DrillResult
 
 
 def qualify(

@@ -35,11 +35,19 @@ from protocol.link.messages import (
     decode_command,
 )
 from protocol.recording import SampleFlag
-from protocol.simulator.adc import ADC_BITS, FULL_SCALE, VREF_MV, SampleNoise
 from protocol.simulator.board_control import HARD_LIMITS_PA, BoardControl
 from protocol.simulator.faults import FAULTS, Fault, FaultSchedule
 from protocol.simulator.plant import PUMP_REACH_KPA, TICK_US, Body, Pneumatics, Sensors
-from protocol.simulator.sampler import PlantBlock, SampleBlock, Sampler, truth_dtype
+from protocol.simulator.sampler import (
+    ADC_BITS,
+    FULL_SCALE,
+    VREF_MV,
+    PlantBlock,
+    SampleBlock,
+    SampleNoise,
+    Sampler,
+    truth_dtype,
+)
 from protocol.simulator.specimens import find_specimen
 from protocol.simulator.transmitter import Transmitter
 

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from boat_daq.engine.link.replay import ReplayTransport
-from boat_daq.engine.link.transports import Transport, list_ports, open_transport
+from boat_daq.engine.link.transports import ReplayTransport, Transport, list_ports, open_transport
 from boat_daq.engine.settings import Settings
 from boat_daq.engine.toml_values import read_text
 from boat_daq.errors import DeviceError

@@ -129,17 +129,7 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
     status = meta["status"]
     if status == "recording" and not is_being_written(path):
         status = "interrupted"
-    given = (
-        "operator",
-        "unit",
-        "note",
-        "port",
-        "board_id",
-        "program_version",
-        "started_utc",
-        "ended_utc",
-        "stop_reason",
-    )
+    stored = ("operator", "unit", "note", "port", "board_id", "program_version", "started_utc", "ended_utc")
     return Summary(
         path=path,
         status=status,

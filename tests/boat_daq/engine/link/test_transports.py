@@ -22,8 +22,7 @@ import pytest
 import serial
 
 from boat_daq.engine.link import replay, transports
-from boat_daq.engine.link.replay import ReplayEnded
-from boat_daq.engine.link.transports import SerialTransport, list_ports, open_error, open_transport
+from boat_daq.engine.link.transports import ReplayEnded, SerialTransport, list_ports, open_error, open_transport
 from boat_daq.errors import DeviceError
 from protocol.recording import open_recording
 from protocol.simulator.board import VirtualBoard

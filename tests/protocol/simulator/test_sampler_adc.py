@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.simulator.adc import AMBIENT_MV, FULL_SCALE, LSB_MV, FrontEnd, SampleNoise
+from protocol.simulator.sampler import AMBIENT_MV, FULL_SCALE, LSB_MV, FrontEnd, SampleNoise
 from protocol.simulator.specimens import find_specimen
 
 SENSORS = find_specimen("SA1").sensors

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from dataclasses import asdict
@@ -209,8 +210,6 @@ def scene(
 
     Example: boat-daq optics scene --state 14 --out elongated.json
     """
-    import json as codec
-
     from analysis.optics.tracer.ray_optics_export import ray_optics_scene
 
     design, guide = _design(cavities, width, depth, spacing, face), _guide(index, thickness, 0.0, receiver)
@@ -222,7 +221,7 @@ def scene(
         return
     path = out or Path("scene.json")
     with writing(path):
-        path.write_text(codec.dumps(built, indent=1), encoding="utf-8")
+        path.write_text(json.dumps(built, indent=1), encoding="utf-8")
     content = {**asdict(design), "state": number, "file": str(path), "objects": len(built["objs"])}
     present(
         content, f"wrote {path}: open it in ray-optics (https://phydemo.app/ray-optics/simulator/)", as_json=as_json
@@ -290,8 +289,6 @@ def optimise(
 
     Example: boat-daq optics optimise --seconds 50
     """
-    import json as codec
-
     from analysis.optics.sweep.optimise import optimise as search
     from analysis.optics.sweep.report import optimum_json, optimum_text
 
@@ -313,7 +310,7 @@ def optimise(
     if out is not None:
         file = out / "optimum.json"
         with writing(file):
-            file.write_text(codec.dumps(result, indent=1), encoding="utf-8")
+            file.write_text(json.dumps(result, indent=1), encoding="utf-8")
         notify(f"wrote {file}")
     present(result, optimum_text(found), as_json=as_json)
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+import math
+import time
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -150,8 +152,6 @@ def _solved(
     level: Level = "normal",
 ) -> tuple[FullModel, Solution, str, float]:
     """Return the full model, the state, the name of the model that solved it, and the seconds it took."""
-    import time
-
     if model == "full":
         full = chosen_model(parameters, mesh, level)
         full.check_limits(pressure, elongation)  # finds the limits, once for all states: not timed
@@ -184,8 +184,6 @@ def table(
 
     Example: boat-daq shadow table --plot errors.png
     """
-    import time
-
     from analysis.fidelity import fidelity as at
     from analysis.shadow.model.drawing import table_errors_figure
     from analysis.shadow.model.fidelity import table_settings
@@ -296,9 +294,6 @@ def modulus(
 
     Example: boat-daq shadow modulus s1.csv s2.csv s3.csv --height-mm 50 --area-mm2 2500
     """
-    import math
-    from dataclasses import asdict, replace
-
     import numpy as np
 
     from analysis.shadow.model.modulus import effective_modulus, read_compression_test
@@ -337,8 +332,6 @@ def replay(
 
     Example: boat-daq shadow replay repeatability.boat --calibration calibration.boat --plot deviation.png
     """
-    import math
-
     from analysis import analyse, find_cycles, load_recording
     from analysis.figures.against_shadow import measured_elongation
     from analysis.shadow.monitoring.replay import replay as compare
@@ -393,12 +386,10 @@ def chain(
     from analysis.optics.scene.curves import parametric_curves
     from analysis.optics.scene.parameters import Light
     from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
-    from analysis.shadow.model.full import FullModel
-    from analysis.shadow.model.parameter_files import read_parameters
     from analysis.shadow.model.states import guide_states, write_states
 
     designs = tuple(paper_grid(cavity_counts(cavities)))
-    states = guide_states(FullModel(None if parameters is None else read_parameters(parameters)))
+    states = guide_states(chosen_model(parameters, None))
     if out is not None:
         write_states(states, out)
         notify(f"wrote {out}")

@@ -77,6 +77,7 @@ class VirtualBoard:
         self, specimen: str = "SA1", *, seed: int = 0, faults: Iterable[Fault] = (), log_truth: bool = False
     ) -> None:
         self.specimen = find_specimen(specimen)
+        self.n_sensors = len(self.specimen.sensors)
         self.now_us = 0  # board time since power-on
         faults = tuple(faults)
         self._true_us = 0
@@ -104,11 +105,6 @@ class VirtualBoard:
         self._run(0)
 
     # ---- public interface ----------------------------------------------------------------------------------------
-
-    @property
-    def n_sensors(self) -> int:
-        """Number of sensors of the specimen."""
-        return len(self.specimen.sensors)
 
     @property
     def pressure_kpa(self) -> float:

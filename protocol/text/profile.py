@@ -135,9 +135,7 @@ def _check(key: str, text: str, values: Values) -> None:
     if len(text) > _TEMPLATE_MAX:
         raise ProfileError(f"commands.{key} is longer than {_TEMPLATE_MAX} characters", "shorten it")
     try:
-        fields = [
-            (name, spec, conversion) for _, name, spec, conversion in string.Formatter().parse(text) if name is not None
-        ]
+        fields = [field for _, *field in string.Formatter().parse(text) if field[0] is not None]
     except ValueError as error:
         raise ProfileError(f"commands.{key}: {error}", "write {{ and }} for literal braces") from None
     for name, spec, conversion in fields:

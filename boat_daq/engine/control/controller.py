@@ -111,11 +111,6 @@ class Controller:
         return self.stream.begun and self.board.meter.known and not self.stream.silent
 
     @property
-    def greeted(self) -> bool:
-        """Whether the board has sent its HELLO, and was sent limits and watchdog."""
-        return self.hello is not None and not self.board.identifying
-
-    @property
     def no_samples(self) -> tuple[str, str] | None:
         """Cause and remedy where the board refused to send samples, and none arrive."""
         return None if self.stream.begun else self.board.start_refused
@@ -157,15 +152,12 @@ class Controller:
 
     # ---- the operator ----------------------------------------------------------------------------------------------
 
-    def arm(
-        self, plan: Plan, *, wait_for_reading: bool = False, first_cycle: int = 1, complete_cycles: int = 0
-    ) -> None:
+    def arm(self, plan: Plan, *, wait_for_reading: bool = False, resume_at: tuple[int, int] = (1, 0)) -> None:
         """Check a plan against the limits and make it ready.
 
         Parameters
         ----------
-        plan, wait_for_reading : as `Session.arm`.
-        first_cycle, complete_cycles : where a broken run resumes (`resume_point`).
+        plan, wait_for_reading, resume_at : as `Sequencer.arm`.
 
         Raises
         ------
@@ -175,9 +167,7 @@ class Controller:
         latched = self.interlock.latched
         if latched is not None:
             raise OperatorError(f"cannot arm: {latched.cause}", latched.remedy or "clear the fault first")
-        self.sequencer.arm(
-            plan, wait_for_reading=wait_for_reading, first_cycle=first_cycle, complete_cycles=complete_cycles
-        )
+        self.sequencer.arm(plan, wait_for_reading=wait_for_reading, resume_at=resume_at)
         self.interlock.set_limits("plan", (plan.min_kpa, plan.max_kpa))
 
     def checks(self) -> list[Check]:
@@ -304,7 +294,7 @@ class Controller:
         if first:
             self.first_us = int(block.time_us[0])
         self.last = last_sample(block, self.target_kpa)
-        self.preflight.take(block.pressure_kpa[block.pressure_known].tolist())
+        self.preflight.recent_kpa.extend(block.pressure_kpa[block.pressure_known].tolist())
         found = self.interlock.inspect(block)
         if found is not None:
             if first and found.kind is MessageKind.BOARD_FAULT:

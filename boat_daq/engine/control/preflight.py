@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 from boat_daq.engine.control.board_commands import BoardCommands
@@ -85,12 +84,8 @@ class Preflight:
         self.why_read_only = ""
         self._interlock, self._board = interlock, board
         self._zero_tolerance_kpa = zero_tolerance_kpa
-        self._recent: deque[float] = deque(maxlen=ZERO_SAMPLES)  # kPa
+        self.recent_kpa: deque[float] = deque(maxlen=ZERO_SAMPLES)  # the newest pressures of the sensor
         self._no_pressure: tuple[str, str] | None = None  # why the board's limits allow none
-
-    def take(self, pressures_kpa: Iterable[float]) -> None:
-        """Take the newest pressures of the sensor."""
-        self._recent.extend(pressures_kpa)
 
     def take_limits(self, low_kpa: float, high_kpa: float) -> None:
         """Keep the board's hard limits.
@@ -127,7 +122,7 @@ class Preflight:
         tolerance_kpa : of the sensor's zero.
         """
         latched, limits = self._interlock.latched, self._interlock.limits
-        recent = math.fsum(self._recent) / len(self._recent) if self._recent else None
+        recent = math.fsum(self.recent_kpa) / len(self.recent_kpa) if self.recent_kpa else None
         return [
             Check("link") if up else Check("link", "no samples arrive from the board", "check the link"),
             Check("limits") if limits else Check("limits", "no limits are known", "connect a board"),

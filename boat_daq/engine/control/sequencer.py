@@ -120,16 +120,14 @@ class Sequencer:
 
     # ---- the operator ----------------------------------------------------------------------------------------------
 
-    def arm(
-        self, plan: Plan, *, wait_for_reading: bool = False, first_cycle: int = 1, complete_cycles: int = 0
-    ) -> None:
+    def arm(self, plan: Plan, *, wait_for_reading: bool = False, resume_at: tuple[int, int] = (1, 0)) -> None:
         """Make `plan` ready.
 
         Parameters
         ----------
         plan : what to run.
         wait_for_reading : hold each plateau until its reading is given.
-        first_cycle, complete_cycles : where a broken run resumes (`resume_point`).
+        resume_at : first cycle and complete cycles where a broken run resumes (`resume_point`).
 
         Raises
         ------
@@ -137,8 +135,8 @@ class Sequencer:
         """
         self._require("arm", SessionState.IDLE, SessionState.ARMED, SessionState.ABORTED)
         self.state, self.plan = SessionState.ARMED, plan
-        self._wait_for_reading, self._first_cycle = wait_for_reading, first_cycle
-        self.cycle, self.complete_cycles, self.incomplete_cycles = 0, complete_cycles, ()
+        self._wait_for_reading, self.cycle, self.incomplete_cycles = wait_for_reading, 0, ()
+        self._first_cycle, self.complete_cycles = resume_at
 
     def disarm(self) -> None:
         """Discard an armed plan; nothing happens in any other state."""

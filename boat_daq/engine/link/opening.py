@@ -20,7 +20,7 @@ from boat_daq.engine.settings import Settings
 from boat_daq.engine.toml_values import read_text
 from boat_daq.errors import DeviceError
 from protocol.link.connection import Connection
-from protocol.link.events import Link, LinkEvent, WrongProtocol
+from protocol.link.events import Link, WrongProtocol
 from protocol.link.messages import Hello, Identify
 from protocol.recording import open_recording, read_session
 from protocol.text.connection import TextConnection
@@ -159,14 +159,11 @@ def _identify(transport: Transport, url: str, description: str, timeout_s: float
         events = link.receive(data, time.monotonic_ns())
         if link.hello is not None:
             return PortIdentity(url, description, link.hello, "")
-        if version := _other_version(events):
-            return PortIdentity(url, description, None, f"a BOAT board of protocol version {version}")
+        for event in events:
+            if isinstance(event, WrongProtocol):
+                return PortIdentity(url, description, None, f"a BOAT board of protocol version {event.board_version}")
         _, again = link.poll(time.monotonic_ns())
         if again:
             transport.write(again)
     problem = "no answer" if not received else "not a BOAT board (or another baud rate)"
     return PortIdentity(url, description, None, problem)
-
-
-def _other_version(events: list[LinkEvent]) -> int | None:
-    return next((event.board_version for event in events if isinstance(event, WrongProtocol)), None)

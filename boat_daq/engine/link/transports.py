@@ -408,29 +408,24 @@ def open_error(port: str, error: Exception) -> DeviceError:
 
     pyserial on Windows reports the system's error only within a text, so that one is searched.
     """
-    number = getattr(error, "errno", None) or _number_in(str(error))
+    written = re.search(r"(?:Errno |\()(\d+)", str(error))  # by pyserial, into its message
+    number = getattr(error, "errno", None) or (int(written[1]) if written else None)
     text = str(error).lower()
     if number in {errno.EBUSY, errno.EAGAIN} or "exclusively lock" in text or "resource busy" in text:
         return DeviceError(f"{port} is in use by another program", "Close that program (a terminal, another boat-daq).")
     if number in {errno.EACCES, errno.EPERM} or "permission" in text or "access is denied" in text:
         remedy = "Close the other program that has it open, or check its driver."
         if sys.platform.startswith("linux"):
-            remedy = (
-                "Add yourself to its group and log in again: sudo usermod -aG dialout $USER (or install a udev rule)."
-            )
+            command = "sudo usermod -aG dialout $USER"
+            remedy = f"Add yourself to its group and log in again: {command} (or install a udev rule)."
         return DeviceError(f"no permission to open {port}", remedy)
     if number in {errno.ENOENT, errno.ENODEV, errno.ENXIO} or "filenotfound" in text:
         present = ", ".join(p.port for p in list_ports()) or "none"
         return DeviceError(f"there is no port {port}", f"Ports present: {present}")
     if number in {errno.ENOTTY, errno.EINVAL, errno.EISDIR}:
         return DeviceError(f"{port} is not a serial port", "boat-daq ports lists the serial ports.")
-    return DeviceError(f"{port} cannot be opened: {_reason(error)}", "boat-daq ports lists the serial ports.")
-
-
-def _number_in(text: str) -> int | None:
-    """Return the error number that pyserial wrote into its message."""
-    found = re.search(r"(?:Errno |\()(\d+)", text)
-    return int(found.group(1)) if found else None
+    reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return DeviceError(f"{port} cannot be opened: {reason}", "boat-daq ports lists the serial ports.")
 
 
 def _gone_because(error: Exception) -> str:
@@ -439,10 +434,6 @@ def _gone_because(error: Exception) -> str:
     Nothing for pyserial's own errors, which add none.
     """
     return f" ({error.strerror})" if isinstance(error, OSError) and error.strerror else ""
-
-
-def _reason(error: Exception) -> str:
-    return getattr(error, "strerror", None) or str(error) or type(error).__name__
 
 
 def _socket_address(url: str) -> tuple[str, int]:

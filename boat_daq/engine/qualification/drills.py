@@ -113,14 +113,10 @@ class DrillRig:
         with serve(settings) as board:
             yield board
 
-    def session(self) -> Session:
-        """Return a session with the program's own settings, and no unit of the lab's."""
-        return Session(Settings(), UnitLibrary(self.folder / "units"))
-
     @contextmanager
     def recording(self, board: ServedBoard) -> Iterator[Session]:
-        """Connect and record until the end of the block."""
-        session = self.session()
+        """Connect and record until the end of the block, with the program's own settings and no unit of the lab's."""
+        session = Session(Settings(), UnitLibrary(self.folder / "units"))
         try:
             session.connect(board.url, record_to=self.run, metadata={"note": "SIMULATED fault drill"})
             session.wait_connected()

@@ -41,11 +41,13 @@ def versions() -> dict[str, str]:
 
 def machine() -> dict[str, str]:
     """Return name, operating system, processor and memory of this computer."""
+    processor = _value(Path("/proc/cpuinfo"), "model name") or platform.processor() or platform.machine()
+    memory = _value(Path("/proc/meminfo"), "MemTotal").partition(" ")[0]
     return {
         "name": platform.node(),
         "system": f"{_system_name()}, {platform.system()} {platform.release()}",
-        "processor": f"{_processor()}, {os.cpu_count()} cores",
-        "memory": _memory(),
+        "processor": f"{processor}, {os.cpu_count()} cores",
+        "memory": f"{int(memory) * 1024 / 1e9:.1f} GB" if memory else "not known",
     }
 
 
@@ -65,21 +67,6 @@ def _system_name() -> str:
         return platform.platform()
 
 
-def _processor() -> str:
-    """Return the processor's name; Linux keeps it in a file of its own."""
-    for line in _lines(Path("/proc/cpuinfo")):
-        if line.startswith("model name"):
-            return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
-
-
-def _memory() -> str:
-    for line in _lines(Path("/proc/meminfo")):
-        if line.startswith("MemTotal"):
-            return f"{int(line.split()[1]) * 1024 / 1e9:.1f} GB"
-    return "not known"
-
-
 def _mount(path: Path) -> tuple[str, str]:
     """Return (device, type) of the file system a path is on.
 
@@ -93,6 +80,11 @@ def _mount(path: Path) -> tuple[str, str]:
         if inside and len(point) >= best:
             best, found = len(point), (device, kind)
     return found
+
+
+def _value(path: Path, name: str) -> str:
+    """Return what is behind the name in a file of the system's; empty where it has no such line."""
+    return next((line.partition(":")[2].strip() for line in _lines(path) if line.startswith(name)), "")
 
 
 def _lines(path: Path) -> list[str]:

@@ -289,7 +289,7 @@ class LinkSupervisor:
         A board that sent its HELLO is left at rest, its watchdog disarmed.
         """
         with self._acting() as control:
-            greeted = control.greeted
+            greeted = control.hello is not None and not control.board.identifying
         if greeted and self._lost is None and self.reader is not None:
             self._leave()
         self._detach()

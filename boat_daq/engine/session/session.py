@@ -240,11 +240,11 @@ class Session:
                 if not resume:
                     cause = f"{broken.path.name} holds a broken run, which can only be resumed there"
                     raise OperatorError(cause, "resume it, or begin a new recording")
-            first, complete = resume_point(plan, control.sequencer.marks) if resume else (1, 0)
-            if complete >= plan.cycles:
+            resume_at = resume_point(plan, control.sequencer.marks) if resume else (1, 0)
+            if resume_at[1] >= plan.cycles:
                 raise OperatorError("the run has all its cycles", "begin a new one")
-            control.arm(plan, wait_for_reading=wait_for_reading, first_cycle=first, complete_cycles=complete)
-            self._resumes_at = (first, complete) if resume else None
+            control.arm(plan, wait_for_reading=wait_for_reading, resume_at=resume_at)
+            self._resumes_at = resume_at if resume else None
             if recorder is not None and not resume:
                 limits = control.interlock.limits
                 assert limits is not None

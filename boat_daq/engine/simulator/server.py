@@ -22,6 +22,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -88,7 +89,11 @@ class BoardServer:
         self.board = VirtualBoard(
             settings.unit, seed=settings.seed, faults=faults, log_truth=settings.truth is not None
         )
-        self._carrier = _make_carrier(settings)
+        self._carrier: Carrier = (
+            PtyCarrier(Path(settings.link) if settings.link else None)
+            if settings.port == "pty"
+            else TcpCarrier(settings.port, allow_remote=settings.allow_remote)
+        )
         self._truth = _open_truth(settings, self.board.n_sensors) if settings.truth is not None else None
         self._pending = bytearray()
         self._congested = False
@@ -195,12 +200,6 @@ class BoardServer:
             self._truth.close()
 
 
-def _make_carrier(settings: BoardSettings) -> Carrier:
-    if settings.port == "pty":
-        return PtyCarrier(Path(settings.link) if settings.link else None)
-    return TcpCarrier(settings.port, allow_remote=settings.allow_remote)
-
-
 def _open_truth(settings: BoardSettings, n_sensors: int) -> IO[str]:
     """Return the opened truth file, its header written."""
     path = Path(settings.truth or "")
@@ -218,10 +217,9 @@ def _open_truth(settings: BoardSettings, n_sensors: int) -> IO[str]:
 def _write_truth(file: IO[str], board: VirtualBoard) -> None:
     truth = board.take_truth()
     if truth.size:
-        table = np.column_stack(
-            [truth["run"], truth["index"], truth["time_us"] / 1e6, truth["pressure_kpa"], truth["elongation_mm"]]
-        )
-        table = np.concatenate([table, truth["signal_mv"]], axis=1)
+        names = ("run", "index", "time_us", "pressure_kpa", "elongation_mm", "signal_mv")
+        table = np.column_stack([truth[name] for name in names])
+        table[:, 2] /= 1e6
         row = "%d,%d,%.6f,%.5f,%.6f" + ",%.4f" * board.n_sensors + "\n"
         file.write((row * len(table)) % tuple(table.ravel().tolist()))
         file.flush()
@@ -230,7 +228,7 @@ def _write_truth(file: IO[str], board: VirtualBoard) -> None:
 # ---- beside another program ----------------------------------------------------------------------------------------
 
 
-class ServedBoard:
+class ServedBoard(AbstractContextManager["ServedBoard"]):
     """A board served by another process or thread; close it, or use it in a `with`."""
 
     def __init__(self, url: str, close: Callable[[], None]) -> None:
@@ -240,9 +238,6 @@ class ServedBoard:
     def close(self) -> None:
         """End the board; may be called twice."""
         self._close()
-
-    def __enter__(self) -> ServedBoard:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -267,7 +267,7 @@ def test_manual_pressure() -> None:
 def test_the_zero_of_the_pressure_sensor_is_checked() -> None:
     """A vented unit that reads 10 kPa is not started."""
     rig = ControllerRig().connected()
-    rig.control.preflight.take([10.0] * ZERO_SAMPLES)
+    rig.control.preflight.recent_kpa.extend([10.0] * ZERO_SAMPLES)
     rig.control.arm(QUICK)
     with pytest.raises(OperatorError, match="on a vented unit"):
         rig.control.start()

@@ -287,7 +287,7 @@ def test_a_broken_run_resumed_at_the_next_whole_cycle() -> None:
     rig.sequencer.abort("unplugged", SessionState.FAULT)
     first, complete = resume_point(plan, rig.sequencer.marks)
     assert (first, complete) == (3, 1)
-    again = Rig(plan, first_cycle=first, complete_cycles=complete)
+    again = Rig(plan, resume_at=(first, complete))
     again.run(150)
     assert sorted({m.cycle for m in again.marks.values()}) == [0, 3, 4]
     assert again.ended == [RunEnding(RunEnd.FINISHED)]

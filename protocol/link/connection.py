@@ -41,6 +41,7 @@ import numpy as np
 
 from protocol.arrays import IntArray
 from protocol.errors import RemoteError
+from protocol.link import messages
 from protocol.link.events import (
     BoardEventReceived,
     BoardRestarted,
@@ -56,21 +57,12 @@ from protocol.link.messages import (
     COMMAND_TYPES,
     PROTOCOL_VERSION,
     Ack,
-    AckStatus,
-    BoardEvent,
-    ClearFault,
     Command,
-    EventCode,
-    Heartbeat,
-    Hello,
     Identify,
-    MessageType,
     SetPressure,
     Start,
     Stop,
     Vent,
-    decode_message,
-    encode_command,
 )
 from protocol.link.sample_stream import Rows, SampleStream, implausible
 from protocol.recording import SampleFlag, SampleKind, sample_dtype
@@ -78,8 +70,12 @@ from protocol.recording import SampleFlag, SampleKind, sample_dtype
 RETRY_NS = 250_000_000
 LATE_NS = 100_000_000  # twice as long as a read waits: so late a caller was stalled itself
 ATTEMPTS = 3
-_SUPERSEDES: dict[type[Command], type[Command]] = {Vent: SetPressure, Start: Stop, Stop: Start}
-_ONCE_ONLY = (Start, ClearFault)  # repeated, they would restart the stream or clear a newer fault
+_SUPERSEDES: dict[type[Command], type[Command]] = {
+    Vent: SetPressure,
+    Start: Stop,
+    Stop: Start,
+}
+_ONCE_ONLY = (Start, messages.ClearFault)  # repeated, they would restart the stream or clear a newer fault
 
 
 @dataclass(slots=True)
@@ -143,12 +139,12 @@ class PendingCommands:
             return self._put(command, now_ns)
         if not self._in_turn or (self._in_flight is None and not self._queue):
             return self._put(command, now_ns)
-        encode_command(command, 0)  # an impossible value is refused now
+        messages.encode_command(command, 0)  # an impossible value is refused now
         if command not in self._queue:
             self._queue.append(command)
         return b""
 
-    def feed(self, command: Heartbeat, now_ns: int) -> bytes:
+    def feed(self, command: messages.Heartbeat, now_ns: int) -> bytes:
         """Return a frame to send now: the heartbeat, or the early repeat of a pending command."""
         waiting = self._in_flight
         if not self._in_turn or waiting is None or isinstance(waiting.command, Identify):
@@ -179,7 +175,7 @@ class PendingCommands:
     def _put(self, command: Command, now_ns: int) -> bytes:
         """Return the frame of the next command; IDENTIFY begins with a lone 00, which flushes the line."""
         seq = self._seq
-        frame = encode_command(command, seq)
+        frame = messages.encode_command(command, seq)
         self._seq = (seq + 1) & 0xFF
         if isinstance(command, Identify):
             frame = b"\0" + frame
@@ -311,7 +307,7 @@ class Connection:
         in_turn: bool = False,
     ) -> None:
         self.n_sensors = n_sensors  # None before the HELLO
-        self.hello: Hello | None = None  # the last one of this protocol version
+        self.hello: messages.Hello | None = None  # the last one of this protocol version
         self._adc_bits = adc_bits
         self._reader = FrameReader()
         self._stream = SampleStream()
@@ -364,7 +360,7 @@ class Connection:
             )
         return self._pending_commands.send(command, now_ns)
 
-    def feed(self, command: Heartbeat, now_ns: int) -> bytes:
+    def feed(self, command: messages.Heartbeat, now_ns: int) -> bytes:
         """Return bytes that feed a fast virtual board's watchdog at once; see `Link`."""
         return self._pending_commands.feed(command, now_ns)
 
@@ -391,7 +387,7 @@ class Connection:
     def _take(self, bodies: list[bytes], host_ns: IntArray) -> list[LinkEvent]:
         events: list[LinkEvent] = []
         run = 0
-        others = [at for at, body in enumerate(bodies) if body[0] != MessageType.SAMPLE]
+        others = [at for at, body in enumerate(bodies) if body[0] != messages.MessageType.SAMPLE]
         for at in [*others, len(bodies)]:
             if at > run:
                 events += self._take_samples(bodies[run:at], host_ns[run:at])
@@ -432,25 +428,28 @@ class Connection:
 
     def _take_message(self, body: bytes, now_ns: int) -> list[LinkEvent]:
         try:
-            message: Any = decode_message(Frame(body[0], body[1], body[2:-4]), self.n_sensors or 1)
+            message: Any = messages.decode_message(Frame(body[0], body[1], body[2:-4]), self.n_sensors or 1)
         except RemoteError:
             self._reader.malformed += 1
             return []
         match message:
-            case Hello():
+            case messages.Hello():
                 return self._take_hello(message, now_ns)
             case Ack():
                 return self._take_ack(message, now_ns)
-            case BoardEvent():
+            case messages.BoardEvent():
                 return self._take_event(message)
         self._unknown += 1
         return []
 
-    def _take_hello(self, hello: Hello, now_ns: int) -> list[LinkEvent]:
+    def _take_hello(self, hello: messages.Hello, now_ns: int) -> list[LinkEvent]:
         if hello.protocol != PROTOCOL_VERSION:
             self._wrong_version, self.n_sensors = hello.protocol, None
             self._pending_commands.keep_waiting(*_TO_ANY_VERSION)
-            return [WrongProtocol(hello.protocol, PROTOCOL_VERSION), *self._pending_commands.identified(now_ns)]
+            return [
+                WrongProtocol(hello.protocol, PROTOCOL_VERSION),
+                *self._pending_commands.identified(now_ns),
+            ]
         restarted = self._has_state and not self._pending_commands.hello_expected
         self.hello, self._wrong_version = hello, None
         self.n_sensors, self._adc_bits = hello.n_sensors, hello.adc_bits
@@ -462,18 +461,18 @@ class Connection:
         return [BoardRestarted(hello), *forgotten, *self._pending_commands.identified(now_ns)]
 
     def _take_ack(self, ack: Ack, now_ns: int) -> list[LinkEvent]:
-        if ack.status == AckStatus.DONE:
-            if ack.command_type == MessageType.START:
+        if ack.status == messages.AckStatus.DONE:
+            if ack.command_type == messages.MessageType.START:
                 self._stream.stream_started()
-            elif ack.command_type == MessageType.STOP:
+            elif ack.command_type == messages.MessageType.STOP:
                 self._stream.stream_may_restart()
         events = self._pending_commands.acknowledge(ack, now_ns)
         self._has_state |= bool(events)
         return events
 
-    def _take_event(self, event: BoardEvent) -> list[LinkEvent]:
+    def _take_event(self, event: messages.BoardEvent) -> list[LinkEvent]:
         received = BoardEventReceived(event, self._stream.unwrapped_time(event.time_us))
-        if event.code != EventCode.BOOTED:
+        if event.code != messages.EventCode.BOOTED:
             return [received]
         self._stream.stream_may_restart()
         if not self._has_state:

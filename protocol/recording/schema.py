@@ -35,19 +35,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from protocol.errors import DamagedRecordingError, RecordingError
-from protocol.recording.checks import (
-    DAMAGE,
-    FOREIGN,
-    MAX_TEXT,
-    SESSION_VALUES,
-    Columns,
-    are_breaks,
-    check_layout,
-    check_session,
-    check_values,
-    declared,
-    harden,
-)
+from protocol.recording import checks
 
 APPLICATION_ID = 0x424F4154  # "BOAT": SQLite's `application_id`, by which `file` and boat-daq identify a recording
 SCHEMA_VERSION = 2  # SQLite's `user_version`
@@ -159,7 +147,9 @@ def session_dtype(meta: Mapping[str, Any]) -> np.dtype[np.void]:
     return dtype
 
 
-SESSION_KEYS = tuple(key for key in SESSION_VALUES if key not in ("run_end", "resumptions"))  # of every recording
+SESSION_KEYS = tuple(
+    key for key in checks.SESSION_VALUES if key not in ("run_end", "resumptions")
+)  # of every recording
 # Beside `stop_reason`, for people, its code "run_end" (`RunEnd`), for programs; files before November 2026 lack it.
 # Only in a resumed run: "resumptions", a list in order, one object for each break: utc and host_ns of the resumption,
 # cause ("interrupted", "stopped", "aborted: ..."), break_s, the first segment, chunk, step and cycle after it,
@@ -255,12 +245,12 @@ def open_recording(path: Path | str) -> sqlite3.Connection:
     except sqlite3.Error as error:
         raise RecordingError(f"{path} cannot be opened: {error}", "Copy it to a folder that can be written.") from error
     try:
-        harden(connection)
+        checks.harden(connection)
         may_lack = {(table, name) for since in ADDED if since > version for table, name, _ in ADDED[since]}
-        check_layout(path, connection, layout(), may_lack)
+        checks.check_layout(path, connection, layout(), may_lack)
         connection.execute("PRAGMA query_only=ON")
-        check_values(path, connection, {name: layout()[name] for name in TABLE_NAMES if name not in LONG_TABLES})
-    except DAMAGE as error:
+        checks.check_values(path, connection, {name: layout()[name] for name in TABLE_NAMES if name not in LONG_TABLES})
+    except checks.DAMAGE as error:
         connection.close()
         raise _unreadable(path, error) from error
     except RecordingError:
@@ -283,9 +273,9 @@ def _unreadable(path: Path, error: Exception) -> RecordingError:
 
 
 @cache
-def layout() -> Columns:
+def layout() -> checks.Columns:
     """Return the columns that `TABLES` declares."""
-    return declared(TABLES, TABLE_NAMES)
+    return checks.declared(TABLES, TABLE_NAMES)
 
 
 def check_long_tables(path: Path | str, connection: sqlite3.Connection) -> None:
@@ -296,7 +286,7 @@ def check_long_tables(path: Path | str, connection: sqlite3.Connection) -> None:
     RecordingError : a value does not fit its column.
     sqlite3.Error : the rows cannot be read.
     """
-    check_values(Path(path), connection, {name: layout()[name] for name in LONG_TABLES})
+    checks.check_values(Path(path), connection, {name: layout()[name] for name in LONG_TABLES})
 
 
 def layout_version(path: Path) -> int:
@@ -356,8 +346,8 @@ def breaks_of(meta: dict[str, Any]) -> list[dict[str, Any]]:
     RecordingError : they are not a list of breaks.
     """
     entries = meta.get("resumptions", [])
-    if not are_breaks(entries):
-        raise RecordingError("the session's 'resumptions' are not a list of breaks", FOREIGN)
+    if not checks.are_breaks(entries):
+        raise RecordingError("the session's 'resumptions' are not a list of breaks", checks.FOREIGN)
     return list(entries)
 
 
@@ -370,13 +360,13 @@ def read_session(connection: sqlite3.Connection) -> dict[str, Any]:
     """
     try:
         rows = connection.execute("SELECT key, value FROM session").fetchall()
-        if sum(len(value) for _, value in rows) > MAX_TEXT:
-            raise RecordingError(f"the session's description is longer than {MAX_TEXT} bytes", FOREIGN)
+        if sum(len(value) for _, value in rows) > checks.MAX_TEXT:
+            raise RecordingError(f"the session's description is longer than {checks.MAX_TEXT} bytes", checks.FOREIGN)
         meta = {str(key): json.loads(value) for key, value in rows}
-    except (*DAMAGE, ValueError, TypeError, RecursionError) as error:
+    except (*checks.DAMAGE, ValueError, TypeError, RecursionError) as error:
         raise RecordingError(f"the session's description cannot be read: {error}") from error
     missing = [key for key in SESSION_KEYS if key not in meta]
     if missing:
         raise RecordingError(f"the session's description has no {missing[0]!r}")
-    check_session(meta)
+    checks.check_session(meta)
     return meta

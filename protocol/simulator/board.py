@@ -17,23 +17,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.link import messages
 from protocol.link.framing import Frame, FrameReader
-from protocol.link.messages import (
-    PROTOCOL_VERSION,
-    Ack,
-    AckStatus,
-    BoardEvent,
-    BoardMessage,
-    BootReason,
-    EventCode,
-    Hello,
-    Identify,
-    MessageType,
-    SetPressure,
-    Start,
-    Stop,
-    decode_command,
-)
+from protocol.link.messages import AckStatus, BoardEvent, BoardMessage, EventCode
 from protocol.recording import SampleFlag
 from protocol.simulator.board_control import HARD_LIMITS_PA, BoardControl
 from protocol.simulator.faults import FAULTS, Fault, FaultSchedule
@@ -98,7 +84,7 @@ class VirtualBoard:
         self._later: list[tuple[int, BoardMessage]] = []
         clock_wrap = next((fault.start_us for fault in faults if fault.name == "clock_wrap"), 0)
         begun, ended = self._schedule.move_to(0)
-        self._boot(BootReason.POWER, clock_start_us=-clock_wrap)
+        self._boot(messages.BootReason.POWER, clock_start_us=-clock_wrap)
         self._apply_faults(begun, ended)
         found = self._rows(np.array([self._pneumatics.pressure_kpa] * 2), np.ones(2))
         self._plant = PlantBlock(-1, found, np.zeros(1, np.int64), np.zeros(1, np.int64))
@@ -138,7 +124,7 @@ class VirtualBoard:
         if self.unplugged or self._boot_at_us is not None:
             return
         for frame in self._reader.receive(data):
-            if frame.type >= MessageType.IDENTIFY:
+            if frame.type >= messages.MessageType.IDENTIFY:
                 self._handle(frame)
 
     def advance(self, dt_us: int, *, free_bytes: int | None = None) -> bytes:
@@ -163,7 +149,7 @@ class VirtualBoard:
             self._run(min([end, self.now_us + _TICKS_AT_ONCE * TICK_US, *changes]))
             if changes and self.now_us >= min(changes):
                 if self.now_us == self._boot_at_us:
-                    self._boot(BootReason.RESET_PIN)
+                    self._boot(messages.BootReason.RESET_PIN)
                 self._apply_faults(*self._schedule.move_to(self.now_us))
                 self._update_state()
         return self._transmitter.take()
@@ -209,9 +195,9 @@ class VirtualBoard:
         self._transmitter.send(self._hello())
         self._transmitter.send(BoardEvent(self._clock(self.now_us), EventCode.BOOTED, reason))
 
-    def _hello(self) -> Hello:
-        return Hello(
-            protocol=int(self._schedule.active.get("wrong_protocol", PROTOCOL_VERSION)),
+    def _hello(self) -> messages.Hello:
+        return messages.Hello(
+            protocol=int(self._schedule.active.get("wrong_protocol", messages.PROTOCOL_VERSION)),
             fw_major=1,
             fw_minor=0,
             n_sensors=self.n_sensors,
@@ -276,8 +262,8 @@ class VirtualBoard:
         else:
             status = self._act(frame)
         self._answered = (frame.type, frame.seq, status)
-        answer: BoardMessage = Ack(frame.type, frame.seq, status)
-        if frame.type == MessageType.IDENTIFY:
+        answer: BoardMessage = messages.Ack(frame.type, frame.seq, status)
+        if frame.type == messages.MessageType.IDENTIFY:
             answer = self._hello()
         if self._transmitter.countdown.take("ack_lost"):
             return
@@ -287,22 +273,22 @@ class VirtualBoard:
             self._transmitter.send(answer)
 
     def _act(self, frame: Frame) -> AckStatus:
-        command = decode_command(frame)
+        command = messages.decode_command(frame)
         if isinstance(command, AckStatus):
             return command
-        if isinstance(command, Identify):
+        if isinstance(command, messages.Identify):
             return AckStatus.DONE
-        if self._refusal is not None and isinstance(command, SetPressure):
+        if self._refusal is not None and isinstance(command, messages.SetPressure):
             refusal, self._refusal = self._refusal, None
             return refusal
         status = self._control.execute(command, self.now_us)
         self._update_state()
-        if status is AckStatus.DONE and isinstance(command, Start | Stop):
+        if status is AckStatus.DONE and isinstance(command, messages.Start | messages.Stop):
             self._transmitter.report_dropped(self._clock(self.now_us))
-        if status is AckStatus.DONE and isinstance(command, Start):
+        if status is AckStatus.DONE and isinstance(command, messages.Start):
             slow = self._schedule.active.get("slow_rate", command.rate_hz)
             self._sampler.start(self.now_us, round(slow))
-        elif isinstance(command, Stop):
+        elif isinstance(command, messages.Stop):
             self._sampler.stop()
         return status
 
@@ -314,15 +300,15 @@ class VirtualBoard:
 
     def _run(self, stop_us: int) -> None:
         """Run every tick and make every sample up to and with `stop_us`; no fault changes in between."""
-        messages = self._run_ticks(max(0, stop_us // TICK_US - self._last_tick))
-        messages += [item for item in self._later if item[0] <= stop_us]
+        outgoing = self._run_ticks(max(0, stop_us // TICK_US - self._last_tick))
+        outgoing += [item for item in self._later if item[0] <= stop_us]
         self._later = [item for item in self._later if item[0] > stop_us]
         self.now_us = stop_us
         samples = self._sampler.make(self._plant, stop_us, self._schedule.active, self._since_us)
         if self._truth is not None and samples.time_us.size:
             self._truth.append(samples.truth)
-        messages += self._saturations(samples)
-        self._emit(samples, sorted(messages, key=lambda item: item[0]))
+        outgoing += self._saturations(samples)
+        self._emit(samples, sorted(outgoing, key=lambda item: item[0]))
 
     @property
     def _last_tick(self) -> int:
@@ -330,9 +316,9 @@ class VirtualBoard:
 
     def _run_ticks(self, count: int) -> list[tuple[int, BoardMessage]]:
         """Run the next ticks of control and plant; `_plant` then begins with the last tick before them."""
-        messages: list[tuple[int, BoardMessage]] = []
+        outgoing: list[tuple[int, BoardMessage]] = []
         if not count:
-            return messages
+            return outgoing
         control, pneumatics, first = self._control, self._pneumatics, self._last_tick + 1
         noise = (_PUMP_NOISE * self._pump_noise.rows(first, count)[0][:, 0]).tolist()
         gauge, bladder, states = [], [], []
@@ -340,7 +326,7 @@ class VirtualBoard:
             control.tick((first + tick) * TICK_US)
             if control.events:
                 time_us = (first + tick) * TICK_US
-                messages += [(time_us, BoardEvent(self._clock(time_us), *event)) for event in control.take_events()]
+                outgoing += [(time_us, BoardEvent(self._clock(time_us), *event)) for event in control.take_events()]
             states.append(control.state)
             pneumatics.step(noise[tick])
             gauge.append(pneumatics.pressure_kpa)
@@ -354,7 +340,7 @@ class VirtualBoard:
             np.concatenate([before.states[-1:], np.array(states, np.int64)]),
             np.concatenate([before.flags[-1:], np.full(count, control.flags, np.int64)]),
         )
-        return messages
+        return outgoing
 
     def _rows(self, bladder_kpa: NDArray[np.float64], softening: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the plant's next rows, (kPa, mm, mV of each sensor), from the bladder's pressure."""
@@ -374,23 +360,23 @@ class VirtualBoard:
 
     def _saturations(self, samples: SampleBlock) -> list[tuple[int, BoardMessage]]:
         """Return an EVENT for each sensor that begins to saturate."""
-        messages: list[tuple[int, BoardMessage]] = []
+        outgoing: list[tuple[int, BoardMessage]] = []
         flagged = np.flatnonzero(samples.bodies["flags"] & SampleFlag.SATURATED)
         for row in flagged.tolist():
             time_us = int(samples.time_us[row])
             for sensor in np.flatnonzero((samples.bodies["counts"][row] == FULL_SCALE).any(axis=1)).tolist():
                 if time_us - self._last_saturated_us[sensor] >= _SATURATION_QUIET_US:
-                    messages.append((time_us, BoardEvent(self._clock(time_us), EventCode.SENSOR_SATURATED, sensor)))
+                    outgoing.append((time_us, BoardEvent(self._clock(time_us), EventCode.SENSOR_SATURATED, sensor)))
                 self._last_saturated_us[sensor] = time_us
-        return messages
+        return outgoing
 
     # ---- sending -------------------------------------------------------------------------------------------------
 
-    def _emit(self, samples: SampleBlock, messages: list[tuple[int, BoardMessage]]) -> None:
+    def _emit(self, samples: SampleBlock, outgoing: list[tuple[int, BoardMessage]]) -> None:
         """Send samples and messages in the order of their times, a message before the sample of the same instant."""
         samples.bodies["time_us"] = (samples.time_us - self._booted_us + self._clock_start_us) & 0xFFFFFFFF
         start = 0
-        for time_us, message in messages:
+        for time_us, message in outgoing:
             cut = int(np.searchsorted(samples.time_us, time_us))
             self._transmitter.send_samples(samples.bodies[start:cut])
             self._transmitter.send(message)

@@ -7,18 +7,8 @@ sensor; each of these latches FAULT until CLEAR_FAULT finds its cause gone. VENT
 
 from __future__ import annotations
 
-from protocol.link.messages import (
-    AckStatus,
-    ClearFault,
-    Command,
-    EventCode,
-    Heartbeat,
-    SetLimits,
-    SetPressure,
-    Start,
-    Stop,
-    Vent,
-)
+from protocol.link import messages
+from protocol.link.messages import AckStatus, EventCode
 from protocol.recording import BoardState, SampleFlag
 from protocol.simulator.plant import PUMP_KPA_PER_S, Pneumatics
 
@@ -101,24 +91,24 @@ class BoardControl:
         elif self.state in _MOVING:
             self._follow(now_us, pressure_pa)
 
-    def execute(self, command: Command, now_us: int) -> AckStatus:
+    def execute(self, command: messages.Command, now_us: int) -> AckStatus:
         """Execute a command, or return the status that refuses it."""
         match command:
-            case Start():
+            case messages.Start():
                 if not 0 < command.rate_hz <= self._rate_max_hz:
                     return AckStatus.OUT_OF_LIMITS
                 self.rate_hz = command.rate_hz
-            case Stop():
+            case messages.Stop():
                 self.rate_hz = 0
-            case Vent():
+            case messages.Vent():
                 self._vent()
-            case SetPressure():
+            case messages.SetPressure():
                 return self._set_pressure(command, now_us)
-            case Heartbeat():
+            case messages.Heartbeat():
                 return self._heartbeat(command)
-            case ClearFault():
+            case messages.ClearFault():
                 return self._clear_fault()
-            case SetLimits():
+            case messages.SetLimits():
                 return self._set_limits(command)
         return AckStatus.DONE
 
@@ -146,7 +136,7 @@ class BoardControl:
         if self.state is not BoardState.FAULT:
             self.state = BoardState.VENTED
 
-    def _set_pressure(self, command: SetPressure, now_us: int) -> AckStatus:
+    def _set_pressure(self, command: messages.SetPressure, now_us: int) -> AckStatus:
         if self.state is BoardState.FAULT:
             return AckStatus.FAULT_LATCHED
         if not self._limits_pa[0] <= command.target_pa <= self._limits_pa[1]:
@@ -158,7 +148,7 @@ class BoardControl:
         self.state = BoardState.RAMPING
         return AckStatus.DONE
 
-    def _heartbeat(self, command: Heartbeat) -> AckStatus:
+    def _heartbeat(self, command: messages.Heartbeat) -> AckStatus:
         if command.timeout_ms == 0 and self.state not in (BoardState.IDLE, BoardState.VENTED):
             return AckStatus.NOT_IN_THIS_STATE
         if command.timeout_ms != 0 and command.timeout_ms not in HEARTBEAT_MS:
@@ -174,7 +164,7 @@ class BoardControl:
         self.state = BoardState.VENTED
         return AckStatus.DONE
 
-    def _set_limits(self, command: SetLimits) -> AckStatus:
+    def _set_limits(self, command: messages.SetLimits) -> AckStatus:
         """Accept limits inside the hard ones; a target beyond them becomes the new limit."""
         low, high = command.min_pa, command.max_pa
         if not HARD_LIMITS_PA[0] <= low < high <= HARD_LIMITS_PA[1]:

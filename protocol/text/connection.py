@@ -18,20 +18,9 @@ from typing import Any
 import numpy as np
 
 from protocol.errors import LocalError
+from protocol.link import messages
 from protocol.link.events import BoardRestarted, CommandDone, CommandLost, HelloReceived, LinkEvent, LinkStatistics
-from protocol.link.messages import (
-    PROTOCOL_VERSION,
-    AckStatus,
-    BootReason,
-    Command,
-    Heartbeat,
-    Hello,
-    Identify,
-    SetPressure,
-    Start,
-    Stop,
-    Vent,
-)
+from protocol.link.messages import AckStatus, Command, Identify
 from protocol.link.sample_stream import NO_WRAP, WRAP, Rows, SampleStream, implausible
 from protocol.recording import SampleFlag, SampleKind, sample_dtype
 from protocol.text.delimited_lines import LineReader
@@ -57,7 +46,7 @@ class TextConnection:
         self.can_command = not self.cannot_command_reason
         self.n_sensors = profile.n_sensors
         self.sample_kind: SampleKind = profile.sample_kind
-        self.hello: Hello | None = None  # made from the profile once the device has sent a good line
+        self.hello: messages.Hello | None = None  # made from the profile once the device has sent a good line
         self._dtype = sample_dtype(profile.n_sensors, profile.sample_kind)
         self._reader = _make_reader(profile)
         self._stream = _make_stream(profile)
@@ -102,9 +91,9 @@ class TextConnection:
         """
         seq, self._seq = self._seq, (self._seq + 1) & 0xFF
         template = self.profile.templates.get(_KEYS[type(command)])
-        if isinstance(command, SetPressure) and not self.can_command:
+        if isinstance(command, messages.SetPressure) and not self.can_command:
             raise LocalError(self.cannot_command_reason, "add what is missing to the profile, or record without a plan")
-        if template is None and isinstance(command, Vent):
+        if template is None and isinstance(command, messages.Vent):
             raise LocalError(f"the profile {self.profile.name!r} has no `commands.vent`", "open the valve manually")
         if isinstance(command, Identify):
             if "start" in self.profile.templates:
@@ -112,12 +101,12 @@ class TextConnection:
             else:
                 self._identifying.append((command, seq, now_ns + IDENTIFY_NS))
         else:
-            done = template is not None or isinstance(command, Start | Stop)
+            done = template is not None or isinstance(command, messages.Start | messages.Stop)
             self._answers.append(CommandDone(command, seq, AckStatus.DONE if done else AckStatus.NOT_SUPPORTED))
-        self._start_sent |= template is not None and isinstance(command, Start)
+        self._start_sent |= template is not None and isinstance(command, messages.Start)
         return b"" if template is None else template(command)
 
-    def feed(self, command: Heartbeat, now_ns: int) -> bytes:
+    def feed(self, command: messages.Heartbeat, now_ns: int) -> bytes:
         """Return the text that feeds the watchdog, where the firmware has one."""
         return self.send(command, now_ns)
 
@@ -148,14 +137,14 @@ class TextConnection:
 
     def _identify(self, requests: list[tuple[Identify, int]]) -> None:
         low, high = self.profile.limits_pa or (0, 0)
-        self.hello = Hello(
-            protocol=PROTOCOL_VERSION,
+        self.hello = messages.Hello(
+            protocol=messages.PROTOCOL_VERSION,
             fw_major=0,
             fw_minor=0,
             n_sensors=self.profile.n_sensors,
             rate_max_hz=max(1, round(self.profile.rate_hz)),
             adc_bits=self.profile.adc_bits,
-            boot_reason=BootReason.POWER,
+            boot_reason=messages.BootReason.POWER,
             vref_mv=self.profile.vref_mv,
             pressure_min_pa=low,
             pressure_max_pa=high,

@@ -14,21 +14,8 @@ from boat_daq.engine.control.interlock import Trip
 from boat_daq.engine.control.sequencer import ControlEvent, SegmentBreak, StepChanged
 from boat_daq.engine.control.watchdog import FAST, LONGEST_MS, Feeder, SpeedMeter
 from boat_daq.engine.snapshot import MessageKind, RunEnding
-from protocol.link.messages import (
-    COMMAND_TYPES,
-    AckStatus,
-    ClearFault,
-    Command,
-    EventCode,
-    Heartbeat,
-    Hello,
-    Identify,
-    SetLimits,
-    SetPressure,
-    Start,
-    Stop,
-    Vent,
-)
+from protocol.link import messages
+from protocol.link.messages import AckStatus, Command, EventCode, Heartbeat, SetLimits, Vent
 
 VENT_AGAIN_S = 0.75  # the link itself has repeated it three times by then
 
@@ -107,7 +94,7 @@ class BoardCommands:
         """Request identification; answers awaited on an earlier port are given up."""
         self.restart()
         self._vent_sent_ns = None
-        self.send(Identify())
+        self.send(messages.Identify())
 
     def restart(self) -> None:
         """Discard what a board that restarts has lost."""
@@ -116,7 +103,7 @@ class BoardCommands:
         self.identifying, self._adopted = True, False
         self.forget_pending()
 
-    def introduce(self, hello: Hello, limits: SetLimits | None) -> None:
+    def introduce(self, hello: messages.Hello, limits: SetLimits | None) -> None:
         """Answer a HELLO with watchdog and limits.
 
         The watchdog of a virtual board, which may run faster than real time, waits until its speed is known.
@@ -129,11 +116,13 @@ class BoardCommands:
 
     def send(self, command: Command, *, feeds: bool = False) -> None:
         """Send a command, where the link takes it; `feeds` as in `Send`."""
-        if not self.can_write or not (self.can_command or isinstance(command, Identify | Start | Stop)):
+        if not self.can_write or not (
+            self.can_command or isinstance(command, messages.Identify | messages.Start | messages.Stop)
+        ):
             return
         if isinstance(command, Vent):
             self.vent_sent()
-        self.stopping = isinstance(command, Stop) or self.stopping
+        self.stopping = isinstance(command, messages.Stop) or self.stopping
         self.feeder.sent(command, self.now_ns, self.board_us)
         self._emit(Send(command, feeds))
 
@@ -196,9 +185,9 @@ class BoardCommands:
             self._vent_sent_ns = None
         elif isinstance(command, Heartbeat):
             self.feeder.armed_ms = command.timeout_ms
-        elif isinstance(command, Stop):
+        elif isinstance(command, messages.Stop):
             self.stopping = False
-        elif isinstance(command, Start):
+        elif isinstance(command, messages.Start):
             self.start_refused = None
         self._settle(command)
 
@@ -226,7 +215,7 @@ class BoardCommands:
             self._do_without(command)
             return None
         match command:
-            case SetPressure():
+            case messages.SetPressure():
                 return Trip(MessageKind.REFUSED, text, "check the limits, then clear the fault")
             case Heartbeat(0):
                 pass  # the board keeps its watchdog
@@ -236,13 +225,13 @@ class BoardCommands:
                 self.note(MessageKind.REFUSED, text, "info", _GUARD[type(command)])
             case Vent():
                 self.note(MessageKind.REFUSED, text, "error", "open the valve manually")
-            case ClearFault():
+            case messages.ClearFault():
                 self.note(MessageKind.REFUSED, text, "error", "remove the cause of the fault first")
-            case Stop():
+            case messages.Stop():
                 self.stopping = False  # the board sends no samples anyway
-            case Start() if self.meter.known:
+            case messages.Start() if self.meter.known:
                 pass  # it samples already
-            case Start(rate_hz):
+            case messages.Start(rate_hz):
                 unknown = "the board's firmware must know START: update it, or give its profile"
                 self.start_refused = (f"{text}, at {rate_hz} Hz", _NO_START.get(status, unknown))
                 self.note(MessageKind.REFUSED, text, "")  # reported where samples are missed
@@ -266,14 +255,14 @@ class BoardCommands:
         match command:
             case Vent():
                 pass  # `tick` repeats it: one more for each that is lost would fill a slow link
-            case Identify():
+            case messages.Identify():
                 if self.identifying:
-                    self.send(Identify())
-            case Stop():
+                    self.send(messages.Identify())
+            case messages.Stop():
                 self.stopping = False
             case _ if watched:
                 return Trip(MessageKind.NO_ANSWER, text, "check the link")
-            case Start():
+            case messages.Start():
                 self.note(MessageKind.NO_ANSWER, text, "error", "check the link")
             case _:
                 pass  # sent to a board that has restarted, or gone, since
@@ -305,4 +294,4 @@ class BoardCommands:
 
 def _name(command: Command) -> str:
     """Return a command's name in the protocol."""
-    return COMMAND_TYPES[type(command)].name
+    return messages.COMMAND_TYPES[type(command)].name

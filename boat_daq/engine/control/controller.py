@@ -22,20 +22,8 @@ from boat_daq.engine.plan import Plan
 from boat_daq.engine.sample_columns import Columns, columns, last_sample
 from boat_daq.engine.snapshot import LastSample, MessageKind, RunEnding, SessionState
 from boat_daq.errors import OperatorError
+from protocol.link import messages
 from protocol.link.events import BoardEventReceived, BoardRestarted, CommandDone, CommandLost, HelloReceived, Samples
-from protocol.link.messages import (
-    AckStatus,
-    BootReason,
-    ClearFault,
-    Command,
-    Heartbeat,
-    Hello,
-    Identify,
-    SetPressure,
-    Start,
-    Stop,
-    Vent,
-)
 from protocol.recording import BoardState, SampleFlag
 
 BOOT_S = 0.2  # after the first HELLO: a second one, with no sample yet, is a boot
@@ -63,7 +51,7 @@ class Controller:
         self.sequencer = Sequencer()
         self.interlock = Interlock()
         self.flat_line = FlatLine()
-        self.hello: Hello | None = None
+        self.hello: messages.Hello | None = None
         self.last: LastSample | None = None
         self.target_kpa: float | None = None
         self.hold_samples = False  # request no samples after HELLO yet: a recording opens first
@@ -127,7 +115,7 @@ class Controller:
                     self._take_samples(columns(array, self.mv_per_count))
                 case CommandDone(command, _, status) if status is not None:
                     self._answered(command, status)
-                case CommandLost(Heartbeat(), _) if self.stream.paused_lately(now_ns):
+                case CommandLost(messages.Heartbeat(), _) if self.stream.paused_lately(now_ns):
                     pass  # nothing arrived at all: `tick` reports the silence
                 case CommandLost(command, _):
                     self._trip(self.board.lost(command, watched=self.stream.begun))
@@ -220,7 +208,7 @@ class Controller:
         if sent:
             self.board.vent_sent()
         else:
-            self.board.send(Vent())
+            self.board.send(messages.Vent())
         self.board.note(MessageKind.VENT, "vented by the operator", "info")
         self.sequencer.abort("vented by the operator", SessionState.ABORTED)
         self._act()
@@ -266,7 +254,7 @@ class Controller:
         self.interlock.require_gone()
         self._cleared_by = by
         if self.stream.begun and self.last is not None and self.last.state is BoardState.FAULT:
-            self.board.send(ClearFault())
+            self.board.send(messages.ClearFault())
         else:
             self._cleared()
 
@@ -275,8 +263,8 @@ class Controller:
         self.stop()
         self.board.vent()
         self.board.leaving = True
-        self.board.send(Heartbeat(0))
-        self.board.send(Stop())
+        self.board.send(messages.Heartbeat(0))
+        self.board.send(messages.Stop())
         self.stream.begun = False
 
     # ---- samples ---------------------------------------------------------------------------------------------------
@@ -325,7 +313,7 @@ class Controller:
 
     # ---- answers ---------------------------------------------------------------------------------------------------
 
-    def _greet(self, hello: Hello) -> None:
+    def _greet(self, hello: messages.Hello) -> None:
         """Answer a HELLO with watchdog, limits and rate."""
         self.hello = hello
         self.mv_per_count = hello.vref_mv / 2**hello.adc_bits
@@ -336,12 +324,12 @@ class Controller:
             self.stream.rate_hz = hello.rate_max_hz
         self.board.introduce(hello, self.preflight.limits_command)
         if not self.hold_samples:
-            self.board.send(Start(self.stream.rate_hz))
+            self.board.send(messages.Start(self.stream.rate_hz))
 
     def release_samples(self) -> None:
         """Request the samples that were held back."""
         self.hold_samples = False
-        self.board.send(Start(self.stream.rate_hz))
+        self.board.send(messages.Start(self.stream.rate_hz))
 
     def _boots_again(self, now_ns: int) -> bool:
         """Whether a second HELLO means that the board has lost limits and watchdog.
@@ -350,7 +338,7 @@ class Controller:
         """
         return not self.stream.begun and now_ns - self.board.introduced_ns > BOOT_S * 1e9
 
-    def _restarted(self, hello: Hello | None) -> None:
+    def _restarted(self, hello: messages.Hello | None) -> None:
         """End the run: a board that restarted has vented and lost limits and watchdog."""
         reason = "" if hello is None else f" ({_boot_reason(hello.boot_reason)})"
         booting, self.stream.begun = not self.stream.begun, False  # before the first sample: opening its port reset it
@@ -359,18 +347,18 @@ class Controller:
             cause = f"the board restarted{reason}"
             self._trip(Trip(MessageKind.BOARD_RESTARTED, cause, "check its supply, then clear the fault"))
         if hello is None:
-            self.board.send(Identify())
+            self.board.send(messages.Identify())
         else:
             self._greet(hello)
 
-    def _answered(self, command: Command, status: AckStatus | int) -> None:
-        if status != AckStatus.DONE:
+    def _answered(self, command: messages.Command, status: messages.AckStatus | int) -> None:
+        if status != messages.AckStatus.DONE:
             self._trip(self.board.refused(command, status, pressurised=self.pressurised))
             return
-        if isinstance(command, SetPressure):
+        if isinstance(command, messages.SetPressure):
             if self.target_kpa is not None and command.target_pa == round(self.target_kpa * 1000):
                 self.sequencer.commanded()
-        elif isinstance(command, ClearFault):
+        elif isinstance(command, messages.ClearFault):
             self._cleared()
         self.board.done(command)
         self._act()
@@ -420,7 +408,7 @@ class Controller:
             return
         self.pressurised, self.target_kpa = True, target_kpa
         if self.board.feeder.armed_ms:  # a board that restarted an instant ago, undetected yet, has lost it
-            self.board.send(Heartbeat(self.board.feeder.armed_ms))
+            self.board.send(messages.Heartbeat(self.board.feeder.armed_ms))
         self.board.send(command)
 
     def _vent(self) -> None:
@@ -441,4 +429,8 @@ class Controller:
 
 
 def _boot_reason(value: int) -> str:
-    return BootReason(value).name.lower().replace("_", " ") if value <= max(BootReason) else f"reason {value}"
+    return (
+        messages.BootReason(value).name.lower().replace("_", " ")
+        if value <= max(messages.BootReason)
+        else f"reason {value}"
+    )

@@ -32,18 +32,7 @@ from boat_daq.engine.recording.rows import INSERT_EVENT, OverviewRows
 from boat_daq.engine.sample_columns import mv_per_count
 from boat_daq.errors import OperatorError, StorageError
 from protocol.errors import DamagedRecordingError, RecordingError
-from protocol.recording import (
-    SUFFIX,
-    TABLE_NAMES,
-    RunEnd,
-    breaks_of,
-    check_long_tables,
-    layout,
-    open_recording,
-    read_session,
-    refuse_newer,
-    session_dtype,
-)
+from protocol.recording import schema
 from protocol.recording.checks import DAMAGE, bytes_of, harden, refuse_active, value_fits
 
 Progress = Callable[[float, float], None]
@@ -73,7 +62,7 @@ class Recovery:
 
 def find_interrupted(folder: Path) -> list[Path]:
     """Return the recordings of a folder that a killed program left open."""
-    return [path for path in sorted(folder.glob(f"*{SUFFIX}")) if _is_interrupted(path)]
+    return [path for path in sorted(folder.glob(f"*{schema.SUFFIX}")) if _is_interrupted(path)]
 
 
 def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
@@ -91,13 +80,13 @@ def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
     """
     if is_being_written(path):
         raise StorageError(f"{path} is being written by another program", "Close it there first.")
-    refuse_newer(path)
+    schema.refuse_newer(path)
     _roll_back(path)
     faults, structural = _check(path, progress)
     if structural:
         return _salvage(path, faults, progress)
-    with closing(open_recording(path)) as db:
-        status = read_session(db)["status"]
+    with closing(schema.open_recording(path)) as db:
+        status = schema.read_session(db)["status"]
         counts = _counts(db)
     log_left = path.with_name(path.name + "-wal").exists()
     if status == "recording":
@@ -136,8 +125,8 @@ def _end_of(journal: Path) -> bytes:
 
 def _is_interrupted(path: Path) -> bool:
     try:
-        with closing(open_recording(path)) as db:
-            return bool(read_session(db)["status"] == "recording") and not is_being_written(path)
+        with closing(schema.open_recording(path)) as db:
+            return bool(schema.read_session(db)["status"] == "recording") and not is_being_written(path)
     except RecordingError:
         return False
 
@@ -148,11 +137,11 @@ def _check(path: Path, progress: Progress | None) -> tuple[list[str], bool]:
     Return what is damaged, and whether it is the tree of pages and not a value in it.
     """
     try:
-        with closing(open_recording(path)) as db:
+        with closing(schema.open_recording(path)) as db:
             found = [text for (text,) in db.execute("PRAGMA quick_check(10)")]
             if found != ["ok"]:
                 return [str(text) for text in found], True
-            check_long_tables(path, db)
+            schema.check_long_tables(path, db)
             return list(_wrong_checksums(db, progress)), False
     except (*DAMAGE, RecordingError) as error:
         if not _looks_like_ours(path):
@@ -181,7 +170,7 @@ def _wrong_checksums(db: sqlite3.Connection, progress: Progress | None) -> Itera
                 yield f"the {what} {number} do not match their checksum"
             if progress is not None and number % _ROWS == 0:
                 progress(number, total)
-    size = session_dtype(read_session(db)).itemsize
+    size = schema.session_dtype(schema.read_session(db)).itemsize
     for number, n, length in db.execute("SELECT id, n, length(samples) FROM block ORDER BY id"):
         if length != n * size:
             yield f"block {number} is for {n} samples and holds {length} bytes"
@@ -189,7 +178,7 @@ def _wrong_checksums(db: sqlite3.Connection, progress: Progress | None) -> Itera
 
 def _counts(db: sqlite3.Connection) -> tuple[int, int]:
     """Return how many samples and chunks are there, whatever the counts of the blocks."""
-    size = session_dtype(read_session(db)).itemsize
+    size = schema.session_dtype(schema.read_session(db)).itemsize
     samples, chunks = db.execute(
         "SELECT (SELECT coalesce(sum(length(samples) / ?), 0) FROM block), (SELECT count(*) FROM chunk)", (size,)
     ).fetchone()
@@ -198,8 +187,8 @@ def _counts(db: sqlite3.Connection) -> tuple[int, int]:
 
 def _close_in_place(path: Path) -> None:
     """Complete the overview, mark the recording, and close it into one file."""
-    with closing(open_recording(path)) as db:
-        meta = read_session(db)
+    with closing(schema.open_recording(path)) as db:
+        meta = schema.read_session(db)
         statements = [*_missing_overview(db, meta), *_end(db, meta)]
     file = RecordingFile.reopen(path)
     try:
@@ -214,7 +203,7 @@ def _missing_overview(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[
     last_row, last_block = db.execute(
         "SELECT coalesce(max(id), 0), coalesce(max(last_block), 0) FROM overview"
     ).fetchone()
-    dtype = session_dtype(meta)
+    dtype = schema.session_dtype(meta)
     overview = OverviewRows(mv_per_count(meta), next_id=last_row + 1)
     for number, segment, blob in db.execute(
         "SELECT id, segment, samples FROM block WHERE id > ? AND n > 0 AND length(samples) = n * ? ORDER BY id",
@@ -230,7 +219,7 @@ def _end(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
     When it ended, and that it was killed.
     """
     first = {"utc": meta["started_utc"], "host_ns": meta["started_host_ns"], "first_chunk": 1}
-    begun = [first, *breaks_of(meta)][-1]  # the monotonic clock may have restarted since the first start
+    begun = [first, *schema.breaks_of(meta)][-1]  # the monotonic clock may have restarted since the first start
     last_ns = db.execute(
         "SELECT host_ns FROM chunk WHERE id >= ? ORDER BY id DESC LIMIT 1", (begun["first_chunk"],)
     ).fetchone()
@@ -239,7 +228,7 @@ def _end(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
         passed = timedelta(microseconds=(ended_ns - begun["host_ns"]) / 1000)
         ended_utc = (datetime.fromisoformat(begun["utc"]) + passed).isoformat(timespec="milliseconds")
     ended = {"ended_host_ns": ended_ns, "ended_utc": ended_utc, "status": "recovered"}
-    ended |= {"stop_reason": RunEnd.INTERRUPTED, "run_end": RunEnd.INTERRUPTED}
+    ended |= {"stop_reason": schema.RunEnd.INTERRUPTED, "run_end": schema.RunEnd.INTERRUPTED}
     yield from set_meta(ended)
     number = db.execute("SELECT coalesce(max(id), 0) + 1 FROM event").fetchone()[0]
     yield (
@@ -269,30 +258,30 @@ def _salvage(path: Path, faults: list[str], progress: Progress | None) -> Recove
     """Copy all rows that can be read into a new file."""
     target = _free_name(path)
     with closing(_open_damaged(path)) as db:
-        meta = read_session(db)
-        session_dtype(meta)  # refuses a file whose bytes nothing describes
+        meta = schema.read_session(db)
+        schema.session_dtype(meta)  # refuses a file whose bytes nothing describes
         file = RecordingFile.create(target, meta)
         reader = _RowReader(db, bytes_of(path))
         try:
             file.commit(set_meta(meta))
-            for done, table in enumerate(name for name in TABLE_NAMES if name not in {"session", "overview"}):
+            for done, table in enumerate(name for name in schema.TABLE_NAMES if name not in {"session", "overview"}):
                 _copy(reader, file, table)
                 if progress is not None:
-                    progress(done + 1, len(TABLE_NAMES) - 2)
+                    progress(done + 1, len(schema.TABLE_NAMES) - 2)
         except BaseException:
             file.abandon()
             target.unlink(missing_ok=True)
             raise
         file.abandon()
     _close_in_place(target)
-    with closing(open_recording(target)) as copy:
+    with closing(schema.open_recording(target)) as copy:
         counts = _counts(copy)
     return Recovery("salvaged", target, *counts, (*faults, *reader.lost))
 
 
 def _free_name(path: Path) -> Path:
     for number in range(1, 1000):
-        target = path.with_name(f"{path.stem}.salvaged{'' if number == 1 else number}{SUFFIX}")
+        target = path.with_name(f"{path.stem}.salvaged{'' if number == 1 else number}{schema.SUFFIX}")
         if not target.exists():
             return target
     raise OperatorError(f"there are a thousand salvaged files of {path.name} already")
@@ -339,7 +328,7 @@ class _RowReader:
 
     def rows(self, table: str, names: list[str]) -> Iterator[tuple[Any, ...]]:
         """Give the readable rows in order, without those that do not fit the schema."""
-        kinds = [layout()[table][name] for name in names]
+        kinds = [schema.layout()[table][name] for name in names]
         for row in self._readable(table, names):
             self.left -= _length(row)
             if self.left < 0:

@@ -27,15 +27,7 @@ from boat_daq.engine.recording.upgrade import upgrade
 from boat_daq.engine.snapshot import Reading
 from boat_daq.engine.toml_values import build
 from boat_daq.errors import OperatorError, StorageError
-from protocol.recording import (
-    SCHEMA_VERSION,
-    RunEnd,
-    breaks_of,
-    layout_version,
-    open_recording,
-    read_session,
-    refuse_newer,
-)
+from protocol.recording import schema
 
 RESUMED = "resumed after a break"  # reason of the segment behind it
 _STEP_COLUMNS = ("id", *(field.name for field in fields(StepMark) if field.name != "number"))
@@ -129,9 +121,9 @@ def read_broken_run(path: Path) -> BrokenRun:
     """
     if is_being_written(path):
         raise StorageError(f"{path} is being written by another program", "close it there first")
-    refuse_newer(path)
-    with closing(open_recording(path)) as db:
-        meta = read_session(db)
+    schema.refuse_newer(path)
+    with closing(schema.open_recording(path)) as db:
+        meta = schema.read_session(db)
         if not isinstance(meta["plan"], dict):
             raise OperatorError(f"{path.name} was recorded without a plan: it has no run to resume", "begin a new one")
         plan = build(Plan, meta["plan"], f"the plan of {path.name}")
@@ -144,10 +136,12 @@ def read_broken_run(path: Path) -> BrokenRun:
     first_cycle, complete = resume_point(plan, list(marks))
     if complete >= plan.cycles:
         raise OperatorError(f"{path.name} has all its {plan.cycles} cycles", "begin a new recording")
-    if layout_version(path) < SCHEMA_VERSION:
+    if schema.layout_version(path) < schema.SCHEMA_VERSION:
         raise OperatorError(f"{path.name} has the layout of an older program", f"boat-daq upgrade {path}")
-    cause = str(RunEnd.INTERRUPTED) if meta["status"] == "recording" else str(meta["stop_reason"] or meta["status"])
-    return BrokenRun(path, meta, plan, marks, readings, first_cycle, complete, cause)
+    cause = (
+        str(schema.RunEnd.INTERRUPTED) if meta["status"] == "recording" else str(meta["stop_reason"] or meta["status"])
+    )
+    return BrokenRun(path, meta, plan, marks, readings, first_cycle, complete, str(ended))
 
 
 def prepare_resumption(path: Path, *, progress: Callable[[float, float], None] | None = None) -> BrokenRun:
@@ -189,7 +183,7 @@ def reopen(broken: BrokenRun, metadata: Mapping[str, Any]) -> tuple[RecordingFil
     try:
         counters = _count(broken.path)
         entry = _break(broken, counters, metadata)
-        breaks = [*breaks_of(broken.meta), entry]
+        breaks = [*schema.breaks_of(broken.meta), entry]
         ended = ("ended_utc", "ended_host_ns", "stop_reason", "run_end")
         reopened = {"status": "recording", **dict.fromkeys(ended), "resumptions": breaks}
         event = (
@@ -210,7 +204,7 @@ def _count(path: Path) -> Counters:
         SELECT {", ".join(counts)}, (SELECT coalesce(max(id), 0) FROM chunk) AS chunks,
             (SELECT coalesce(sum(length(raw)), 0) FROM chunk) AS bytes,
             (SELECT coalesce(sum(n), 0) FROM block) AS samples"""  # noqa: S608 - names are ours
-    with closing(open_recording(path)) as db:
+    with closing(schema.open_recording(path)) as db:
         found = db.execute(sql)
         return Counters(**dict(zip((column[0] for column in found.description), found.fetchone(), strict=True)))
 

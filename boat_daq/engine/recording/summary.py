@@ -14,15 +14,7 @@ from typing import Any
 
 from boat_daq.engine.recording.file import is_being_written
 from protocol.errors import DamagedRecordingError
-from protocol.recording import (
-    RunEnd,
-    breaks_of,
-    layout_version,
-    open_recording,
-    read_session,
-    run_end_of,
-    session_dtype,
-)
+from protocol.recording import schema
 from protocol.recording.checks import DAMAGE, bytes_of
 
 
@@ -79,7 +71,7 @@ class Summary:
     started_utc: str
     ended_utc: str | None
     stop_reason: str | None
-    run_end: RunEnd | None  # the code of it; None while it is in progress, or was interrupted
+    run_end: schema.RunEnd | None  # the code of it; None while it is in progress, or was interrupted
     duration_s: float  # board time of all segments
     rate_hz: float | None  # samples that came for each second of it
     rate_sampled_hz: float | None  # those lost on the way counted too: the board's own rate
@@ -108,7 +100,7 @@ def summarise(path: Path) -> Summary:
     ------
     RecordingError : not a recording, or damaged.
     """
-    with closing(open_recording(path)) as db:
+    with closing(schema.open_recording(path)) as db:
         try:
             return _summarise(path, db)
         except DAMAGE as error:
@@ -116,10 +108,10 @@ def summarise(path: Path) -> Summary:
 
 
 def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
-    meta = read_session(db)
+    meta = schema.read_session(db)
     segments = tuple(_segments(db))
     samples = sum(segment.samples for segment in segments)
-    if samples * session_dtype(meta).itemsize > bytes_of(path):
+    if samples * schema.session_dtype(meta).itemsize > bytes_of(path):
         cause = f"{path} claims {samples} samples, more samples than its size can hold"
         raise DamagedRecordingError(cause, f"boat-daq recover {path}")
     duration_s = sum(segment.duration_s for segment in segments)
@@ -135,7 +127,7 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
         status=status,
         simulated=bool(meta["simulated"]),
         **{key: meta[key] for key in (*stored, "stop_reason")},
-        run_end=run_end_of(meta),
+        run_end=schema.run_end_of(meta),
         duration_s=duration_s,
         rate_hz=_rate(samples, len(segments), duration_s),
         rate_sampled_hz=_rate(samples + int(lost), len(segments), duration_s),
@@ -153,8 +145,8 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
         readings=counts[1],
         results=counts[2],
         size_bytes=path.stat().st_size,
-        layout=layout_version(path),
-        breaks=tuple(_break(entry) for entry in breaks_of(meta)),
+        layout=schema.layout_version(path),
+        breaks=tuple(_break(entry) for entry in schema.breaks_of(meta)),
     )
 
 

@@ -53,17 +53,7 @@ from protocol.link.events import (
     WrongProtocol,
 )
 from protocol.link.framing import Frame, FrameReader
-from protocol.link.messages import (
-    COMMAND_TYPES,
-    PROTOCOL_VERSION,
-    Ack,
-    Command,
-    Identify,
-    SetPressure,
-    Start,
-    Stop,
-    Vent,
-)
+from protocol.link.messages import PROTOCOL_VERSION, Ack, Command, Identify, Start, Stop, Vent
 from protocol.link.sample_stream import Rows, SampleStream, implausible
 from protocol.recording import SampleFlag, SampleKind, sample_dtype
 
@@ -71,7 +61,7 @@ RETRY_NS = 250_000_000
 LATE_NS = 100_000_000  # twice as long as a read waits: so late a caller was stalled itself
 ATTEMPTS = 3
 _SUPERSEDES: dict[type[Command], type[Command]] = {
-    Vent: SetPressure,
+    Vent: messages.SetPressure,
     Start: Stop,
     Stop: Start,
 }
@@ -180,7 +170,8 @@ class PendingCommands:
         if isinstance(command, Identify):
             frame = b"\0" + frame
             self._expect_hello(now_ns)
-        self._pending[COMMAND_TYPES[type(command)], seq] = _Pending(command, seq, frame, now_ns, now_ns + RETRY_NS)
+        key = (messages.COMMAND_TYPES[type(command)], seq)
+        self._pending[key] = _Pending(command, seq, frame, now_ns, now_ns + RETRY_NS)
         return frame
 
     @property
@@ -245,7 +236,7 @@ class PendingCommands:
                 pending.stalls += 1
                 pending.deadline_ns = now_ns + RETRY_NS
                 continue
-            del self._pending[COMMAND_TYPES[type(pending.command)], pending.seq]
+            del self._pending[messages.COMMAND_TYPES[type(pending.command)], pending.seq]
             if missed:
                 events.append(CommandLost(pending.command, pending.seq))
         if self._queue and self._in_flight is None:

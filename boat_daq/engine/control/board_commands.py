@@ -116,9 +116,8 @@ class BoardCommands:
 
     def send(self, command: Command, *, feeds: bool = False) -> None:
         """Send a command, where the link takes it; `feeds` as in `Send`."""
-        if not self.can_write or not (
-            self.can_command or isinstance(command, messages.Identify | messages.Start | messages.Stop)
-        ):
+        harmless = isinstance(command, messages.Identify | messages.Start | messages.Stop)
+        if not self.can_write or not (self.can_command or harmless):
             return
         if isinstance(command, Vent):
             self.vent_sent()

@@ -429,8 +429,5 @@ class Controller:
 
 
 def _boot_reason(value: int) -> str:
-    return (
-        messages.BootReason(value).name.lower().replace("_", " ")
-        if value <= max(messages.BootReason)
-        else f"reason {value}"
-    )
+    known = value <= max(messages.BootReason)
+    return messages.BootReason(value).name.lower().replace("_", " ") if known else f"reason {value}"

@@ -138,9 +138,7 @@ def read_broken_run(path: Path) -> BrokenRun:
         raise OperatorError(f"{path.name} has all its {plan.cycles} cycles", "begin a new recording")
     if schema.layout_version(path) < schema.SCHEMA_VERSION:
         raise OperatorError(f"{path.name} has the layout of an older program", f"boat-daq upgrade {path}")
-    cause = (
-        str(schema.RunEnd.INTERRUPTED) if meta["status"] == "recording" else str(meta["stop_reason"] or meta["status"])
-    )
+    ended = schema.RunEnd.INTERRUPTED if meta["status"] == "recording" else meta["stop_reason"] or meta["status"]
     return BrokenRun(path, meta, plan, marks, readings, first_cycle, complete, str(ended))
 
 

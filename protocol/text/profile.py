@@ -46,18 +46,8 @@ from pathlib import Path
 from typing import Any
 
 from protocol.errors import ProfileError
-from protocol.link.messages import (
-    SENSORS_MAX,
-    ClearFault,
-    Command,
-    Heartbeat,
-    Identify,
-    SetLimits,
-    SetPressure,
-    Start,
-    Stop,
-    Vent,
-)
+from protocol.link import messages
+from protocol.link.messages import Command
 from protocol.recording import SampleKind
 from protocol.text.delimited_lines import LineFormat
 from protocol.text.rx8 import PacketFormat, parse_format
@@ -83,26 +73,26 @@ def _ramps(pascal_per_s: int) -> Values:
 def _values(command: Command) -> Values:
     """Return the values of the fields of a command's template."""
     match command:
-        case SetPressure():
+        case messages.SetPressure():
             return {**_pressures("", command.target_pa), **_ramps(command.ramp_pa_per_s)}
-        case SetLimits():
+        case messages.SetLimits():
             return {**_pressures("min_", command.min_pa), **_pressures("max_", command.max_pa)}
-        case Start():
+        case messages.Start():
             return {"rate_hz": command.rate_hz, "period_ms": 1000 / max(command.rate_hz, 1)}
-        case Heartbeat():
+        case messages.Heartbeat():
             return {"timeout_ms": command.timeout_ms}
     return {}
 
 
 COMMANDS: dict[str, Command] = {  # key of the profile -> an example of its command
-    "identify": Identify(),
-    "start": Start(100),
-    "stop": Stop(),
-    "set_pressure": SetPressure(-40_000, 10_000),
-    "vent": Vent(),
-    "heartbeat": Heartbeat(1000),
-    "clear_fault": ClearFault(),
-    "set_limits": SetLimits(-50_000, 60_000),
+    "identify": messages.Identify(),
+    "start": messages.Start(100),
+    "stop": messages.Stop(),
+    "set_pressure": messages.SetPressure(-40_000, 10_000),
+    "vent": messages.Vent(),
+    "heartbeat": messages.Heartbeat(1000),
+    "clear_fault": messages.ClearFault(),
+    "set_limits": messages.SetLimits(-50_000, 60_000),
 }
 
 
@@ -298,7 +288,7 @@ def _table(content: Any, prefix: str, rules: _Rules) -> dict[str, Any]:
 
 def _check_device(device: dict[str, Any]) -> None:
     ranges = {
-        "n_sensors": (1, SENSORS_MAX), "rate_hz": (0.01, 65_535), "vref_mv": (0, 65_535), "adc_bits": (0, 16),
+        "n_sensors": (1, messages.SENSORS_MAX), "rate_hz": (0.01, 65_535), "vref_mv": (0, 65_535), "adc_bits": (0, 16),
     }  # fmt: skip
     for key, (low, high) in ranges.items():
         if not low <= device[key] <= high:

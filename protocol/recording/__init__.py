@@ -1,6 +1,34 @@
 """The recording: its schema, checks of untrusted files, and files of elongations.
 
-`from protocol.recording import ...` is the public interface of this package: all of `schema`.
+`from protocol.recording import ...` is the public interface of this package: what is imported here.
 """
 
-from protocol.recording.schema import *  # noqa: F403 - the interface of the package is its schema's
+from protocol.recording.schema import (
+    ADDED,
+    APPLICATION_ID,
+    BRANCHES,
+    LONG_TABLES,
+    NOT_FOR_FIGURES,
+    SCHEMA_BREAK,
+    SCHEMA_VERSION,
+    SESSION_KEYS,
+    SUFFIX,
+    TABLE_NAMES,
+    TABLES,
+    BoardState,
+    RunEnd,
+    SampleFlag,
+    SampleKind,
+    breaks_of,
+    check_long_tables,
+    describe_dtype,
+    dtype_from_description,
+    layout,
+    layout_version,
+    open_recording,
+    read_session,
+    refuse_newer,
+    run_end_of,
+    sample_dtype,
+    session_dtype,
+)

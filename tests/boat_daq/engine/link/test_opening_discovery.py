@@ -16,7 +16,7 @@ import typer
 from typer.testing import CliRunner
 
 from boat_daq.commands.ports import ports
-from boat_daq.engine.link import discovery
+from boat_daq.engine.link import opening
 from boat_daq.engine.link.opening import find_board, identify_port
 from boat_daq.engine.link.transports import PortInfo, open_transport
 from protocol.link.messages import MessageType
@@ -119,7 +119,7 @@ def test_a_board_is_found_again_under_another_name(monkeypatch):
     """After a replug the port has another name; the identity finds it, and finds no other board."""
     with served(lambda _came: b"") as other, served(Board()) as port:
         found = [PortInfo(name, "") for name in (other, port)]
-        monkeypatch.setattr(discovery, "list_ports", lambda: found)
+        monkeypatch.setattr(opening, "list_ports", lambda: found)
         board_id = identify_port(port).hello.board_id
         assert find_board(board_id) == port
         assert find_board("another") is None

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 import serial
 
-from boat_daq.engine.link import replay, transports
+from boat_daq.engine.link import transports
 from boat_daq.engine.link.transports import ReplayEnded, SerialTransport, list_ports, open_error, open_transport
 from boat_daq.errors import DeviceError
 from protocol.recording import open_recording
@@ -303,7 +303,7 @@ def test_a_fast_board_is_replayed_evenly(recording, tmp_path):
         db.execute("UPDATE chunk SET host_ns = id / 20 * 20 * (SELECT 250000000 / max(id) FROM chunk)")
         db.execute("UPDATE segment SET host_ns = 0")
         first, last = db.execute("SELECT min(first_time_us), max(last_time_us) FROM block").fetchone()
-    played = list(replay._chunks(path))
+    played = list(transports._chunks(path))
     assert b"".join(raw for _, raw in played) == raw_of(path)
     times = np.array([at for at, _ in played])
     assert times[-1] == pytest.approx((last - first) / 1e6, rel=0.05)

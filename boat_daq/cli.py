@@ -49,13 +49,16 @@ def start(
         gui.gui()
 
 
-COMMANDS = (  # in the order of --help; each is the function in the module of its name
-    ("gui", "demo", "ports", "board", "record", "importing", "recover", "upgrade", "verify", "info"),
-    ("analyze", "report", "batch", "history", "strokes", "tradeoff", "atlas", "export", "fit", "qualify", "bugreport"),
+COMMANDS = (  # in the order of --help; each is a function in the module named, or of its own name
+    ("gui", "demo", "ports", "board", "record", "importing"),
+    ("recordings.recover", "recordings.upgrade", "recordings.verify", "recordings.info", "analyze", "report"),
+    ("folders.batch", "folders.history", "strokes", "methods.tradeoff", "methods.atlas", "export", "fit"),
+    ("qualify", "bugreport"),
 )
 for command in chain.from_iterable(COMMANDS):
-    name = "import" if command == "importing" else command
-    app.command(name)(getattr(import_module(f"boat_daq.commands.{command}"), command))
+    module, _, function = command.rpartition(".")
+    name = "import" if function == "importing" else function
+    app.command(name)(getattr(import_module(f"boat_daq.commands.{module or function}"), function))
 for name, group in (("optics", optics.app), ("shadow", shadow.app)):
     app.add_typer(group, name=name)
 

@@ -43,7 +43,8 @@ import string
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from types import NoneType, UnionType
+from typing import Any, get_args
 
 from protocol.errors import ProfileError
 from protocol.link import messages
@@ -139,43 +140,22 @@ def _check(key: str, text: str, values: Values) -> None:
 _US_PER_UNIT = {"s": 1e6, "ms": 1e3, "us": 1.0}
 _SENSOR = re.compile(r"s([1-9])_(lit|dark|signal)")
 _FILE_MAX = 100_000  # characters
-_NUMBER = (int, float)
+_NUMBER = int | float
 
-_Rules = dict[str, tuple[type | tuple[type, ...], Any]]  # key -> (type, default); `...` means required
-_TOP: _Rules = {
-    "name": (str, ...),
-    "kind": (str, ...),
-    "device": (dict, ...),
-    "lines": (dict, {}),
-    "rx8": (dict, {}),
-    "commands": (dict, {}),
+Rules = dict[str, Any]  # key -> its type, where it is required (with None: may be left out); else its default
+_TOP: Rules = {"name": str, "kind": str, "device": dict, "lines": {}, "rx8": {}, "commands": {}}
+_DEVICE: Rules = {"n_sensors": int, "rate_hz": _NUMBER, "vref_mv": 0, "adc_bits": 0, "polarity": 1}
+_DEVICE |= dict.fromkeys(("pressure_min_kpa", "pressure_max_kpa"), _NUMBER | None)
+_LINES: Rules = {
+    "delimiter": ",",
+    "line_end": "\n",
+    "decimal": ".",
+    "comments": [],
+    "checksum": "none",
+    "fields": list,
 }
-_DEVICE: _Rules = {
-    "n_sensors": (int, ...),
-    "rate_hz": (_NUMBER, ...),
-    "vref_mv": (int, 0),
-    "adc_bits": (int, 0),
-    "polarity": (int, 1),
-    "pressure_min_kpa": (_NUMBER, None),
-    "pressure_max_kpa": (_NUMBER, None),
-}
-_LINES: _Rules = {
-    "delimiter": (str, ","),
-    "line_end": (str, "\n"),
-    "decimal": (str, "."),
-    "comments": (list, []),
-    "checksum": (str, "none"),
-    "fields": (list, ...),
-}
-_RX8: _Rules = {"format": (str, ...), "variables": (dict, ...)}
-_FIELD: _Rules = {
-    "name": (str, ...),
-    "unit": (str, None),
-    "scale": (_NUMBER, 1.0),
-    "offset": (_NUMBER, 0.0),
-    "wraps_at": (int, None),
-    "signed": (bool, False),
-}
+_RX8: Rules = {"format": str, "variables": dict}
+_FIELD: Rules = {"name": str, "unit": str | None, "scale": 1.0, "offset": 0.0, "wraps_at": int | None, "signed": False}
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,22 +248,29 @@ def _read(path: Path) -> str:
     return text
 
 
-def _table(content: Any, prefix: str, rules: _Rules) -> dict[str, Any]:
+def _table(content: Any, prefix: str, rules: Rules) -> dict[str, Any]:
     """Return a table with its defaults filled in; unknown keys, wrong types and missing keys are refused by name."""
     if not isinstance(content, dict):
         raise ProfileError(f"{prefix.rstrip('.')} is not a table", "see the example profiles of boat-daq")
     for key, value in content.items():
         if key not in rules:
             raise ProfileError(f"unknown key {prefix}{key:.60}", f"allowed here: {', '.join(rules)}")
-        expected = rules[key][0]
+        expected = _type_of(rules[key])
         if not isinstance(value, expected) or (isinstance(value, bool) and expected is not bool):
-            kinds = expected if isinstance(expected, tuple) else (expected,)
+            kinds = [kind for kind in get_args(expected) or (expected,) if kind is not NoneType]
             names = " or ".join(kind.__name__ for kind in kinds)
             raise ProfileError(f"{prefix}{key} is {value!r:.60}, not of type {names}", f"write a value of type {names}")
-    for key, (_, default) in rules.items():
-        if default is ... and key not in content:
+    for key, rule in rules.items():
+        if rule is _type_of(rule) and key not in content and not isinstance(None, rule):
             raise ProfileError(f"the key {prefix}{key} is missing", "add it; see the example profiles of boat-daq")
-    return {key: content.get(key, default) for key, (_, default) in rules.items()}
+    return {key: content.get(key, None if rule is _type_of(rule) else rule) for key, rule in rules.items()}
+
+
+def _type_of(rule: Any) -> Any:
+    """Return the type that a rule accepts: itself, or that of its default."""
+    if isinstance(rule, type | UnionType):
+        return rule
+    return _NUMBER if isinstance(rule, float) else type(rule)
 
 
 def _check_device(device: dict[str, Any]) -> None:
@@ -407,5 +394,5 @@ def _column(entry: dict[str, Any], device: dict[str, Any]) -> ProfileColumn:
 
 
 def _templates(commands: dict[str, Any]) -> dict[str, Template]:
-    texts = _table(commands, "commands.", dict.fromkeys(COMMANDS, (str, None)))
+    texts = _table(commands, "commands.", dict.fromkeys(COMMANDS, str | None))
     return {key: compile_template(key, text) for key, text in texts.items() if text is not None}

@@ -18,8 +18,8 @@ import pytest
 
 from analysis import analyse, load_recording
 from analysis.segmentation.cycles import find_cycles
-from boat_daq.commands.info import info
 from boat_daq.commands.record import record
+from boat_daq.commands.recordings import info
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.recording.resumption import prepare_resumption, read_broken_run
 from boat_daq.engine.recording.summary import summarise

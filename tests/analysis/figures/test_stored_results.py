@@ -11,7 +11,7 @@ import pytest
 
 from analysis import Analysis, Options, Recording, analyse
 from analysis.figures.stored_results import code_state, reproduce, store_analysis
-from boat_daq.commands.verify import reanalyse
+from boat_daq.commands.recordings import reanalyse
 from boat_daq.engine.recording.verify import verify_recording
 from tests.analysis.boat_builder import Staircase, write_boat
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from boat_daq.commands.verify import reanalyse
+from boat_daq.commands.recordings import reanalyse
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.recovery import recover

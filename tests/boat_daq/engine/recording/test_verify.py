@@ -261,7 +261,7 @@ def run(command, *arguments: str):
 
 def test_the_command_prints_identical_and_exits_0_or_1(copy):
     """`verify` suits scripts: one line, one JSON object, one exit code."""
-    from boat_daq.commands.verify import verify
+    from boat_daq.commands.recordings import verify
 
     assert run(verify, str(copy)).stdout.strip() == "identical"
     as_json = run(verify, str(copy), "--json")
@@ -276,7 +276,7 @@ def test_the_command_prints_identical_and_exits_0_or_1(copy):
 
 def test_info_sums_a_recording_up(recording):
     """Times, rate, gaps and segments as the file holds them."""
-    from boat_daq.commands.info import info
+    from boat_daq.commands.recordings import info
 
     shown = json.loads(run(info, str(recording), "--json").stdout)
     samples = rows(recording, "SELECT sum(n) FROM block")[0][0]
@@ -293,7 +293,7 @@ def test_info_sums_a_recording_up(recording):
 
 def test_recover_prints_what_it_did(recording):
     """A closed recording: nothing to do, exit 0."""
-    from boat_daq.commands.recover import recover
+    from boat_daq.commands.recordings import recover
 
     done = run(recover, str(recording), "--json")
     assert done.exit_code == 0

@@ -1,0 +1,155 @@
+"""`boat-daq recover`, `upgrade`, `verify` and `info`: one recording as a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from boat_daq.commands.console import JsonOption, present, progress_bar
+from boat_daq.commands.options import RecordingArgument
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from boat_daq.engine.recording.summary import Summary
+    from boat_daq.engine.recording.verify import StoredResult, Verification
+
+
+def recover(
+    file: Annotated[Path, typer.Argument(metavar="FILE.boat", help="A recording that was not closed, or is damaged.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Close the recording of a killed session, or copy what is readable of a damaged file into a new one.
+
+    A damaged file itself is never changed.
+
+    Example: boat-daq recover recordings/run.boat
+    """
+    from boat_daq.engine.recording.recovery import recover as recover_file
+
+    with progress_bar("checking") as progress:
+        recovery = recover_file(file, progress=progress)
+    results = {
+        "recovered": "recovered: the recording was interrupted and is now closed",
+        "salvaged": f"damaged: the readable part is in {recovery.path}",
+        "closed": "the recording was closed properly; nothing to do",
+    }
+    result = results.get(recovery.status, f"the recording is {recovery.status}; nothing to do")
+    text = f"{result} ({recovery.samples} samples, {recovery.chunks} chunks)"
+    present(recovery, text, *(f"  {line}" for line in recovery.damaged), as_json=as_json)
+
+
+def upgrade(
+    file: Annotated[Path, typer.Argument(metavar="FILE.boat", help="A recording of an older program.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Bring an older recording to the present layout; the original file is kept as a backup beside it.
+
+    Older recordings can be read without it; it is needed only before adding to one.
+
+    Example: boat-daq upgrade recordings/run.boat
+    """
+    from boat_daq.engine.recording.upgrade import upgrade as upgrade_file
+
+    done = upgrade_file(file)
+    text = f"upgraded from layout {done.version_before} to {done.version}; the original is {done.backup}"
+    if done.backup is None:
+        text = f"{file} has layout {done.version} already; nothing to do"
+    present(done, text, as_json=as_json)
+
+
+IMPORTED = "import:"  # scheme of the port of a recording imported from a CSV
+
+
+def verify(run: RecordingArgument, as_json: JsonOption = False) -> None:
+    """Derive a run again, from its raw bytes to its figures, and print `identical` or the first difference.
+
+    Example: boat-daq verify recordings/run.boat
+    """
+    from boat_daq.engine.recording.summary import summarise
+    from boat_daq.engine.recording.verify import verify_recording
+
+    with progress_bar("verifying") as progress:
+        if (summarise(run).port or "").startswith(IMPORTED):
+            verdict = verify_import(run)
+        else:
+            from analysis.figures.stored_results import code_state
+
+            verdict = verify_recording(run, reanalyse=reanalyse, code=code_state(), progress=progress)
+    present(verdict, "identical" if verdict.identical else f"different: {verdict.difference}", as_json=as_json)
+    if not verdict.identical:
+        raise typer.Exit(1)
+
+
+def reanalyse(run: Path, stored: StoredResult) -> dict[str, Any] | None:
+    """Return a stored analysis computed anew; None for other kinds, and for those that used other files."""
+    from analysis.figures.stored_results import reproduce
+
+    return reproduce(run, stored.id, stored.parameters) if stored.kind == "analysis" else None
+
+
+def verify_import(run: Path) -> Verification:
+    """Return the comparison of an imported recording with a new import of its stored CSV."""
+    import time
+
+    from analysis.data.import_check import first_difference
+    from boat_daq.engine.recording.summary import summarise
+    from boat_daq.engine.recording.verify import Verification
+
+    begun = time.perf_counter()
+    difference = first_difference(run)
+    return Verification(not difference, difference, summarise(run).samples, 0, 0, time.perf_counter() - begun)
+
+
+def info(run: RecordingArgument, as_json: JsonOption = False) -> None:
+    """Summarise a run: operator, unit, time, duration, rate, gaps, segments and cycles.
+
+    Example: boat-daq info recordings/run.boat
+    """
+    from boat_daq.engine.recording.summary import summarise
+
+    summary = summarise(run)
+    # no text of a file controls the terminal
+    lines = (f"{name:<12}" + "".join(c if c.isprintable() else "?" for c in value) for name, value in _lines(summary))
+    present(summary, *lines, as_json=as_json)
+
+
+def _lines(summary: Summary) -> Iterator[tuple[str, str]]:
+    """Yield the name and the text of each line."""
+    from protocol.recording import SCHEMA_VERSION
+
+    yield "recording", f"{summary.path}{'   SIMULATED' if summary.simulated else ''}"
+    status = summary.status if summary.stop_reason is None else f"{summary.status}, {summary.stop_reason}"
+    yield "status", status + ("   (boat-daq recover closes it)" if summary.status == "interrupted" else "")
+    yield "operator", summary.operator or "-"
+    yield "unit", f"{summary.unit or '-'} on board {summary.board_id or '-'} at {summary.port or '-'}"
+    if summary.note:
+        yield "note", summary.note
+    yield "started", summary.started_utc
+    yield "ended", summary.ended_utc or "-"
+    rate = "-" if summary.rate_hz is None else f"{summary.rate_hz:.2f} Hz"
+    if summary.lost_samples and summary.rate_sampled_hz is not None:
+        rate += f" received of {summary.rate_sampled_hz:.2f} Hz"
+    requested = f"requested: {summary.rate_asked_hz or '-'} Hz"
+    yield "samples", f"{summary.samples} in {summary.duration_s:.2f} s, {rate} ({requested})"
+    yield "lost", f"{summary.lost_samples} samples in {summary.gaps} gaps, {summary.damaged_frames} damaged frames"
+    if summary.pressure_min_kpa is not None and summary.pressure_max_kpa is not None:
+        yield "pressure", f"{summary.pressure_min_kpa:.1f} to {summary.pressure_max_kpa:.1f} kPa"
+    for segment in summary.segments:
+        extent = f"{segment.samples} samples, {segment.duration_s:.2f} s{', paused' if segment.paused else ''}"
+        yield f"segment {segment.number}", f"{segment.reason}: {extent}"
+    for broken in summary.breaks:
+        duration = "" if broken.break_s is None else f" for {broken.break_s:.0f} s"
+        yield (
+            "break",
+            f"{broken.cause} after {broken.complete_cycles} complete cycles{duration}; "
+            f"resumed at cycle {broken.first_cycle}, segment {broken.first_segment}, {broken.utc}",
+        )
+    yield "cycles", f"{summary.cycles.complete} complete, {summary.cycles.partial} partial, {summary.steps} steps"
+    yield "readings", f"{summary.readings}; results: {summary.results}"
+    layout = f"layout {summary.layout}"
+    if summary.layout < SCHEMA_VERSION:
+        layout += f" of {SCHEMA_VERSION}   (boat-daq upgrade brings it up to date)"
+    yield "written by", f"boat-daq {summary.program_version}, {summary.size_bytes / 1e6:.1f} MB, {layout}"

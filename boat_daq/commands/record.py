@@ -127,18 +127,14 @@ def broken_run(path: Path, plan: str | None, changes: dict[str, Any], *, unit: s
 
     broken = read_broken_run(path)
     if unit and unit != broken.unit:
-        raise OperatorError(
-            f"{path.name} was recorded with unit {broken.unit or 'not named'}, not {unit}",
-            "mount that unit, or begin a new recording",
-        )
+        cause = f"{path.name} was recorded with unit {broken.unit or 'not named'}, not {unit}"
+        raise OperatorError(cause, "mount that unit, or begin a new recording")
     if plan is not None or changes:
         broken.check_plan((broken.plan if plan is None else load_plan(plan)).changed(**changes))
     with progress_bar("checking") as progress:
         broken = prepare_resumption(path, progress=progress)
-    notify(
-        f"{path.name}: {broken.cause} after {broken.complete_cycles} complete cycles; "
-        f"resuming at cycle {broken.first_cycle}"
-    )
+    whole = f"{broken.complete_cycles} complete cycles"
+    notify(f"{path.name}: {broken.cause} after {whole}; resuming at cycle {broken.first_cycle}")
     return broken
 
 

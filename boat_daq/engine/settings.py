@@ -203,10 +203,8 @@ class UnitLibrary:
         """
         stored = self.load(unit.name)
         if unit.history[: len(stored.history)] != stored.history:
-            raise OperatorError(
-                f"unit {unit.name}: a stored calibration is missing",
-                "keep the entries of the stored history and add to them",
-            )
+            remedy = "keep the entries of the stored history and add to them"
+            raise OperatorError(f"unit {unit.name}: a stored calibration is missing", remedy)
         table = dataclasses.asdict(unit)
         table["history"] = [{**entry, "content": json.dumps(dict(entry["content"]))} for entry in table["history"]]
         write_whole(self._path(unit), tomli_w.dumps(table))

@@ -325,10 +325,8 @@ def refuse_newer(path: Path) -> None:
     """
     version = layout_version(path)
     if version > SCHEMA_VERSION:
-        raise RecordingError(
-            f"{path} has layout {version}, this program writes {SCHEMA_VERSION} and can only read it",
-            "Update boat-daq to add to it.",
-        )
+        cause = f"{path} has layout {version}, this program writes {SCHEMA_VERSION} and can only read it"
+        raise RecordingError(cause, "Update boat-daq to add to it.")
 
 
 def run_end_of(meta: Mapping[str, Any]) -> RunEnd | None:

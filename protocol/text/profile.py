@@ -303,10 +303,8 @@ def _lines(table: dict[str, Any]) -> tuple[list[dict[str, Any]], LineFormat]:
     if len(table["delimiter"]) != 1 or table["decimal"] not in (".", ",") or table["delimiter"] == table["decimal"]:
         raise ProfileError("lines.delimiter must be one character, lines.decimal another one: . or ,", "correct them")
     if table["line_end"] not in ("\n", "\r", "\r\n") or table["checksum"] not in ("none", "nmea"):
-        raise ProfileError(
-            f"lines.line_end = {table['line_end']!r} with lines.checksum = {table['checksum']!r}",
-            r'line ends are "\n", "\r\n" or "\r", checksums "none" or "nmea"',
-        )
+        cause = f"lines.line_end = {table['line_end']!r} with lines.checksum = {table['checksum']!r}"
+        raise ProfileError(cause, r'line ends are "\n", "\r\n" or "\r", checksums "none" or "nmea"')
     comments = table["comments"]
     if not all(isinstance(comment, str) and comment for comment in comments):
         raise ProfileError(f"lines.comments = {comments!r:.60}", 'write a list of prefixes such as ["#"]')
@@ -364,10 +362,8 @@ def _sample_kind(names: list[str], device: dict[str, Any]) -> SampleKind:
         return "counts"
     if given == signal:
         return "signal"
-    raise ProfileError(
-        f"the sensors' fields are {', '.join(sorted(given)) or 'missing'}",
-        f"give {', '.join(sorted(counts))}, or {', '.join(sorted(signal))}, and no other",
-    )
+    remedy = f"give {', '.join(sorted(counts))}, or {', '.join(sorted(signal))}, and no other"
+    raise ProfileError(f"the sensors' fields are {', '.join(sorted(given)) or 'missing'}", remedy)
 
 
 def _column(entry: dict[str, Any], device: dict[str, Any]) -> ProfileColumn:

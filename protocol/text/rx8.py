@@ -71,10 +71,8 @@ def parse_format(text: str) -> PacketFormat:
             )
     length = len(head) + len(marks) + len(tail)
     if not places or length > _PACKET_MAX:
-        raise ProfileError(
-            f"rx8.format has no variable, or more than {_PACKET_MAX} bytes",
-            "give one @nNAME or more, in shorter packets",
-        )
+        cause = f"rx8.format has no variable, or more than {_PACKET_MAX} bytes"
+        raise ProfileError(cause, "give one @nNAME or more, in shorter packets")
     variables = tuple((name, tuple(bytes_[n] for n in sorted(bytes_))) for name, bytes_ in places.items())
     return PacketFormat(head, tail, length, variables)
 

@@ -97,15 +97,11 @@ class Interlock:
         if not math.isfinite(target_kpa):
             raise OperatorError(f"{target_kpa} is not a pressure")
         if target_kpa > limits.max_kpa + 1e-9:
-            raise OperatorError(
-                f"{target_kpa:g} kPa is above the {limits.max_source}'s limit of {limits.max_kpa:g} kPa",
-                "choose a lower pressure",
-            )
+            text = f"{target_kpa:g} kPa is above the {limits.max_source}'s limit of {limits.max_kpa:g} kPa"
+            raise OperatorError(text, "choose a lower pressure")
         if target_kpa < limits.min_kpa - 1e-9:
-            raise OperatorError(
-                f"{target_kpa:g} kPa is below the {limits.min_source}'s limit of {limits.min_kpa:g} kPa",
-                "choose a higher pressure",
-            )
+            text = f"{target_kpa:g} kPa is below the {limits.min_source}'s limit of {limits.min_kpa:g} kPa"
+            raise OperatorError(text, "choose a higher pressure")
 
     def authorise(self, target_kpa: float, ramp_kpa_per_s: float) -> SetPressure:
         """Return the command for a pressure: no other function makes one.

@@ -17,7 +17,6 @@ from boat_daq.errors import OperatorError
 from protocol.link.messages import SetLimits
 
 ZERO_SAMPLES = 50
-ZERO_TOLERANCE_KPA = 1.0  # of the pressure sensor, on a vented unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,25 +31,6 @@ class Check:
     def ok(self) -> bool:
         """Whether the check is passed."""
         return not self.problem
-
-
-def zero_check(pressure_kpa: float | None, *, vented: bool, tolerance_kpa: float = ZERO_TOLERANCE_KPA) -> Check:
-    """Return whether the pressure sensor reads zero on a vented unit.
-
-    Parameters
-    ----------
-    pressure_kpa : mean of the last samples; None when there are none.
-    vented : whether the board reports that it is idle or vented.
-    tolerance_kpa : of the sensor's zero.
-    """
-    if pressure_kpa is None:
-        return Check("zero", "no pressure is known yet", "wait for samples")
-    if not vented:
-        return Check("zero", f"the unit is under pressure ({pressure_kpa:.1f} kPa)", "vent it first")
-    if not abs(pressure_kpa) <= tolerance_kpa:
-        text = f"the pressure reads {pressure_kpa:.2f} kPa on a vented unit (tolerance {tolerance_kpa:g} kPa)"
-        return Check("zero", text, "wait until it has vented, or check the zero of the sensor")
-    return Check("zero")
 
 
 def require(checks: list[Check]) -> None:
@@ -122,13 +102,24 @@ class Preflight:
         tolerance_kpa : of the sensor's zero.
         """
         latched, limits = self._interlock.latched, self._interlock.limits
-        recent = math.fsum(self.recent_kpa) / len(self.recent_kpa) if self.recent_kpa else None
         return [
             Check("link") if up else Check("link", "no samples arrive from the board", "check the link"),
             Check("limits") if limits else Check("limits", "no limits are known", "connect a board"),
             Check("fault", latched.cause, latched.remedy or "clear the fault first") if latched else Check("fault"),
-            zero_check(recent, vented=vented, tolerance_kpa=self._zero_tolerance_kpa),
+            self._zero_check(vented=vented),
         ]
+
+    def _zero_check(self, *, vented: bool) -> Check:
+        """Return whether the pressure sensor reads zero on a vented unit."""
+        if not self.recent_kpa:
+            return Check("zero", "no pressure is known yet", "wait for samples")
+        recent_kpa, tolerance_kpa = math.fsum(self.recent_kpa) / len(self.recent_kpa), self._zero_tolerance_kpa
+        if not vented:
+            return Check("zero", f"the unit is under pressure ({recent_kpa:.1f} kPa)", "vent it first")
+        if not abs(recent_kpa) <= tolerance_kpa:
+            text = f"the pressure reads {recent_kpa:.2f} kPa on a vented unit (tolerance {tolerance_kpa:g} kPa)"
+            return Check("zero", text, "wait until it has vented, or check the zero of the sensor")
+        return Check("zero")
 
     def require_plan(self, plan: Plan) -> None:
         """Refuse a plan outside the limits.

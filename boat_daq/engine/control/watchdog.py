@@ -77,11 +77,6 @@ class Feeder:
         if isinstance(command, Heartbeat) and command.timeout_ms:
             self.armed_ms = command.timeout_ms
 
-    def refused(self, command: Heartbeat) -> None:
-        """Note a refusal: of arming, then it is not armed; of disarming, then it stays."""
-        if command.timeout_ms:
-            self.armed_ms = 0
-
     def repeats_are_late(self, speed: float) -> bool:
         """Whether the repeats of an unanswered command are too rare to feed the watchdog."""
         return REPEAT_MS * speed > REPEATS_WITHIN * self.armed_ms

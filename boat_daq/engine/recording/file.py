@@ -81,10 +81,8 @@ class WriterLock:
             ) from error
         if not locked:
             os.close(self._descriptor)
-            raise StorageError(
-                f"{recording} is being written by another program",
-                "Wait until that program has closed it.",
-            )
+            remedy = "Wait until that program has closed it."
+            raise StorageError(f"{recording} is being written by another program", remedy)
 
     def close(self) -> None:
         """Release the lock; may be called twice."""
@@ -131,9 +129,8 @@ def check_recording_name(path: Path) -> None:
     OperatorError : wrong ending, or refused by `check_file_name`.
     """
     if path.suffix != schema.SUFFIX:
-        raise OperatorError(
-            f"{path.name!r} does not end in {schema.SUFFIX}", f"Call it {path.stem or 'run'}{schema.SUFFIX}"
-        )
+        remedy = f"Call it {path.stem or 'run'}{schema.SUFFIX}"
+        raise OperatorError(f"{path.name!r} does not end in {schema.SUFFIX}", remedy)
     check_file_name(path.name)
 
 
@@ -189,9 +186,8 @@ class RecordingFile:
             return cls(path, connection, lock)
         except FileExistsError:
             lock.close()
-            raise OperatorError(
-                f"{path} exists already", "A recording is never overwritten: choose another name."
-            ) from None
+            remedy = "A recording is never overwritten: choose another name."
+            raise OperatorError(f"{path} exists already", remedy) from None
         except (OSError, sqlite3.Error) as error:
             lock.close()
             raise storage_error(path, error) from error
@@ -248,9 +244,8 @@ class RecordingFile:
         StorageError : either of them.
         """
         if _identity(self.path) != self._identity:
-            raise StorageError(
-                f"{self.path} was moved or removed while it was recorded", "Put it back, or start again."
-            )
+            cause = f"{self.path} was moved or removed while it was recorded"
+            raise StorageError(cause, "Put it back, or start again.")
         free = shutil.disk_usage(self.path.parent).free
         if free < SPACE_FLOOR_BYTES:
             raise StorageError(f"the disk of {self.path.parent} has only {free / 1e6:.0f} MB left", "Free disk space.")
@@ -366,7 +361,5 @@ def check_space(folder: Path, *, rate_hz: float, duration_s: float, n_sensors: i
     needed = int(bytes_per_second(rate_hz, n_sensors) * duration_s) + SPACE_FLOOR_BYTES
     free = shutil.disk_usage(folder).free
     if free < needed:
-        raise StorageError(
-            f"the recording needs about {needed / 1e6:.0f} MB and {folder} has {free / 1e6:.0f} MB free",
-            "Free disk space, choose another disk, or record less.",
-        )
+        cause = f"the recording needs about {needed / 1e6:.0f} MB and {folder} has {free / 1e6:.0f} MB free"
+        raise StorageError(cause, "Free disk space, choose another disk, or record less.")

@@ -89,10 +89,8 @@ class BrokenRun:
             was, found = self.meta[key], now[key]
             if (was or None) != (found or None):
                 then, today = (str(value or "not named") for value in (was, found))
-                raise OperatorError(
-                    f"{self.path.name} was recorded with {name} {then:.60}; now it is {today:.60}",
-                    "resume it with the same board, unit and rate, or begin a new recording",
-                )
+                cause = f"{self.path.name} was recorded with {name} {then:.60}; now it is {today:.60}"
+                raise OperatorError(cause, "resume it with the same board, unit and rate, or begin a new recording")
 
     def check_plan(self, plan: Plan) -> None:
         """Refuse another plan than the recording's.
@@ -104,10 +102,8 @@ class BrokenRun:
         for key in Plan.__dataclass_fields__:
             was, given = getattr(self.plan, key), getattr(plan, key)
             if was != given:
-                raise OperatorError(
-                    f"the plan of {self.path.name} has {key} {was}, not {given}",
-                    "a broken run resumes with its own plan: omit --plan and its options",
-                )
+                cause = f"the plan of {self.path.name} has {key} {was}, not {given}"
+                raise OperatorError(cause, "a broken run resumes with its own plan: omit --plan and its options")
 
 
 def read_broken_run(path: Path) -> BrokenRun:
@@ -155,10 +151,8 @@ def prepare_resumption(path: Path, *, progress: Callable[[float, float], None] |
     broken = read_broken_run(path)
     recovery = recover(path, progress=progress)
     if recovery.damaged or recovery.path != path:
-        raise StorageError(
-            f"{path.name} is damaged: {recovery.damaged[0] if recovery.damaged else 'see boat-daq recover'}",
-            "begin a new recording; boat-daq recover saves what is readable",
-        )
+        cause = f"{path.name} is damaged: {recovery.damaged[0] if recovery.damaged else 'see boat-daq recover'}"
+        raise StorageError(cause, "begin a new recording; boat-daq recover saves what is readable")
     upgrade(path)  # rows of the present layout would not fit an older one
     return replace(read_broken_run(path), cause=broken.cause)
 

@@ -39,6 +39,11 @@ class Journal:
         self.ended: RunEnding | None = None  # the recording's last run
         self._last = 0
 
+    @property
+    def lag_ms(self) -> float:
+        """Age of the oldest thing not yet on disk."""
+        return self.recorder.lag_ms if self.recorder is not None else 0.0
+
     def begin(self, recorder: Recorder, broken: BrokenRun | None = None) -> None:
         """Begin a recording, with the steps and readings of the run that it resumes."""
         self.recorder, self.ended, self.broken = recorder, None, broken

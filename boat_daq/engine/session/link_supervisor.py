@@ -202,7 +202,9 @@ class LinkSupervisor:
         """
         reader = PortReader(port.transport, port.link)
         with self._acting() as control:
-            health = LinkHealth(lambda: reader.statistics, asked_hz=control.stream.rate_hz, lag_ms=self._lag_ms)
+            health = LinkHealth(
+                lambda: reader.statistics, asked_hz=control.stream.rate_hz, lag_ms=lambda: self._journal.lag_ms
+            )
             reader.add_sink(health)
             reader.add_sink(self._take)
             self.port, self.reader, self.health = port, reader, health
@@ -406,7 +408,3 @@ class LinkSupervisor:
             assert self.reader is not None
             self.reader.add_recorder(recorder)
         self._expected_id = None
-
-    def _lag_ms(self) -> float:
-        recorder = self._journal.recorder
-        return recorder.lag_ms if recorder is not None else 0.0

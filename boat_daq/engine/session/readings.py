@@ -107,10 +107,8 @@ def _by_branch(readings: Sequence[FileReading], plateaus: list[StepMark], near: 
     for row in readings:
         step = _plateau_of(row, plateaus, near)
         if step is None:
-            raise OperatorError(
-                f"line {row.line}: no plateau at {row.pressure_kpa:g} kPa, cycle {row.cycle}, {row.branch}",
-                "check cycle, branch (unloading or loading) and pressure; none was entered",
-            )
+            cause = f"line {row.line}: no plateau at {row.pressure_kpa:g} kPa, cycle {row.cycle}, {row.branch}"
+            raise OperatorError(cause, "check cycle, branch (unloading or loading) and pressure; none was entered")
         found.setdefault(step.number, []).append(row.elongation_mm)
     return {number: sum(values) / len(values) for number, values in found.items()}
 

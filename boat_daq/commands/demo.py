@@ -178,13 +178,10 @@ def truth_json(truth: Truth) -> dict[str, Any]:
 
 def comparison(analysis: Analysis, truth: Truth) -> list[dict[str, Any]]:
     """Return figure, unit, measured value, interval and true value, a row each."""
-    rows: list[dict[str, Any]] = []
-
-    def add(name: str, unit: str, measured: float, true: float | None, interval: tuple[float, float] | None) -> None:
-        rows.append({"figure": name, "unit": unit, "measured": measured, "interval": interval, "truth": true})
+    rows: list[tuple[str, str, float, tuple[float, float] | None, float | None]] = []
 
     def add_figure(name: str, figure: Figure, true: float, *, interval: bool = True) -> None:
-        add(name, figure.unit, figure.value, true, (figure.low, figure.high) if interval else None)
+        rows.append((name, figure.unit, figure.value, (figure.low, figure.high) if interval else None, true))
 
     for number, (sensor, true) in enumerate(zip(analysis.sensors, truth.sensors, strict=True), 1):
         if (fit := sensor.calibration) is not None:
@@ -192,13 +189,13 @@ def comparison(analysis: Analysis, truth: Truth) -> list[dict[str, Any]]:
                 COEFFICIENT_UNITS, fit.coefficients, fit.std_errors_with_reading, true.coefficients, strict=True
             )
             for k, (unit, b, error, b_true) in enumerate(terms):
-                add(f"s{number} b{k}", unit, float(b), b_true, (float(b - 2 * error), float(b + 2 * error)))
-            add(f"s{number} R²", "", fit.r2, None, None)
+                rows.append((f"s{number} b{k}", unit, float(b), (float(b - 2 * error), float(b + 2 * error)), b_true))
+            rows.append((f"s{number} R²", "", fit.r2, None, None))
         for key, label in LABELS.items():
             add_figure(f"s{number} {label}", sensor.figures[key], getattr(true, key))
     add_figure("system sensitivity", analysis.system_sensitivity, truth.system_sensitivity_mv_per_mm)
     add_figure("actuator hysteresis", analysis.actuator_hysteresis, truth.actuator_hysteresis_percent, interval=False)
-    return rows
+    return [dict(zip(("figure", "unit", "measured", "interval", "truth"), row, strict=True)) for row in rows]
 
 
 def show_comparison(rows: list[dict[str, Any]]) -> None:

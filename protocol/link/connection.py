@@ -104,7 +104,7 @@ class PendingCommands:
         self._pending: dict[tuple[int, int], _Pending] = {}
         self._queue: list[Command] = []
         self._last_answer_ns: int | None = None
-        self._hellos_due = 0  # IDENTIFYs sent whose HELLO may still arrive
+        self.hellos_due = 0  # IDENTIFYs sent whose HELLO may still arrive
         self._identified_ns = 0  # when the last of them was sent
         self.resent = 0
         self.late_answers = 0
@@ -115,11 +115,6 @@ class PendingCommands:
         if self._queue and not self._in_flight:
             return 0
         return min((pending.deadline_ns for pending in self._due_in_turn()), default=None)
-
-    @property
-    def hello_expected(self) -> bool:
-        """Whether the next HELLO can answer an IDENTIFY."""
-        return self._hellos_due > 0
 
     def send(self, command: Command, now_ns: int) -> bytes:
         """Number a command and return its frame; empty where it has to wait for its turn (`poll`)."""
@@ -193,12 +188,12 @@ class PendingCommands:
             return []
         self._last_answer_ns = now_ns
         if pending.first_ns > self._identified_ns:
-            self._hellos_due = 0  # answers come in order: no HELLO is pending any more
+            self.hellos_due = 0  # answers come in order: no HELLO is pending any more
         return [CommandDone(pending.command, pending.seq, ack.status)]
 
     def identified(self, now_ns: int) -> list[LinkEvent]:
         """Return the IDENTIFYs that a HELLO answers."""
-        self._hellos_due = max(0, self._hellos_due - 1)
+        self.hellos_due = max(0, self.hellos_due - 1)
         keys = [key for key, pending in self._pending.items() if isinstance(pending.command, Identify)]
         if keys:
             self._last_answer_ns = now_ns
@@ -252,7 +247,7 @@ class PendingCommands:
         return pending.frame
 
     def _expect_hello(self, now_ns: int) -> None:
-        self._hellos_due += 1
+        self.hellos_due += 1
         self._identified_ns = now_ns
 
 
@@ -441,7 +436,7 @@ class Connection:
                 WrongProtocol(hello.protocol, PROTOCOL_VERSION),
                 *self._pending_commands.identified(now_ns),
             ]
-        restarted = self._has_state and not self._pending_commands.hello_expected
+        restarted = self._has_state and not self._pending_commands.hellos_due
         self.hello, self._wrong_version = hello, None
         self.n_sensors, self._adc_bits = hello.n_sensors, hello.adc_bits
         self._stream.stream_may_restart()

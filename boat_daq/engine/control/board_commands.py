@@ -12,7 +12,7 @@ from typing import TypeAlias
 
 from boat_daq.engine.control.interlock import Trip
 from boat_daq.engine.control.sequencer import ControlEvent, SegmentBreak, StepChanged
-from boat_daq.engine.control.watchdog import FAST, LONGEST_MS, Feeder, SpeedMeter
+from boat_daq.engine.control.watchdog import FAST, LONGEST_MS, REPEAT_MS, REPEATS_WITHIN, Feeder, SpeedMeter
 from boat_daq.engine.snapshot import MessageKind, RunEnding
 from protocol.link import messages
 from protocol.link.messages import AckStatus, Command, EventCode, Heartbeat, SetLimits, Vent
@@ -175,7 +175,7 @@ class BoardCommands:
             self.send(Vent())
         if not self.leaving and self.feeder.due(self.now_ns, self.board_us, self.meter.speed):
             off = self.meter.speed > FAST and idle and not self.pending  # costly to feed, and nothing to guard
-            feeds = self.feeder.repeats_are_late(self.meter.speed)
+            feeds = REPEAT_MS * self.meter.speed > REPEATS_WITHIN * self.feeder.armed_ms  # repeats alone come too late
             self.send(Heartbeat(0 if off else self.feeder.armed_ms), feeds=feeds)
 
     def done(self, command: Command) -> None:

@@ -17,7 +17,7 @@ from boat_daq.engine.control.board_commands import BoardCommands, Effect
 from boat_daq.engine.control.interlock import FlatLine, Interlock, Trip
 from boat_daq.engine.control.preflight import Check, Preflight, require
 from boat_daq.engine.control.sequencer import VENTED_KPA, GoTo, Sequencer, VentNow
-from boat_daq.engine.control.silence import StreamWatch
+from boat_daq.engine.control.watchdog import StreamWatch
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.sample_columns import Columns, columns, last_sample
 from boat_daq.engine.snapshot import LastSample, MessageKind, RunEnding, SessionState

@@ -251,7 +251,8 @@ class Sequencer:
             self._finish(RunEnd.FINISHED)
             return
         if not self._queue:
-            self._next_cycle()
+            self.cycle += 1
+            self._queue.extend(self._planned.cycle_steps(self.cycle))
         self._begin()
 
     def _timed_out(self, mark: StepMark) -> None:
@@ -284,10 +285,6 @@ class Sequencer:
     def _open(self) -> None:
         self._queue = deque([self._planned.opening])
         self._begin()
-
-    def _next_cycle(self) -> None:
-        self.cycle += 1
-        self._queue.extend(self._planned.cycle_steps(self.cycle))
 
     def _begin(self) -> None:
         """Begin the next step of the queue."""

@@ -1,11 +1,10 @@
-"""Feed the board's watchdog, and measure how fast the board's clock runs.
+"""Feed the board's watchdog, measure how fast its clock runs, and notice when its samples stop.
 
 The watchdog counts board time. A virtual board at 100 times real time gives a host 100 times less of its own: so the
 watchdog is fed by the board's clock, as the samples show it, and the longest timeout the protocol has is taken for a
 board that runs faster than the host. At SPEED x, 5000 ms of board time are 5000/SPEED ms here, fed at every tenth: at
 100x there are 50 ms, and the reading thread may be kept waiting for 45 of them. Where the computer is too busy for
-that, the board vents, as it should, and the message proposes a lower speed.
-"""
+that, the board vents, as it should, and the message proposes a lower speed."""
 
 from __future__ import annotations
 
@@ -77,10 +76,6 @@ class Feeder:
         if isinstance(command, Heartbeat) and command.timeout_ms:
             self.armed_ms = command.timeout_ms
 
-    def repeats_are_late(self, speed: float) -> bool:
-        """Whether the repeats of an unanswered command are too rare to feed the watchdog."""
-        return REPEAT_MS * speed > REPEATS_WITHIN * self.armed_ms
-
     def due(self, host_ns: int, board_us: int, speed: float) -> bool:
         """Return whether a frame must be sent now.
 
@@ -95,3 +90,52 @@ class Feeder:
         board_ms = (board_us - self._fed_board_us) / 1e3
         host_ms = (host_ns - self._fed_host_ns) / 1e6 * max(speed, 1.0)
         return not -share_ms < board_ms < share_ms or host_ms >= share_ms
+
+
+SILENCE_S = 1.0
+
+
+class StreamWatch:
+    """Watches the arrival of one link's samples.
+
+    Attributes
+    ----------
+    rate_hz : samples per second requested.
+    begun : whether any arrived on this link.
+    silent : whether none has arrived for `silence_s`, until the next one.
+    """
+
+    def __init__(self, rate_hz: int) -> None:
+        self.rate_hz = rate_hz
+        self.begun = self.silent = False
+        self._last_ns = self._pause_ended_ns = 0
+
+    @property
+    def silence_s(self) -> float:
+        """Time without samples that is allowed."""
+        return max(SILENCE_S, 3.0 / self.rate_hz)
+
+    def opened(self, now_ns: int) -> None:
+        """Wait for samples on a new link."""
+        self.begun = self.silent = False
+        self._last_ns = now_ns
+
+    def came(self, now_ns: int) -> None:
+        """Take the arrival of samples."""
+        if self._pausing(now_ns):
+            self._pause_ended_ns = now_ns
+        self._last_ns, self.begun, self.silent = now_ns, True, False
+
+    def falls_silent(self, now_ns: int) -> bool:
+        """Return whether silence begins now; true once for each silence."""
+        if not self.begun or self.silent or now_ns - self._last_ns <= self.silence_s * 1e9:
+            return False
+        self.silent = True
+        return True
+
+    def paused_lately(self, now_ns: int) -> bool:
+        """Whether half a silence overlaps the three sendings of a command lost now."""
+        return self._pausing(now_ns) or now_ns - self._pause_ended_ns < SILENCE_S * 1e9
+
+    def _pausing(self, now_ns: int) -> bool:
+        return now_ns - self._last_ns > self.silence_s / 2 * 1e9

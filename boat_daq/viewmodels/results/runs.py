@@ -21,8 +21,8 @@ import numpy as np
 
 from analysis.arrays import FloatArray
 from boat_daq.engine.plan import StepMark
-from boat_daq.engine.recording.append import append_reading
 from boat_daq.engine.recording.file import now_utc
+from boat_daq.engine.recording.recorder import append_reading
 from boat_daq.engine.recording.recovery import find_interrupted, recover
 from boat_daq.engine.recording.resumption import BrokenRun, prepare_resumption, read_broken_run
 from boat_daq.engine.recording.summary import Summary, summarise
@@ -206,7 +206,7 @@ class ClosedRun:
 
         Raises
         ------
-        OperatorError, StorageError : as `boat_daq.engine.recording.append.append_reading`.
+        OperatorError, StorageError : as `boat_daq.engine.recording.recorder.append_reading`.
         """
         append_reading(self.path, Reading(step_id, elongation_mm, resolution_mm, source, now_utc(), reader))
         self.read()

@@ -120,9 +120,8 @@ class ConnectPanel(QDialog):
             self.connection.connect(port, self.profile.toPlainText().strip())
 
         notices = self.services.notices
-        if self._refusal is not None:
-            notices.dismiss(self._refusal)
-            self._refusal = None
+        notices.dismiss(self._refusal)
+        self._refusal = None
         connected = notices.attempt(connect)
         if not connected:
             self._refusal = notices.history[-1]

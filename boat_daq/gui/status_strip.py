@@ -103,8 +103,7 @@ class Strip(QWidget):
 
     def dismiss(self) -> None:
         """Dismiss the notice."""
-        if self._shown is not None:
-            self.notices.dismiss(self._shown)
+        self.notices.dismiss(self._shown)
         self.refresh()
 
     def _copy(self) -> None:

@@ -183,10 +183,10 @@ class LivePlots(PlotCard):
 
     def show_markers(self) -> None:
         """Draw the markers that are new."""
-        for marker in self.model.markers[len(self._markers) :]:
-            note, dots = shortened(marker.note) or "\u25be", Qt.PenStyle.DotLine
-            line = self.first.line(lambda t: t.muted, at=marker.time_s, vertical=True, style_=dots, label=note)
-            line.label.setToolTip(marker.note)
+        for time_s, note in self.model.markers[len(self._markers) :]:
+            label, dots = shortened(note) or "\u25be", Qt.PenStyle.DotLine
+            line = self.first.line(lambda t: t.muted, at=time_s, vertical=True, style_=dots, label=label)
+            line.label.setToolTip(note)
             self._markers.append((self.first, line))
             self.paint_theme(self.theme)
 

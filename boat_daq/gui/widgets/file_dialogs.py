@@ -19,8 +19,7 @@ class FileDialog(QFileDialog):
 
     def __init__(self, parent: QWidget, title: str, folder: str, kinds: str) -> None:
         super().__init__(parent, title, folder, kinds)
-        self.setOption(QFileDialog.Option.DontUseNativeDialog)
-        self.setOption(QFileDialog.Option.DontConfirmOverwrite)
+        self.setOptions(QFileDialog.Option.DontUseNativeDialog | QFileDialog.Option.DontConfirmOverwrite)
         self._confirmed: Path | None = None
 
     def accept(self) -> None:

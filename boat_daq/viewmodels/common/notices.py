@@ -32,11 +32,7 @@ class Severity(IntEnum):
 
 DOWN = (LinkState.OPENING, LinkState.FAILED, LinkState.SILENT, LinkState.LOST)
 LEVELS = {"info": Severity.INFORMATION, "warning": Severity.WARNING, "error": Severity.FAULT}
-TITLES = {
-    Severity.INFORMATION: "\u25cf  Note",
-    Severity.WARNING: "\u25b2  Attention",
-    Severity.FAULT: "\u25a0  Fault",
-}
+TITLES = ("\u25cf  Note", "\u25b2  Attention", "\u25a0  Fault")  # by severity
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,8 +128,8 @@ class Notices:
         """Return how many notices are open besides the current one."""
         return max(0, len(self._open) - 1)
 
-    def dismiss(self, notice: Notice) -> None:
-        """Close a notice; it stays in the history."""
+    def dismiss(self, notice: Notice | None) -> None:
+        """Close a notice, if there is one; it stays in the history."""
         self._open = [other for other in self._open if other is not notice]
 
     def dismiss_all(self, severity: Severity) -> None:

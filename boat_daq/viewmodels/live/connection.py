@@ -106,14 +106,11 @@ def profile_text(pasted: str) -> str:
     entries = {name: entry for name in variables if (entry := meaning(name))}
     sensors = {match[1] for name in variables if (match := _SENSOR.fullmatch(name))}
     if not sensors:
-        raise OperatorError(
-            f"the RX8 line has no sensor: {', '.join(variables)}", "Name the signals S1 and S2 in the RX8 line."
-        )
+        cause = f"the RX8 line has no sensor: {', '.join(variables)}"
+        raise OperatorError(cause, "Name the signals S1 and S2 in the RX8 line.")
     if not any('"pressure"' in entry for entry in entries.values()):
-        raise OperatorError(
-            "the RX8 line has no pressure, which every recording needs",
-            "Name its bytes P, such as @1P @0P: hundredths of a kPa, with a sign. Other units: a profile in TOML.",
-        )
+        remedy = "Name its bytes P, such as @1P @0P: hundredths of a kPa, with a sign. Other units: a profile in TOML."
+        raise OperatorError("the RX8 line has no pressure, which every recording needs", remedy)
     rows = "\n".join(f"{name} = {entry}" for name, entry in entries.items())
     return f"""name = "Pasted RX8 line"
 kind = "rx8"

@@ -111,14 +111,6 @@ HEADINGS_SHORT = ("mean", "sd", "min", "max", "B \u2212 A", "slope/s", "SNR, dB"
 HEADINGS = ("", "mean", "sd", "min", "max", "B \u2212 A", "slope per s", "SNR (mean / sd)")
 
 
-@dataclass(frozen=True, slots=True)
-class Marker:
-    """A note at an instant of the ring's time."""
-
-    time_s: float
-    note: str
-
-
 def sensor_names(columns: Columns) -> list[str]:
     """Return the names of the signal columns, in order of their sensor."""
     return sorted(name for name in columns if name.startswith("s") and name.endswith("_mv"))
@@ -158,7 +150,7 @@ class LiveModel:
     together: bool = False  # both signals on one axis
     points_a_column: int = 16  # read for each column of pixels, of which two are painted; set by the fidelity
     cursors_s: dict[str, float] = field(default_factory=dict)  # "a", "b"
-    markers: list[Marker] = field(default_factory=list)
+    markers: list[tuple[float, str]] = field(default_factory=list)  # notes at instants of the ring's time
     frozen_s: tuple[float, float] | None = None  # the span, where it does not follow the data
     _ranges: dict[str, SteadyRange] = field(default_factory=dict)
 
@@ -290,14 +282,10 @@ class LiveModel:
         rate = snapshot.health.rate_hz if snapshot.health is not None else None
         recent = ring.view(last=max(1, round(HEADLINE_S * (rate or 100.0))))
         means = np.array([[recent[name].mean() for name in sensor_names(recent)]])
-        mm, band = self._elongation_text(means)
-        return Headline(
-            tuple(number(value, 1) for value in means[0]),
-            number(float(np.mean(recent["pressure_kpa"])), 1, sign=True),
-            number(last.target_kpa, 1, sign=True),
-            mm,
-            band,
-        )
+        pressures = (float(np.mean(recent["pressure_kpa"])), last.target_kpa)
+        pressure, target = (number(kpa, 1, sign=True) for kpa in pressures)
+        signals_mv = tuple(number(value, 1) for value in means[0])
+        return Headline(signals_mv, pressure, target, *self._elongation_text(means))
 
     def _elongation_text(self, means: FloatArray) -> tuple[str, str]:
         if self.inverse is None:

@@ -60,9 +60,8 @@ class Row:
         if self.apart_mm is not None and self.elongation_mm is not None:
             read, fit = (number(mm, 2, sign=True) for mm in (self.elongation_mm, self.elongation_mm - self.apart_mm))
             lines.append(f"{read} mm at {plateau}, the running fit gives {fit} mm: check it; it is kept as it is")
-        return "\n".join(
-            [*lines, *([f"source: {self.reading.source}"] if self.reading and self.reading.source else [])]
-        )
+        source = self.reading.source if self.reading is not None else ""
+        return "\n".join([*lines, *([f"source: {source}"] if source else [])])
 
     @property
     def cells(self) -> tuple[str, ...]:
@@ -215,10 +214,8 @@ class ReadingsModel:
         first = self._first_for(len(values)) if first_step_id is None else first_step_id
         numbers = [step.number for step in readable(self.session.steps()) if step.number >= first]
         if len(values) > len(numbers):
-            raise OperatorError(
-                f"{len(values)} values were pasted for {count(len(numbers), 'plateau')}",
-                "Select the plateau of the first value, then paste again.",
-            )
+            cause = f"{len(values)} values were pasted for {count(len(numbers), 'plateau')}"
+            raise OperatorError(cause, "Select the plateau of the first value, then paste again.")
         if not values:
             raise OperatorError("the clipboard holds no values", "Copy a column of elongations in mm first.")
         entered: dict[int, float | None] = dict(zip(numbers, values, strict=False))
@@ -244,13 +241,11 @@ def parse_mm(text: str) -> float:
     try:
         value = plain_number(text)
     except ValueError:
-        raise OperatorError(
-            f"{text.strip()!r} is not a length", "Type millimetres, such as 2.31 or \u22120.5."
-        ) from None
+        remedy = "Type millimetres, such as 2.31 or \u22120.5."
+        raise OperatorError(f"{text.strip()!r} is not a length", remedy) from None
     if abs(value) > PLAUSIBLE_MM:
-        raise OperatorError(
-            f"{number(value, 2)} mm is longer than the actuator", "Type millimetres, positive when longer."
-        )
+        cause = f"{number(value, 2)} mm is longer than the actuator"
+        raise OperatorError(cause, "Type millimetres, positive when longer.")
     return value
 
 

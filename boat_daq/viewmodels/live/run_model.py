@@ -23,7 +23,7 @@ from boat_daq.viewmodels.common.formatting import count
 from boat_daq.viewmodels.common.notices import Notice, Severity
 from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.live.connection import ConnectionModel
-from boat_daq.viewmodels.live.live_model import LiveModel, Marker
+from boat_daq.viewmodels.live.live_model import LiveModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.sequence import SequenceModel
 from protocol.recording import RunEnd
@@ -64,19 +64,16 @@ class CalibrationOffer:
         notices = self._services.notices
         if before is SessionState.FAULT and snapshot.state is not SessionState.FAULT:
             notices.dismiss_all(Severity.FAULT)  # cleared: they would hide what comes next
-        if self._offer is not None and (analysing or snapshot.state is SessionState.RUNNING):
+        if analysing or snapshot.state is SessionState.RUNNING:
             notices.dismiss(self._offer)
             self._offer = None
         ended = snapshot.state is SessionState.IDLE and before in (SessionState.RUNNING, SessionState.FINISHING)
         read = sum(r.elongation_mm is not None for r in self._readings.latest().values()) if ended else 0
         if read:
             stopped = snapshot.run_ended is not None and snapshot.run_ended.end is RunEnd.STOPPED
-            self._offer = notices.add(
-                Severity.INFORMATION,
-                f"the run {'was stopped' if stopped else 'is finished'}, {count(read, 'plateau')} read",
-                "Next: fit and look at it.",
-                action=("Calibrate", self.take),
-            )
+            cause = f"the run {'was stopped' if stopped else 'is finished'}, {count(read, 'plateau')} read"
+            offer = ("Calibrate", self.take)
+            self._offer = notices.add(Severity.INFORMATION, cause, "Next: fit and look at it.", action=offer)
 
 
 class ResumeRun:
@@ -124,9 +121,8 @@ class ResumeRun:
         self._broke = self._broke or snapshot.state is SessionState.FAULT
         if snapshot.state in (SessionState.RUNNING, SessionState.ARMED) or snapshot.recording is None:
             self._broke, self.first_cycle = False, 0
-            if self._offer is not None:
-                self._services.notices.dismiss(self._offer)
-                self._offer = None
+            self._services.notices.dismiss(self._offer)
+            self._offer = None
         elif self._broke and snapshot.state in AT_REST and snapshot.link is LinkState.UP:
             self._broke = False
             self._offer_resumption(snapshot)
@@ -137,12 +133,10 @@ class ResumeRun:
             return
         first, complete = resume_point(plan, list(self._session.steps()))
         if 0 < complete < plan.cycles:
-            self._offer = self._services.notices.add(
-                Severity.INFORMATION,
-                f"the run was interrupted after {count(complete, 'whole cycle')}",
-                f"Resume at cycle {first} in its recording, the break stays visible; or start over in another.",
-                action=("Resume", lambda: self._arm(plan)),
-            )
+            cause = f"the run was interrupted after {count(complete, 'whole cycle')}"
+            remedy = f"Resume at cycle {first} in its recording, the break stays visible; or start over in another."
+            offer = ("Resume", lambda: self._arm(plan))
+            self._offer = self._services.notices.add(Severity.INFORMATION, cause, remedy, action=offer)
             self.first_cycle = first
 
     def arm(self) -> None:
@@ -237,7 +231,7 @@ class RunModel:
         """Add a marker with a note at the newest sample."""
         now_s = self.live.now_s()
         if self.services.notices.attempt(lambda: self.session.mark(note)) and not math.isnan(now_s):
-            self.live.markers.append(Marker(now_s, note))
+            self.live.markers.append((now_s, note))
 
     def can_read_simulated(self) -> bool:
         """Return whether there is a simulated grid to read."""

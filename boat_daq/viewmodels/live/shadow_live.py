@@ -181,7 +181,10 @@ class ShadowLive:
     def _draw(self, now: Moment) -> ShadowPicture:
         state = self._state(now)
         if state is None or self.model is None:
-            reason = ("Shadow", self._why_not(now), "warning" if self.model is not None else "")
+            why, level = "\u25b2 this state is outside the model's table", "warning"
+            if self.model is None:
+                why, level = self.problem or ("preparing \u2026" if math.isfinite(now.pressure) else NOTHING), ""
+            reason = ("Shadow", why, level)
             return ShadowPicture(REST, *NOTHING_DRAWN, math.nan, now.measured, (*_measured_lines(now), reason))
         corners, levels = self._elements(state)
         tracked = state.tracked_points_mm.reshape(-1, 2)
@@ -189,12 +192,6 @@ class ShadowLive:
         return ShadowPicture(
             REST, corners, levels, state.centrelines_mm, tracked, state.nominal_elongation_mm, now.measured, lines
         )
-
-    def _why_not(self, now: Moment) -> str:
-        """Return why no shadow is drawn."""
-        if self.model is None:
-            return self.problem or ("preparing \u2026" if math.isfinite(now.pressure) else NOTHING)
-        return "\u25b2 this state is outside the model's table"
 
     def _state(self, now: Moment) -> ShadowState | None:
         if self.model is None:

@@ -12,7 +12,6 @@ from PySide6.QtWidgets import (
     QApplication,
 )
 
-from boat_daq.viewmodels.live.live_model import Marker
 from protocol.recording import sample_dtype
 from tests.boat_daq.gui.windows import run_shortcut
 
@@ -53,8 +52,8 @@ def test_labels_of_cursors_and_markers_are_not_cut(live, height):
     plots.place_cursor("a")
     plots.place_cursor("b")
     live.model.live.markers += [
-        Marker(high - 0.01, "tube {touched}"),
-        Marker(low + 0.5, "a note that is much too long for its label"),
+        (high - 0.01, "tube {touched}"),
+        (low + 0.5, "a note that is much too long for its label"),
     ]
     live.refresh()
     live.draw()

@@ -142,10 +142,7 @@ def sequence(window: MainWindow) -> list[Command]:
 def calibration(window: MainWindow) -> list[Command]:
     """Return the commands of the calibration: analyse, sample, accept, report."""
     app_model, model = window.model, window.model.calibration
-    add = partial(Command, "Runs")
-
-    def on_page(run: Callable[[], object]) -> Callable[[], None]:
-        return partial(_on_page, window, Page.CALIBRATE, run)
+    add, on_page = partial(Command, "Runs"), partial(_on_page, window, Page.CALIBRATE)
 
     def open_recording() -> None:
         ask_open(window, app_model.services, "Open a recording", "boat csv", model.analyse)
@@ -205,10 +202,7 @@ def recordings(window: MainWindow) -> list[Command]:
 def models(window: MainWindow) -> list[Command]:
     """Return the commands of the pages Optics, Shadow and Trade-off."""
     m = window.model
-    add = partial(Command, "Models")
-
-    def on(page: Page, run: Callable[[], object]) -> Callable[[], None]:
-        return partial(_on_page, window, page, run)
+    add, on = partial(Command, "Models"), partial(_on_page, window)
 
     def next_colouring() -> None:
         names = list(SCALES)
@@ -255,7 +249,11 @@ def help_(window: MainWindow) -> list[Command]:
     ]
 
 
-def _on_page(window: MainWindow, page: Page, run: Callable[[], object]) -> None:
-    """Show a page, then run one of its actions."""
-    window.go(page)
-    window.model.notices.attempt(run)
+def _on_page(window: MainWindow, page: Page, run: Callable[[], object]) -> Callable[[], None]:
+    """Return a function that shows a page, then runs one of its actions."""
+
+    def show_and_run() -> None:
+        window.go(page)
+        window.model.notices.attempt(run)
+
+    return show_and_run

@@ -18,8 +18,7 @@ from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.viewmodels.common.jobs import Job, JobRunner
 from boat_daq.viewmodels.common.notices import Notices, SessionMessages, Severity
 from boat_daq.viewmodels.common.preferences import Precision, Preferences
-from boat_daq.viewmodels.common.services import Page, Panel, Services
-from boat_daq.viewmodels.common.undo import UndoHistory
+from boat_daq.viewmodels.common.services import Page, Panel, Services, UndoHistory
 from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.conversion import UnitInUse
 from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel

@@ -8,7 +8,7 @@ from functools import partial
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QFont, QResizeEvent
-from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QScrollArea, QTabWidget, QWidget
+from PySide6.QtWidgets import QFrame, QGridLayout, QScrollArea, QTabWidget, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
@@ -55,8 +55,7 @@ class ValueDisplay(QWidget):
         self.swatch = QFrame()
         self.swatch.setFixedSize(style.STEP, 4 * style.STEP)
         self.name = widgets.label(title, "muted")
-        self.value = QLabel(formatting.NOTHING)
-        self.value.setTextFormat(Qt.TextFormat.PlainText)
+        self.value = widgets.label(formatting.NOTHING)
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight)  # keeps the decimal point in place
         self.unit = widgets.label(unit, "set")
         self.note = widgets.label("", "small", elide=True)

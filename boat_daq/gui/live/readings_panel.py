@@ -7,13 +7,14 @@ from typing import Any
 
 from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt, Signal
 from PySide6.QtGui import QFont, QGuiApplication, QKeyEvent, QKeySequence
-from PySide6.QtWidgets import QAbstractItemView, QApplication, QBoxLayout, QFrame, QHeaderView, QTableView, QWidget
+from PySide6.QtWidgets import QApplication, QBoxLayout, QFrame, QTableView, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.engine.toml_values import read_text
 from boat_daq.errors import OperatorError
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets.data_table import dress
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.services import Panel, Services
@@ -137,8 +138,9 @@ class ReadingsTableModel(QAbstractTableModel):
         """Return a heading."""
         if orientation is Qt.Orientation.Vertical:
             return None
-        cell: dict[int, Any] = {Qt.ItemDataRole.DisplayRole: HEADINGS[section]}
-        return (cell | {Qt.ItemDataRole.TextAlignmentRole: side(section)}).get(role)
+        if role == Qt.ItemDataRole.TextAlignmentRole:
+            return side(section)
+        return HEADINGS[section] if role == Qt.ItemDataRole.DisplayRole else None
 
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         """Return a cell's text, place and weight."""
@@ -173,13 +175,10 @@ class ReadingsView(QTableView):
         super().__init__()
         self.rows, self.readings, self.notices = rows, rows.readings, rows.notices
         self.setModel(rows)
-        self.setAccessibleName("Readings of elongation")
-        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        dress(self, "Readings of elongation")
         self.setAlternatingRowColors(True)
-        self.setShowGrid(False)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.verticalHeader().hide()
-        self.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.STEP)
+        self.horizontalHeader().setStretchLastSection(True)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Handle paste and delete."""
@@ -222,10 +221,6 @@ class ReadingsTable(QWidget):
         self.readings, self.services = readings, services
         self.model = ReadingsTableModel(readings, services.notices)
         self.view = ReadingsView(self.model)
-        header = self.view.horizontalHeader()
-        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        header.setStretchLastSection(True)
-        header.setHighlightSections(False)
         empty = "Each plateau of a staircase is listed here. Arm and start a plan to begin."
         self.empty = widgets.label(empty, "muted", wrap=True)
         self.empty.setAlignment(Qt.AlignmentFlag.AlignTop)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView, QTableWidget, QTableWidgetItem
 
 from boat_daq.gui import style
 from boat_daq.gui.widgets.controls import as_words
@@ -31,14 +31,9 @@ class DataTable(QTableWidget):
         self, name: str, headings: Sequence[str] = (), *, stretched: int = -1, right: Sequence[int] = ()
     ) -> None:
         super().__init__()
-        self.setAccessibleName(name)
+        dress(self, name)
         self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
-        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self.setShowGrid(False)
         self.setWordWrap(False)
-        self.verticalHeader().hide()
-        self.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.STEP)
-        self.horizontalHeader().setHighlightSections(False)
         self.horizontalHeader().setDefaultAlignment(LEFT)
         self.set_headings(headings, stretched=stretched, right=right)
 
@@ -78,3 +73,14 @@ class DataTable(QTableWidget):
                 item.setToolTip(as_words(tip))
                 item.setTextAlignment(RIGHT if k in self._right else LEFT)
                 self.setItem(i, k, item)
+
+
+def dress(table: QTableView, name: str) -> None:
+    """Give `table` its name for a screen reader and the look of every table: rows without grid and numbers."""
+    table.setAccessibleName(name)
+    table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+    table.setShowGrid(False)
+    table.verticalHeader().hide()
+    table.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.STEP)
+    table.horizontalHeader().setHighlightSections(False)
+    table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)

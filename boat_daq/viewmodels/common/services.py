@@ -1,4 +1,7 @@
-"""What several pages share: notices, preferences, undo, and the request to show a page or a panel."""
+"""What several pages share: notices, preferences, the undo history, and the request to show a page or a panel.
+
+Every value that is set or typed is changed through the undo history.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,6 @@ from pathlib import Path
 
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.preferences import Preferences
-from boat_daq.viewmodels.common.undo import UndoHistory
 
 
 class Page(StrEnum):
@@ -33,8 +35,39 @@ class Panel(StrEnum):
     REPORT = "report"
 
 
-def _no_window(place: Page | Panel) -> None:
-    """Show nothing: there is no window yet."""
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A change and its reversal; `text` completes "Undo ..."."""
+
+    text: str
+    redo: Callable[[], None]
+    undo: Callable[[], None]
+
+
+class UndoHistory:
+    """Changes in order, and those that were undone."""
+
+    def __init__(self) -> None:
+        self.done: list[Change] = []
+        self.undone: list[Change] = []
+
+    def push(self, change: Change) -> None:
+        """Apply a change and record it; one that raises is not recorded, undone changes are discarded."""
+        change.redo()
+        self.done.append(change)
+        self.undone.clear()
+
+    def undo(self) -> None:
+        """Reverse the last change."""
+        change = self.done.pop()
+        self.undone.append(change)
+        change.undo()
+
+    def redo(self) -> None:
+        """Apply the last undone change again."""
+        change = self.undone.pop()
+        self.done.append(change)
+        change.redo()
 
 
 @dataclass(slots=True)
@@ -54,4 +87,4 @@ class Services:
     preferences: Preferences
     undo: UndoHistory
     recordings: Path
-    show: Callable[[Page | Panel], None] = _no_window
+    show: Callable[[Page | Panel], None] = lambda _: None  # there is no window yet

@@ -20,7 +20,7 @@ from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import Progress, Reading, ReadingRequest, SessionSnapshot, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, count, number, plain_number, target
-from boat_daq.viewmodels.common.undo import Change, UndoHistory
+from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.live.sequence import BRANCH_WORDS
 
 PLAUSIBLE_MM = 60.0  # longer than the actuator itself

@@ -22,7 +22,7 @@ from boat_daq.engine.toml_values import BadValue, read_text
 from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.viewmodels.common.formatting import duration, number, plain_number, target
 from boat_daq.viewmodels.common.preferences import Preferences
-from boat_daq.viewmodels.common.undo import Change, UndoHistory
+from boat_daq.viewmodels.common.services import Change, UndoHistory
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,17 +67,9 @@ PHASE_WORDS = {
 BRANCH_WORDS = {"start": "opening", "unloading": "unloading", "loading": "loading", "end": "end"}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Staircase:
-    """Pressure over estimated time: the begin, then end of ramp and end of each step; compared by identity."""
-
-    time_s: FloatArray
-    pressure_kpa: FloatArray
-
-
 @lru_cache(maxsize=4)
-def staircase(plan: Plan) -> Staircase:
-    """Return the staircase of a plan, with its own estimate of the duration of each step."""
+def staircase(plan: Plan) -> tuple[FloatArray, FloatArray]:
+    """Return time (s) and pressure (kPa) of a plan: the begin, then the estimated end of ramp and end of each step."""
     time_s, pressure = [0.0], [0.0]
     for step in plan.steps:
         begin, before = time_s[-1], pressure[-1]
@@ -85,7 +77,7 @@ def staircase(plan: Plan) -> Staircase:
         ramp = min(abs(step.target_kpa - before) / plan.ramp_kpa_per_s, whole)
         time_s += [begin + ramp, begin + whole]
         pressure += [step.target_kpa, step.target_kpa]
-    return Staircase(np.array(time_s), np.array(pressure))
+    return np.array(time_s), np.array(pressure)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,25 +90,25 @@ class StaircaseDrawing:
     zero: float
 
 
-def drawing(picture: Staircase, done_to_s: float, limits_kpa: tuple[float, float] | None) -> StaircaseDrawing:
-    """Return `picture` in the unit square, its first `done_to_s` seconds as a polygon that ends with "now"."""
-    empty = _undone(picture, limits_kpa)
+def drawing(plan: Plan, done_to_s: float, limits_kpa: tuple[float, float] | None) -> StaircaseDrawing:
+    """Return the staircase in the unit square, its first `done_to_s` seconds as a polygon that ends with "now"."""
+    empty = _undone(plan, limits_kpa)
     if done_to_s <= 0:
         return empty
-    x = done_to_s / (float(picture.time_s[-1]) or 1.0)
+    x = done_to_s / (float(staircase(plan)[0][-1]) or 1.0)
     across, heights = zip(*empty.line, strict=True)
     done = (*(point for point in empty.line if point[0] < x), (x, float(np.interp(x, across, heights))))
     return replace(empty, done=((0.0, empty.zero), *done, (x, empty.zero)))
 
 
 @lru_cache(maxsize=4)
-def _undone(picture: Staircase, limits_kpa: tuple[float, float] | None) -> StaircaseDrawing:
-    """Return `picture` in the unit square, nothing done; cached while the staircase is the same."""
-    edges = limits_kpa or ()
-    low = min(float(picture.pressure_kpa.min()), 0.0, *edges) - 4
-    high = max(float(picture.pressure_kpa.max()), 0.0, *edges) + 4
-    across = picture.time_s / (float(picture.time_s[-1]) or 1.0)
-    line = tuple(zip(across.tolist(), ((picture.pressure_kpa - low) / (high - low)).tolist(), strict=True))
+def _undone(plan: Plan, limits_kpa: tuple[float, float] | None) -> StaircaseDrawing:
+    """Return the staircase in the unit square, nothing done; cached while the plan is the same."""
+    (time_s, pressure_kpa), edges = staircase(plan), limits_kpa or ()
+    low = min(float(pressure_kpa.min()), 0.0, *edges) - 4
+    high = max(float(pressure_kpa.max()), 0.0, *edges) + 4
+    across = time_s / (float(time_s[-1]) or 1.0)
+    line = tuple(zip(across.tolist(), ((pressure_kpa - low) / (high - low)).tolist(), strict=True))
     return StaircaseDrawing(line, (), tuple((edge - low) / (high - low) for edge in edges), -low / (high - low))
 
 
@@ -163,9 +155,8 @@ class SequenceModel:
 
     def drawing(self, snapshot: SessionSnapshot) -> StaircaseDrawing:
         """Return the staircase with limits and the done part of the run."""
-        limits = snapshot.limits
-        picture = staircase(snapshot.plan or self.plan)
-        return drawing(picture, done_s(picture, snapshot), (limits.min_kpa, limits.max_kpa) if limits else None)
+        limits, plan = snapshot.limits, snapshot.plan or self.plan
+        return drawing(plan, done_s(plan, snapshot), (limits.min_kpa, limits.max_kpa) if limits else None)
 
     def choose(self, name: str) -> None:
         """Select one of the plans by name."""
@@ -330,12 +321,12 @@ def progress_text(snapshot: SessionSnapshot) -> str:
     return f"{where}   {step}   {left}   {phase} at {target(progress.target_kpa)}"
 
 
-def done_s(picture: Staircase, snapshot: SessionSnapshot) -> float:
-    """Return how far the run is on the picture's own time."""
+def done_s(plan: Plan, snapshot: SessionSnapshot) -> float:
+    """Return how far the run is on the staircase's own time."""
     progress = snapshot.progress
     if progress is None or not progress.step:
         return 0.0
-    edges = picture.time_s[::2]  # begin of each step, and end of the last
+    edges = staircase(plan)[0][::2]  # begin of each step, and end of the last
     i = min(progress.step, edges.size - 1) - 1
     return float(min(edges[i] + progress.step_time_s, edges[i + 1]))
 

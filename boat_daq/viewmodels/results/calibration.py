@@ -28,8 +28,7 @@ from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, SUBSCRIPT, SUPERSCRIPT, count, duration, number, sensor_words
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Severity
-from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.common.undo import Change
+from boat_daq.viewmodels.common.services import Change, Services
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands, RunResult, SensorResult, analyse_run, sample_run
 
 Cells = tuple[str, ...]

@@ -13,8 +13,7 @@ from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import LastSample, Limits, LinkState, Reading, SessionSnapshot, SessionState
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.preferences import Preferences
-from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.common.undo import UndoHistory
+from boat_daq.viewmodels.common.services import Services, UndoHistory
 from protocol.recording import BoardState, SampleFlag, sample_dtype
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import pytest
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import ReadingRequest
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.undo import UndoHistory
+from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.live.readings import ReadingsModel, column_of_lengths, parse_mm
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected
 from tests.boat_daq.viewmodels.helpers import PLAN

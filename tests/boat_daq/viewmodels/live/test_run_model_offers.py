@@ -10,7 +10,7 @@ from boat_daq.engine.plan import StepMark, built_in_plans
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.snapshot import LinkState, RunEnding, SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.undo import UndoHistory
+from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.live.run_model import ResumeRun
 from boat_daq.viewmodels.live.sequence import SequenceModel
 from protocol.recording import RunEnd

@@ -12,7 +12,7 @@ import pytest
 
 from boat_daq.engine.snapshot import Phase, Progress, SessionState
 from boat_daq.viewmodels.common.preferences import Preferences
-from boat_daq.viewmodels.common.undo import UndoHistory
+from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.live.sequence import STATES, SequenceModel, drawing, staircase
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, idle
 from tests.boat_daq.viewmodels.helpers import PLAN
@@ -45,21 +45,20 @@ def test_stored_plan_that_is_invalid_is_ignored(tmp_path: Path, kept: str) -> No
 
 def test_staircase_has_the_duration_of_the_plan():
     """The picture ends when the plan's estimate ends, and each step begins where the one before ended."""
-    picture = staircase(PLAN)
-    assert picture.time_s[-1] == pytest.approx(PLAN.duration_s)
-    assert picture.time_s[::2].size == len(PLAN.steps) + 1
-    assert np.all(np.diff(picture.time_s) >= 0)
-    assert set(picture.pressure_kpa[1::2]) == {step.target_kpa for step in PLAN.steps}
+    time_s, pressure_kpa = staircase(PLAN)
+    assert time_s[-1] == pytest.approx(PLAN.duration_s)
+    assert time_s[::2].size == len(PLAN.steps) + 1
+    assert np.all(np.diff(time_s) >= 0)
+    assert set(pressure_kpa[1::2]) == {step.target_kpa for step in PLAN.steps}
 
 
 def test_done_part_ends_at_the_current_time():
     """The filled part is closed on the zero line, at the share of the time that has passed."""
-    picture = staircase(PLAN)
-    half = picture.time_s[-1] / 2
-    shown = drawing(picture, half, (-40.0, 50.0))
+    half = staircase(PLAN)[0][-1] / 2
+    shown = drawing(PLAN, half, (-40.0, 50.0))
     assert shown.done[0] == (0.0, shown.zero)
     assert shown.done[-1] == (pytest.approx(0.5), shown.zero)
-    assert drawing(picture, 0.0, None).done == ()
+    assert drawing(PLAN, 0.0, None).done == ()
 
 
 def test_every_state_has_its_buttons(tmp_path):

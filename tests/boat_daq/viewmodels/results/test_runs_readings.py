@@ -6,7 +6,7 @@ import pytest
 
 from analysis import load_recording
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.undo import UndoHistory
+from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.results.runs import ClosedRun
 from tests.boat_daq.gui.recorded_session import idle

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from boat_daq.viewmodels.common.undo import Change, UndoHistory
+from boat_daq.viewmodels.common.services import Change, UndoHistory
 
 
 def test_changes_are_undone_in_order():

@@ -1,27 +1,296 @@
-"""The optics page: a design in the state of a slider, the sweep over all designs, the search beyond them."""
+"""The optics page: a design in the state of a slider, the sweep over all designs, the search beyond them.
+
+Its plots are the rays of a state, NDR over the states, the maps of P, and the Pareto front.
+"""
 
 from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pyqtgraph as pg
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QSlider, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.models.optics_plots import MapsCard, ParetoCard, ResponseCard, SceneCard
+from boat_daq.gui.plotting.axes import fixed_plot, paint_axis
+from boat_daq.gui.plotting.plot import sensor_colour
+from boat_daq.gui.plotting.plot_card import Columns, PlotCard
+from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.gui.widgets.layouts import ReflowingPage
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.models.optics import CAVITIES, CURVES, FACES, RAYS, STATES, STEPS_MM, OpticsModel
+from boat_daq.viewmodels.models.optics_jobs import SweepSummary
 
+COLUMNS = 3  # of maps
+SHADES = 64
+SCALE_WIDTH = 68
+ON_GRID_MM = 1e-6
+LABEL_MARGIN = 0.1  # of the height, over the highest point
+SWEEP_FIRST = "Press \u201cSweep all designs\u201d to "
+TRACE_FIRST = "The design is being traced; "
+
+SCENE = (
+    "Light from the emitter at the left, in the plane of the light guide. Rays that strike a wall continue as "
+    "secondary rays; those that reach the receiver at the right are counted."
+)
+RESPONSE = (
+    "Points: how many of 250 rays reach the receiver in each state (NDR), with one standard deviation of counting. "
+    "Line: the smooth cubic through them (aNDR). Range (\u0394): how much the line falls from compressed to elongated. "
+    "Rises (n_sign): how many of the 14 steps go up instead of down. Roughness (RMSE): how far the points lie off the "
+    "line. Merit: P = \u0394 / (rises \u00d7 roughness)."
+)
+MERIT = (
+    "P = range / (rises \u00d7 roughness) of each design, relative to the best: the signal of a bright design changes "
+    "much, steadily and smoothly over the stroke. Click a cell to show its design."
+)
+FRONT = (
+    "Each point is a design: up is a larger range, left is smoother. Filled points are Pareto-optimal: no other design "
+    "is better in range, roughness and rises at once. Click a point to show its design."
+)
 FROM_FILE = "file"
 WHAT_COMES = (
     "\u201cSweep all designs\u201d simulates 648 designs in 15 states each and maps their merit; "
     "\u201cOptimise\u201d searches between and beyond them."
 )
+
+
+def designs(sweep: SweepSummary) -> dict[str, Any]:
+    """Return every design of a sweep with its figures, as columns named with their units."""
+    names = ("cavities", "width (mm)", "depth (mm)", "spacing (mm)")
+    columns = {name: sweep.values[:, i] for i, name in enumerate(names)}
+    found = sweep.merit
+    figures = {"range Delta (rays)": found.delta, "rises n_sign": found.n_sign, "roughness RMSE (rays)": found.rmse}
+    return columns | figures
+
+
+class SceneCard(PlotCard):
+    """The light guide, the rays and the receiver of one state."""
+
+    def __init__(self) -> None:
+        super().__init__("Rays", SCENE)
+        self.plot = self.add("Across", "mm", x_title="Along the actuator", x_unit="mm")
+        self.plot.item.getViewBox().setAspectLocked(True)
+        self.curves = (  # in the order of `StateScene`
+            self.plot.curve("Guide", lambda t: t.muted, gaps=True),
+            self.plot.curve("Released", lambda t: style.faint(t.sensors[0], style.RAY_ALPHA), gaps=True),
+            self.plot.curve("Secondary", lambda t: style.faint(t.sensors[1], style.RAY_ALPHA), gaps=True),
+            self.plot.curve("Receiver", lambda t: t.pressure),
+        )
+
+    def show_state(self, model: OpticsModel) -> None:
+        """Draw the state that the slider selects."""
+        scene = model.scene()
+        self.show_empty("" if scene is not None else f"{TRACE_FIRST}its light guide and rays are drawn next.")
+        self.readout.setText(model.state_text())
+        for curve, line in zip(self.curves, scene or (), strict=False):
+            curve.set(*line.T)
+
+
+class ResponseCard(PlotCard):
+    """NDR with its standard deviation, the cubic through it, and the state of the slider."""
+
+    def __init__(self) -> None:
+        super().__init__("Detected rays", RESPONSE)
+        self.plot = self.add("Detected", "of 250", x_title="Elongation", x_unit="mm")
+        self.band = self.plot.band("Detected rays (NDR), one standard deviation about", sensor_colour(1))
+        self.andr = self.plot.curve("Smooth curve (aNDR)", lambda t: t.accent)
+        self.ndr = self.plot.points("Detected rays (NDR)", sensor_colour(1))
+        self.now = self.plot.line(lambda t: t.muted, vertical=True)
+
+    def show_result(self, model: OpticsModel) -> None:
+        """Draw a design's response."""
+        r = model.result
+        self.show_empty("" if r is not None else f"{TRACE_FIRST}its detected rays in each state are drawn next.")
+        self.readout.setText(model.design_text())
+        if r is None:
+            return
+        self.ndr.set(r.elongation_mm, r.ndr)
+        self.andr.set(r.elongation_mm, r.merit.andr)
+        self.band.fill(r.elongation_mm, r.ndr - r.ndr_sd, r.ndr + r.ndr_sd)
+        self.now.setValue(r.elongation_mm[model.state])
+        self.plot.fit()
+
+
+class MeritMap:
+    """P over spacing and depth for one width; a click shows that design."""
+
+    def __init__(self, card: PlotCard, place: int, model: OpticsModel) -> None:
+        self.model, self.width_mm = model, STEPS_MM[place]
+        self.row, self.column = divmod(place, COLUMNS)
+        self.item = fixed_plot()
+        card.view.addItem(self.item, row=self.row, col=self.column)
+        self.image = pg.ImageItem()
+        self.item.addItem(self.image)
+        marks = [(i + 0.5, f"{step:g}") for i, step in enumerate(STEPS_MM)]
+        for side in ("left", "bottom"):
+            self.item.getAxis(side).setTicks([marks[1::2], [(at, "") for at, _ in marks]])
+        self.item.setRange(xRange=(0, len(STEPS_MM)), yRange=(0, len(STEPS_MM)), padding=0)
+        self.marks = {
+            name: pg.ScatterPlotItem(size=size, symbol=symbol, pen=pg.mkPen("w", width=1), brush=None)
+            for name, symbol, size in (("best", "star", 12), ("paper", "o", 12), ("now", "s", 17))
+        }
+        for mark in self.marks.values():
+            self.item.addItem(mark)
+
+    def clicked(self, event: Any, cavities: int) -> None:
+        """Show the design under the mouse."""
+        box = self.item.getViewBox()
+        if box.sceneBoundingRect().contains(event.scenePos()):
+            at = box.mapSceneToView(event.scenePos())
+            self.model.pick(cavities, self.width_mm, at.x(), at.y())
+
+    def show_sweep(self, cavities: int, table: np.ndarray[Any, Any]) -> None:
+        """Draw one map and mark the best design, the paper's optimum and the one shown, where they are in it."""
+        sweep = self.model.sweep
+        self.image.setVisible(sweep is not None)
+        if sweep is not None:
+            self.image.setImage(sweep.grid(cavities, self.width_mm, STEPS_MM), levels=(0.0, 1.0))
+            self.image.setLookupTable(table)
+        now = self.model.values if sweep is not None and self.model.face == FACES[0] else None
+        best = None if sweep is None else sweep.values[sweep.best]
+        paper = None if sweep is None or sweep.paper < 0 else sweep.values[sweep.paper]
+        for name, values in (("best", best), ("paper", paper), ("now", now)):
+            self.marks[name].setData(*self._place(cavities, values))
+
+    def _place(self, cavities: int, values: Any) -> tuple[list[float], list[float]]:
+        """Return the cell of a design in this map; empty when it is in another one, or off the grid."""
+        if values is None or int(values[0]) != cavities or abs(float(values[1]) - self.width_mm) > ON_GRID_MM:
+            return [], []
+        at = [[i for i, s in enumerate(STEPS_MM) if abs(s - float(values[k])) < ON_GRID_MM] for k in (3, 2)]
+        return ([at[0][0] + 0.5], [at[1][0] + 0.5]) if all(at) else ([], [])
+
+    def paint_theme(self, theme: Theme) -> None:
+        """Use the colours of `theme`."""
+        paint_axis(self.item, "left", theme, "Depth (mm)" if self.column == 0 else "")
+        lowest = self.row == (len(STEPS_MM) - 1) // COLUMNS
+        paint_axis(self.item, "bottom", theme, "Spacing (mm)" if lowest else "")
+        self.item.setTitle(f"width {self.width_mm:g} mm", color=theme.muted, size=f"{style.FONT_SMALL}px")
+
+
+class MapsCard(PlotCard):
+    """The maps of P for all widths, as in the paper's figure 3D."""
+
+    def __init__(self, model: OpticsModel) -> None:
+        super().__init__("Merit of every design (P)", MERIT)
+        self.model = model
+        counts = [(f"{n} cavities", n) for n in CAVITIES]
+        self.cavities = widgets.choice("Cavities of the maps", counts, lambda _: self.show_sweep())
+        self.cavities.setCurrentIndex(1)
+        self.bar.insertWidget(1, self.cavities)
+        steps = [QColor(style.sequential(style.LIGHT, i, SHADES)) for i in range(SHADES)]
+        self.table = np.array([[c.red(), c.green(), c.blue()] for c in steps], dtype=np.ubyte)
+        self.maps = [MeritMap(self, place, model) for place in range(len(STEPS_MM))]
+        self.scale = self._scale()
+        self.view.scene().sigMouseClicked.connect(self._clicked)
+
+    def _scale(self) -> Any:
+        """Return the scale of P, from 0 to 1, beside the maps."""
+        item = fixed_plot()
+        self.view.addItem(item, row=0, col=COLUMNS, rowspan=2)
+        item.hideAxis("bottom")
+        item.hideAxis("left")
+        item.showAxis("right")
+        item.setMaximumWidth(SCALE_WIDTH)
+        item.setRange(xRange=(0, 1), yRange=(0, 1), padding=0)
+        item.getAxis("right").setTicks([[(i / 5, f"{i / 5:g}") for i in range(6)]])
+        item.layout.setContentsMargins(0, style.GAP, 0, style.GAP)
+        self.gradient = pg.ImageItem(np.linspace(0, 1, SHADES)[None, :])
+        self.gradient.setRect(0, 0, 1, 1)
+        self.gradient.setLookupTable(self.table)
+        item.addItem(self.gradient)
+        return item
+
+    def columns(self) -> Columns:
+        """Return every design of the sweep with its merit and rank."""
+        sweep = self.model.sweep
+        if sweep is None:
+            return {}
+        return designs(sweep) | {"merit P, best = 1": sweep.merit.p_normalised, "rank": sweep.ranks}
+
+    def _clicked(self, event: Any) -> None:
+        for shown in self.maps:
+            shown.clicked(event, int(self.cavities.currentData()))
+
+    def follow_design(self) -> None:
+        """Show the maps of the shown design's number of cavities, where there are some."""
+        at = self.cavities.findData(self.model.values[0])
+        if at >= 0:
+            self.cavities.setCurrentIndex(at)
+        self.show_sweep()
+
+    def show_sweep(self) -> None:
+        """Draw the maps of the chosen number of cavities."""
+        for shown in self.maps:
+            shown.show_sweep(int(self.cavities.currentData()), self.table)
+        swept = self.model.sweep is not None
+        self.show_empty("" if swept else f"{SWEEP_FIRST}map the merit of each design.")
+        self.cavities.setVisible(swept)
+        self.readout.setText("\u2606 best   \u25cb paper's   \u25a1 shown" if swept else "")
+
+    def paint_theme(self, theme: Theme) -> None:
+        """Use the colours of `theme`."""
+        super().paint_theme(theme)
+        paint_axis(self.scale, "right", theme, "Merit (P), best = 1")
+        for shown in self.maps:
+            shown.paint_theme(theme)
+        self.show_sweep()
+
+
+class ParetoCard(PlotCard):
+    """Delta against RMSE of all designs; the front is filled and labelled with n_sign, a click shows a design."""
+
+    def __init__(self, model: OpticsModel) -> None:
+        super().__init__("Range against roughness", FRONT)
+        self.model = model
+        self.plot = self.add("Range, \u0394", "rays", x_title="Roughness, RMSE", x_unit="rays")
+        self.all = self.plot.points("Designs", lambda t: t.target, filled=False, size=5)
+        self.front = self.plot.points("Pareto front", lambda t: t.accent)
+        self.paper = self.plot.points("Paper's optimum", sensor_colour(2), symbol="d", size=12)
+        self.numbers = self.plot.labels((0.5, 1.2))
+        for layer in (self.all, self.front):
+            layer.item.sigClicked.connect(self._clicked)
+
+    def _clicked(self, _: Any, spots: Any, *__: Any) -> None:
+        """Show the design under the mouse."""
+        s = self.model.sweep
+        if s is not None and len(spots):
+            at = spots[0].pos()
+            nearest = int(np.argmin((s.merit.rmse - at.x()) ** 2 + (s.merit.delta - at.y()) ** 2))
+            n, width, depth, spacing = (float(v) for v in s.values[nearest])
+            self.model.choose((int(n), width, depth, spacing), FACES[0])
+
+    def show_sweep(self) -> None:
+        """Draw the sweep."""
+        s = self.model.sweep
+        self.show_empty("" if s is not None else f"{SWEEP_FIRST}compare the designs, one point each.")
+        if s is None:
+            self.numbers.set([])
+            self.clear()
+            return
+        for layer, chosen in (
+            (self.all, slice(None)), (self.front, s.front), (self.paper, [s.paper] if s.paper >= 0 else [])
+        ):  # fmt: skip
+            layer.set(s.merit.rmse[chosen], s.merit.delta[chosen])
+        front = zip(self.front.x, self.front.y, s.merit.n_sign[s.front], strict=True)
+        self.numbers.set([(float(x), float(y), str(int(n_sign))) for x, y, n_sign in front])
+        self.readout.setText("\u25cf Pareto-optimal (label: number of rises)   \u25c6 paper's")
+        self.plot.fit()
+        low, high = self.plot.item.getViewBox().viewRange()[1]
+        self.plot.y_range(low, high + LABEL_MARGIN * (high - low))
+
+    def columns(self) -> Columns:
+        """Return every design of the sweep with the three figures and whether it is on the front."""
+        s = self.model.sweep
+        if s is None:
+            return {}
+        return designs(s) | {"on the front": s.front.astype(int)}
 
 
 class OpticsPage(ReflowingPage):

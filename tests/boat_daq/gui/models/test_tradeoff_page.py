@@ -13,11 +13,11 @@ from PySide6.QtWidgets import QApplication
 from analysis.fidelity import fidelity
 from boat_daq.gui import style
 from boat_daq.gui.models import tradeoff_jobs
-from boat_daq.gui.models.tradeoff_chart import spread_bars
+from boat_daq.gui.models.tradeoff_page import spread_bars
 from boat_daq.gui.plotting.axes import LogAxis, log_ticks
 from boat_daq.viewmodels.common.jobs import JobState
 from boat_daq.viewmodels.models import tradeoff
-from boat_daq.viewmodels.models.tradeoff_report import read_report
+from boat_daq.viewmodels.models.tradeoff import read_report
 from tests.boat_daq.gui.recorded_session import RecordedSession, idle
 from tests.boat_daq.viewmodels.models.reports import point, report
 

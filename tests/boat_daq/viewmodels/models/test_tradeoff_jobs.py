@@ -6,7 +6,7 @@ import json
 
 from analysis.tradeoff import Method, Setting
 from boat_daq.viewmodels.models import tradeoff_jobs
-from boat_daq.viewmodels.models.tradeoff_report import read_report
+from boat_daq.viewmodels.models.tradeoff import read_report
 
 
 def test_measured_methods_are_read_by_the_page(monkeypatch):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.models.tradeoff_report import error_text, merged, read_report
+from boat_daq.viewmodels.models.tradeoff import error_text, merged, read_report
 from tests.boat_daq.viewmodels.models.reports import point, report
 
 

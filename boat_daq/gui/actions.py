@@ -172,9 +172,7 @@ def recordings(window: MainWindow) -> list[Command]:
     def page() -> RunsPage:
         return cast(RunsPage, window.pages[Page.RUNS])
 
-    def command(
-        text: str, keys: str, key: str, run: Callable[[RunsPage], object], *, apart: bool = False, also: str = ""
-    ) -> Command:
+    def command(text: str, keys: str, key: str, entry: int = 0, *, apart: bool = False, also: str = "") -> Command:
         def available() -> bool:
             return window.page is Page.RUNS and bool(page().offers(key))
 
@@ -183,19 +181,19 @@ def recordings(window: MainWindow) -> list[Command]:
                 return "Go to the Runs page (Ctrl+4) and select a recording."
             return page().buttons[key].accessibleDescription() or "The selected recording does not need it."
 
-        return Command("Runs", text, keys, lambda: run(page()), available, apart, why, also)
+        return Command("Runs", text, keys, lambda: page().press(key, entry), available, apart, why, also)
 
     return [
-        command("Calibrate with the selected recording", "Ctrl+Alt+C", "open", RunsPage.open, apart=True),
-        command("Repeatability of the selected recording", "Ctrl+Alt+R", "repeat", RunsPage.repeat),
-        command("Correct its readings …", "Ctrl+Alt+E", "readings", RunsPage.edit_readings),
-        command("Resume this run", "Ctrl+Alt+G", "resume", RunsPage.resume),
-        command("Replay it in real time", "Ctrl+Alt+P", "replay", lambda page: page.replay(1)),
-        command("Export it as CSV …", "Ctrl+Alt+X", "export", lambda page: page.export("csv")),
-        command("Export it as Parquet …", "Ctrl+Alt+Q", "export", lambda page: page.export("parquet")),
-        command("Report of the selected runs …", "Ctrl+Alt+T", "report", RunsPage.ask_report, also="pdf html print"),
-        command("Compare the selected runs", "Ctrl+Alt+M", "compare", RunsPage.compare),
-        command("Recover the selected recordings", "Ctrl+Alt+V", "recover", RunsPage.recover),
+        command("Calibrate with the selected recording", "Ctrl+Alt+C", "open", apart=True),
+        command("Repeatability of the selected recording", "Ctrl+Alt+R", "repeat"),
+        command("Correct its readings …", "Ctrl+Alt+E", "readings"),
+        command("Resume this run", "Ctrl+Alt+G", "resume"),
+        command("Replay it in real time", "Ctrl+Alt+P", "replay"),
+        command("Export it as CSV …", "Ctrl+Alt+X", "export"),
+        command("Export it as Parquet …", "Ctrl+Alt+Q", "export", 1),
+        command("Report of the selected runs …", "Ctrl+Alt+T", "report", also="pdf html print"),
+        command("Compare the selected runs", "Ctrl+Alt+M", "compare"),
+        command("Recover the selected recordings", "Ctrl+Alt+V", "recover"),
     ]
 
 

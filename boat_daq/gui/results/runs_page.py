@@ -115,7 +115,7 @@ class RunsPage(QWidget):
         self.list.viewport().installEventFilter(self)
         self.first = self.list
         self.list.itemSelectionChanged.connect(self._enable)
-        self.list.itemDoubleClicked.connect(lambda _: self.open())
+        self.list.itemDoubleClicked.connect(lambda _: self._run(actions.calibrate, Page.CALIBRATE))
         self.units = DataTable("Units and their calibrations", UNIT_HEADINGS)
         self.history = PlotCard("Sensitivity history", HISTORY)
         plot = self.history.add("Sensitivity", "mV/mm", x_title="Calibration")
@@ -139,20 +139,22 @@ class RunsPage(QWidget):
         return rows
 
     def _filled(self) -> QWidget:
+        run, other = self._run, self.other_pages
+        calibrate, tip = partial(run, other.calibrate, Page.CALIBRATE), "Continue it with its next complete cycle"
         self.buttons = {
-            "open": widgets.button("Calibrate", self.open, "primary", tip="Analyse it on the Calibrate page"),
-            "repeat": widgets.button("Repeatability", self.repeat),
-            "readings": widgets.button("Readings …", self.edit_readings, tip="Correct or add its readings"),
-            "resume": widgets.button("Resume this run", self.resume, tip="Continue it with its next complete cycle"),
+            "open": widgets.button("Calibrate", calibrate, "primary", tip="Analyse it on the Calibrate page"),
+            "repeat": widgets.button("Repeatability", partial(run, other.repeat, Page.REPEAT)),
+            "readings": widgets.button("Readings …", partial(run, self._edit), tip="Correct or add its readings"),
+            "resume": widgets.button("Resume this run", partial(run, other.resume), tip=tip),
             "replay": widgets.button("Replay", lambda: None, tip="Show it as if a board were sending it"),
             "export": widgets.button("Export", lambda: None),
-            "report": widgets.button("Report …", self.ask_report),
-            "compare": widgets.button("Compare", self.compare, tip="Two to four runs of one unit"),
-            "recover": widgets.button("Recover", self.recover, tip="Close a recording left open by a killed session"),
+            "report": widgets.button("Report …", partial(self._ask_save, "pdf html", self.model.report)),
+            "compare": widgets.button("Compare", self._compare, tip="Two to four runs of one unit"),
+            "recover": widgets.button("Recover", self._recover, tip="Close a recording left open by a killed session"),
         }
         for key, entries in (
-            ("replay", [(f"{speed} times real time", partial(self.replay, speed)) for speed in SPEEDS]),
-            ("export", [(f"{kind} …", partial(self.export, kind.lower())) for kind in ("CSV", "Parquet")]),
+            ("replay", [(f"{speed} times real time", partial(self._replay, speed)) for speed in SPEEDS]),
+            ("export", [(f"{k} …", partial(self._ask_save, k.lower(), self.model.export)) for k in ("CSV", "Parquet")]),
         ):
             menu = QMenu(self.buttons[key])
             for text, action in entries:
@@ -210,6 +212,11 @@ class RunsPage(QWidget):
         button = self.buttons[key]
         return button.isEnabled() and not button.isHidden()
 
+    def press(self, key: str, entry: int = 0) -> None:
+        """Press a button; where it has a menu, take one of its entries."""
+        button, menu = self.buttons[key], self.buttons[key].menu()
+        (menu.actions()[entry].trigger if menu is not None else button.click)()
+
     def selected(self) -> list[RunEntry]:
         """Return the chosen lines as they are shown; the list of the model may be newer."""
         rows = sorted({index.row() for index in self.list.selectedIndexes()})
@@ -224,49 +231,22 @@ class RunsPage(QWidget):
             if self.services.notices.attempt(partial(action, path)) and page is not None:
                 self.services.show(page)
 
-    def open(self) -> None:
-        """Analyse the chosen run on the Calibrate page."""
-        self._run(self.other_pages.calibrate, Page.CALIBRATE)
-
-    def repeat(self) -> None:
-        """Show the repeatability of the chosen run."""
-        self._run(self.other_pages.repeat, Page.REPEAT)
-
-    def replay(self, speed: int) -> None:
-        """Show the chosen run as if a board were sending it."""
+    def _replay(self, speed: int) -> None:
         self._run(lambda path: self.other_pages.replay(path, speed), Page.LIVE)
-
-    def resume(self) -> None:
-        """Resume the chosen run at its next whole cycle."""
-        self._run(self.other_pages.resume)
-
-    def edit_readings(self) -> None:
-        """Show the readings of the chosen recording, to be corrected."""
-        self._run(self._edit)
 
     def _edit(self, path: Path) -> None:
         panel = ClosedReadings(self.window(), ClosedRun(path), self.other_pages.calibrate, self.services)
         panel.finished.connect(self.model.scan)
         panel.show()
 
-    def export(self, kind: str) -> None:
-        """Ask where to save the samples of the chosen run."""
-        self._ask_save(kind, self.model.export)
-
-    def ask_report(self) -> None:
-        """Ask where to save the report of the chosen runs."""
-        self._ask_save("pdf html", self.model.report)
-
     def _ask_save(self, kinds: str, save: Callable[[list[Path], Path], None]) -> None:
         paths = self._paths()
         ask_save(self, self.services, paths[0].stem if paths else "run", kinds, partial(save, paths), done="")
 
-    def compare(self) -> None:
-        """Compare the curves of the chosen runs."""
+    def _compare(self) -> None:
         self.services.notices.attempt(lambda: self.model.compare(self._paths()))
 
-    def recover(self) -> None:
-        """Close the recordings that killed sessions left open."""
+    def _recover(self) -> None:
         for path in self._paths():
             self.services.notices.attempt(partial(self.model.recover, path))
 

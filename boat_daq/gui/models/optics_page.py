@@ -15,6 +15,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QSlider, QWidget
 
+from analysis.arrays import FloatArray
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.plotting.axes import fixed_plot, paint_axis
@@ -121,23 +122,19 @@ class ResponseCard(PlotCard):
 class MeritMap:
     """P over spacing and depth for one width; a click shows that design."""
 
-    def __init__(self, card: PlotCard, place: int, model: OpticsModel) -> None:
+    def __init__(self, card: MapsCard, place: int, model: OpticsModel) -> None:
         self.model, self.width_mm = model, STEPS_MM[place]
         self.row, self.column = divmod(place, COLUMNS)
         self.item = fixed_plot()
         card.view.addItem(self.item, row=self.row, col=self.column)
-        self.image = pg.ImageItem()
-        self.item.addItem(self.image)
+        self.image = pg.ImageItem(lut=card.shades)
+        self.marks = pg.ScatterPlotItem(pen=pg.mkPen("w", width=1), brush=None)
+        for drawn in (self.image, self.marks):
+            self.item.addItem(drawn)
         marks = [(i + 0.5, f"{step:g}") for i, step in enumerate(STEPS_MM)]
         for side in ("left", "bottom"):
             self.item.getAxis(side).setTicks([marks[1::2], [(at, "") for at, _ in marks]])
         self.item.setRange(xRange=(0, len(STEPS_MM)), yRange=(0, len(STEPS_MM)), padding=0)
-        self.marks = {
-            name: pg.ScatterPlotItem(size=size, symbol=symbol, pen=pg.mkPen("w", width=1), brush=None)
-            for name, symbol, size in (("best", "star", 12), ("paper", "o", 12), ("now", "s", 17))
-        }
-        for mark in self.marks.values():
-            self.item.addItem(mark)
 
     def clicked(self, event: Any, cavities: int) -> None:
         """Show the design under the mouse."""
@@ -146,25 +143,23 @@ class MeritMap:
             at = box.mapSceneToView(event.scenePos())
             self.model.pick(cavities, self.width_mm, at.x(), at.y())
 
-    def show_sweep(self, cavities: int, table: np.ndarray[Any, Any]) -> None:
+    def show_sweep(self, sweep: SweepSummary, cavities: int) -> None:
         """Draw one map and mark the best design, the paper's optimum and the one shown, where they are in it."""
-        sweep = self.model.sweep
-        self.image.setVisible(sweep is not None)
-        if sweep is not None:
-            self.image.setImage(sweep.grid(cavities, self.width_mm, STEPS_MM), levels=(0.0, 1.0))
-            self.image.setLookupTable(table)
-        now = self.model.values if sweep is not None and self.model.face == FACES[0] else None
-        best = None if sweep is None else sweep.values[sweep.best]
-        paper = None if sweep is None or sweep.paper < 0 else sweep.values[sweep.paper]
-        for name, values in (("best", best), ("paper", paper), ("now", now)):
-            self.marks[name].setData(*self._place(cavities, values))
+        self.image.setImage(sweep.grid(cavities, self.width_mm, STEPS_MM), levels=(0.0, 1.0))
+        marked = [(sweep.values[sweep.best], "star", 12)]
+        if sweep.paper >= 0:
+            marked.append((sweep.values[sweep.paper], "o", 12))
+        if self.model.face == FACES[0]:
+            marked.append((np.array(self.model.values), "s", 17))
+        places = [(self._place(cavities, values), symbol, size) for values, symbol, size in marked]
+        self.marks.setData([{"pos": at, "symbol": symbol, "size": size} for at, symbol, size in places if at])
 
-    def _place(self, cavities: int, values: Any) -> tuple[list[float], list[float]]:
+    def _place(self, cavities: int, values: FloatArray) -> tuple[float, ...]:
         """Return the cell of a design in this map; empty when it is in another one, or off the grid."""
-        if values is None or int(values[0]) != cavities or abs(float(values[1]) - self.width_mm) > ON_GRID_MM:
-            return [], []
-        at = [[i for i, s in enumerate(STEPS_MM) if abs(s - float(values[k])) < ON_GRID_MM] for k in (3, 2)]
-        return ([at[0][0] + 0.5], [at[1][0] + 0.5]) if all(at) else ([], [])
+        if values[0] != cavities or abs(values[1] - self.width_mm) > ON_GRID_MM:
+            return ()
+        near = np.abs(np.array(STEPS_MM) - values[[3, 2], None]) < ON_GRID_MM  # [spacing and depth, steps]
+        return tuple((near.argmax(axis=1) + 0.5).tolist()) if near.any(axis=1).all() else ()
 
     def paint_theme(self, theme: Theme) -> None:
         """Use the colours of `theme`."""
@@ -184,8 +179,8 @@ class MapsCard(PlotCard):
         self.cavities = widgets.choice("Cavities of the maps", counts, lambda _: self.show_sweep())
         self.cavities.setCurrentIndex(1)
         self.bar.insertWidget(1, self.cavities)
-        steps = [QColor(style.sequential(style.LIGHT, i, SHADES)) for i in range(SHADES)]
-        self.table = np.array([[c.red(), c.green(), c.blue()] for c in steps], dtype=np.ubyte)
+        shades = [QColor(style.sequential(style.LIGHT, i, SHADES)) for i in range(SHADES)]
+        self.shades = np.array([shade.getRgb()[:3] for shade in shades], dtype=np.ubyte)
         self.maps = [MeritMap(self, place, model) for place in range(len(STEPS_MM))]
         self.scale = self._scale()
         self.view.scene().sigMouseClicked.connect(self._clicked)
@@ -194,25 +189,22 @@ class MapsCard(PlotCard):
         """Return the scale of P, from 0 to 1, beside the maps."""
         item = fixed_plot()
         self.view.addItem(item, row=0, col=COLUMNS, rowspan=2)
-        item.hideAxis("bottom")
-        item.hideAxis("left")
-        item.showAxis("right")
+        item.showAxes((False, False, True, False))
         item.setMaximumWidth(SCALE_WIDTH)
         item.setRange(xRange=(0, 1), yRange=(0, 1), padding=0)
         item.getAxis("right").setTicks([[(i / 5, f"{i / 5:g}") for i in range(6)]])
         item.layout.setContentsMargins(0, style.GAP, 0, style.GAP)
-        self.gradient = pg.ImageItem(np.linspace(0, 1, SHADES)[None, :])
-        self.gradient.setRect(0, 0, 1, 1)
-        self.gradient.setLookupTable(self.table)
-        item.addItem(self.gradient)
+        item.addItem(pg.ImageItem(np.linspace(0, 1, SHADES)[None, :], rect=(0, 0, 1, 1), lut=self.shades))
         return item
 
     def columns(self) -> Columns:
         """Return every design of the sweep with its merit and rank."""
         sweep = self.model.sweep
-        if sweep is None:
-            return {}
-        return designs(sweep) | {"merit P, best = 1": sweep.merit.p_normalised, "rank": sweep.ranks}
+        return (
+            {}
+            if sweep is None
+            else designs(sweep) | {"merit P, best = 1": sweep.merit.p_normalised, "rank": sweep.ranks}
+        )
 
     def _clicked(self, event: Any) -> None:
         for shown in self.maps:
@@ -227,12 +219,13 @@ class MapsCard(PlotCard):
 
     def show_sweep(self) -> None:
         """Draw the maps of the chosen number of cavities."""
-        for shown in self.maps:
-            shown.show_sweep(int(self.cavities.currentData()), self.table)
-        swept = self.model.sweep is not None
-        self.show_empty("" if swept else f"{SWEEP_FIRST}map the merit of each design.")
-        self.cavities.setVisible(swept)
-        self.readout.setText("\u2606 best   \u25cb paper's   \u25a1 shown" if swept else "")
+        sweep = self.model.sweep
+        self.show_empty("" if sweep is not None else f"{SWEEP_FIRST}map the merit of each design.")
+        self.cavities.setVisible(sweep is not None)
+        self.readout.setText("" if sweep is None else "\u2606 best   \u25cb paper's   \u25a1 shown")
+        if sweep is not None:
+            for shown in self.maps:
+                shown.show_sweep(sweep, int(self.cavities.currentData()))
 
     def paint_theme(self, theme: Theme) -> None:
         """Use the colours of `theme`."""
@@ -288,9 +281,7 @@ class ParetoCard(PlotCard):
     def columns(self) -> Columns:
         """Return every design of the sweep with the three figures and whether it is on the front."""
         s = self.model.sweep
-        if s is None:
-            return {}
-        return designs(s) | {"on the front": s.front.astype(int)}
+        return {} if s is None else designs(s) | {"on the front": s.front.astype(int)}
 
 
 class OpticsPage(ReflowingPage):

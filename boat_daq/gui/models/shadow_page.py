@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from PySide6.QtCore import QTimer
+from PySide6.QtCore import QTimerEvent
 from PySide6.QtWidgets import QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
@@ -114,9 +114,7 @@ class ShadowPage(ReflowingPage):
         across = widgets.row((self.pane, 2), (right, 3))
         widgets.page_layout(self).addLayout(across)
         self.rows, self.tall = (across,), (self.pane.view, self.nominal, self.cycles)
-        self.timer = QTimer(self)
-        self.timer.timeout.connect(self.draw)
-        self.timer.start(FRAME_MS)
+        self.startTimer(FRAME_MS)
 
     def _alarms(self) -> QWidget:
         self.verdict = widgets.label("", "muted", name="State of the monitor", wrap=True)
@@ -124,10 +122,9 @@ class ShadowPage(ReflowingPage):
         self.alarms.setFixedHeight(ALARM_LINES * style.CONTROL_HEIGHT)
         return widgets.card(widgets.row(widgets.label("Alarms", "subtitle"), (self.verdict, 1)), self.alarms)[0]
 
-    def draw(self) -> None:
+    def timerEvent(self, event: QTimerEvent) -> None:
         """Draw one frame while the page is visible."""
-        if self.isVisible():
-            self.pane.draw()
+        self.pane.draw()
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show figures, trace and alarms."""

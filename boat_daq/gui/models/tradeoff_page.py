@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtCore import QPointF, QRectF, QSignalBlocker, Qt
 from PySide6.QtGui import QBrush, QColor, QPainter
 from PySide6.QtWidgets import QListWidget, QListWidgetItem, QProgressBar, QVBoxLayout, QWidget
 
@@ -305,29 +305,24 @@ class MethodList(QListWidget):
         self.tradeoff = tradeoff
         self.setAccessibleName("Methods; ticked ones are measured, the selected one is shown")
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        for name in ENTRIES:
-            item = QListWidgetItem()
-            item.setData(Qt.ItemDataRole.UserRole, name)
-            self.addItem(item)
+        self.addItems(list(ENTRIES))
         self.show_entries()
         self.itemChanged.connect(self._ticked)
         self.currentRowChanged.connect(lambda row: self.tradeoff.show(list(ENTRIES)[row]))
 
     def show_entries(self) -> None:
         """Show the current ticks, titles and verdicts."""
-        self.blockSignals(True)
-        for row, (name, title) in enumerate(ENTRIES.items()):
-            item = self.item(row)
-            item.setText(f"{title}\n{self.tradeoff.entry(name)}")
-            if name in METHODS:
-                ticked = name in self.tradeoff.chosen
-                item.setCheckState(Qt.CheckState.Checked if ticked else Qt.CheckState.Unchecked)
-        self.setCurrentRow(list(ENTRIES).index(self.tradeoff.shown))
-        self.blockSignals(False)
+        with QSignalBlocker(self):
+            for row, (name, title) in enumerate(ENTRIES.items()):
+                item = self.item(row)
+                item.setText(f"{title}\n{self.tradeoff.entry(name)}")
+                if name in METHODS:
+                    ticked = name in self.tradeoff.chosen
+                    item.setCheckState(Qt.CheckState.Checked if ticked else Qt.CheckState.Unchecked)
+            self.setCurrentRow(list(ENTRIES).index(self.tradeoff.shown))
 
     def _ticked(self, item: QListWidgetItem) -> None:
-        name = str(item.data(Qt.ItemDataRole.UserRole))
-        self.tradeoff.choose(name, item.checkState() is Qt.CheckState.Checked)
+        self.tradeoff.choose(list(ENTRIES)[self.row(item)], item.checkState() is Qt.CheckState.Checked)
 
 
 class SettingsTable(DataTable):

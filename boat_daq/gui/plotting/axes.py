@@ -23,7 +23,7 @@ from boat_daq.viewmodels.common.formatting import power_text
 from boat_daq.viewmodels.live import axis
 
 CACHED_LABELS = 500
-LABEL_SHARE = 0.8  # of a label's height that counts beside others, as in pyqtgraph
+OVER = 0.1  # of a label's height, which may be outside the axis above and below it, as in pyqtgraph
 ON_TICK = 1e-9  # of a step
 LOG_LABELS = 7
 LOG_DIGITS = (1, 2, 5)
@@ -126,14 +126,12 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
             self._draw_labels(painter, area, places, self.tickStrings(values, 1.0, step))
 
     def _area(self) -> QRectF:
-        area: QRectF = self.mapRectFromParent(self.geometry())
-        return area
+        return QRectF(self.mapRectFromParent(self.geometry()))
 
     def _field(self) -> QRectF:
         """Return the area of the data."""
         view = self.linkedView()
-        area: QRectF = self._area() if view is None else view.mapRectToItem(self, view.rect())
-        return area
+        return self._area() if view is None else QRectF(view.mapRectToItem(self, view.rect()))
 
     def _ticks(self) -> tuple[float, list[float], list[float]]:
         """Return the step, the ticks' values, and how far along the axis each is, in pixels."""
@@ -170,11 +168,8 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
             label = look.label(text)
             width, height = label.size().width(), label.size().height()
             if self.orientation == "left":
-                x, y = area.right() - across - width, area.bottom() - place - height / 2
-                inside = (
-                    around.top() <= y + (1 - LABEL_SHARE) / 2 * height
-                    and y + (1 + LABEL_SHARE) / 2 * height <= around.bottom()
-                )
+                x, y, margin = area.right() - across - width, area.bottom() - place - height / 2, OVER * height
+                inside = around.top() <= y + margin and y + height - margin <= around.bottom()
             else:
                 x, y = area.left() + place - width / 2, area.top() + along
                 inside = around.left() <= x and x + width <= around.right()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from pathlib import Path
 
+import numpy as np
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QFrame, QLayout, QScrollArea, QWidget
@@ -41,6 +41,7 @@ ACCEPT_TIP = "Store it with the unit and use it live"
 ANYWAY_TIP = "Store it with the unit, marked as out of tolerance, and use it live"
 NO_CYCLE = "A loop needs one complete cycle."
 NO_READINGS = "Elongation over pressure needs the readings of a complete cycle."
+BRANCHES = (("Loading", "Residual, loading", True), ("Unloading", "Residual, unloading", False))
 COMPARED = ("", "now", "previous", "E\u2099")
 SIDE = style.PANE_WIDTH_WIDE - 4 * style.STEP
 
@@ -59,20 +60,17 @@ class CurveCard(PlotCard):
         self.bands = [self.top.band(f"Band of the curve, {p} %", colour) for p in (95, 68)]
         self.previous = self.top.curve("Previous calibration", lambda t: t.target, dashed=True)
         self.curve = self.top.curve("Calibration", colour)
-        self.loading = self.top.points("Loading", colour)
-        self.unloading = self.top.points("Unloading", colour, filled=False)
         self.difference = self.bottom.curve("Previous calibration less this one", lambda t: t.target, dashed=True)
         self.residual_bands = [self.bottom.band(f"Band of the curve about itself, {p} %", colour) for p in (95, 68)]
         self.bottom.line(lambda t: t.muted, style_=Qt.PenStyle.SolidLine)
-        self.residual_loading = self.bottom.points("Residual, loading", colour, size=6)
-        self.residual_unloading = self.bottom.points("Residual, unloading", colour, filled=False, size=6)
+        self.branches = [
+            (self.top.points(name, colour, filled=filled), self.bottom.points(residual, colour, filled=filled, size=6))
+            for name, residual, filled in BRANCHES
+        ]
 
     def show_sensor(self, sensor: SensorResult, shown: CurveBands, previous: Agreement | None) -> None:
         """Draw a sensor's points, its curve with its bands, and the unit's previous one."""
-        for branch, points, residuals in (
-            (sensor.loading, self.loading, self.residual_loading),
-            (~sensor.loading, self.unloading, self.residual_unloading),
-        ):
+        for branch, (points, residuals) in zip((sensor.loading, ~sensor.loading), self.branches, strict=True):
             points.set(sensor.x[branch], sensor.y[branch])
             residuals.set(sensor.x[branch], shown.residuals[branch])
         self.curve.set(shown.grid, shown.curve)
@@ -120,7 +118,7 @@ class LoopCard(PlotCard):
             self.clear()
             self.show_empty(self.missing)
         for plot, curve, ordinate in drawn:
-            curve.set(*loops.broken(loops.pressure_kpa, ordinate, range(len(loops.numbers))))
+            curve.set(*loops.broken(loops.pressure_kpa, ordinate, np.arange(len(loops.numbers))))
             plot.fit()
 
 
@@ -196,7 +194,8 @@ class CalibrationPage(QWidget):
         self.sample = widgets.button(BANDS, lambda: self.services.notices.attempt(self.model.sample), tip=BANDS_TIP)
         self.report = widgets.button("Report \u2026", partial(self.services.show, Panel.REPORT))
         self.accept = widgets.button(ACCEPT, self._accept, "primary", tip=ACCEPT_TIP)
-        opens = widgets.button("Open \u2026", self._open)
+        ask = partial(ask_open, self, self.services, "Open a recording", "boat csv", self.model.analyse)
+        opens = widgets.button("Open \u2026", ask)
         buttons = widgets.row(self.again, opens, self.sample, self.report, self.accept)
         self.head = widgets.row((widgets.column(self.verdict, self.headline, spacing=0), 1), buttons)
         return widgets.card(self.head, self._warnings())[0]
@@ -252,9 +251,6 @@ class CalibrationPage(QWidget):
         path = self.model.last_path
         if path is not None:
             self.services.notices.attempt(lambda: self.model.analyse(path))
-
-    def _open(self) -> None:
-        ask_open(self, self.services, "Open a recording", "boat csv", lambda path: self.model.analyse(Path(path)))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Put the buttons under the verdict on a narrow page."""

@@ -48,9 +48,8 @@ class LoopsByCycle(PlotCard):
     def show_groups(self, model: RepeatabilityModel) -> None:
         """Draw the groups of cycles."""
         assert model.result is not None
-        loops, groups = model.result.loops, model.groups()
-        for i, curve in enumerate(self.curves):
-            cycles = groups[i] if i < len(groups) else range(0)
+        loops = model.result.loops
+        for curve, cycles in zip(self.curves, model.groups(), strict=True):
             curve.set(*loops.broken(loops.pressure_kpa, loops.signal_mv[self.number - 1], cycles))
         self.readout.setText(f"cycles {loops.numbers[0]}\u2013{loops.numbers[-1]}, dark first")
         self.plot.fit()

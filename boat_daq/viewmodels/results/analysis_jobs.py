@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray
+from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.fidelity import Level, fidelity
 from analysis.figures.figure import SENSOR_FIGURES, Figure
 from analysis.progress import Progress, part_of
@@ -63,7 +63,7 @@ class LoopSet:
     elongation_mm: FloatArray | None
     signal_mv: FloatArray
 
-    def broken(self, abscissa: FloatArray, ordinate: FloatArray, cycles: range) -> tuple[FloatArray, FloatArray]:
+    def broken(self, abscissa: FloatArray, ordinate: FloatArray, cycles: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return cycles as one line: each closed, down the unloading branch and up the loading one, then a NaN.
 
         Parameters
@@ -162,13 +162,12 @@ class RunResult:
         return bool(self.sensors) and all(sensor.fit is not None for sensor in self.sensors)
 
 
-def analyse_run(path: str, *, seed: int = 0, level: Level = "normal", progress: Progress | None = None) -> RunResult:
+def analyse_run(path: str, *, level: Level = "normal", progress: Progress | None = None) -> RunResult:
     """Return all figures and curves of a recording, without the posterior.
 
     Parameters
     ----------
     path : of the recording.
-    seed : of the bootstrap.
     level : of fidelity.
     progress : is called with the steps done and their number.
 
@@ -182,7 +181,7 @@ def analyse_run(path: str, *, seed: int = 0, level: Level = "normal", progress: 
 
     recording = load_recording(Path(path))
     part_of(progress, 0, 1, 4)(1, 1)
-    options = Options(seed=seed, mcmc=False, fidelity=level)
+    options = Options(mcmc=False, fidelity=level)
     found = analyse(recording, options=options, progress=part_of(progress, 1, 3, 4))
     loops = found.loops
     return RunResult(
@@ -269,7 +268,6 @@ def sample_run(
     points: list[tuple[list[float], list[float], int, list[int] | None]],
     reading_sd_mm: float,
     *,
-    seed: int = 0,
     max_steps: int = fidelity().posterior_steps,
     progress: Progress | None = None,
 ) -> tuple[CurveBands, ...]:
@@ -279,7 +277,6 @@ def sample_run(
     ----------
     points : for each sensor elongations (mm), signals (mV), the degree, and the position where each point was read.
     reading_sd_mm : standard uncertainty of a reading, mm.
-    seed : of the first sensor's sampler.
     max_steps : of the sampler.
     progress : is called with what is done and the total.
     """
@@ -288,7 +285,7 @@ def sample_run(
     results = []
     for i, (x, y, degree, positions) in enumerate(points):
         posterior = sample_posterior(
-            x, y, degree, reading_sd=reading_sd_mm, positions=positions, seed=seed + i, max_steps=max_steps,
+            x, y, degree, reading_sd=reading_sd_mm, positions=positions, seed=i, max_steps=max_steps,
             progress=part_of(progress, i, 1, len(points)),
         )  # fmt: skip
         grid = np.linspace(min(x), max(x), GRID)

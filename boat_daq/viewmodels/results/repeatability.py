@@ -7,13 +7,12 @@ nothing is computed in two ways. Cycles are drawn in groups of one colour: a hun
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import pairwise
 from pathlib import Path
 from time import monotonic
 
 import numpy as np
 
-from analysis.arrays import FloatArray
+from analysis.arrays import FloatArray, IntArray
 from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.viewmodels.common.formatting import count, duration
@@ -108,11 +107,9 @@ class RepeatabilityModel:
             return f"{Path(self.result.path).name} has no complete cycle", f"{NO_CYCLE}{found} {HOW}"
         return "", ""
 
-    def groups(self) -> list[range]:
-        """Return the cycles in at most `GROUPS` groups of consecutive ones."""
-        n = self.result.cycles if self.result is not None else 0
-        edges = np.unique(np.linspace(0, n, min(GROUPS, n) + 1).round().astype(int))
-        return [range(int(a), int(b)) for a, b in pairwise(edges)]
+    def groups(self) -> list[IntArray]:
+        """Return the cycles in `GROUPS` groups of consecutive ones, the last of them empty where there are fewer."""
+        return np.array_split(np.arange(self.result.cycles if self.result is not None else 0), GROUPS)
 
     def extremes(self, sensor: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return cycle numbers and the signal's change at the highest and the lowest level, mV from the first cycle."""

@@ -267,8 +267,7 @@ class RunsModel:
 
     def newest(self) -> Path | None:
         """Return the recording that was written last; None where there is none."""
-        found = self.folder.glob("*.boat") if self.folder.is_dir() else ()
-        return max(found, key=lambda path: path.stat().st_mtime_ns, default=None)
+        return max(self.folder.glob(f"*{SUFFIX}"), key=lambda path: path.stat().st_mtime_ns, default=None)
 
     def interrupted(self) -> list[Path]:
         """Return the recordings that killed sessions left open."""

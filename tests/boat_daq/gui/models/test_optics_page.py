@@ -153,7 +153,9 @@ def test_click_on_map_or_front_shows_the_design(page):
     assert FakeJob.made[-1].args == ((3, 5, 7), NORMAL.ranking_rays, "default")
     FakeJob.made[-1].bring(swept())
     update(page)
-    assert page.maps.maps[5].marks["paper"].getData()[0].tolist() == [4.5]
+    marked = {spot.symbol(): spot.pos().toTuple() for spot in page.maps.maps[5].marks.points()}
+    assert marked == {"o": (4.5, 0.5), "s": (4.5, 0.5)}
+    assert [spot.symbol() for spot in page.maps.maps[2].marks.points()] == ["star"]
     assert page.pareto.numbers.texts == ["2"]
 
     class Click:

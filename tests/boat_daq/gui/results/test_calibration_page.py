@@ -290,7 +290,7 @@ def test_new_analysis_clears_the_page(live):
     model.show(run_result())
     live.refresh()
     card = page.curves[0]
-    assert card.loading.x.size and page.curves[0].columns()
+    assert card.branches[0][0].x.size and page.curves[0].columns()
     whole, none = run_result(), np.zeros(0)
     bare = dataclasses.replace(whole.sensors[0], x=none, y=none, fit=None, void="none was read")
     model.show(dataclasses.replace(whole, sensors=(bare, bare)))

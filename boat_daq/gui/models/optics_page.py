@@ -180,7 +180,7 @@ class MapsCard(PlotCard):
         self.cavities.setCurrentIndex(1)
         self.bar.insertWidget(1, self.cavities)
         shades = [QColor(style.sequential(style.LIGHT, i, SHADES)) for i in range(SHADES)]
-        self.shades = np.array([shade.getRgb()[:3] for shade in shades], dtype=np.ubyte)
+        self.shades = np.array([[c.red(), c.green(), c.blue()] for c in shades], dtype=np.ubyte)
         self.maps = [MeritMap(self, place, model) for place in range(len(STEPS_MM))]
         self.scale = self._scale()
         self.view.scene().sigMouseClicked.connect(self._clicked)

@@ -94,7 +94,7 @@ class ConnectPanel(QDialog):
 
     def list_ports(self) -> None:
         """List the ports; what was typed stays."""
-        typed = self.port.currentText() or self.connection.last_port
+        typed = self.port.currentText() or str(self.services.preferences.get("port", ""))
         ports = self.connection.ports()
         self.port.clear()
         for text, port in ports:

@@ -113,8 +113,7 @@ class MainWindow(QMainWindow):
         self.setCentralWidget(body)
 
     def _start_timers(self) -> None:
-        self.frame_timer, self.calm_timer = QTimer(self), QTimer(self)
-        self.frame_timer.setTimerType(Qt.TimerType.PreciseTimer)
+        self.frame_timer, self.calm_timer = QTimer(self, timerType=Qt.TimerType.PreciseTimer), QTimer(self)
         for timer, work in ((self.frame_timer, self.draw), (self.calm_timer, self.refresh)):
             timer.timeout.connect(work)
             timer.start(CALM_MS)

@@ -59,7 +59,7 @@ class Palette(QDialog):
 
     def _match(self, text: str) -> None:
         self.list.clear()
-        able = [c for c in self.registry.commands if c.available()]
+        able = [c for c in self.registry.actions if c.available()]
         found = ranked(text, able, lambda c: f"{c.menu} {c.text} {c.also}")
         for command in sorted(found, key=lambda c: c.text.lower() != text.strip().lower()):  # an exact name first
             item = QTreeWidgetItem([command.text, shown(command)])
@@ -89,7 +89,7 @@ class ShortcutSheet(QDialog):
         self._body = QWidget()
         self._body.setLayout(widgets.row(*self._columns, spacing=8 * style.STEP))
         self._blocks = {
-            menu: widgets.holder(self._block(menu, [c for c in registry.commands if c.menu == menu]))
+            menu: widgets.holder(self._block(menu, [c for c in registry.actions if c.menu == menu]))
             for menus in SHEET
             for menu in menus
         }

@@ -50,16 +50,15 @@ class Registry:
 
     def __init__(self, window: QMainWindow, notices: Notices) -> None:
         self._window, self._notices = window, notices
-        self.commands: list[Command] = []
-        self._actions: list[tuple[Command, QAction]] = []
+        self.actions: dict[Command, QAction] = {}
         self._menus: dict[str, QMenu] = {name: window.menuBar().addMenu(f"&{name}") for name in MENUS}
         for menu in self._menus.values():
             menu.aboutToShow.connect(self.refresh)
             menu.aboutToHide.connect(self.enable_all)
             menu.setToolTipsVisible(True)
 
-    def add(self, command: Command) -> QAction:
-        """Add a command to its menu; return its action."""
+    def add(self, command: Command) -> None:
+        """Add a command to its menu."""
         menu = self._menus[command.menu]
         if command.apart:
             menu.addSeparator()
@@ -68,9 +67,7 @@ class Registry:
         action.setShortcutContext(Qt.ShortcutContext.ApplicationShortcut)
         action.triggered.connect(lambda *_: self._pressed(command))
         menu.addAction(action)
-        self.commands.append(command)
-        self._actions.append((command, action))
-        return action
+        self.actions[command] = action
 
     def _pressed(self, command: Command) -> None:
         """Close a popup that is open over the window (palette, menu, list), then run the command."""
@@ -88,14 +85,14 @@ class Registry:
 
     def refresh(self) -> None:
         """Disable what cannot run now, while a menu is open."""
-        for command, action in self._actions:
+        for command, action in self.actions.items():
             able = command.available()
             action.setEnabled(able)
             action.setToolTip("" if able else as_words(command.why()))
 
     def enable_all(self) -> None:
         """Enable every action once the menu is closed: the shortcut of a disabled one would have no effect."""
-        for _, action in self._actions:
+        for action in self.actions.values():
             action.setEnabled(True)
 
 

@@ -57,7 +57,7 @@ class AppModel:
         self.live = LiveModel(lambda: session.ring)
         self.overlay = OverlayModel(lambda: session.ring, session.steps, self.live.time_of)
         self.shadow = ShadowLive(self.live, self.jobs)
-        self.monitor = ShadowMonitor(lambda: self.shadow.model, self.overlay, lambda: session.ring)
+        self.monitor = ShadowMonitor(lambda: self.shadow.model, self.overlay)
         self.sequence = SequenceModel(session, self.undo, self.preferences)
         self.readings = ReadingsModel(session, self.undo)
         self.unit = UnitInUse(self.units, self.connection, self.live)

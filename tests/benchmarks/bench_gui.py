@@ -28,7 +28,7 @@ def window_on(qtbot, tmp_path, size):
     from boat_daq.gui import app
     from boat_daq.viewmodels.app_model import AppModel
     from boat_daq.viewmodels.live.live_model import LiveElongation
-    from boat_daq.viewmodels.live.shadow_live import load_model
+    from boat_daq.viewmodels.live.shadow_jobs import shadow_of
 
     app.make_application()
     session = RecordedSession(connected(), filled_ring(HOUR_S))
@@ -42,7 +42,7 @@ def window_on(qtbot, tmp_path, size):
         return LiveElongation(mm, np.full(mm.shape, 0.3), np.zeros(mm.shape, bool))
 
     window.model.live.inverse = inverse
-    window.model.shadow.model = load_model()
+    window.model.shadow.model = shadow_of()
     window.resize(*size)
     window.show()
     qtbot.waitExposed(window)

@@ -24,7 +24,7 @@ def app_model(qtbot, tmp_path):
     from boat_daq.gui.app import make_application
     from boat_daq.viewmodels.app_model import AppModel
     from boat_daq.viewmodels.live.live_model import LiveElongation
-    from boat_daq.viewmodels.live.shadow_live import load_model
+    from boat_daq.viewmodels.live.shadow_jobs import shadow_of
 
     make_application()
     session = RecordedSession(connected(), filled_ring(300.0))
@@ -35,7 +35,7 @@ def app_model(qtbot, tmp_path):
         return LiveElongation(mm, np.full(mm.shape, 0.3), np.zeros(mm.shape, bool))
 
     made.live.inverse = inverse
-    made.shadow.model = load_model()
+    made.shadow.model = shadow_of()
     made.shadow.prepare = lambda: None
     yield made
     made.close()

@@ -135,7 +135,7 @@ def window(folder: Path) -> dict[str, Any]:
             shown.commands.refresh()
             buttons = [b for b in shown.findChildren(QAbstractButton) if b.isVisible() and b.accessibleName() != ""]
             offered[f"{name}, {page.name}"] = {
-                "commands": {c.shortcut: [c.available(), bool(c.why())] for c in shown.commands.commands},
+                "commands": {c.shortcut: [c.available(), bool(c.why())] for c in shown.commands.actions},
                 "buttons": [b.isEnabled() for b in buttons],
             }
         shown.close()

@@ -57,7 +57,7 @@ class ReadingBar(QFrame):
             return
         widgets.set_text(self.question, self.run.readings.question(snapshot))
         step = waiting.step_id if waiting else None
-        self.simulated.setVisible(self.run.can_read_simulated())
+        self.simulated.setVisible(self.run.connection.simulated_mm() is not None)
         if step == self.step_id and self.field.isReadOnly() is (step is None):
             return
         self.step_id = step

@@ -190,11 +190,6 @@ class ConnectionModel:
         self._query: Background[list[PortIdentity]] = Background("ports")
 
     @property
-    def last_port(self) -> str:
-        """Return the port that was used last."""
-        return str(self._preferences.get("port", ""))
-
-    @property
     def unit(self) -> str:
         """Return the unit on the bench."""
         return str(self._preferences.get("unit", "SA1"))
@@ -206,9 +201,9 @@ class ConnectionModel:
 
     def ports(self) -> list[tuple[str, str]]:
         """Return the ports as (text, port), those of BOAT boards first, then the last one used."""
-        found = {p.port: p.description for p in list_ports()}
+        found, last = {p.port: p.description for p in list_ports()}, self._preferences.get("port", "")
         found |= {port: f"\u25cf BOAT board {board}" for port, board in self.boards.items() if port in found}
-        order = sorted(found, key=lambda port: (port not in self.boards, port != self.last_port, port))
+        order = sorted(found, key=lambda port: (port not in self.boards, port != last, port))
         return [(f"{port}   {found[port]}".strip(), port) for port in order]
 
     def query_boards(self) -> None:

@@ -233,10 +233,6 @@ class RunModel:
         if self.services.notices.attempt(lambda: self.session.mark(note)) and not math.isnan(now_s):
             self.live.markers.append((now_s, note))
 
-    def can_read_simulated(self) -> bool:
-        """Return whether there is a simulated grid to read."""
-        return self.connection.simulated_mm() is not None
-
     def read_simulated(self, step_id: int) -> None:
         """Enter what the simulated unit's grid shows, to the nearest half millimetre."""
         x = self.connection.simulated_mm()

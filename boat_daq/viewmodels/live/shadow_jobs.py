@@ -36,7 +36,7 @@ def can_be_unstable(pressure_kpa: float, deviation_mm: float) -> bool:
 
 
 def shadow_of(level: str = "normal", *, progress: Callable[[float, float], None] | None = None) -> Shadow:
-    """Return the shadow at a level of fidelity; its table is loaded from the cache, or built.
+    """Return the shadow at a level of fidelity; table and compiled code are loaded from the cache, or built.
 
     Raises
     ------
@@ -48,13 +48,14 @@ def shadow_of(level: str = "normal", *, progress: Callable[[float, float], None]
 
     chosen = fidelity(level)
     parameters = actuator(chosen)
-    return Shadow(parameters, load_table(parameters, table_settings(chosen), progress=progress))
+    shadow = Shadow(parameters, load_table(parameters, table_settings(chosen), progress=progress))
+    shadow.state(pressure_kpa=20.0, elongation_mm=1.0)  # compiled now, not in the first frame
+    return shadow
 
 
-def warm(level: str = "normal", *, progress: Callable[[float, float], None] | None = None) -> float:
-    """Build or load the table and compute one state; return its computing time, s."""
-    shadow = shadow_of(level, progress=progress)
-    return shadow.state(pressure_kpa=20.0, elongation_mm=1.0).seconds
+def warm(level: str = "normal", *, progress: Callable[[float, float], None] | None = None) -> None:
+    """Build table and compiled code, or load them from the cache."""
+    shadow_of(level, progress=progress)
 
 
 def unstable_held_states(level: str = "normal") -> frozenset[Place]:

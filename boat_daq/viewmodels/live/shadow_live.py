@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,7 +118,7 @@ class ShadowLive:
 
     def _built(self, job: Job) -> None:
         if job.state is JobState.DONE:
-            self._loading.call(load_model, self._level)
+            self._loading.call(shadow_of, self._level)
         elif job.failure is not None:
             self.problem = job.failure.cause
 
@@ -272,10 +272,3 @@ def _measured_lines(now: Moment) -> tuple[tuple[str, str, str], ...]:
     elif now.calibrated:
         text, state = "\u25b2 outside the calibration", "warning"
     return (("Measured", text, state), ("Pressure", f"{number(now.pressure, 1, sign=True)} kPa", ""))
-
-
-def load_model(level: str = "normal") -> Any:
-    """Return the shadow, warmed up; its table is loaded from the cache, or built (some seconds)."""
-    model = shadow_of(level)
-    model.state(pressure_kpa=20.0, elongation_mm=1.0)
-    return model

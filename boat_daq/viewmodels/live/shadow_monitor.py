@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from analysis.arrays import FloatArray
-from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.viewmodels.common.formatting import MINUS, THIN, count, duration, number
 from boat_daq.viewmodels.common.jobs import Background
@@ -68,14 +67,11 @@ class ShadowMonitor:
     Parameters
     ----------
     model : returns the shadow, or None.
-    overlay : locates each cycle in the ring.
-    ring : returns the current ring.
+    overlay : has the current ring and locates each cycle in it.
     """
 
-    def __init__(
-        self, model: Callable[[], Shadow | None], overlay: OverlayModel, ring: Callable[[], RingBuffer | None]
-    ) -> None:
-        self._model, self._overlay, self._ring = model, overlay, ring
+    def __init__(self, model: Callable[[], Shadow | None], overlay: OverlayModel) -> None:
+        self._model, self._overlay = model, overlay
         self._reducing: Background[tuple[CycleMark, list[Alarm], dict[str, float]]] = Background("monitor")
         self._monitor: Any = None
         self._taken: set[int] = set()
@@ -93,24 +89,17 @@ class ShadowMonitor:
             self._monitor, self._taken, self.marks, self.alarms, self._reported = None, set(), [], [], 0
             self._sight = {}
             self.revision += 1
-        shadow, progress = self._model(), snapshot.progress
-        if shadow is None or conversion is None or progress is None:
+        shadow, progress, ring = self._model(), snapshot.progress, self._overlay.ring()
+        if shadow is None or conversion is None or progress is None or ring is None:
             return
-        ended = [span for span in self._overlay.spans() if span[0] < progress.cycle and span[2] is not None]
-        for cycle, begin, end in ended:
-            if cycle not in self._taken:
+        for cycle, begin, end in self._overlay.spans():
+            if cycle < progress.cycle and end is not None and cycle not in self._taken:
                 self._taken.add(cycle)
-                self._submit(shadow, conversion, cycle, begin, float(end or begin))
-
-    def _submit(self, shadow: Shadow, conversion: Conversion, number: int, begin: float, end: float) -> None:
-        ring = self._ring()
-        if ring is None:
-            return
-        columns = ring.view(begin)
-        inside = np.flatnonzero(columns["time_s"] <= end)
-        inside = inside[:: max(1, inside.size // THINNED_TO)]
-        cycle = {name: values[inside] for name, values in columns.items()}
-        self._reducing.call(self._reduce, shadow, conversion, number, cycle)
+                columns = ring.view(begin)
+                inside = np.flatnonzero(columns["time_s"] <= end)
+                inside = inside[:: max(1, inside.size // THINNED_TO)]
+                thinned = {name: values[inside] for name, values in columns.items()}
+                self._reducing.call(self._reduce, shadow, conversion, cycle, thinned)
 
     def _reduce(
         self, shadow: Shadow, conversion: Conversion, number: int, cycle: dict[str, FloatArray]

@@ -28,7 +28,7 @@ def test_every_command_is_in_a_menu_the_palette_and_the_sheet(whole):
     actions = [
         action for menu in whole.menuBar().actions() for action in menu.menu().actions() if not action.isSeparator()
     ]
-    commands = whole.commands.commands
+    commands = whole.commands.actions
     assert [a.text() for a in actions] == [c.text for m in menus(whole) for c in commands if c.menu == m]
     assert [a.text() for a in actions if a.shortcut().isEmpty()] == []
     assert {a for a in whole.findChildren(QAction) if a.shortcut().toString() and a not in actions} == set()
@@ -43,14 +43,14 @@ def menus(window):
 
 def test_every_button_of_the_results_pages_is_a_command(whole):
     """What a button of these pages does, a key does: as many commands as button actions."""
-    texts = {c.text for c in whole.commands.commands if c.menu == "Runs"}
+    texts = {c.text for c in whole.commands.actions if c.menu == "Runs"}
     assert len(texts) == 5 + len(whole.pages["Runs"].buttons) + 1  # exports are two kinds behind one button
 
 
 def test_unavailable_command_is_greyed_and_its_key_does_nothing(live):
     """A command that has nothing to do is greyed and does nothing when its key is pressed."""
     live.commands.refresh()
-    greyed = {c.text for c, a in live.commands._actions if not a.isEnabled()}
+    greyed = {c.text for c, a in live.commands.actions.items() if not a.isEnabled()}
     assert {"Accept the calibration", "Compare the selected runs", "Skip this reading", "Undo"} <= greyed
     assert {"Vent now", "Connect …", "Calibrate with the last run"} & greyed == set()
     live.commands.enable_all()
@@ -119,6 +119,6 @@ def test_waiting_for_readings_can_be_undone(live):
 
 def test_every_command_has_its_own_keys(live):
     """No command is without a shortcut, and no two share one."""
-    keys = [QKeySequence(c.shortcut).toString() for c in live.commands.commands]
+    keys = [QKeySequence(c.shortcut).toString() for c in live.commands.actions]
     assert all(keys)
     assert [key for key, n in Counter(keys).items() if n > 1] == []

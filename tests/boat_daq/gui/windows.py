@@ -16,7 +16,7 @@ ASKED = ReadingRequest(4, 1, "unloading", 20.0, 20.0)
 
 def run_shortcut(window, keys: str) -> None:
     """Do what the action with these keys does, where it may be done."""
-    next(a for c, a in window.commands._actions if c.shortcut == keys).trigger()
+    next(a for c, a in window.commands.actions.items() if c.shortcut == keys).trigger()
 
 
 def pause(seconds):

@@ -142,7 +142,7 @@ def test_unavailable_command_reports_its_reason(runs):
         assert "Compare the selected runs" in notice.cause
         assert remedy in notice.remedy
         window.commands.refresh()
-        entry = next(a for c, a in window.commands._actions if c.shortcut == "Ctrl+Alt+M")
+        entry = next(a for c, a in window.commands.actions.items() if c.shortcut == "Ctrl+Alt+M")
         assert not entry.isEnabled()
         assert remedy in entry.toolTip()
         window.commands.enable_all()

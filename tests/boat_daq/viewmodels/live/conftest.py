@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from boat_daq.viewmodels.live.shadow_live import load_model
+from boat_daq.viewmodels.live.shadow_jobs import shadow_of
 from tests.boat_daq.gui.recorded_session import filled_ring
 
 
@@ -17,4 +17,4 @@ def ring():
 @pytest.fixture(scope="session")
 def model():
     """The shadow at normal fidelity."""
-    return load_model()
+    return shadow_of()

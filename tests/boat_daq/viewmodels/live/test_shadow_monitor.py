@@ -29,7 +29,7 @@ def test_each_whole_cycle_is_monitored_once(ring, model):
         for i in range(1, 5)
     )
     overlay = OverlayModel(lambda: ring, lambda: marks, lambda time_us: time_us / 1e6)
-    monitor = ShadowMonitor(lambda: model, overlay, lambda: ring)
+    monitor = ShadowMonitor(lambda: model, overlay)
     progress = Progress(9, 200, 4, 100, 3, (), "loading", Phase.RAMPING, 50.0, 1.0, 90.0, 900.0)
     snapshot = dataclasses.replace(connected(), progress=progress, recording="a.boat")
     for _ in range(3):

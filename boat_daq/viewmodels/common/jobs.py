@@ -50,23 +50,24 @@ class JobFailure:
 
 
 def _run(pipe: Connection, function: Callable[..., object], args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
-    """Run in the helper process: send ("progress", fraction), then ("done", result) or ("failed", JobFailure)."""
+    """Run in the helper process: send (RUNNING, fraction), then (DONE, result) or (FAILED, JobFailure)."""
     last = 0.0
 
     def progress(done: float, total: float, /) -> None:
         nonlocal last
         if monotonic() - last >= REPORT_EVERY_S or done >= total:
             last = monotonic()
-            pipe.send(("progress", float(done) / float(total) if total else None))
+            pipe.send((JobState.RUNNING, float(done) / float(total) if total else None))
 
     try:
         if "progress" in inspect.signature(function).parameters:
             kwargs = {**kwargs, "progress": progress}
-        pipe.send(("done", function(*args, **kwargs)))
+        pipe.send((JobState.DONE, function(*args, **kwargs)))
     except BaseException as error:  # noqa: BLE001 - the window decides; nothing may be lost on the way
         cause = str(getattr(error, "cause", "")) or f"{type(error).__name__}: {error}"
         with suppress(OSError):  # the window is gone
-            pipe.send(("failed", JobFailure(cause, str(getattr(error, "remedy", "")), traceback.format_exc())))
+            failure = JobFailure(cause, str(getattr(error, "remedy", "")), traceback.format_exc())
+            pipe.send((JobState.FAILED, failure))
     finally:
         pipe.close()
 
@@ -101,20 +102,17 @@ class Job:
         """Take what the process has sent and return the state; never block."""
         while self.state is JobState.RUNNING and self._pipe.poll():
             try:
-                kind, value = self._pipe.recv()
+                state, value = self._pipe.recv()
             except EOFError:
                 self._process.join(0.2)
                 details = f"exit code {self._process.exitcode}"
                 cause = f"{self.label}: the process ended before its result"
-                kind, value = "failed", JobFailure(cause, "Start it again.", details)
-            if kind == "progress":
+                state, value = JobState.FAILED, JobFailure(cause, "Start it again.", details)
+            if state is JobState.RUNNING:
                 self.fraction = value
-            elif kind == "done":
-                self.result = value
-                self._finish(JobState.DONE)
-            else:
-                self.failure = value
-                self._finish(JobState.FAILED)
+                continue
+            self.result, self.failure = (value, None) if state is JobState.DONE else (None, value)
+            self._finish(state)
         return self.state
 
     def cancel(self) -> None:

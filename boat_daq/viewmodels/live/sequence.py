@@ -33,13 +33,11 @@ class Entry:
     label: str
     unit: str
     help: str
-    whole: bool = False
 
 
+WHOLE = ("cycles",)  # entries that are whole numbers
 ENTRIES = (
-    Entry(
-        "cycles", "Cycles", "", "Complete cycles, each from the highest pressure to the lowest and back.", whole=True
-    ),
+    Entry("cycles", "Cycles", "", "Complete cycles, each from the highest pressure to the lowest and back."),
     Entry("high_kpa", "Highest", "kPa", "Pressure at which every cycle begins and ends."),
     Entry("low_kpa", "Lowest", "kPa", "Pressure at which every cycle turns."),
     Entry("step_kpa", "Step", "kPa", "Distance between the plateaus of a staircase."),
@@ -172,9 +170,10 @@ class SequenceModel:
         self.wait_for_reading = wanted
         self._store()
 
-    def take(self, plan: Plan) -> None:
-        """Select a plan, e.g. that of a run that resumes."""
-        self._replace(plan, f"choice of plan {plan.name}")
+    def take(self, plan: Plan, text: str = "") -> None:
+        """Select a plan, e.g. that of a run that resumes; `text` completes "Undo ..."."""
+        before, text = self.plan, text or f"choice of plan {plan.name}"
+        self._undo.push(Change(text, lambda: self._take(plan), lambda: self._take(before)))
 
     def open(self, path: Path) -> None:
         """Load a plan from a TOML file.
@@ -201,13 +200,13 @@ class SequenceModel:
             value = plain_number(text)
         except ValueError:
             return self._refuse(key, f"{entry.label}: {text!r} is not a number")
-        if entry.whole and value != int(value):
+        if key in WHOLE and value != int(value):
             return self._refuse(key, f"{entry.label}: a whole number is required")
         self.refused.pop(key, None)
         self._typed.pop(key, None)
         if value == getattr(self.plan, key):
             return ""
-        number_typed = int(value) if entry.whole else value
+        number_typed = int(value) if key in WHOLE else value
         alone = {key: number_typed}
         for changed in (self._typed | alone, alone):
             try:
@@ -217,7 +216,7 @@ class SequenceModel:
             else:
                 left = {k: v for k, v in self._typed.items() if k not in changed}
                 reasons = {k: why for k, why in self.refused.items() if k not in changed}
-                self._replace(plan, f"{entry.label} of the plan")
+                self.take(plan, f"{entry.label} of the plan")
                 self._typed, self.refused = left, reasons
                 return ""
         self._typed[key] = number_typed
@@ -230,10 +229,6 @@ class SequenceModel:
     def value(self, key: str) -> str:
         """Return a field as text."""
         return f"{getattr(self.plan, key):g}".replace("-", "\u2212")
-
-    def _replace(self, plan: Plan, text: str) -> None:
-        before = self.plan
-        self._undo.push(Change(text, lambda: self._take(plan), lambda: self._take(before)))
 
     def _take(self, plan: Plan) -> None:
         self.plan = plan

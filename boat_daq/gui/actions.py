@@ -93,10 +93,10 @@ def view(window: MainWindow) -> list[Command]:
 
     return [
         add("Freeze or follow the plot", "Space", live.model.toggle_freeze, also="hold pause picture"),
-        add("Zoom in on time", "Ctrl+=", partial(live.zoom, 0.5)),
-        add("Zoom out on time", "Ctrl+-", partial(live.zoom, 2.0)),
-        add("Show the last 10 s", "Ctrl+0", partial(live.set_window, 10.0)),
-        add("Show the whole session", "Ctrl+9", partial(live.set_window, math.inf)),
+        add("Zoom in on time", "Ctrl+=", partial(live.model.zoom, 0.5)),
+        add("Zoom out on time", "Ctrl+-", partial(live.model.zoom, 2.0)),
+        add("Show the last 10 s", "Ctrl+0", partial(live.model.set_window, 10.0)),
+        add("Show the whole session", "Ctrl+9", partial(live.model.set_window, math.inf)),
         add("Cursor A", "A", partial(live.plots.place_cursor, "a"), apart=True, also="statistics measure"),
         add("Cursor B", "B", partial(live.plots.place_cursor, "b"), also="statistics measure"),
         add("Both signals on one axis", "T", live.toggle_together),

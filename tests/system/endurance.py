@@ -133,7 +133,7 @@ def run(hours: float, speed: float, block_s: float, window_s: float) -> dict[str
         model.connection.connect(board.stdout.readline().strip())
         until(model.connected, "the board")
         until(lambda: model.shadow.model is not None, "the shadow", 300)
-        window.live.set_window(window_s)
+        window.live.model.set_window(window_s)
         path = model.run.record()
         QTest.qWait(1000)
         watch.forget()

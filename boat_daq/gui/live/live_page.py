@@ -166,8 +166,7 @@ class LivePage(QWidget):
     def _head(self) -> QFrame:
         self.figure_line = widgets.row(*self.figures.values(), None)
         windows = [("all" if math.isinf(s) else formatting.span(s), s) for s in WINDOWS_S]
-        self.window_choice = widgets.choice("Time shown", windows, self.set_window)
-        self.window_choice.setCurrentIndex(WINDOWS_S.index(self.model.window_s))
+        self.window_choice = widgets.choice("Time shown", windows, self.model.set_window)
         self.freeze = widgets.button("Freeze plot", self.model.toggle_freeze, tip="Recording continues (Space)")
         self.freeze.setCheckable(True)
         for widget in (widgets.label("Show", "muted"), self.window_choice, self.freeze):
@@ -217,10 +216,6 @@ class LivePage(QWidget):
         """Show the first steps until a board is connected."""
         self.middle.setCurrentWidget(self.first_steps if wanted else self.plots)
 
-    def _choose_middle(self) -> None:
-        with_data = self.overlay if self.overlaid else self.plots
-        self.middle.setCurrentWidget(with_data if self.model.has_data() else self.first_steps)
-
     def _pane(self, shadow: ShadowLive) -> QTabWidget:
         self.shadow = ShadowPane(shadow, self.services)
         self.table = ReadingsTable(self.run.readings, self.services)
@@ -230,20 +225,6 @@ class LivePage(QWidget):
         tabs = widgets.tabs("Shadow, plan, readings", *pages)
         tabs.setMinimumWidth(style.PANE_WIDTH_NARROW)
         return tabs
-
-    def set_window(self, seconds: float) -> None:
-        """Show the last `seconds`."""
-        self.model.set_window(seconds)
-        self._show_window()
-
-    def _show_window(self) -> None:
-        seconds = self.model.window_s
-        self.window_choice.setCurrentIndex(WINDOWS_S.index(seconds) if seconds in WINDOWS_S else -1)
-
-    def zoom(self, factor: float) -> None:
-        """Show `factor` times the present length."""
-        self.model.zoom(factor)
-        self._show_window()
 
     def remember(self) -> None:
         """Store zoom, arrangement of the plots and selected tab for the next start."""
@@ -256,7 +237,7 @@ class LivePage(QWidget):
         """Restore what was stored."""
         stored = self.services.preferences.get
         seconds = float(stored("window_s", 60.0))
-        self.set_window(seconds if seconds > 0 else math.inf)
+        self.model.set_window(seconds if seconds > 0 else math.inf)
         self.model.together = bool(stored("together", False))
         self.pane.setCurrentIndex(stored("pane", 0))
 
@@ -313,10 +294,13 @@ class LivePage(QWidget):
         self.figures["mm"].set(head.elongation, head.band.replace(" (k = 2)", "") if self.narrow else head.band)
         self.figures["kpa"].set(head.pressure, f"\u2192 {head.target}" if self.narrow else "")
         self.figures["target"].set(head.target)
-        self._choose_middle()
+        with_data = self.overlay if self.overlaid else self.plots
+        self.middle.setCurrentWidget(with_data if self.model.has_data() else self.first_steps)
         if self.overlay.isVisible():
             self.overlay.draw()
         self.freeze.setChecked(not self.model.following)
+        shown_s = self.model.window_s
+        self.window_choice.setCurrentIndex(WINDOWS_S.index(shown_s) if shown_s in WINDOWS_S else -1)
         limits = snapshot.limits
         self.plots.show_limits(limits.min_kpa if limits else None, limits.max_kpa if limits else None)
         self.plots.arrange()

@@ -48,7 +48,7 @@ def test_window_restores_its_state(make, tmp_path):
     """Page, length of the picture and theme are there again at the next start."""
     first = make(RecordedSession(connected(), filled_ring(10.0)))
     first.go("Runs")
-    first.live.set_window(300.0)
+    first.live.model.set_window(300.0)
     first.choose_theme("dark")
     first.close()
     second = make(RecordedSession(connected(), filled_ring(10.0)))

@@ -36,7 +36,8 @@ class ConnectPanel(QDialog):
         hint = "a port, socket://HOST:PORT or replay:FILE"
         self.port.setLineEdit(widgets.field("Port", on_enter=self.connect_board, placeholder=hint))
         self.unit = widgets.field("Unit on the bench", connection.unit, width=3 * style.CONTROL_HEIGHT)
-        self.profile = QPlainTextEdit(connection.profile, tabChangesFocus=True, placeholderText=PROFILE_HINT)
+        last = str(services.preferences.get("profile", ""))  # empty for a board that speaks the BOAT protocol
+        self.profile = QPlainTextEdit(last, tabChangesFocus=True, placeholderText=PROFILE_HINT)
         self.profile.setAccessibleName("Profile of another firmware")
         self.profile.setProperty("role", "paste")  # its height is set in the style sheet
         self.virtual_unit = widgets.choice("Unit of the virtual board", [(u, u) for u in VIRTUAL_UNITS])

@@ -12,6 +12,7 @@ MINUS = "\u2212"
 NOTHING = "\u2013"
 THIN = "\u2009"  # between thousands and before units
 SI = ((1.0, "s"), (1e-3, "ms"), (1e-6, "\u00b5s"), (1e-9, "ns"))
+TYPED = str.maketrans({MINUS: "-", "\u2013": "-", ",": ".", THIN: ""})
 SUBSCRIPT = str.maketrans("0123456789", "\u2080\u2081\u2082\u2083\u2084\u2085\u2086\u2087\u2088\u2089")
 SUPERSCRIPT = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
 
@@ -91,10 +92,7 @@ def plain_number(text: str) -> float:
     ------
     ValueError : it is not one finite number.
     """
-    cleaned = (
-        text.strip().replace(MINUS, "-").replace("\u2013", "-").replace(",", ".").replace(THIN, "").removesuffix("mm")
-    )
-    value = float(cleaned)
+    value = float(text.strip().translate(TYPED).removesuffix("mm"))
     if not math.isfinite(value):
         raise ValueError(text)
     return value

@@ -194,11 +194,6 @@ class ConnectionModel:
         """Return the unit on the bench."""
         return str(self._preferences.get("unit", "SA1"))
 
-    @property
-    def profile(self) -> str:
-        """Return the text profile that was used last; empty for a board that speaks the BOAT protocol."""
-        return str(self._preferences.get("profile", ""))
-
     def ports(self) -> list[tuple[str, str]]:
         """Return the ports as (text, port), those of BOAT boards first, then the last one used."""
         found, last = {p.port: p.description for p in list_ports()}, self._preferences.get("port", "")

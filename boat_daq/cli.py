@@ -50,10 +50,10 @@ def start(
 
 
 COMMANDS = (  # in the order of --help; each is a function in the module named, or of its own name
-    ("gui", "demo", "ports", "board", "record", "importing"),
+    ("gui", "demo", "board.ports", "board.board", "record", "importing.importing"),
     ("recordings.recover", "recordings.upgrade", "recordings.verify", "recordings.info", "analyze", "report"),
-    ("folders.batch", "folders.history", "strokes", "methods.tradeoff", "methods.atlas", "export", "fit"),
-    ("qualify", "bugreport"),
+    ("folders.batch", "folders.history", "analyze.strokes", "methods.tradeoff", "methods.atlas"),
+    ("importing.export", "fit", "qualify", "bugreport"),
 )
 for command in chain.from_iterable(COMMANDS):
     module, _, function = command.rpartition(".")

@@ -1,4 +1,4 @@
-"""`boat-daq import`: a CSV file as a recording."""
+"""`boat-daq import` and `export`: a CSV file as a recording, and the samples as CSV or Parquet."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, show, show_table
-from boat_daq.commands.options import MapOption, RateOption
+from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show, show_table
+from boat_daq.commands.options import MapOption, RateOption, RunArgument, one_of
 
 
 def importing(
@@ -95,3 +95,26 @@ def _show(content: dict[str, Any]) -> None:
         notify(note)
     if content["missing"]:
         notify(f"not recognised: {', '.join(content['missing'])}; map it with --map NAME=COLUMN[:UNIT]")
+
+
+def export(
+    run: RunArgument,
+    format: Annotated[str, typer.Option(callback=one_of("csv", "parquet"), help="csv or parquet.")],
+    to: Annotated[Path, typer.Option("--out", metavar="PATH", help="File to write.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Write the samples of a run as CSV, with a JSON file of metadata, or as Parquet.
+
+    Example: boat-daq export run.boat --format csv --out run.csv
+    """
+    from analysis import load_recording
+    from analysis.data.export import export as write
+
+    recording = load_recording(run)
+    with progress_bar("Exporting") as advance:
+        files = write(recording, to, "csv" if format == "csv" else "parquet", progress=advance)
+    if as_json:
+        emit_json({"files": files, "samples": recording.n, "simulated": recording.simulated})
+    else:
+        for file in files:
+            notify(f"wrote {file}")

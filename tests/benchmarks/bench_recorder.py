@@ -11,8 +11,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from boat_daq.engine.display.min_max_pyramid import MinMaxPyramid
-from boat_daq.engine.display.ring_buffer import RingBuffer
+from boat_daq.engine.display.ring_buffer import MinMaxPyramid, RingBuffer
 from boat_daq.engine.link.link_health import LinkHealth
 from boat_daq.engine.link.reader import Block, PortReader
 from boat_daq.engine.link.transports import open_transport

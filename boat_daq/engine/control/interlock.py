@@ -53,6 +53,7 @@ class Trip:
     cause: str
     remedy: str = ""
     value: float | None = None  # in the unit of the kind: kPa for pressures
+    time_us: int | None = None
 
 
 class Interlock:
@@ -193,7 +194,7 @@ class Interlock:
         pressure_kpa, (low, high) = float(block.pressure_kpa[at]), self._bounds
         cause, remedy = _LEVELS[kind]
         cause = cause.format(pressure=pressure_kpa, low=low, high=high, margin=MARGIN_KPA)
-        return Trip(kind, cause, remedy, pressure_kpa)
+        return Trip(kind, cause, remedy, pressure_kpa, int(block.time_us[at]))
 
     @property
     def _bounds(self) -> tuple[float, float]:

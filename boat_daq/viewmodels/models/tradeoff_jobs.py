@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from analysis.arrays import FloatArray
 from analysis.progress import Progress
-from boat_daq.engine.display.min_max_pyramid import MinMaxPyramid, fold_columns
+from boat_daq.engine.display.ring_buffer import MinMaxPyramid, fold_columns
 
 if TYPE_CHECKING:
     from analysis.tradeoff import Method

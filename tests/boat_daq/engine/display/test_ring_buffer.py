@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from boat_daq.engine.display.min_max_pyramid import ColumnRing, MinMaxPyramid, fold_columns
-from boat_daq.engine.display.ring_buffer import RingBuffer
+from boat_daq.engine.display.ring_buffer import ColumnRing, MinMaxPyramid, RingBuffer, fold_columns
 from boat_daq.engine.link.reader import Block
 from protocol import Samples
 from protocol.recording import SampleFlag, sample_dtype

@@ -15,7 +15,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from boat_daq.commands.ports import ports
+from boat_daq.commands.board import ports
 from boat_daq.engine.link import opening
 from boat_daq.engine.link.opening import find_board, identify_port
 from boat_daq.engine.link.transports import PortInfo, open_transport

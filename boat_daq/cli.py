@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 import boat_daq
-from boat_daq.commands import gui, optics, shadow
+from boat_daq.commands import demo, optics, shadow
 from boat_daq.commands.console import emit_error, show
 
 app = typer.Typer(
@@ -46,12 +46,12 @@ def start(
     Example: boat-daq demo --headless
     """
     if context.invoked_subcommand is None:
-        gui.gui()
+        demo.gui()
 
 
 COMMANDS = (  # in the order of --help; each is a function in the module named, or of its own name
-    ("gui", "demo", "board.ports", "board.board", "record", "importing.importing"),
-    ("recordings.recover", "recordings.upgrade", "recordings.verify", "recordings.info", "analyze", "report"),
+    ("demo.gui", "demo", "board.ports", "board.board", "record", "importing.importing"),
+    ("recordings.recover", "recordings.upgrade", "recordings.verify", "recordings.info", "analyze", "analyze.report"),
     ("folders.batch", "folders.history", "analyze.strokes", "methods.tradeoff", "methods.atlas"),
     ("importing.export", "fit", "qualify", "bugreport"),
 )

@@ -17,8 +17,8 @@ import numpy as np
 from analysis.arrays import FloatArray
 from analysis.data.csv_table import Table
 from analysis.errors import FileError, RequestError
-from analysis.pressure_units import KPA_PER_UNIT
 from analysis.warning import Warning, WarningCode
+from protocol.pressure_units import KPA_PER_UNIT
 
 UNITS: dict[str, dict[str, float]] = {
     "time_s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0},

@@ -1,4 +1,4 @@
-"""`boat-daq demo`: a whole calibration session on the virtual board, compared with its true values."""
+"""`boat-daq gui`, the window, and `demo`: a calibration session on the virtual board beside its true values."""
 
 from __future__ import annotations
 
@@ -23,6 +23,25 @@ if TYPE_CHECKING:
     from protocol.simulator.truth import Truth
 
 
+def gui(
+    port: Annotated[str | None, typer.Option(help="Port to connect to at once.")] = None,
+    board: Annotated[bool, typer.Option("--board", help="Connect to a virtual board.")] = False,
+    speed: Annotated[float, typer.Option(min=1, max=1000, help="Virtual board's time over real time.")] = 1.0,
+    rate: Annotated[int | None, typer.Option(help="Samples per second; default as in the settings.", min=1)] = None,
+) -> None:
+    """Open the window. Esc vents, in every state.
+
+    Example: boat-daq gui --board
+    """
+    if port is not None and board:
+        raise typer.BadParameter("use either --port or --board")
+    from boat_daq.engine.log import start_log
+    from boat_daq.gui.app import run
+
+    start_log("gui")
+    raise typer.Exit(run(port, board=board, speed=speed, rate_hz=rate))
+
+
 def demo(
     headless: Annotated[bool, typer.Option("--headless", help="No window, even with a screen.")] = False,
     out_dir: Annotated[Path, typer.Option("--out", help="Folder for recording and reports.")] = Path("out/demo"),
@@ -43,8 +62,6 @@ def demo(
     Example: boat-daq demo --headless --out out/demo
     """
     if not headless and not as_json and has_screen():
-        from boat_daq.commands.gui import gui
-
         gui(port=None, board=True, speed=1.0)
         return
     import dataclasses

@@ -23,9 +23,8 @@ from protocol.link.events import BoardRestarted, CommandDone, CommandLost, Hello
 from protocol.link.messages import AckStatus, Command, Identify
 from protocol.link.sample_stream import NO_WRAP, WRAP, Rows, SampleStream, implausible
 from protocol.recording import SampleFlag, SampleKind, sample_dtype
-from protocol.text.delimited_lines import LineReader
 from protocol.text.profile import COMMANDS, ProfileColumn, TextProfile
-from protocol.text.rx8 import PacketFormat, PacketReader
+from protocol.text.readers import LineReader, PacketFormat, PacketReader
 
 IDENTIFY_NS = 2_500_000_000  # a device without a good line for so long does not match the profile
 _KEYS = {type(example): key for key, example in COMMANDS.items()}

@@ -49,12 +49,12 @@ from typing import Any, get_args
 from protocol.errors import ProfileError
 from protocol.link import messages
 from protocol.link.messages import Command
+from protocol.pressure_units import KPA_PER_UNIT
 from protocol.recording import SampleKind
-from protocol.text.delimited_lines import LineFormat
-from protocol.text.rx8 import PacketFormat, parse_format
+from protocol.text.readers import LineFormat, PacketFormat, parse_format
 from protocol.toml_text import read_toml
 
-PA_PER_UNIT = {"pa": 1.0, "hpa": 100.0, "mbar": 100.0, "kpa": 1e3, "bar": 1e5, "psi": 6894.757293168}
+PA_PER_UNIT = {unit: 1000 * KPA_PER_UNIT[unit.lower()] for unit in ("Pa", "hPa", "mbar", "kPa", "bar", "psi")}
 
 Values = dict[str, float | int]
 Template = Callable[[Command], bytes]
@@ -64,7 +64,7 @@ _TEMPLATE_MAX = 200  # characters
 
 
 def _pressures(prefix: str, pascal: int) -> Values:
-    return {prefix + unit: pascal / factor if factor != 1 else pascal for unit, factor in PA_PER_UNIT.items()}
+    return {prefix + unit.lower(): pascal / pa if pa != 1 else pascal for unit, pa in PA_PER_UNIT.items()}
 
 
 def _ramps(pascal_per_s: int) -> Values:
@@ -374,7 +374,7 @@ def _column(entry: dict[str, Any], device: dict[str, Any]) -> ProfileColumn:
     if name == "time":
         units = dict(_US_PER_UNIT)
     elif name == "pressure":
-        units = {unit_name: PA_PER_UNIT[unit_name.lower()] for unit_name in ("Pa", "hPa", "mbar", "kPa", "bar", "psi")}
+        units = dict(PA_PER_UNIT)
     elif name.endswith("signal"):
         units = {"mV": 1.0, "V": 1000.0}
         if device["adc_bits"] and device["vref_mv"]:

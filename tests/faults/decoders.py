@@ -46,7 +46,7 @@ from protocol.link.messages import decode_command, decode_message
 from protocol.simulator.board import VirtualBoard
 from protocol.text.connection import TextConnection
 from protocol.text.profile import load_profile
-from protocol.text.rx8 import parse_format
+from protocol.text.readers import parse_format
 from tests.faults.old_recordings import write_recording
 from tests.protocol.link.streams import HELLO, START_DONE, stream
 

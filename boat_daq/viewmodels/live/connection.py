@@ -28,7 +28,7 @@ from boat_daq.viewmodels.common.jobs import Background
 from boat_daq.viewmodels.common.preferences import Preferences
 from protocol.simulator.specimens import RISING_NAMES
 from protocol.text.profile import load_profile
-from protocol.text.rx8 import parse_format
+from protocol.text.readers import parse_format
 
 LONGEST_PORT = 28
 VIRTUAL_UNITS = RISING_NAMES

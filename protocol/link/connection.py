@@ -41,17 +41,9 @@ import numpy as np
 
 from protocol.arrays import IntArray
 from protocol.errors import RemoteError
+from protocol.link import events as link
 from protocol.link import messages
-from protocol.link.events import (
-    BoardEventReceived,
-    BoardRestarted,
-    CommandDone,
-    CommandLost,
-    HelloReceived,
-    LinkEvent,
-    LinkStatistics,
-    WrongProtocol,
-)
+from protocol.link.events import LinkEvent, LinkStatistics
 from protocol.link.framing import Frame, FrameReader
 from protocol.link.messages import PROTOCOL_VERSION, Ack, Command, Identify, Start, Stop, Vent
 from protocol.link.sample_stream import Rows, SampleStream, implausible
@@ -189,7 +181,7 @@ class PendingCommands:
         self._last_answer_ns = now_ns
         if pending.first_ns > self._identified_ns:
             self.hellos_due = 0  # answers come in order: no HELLO is pending any more
-        return [CommandDone(pending.command, pending.seq, ack.status)]
+        return [link.CommandDone(pending.command, pending.seq, ack.status)]
 
     def identified(self, now_ns: int) -> list[LinkEvent]:
         """Return the IDENTIFYs that a HELLO answers."""
@@ -198,14 +190,14 @@ class PendingCommands:
         if keys:
             self._last_answer_ns = now_ns
         answered = [self._pending.pop(key) for key in keys]
-        return [CommandDone(pending.command, pending.seq, None) for pending in answered]
+        return [link.CommandDone(pending.command, pending.seq, None) for pending in answered]
 
     def board_restarted(self) -> list[LinkEvent]:
         """Give up the commands that the board forgot, all but VENT and IDENTIFY."""
         self.keep_waiting(Identify)
         keys = [key for key, pending in self._pending.items() if not isinstance(pending.command, Vent | Identify)]
         forgotten = [self._pending.pop(key) for key in keys]
-        return [CommandLost(pending.command, pending.seq) for pending in forgotten]
+        return [link.CommandLost(pending.command, pending.seq) for pending in forgotten]
 
     def keep_waiting(self, *kinds: type[Command]) -> None:
         """Drop the queued commands that are none of these."""
@@ -233,7 +225,7 @@ class PendingCommands:
                 continue
             del self._pending[messages.COMMAND_TYPES[type(pending.command)], pending.seq]
             if missed:
-                events.append(CommandLost(pending.command, pending.seq))
+                events.append(link.CommandLost(pending.command, pending.seq))
         if self._queue and self._in_flight is None:
             frames += self._put(self._queue.pop(0), now_ns)
         return events, frames
@@ -433,7 +425,7 @@ class Connection:
             self._wrong_version, self.n_sensors = hello.protocol, None
             self._pending_commands.keep_waiting(*_TO_ANY_VERSION)
             return [
-                WrongProtocol(hello.protocol, PROTOCOL_VERSION),
+                link.WrongProtocol(hello.protocol, PROTOCOL_VERSION),
                 *self._pending_commands.identified(now_ns),
             ]
         restarted = self._has_state and not self._pending_commands.hellos_due
@@ -441,10 +433,10 @@ class Connection:
         self.n_sensors, self._adc_bits = hello.n_sensors, hello.adc_bits
         self._stream.stream_may_restart()
         if not restarted:
-            return [HelloReceived(hello), *self._pending_commands.identified(now_ns)]
+            return [link.HelloReceived(hello), *self._pending_commands.identified(now_ns)]
         self._has_state = False
         forgotten = self._pending_commands.board_restarted()
-        return [BoardRestarted(hello), *forgotten, *self._pending_commands.identified(now_ns)]
+        return [link.BoardRestarted(hello), *forgotten, *self._pending_commands.identified(now_ns)]
 
     def _take_ack(self, ack: Ack, now_ns: int) -> list[LinkEvent]:
         if ack.status == messages.AckStatus.DONE:
@@ -457,11 +449,11 @@ class Connection:
         return events
 
     def _take_event(self, event: messages.BoardEvent) -> list[LinkEvent]:
-        received = BoardEventReceived(event, self._stream.unwrapped_time(event.time_us))
+        received = link.BoardEventReceived(event, self._stream.unwrapped_time(event.time_us))
         if event.code != messages.EventCode.BOOTED:
             return [received]
         self._stream.stream_may_restart()
         if not self._has_state:
             return [received]
         self._has_state = False
-        return [BoardRestarted(None), *self._pending_commands.board_restarted(), received]
+        return [link.BoardRestarted(None), *self._pending_commands.board_restarted(), received]

@@ -21,19 +21,10 @@ from protocol.link import messages
 from protocol.link.framing import Frame, FrameReader
 from protocol.link.messages import AckStatus, BoardEvent, BoardMessage, EventCode
 from protocol.recording import SampleFlag
+from protocol.simulator import sampler
 from protocol.simulator.board_control import HARD_LIMITS_PA, BoardControl
 from protocol.simulator.faults import FAULTS, Fault, FaultSchedule
 from protocol.simulator.plant import PUMP_REACH_KPA, TICK_US, Body, Pneumatics, Sensors
-from protocol.simulator.sampler import (
-    ADC_BITS,
-    FULL_SCALE,
-    VREF_MV,
-    PlantBlock,
-    SampleBlock,
-    SampleNoise,
-    Sampler,
-    truth_dtype,
-)
 from protocol.simulator.specimens import find_specimen
 from protocol.simulator.transmitter import Transmitter
 
@@ -78,8 +69,8 @@ class VirtualBoard:
         self._pneumatics = Pneumatics()
         self._body = Body(self.specimen.actuator)
         self._sensors = Sensors(self.specimen.sensors, self.specimen.range_mm)
-        self._sampler = Sampler(self.specimen, seed)
-        self._pump_noise = SampleNoise(seed, 0, 0)
+        self._sampler = sampler.Sampler(self.specimen, seed)
+        self._pump_noise = sampler.SampleNoise(seed, 0, 0)
         self._travel_kpa = 0.0
         self._later: list[tuple[int, BoardMessage]] = []
         clock_wrap = next((fault.start_us for fault in faults if fault.name == "clock_wrap"), 0)
@@ -87,7 +78,7 @@ class VirtualBoard:
         self._boot(messages.BootReason.POWER, clock_start_us=-clock_wrap)
         self._apply_faults(begun, ended)
         found = self._rows(np.array([self._pneumatics.pressure_kpa] * 2), np.ones(2))
-        self._plant = PlantBlock(-1, found, np.zeros(1, np.int64), np.zeros(1, np.int64))
+        self._plant = sampler.PlantBlock(-1, found, np.zeros(1, np.int64), np.zeros(1, np.int64))
         self._run(0)
 
     # ---- public interface ----------------------------------------------------------------------------------------
@@ -157,7 +148,7 @@ class VirtualBoard:
     def take_truth(self) -> NDArray[np.void]:
         """Return the true values of the samples made since the last call (`sampler.truth_dtype`)."""
         parts, self._truth = self._truth, [] if self._truth is not None else None
-        return np.concatenate([np.empty(0, truth_dtype(self.n_sensors)), *(parts or [])])
+        return np.concatenate([np.empty(0, sampler.truth_dtype(self.n_sensors)), *(parts or [])])
 
     # ---- time ----------------------------------------------------------------------------------------------------
 
@@ -202,9 +193,9 @@ class VirtualBoard:
             fw_minor=0,
             n_sensors=self.n_sensors,
             rate_max_hz=RATE_MAX_HZ,
-            adc_bits=ADC_BITS,
+            adc_bits=sampler.ADC_BITS,
             boot_reason=self._boot_reason,
-            vref_mv=VREF_MV,
+            vref_mv=sampler.VREF_MV,
             pressure_min_pa=HARD_LIMITS_PA[0],
             pressure_max_pa=HARD_LIMITS_PA[1],
             board_id=self.specimen.board_id,
@@ -334,7 +325,7 @@ class VirtualBoard:
         rows = self._rows(np.array(bladder), self._softening(gauge))
         rows[:, 0] = gauge
         before = self._plant
-        self._plant = PlantBlock(
+        self._plant = sampler.PlantBlock(
             before.first_tick + before.states.size - 1,
             np.concatenate([before.rows[-2:], rows]),
             np.concatenate([before.states[-1:], np.array(states, np.int64)]),
@@ -358,13 +349,13 @@ class VirtualBoard:
             gains.append(1.0 + softening / 100 * self._travel_kpa / _KPA_PER_CYCLE / 50)
         return np.array(gains)
 
-    def _saturations(self, samples: SampleBlock) -> list[tuple[int, BoardMessage]]:
+    def _saturations(self, samples: sampler.SampleBlock) -> list[tuple[int, BoardMessage]]:
         """Return an EVENT for each sensor that begins to saturate."""
         outgoing: list[tuple[int, BoardMessage]] = []
         flagged = np.flatnonzero(samples.bodies["flags"] & SampleFlag.SATURATED)
         for row in flagged.tolist():
             time_us = int(samples.time_us[row])
-            for sensor in np.flatnonzero((samples.bodies["counts"][row] == FULL_SCALE).any(axis=1)).tolist():
+            for sensor in np.flatnonzero((samples.bodies["counts"][row] == sampler.FULL_SCALE).any(axis=1)).tolist():
                 if time_us - self._last_saturated_us[sensor] >= _SATURATION_QUIET_US:
                     outgoing.append((time_us, BoardEvent(self._clock(time_us), EventCode.SENSOR_SATURATED, sensor)))
                 self._last_saturated_us[sensor] = time_us
@@ -372,7 +363,7 @@ class VirtualBoard:
 
     # ---- sending -------------------------------------------------------------------------------------------------
 
-    def _emit(self, samples: SampleBlock, outgoing: list[tuple[int, BoardMessage]]) -> None:
+    def _emit(self, samples: sampler.SampleBlock, outgoing: list[tuple[int, BoardMessage]]) -> None:
         """Send samples and messages in the order of their times, a message before the sample of the same instant."""
         samples.bodies["time_us"] = (samples.time_us - self._booted_us + self._clock_start_us) & 0xFFFFFFFF
         start = 0

@@ -18,7 +18,7 @@ Lasting = Literal["stays", "seconds", "count"]
 
 
 @dataclass(frozen=True, slots=True)
-class FaultKind:
+class FaultRow:
     """A row of the table.
 
     Parameters
@@ -38,69 +38,59 @@ class FaultKind:
     high: float = 1e9
 
 
-FAULTS: dict[str, FaultKind] = {
+FAULTS: dict[str, FaultRow] = {
     # channel
-    "bit_flips": FaultKind(
+    "bit_flips": FaultRow(
         1e-3, "chance per byte", "stays", "One bit of a sent byte is flipped, with that probability.", 0, 1
     ),
-    "drop_byte": FaultKind(1e-3, "chance per byte", "stays", "A sent byte is lost, with that probability.", 0, 1),
-    "garbage": FaultKind(1000, "bytes", "count", "That many random bytes are sent between two frames."),
-    "boot_text": FaultKind(1, "lines", "count", "Lines of text and NULs, as a boot loader prints them."),
-    "wrong_baud": FaultKind(0, "seconds", "seconds", "Every byte arrives changed, as at a wrong baud rate."),
-    "other_device": FaultKind(0, "seconds", "seconds", "The port belongs to another device: text instead of frames."),
-    "silent": FaultKind(
+    "drop_byte": FaultRow(1e-3, "chance per byte", "stays", "A sent byte is lost, with that probability.", 0, 1),
+    "garbage": FaultRow(1000, "bytes", "count", "That many random bytes are sent between two frames."),
+    "boot_text": FaultRow(1, "lines", "count", "Lines of text and NULs, as a boot loader prints them."),
+    "wrong_baud": FaultRow(0, "seconds", "seconds", "Every byte arrives changed, as at a wrong baud rate."),
+    "other_device": FaultRow(0, "seconds", "seconds", "The port belongs to another device: text instead of frames."),
+    "silent": FaultRow(
         0, "seconds", "seconds", "The port stays open and the board executes commands, but sends nothing."
     ),
-    "unplug": FaultKind(3, "seconds", "seconds", "The port disappears, and returns with the board still running."),
+    "unplug": FaultRow(3, "seconds", "seconds", "The port disappears, and returns with the board still running."),
     # frames
-    "absurd_value": FaultKind(3, "samples", "count", "Good frames with 5 MPa, 65535 counts, dark above lit, in turn."),
-    "index_gap": FaultKind(1, "samples", "count", "That many SAMPLE frames are lost in the channel."),
-    "dropped": FaultKind(
-        10, "samples", "count", "The board drops that many samples, flags the next and sends EVENT 9."
-    ),
-    "duplicate": FaultKind(1, "samples", "count", "That many SAMPLE frames arrive twice."),
-    "reorder": FaultKind(1, "pairs", "count", "That many pairs of SAMPLE frames arrive in the wrong order."),
-    "ack_lost": FaultKind(3, "answers", "count", "That many answers are lost; the commands are executed."),
-    "ack_late": FaultKind(400, "ms", "stays", "Answers are delayed by that time."),
-    "ack_refused": FaultKind(4, "status", "count", "The next SET_PRESSURE is refused with that status.", 1, 6),
-    "wrong_protocol": FaultKind(2, "version", "stays", "HELLO names that version of the protocol.", 0, 255),
+    "absurd_value": FaultRow(3, "samples", "count", "Good frames with 5 MPa, 65535 counts, dark above lit, in turn."),
+    "index_gap": FaultRow(1, "samples", "count", "That many SAMPLE frames are lost in the channel."),
+    "dropped": FaultRow(10, "samples", "count", "The board drops that many samples, flags the next and sends EVENT 9."),
+    "duplicate": FaultRow(1, "samples", "count", "That many SAMPLE frames arrive twice."),
+    "reorder": FaultRow(1, "pairs", "count", "That many pairs of SAMPLE frames arrive in the wrong order."),
+    "ack_lost": FaultRow(3, "answers", "count", "That many answers are lost; the commands are executed."),
+    "ack_late": FaultRow(400, "ms", "stays", "Answers are delayed by that time."),
+    "ack_refused": FaultRow(4, "status", "count", "The next SET_PRESSURE is refused with that status.", 1, 6),
+    "wrong_protocol": FaultRow(2, "version", "stays", "HELLO names that version of the protocol.", 0, 255),
     # the board
-    "clock_wrap": FaultKind(0, "", "stays", "The 32-bit clock wraps at that time (it starts just short of 2^32)."),
-    "drift_ppm": FaultKind(
-        200, "ppm", "stays", "The board's clock is fast by that value; slow if negative.", -1e5, 1e5
-    ),
-    "jitter": FaultKind(2, "ms", "stays", "Each sample is delayed by up to that time (at most 0.9 of its period)."),
-    "slow_rate": FaultKind(62, "Hz", "stays", "The board samples at that rate, whatever START requested.", 1, 2e4),
-    "reset": FaultKind(
-        1, "boot reason", "count", "The board reboots: HELLO, vented, its clock at 0, no samples.", 0, 4
-    ),
-    "reset_on_open": FaultKind(0.5, "seconds", "stays", "Opening the port resets the board; it boots for that time."),
-    "estop": FaultKind(
+    "clock_wrap": FaultRow(0, "", "stays", "The 32-bit clock wraps at that time (it starts just short of 2^32)."),
+    "drift_ppm": FaultRow(200, "ppm", "stays", "The board's clock is fast by that value; slow if negative.", -1e5, 1e5),
+    "jitter": FaultRow(2, "ms", "stays", "Each sample is delayed by up to that time (at most 0.9 of its period)."),
+    "slow_rate": FaultRow(62, "Hz", "stays", "The board samples at that rate, whatever START requested.", 1, 2e4),
+    "reset": FaultRow(1, "boot reason", "count", "The board reboots: HELLO, vented, its clock at 0, no samples.", 0, 4),
+    "reset_on_open": FaultRow(0.5, "seconds", "stays", "Opening the port resets the board; it boots for that time."),
+    "estop": FaultRow(
         5, "seconds", "seconds", "The e-stop is pressed; at 0 s it is pressed from power-on, without an EVENT."
     ),
-    "pressure_invalid": FaultKind(5, "seconds", "seconds", "The pressure sensor fails: flagged, vented, FAULT."),
+    "pressure_invalid": FaultRow(5, "seconds", "seconds", "The pressure sensor fails: flagged, vented, FAULT."),
     # pneumatics and body
-    "overshoot": FaultKind(4, "kPa", "stays", "Each new target is overshot by that pressure.", 0, 30),
-    "beyond_limit": FaultKind(
-        60, "kPa", "count", "The pressure jumps to that value, whatever was commanded.", -90, 150
-    ),
-    "leak": FaultKind(5, "% per minute", "stays", "The bladder loses that share a minute behind the gauge."),
-    "dead_pump": FaultKind(0, "seconds", "seconds", "The pumps stop; pressure only leaks or vents."),
-    "stall": FaultKind(30, "kPa", "stays", "The pumps reach at most that gauge pressure, positive or negative."),
-    "softening": FaultKind(
+    "overshoot": FaultRow(4, "kPa", "stays", "Each new target is overshot by that pressure.", 0, 30),
+    "beyond_limit": FaultRow(60, "kPa", "count", "The pressure jumps to that value, whatever was commanded.", -90, 150),
+    "leak": FaultRow(5, "% per minute", "stays", "The bladder loses that share a minute behind the gauge."),
+    "dead_pump": FaultRow(0, "seconds", "seconds", "The pumps stop; pressure only leaks or vents."),
+    "stall": FaultRow(30, "kPa", "stays", "The pumps reach at most that gauge pressure, positive or negative."),
+    "softening": FaultRow(
         5, "% over 50 cycles", "stays", "The body softens with every cycle, by that share.", -100, 100
     ),
     # sensors
-    "frozen_channel": FaultKind(1, "sensor", "stays", "That sensor repeats its last counts.", 1, 2),
-    "saturate": FaultKind(1, "sensor", "stays", "Ambient light drives that sensor to full scale.", 1, 2),
-    "ambient_step": FaultKind(
+    "frozen_channel": FaultRow(1, "sensor", "stays", "That sensor repeats its last counts.", 1, 2),
+    "saturate": FaultRow(1, "sensor", "stays", "Ambient light drives that sensor to full scale.", 1, 2),
+    "ambient_step": FaultRow(
         300, "mV", "stays", "A lamp: the ambient light increases at once by that signal.", -100, 2000
     ),
-    "ambient_ramp": FaultKind(
-        10, "mV/s", "stays", "The ambient light increases at that rate, up to 600 mV.", -100, 1e4
-    ),
-    "flicker": FaultKind(200, "mV", "stays", "The ambient light flickers at 100 Hz with that amplitude.", 0, 1000),
-    "sensor_disagreement": FaultKind(20, "mV", "stays", "The last sensor is offset by that signal.", -1e3, 1e3),
+    "ambient_ramp": FaultRow(10, "mV/s", "stays", "The ambient light increases at that rate, up to 600 mV.", -100, 1e4),
+    "flicker": FaultRow(200, "mV", "stays", "The ambient light flickers at 100 Hz with that amplitude.", 0, 1000),
+    "sensor_disagreement": FaultRow(20, "mV", "stays", "The last sensor is offset by that signal.", -1e3, 1e3),
 }
 
 

@@ -149,9 +149,8 @@ def strokes(
         f"{figures['strokes_up']} strokes up, {figures['strokes_down']} down"
     )
     sensors = figures.pop("sensors")
-    show_table(
-        ("pressure", ""), ((name, _text(value)) for name, value in figures.items() if name.endswith(("_kpa", "_s")))
-    )
+    pressures = ((name, _text(value)) for name, value in figures.items() if name.endswith(("_kpa", "_s")))
+    show_table(("pressure", ""), pressures)
     rows = ([name, *(_text(sensor[name]) for sensor in sensors)] for name in sensors[0] if name != "name")
     show_table(("loop", *(sensor["name"] for sensor in sensors)), rows)
 

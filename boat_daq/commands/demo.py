@@ -163,7 +163,7 @@ def write_reports(analysis: Analysis, run: Path) -> list[Path]:
     return paths
 
 
-COEFFICIENT_UNITS = ("mV", "mV/mm", "mV/mm²", "mV/mm³")
+TERM_UNITS = ("mV", "mV/mm", "mV/mm²", "mV/mm³")
 LABELS = {  # of the figures that `SensorTruth` has too
     "sensitivity_mv_per_mm": "sensitivity",
     "fso_mv": "full-scale output",
@@ -202,9 +202,7 @@ def comparison(analysis: Analysis, truth: Truth) -> list[dict[str, Any]]:
 
     for number, (sensor, true) in enumerate(zip(analysis.sensors, truth.sensors, strict=True), 1):
         if (fit := sensor.calibration) is not None:
-            terms = zip(
-                COEFFICIENT_UNITS, fit.coefficients, fit.std_errors_with_reading, true.coefficients, strict=True
-            )
+            terms = zip(TERM_UNITS, fit.coefficients, fit.std_errors_with_reading, true.coefficients, strict=True)
             for k, (unit, b, error, b_true) in enumerate(terms):
                 rows.append((f"s{number} b{k}", unit, float(b), (float(b - 2 * error), float(b + 2 * error)), b_true))
             rows.append((f"s{number} R²", "", fit.r2, None, None))

@@ -99,9 +99,8 @@ def _frame(curves: FloatArray, state: int | None, guide: Waveguide) -> tuple[Sce
         return frame_of(curves, 0, guide), state or 0
     number = REST if state is None else state
     if not 0 <= number < len(curves):
-        raise RequestError(
-            f"there is no state {number}", f"choose 0 (most compressed) to {len(curves) - 1} (most elongated)"
-        )
+        remedy = f"choose 0 (most compressed) to {len(curves) - 1} (most elongated)"
+        raise RequestError(f"there is no state {number}", remedy)
     return frame_of(curves, number, guide), number
 
 
@@ -223,9 +222,8 @@ def scene(
     with writing(path):
         path.write_text(json.dumps(built, indent=1), encoding="utf-8")
     content = {**asdict(design), "state": number, "file": str(path), "objects": len(built["objs"])}
-    present(
-        content, f"wrote {path}: open it in ray-optics (https://phydemo.app/ray-optics/simulator/)", as_json=as_json
-    )
+    text = f"wrote {path}: open it in ray-optics (https://phydemo.app/ray-optics/simulator/)"
+    present(content, text, as_json=as_json)
 
 
 @app.command()

@@ -35,12 +35,10 @@ _OPERATOR, _NOTE = "[operator]", "[note]"
 _PATH = re.compile(r"(?:\b[A-Za-z]:)?(?:[\\/]{1,2}[^\\/\s'\"`,;:()<>|]+)+")
 _ENDINGS = "boat|csv|tsv|txt|toml|json|xlsx|parquet|pdf|html|zip|png|jpe?g|tiff?|bmp|svg"
 _FILE = re.compile(rf"(?:\b[A-Za-z]:)?[\\/][^\n'\"]*?\.({_ENDINGS})\b", re.IGNORECASE)
-_NAMED = re.compile(
-    rf"(?<=\] )[^\n\[\]'\"]*?\.({_ENDINGS})\b", re.IGNORECASE
-)  # a message that begins with a file's name
-_STRING = (
-    r'''("""(?s:.*?)"""|"(?:[^"\\\n]|\\.)+"|\'\'\'(?s:.*?)\'\'\'|'[^'\n]+')'''  # of TOML or JSON, and not an empty one
-)
+# a message that begins with a file's name
+_NAMED = re.compile(rf"(?<=\] )[^\n\[\]'\"]*?\.({_ENDINGS})\b", re.IGNORECASE)
+# of TOML or JSON, and not an empty one
+_STRING = r'''("""(?s:.*?)"""|"(?:[^"\\\n]|\\.)+"|\'\'\'(?s:.*?)\'\'\'|'[^'\n]+')'''
 _HERE = ("127.0.0.1", "localhost", "[::1]")
 _HOST = re.compile(r"socket://(\[[^\]\s]+\]|[^\s:/]+)")
 _KEPT = re.compile(r"/dev/(tty|pts|cu)|//(127\.0\.0\.1|localhost|\[)")

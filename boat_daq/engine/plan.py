@@ -239,9 +239,8 @@ def _check_staircase(plan: Plan, where: str) -> None:
         raise BadValue(where, "step_kpa", "must be more than twice 'tolerance_kpa', to distinguish the plateaus")
     per_cycle = 2 if plan.kind == "continuous" else 2 * steps
     if plan.cycles < 1 or plan.cycles * per_cycle > MAX_STEPS:
-        raise BadValue(
-            where, "cycles", f"must be at least 1 and make no more than {MAX_STEPS} steps, not {plan.cycles}"
-        )
+        why = f"must be at least 1 and make no more than {MAX_STEPS} steps, not {plan.cycles}"
+        raise BadValue(where, "cycles", why)
 
 
 def plan_from_toml(text: str, where: str = "the plan") -> Plan:
@@ -274,7 +273,6 @@ def load_plan(name_or_path: str) -> Plan:
         return built_in[name_or_path]
     path = Path(name_or_path).expanduser()
     if not path.exists():
-        raise OperatorError(
-            f"there is no plan '{name_or_path}'", f"use {' or '.join(built_in)}, or the path of a TOML file"
-        )
+        remedy = f"use {' or '.join(built_in)}, or the path of a TOML file"
+        raise OperatorError(f"there is no plan '{name_or_path}'", remedy)
     return plan_from_toml(read_text(path), str(path))

@@ -424,10 +424,7 @@ class Connection:
         if hello.protocol != PROTOCOL_VERSION:
             self._wrong_version, self.n_sensors = hello.protocol, None
             self._pending_commands.keep_waiting(*_TO_ANY_VERSION)
-            return [
-                link.WrongProtocol(hello.protocol, PROTOCOL_VERSION),
-                *self._pending_commands.identified(now_ns),
-            ]
+            return [link.WrongProtocol(hello.protocol, PROTOCOL_VERSION), *self._pending_commands.identified(now_ns)]
         restarted = self._has_state and not self._pending_commands.hellos_due
         self.hello, self._wrong_version = hello, None
         self.n_sensors, self._adc_bits = hello.n_sensors, hello.adc_bits

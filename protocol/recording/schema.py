@@ -307,9 +307,8 @@ def layout_version(path: Path) -> int:
     if not head:
         raise RecordingError(f"{path} is empty (0 bytes)", "Nothing was recorded in it.")
     if len(head) < _HEADER.size or not head.startswith(b"SQLite format 3\0"):
-        raise RecordingError(
-            f"{path} is not a recording", f"Recordings end in {SUFFIX} and are made by boat-daq record."
-        )
+        remedy = f"Recordings end in {SUFFIX} and are made by boat-daq record."
+        raise RecordingError(f"{path} is not a recording", remedy)
     _, version, application = _HEADER.unpack(head)
     if application != APPLICATION_ID or version < 1:
         raise RecordingError(f"{path} is a database of another program, not a recording")

@@ -117,9 +117,7 @@ class LineReader(ByteReader):
             return text, False
 
 
-_FORMAT = re.compile(
-    r"\s*rx8\s+(?:\[h=(?P<head>[^\]]*)\])?(?P<body>[^\[\]]*)(?:\[t=(?P<tail>[^\]]*)\])?\s*", re.IGNORECASE
-)
+_FORMAT = re.compile(r"\s*rx8\s+(?:\[h=(?P<head>[^\]]*)\])?(?P<body>[^\[\]]*)(?:\[t=(?P<tail>[^\]]*)\])?\s*", re.I)
 _MARK = re.compile(r"@(\d)([A-Za-z_]\w*)")
 _PACKET_MAX = 200  # bytes
 

@@ -309,10 +309,8 @@ class Sequencer:
     def _learn(self, mark: StepMark, step: PlannedStep, watch: StepWatch) -> None:
         """Keep the pace of a step, and how long it waited for its reading."""
         assert mark.ended_us is not None
-        planned_s, waited_s = (
-            self._planned.step_duration_s(self._from_kpa, step.target_kpa),
-            watch.waited_s(mark.ended_us),
-        )
+        planned_s = self._planned.step_duration_s(self._from_kpa, step.target_kpa)
+        waited_s = watch.waited_s(mark.ended_us)
         if planned_s > 0:
             self._paces.append(((mark.ended_us - mark.started_us) / 1e6 - waited_s) / planned_s)
         if self._wait_for_reading and step.plateau:

@@ -398,9 +398,8 @@ def _or_gone(port: str, action: Callable[[], _T]) -> _T:
     except TimeoutError as error:
         raise DeviceError(f"{port} accepts no data", "Check that the board's program runs.") from error
     except _PORT_ERRORS as error:
-        raise DeviceError(
-            f"{port} was disconnected{_gone_because(error)}", "Check the cable and reconnect it."
-        ) from error
+        cause = f"{port} was disconnected{_gone_because(error)}"
+        raise DeviceError(cause, "Check the cable and reconnect it.") from error
 
 
 def open_error(port: str, error: Exception) -> DeviceError:

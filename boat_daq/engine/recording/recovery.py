@@ -200,9 +200,8 @@ def _close_in_place(path: Path) -> None:
 
 
 def _missing_overview(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
-    last_row, last_block = db.execute(
-        "SELECT coalesce(max(id), 0), coalesce(max(last_block), 0) FROM overview"
-    ).fetchone()
+    newest = "SELECT coalesce(max(id), 0), coalesce(max(last_block), 0) FROM overview"
+    last_row, last_block = db.execute(newest).fetchone()
     dtype = schema.session_dtype(meta)
     overview = OverviewRows(mv_per_count(meta), next_id=last_row + 1)
     for number, segment, blob in db.execute(
@@ -220,9 +219,8 @@ def _end(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
     """
     first = {"utc": meta["started_utc"], "host_ns": meta["started_host_ns"], "first_chunk": 1}
     begun = [first, *schema.breaks_of(meta)][-1]  # the monotonic clock may have restarted since the first start
-    last_ns = db.execute(
-        "SELECT host_ns FROM chunk WHERE id >= ? ORDER BY id DESC LIMIT 1", (begun["first_chunk"],)
-    ).fetchone()
+    sql = "SELECT host_ns FROM chunk WHERE id >= ? ORDER BY id DESC LIMIT 1"
+    last_ns = db.execute(sql, (begun["first_chunk"],)).fetchone()
     ended_ns, ended_utc = last_ns[0] if last_ns else begun["host_ns"], None
     if None not in (ended_ns, begun["host_ns"], begun["utc"]):
         passed = timedelta(microseconds=(ended_ns - begun["host_ns"]) / 1000)

@@ -125,10 +125,8 @@ def read_broken_run(path: Path) -> BrokenRun:
         plan = build(Plan, meta["plan"], f"the plan of {path.name}")
         steps = db.execute(f"SELECT {', '.join(_STEP_COLUMNS)} FROM step ORDER BY id")  # noqa: S608 - names are ours
         marks = tuple(StepMark(*(*row[:-1], json.loads(row[-1]))) for row in steps)
-        rows = db.execute(
-            "SELECT step, elongation_mm, resolution_mm, source, utc, reader, note FROM reading ORDER BY id"
-        )
-        readings = tuple(Reading(*row) for row in rows)
+        sql = "SELECT step, elongation_mm, resolution_mm, source, utc, reader, note FROM reading ORDER BY id"
+        readings = tuple(Reading(*row) for row in db.execute(sql))
     first_cycle, complete = resume_point(plan, list(marks))
     if complete >= plan.cycles:
         raise OperatorError(f"{path.name} has all its {plan.cycles} cycles", "begin a new recording")

@@ -112,9 +112,8 @@ class Session:
         ------
         OperatorError : connected already, or not a usable name of a unit.
         """
-        control = Controller(
-            rate_hz=rate_hz or self.settings.rate_hz, zero_tolerance_kpa=self.settings.zero_tolerance_kpa
-        )
+        rate_hz = rate_hz or self.settings.rate_hz
+        control = Controller(rate_hz=rate_hz, zero_tolerance_kpa=self.settings.zero_tolerance_kpa)
         if unit:
             limits = self.units.load(unit)
             control.interlock.set_limits("unit", (limits.min_kpa, limits.max_kpa))

@@ -86,9 +86,8 @@ class BoardServer:
         self._speed = settings.speed
         self._buffer_bytes = settings.buffer_bytes
         faults = [parse_fault(text) for text in settings.faults]
-        self.board = VirtualBoard(
-            settings.unit, seed=settings.seed, faults=faults, log_truth=settings.truth is not None
-        )
+        log_truth = settings.truth is not None
+        self.board = VirtualBoard(settings.unit, seed=settings.seed, faults=faults, log_truth=log_truth)
         self._carrier: Carrier = (
             PtyCarrier(Path(settings.link) if settings.link else None)
             if settings.port == "pty"

@@ -142,11 +142,9 @@ def _lines(summary: Summary) -> Iterator[tuple[str, str]]:
         yield f"segment {segment.number}", f"{segment.reason}: {extent}"
     for broken in summary.breaks:
         duration = "" if broken.break_s is None else f" for {broken.break_s:.0f} s"
-        yield (
-            "break",
-            f"{broken.cause} after {broken.complete_cycles} complete cycles{duration}; "
-            f"resumed at cycle {broken.first_cycle}, segment {broken.first_segment}, {broken.utc}",
-        )
+        ended = f"{broken.cause} after {broken.complete_cycles} complete cycles{duration}"
+        resumed = f"resumed at cycle {broken.first_cycle}, segment {broken.first_segment}, {broken.utc}"
+        yield "break", f"{ended}; {resumed}"
     yield "cycles", f"{summary.cycles.complete} complete, {summary.cycles.partial} partial, {summary.steps} steps"
     yield "readings", f"{summary.readings}; results: {summary.results}"
     layout = f"layout {summary.layout}"

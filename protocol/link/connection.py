@@ -52,11 +52,7 @@ from protocol.recording import SampleFlag, SampleKind, sample_dtype
 RETRY_NS = 250_000_000
 LATE_NS = 100_000_000  # twice as long as a read waits: so late a caller was stalled itself
 ATTEMPTS = 3
-_SUPERSEDES: dict[type[Command], type[Command]] = {
-    Vent: messages.SetPressure,
-    Start: Stop,
-    Stop: Start,
-}
+_SUPERSEDES: dict[type[Command], type[Command]] = {Vent: messages.SetPressure, Start: Stop, Stop: Start}
 _ONCE_ONLY = (Start, messages.ClearFault)  # repeated, they would restart the stream or clear a newer fault
 
 
@@ -332,10 +328,8 @@ class Connection:
         RemoteError : the board uses another protocol version, and the command is not IDENTIFY, VENT or STOP.
         """
         if self._wrong_version is not None and not isinstance(command, _TO_ANY_VERSION):
-            raise RemoteError(
-                f"the board uses protocol version {self._wrong_version}, this program version {PROTOCOL_VERSION}",
-                "update the board's firmware or this program, so that both use the same version",
-            )
+            cause = f"the board uses protocol version {self._wrong_version}, this program version {PROTOCOL_VERSION}"
+            raise RemoteError(cause, "update the board's firmware or this program, so that both use the same version")
         return self._pending_commands.send(command, now_ns)
 
     def feed(self, command: messages.Heartbeat, now_ns: int) -> bytes:

@@ -262,10 +262,8 @@ def _unreadable(path: Path, error: Exception) -> RecordingError:
     """Return the error for a recording that SQLite cannot read."""
     log, journal = (path.with_name(path.name + suffix) for suffix in ("-wal", "-journal"))
     if log.exists() and not os.access(path.parent, os.W_OK):
-        return RecordingError(
-            f"{path} was not closed, and its log cannot be read in a read-only folder",
-            f"Copy it and {log.name} into a writable folder, and run boat-daq recover there.",
-        )
+        remedy = f"Copy it and {log.name} into a writable folder, and run boat-daq recover there."
+        return RecordingError(f"{path} was not closed, and its log cannot be read in a read-only folder", remedy)
     if journal.exists():
         return DamagedRecordingError(f"{path} was left in the middle of a change", f"boat-daq recover {path}")
     return DamagedRecordingError(f"{path} cannot be read: {error}", f"boat-daq recover {path}")

@@ -146,14 +146,7 @@ Rules = dict[str, Any]  # key -> its type, where it is required (with None: may 
 _TOP: Rules = {"name": str, "kind": str, "device": dict, "lines": {}, "rx8": {}, "commands": {}}
 _DEVICE: Rules = {"n_sensors": int, "rate_hz": _NUMBER, "vref_mv": 0, "adc_bits": 0, "polarity": 1}
 _DEVICE |= dict.fromkeys(("pressure_min_kpa", "pressure_max_kpa"), _NUMBER | None)
-_LINES: Rules = {
-    "delimiter": ",",
-    "line_end": "\n",
-    "decimal": ".",
-    "comments": [],
-    "checksum": "none",
-    "fields": list,
-}
+_LINES: Rules = {"delimiter": ",", "line_end": "\n", "decimal": ".", "comments": [], "checksum": "none", "fields": list}
 _RX8: Rules = {"format": str, "variables": dict}
 _FIELD: Rules = {"name": str, "unit": str | None, "scale": 1.0, "offset": 0.0, "wraps_at": int | None, "signed": False}
 

@@ -344,10 +344,9 @@ class SocketTransport:
         self.description = url
         host, port = _socket_address(url)
         if not allow_remote and not _is_loopback(host):
-            raise DeviceError(
-                f"{host} is another machine, and the link is neither encrypted nor authenticated",
-                "Add --allow-remote, or allow remote ports in the settings, if the network is yours.",
-            )
+            cause = f"{host} is another machine, and the link is neither encrypted nor authenticated"
+            remedy = "Add --allow-remote, or allow remote ports in the settings, if the network is yours."
+            raise DeviceError(cause, remedy)
         try:
             self._socket = socket.create_connection((host, port), timeout=2.0)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

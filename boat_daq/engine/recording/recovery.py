@@ -229,10 +229,8 @@ def _end(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
     ended |= {"stop_reason": schema.RunEnd.INTERRUPTED, "run_end": schema.RunEnd.INTERRUPTED}
     yield from set_meta(ended)
     number = db.execute("SELECT coalesce(max(id), 0) + 1 FROM event").fetchone()[0]
-    yield (
-        INSERT_EVENT,
-        (number, ended_ns or 0, None, None, "host", "recovered", None, "the session ended here without closing"),
-    )
+    text = "the session ended here without closing"
+    yield INSERT_EVENT, (number, ended_ns or 0, None, None, "host", "recovered", None, text)
 
 
 def _open_damaged(path: Path) -> sqlite3.Connection:

@@ -224,7 +224,5 @@ def break_entry(*, cause: str, break_s: float | None, **keys: Any) -> dict[str, 
 
 def break_text(entry: Mapping[str, Any]) -> str:
     """Return the text of the event `break_s`."""
-    return (
-        f"broken ({entry['cause']}) after {entry['complete_cycles']} complete cycles; "
-        f"resumes at cycle {entry['first_cycle']}"
-    )
+    whole = f"{entry['complete_cycles']} complete cycles"
+    return f"broken ({entry['cause']}) after {whole}; resumes at cycle {entry['first_cycle']}"

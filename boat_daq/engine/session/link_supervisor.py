@@ -276,14 +276,10 @@ class LinkSupervisor:
         if self._profile is not None:
             return f"the data from {self.url} do not fit the profile", "check the profile, and the baud rate"
         if self.reader is not None and self.reader.statistics.frames > 0:
-            return (
-                f"the board at {self.url} sends valid frames, but no plausible HELLO",
-                "check the HELLO of its firmware: 1 to 4 sensors, 1 to 16 bits, a rate above 0",
-            )
-        return (
-            f"the device at {self.url} is not a BOAT board at this baud rate ({self._settings.baud})",
-            "choose another port or baud rate; firmware that prints text needs its profile",
-        )
+            cause = f"the board at {self.url} sends valid frames, but no plausible HELLO"
+            return cause, "check the HELLO of its firmware: 1 to 4 sensors, 1 to 16 bits, a rate above 0"
+        cause = f"the device at {self.url} is not a BOAT board at this baud rate ({self._settings.baud})"
+        return cause, "choose another port or baud rate; firmware that prints text needs its profile"
 
     def _fail(self, cause: str, remedy: str) -> None:
         """Give up the port.

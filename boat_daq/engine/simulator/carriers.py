@@ -113,10 +113,8 @@ class TcpCarrier:
             raise OperatorError(f"{address!r} is not HOST:PORT", "use 127.0.0.1:0 for any free port")
         self._host = host.strip("[]") or "127.0.0.1"
         if self._host not in _LOOPBACK and not allow_remote:
-            raise OperatorError(
-                f"{self._host} would open the board to other machines",
-                "use 127.0.0.1, or add --allow-remote: the connection is neither encrypted nor authenticated",
-            )
+            remedy = "use 127.0.0.1, or add --allow-remote: the connection is neither encrypted nor authenticated"
+            raise OperatorError(f"{self._host} would open the board to other machines", remedy)
         self._port = int(port)
         self.url = ""
         self._listener: socket.socket | None = None

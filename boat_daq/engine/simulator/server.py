@@ -88,11 +88,10 @@ class BoardServer:
         faults = [parse_fault(text) for text in settings.faults]
         log_truth = settings.truth is not None
         self.board = VirtualBoard(settings.unit, seed=settings.seed, faults=faults, log_truth=log_truth)
-        self._carrier: Carrier = (
-            PtyCarrier(Path(settings.link) if settings.link else None)
-            if settings.port == "pty"
-            else TcpCarrier(settings.port, allow_remote=settings.allow_remote)
-        )
+        if settings.port == "pty":
+            self._carrier: Carrier = PtyCarrier(Path(settings.link) if settings.link else None)
+        else:
+            self._carrier = TcpCarrier(settings.port, allow_remote=settings.allow_remote)
         self._truth = _open_truth(settings, self.board.n_sensors) if settings.truth is not None else None
         self._pending = bytearray()
         self._congested = False

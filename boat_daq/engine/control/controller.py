@@ -13,9 +13,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from boat_daq.engine.control.board_commands import BoardCommands, Effect
+from boat_daq.engine.control.board_commands import BoardCommands, Check, Effect, Preflight, require
 from boat_daq.engine.control.interlock import FlatLine, Interlock, Trip
-from boat_daq.engine.control.preflight import Check, Preflight, require
 from boat_daq.engine.control.sequencer import VENTED_KPA, GoTo, Sequencer, VentNow
 from boat_daq.engine.control.watchdog import StreamWatch
 from boat_daq.engine.plan import Plan

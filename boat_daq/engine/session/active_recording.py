@@ -11,8 +11,8 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
+from boat_daq.engine.control.board_commands import Check
 from boat_daq.engine.control.controller import Controller
-from boat_daq.engine.control.preflight import Check
 from boat_daq.engine.log import RECORDING, note
 from boat_daq.engine.recording.file import check_space
 from boat_daq.engine.recording.recorder import Recorder

@@ -23,9 +23,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from boat_daq.engine.control.board_commands import Send
+from boat_daq.engine.control.board_commands import Check, Send
 from boat_daq.engine.control.controller import MANUAL_RAMP_KPA_PER_S, Controller
-from boat_daq.engine.control.preflight import Check
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.link.reader import Block
 from boat_daq.engine.log import note

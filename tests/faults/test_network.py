@@ -7,7 +7,7 @@ import pytest
 from analysis.dask_address import check_scheduler
 from analysis.errors import RequestError
 from boat_daq.engine.link.transports import open_transport
-from boat_daq.engine.simulator.carriers import TcpCarrier
+from boat_daq.engine.simulator.server import TcpCarrier
 from boat_daq.errors import DeviceError, OperatorError
 
 

@@ -25,6 +25,7 @@ from typing import Any, TypeVar, cast
 import numba
 import numba.extending
 import platformdirs
+from numba.core import cgutils
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -91,18 +92,22 @@ def inner(function: Function) -> Function:
 
 
 @numba.extending.intrinsic
-def _pointer(_typing_context: Any, array: Any) -> Any:
-    """The address of a contiguous array's first element, to be indexed flat.
+def _pointers(_typing_context: Any, tables: Any) -> Any:
+    """The same named tuple with the addresses of its contiguous arrays' first elements, to be indexed flat.
 
     Inner loops read through pointers because passing arrays costs them two thirds of their time, all of it atomic
-    reference counting. A pointer has no length and no owner: the caller keeps the array alive.
+    reference counting. A pointer has no length and no owner: the caller keeps the arrays alive.
     """
+    types: Any = numba.types
+    kinds = [types.CPointer(t.dtype) if isinstance(t, types.Array) else t for t in tables.types]
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return context.make_array(signature.args[0])(context, builder, args[0]).data
+        members = zip(tables.types, cgutils.unpack_tuple(builder, args[0]), strict=True)
+        values = [context.make_array(t)(context, builder, v).data if t in arrays else v for t, v in members]
+        return context.make_tuple(builder, signature.return_type, values)
 
-    address: Any = numba.types.CPointer
-    return address(array.dtype)(array), codegen
+    arrays = [t for t in tables.types if isinstance(t, types.Array)]
+    return types.NamedTuple(kinds, tables.instance_class)(tables), codegen
 
 
-pointer: Any = _pointer
+pointers: Any = _pointers

@@ -17,21 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from analysis.arrays import FloatArray, IntArray
-from analysis.compiled import compiled, pointer
+from analysis.compiled import compiled
+from analysis.optics.scene import frame as surface
 from analysis.optics.scene.bvh import build_bvh
-from analysis.optics.scene.frame import (
-    CORNER_A,
-    CORNER_B,
-    FREE,
-    INTERFACE,
-    JUNCTION_END,
-    JUNCTION_START,
-    NO_CELL,
-    NOTHING,
-    RECEIVER,
-    SceneFrame,
-    check_design,
-)
+from analysis.optics.scene.frame import INTERFACE, NO_CELL, NOTHING, SceneFrame, check_design
 from analysis.optics.scene.parameters import Design
 
 # columns of a cell: reference point and normal of its arc, curvature, levels of both edges, the two cross-sections
@@ -178,7 +167,7 @@ def _wall(g: Geometry, cell: int, at_end: bool, low: float, high: float, kind: i
     row[6], row[7] = -1.0 if at_end else 1.0, 1.0
     row[8], row[9], row[10], row[11] = x - low * ty, y + low * tx, -ty, tx
     row[12], row[13], row[14], row[15] = x - high * ty, y + high * tx, -ty, tx
-    g.kinds[number], g.corners[number] = kind, CORNER_A | CORNER_B
+    g.kinds[number], g.corners[number] = kind, surface.CORNER_A | surface.CORNER_B
     g.links[cell, WALL_AFTER if at_end else WALL_BEFORE] = 1
 
 
@@ -191,8 +180,8 @@ def _step_in(g: Geometry, thick: int, thin: int, at_end: bool) -> None:
     high = cells[thick, C_LEFT] if left else cells[thin, C_RIGHT]
     _wall(g, thick, at_end, low, high, INTERFACE)
     side = 0 if left else 1
-    g.corners[4 * thick + side] |= CORNER_B if at_end else CORNER_A
-    g.corners[4 * thin + side] |= CORNER_A if at_end else CORNER_B
+    g.corners[4 * thick + side] |= surface.CORNER_B if at_end else surface.CORNER_A
+    g.corners[4 * thin + side] |= surface.CORNER_A if at_end else surface.CORNER_B
 
 
 @compiled
@@ -203,7 +192,9 @@ def _link(g: Geometry, guide: int, first: int, after: int, joined: bool) -> None
             _edge(g.surfaces[4 * c + side], g.cells[c], side == 0)
             g.kinds[4 * c + side] = INTERFACE
         g.links[c, BEFORE], g.links[c, AFTER] = c - 1, c + 1
-    g.links[first, BEFORE], g.links[after - 1, AFTER] = (JUNCTION_START, JUNCTION_END) if joined else (NO_CELL, NO_CELL)
+    g.links[first, BEFORE], g.links[after - 1, AFTER] = (
+        (surface.JUNCTION_START, surface.JUNCTION_END) if joined else (NO_CELL, NO_CELL)
+    )
     for c in range(first, after - 1):
         now = g.cells[c, C_LEFT] - g.cells[c, C_RIGHT]
         then = g.cells[c + 1, C_LEFT] - g.cells[c + 1, C_RIGHT]
@@ -213,11 +204,11 @@ def _link(g: Geometry, guide: int, first: int, after: int, joined: bool) -> None
             _step_in(g, c + 1, c, False)
     g.end_cells[guide, 0], g.end_cells[guide, 1] = first, after - 1
     for side in range(2):
-        g.corners[4 * first + side] |= CORNER_A
-        g.corners[4 * (after - 1) + side] |= CORNER_B
+        g.corners[4 * first + side] |= surface.CORNER_A
+        g.corners[4 * (after - 1) + side] |= surface.CORNER_B
     if not joined:
         _wall(g, first, False, g.cells[first, C_RIGHT], g.cells[first, C_LEFT], INTERFACE)
-        _wall(g, after - 1, True, g.cells[after - 1, C_RIGHT], g.cells[after - 1, C_LEFT], RECEIVER)
+        _wall(g, after - 1, True, g.cells[after - 1, C_RIGHT], g.cells[after - 1, C_LEFT], surface.RECEIVER)
 
 
 @compiled
@@ -242,10 +233,10 @@ def _mark(g: Geometry, first: int, after: int, free: IntArray, cavity: int) -> N
             cavity, start = cavity + 1, NO_CELL
         if start == NO_CELL:
             for side in range(2):
-                g.corners[4 * c + side] |= FREE if free[g.links[c, ARC], side] else 0
+                g.corners[4 * c + side] |= surface.FREE if free[g.links[c, ARC], side] else 0
         else:
             side = 1 if g.cells[c, C_LEFT] < g.cells[start - 1, C_LEFT] else 0
-            g.corners[4 * c + side] |= FREE if free[g.links[c, ARC], side] else 0
+            g.corners[4 * c + side] |= surface.FREE if free[g.links[c, ARC], side] else 0
 
 
 @compiled
@@ -349,29 +340,6 @@ def build(g: Geometry, frame: SceneFrame, pattern: FloatArray) -> None:
     g.surfaces[base:], g.kinds[base:] = frame.surfaces, frame.kinds
     g.owners[base:], g.corners[base:] = frame.owners, frame.corners
     build_bvh(g.surfaces, g.bvh_order, _write_order(g, first), g.bvh_boxes, g.bvh_nodes)
-
-
-@compiled
-def geometry_pointers(g: Geometry) -> Geometry:
-    """Return the same scene with pointers for its arrays."""
-    return Geometry(
-        pointer(g.cells),
-        pointer(g.links),
-        pointer(g.surfaces),
-        pointer(g.kinds),
-        pointer(g.owners),
-        pointer(g.corners),
-        pointer(g.cavities),
-        pointer(g.end_cells),
-        pointer(g.bvh_boxes),
-        pointer(g.bvh_nodes),
-        pointer(g.bvh_order),
-        pointer(g.emitter),
-        pointer(g.receiver_direction),
-        g.source_cell,
-        g.cell_count,
-        g.surface_count,
-    )
 
 
 def geometry_of(frame: SceneFrame, design: Design) -> Geometry:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from analysis.arrays import FloatArray, IntArray
-from analysis.compiled import compiled, inner, pointer
+from analysis.compiled import compiled, inner
 from analysis.optics.tracer.rays import Ray
 from analysis.optics.tracer.tally import E_CUT, REFUSED, Tally
 
@@ -70,12 +70,6 @@ def open_queue(q: Queue, budget: int, first: int) -> None:
     q.state[_N], q.state[LEFT], q.state[_NEXT] = 0, budget, first * _BIRTHS_A_RAY
     q.state[_HEAP], q.state[_TOUCHED] = 0, 0
     q.limit[0], q.limit[1] = math.inf, math.inf
-
-
-@compiled
-def queue_pointers(q: Queue) -> Queue:
-    """Return the same queue with pointers for its arrays."""
-    return Queue(pointer(q.numbers), pointer(q.labels), pointer(q.rank), pointer(q.state), pointer(q.limit), q.slots)
 
 
 @inner

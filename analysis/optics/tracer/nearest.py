@@ -15,23 +15,9 @@ import math
 
 from analysis.arrays import FloatArray
 from analysis.compiled import inner
+from analysis.optics.scene import geometry as table
 from analysis.optics.scene.frame import FREE, JUNCTION_START, NO_CELL, RECEIVER
-from analysis.optics.scene.geometry import (
-    AFTER,
-    BEFORE,
-    C_END,
-    C_LEFT,
-    C_LEVEL_L,
-    C_RIGHT,
-    C_START,
-    CAVITY_COLUMNS,
-    CELL_COLUMNS,
-    LINK_COLUMNS,
-    SURFACE_COLUMNS,
-    WALL_AFTER,
-    WALL_BEFORE,
-    Geometry,
-)
+from analysis.optics.scene.geometry import C_LEFT, C_RIGHT, CELL_COLUMNS, SURFACE_COLUMNS, Geometry
 
 _JOINT = 1e-9
 
@@ -104,7 +90,7 @@ def _by_bvh(g: Geometry, px: float, py: float, dx: float, dy: float, last: int) 
 @inner
 def _in_cavity(g: Geometry, px: float, py: float, dx: float, dy: float, cavity: int, last: int) -> tuple[float, int]:
     """Return the nearest wall or bottom of a cavity seen from inside it, or (inf, -1) through its mouth."""
-    best, found, r = math.inf, -1, CAVITY_COLUMNS * cavity
+    best, found, r = math.inf, -1, table.CAVITY_COLUMNS * cavity
     first, final, side = g.cavities[r], g.cavities[r + 1], g.cavities[r + 2]
     for cell in range(first - 1, final + 2):
         number = 4 * cell + (3 if cell < first else 2 if cell > final else side)
@@ -128,7 +114,7 @@ def in_air(g: Geometry, px: float, py: float, dx: float, dy: float, last: int) -
     cavity = g.owners[last] if last < 4 * g.cell_count else -1
     if cavity >= 0:
         t, found = _in_cavity(g, px, py, dx, dy, cavity, last)
-        if found >= 0 or g.cavities[CAVITY_COLUMNS * cavity + 3] != 0:
+        if found >= 0 or g.cavities[table.CAVITY_COLUMNS * cavity + 3] != 0:
             return t, found
     return _by_bvh(g, px, py, dx, dy, last)
 
@@ -148,7 +134,7 @@ def _in_junction(
     for guide in range(2):
         c = g.end_cells[2 * guide + (0 if at_start else 1)]
         r = c * CELL_COLUMNS
-        at = r + (C_START if at_start else C_END)
+        at = r + (table.C_START if at_start else table.C_END)
         x, y, tx, ty = g.cells[at], g.cells[at + 1], g.cells[at + 2], g.cells[at + 3]
         speed = dx * tx + dy * ty
         if (speed > 0.0) == at_start and speed != 0.0:
@@ -175,16 +161,16 @@ def _at_edge(
     f = k * (qx * qx + qy * qy) - 2.0 * (nx * qx + ny * qy)
     side = 0 if b < 0.0 else 1
     slope = -1.0 if b < 0.0 else 1.0
-    t = root(b, 0.0 if last == 4 * cell + side else f - 2.0 * g.cells[r + C_LEVEL_L + side], k, slope)
+    t = root(b, 0.0 if last == 4 * cell + side else f - 2.0 * g.cells[r + table.C_LEVEL_L + side], k, slope)
     if t < math.inf:
-        at = r + (C_START if forward else C_END)
+        at = r + (table.C_START if forward else table.C_END)
         past = (px + t * dx - g.cells[at]) * g.cells[at + 2] + (py + t * dy - g.cells[at + 1]) * g.cells[at + 3]
         slack = _JOINT * (g.cells[r + C_LEFT] - g.cells[r + C_RIGHT])
         if (past if forward else -past) < -slack:
             t = math.inf
     if t == math.inf:
         side = 1 - side
-        t = root(b, 0.0 if last == 4 * cell + side else f - 2.0 * g.cells[r + C_LEVEL_L + side], k, -slope)
+        t = root(b, 0.0 if last == 4 * cell + side else f - 2.0 * g.cells[r + table.C_LEVEL_L + side], k, -slope)
     return t, side
 
 
@@ -208,7 +194,7 @@ def in_resin(g: Geometry, px: float, py: float, dx: float, dy: float, cell: int,
         k = g.cells[r + 4]
         gx, gy = k * (px - g.cells[r]) - g.cells[r + 2], k * (py - g.cells[r + 1]) - g.cells[r + 3]
         forward = gx * dy - gy * dx > 0.0
-        at = r + (C_END if forward else C_START)
+        at = r + (table.C_END if forward else table.C_START)
         x, y, tx, ty = px - g.cells[at], py - g.cells[at + 1], g.cells[at + 2], g.cells[at + 3]
         sign = 1.0 if forward else -1.0
         speed, short = sign * (dx * tx + dy * ty), -sign * (x * tx + y * ty)
@@ -221,9 +207,9 @@ def in_resin(g: Geometry, px: float, py: float, dx: float, dy: float, cell: int,
                 beyond = sign * ((x + t * dx) * tx + (y + t * dy) * ty)
                 if beyond < 0.0 or (beyond == 0.0 and not forward):
                     return t, 4 * cell + side
-        link = LINK_COLUMNS * cell
-        after = g.links[link + (AFTER if forward else BEFORE)]
-        if g.links[link + (WALL_AFTER if forward else WALL_BEFORE)] == 1:
+        link = table.LINK_COLUMNS * cell
+        after = g.links[link + (table.AFTER if forward else table.BEFORE)]
+        if g.links[link + (table.WALL_AFTER if forward else table.WALL_BEFORE)] == 1:
             wall, n = 4 * cell + (3 if forward else 2), after * CELL_COLUMNS
             if after == NO_CELL or u >= g.cells[n + C_LEFT] * speed or u < g.cells[n + C_RIGHT] * speed:
                 return (short / speed, wall) if short > 0.0 and wall != last else (math.inf, -1)

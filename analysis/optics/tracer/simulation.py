@@ -16,36 +16,15 @@ from typing import Any
 import numpy as np
 
 from analysis.arrays import FloatArray, IntArray
-from analysis.compiled import compiled
+from analysis.compiled import compiled, pointers
 from analysis.optics.scene.frame import NO_CELL, SceneFrame
-from analysis.optics.scene.geometry import Geometry, allocate, build, geometry_of, geometry_pointers
+from analysis.optics.scene.geometry import Geometry, allocate, build, geometry_of
 from analysis.optics.scene.parameters import Design, Light, Waveguide
-from analysis.optics.tracer.budget import (
-    Queue,
-    begin_secondaries,
-    has_secondary,
-    merge,
-    new_queue,
-    next_secondary,
-    open_queue,
-    prune,
-    queue_pointers,
-)
+from analysis.optics.tracer import budget as queues
+from analysis.optics.tracer import tally as ledger
+from analysis.optics.tracer.budget import Queue, new_queue
 from analysis.optics.tracer.rays import Fan, Rules, fan_of, released, rules_of
-from analysis.optics.tracer.tally import (
-    COUNTS,
-    DETECTED,
-    ENERGY,
-    GRANTED,
-    HITS,
-    LEDGER,
-    REFUSED,
-    RELEASED,
-    Tally,
-    add_tally,
-    new_tally,
-    tally_pointers,
-)
+from analysis.optics.tracer.tally import COUNTS, DETECTED, Tally, add_tally, new_tally
 from analysis.optics.tracer.tracer import follow
 from analysis.progress import Progress
 
@@ -89,10 +68,10 @@ def follow_block(g: Geometry, rules: Rules, fan: Fan, first: int, budget: int, q
     budget : of secondaries.
     q, tally : are filled.
     """
-    open_queue(q, budget, first)
-    tables, queue, counts = geometry_pointers(g), queue_pointers(q), tally_pointers(tally)
+    queues.open_queue(q, budget, first)
+    tables, queue, counts = pointers(g), pointers(q), pointers(tally)
     last = min(first + BLOCK, fan.rays)
-    tally.counts[RELEASED] += last - first
+    tally.counts[ledger.RELEASED] += last - first
     for i in range(first, last):
         follow(tables, rules, released(tables, fan, i), queue, counts, i)
 
@@ -101,7 +80,7 @@ def follow_block(g: Geometry, rules: Rules, fan: Fan, first: int, budget: int, q
 def join(tally: Tally, q: Queue, later_tally: Tally, later: Queue) -> None:
     """Add a later block's tally and queue to the first."""
     add_tally(tally, later_tally)
-    merge(queue_pointers(q), queue_pointers(later), tally_pointers(tally))
+    queues.merge(pointers(q), pointers(later), pointers(tally))
 
 
 @compiled
@@ -112,14 +91,14 @@ def follow_secondaries(g: Geometry, rules: Rules, rays: int, q: Queue, tally: Ta
     ----------
     g, rules : the scene and the rules of tracing. rays : released. q, tally : of all blocks, joined.
     """
-    tables, queue, counts = geometry_pointers(g), queue_pointers(q), tally_pointers(tally)
-    begin_secondaries(queue, rays, counts)
-    while has_secondary(queue):
-        ray = next_secondary(queue)
-        tally.counts[RELEASED] += 1
-        tally.counts[GRANTED] += 1
-        follow(tables, rules, ray, queue, counts, rays + tally.counts[GRANTED] - 1)
-    prune(queue, counts)
+    tables, queue, counts = pointers(g), pointers(q), pointers(tally)
+    queues.begin_secondaries(queue, rays, counts)
+    while queues.has_secondary(queue):
+        ray = queues.next_secondary(queue)
+        tally.counts[ledger.RELEASED] += 1
+        tally.counts[ledger.GRANTED] += 1
+        follow(tables, rules, ray, queue, counts, rays + tally.counts[ledger.GRANTED] - 1)
+    queues.prune(queue, counts)
 
 
 @compiled
@@ -259,11 +238,11 @@ def trace(
     follow_secondaries(g, rules, light.rays, q, tally)
     energy = tally.energy / light.rays
     return TraceResult(
-        {name: int(tally.counts[i]) for i, name in enumerate(LEDGER)},
-        {name: float(energy[i]) for i, name in enumerate(ENERGY)},
-        int(tally.counts[HITS]),
-        int(tally.counts[GRANTED]),
-        int(tally.counts[REFUSED]),
+        {name: int(tally.counts[i]) for i, name in enumerate(ledger.LEDGER)},
+        {name: float(energy[i]) for i, name in enumerate(ledger.ENERGY)},
+        int(tally.counts[ledger.HITS]),
+        int(tally.counts[ledger.GRANTED]),
+        int(tally.counts[ledger.REFUSED]),
         float(tally.counts[DETECTED]) * (PAPER_RAYS / light.rays),
         ndr_sd(changes_along_fan(by_root), light.rays),
         float(energy[0]),

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from analysis.arrays import FloatArray, IntArray
-from analysis.compiled import compiled, inner, pointer
+from analysis.compiled import compiled, inner
 
 RELEASED, DETECTED, ESCAPED, TRAPPED, CUT, CORNER, DROPPED, HITS, GRANTED, REFUSED, COUNTS = range(11)
 E_DETECTED, E_ESCAPED, E_ABSORBED, E_CUT, ENERGIES = range(5)
@@ -52,14 +52,6 @@ def add_tally(tally: Tally, later: Tally) -> None:
     tally.counts[COUNTS] = later.counts[COUNTS]
     for i in range(ENERGIES):
         tally.energy[i] += later.energy[i]
-
-
-@compiled
-def tally_pointers(t: Tally) -> Tally:
-    """Return the same tally with pointers for its arrays."""
-    return Tally(
-        pointer(t.counts), pointer(t.energy), pointer(t.by_root), pointer(t.drawn), pointer(t.drawn_by), t.capacity
-    )
 
 
 @inner

@@ -13,24 +13,11 @@ import math
 from analysis.compiled import compiled, inner
 from analysis.optics.scene.frame import CORNER_A, CORNER_B, RECEIVER
 from analysis.optics.scene.geometry import C_INVERSE_L, CELL_COLUMNS, SURFACE_COLUMNS, Geometry
+from analysis.optics.tracer import tally as ledger
 from analysis.optics.tracer.budget import Queue, offer
 from analysis.optics.tracer.nearest import in_air, in_resin
 from analysis.optics.tracer.rays import BY_BOUNCE, BY_TIME, Ray, Rules
-from analysis.optics.tracer.tally import (
-    CORNER,
-    CUT,
-    DETECTED,
-    DROPPED,
-    E_ABSORBED,
-    E_CUT,
-    E_DETECTED,
-    E_ESCAPED,
-    ESCAPED,
-    HITS,
-    TRAPPED,
-    Tally,
-    draw,
-)
+from analysis.optics.tracer.tally import DETECTED, Tally, draw
 
 MOST_HITS = 200_000
 """Beyond, rounding turns a ray that creeps along a wall."""
@@ -52,7 +39,7 @@ def reflected_part(ratio: float, ci: float, ct: float) -> float:
 def _share(rules: Rules, child: Ray, q: Queue, tally: Tally) -> None:
     """Offer a reflected part to the budget, or give it up."""
     if child.power < rules.faintest:
-        tally.energy[E_CUT] += child.power
+        tally.energy[ledger.E_CUT] += child.power
         return
     key = float(child.root)
     if rules.order == BY_TIME:
@@ -77,11 +64,11 @@ def _at_corner(g: Geometry, i: int, x: float, y: float, near: float) -> bool:
 def _arrive(g: Geometry, rules: Rules, at: int, ray: Ray) -> int:
     """Return how a ray ends where it has just arrived: an entry of the ledger, or -1 if it continues."""
     if ray.path_mm > rules.path_cap_mm:
-        return TRAPPED if ray.medium == 1 else CUT
+        return ledger.TRAPPED if ray.medium == 1 else ledger.CUT
     if g.kinds[at] == RECEIVER:
         along = ray.dx * g.receiver_direction[0] + ray.dy * g.receiver_direction[1]
-        return DETECTED if along > 0.0 else ESCAPED
-    return CORNER if _at_corner(g, at, ray.x, ray.y, rules.corner_mm) else -1
+        return DETECTED if along > 0.0 else ledger.ESCAPED
+    return ledger.CORNER if _at_corner(g, at, ray.x, ray.y, rules.corner_mm) else -1
 
 
 @inner
@@ -128,7 +115,7 @@ def follow(g: Geometry, rules: Rules, ray: Ray, q: Queue, tally: Tally, number: 
     rules, ray : rules of tracing, and the ray where it starts.
     number : of the ray, for its drawn path.
     """
-    end, hits = CUT, 0
+    end, hits = ledger.CUT, 0
     if tally.capacity > 0:
         draw(tally, ray.x, ray.y, ray.power, number, ray.medium)
     while hits < MOST_HITS:
@@ -138,12 +125,12 @@ def follow(g: Geometry, rules: Rules, ray: Ray, q: Queue, tally: Tally, number: 
         else:
             t, at = in_air(g, ray.x, ray.y, ray.dx, ray.dy, ray.last)
         if at < 0:
-            end = CORNER if resin else ESCAPED
+            end = ledger.CORNER if resin else ledger.ESCAPED
             break
         power = ray.power
         if resin and rules.attenuation > 0.0:
             power *= math.exp(-rules.attenuation * t)
-            tally.energy[E_ABSORBED] += ray.power - power
+            tally.energy[ledger.E_ABSORBED] += ray.power - power
         x, y, path = ray.x + t * ray.dx, ray.y + t * ray.dy, ray.path_mm + t
         optical = ray.optical_path_mm + (t * rules.refractive if resin else t)
         last, cell, root = ray.last, ray.cell, ray.root
@@ -156,11 +143,13 @@ def follow(g: Geometry, rules: Rules, ray: Ray, q: Queue, tally: Tally, number: 
             break
         ray = _meet(g, rules, at, ray, q, tally)
         if ray.power < rules.faintest:
-            end = DROPPED
+            end = ledger.DROPPED
             break
-    tally.counts[HITS] += hits
-    end = CUT if end < 0 else end
+    tally.counts[ledger.HITS] += hits
+    end = ledger.CUT if end < 0 else end
     tally.counts[end] += 1
     if end == DETECTED:
         tally.by_root[ray.root] += 1
-    tally.energy[E_DETECTED if end == DETECTED else E_ESCAPED if end == ESCAPED else E_CUT] += ray.power
+    tally.energy[
+        ledger.E_DETECTED if end == DETECTED else ledger.E_ESCAPED if end == ledger.ESCAPED else ledger.E_CUT
+    ] += ray.power

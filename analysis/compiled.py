@@ -99,14 +99,14 @@ def _pointers(_typing_context: Any, tables: Any) -> Any:
     reference counting. A pointer has no length and no owner: the caller keeps the arrays alive.
     """
     types: Any = numba.types
-    kinds = [types.CPointer(t.dtype) if isinstance(t, types.Array) else t for t in tables.types]
+    arrays = [t for t in tables.types if isinstance(t, types.Array)]
+    kinds = [types.CPointer(t.dtype) if t in arrays else t for t in tables.types]
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         members = zip(tables.types, cgutils.unpack_tuple(builder, args[0]), strict=True)
         values = [context.make_array(t)(context, builder, v).data if t in arrays else v for t, v in members]
         return context.make_tuple(builder, signature.return_type, values)
 
-    arrays = [t for t in tables.types if isinstance(t, types.Array)]
     return types.NamedTuple(kinds, tables.instance_class)(tables), codegen
 
 

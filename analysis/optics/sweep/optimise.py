@@ -14,7 +14,8 @@ import os
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -50,37 +51,39 @@ Scored = tuple[float, Design]
 
 
 @dataclass(frozen=True, slots=True)
+class Winner:
+    """A design with its P on power, least and greatest P over three turns of the fan, detected power (15,)."""
+
+    design: Design
+    p: float
+    p_range: tuple[float, float]
+    power: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
 class Optimum:
     """Result of the search.
 
     Parameters
     ----------
-    start, best : the grid's best design and the one found; start_p, best_p, paper_p : P on power at `checked_rays`.
-    start_power, power : (15,) detected power of both.
+    start, best : the grid's best design and the one found; paper_p : P of the paper's; all at `checked_rays`.
     evaluations, seconds : its cost; rays, checked_rays : released in the search and in the final evaluation.
     finished : False if the time ran out before the search converged.
-    start_range, best_range : least and greatest P of both over three turns of the fan.
     """
 
-    start: Design
-    best: Design
-    start_p: float
-    best_p: float
+    start: Winner
+    best: Winner
     paper_p: float
-    start_power: FloatArray
-    power: FloatArray
     evaluations: int
     seconds: float
     rays: int
     checked_rays: int
     finished: bool
-    start_range: tuple[float, float]
-    best_range: tuple[float, float]
 
     @property
     def gain(self) -> float:
         """Return the found P over the grid's best."""
-        return self.best_p / self.start_p
+        return self.best.p / self.start.p
 
 
 class PowerMerit:
@@ -166,21 +169,23 @@ def _watch(began: float, allowed: float, progress: Progress | None) -> Callable[
     return late
 
 
+@dataclass
 class _Search:
     """What the two stages share: frames, rays, threads, the clock, and the designs evaluated."""
 
-    def __init__(
-        self,
-        frames: Sequence[SceneFrame],
-        guide: Waveguide,
-        rays: int,
-        pool: ThreadPoolExecutor,
-        late: Callable[[float], bool],
-    ) -> None:
-        self.frames, self.guide, self.rays, self.pool, self.late = frames, guide, rays, pool, late
-        self.merit = PowerMerit(frames, guide, rays)
-        self.seen: dict[Design, float] = {}
-        self.evaluations, self.finished = 0, False
+    frames: Sequence[SceneFrame]
+    guide: Waveguide
+    rays: int
+    pool: ThreadPoolExecutor
+    late: Callable[[float], bool]
+    seen: dict[Design, float] = field(default_factory=dict)
+    evaluations: int = 0
+    finished: bool = False
+
+    @cached_property
+    def merit(self) -> PowerMerit:
+        """P at the rays of the search."""
+        return PowerMerit(self.frames, self.guide, self.rays)
 
     def scored(self, merit_of: PowerMerit, designs: Sequence[Design]) -> list[Scored]:
         """Return P and design of some designs, evaluated side by side."""
@@ -262,21 +267,11 @@ def _evaluated(search: _Search, grid: Sequence[Scored], found: OptimizeResult, b
     start = max((design for _, design in grid), key=lambda design: p[design])
     best = max((design for design in able if design != PAPER_OPTIMUM or design == start), key=lambda design: p[design])
     turned = [PowerMerit(search.frames, search.guide, rays, phase) for phase in PHASES]
-    again = list(search.pool.map(lambda pair: pair[0].p(pair[1]), [(m, d) for d in (start, best) for m in turned]))
-    ranges = [[p[d], *again[i * len(PHASES) : (i + 1) * len(PHASES)]] for i, d in enumerate((start, best))]
-    return Optimum(
-        start,
-        best,
-        p[start],
-        p[best],
-        p.get(PAPER_OPTIMUM, np.nan),
-        power[start],
-        power[best],
-        search.evaluations,
-        time.perf_counter() - began,
-        search.rays,
-        rays,
-        search.finished,
-        (min(ranges[0]), max(ranges[0])),
-        (min(ranges[1]), max(ranges[1])),
-    )
+
+    def winner(design: Design) -> Winner:
+        over_turns = [p[design], *search.pool.map(lambda turn: turn.p(design), turned)]
+        return Winner(design, p[design], (min(over_turns), max(over_turns)), power[design])
+
+    winners, paper_p = (winner(start), winner(best)), p.get(PAPER_OPTIMUM, np.nan)
+    seconds = time.perf_counter() - began
+    return Optimum(*winners, paper_p, search.evaluations, seconds, search.rays, rays, search.finished)

@@ -17,34 +17,38 @@ from analysis.optics.sweep.optimise import BETTER, PATIENCE, Optimum
 from analysis.optics.sweep.sweep import SweepResult
 from analysis.version import program_version
 
+OF_SEARCH = ("gain", "paper_p", "evaluations", "seconds", "rays", "checked_rays", "finished")
+TABLE = (
+    "rank", "tied", "p", "p_low", "p_high", "p_printed", "delta", "n_sign", "rmse", "monotone", "rmse_floored",
+)  # fmt: skip
+
+
+def _columns(result: SweepResult) -> dict[str, Any]:
+    """Return what is given of every design: its response, figures of merit, rank and ties, (n, ...) each."""
+    merit, spread = result.merit(), result.uncertainty()
+    names = ("andr", "delta", "n_sign", "rmse", "p", "p_printed", "p_normalised", "p_ci", "monotone")
+    return {
+        "ndr": result.ndr,
+        **{name: getattr(spread if name == "p_ci" else merit, name) for name in names},
+        "n_sign": merit.n_sign.astype(int),
+        "rmse_floored": merit.floored,
+        "rank": result.ranks(),
+        "tied": spread.tied,
+        "power": result.power,
+        "p_power": result.merit_of_power().p,
+    }
+
 
 def sweep_json(result: SweepResult) -> dict[str, Any]:
     """Return the object of `optics sweep --json`."""
-    merit, spread, ranks = result.merit(), result.uncertainty(), result.ranks()
-    power = result.merit_of_power()
+    columns = _columns(result)
     designs = [
-        {
-            **asdict(d),
-            "ndr": result.ndr[i],
-            "andr": merit.andr[i],
-            "delta": merit.delta[i],
-            "n_sign": int(merit.n_sign[i]),
-            "rmse": merit.rmse[i],
-            "p": merit.p[i],
-            "p_printed": merit.p_printed[i],
-            "p_normalised": merit.p_normalised[i],
-            "p_ci": spread.p_ci[i],
-            "monotone": bool(merit.monotone[i]),
-            "rmse_floored": bool(merit.floored[i]),
-            "rank": int(ranks[i]),
-            "tied": bool(spread.tied[i]),
-            "power": result.power[i],
-            "p_power": power.p[i],
-        }
-        for i, d in enumerate(result.designs)
+        {**asdict(d), **{name: column[i] for name, column in columns.items()}} for i, d in enumerate(result.designs)
     ]
-    best = int(np.argmax(merit.p))
-    paper = result.find()
+    paper, optimum = result.find(), None
+    if paper is not None:
+        optimum = {name: designs[paper][name] for name in ("rank", "p", "p_ci", "tied")}
+        optimum["rank_by_power"] = int(1 + np.sum(columns["p_power"] > columns["p_power"][paper]))
     return {
         "simulations": result.ndr.size,
         "simulated_now": result.simulated,
@@ -53,17 +57,9 @@ def sweep_json(result: SweepResult) -> dict[str, Any]:
         "rays": result.request.light.rays,
         "version": program_version(),
         "designs": designs,
-        "best": designs[best],
-        "tied_with_best": [asdict(d) for i, d in enumerate(result.designs) if spread.tied[i]],
-        "paper_optimum": None
-        if paper is None
-        else {
-            "rank": int(ranks[paper]),
-            "p": merit.p[paper],
-            "p_ci": spread.p_ci[paper],
-            "tied": bool(spread.tied[paper]),
-            "rank_by_power": int(1 + np.sum(power.p > power.p[paper])),
-        },
+        "best": designs[int(np.argmax(columns["p"]))],
+        "tied_with_best": [asdict(d) for d, tied in zip(result.designs, columns["tied"], strict=True) if tied],
+        "paper_optimum": optimum,
         "printed_and_repaired": PARTING,
     }
 
@@ -120,48 +116,26 @@ def _paper(result: SweepResult) -> list[Design]:
 
 def _write_table(result: SweepResult, path: Path) -> None:
     """One row per design; parameters and version in comment lines at the head."""
-    merit, spread, ranks = result.merit(), result.uncertainty(), result.ranks()
-    states = range(result.ndr.shape[1])
+    columns = _columns(result)
+    columns["p_low"], columns["p_high"] = columns["p_ci"].T
+    states = {f"{name}_{s}": column for name in ("ndr", "power") for s, column in enumerate(columns[name].T)}
+    shown = {name: columns[name] for name in TABLE} | states
     with path.open("w", newline="", encoding="utf-8") as file:
         parameters = json.dumps(result.request.described(), sort_keys=True)
         file.write(f"# boat-daq {program_version()}, parameters {parameters}\n")
         rows = csv.writer(file)
+        rows.writerow([*asdict(result.designs[0]), *shown])
         for i, design in enumerate(result.designs):
-            row = {
-                **asdict(design),
-                "rank": ranks[i],
-                "tied": int(spread.tied[i]),
-                "p": merit.p[i],
-                "p_low": spread.p_ci[i, 0],
-                "p_high": spread.p_ci[i, 1],
-                "p_printed": merit.p_printed[i],
-                "delta": merit.delta[i],
-                "n_sign": int(merit.n_sign[i]),
-                "rmse": merit.rmse[i],
-                "monotone": int(merit.monotone[i]),
-                "rmse_floored": int(merit.floored[i]),
-                **{f"ndr_{s}": result.ndr[i, s] for s in states},
-                **{f"power_{s}": result.power[i, s] for s in states},
-            }
-            if i == 0:
-                rows.writerow(row)
-            rows.writerow(row.values())
+            rows.writerow([*asdict(design).values(), *(1 * column[i] for column in shown.values())])  # flags as 0 and 1
 
 
 def optimum_json(found: Optimum) -> dict[str, Any]:
     """Return the object of `optics optimise --json`."""
+    winners = {"start": found.start, "best": found.best}
     return {
-        "start": {**asdict(found.start), "p": found.start_p, "p_range": list(found.start_range)},
-        "best": {**asdict(found.best), "p": found.best_p, "p_range": list(found.best_range)},
-        "gain": found.gain,
-        "paper_p": found.paper_p,
-        "evaluations": found.evaluations,
-        "seconds": found.seconds,
-        "rays": found.rays,
-        "checked_rays": found.checked_rays,
-        "finished": found.finished,
-        "start_power": found.start_power.tolist(),
-        "best_power": found.power.tolist(),
+        **{name: {**asdict(w.design), "p": w.p, "p_range": list(w.p_range)} for name, w in winners.items()},
+        **{name: getattr(found, name) for name in OF_SEARCH},
+        **{f"{name}_power": w.power.tolist() for name, w in winners.items()},
     }
 
 
@@ -169,11 +143,9 @@ def optimum_text(found: Optimum) -> str:
     """Return the same as a few lines of text."""
     lines = [
         f"{label}: {d.cavities} cavities in the {d.face} face, width {d.width_mm:.3f}, depth {d.depth_mm:.3f}, "
-        f"spacing {d.spacing_mm:.3f} mm: P {p:.3f} on power, {low:.3f} to {high:.3f} with the fan turned"
-        for label, d, p, (low, high) in (
-            ("grid's best", found.start, found.start_p, found.start_range),
-            ("found", found.best, found.best_p, found.best_range),
-        )
+        f"spacing {d.spacing_mm:.3f} mm: P {w.p:.3f} on power, {w.p_range[0]:.3f} to {w.p_range[1]:.3f} with the fan "
+        "turned"
+        for label, w, d in (("grid's best", found.start, found.start.design), ("found", found.best, found.best.design))
     ]
     lines.append(
         f"gain {found.gain:.2f} times at {found.checked_rays} rays; {found.evaluations} designs in "

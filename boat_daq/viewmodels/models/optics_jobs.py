@@ -223,6 +223,6 @@ def search(curves: str = "default", seconds: float = 50.0, *, progress: Progress
     from analysis.optics.sweep.optimise import optimise
 
     found = optimise(Waveguide(), curves_of(curves), seconds=seconds, progress=progress)
-    best = found.best
+    best = found.best.design
     values = (best.cavities, best.width_mm, best.depth_mm, best.spacing_mm)
-    return OptimumSummary(values, best.face, found.best_p, found.start_p, found.finished)
+    return OptimumSummary(values, best.face, found.best.p, found.start.p, found.finished)

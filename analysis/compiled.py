@@ -99,11 +99,12 @@ def _pointers(_typing_context: Any, tables: Any) -> Any:
     reference counting. A pointer has no length and no owner: the caller keeps the arrays alive.
     """
     types: Any = numba.types
+    unpacked: Any = cgutils.unpack_tuple
     arrays = [t for t in tables.types if isinstance(t, types.Array)]
     kinds = [types.CPointer(t.dtype) if t in arrays else t for t in tables.types]
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        members = zip(tables.types, cgutils.unpack_tuple(builder, args[0]), strict=True)
+        members = zip(tables.types, unpacked(builder, args[0]), strict=True)
         values = [context.make_array(t)(context, builder, v).data if t in arrays else v for t, v in members]
         return context.make_tuple(builder, signature.return_type, values)
 

@@ -1,4 +1,8 @@
-"""The atlas as files: one JSON of all maps, one picture per method."""
+"""The atlas as files: one JSON of all maps, and one picture per method: where it works, warns or refuses.
+
+Rules: every outcome has a colour, a hatching and a letter, so that it is recognised without colour; the fourth, wrong
+without warning, must never occur. Values are drawn at equal distances along both axes.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +12,66 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Rectangle
 from PIL import Image
 
 from analysis import figure_style as style
-from analysis.atlas.chart import LEGEND, method_atlas
 from analysis.atlas.sweep import CellOutcome, StudyMap
 from analysis.machine import machine
+
+LOOK: dict[CellOutcome, tuple[str, str, str]] = {
+    CellOutcome.WORKS: ("#9AD0F0", "", ""),
+    CellOutcome.WARNS: ("#F0E442", "///", "d"),
+    CellOutcome.REFUSES: ("#C9CED6", "xx", "r"),
+    CellOutcome.WRONG_UNWARNED: ("#000000", "", "!"),
+}
+"""Colour, hatching and letter of each outcome."""
+LEGEND = {
+    CellOutcome.WORKS: "works: within its tolerance",
+    CellOutcome.WARNS: "d: works with a warning",
+    CellOutcome.REFUSES: "r: refuses, with the reason",
+    CellOutcome.WRONG_UNWARNED: "!: wrong without warning (must not occur)",
+}
+PANEL_INCH = (4.4, 3.7)
+MOST_COLUMNS = 3
+
+
+def draw_map(axes: Axes, drawn: StudyMap) -> None:
+    """Draw one map into given axes."""
+    study = drawn.study
+    for j, row in enumerate(drawn.cells):
+        for i, cell in enumerate(row):
+            colour, hatch, letter = LOOK[cell.outcome]
+            ink = style.PAPER if cell.outcome is CellOutcome.WRONG_UNWARNED else style.SOFT
+            axes.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, fc=colour, ec=style.PAPER, hatch=hatch, lw=0.8))
+            if letter:
+                axes.text(i, j, letter, ha="center", va="center", fontsize=7, color=ink)
+    axes.set(xlim=(-0.5, len(study.x.values) - 0.5), ylim=(-0.5, len(study.y.values) - 0.5), title=study.title)
+    axes.set_xticks(range(len(study.x.values)), study.x.ticks, fontsize=6.5, rotation=45, ha="right")
+    axes.set_yticks(range(len(study.y.values)), study.y.ticks, fontsize=6.5)
+    axes.set_xlabel(study.x.title)
+    axes.set_ylabel(study.y.title)
+    axes.grid(visible=False)
+
+
+def method_atlas(maps: Sequence[StudyMap]) -> Figure:
+    """Draw the maps of one method side by side, with a legend of the outcomes."""
+    columns = 2 if len(maps) == 4 else min(len(maps), MOST_COLUMNS)
+    rows = -(-len(maps) // columns)
+    size = (max(PANEL_INCH[0] * columns, 6.4), PANEL_INCH[1] * rows + 0.5)
+    figure = Figure(figsize=size, layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes, drawn in zip(grid, maps, strict=False):
+        draw_map(axes, drawn)
+    for axes in grid[len(maps) :]:
+        axes.set_axis_off()
+    seen = [o for o in CellOutcome if any(m.counts[o.value] for m in maps) or o is not CellOutcome.WRONG_UNWARNED]
+    handles = [Patch(fc=LOOK[o][0], hatch=LOOK[o][1], ec=style.SOFT, label=LEGEND[o]) for o in seen]
+    figure.legend(handles=handles, loc="outside upper center", ncols=2 if columns < MOST_COLUMNS else len(handles))
+    return figure
+
 
 DPI = 110
 COLOURS = 64

@@ -1,7 +1,7 @@
-"""An imported run written as a `.boat` file, by the schema of `protocol.recording`.
+"""An imported run written as a `.boat` file, by the schema of `protocol.recording`, and derived again from that file.
 
-Rules: the original bytes are kept in `chunk`, the column map in the session, so that the import can be done again. The
-file appears under its name only when it is whole.
+Rules: the original bytes are kept in `chunk`, the column map in the session, so that the import can be done again: the
+samples must come out bit for bit. The file appears under its name only when it is whole.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import itertools
 import json
 import os
 import sqlite3
+import tempfile
 import uuid
 import zlib
 from collections.abc import Callable
@@ -21,6 +22,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from analysis.data.boat_file import opened
+from analysis.data.csv_import import import_csv
 from analysis.data.recording import Recording
 from analysis.errors import FileError
 from analysis.version import program_version
@@ -32,6 +35,8 @@ from protocol.recording import (
     TABLES,
     SampleFlag,
     describe_dtype,
+    dtype_from_description,
+    read_session,
     sample_dtype,
 )
 from protocol.recording.checks import check_session
@@ -202,3 +207,38 @@ def _extremes(samples: npt.NDArray[np.void], scale_mv: float) -> tuple[Any, ...]
 def _finite(extreme: Callable[[Any], Any], values: npt.NDArray[np.float64]) -> float | None:
     known = values[np.isfinite(values)]
     return float(extreme(known)) if known.size else None
+
+
+def is_imported(path: str | Path) -> bool:
+    """True where a recording came from a CSV."""
+    with opened(Path(path)) as db:
+        return str(read_session(db).get("port") or "").startswith("import:")
+
+
+def first_difference(path: str | Path) -> str:
+    """Import the kept bytes again and compare the samples.
+
+    Returns
+    -------
+    "" where they are identical, else a text naming the first difference.
+
+    Raises
+    ------
+    FileError : the recording was not imported.
+    """
+    path = Path(path)
+    if not is_imported(path):
+        raise FileError(f"{path.name} was not imported", "Use `boat-daq verify`.")
+    with opened(path) as db:
+        meta = read_session(db)
+        original = b"".join(raw for (raw,) in db.execute("SELECT raw FROM chunk WHERE direction = 0 ORDER BY id"))
+        blobs = [blob for (blob,) in db.execute("SELECT samples FROM block ORDER BY id")]
+    kept = np.frombuffer(b"".join(blobs), dtype_from_description(meta["sample_dtype"]))
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "original.csv"
+        file.write_bytes(original)
+        again = packed_samples(import_csv(file, columns=meta["import_map"], rate_hz=meta.get("import_rate_hz")))
+    if again.dtype != kept.dtype or again.size != kept.size:
+        return f"the file gives {again.size} samples where {kept.size} are kept"
+    different = np.flatnonzero(again != kept)
+    return f"sample {int(different[0])} differs from the file it was imported from" if different.size else ""

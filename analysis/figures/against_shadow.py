@@ -108,7 +108,7 @@ def readings_against_shadow(
     ------
     DataError : the run has no readings.
     """
-    from analysis.shadow.model.fidelity import shadow_at
+    from analysis.shadow.model.frames import shadow_at
 
     if analysis.elongations is None:
         raise DataError("the run has no readings of elongation to compare with the shadow")

@@ -1,14 +1,17 @@
-"""The document model of a report: sections of paragraphs, tables and drawings, which the writers set."""
+"""The document model of a report: sections of paragraphs, tables and drawings, and how a cell writes a number."""
 
 from __future__ import annotations
 
+import datetime
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 from matplotlib.axes import Axes
 
-from analysis.numbers import NOTHING
+from analysis.figures.figure import Figure
+from analysis.numbers import NOTHING, rounded
 
 Draw = Callable[[Axes], None]
 _NUMBER = r"[+-]?[0-9]+(?:\.[0-9]+)?"
@@ -109,3 +112,36 @@ def _padded(number: str, places: int) -> str:
 def typeset(text: str) -> str:
     """Return the text with the minus sign before negative numbers; dates, their offsets and names keep the hyphen."""
     return _HYPHEN.sub(MINUS, text)
+
+
+def cells(figure: Figure | None) -> tuple[str, str]:
+    """Value and interval, rounded alike."""
+    if figure is None or np.isnan(figure.value):
+        return NOTHING, ""
+    half = (figure.high - figure.low) / 4
+    known = np.isfinite(figure.low) and np.isfinite(figure.high)
+    return rounded(figure.value, half), f"{rounded(figure.low, half)} … {rounded(figure.high, half)}" if known else ""
+
+
+def cell(figure: Figure | None) -> str:
+    """Return value and interval in one cell."""
+    value, interval = cells(figure)
+    return f"{value} [{interval}]" if interval else value
+
+
+def p_value(p: float) -> str:
+    """Return a p-value with its relation, e.g. `= 0.012`."""
+    return "< 0.001" if p < 0.001 else f"= {p:.3f}"
+
+
+def power(k: int) -> str:
+    """Return an exponent as its superscript."""
+    return {1: "", 2: "²", 3: "³"}.get(k, f"^{k}")
+
+
+def date_of(text: object) -> str:
+    """Return an ISO time as date, time and offset; any other text as it is."""
+    try:
+        return datetime.datetime.fromisoformat(str(text)).strftime("%Y-%m-%d %H:%M:%S %z")
+    except ValueError:
+        return str(text or "")

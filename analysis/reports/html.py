@@ -15,7 +15,7 @@ from markupsafe import Markup
 
 from analysis import figure_style as style
 from analysis.reports.document import Report, ReportDrawing, ReportTable, SectionPart, aligned, right_aligned, typeset
-from analysis.reports.panels import as_svg
+from analysis.reports.drawings import as_svg
 
 WIDTH_INCH = 7.4
 

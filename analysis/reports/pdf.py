@@ -22,8 +22,8 @@ from matplotlib.patches import Rectangle
 
 from analysis import figure_style as style
 from analysis.reports.document import Report, ReportDrawing, ReportTable, SectionPart, aligned, right_aligned, typeset
+from analysis.reports.drawings import set_drawing
 from analysis.reports.pages import Item, PageBlock, Rule, Text, broken, placed
-from analysis.reports.panels import set_drawing
 from analysis.reports.text_metrics import families, printable, shortened, width_of, wrapped
 
 WIDTH, HEIGHT = style.A4_INCH

@@ -1,6 +1,9 @@
 """The report of a measurement: JSON as the surface has it, a CSV of all points, charts as PNG and SVG.
 
-Rules: the JSON has all that the charts show; an error that is infinite (the method failed) is null in it.
+Rules: the JSON has all that the charts show; an error that is infinite (the method failed) is null in it. In a chart
+time is to the right, error upwards, both logarithmic; lower left is better. Bars are the range of the repeats. The
+default has a ring, the rule's choice a square; the tolerance is a dashed line, and settings below the dotted one are
+sufficient. A setting without result is a cross at the top; an error of zero is on the lower edge.
 """
 
 from __future__ import annotations
@@ -14,12 +17,121 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from analysis import figure_style as style
 from analysis.fidelity import LEVELS, MARGINS
 from analysis.machine import machine
-from analysis.tradeoff.chart import method_chart, overview_chart
 from analysis.tradeoff.measure import MARGIN, CostPoint, Measured, Method
+
+DATA, DEFAULT, CHOSEN, REFUSED = style.SENSORS[0], style.SENSORS[1], style.PRESSURE, style.SOFT
+COLUMNS = 3
+MOST_NAMES = 16
+"""Of more settings only those are named that are on the front, in the code or chosen by the rule."""
+NAME_PX, LINE_PX, ABOVE_PX = 110.0, 11.0, 4.0
+"""Size of a setting's name: length, height, distance above its point."""
+DECADES_BELOW = 4.5
+"""Errors further below the tolerance are drawn on the lower edge."""
+
+
+def method_chart(measured: Measured, where: str) -> Figure:
+    """Draw one method; `where` names the machine and the date."""
+    figure = Figure(figsize=(7.6, 5.0), layout="constrained")
+    axes = figure.subplots()
+    _draw(axes, measured, labels=True)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=4, fontsize=7.5)
+    kind = "independent" if measured.method.independent else "not independent"
+    text = f"reference ({kind}): {measured.method.reference}\nconsumer: {measured.method.consumer}\n{where}"
+    figure.supxlabel(text, fontsize=6.5, color=style.SOFT)
+    return figure
+
+
+def overview_chart(results: Sequence[Measured], where: str) -> Figure:
+    """Draw all methods, one small chart each."""
+    rows = math.ceil(len(results) / COLUMNS)
+    figure = Figure(figsize=(4.0 * COLUMNS, 3.1 * rows + 0.5), layout="constrained")
+    grid = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
+    for axes, measured in zip(grid, results, strict=False):
+        _draw(axes, measured, labels=False)
+    for axes in grid[len(results) :]:
+        axes.set_axis_off()
+    entries: dict[str, Any] = {}
+    for axes in grid[: len(results)]:
+        entries |= {name: handle for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)}
+    figure.legend(list(entries.values()), list(entries), loc="outside upper center", ncols=len(entries), fontsize=7.5)
+    figure.supxlabel(where, fontsize=7, color=style.SOFT)
+    return figure
+
+
+def _draw(axes: Axes, measured: Measured, *, labels: bool) -> None:
+    method, points = measured.method, {p.setting: p for p in measured.points}
+    answered = {name: p for name, p in points.items() if math.isfinite(p.error)}
+    smallest = min((p.error for p in answered.values() if p.error > 0), default=method.tolerance)
+    floor = max(min(smallest, method.tolerance / MARGIN) / 3, method.tolerance / 10**DECADES_BELOW)
+    at = {name: (p.cpu_seconds, max(p.error, floor)) for name, p in answered.items()}
+    top = 3.0 * max([method.tolerance, *(y for _, y in at.values())])
+    axes.axhline(method.tolerance, color=style.SOFT, ls="--", lw=1, label="noticeable above")
+    axes.axhline(method.tolerance / MARGIN, color=style.SOFT, ls=":", lw=1, label="sufficient below")
+    for name, (x, y) in at.items():
+        _bars(axes, points[name], x, y, floor)
+    if at:
+        axes.plot(*zip(*at.values(), strict=True), "o", color=DATA, ms=5, ls="", label="setting")
+    refused = {name: (p.cpu_seconds, top) for name, p in points.items() if name not in answered}
+    if refused:
+        axes.plot(*zip(*refused.values(), strict=True), "x", color=REFUSED, ms=6, ls="", label="no result")
+    front = [at[name] for name in measured.front if name in at]
+    axes.plot(*zip(*front, strict=True), "-", color=DATA, lw=1.2, label="Pareto front")
+    if method.default in at:
+        axes.plot(*at[method.default], "o", ms=12, mfc="none", mec=DEFAULT, mew=1.8, ls="", label="default")
+    if measured.chosen in at:
+        axes.plot(*at[measured.chosen], "s", ms=16, mfc="none", mec=CHOSEN, mew=1.5, ls="", label="chosen by the rule")
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.margins(0.24 if labels else 0.14, 0.14)
+    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        # a decade at least, so that noise of the clock is not magnified
+        widen = max(1.0, 12.0 / (high / low)) ** 0.5
+        axis.set_view_interval(low / widen, high * widen, ignore=True)
+        axis.set_minor_formatter(NullFormatter())
+    axes.set(title=method.title, xlabel=f"processor time {method.per}, s", ylabel=f"error, {method.unit}")
+    if labels:
+        named = {method.default, measured.chosen, *measured.front, *method.in_code.values(), *refused}
+        shown = {name: place for name, place in (at | refused).items() if name in named or len(points) <= MOST_NAMES}
+        levels = {name: level for level, name in method.in_code.items() if name != method.default}
+        _name(axes, shown, levels, measured.front)
+
+
+def _bars(axes: Axes, point: CostPoint, x: float, y: float, floor: float) -> None:
+    """Draw the range of the repeats, half of it to each side."""
+    half_x, half_y = min(point.cpu_spread / 2, 0.9 * x), min(point.error_spread / 2, 0.9 * y)
+    if y <= floor:
+        half_y = 0.0
+    axes.errorbar(x, y, xerr=half_x, yerr=half_y or None, fmt="none", ecolor=DATA, elinewidth=0.7, alpha=0.5)
+
+
+def _name(axes: Axes, at: Mapping[str, tuple[float, float]], levels: Mapping[str, str], front: Sequence[str]) -> None:
+    """Write the settings beside their points: those of the front to the left, all others to the right."""
+    figure = axes.get_figure(root=True)
+    if figure is None:  # axes without a figure have nowhere to be drawn
+        return
+    figure.draw_without_rendering()  # the layout is known only then
+    taken: list[tuple[bool, float, float]] = []
+    for name, place in sorted(at.items(), key=lambda item: item[1][1]):
+        left = name in front
+        x, y = axes.transData.transform(place)
+        up = -ABOVE_PX if left else ABOVE_PX
+        while any(left == side and abs(x - a) < NAME_PX and abs(y + up - b) < LINE_PX for side, a, b in taken):
+            up += LINE_PX
+        taken.append((left, x, y + up))
+        text = f"{name} ({levels[name]})" if name in levels else name
+        offset = (-10.0 if left else 9.0, 72.0 * up / figure.dpi)
+        axes.annotate(
+            text, place, xytext=offset, textcoords="offset points", fontsize=6.5, color=style.INK,
+            ha="right" if left else "left", va="center",
+        )  # fmt: skip
+
 
 MAY_BE_INFINITE = ("error", "error_spread")
 NO_DATE: dict[str, dict[str, Any]] = {"png": {}, "svg": {"Date": None}}

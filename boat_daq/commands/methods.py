@@ -11,7 +11,7 @@ import typer
 from boat_daq.commands.console import JsonOption, notify, present, progress_bar, writing
 
 if TYPE_CHECKING:
-    from analysis.tradeoff import Method
+    from analysis.tradeoff.measure import Method
 
 
 def tradeoff(
@@ -36,7 +36,9 @@ def tradeoff(
     Example: boat-daq tradeoff inverse posterior --quick --out charts
     """
     from analysis.errors import RequestError
-    from analysis.tradeoff import METHODS, measure_all, report_json, write_report
+    from analysis.tradeoff.measure import measure_all
+    from analysis.tradeoff.methods import METHODS
+    from analysis.tradeoff.report import report_json, write_report
 
     live = _live_plot()
     known = METHODS | {live.name: live}

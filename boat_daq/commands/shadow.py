@@ -186,7 +186,7 @@ def table(
     """
     from analysis.fidelity import fidelity as at
     from analysis.shadow.model.drawing import table_errors_figure
-    from analysis.shadow.model.fidelity import table_settings
+    from analysis.shadow.model.frames import table_settings
     from analysis.shadow.model.table import build_table, load_table
 
     chosen, settings = chosen_parameters(parameters, fidelity), table_settings(at(fidelity))

@@ -32,7 +32,7 @@ def test_the_normal_level_is_the_default() -> None:
     from analysis.calibration.posterior import MAX_STEPS
     from analysis.optics.scene.parameters import Light
     from analysis.shadow.fem.parameters import ActuatorParameters
-    from analysis.shadow.model.fidelity import actuator, table_settings
+    from analysis.shadow.model.frames import actuator, table_settings
     from analysis.shadow.model.reduced import TableSettings
     from analysis.statistics import RESAMPLES
     from boat_daq.viewmodels.live.live_model import LiveModel
@@ -49,7 +49,7 @@ def test_the_normal_level_is_the_default() -> None:
 def test_a_mesh_of_ones_own_keeps_ones_own_material() -> None:
     """The level's fitted numbers belong to the default actuator only."""
     from analysis.shadow.fem.parameters import ActuatorParameters
-    from analysis.shadow.model.fidelity import actuator
+    from analysis.shadow.model.frames import actuator
 
     mine = replace(ActuatorParameters(), wall_modulus_kpa=900.0)
     assert actuator(fidelity("reference"), mine).wall_modulus_kpa == 900.0

@@ -27,8 +27,8 @@ from analysis.optics.scene.curve_file import read_curves
 from analysis.optics.sweep.sweep_file import SweepFile
 from analysis.segmentation.plateau_readings import read_elongation_file
 from analysis.shadow.fem.mesh_files import read_mesh
+from analysis.shadow.fem.parameters import read_parameters
 from analysis.shadow.model.modulus import effective_modulus, read_compression_test
-from analysis.shadow.model.parameter_files import read_parameters
 from analysis.shadow.model.table import read_table as read_shadow_table
 from boat_daq.engine.plan import load_plan
 from boat_daq.engine.recording.recovery import find_interrupted, recover

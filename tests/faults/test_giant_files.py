@@ -29,7 +29,7 @@ from analysis.optics.scene.curve_file import read_curves
 from analysis.data.load import load_recording
 from analysis.reports.build import write_report
 from analysis.shadow.fem.mesh_files import read_mesh
-from analysis.shadow.model.parameter_files import read_parameters
+from analysis.shadow.fem.parameters import read_parameters
 from boat_daq.engine.plan import load_plan
 from boat_daq.engine.session.readings import read_elongation_csv
 from boat_daq.engine.recording.recovery import recover

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.shadow.model.parameter_files import read_parameters
+from analysis.shadow.fem.parameters import read_parameters
 from boat_daq.engine.plan import load_plan
 from boat_daq.engine.settings import UnitLibrary, load_settings
 from boat_daq.engine.toml_values import read_json

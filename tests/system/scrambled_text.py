@@ -20,7 +20,7 @@ from types import CodeType, ModuleType
 
 PACKAGES = ("boat_daq", "protocol", "analysis")
 FORMATS = (  # modules whose sentences are the words of a file format
-    "analysis.data.csv_", "analysis.shadow.fem.calculix", "analysis.shadow.fem.mesh_files", "analysis.optics.outline",
+    "analysis.data.csv_", "analysis.shadow.fem.mesh_files", "analysis.shadow.fem.mesh_files", "analysis.optics.outline",
     "protocol.recording",
 )  # fmt: skip
 SENTENCE = re.compile(r"[A-Za-z]{2,}[,;:]? +[A-Za-z(]")

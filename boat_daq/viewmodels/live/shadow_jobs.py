@@ -42,8 +42,7 @@ def shadow_of(level: str = "normal", *, progress: Callable[[float, float], None]
     ------
     RequestError : there is no such level.
     """
-    from analysis.shadow.model.fidelity import actuator, table_settings
-    from analysis.shadow.model.frames import Shadow
+    from analysis.shadow.model.frames import Shadow, actuator, table_settings
     from analysis.shadow.model.table import load_table
 
     chosen = fidelity(level)

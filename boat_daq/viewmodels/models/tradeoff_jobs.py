@@ -10,8 +10,8 @@ from analysis.progress import Progress
 from boat_daq.engine.display.ring_buffer import MinMaxPyramid, fold_columns
 
 if TYPE_CHECKING:
-    from analysis.tradeoff import Method
     from analysis.tradeoff.decimation import Curve, Paint
+    from analysis.tradeoff.measure import Method
 
 
 def live_plot(paint: Paint | None = None) -> Method:
@@ -41,7 +41,9 @@ def measure_methods(
     paint : paints a curve of the live plot; without it the curve is fetched only.
     progress : is called with what is done and the total.
     """
-    from analysis.tradeoff import METHODS, measure_all, report_json
+    from analysis.tradeoff.measure import measure_all
+    from analysis.tradeoff.methods import METHODS
+    from analysis.tradeoff.report import report_json
 
     known = METHODS | {"decimation": live_plot(paint)}
     results = measure_all([known[name] for name in names], quick=quick, progress=progress)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from analysis.atlas.chart import method_atlas
-from analysis.atlas.report import atlas_json, write_atlas
+from analysis.atlas.report import atlas_json, method_atlas, write_atlas
 from analysis.atlas.sweep import Axis, Study, StudyMap, StudyResult, sweep
 from analysis.errors import DataError
 

@@ -12,7 +12,7 @@ from analysis import analyse
 from analysis.reports import drawings
 from analysis.reports.build import write_report
 from analysis.reports.document import ReportDrawing
-from analysis.reports.panels import as_svg
+from analysis.reports.drawings import as_svg
 from tests.analysis.boat_builder import Plant, triangle
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.shadow.fem.calculix import INCREMENTS, calculix_deck
+from analysis.shadow.fem.mesh_files import INCREMENTS, calculix_deck
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.full import FullModel
 from tests.analysis.shadow.geometry_fit import fit_geometry

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from analysis.tradeoff import METHODS, Measured, measure, report_json, write_report
+from analysis.tradeoff.measure import Measured, measure
+from analysis.tradeoff.methods import METHODS
+from analysis.tradeoff.report import report_json, write_report
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,9 @@ from typer.testing import CliRunner
 
 from analysis.errors import RequestError
 from analysis.fidelity import LEVELS, fidelity
-from analysis.tradeoff import METHODS, Measured, measure, measured_from
+from analysis.tradeoff.measure import Measured, measure
+from analysis.tradeoff.methods import METHODS
+from analysis.tradeoff.report import measured_from
 from boat_daq.cli import app
 from boat_daq.errors import StorageError
 from boat_daq.viewmodels.models.tradeoff import METHODS as ON_THE_PAGE

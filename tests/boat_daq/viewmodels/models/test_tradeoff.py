@@ -7,7 +7,7 @@ import json
 import pytest
 
 from analysis.atlas.methods import METHOD_TITLES
-from analysis.tradeoff import METHODS as MEASURED
+from analysis.tradeoff.methods import METHODS as MEASURED
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.common.preferences import Preferences

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from analysis.tradeoff import Method, Setting
+from analysis.tradeoff.measure import Method, Setting
 from boat_daq.viewmodels.models import tradeoff_jobs
 from boat_daq.viewmodels.models.tradeoff import read_report
 

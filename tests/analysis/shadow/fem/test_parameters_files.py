@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from analysis.errors import FileError, RequestError
-from analysis.shadow.fem.parameters import ActuatorParameters
-from analysis.shadow.model.parameter_files import read_parameters
+from analysis.shadow.fem.parameters import ActuatorParameters, read_parameters
 
 
 @pytest.mark.fault(53, how="an actuator's parameters with a misspelt name, and no TOML", times=2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.shadow.monitoring.periodic_interference import find_interference
+from analysis.shadow.monitoring.leak import find_interference
 
 
 def test_interference_is_found_and_noise_is_not() -> None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from analysis.data.boat_writer import write_boat_file
+from analysis.data.boat_writer import first_difference, write_boat_file
 from analysis.data.csv_import import import_csv
-from analysis.data.import_check import first_difference
 
 ROWS = [(0.0, 1.5, 1650.25), (0.01, 1.75, 1651.5), (0.02, 2.0, 1652.75), (0.03, 2.5, 1653.0)]
 

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.shadow.fem.calculix import calculix_deck, wetted_faces
 from analysis.shadow.fem.element import EDGES
-from analysis.shadow.fem.mesh_files import write_state
+from analysis.shadow.fem.mesh_files import calculix_deck, wetted_faces, write_state
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution
 from analysis.shadow.model.full import FullModel

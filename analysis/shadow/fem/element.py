@@ -1,6 +1,6 @@
 """The eight-node axisymmetric quadrilateral: shape functions and compiled loops over the elements.
 
-Strategy: shape-function gradients in the reference configuration are computed once per mesh (`quadrature_data`); a
+Strategy: shape-function gradients in the reference configuration are computed once per mesh (`elements_of`); a
 Newton step is then one compiled pass that writes the residual and the lower band of the tangent together. Two by
 two Gauss points (reduced integration, what CalculiX and Abaqus call CAX8R) keep the nearly incompressible wall from
 locking; three by three is there for comparison.
@@ -11,7 +11,7 @@ and forces are of the whole circle (2 pi), in mN mm and mN, because kPa mm^2 = m
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,25 +56,30 @@ def shape(xi: FloatArray, eta: FloatArray) -> tuple[FloatArray, FloatArray, Floa
     return np.hstack([corner, middle]), np.hstack([corner_x, middle_x]), np.hstack([corner_y, middle_y])
 
 
-@dataclass(frozen=True, slots=True)
-class QuadratureData:
-    """Reference gradients at the Gauss points of every element.
+class Elements(NamedTuple):
+    """The elements of a mesh with their moduli, and the reference gradients at their Gauss points.
 
-    `gradient` has shape (elements, points, 3, 8): dN/dr, dN/dz and N/R; `weight` has shape (elements, points): the
-    reference volume 2 pi R det(J) w of each point, mm^3.
+    Parameters
+    ----------
+    quads : shape (m, 8), nodes of each element.
+    moduli : shape (m, 2), C10 in kPa and D1 in 1/kPa of each.
+    gradient : shape (m, points, 3, 8), dN/dr, dN/dz and N/R.
+    weight : shape (m, points), the reference volume 2 pi R det(J) w of each point, mm^3.
     """
 
+    quads: IntArray
+    moduli: FloatArray
     gradient: FloatArray
     weight: FloatArray
 
 
-def quadrature_data(nodes: FloatArray, quads: IntArray, points_a_side: int = 2) -> QuadratureData:
+def elements_of(nodes: FloatArray, quads: IntArray, moduli: FloatArray, points_a_side: int = 2) -> Elements:
     """Evaluate the gradients of a mesh; det(J) may be negative, which `mesh.check_quality` rejects.
 
     Parameters
     ----------
     nodes : shape (n, 2), (r, z) in mm.
-    quads : shape (m, 8).
+    quads, moduli : as in `Elements`.
     points_a_side : 2 (reduced) or 3 (full).
     """
     x, w = np.polynomial.legendre.leggauss(points_a_side)
@@ -90,7 +95,7 @@ def quadrature_data(nodes: FloatArray, quads: IntArray, points_a_side: int = 2) 
     radius = np.einsum("gi,mi->mg", n, corners[..., 0])
     hoop = n[None] / np.where(radius == 0.0, np.finfo(float).tiny, radius)[..., None]
     gradient = np.ascontiguousarray(np.stack([grad_r, grad_z, hoop], axis=2))
-    return QuadratureData(gradient, 2.0 * np.pi * radius * det * np.outer(w, w).ravel())
+    return Elements(quads, moduli, gradient, 2.0 * np.pi * radius * det * np.outer(w, w).ravel())
 
 
 @compiled
@@ -122,17 +127,9 @@ def deformation_gradients(gradient: FloatArray, u: FloatArray, quads: IntArray) 
 
 
 @compiled
-def internal_energy(
-    gradient: FloatArray, weight: FloatArray, u: FloatArray, quads: IntArray, moduli: FloatArray
-) -> float:
-    """Return the strain energy, mN mm; infinite where an element is inverted.
-
-    Parameters
-    ----------
-    gradient, weight : of `QuadratureData`.
-    u : shape (n, 2), nodal displacements, mm.
-    quads, moduli : shape (m, 8) and (m, 2), nodes, and C10 (kPa) and D1 (1/kPa), of each element.
-    """
+def internal_energy(elements: Elements, u: FloatArray) -> float:
+    """Return the strain energy, mN mm, of displacements `u`, (n, 2), mm; infinite where an element is inverted."""
+    quads, moduli, gradient, weight = elements
     f = np.empty(5)
     total = 0.0
     for e in range(gradient.shape[0]):
@@ -145,16 +142,16 @@ def internal_energy(
 
 
 @compiled
-def internal_force(
-    gradient: FloatArray, weight: FloatArray, u: FloatArray, quads: IntArray, moduli: FloatArray, force: FloatArray
-) -> float:
+def internal_force(elements: Elements, u: FloatArray, force: FloatArray) -> float:
     """Add dW/du to `force`; return the smallest J (stop at the first J <= 0).
 
     Parameters
     ----------
-    gradient, weight, u, quads, moduli : as in `internal_energy`.
+    elements : of the mesh.
+    u : shape (n, 2), nodal displacements, mm.
     force : shape (n, 2), mN.
     """
+    quads, moduli, gradient, weight = elements
     f, p = np.empty(5), np.empty(5)
     smallest = np.inf
     for e in range(gradient.shape[0]):
@@ -174,23 +171,16 @@ def internal_force(
 
 
 @compiled
-def internal_tangent(
-    gradient: FloatArray,
-    weight: FloatArray,
-    u: FloatArray,
-    quads: IntArray,
-    moduli: FloatArray,
-    equations: IntArray,
-    band: FloatArray,
-) -> None:
+def internal_tangent(elements: Elements, u: FloatArray, equations: IntArray, band: FloatArray) -> None:
     """Add d2W/du2, mN/mm, to the band of all equations.
 
     Parameters
     ----------
-    gradient, weight, u, quads, moduli : as in `internal_energy`.
+    elements, u : as in `internal_force`.
     equations : shape (n, 2), the equation of each displacement, -1 where it is prescribed.
     band : lower triangle, see band.py.
     """
+    quads, moduli, gradient, weight = elements
     f, c = np.empty(5), np.empty((5, 5))
     cb = np.empty((2, 5))
     ke = np.empty((16, 16))

@@ -21,31 +21,23 @@ from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.compiled import compiled
 from analysis.shadow.fem import material
 from analysis.shadow.fem.band import empty_band
-from analysis.shadow.fem.element import deformation_gradient
-from analysis.shadow.fem.pressure import DERIVATIVES, VALUES, WEIGHTS
+from analysis.shadow.fem.element import Elements, deformation_gradient
+from analysis.shadow.fem.pressure import DERIVATIVES, VALUES, WEIGHTS, edge_point
 from analysis.shadow.fem.problem import Problem
 
 
 @compiled
-def harmonic_tangent(
-    gradient: FloatArray,
-    weight: FloatArray,
-    u: FloatArray,
-    quads: IntArray,
-    moduli: FloatArray,
-    n: int,
-    equations: IntArray,
-    band: FloatArray,
-) -> None:
+def harmonic_tangent(elements: Elements, u: FloatArray, n: int, equations: IntArray, band: FloatArray) -> None:
     """Add the solid's part of K_n to the lower band.
 
     Parameters
     ----------
-    gradient, weight, u, quads, moduli : as in `element.internal_energy`.
+    elements, u : as in `element.internal_force`.
     n : wave number.
     equations : shape (nodes, 3) for r, t, z, -1 where clamped.
     band : see band.py.
     """
+    quads, moduli, gradient, weight = elements
     f, g, c = np.empty(5), np.empty(5), np.empty((5, 5))
     even, odd, shear = np.zeros((5, 24)), np.zeros((4, 24)), np.zeros((4, 4))
     ke = np.empty((24, 24))
@@ -131,11 +123,7 @@ def harmonic_pressure(
     for edge in edges:
         ke[:] = 0.0
         for g in range(3):
-            r, dr, dz = 0.0, 0.0, 0.0
-            for i in range(3):
-                r += VALUES[g, i] * (nodes[edge[i], 0] + u[edge[i], 0])
-                dr += DERIVATIVES[g, i] * (nodes[edge[i], 0] + u[edge[i], 0])
-                dz += DERIVATIVES[g, i] * (nodes[edge[i], 1] + u[edge[i], 1])
+            r, dr, dz = edge_point(nodes, u, edge, g)
             w = 0.5 * np.pi * p * WEIGHTS[g]
             for i in range(3):
                 for j in range(3):
@@ -175,9 +163,7 @@ class Harmonics:
         """
         band = empty_band(self.size, self.bandwidth)
         p = self.problem
-        harmonic_tangent(
-            p.quadrature.gradient, p.quadrature.weight, u, p.quads, p.moduli, wave_number, self.equations, band
-        )
+        harmonic_tangent(p.elements, u, wave_number, self.equations, band)
         harmonic_pressure(p.nodes, u, p.cavity, np.array([pressure_kpa, float(wave_number)]), self.equations, band)
         return band
 
@@ -194,6 +180,7 @@ def make_harmonics(problem: Problem, clamped: BoolArray) -> Harmonics:
     nodes = nodes[np.argsort(rank[nodes], kind="stable")]
     equations = np.full((len(rank), 3), -1)
     equations[nodes] = np.arange(3 * len(nodes)).reshape(-1, 3)
-    groups = equations[problem.quads].reshape(len(problem.quads), -1)
+    quads = problem.elements.quads
+    groups = equations[quads].reshape(len(quads), -1)
     low = np.where(groups < 0, groups.max() + 1, groups).min(axis=1)
     return Harmonics(problem, equations, 3 * len(nodes), int((groups.max(axis=1) - low).max()))

@@ -18,13 +18,30 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.arrays import FloatArray, IntArray
-from analysis.compiled import compiled
+from analysis.compiled import compiled, inner
 from analysis.shadow.fem.band import add_to_band
 
 _POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
 VALUES = np.stack([_POINTS * (_POINTS - 1) / 2, 1 - _POINTS**2, _POINTS * (_POINTS + 1) / 2], axis=1)
 DERIVATIVES = np.stack([_POINTS - 0.5, -2 * _POINTS, _POINTS + 0.5], axis=1)
 _CROSS = np.einsum("g,gi,gj->gij", WEIGHTS, VALUES, DERIVATIVES)
+
+
+@inner
+def edge_point(nodes: FloatArray, u: FloatArray, edge: IntArray, g: int) -> tuple[float, float, float]:
+    """Return r of a deformed edge at Gauss point `g`, mm, and the derivatives of r and z along the edge.
+
+    Parameters
+    ----------
+    nodes, u : shape (n, 2), mm. edge : shape (3,), its nodes. g : number of the point.
+    """
+    r, dr, dz = 0.0, 0.0, 0.0
+    for a in range(3):
+        radius = nodes[edge[a], 0] + u[edge[a], 0]
+        r += VALUES[g, a] * radius
+        dr += DERIVATIVES[g, a] * radius
+        dz += DERIVATIVES[g, a] * (nodes[edge[a], 1] + u[edge[a], 1])
+    return r, dr, dz
 
 
 @compiled
@@ -38,10 +55,7 @@ def cavity_volume(nodes: FloatArray, u: FloatArray, edges: IntArray) -> float:
     volume = 0.0
     for edge in edges:
         for g in range(3):
-            r, dz = 0.0, 0.0
-            for a in range(3):
-                r += VALUES[g, a] * (nodes[edge[a], 0] + u[edge[a], 0])
-                dz += DERIVATIVES[g, a] * (nodes[edge[a], 1] + u[edge[a], 1])
+            r, _, dz = edge_point(nodes, u, edge, g)
             volume -= WEIGHTS[g] * np.pi * r * r * dz
     return volume
 
@@ -56,10 +70,7 @@ def volume_gradient(nodes: FloatArray, u: FloatArray, edges: IntArray, gradient:
     """
     for edge in edges:
         for g in range(3):
-            r, dz = 0.0, 0.0
-            for a in range(3):
-                r += VALUES[g, a] * (nodes[edge[a], 0] + u[edge[a], 0])
-                dz += DERIVATIVES[g, a] * (nodes[edge[a], 1] + u[edge[a], 1])
+            r, _, dz = edge_point(nodes, u, edge, g)
             for a in range(3):
                 gradient[edge[a], 0] -= WEIGHTS[g] * 2.0 * np.pi * r * dz * VALUES[g, a]
                 gradient[edge[a], 1] -= WEIGHTS[g] * np.pi * r * r * DERIVATIVES[g, a]
@@ -82,10 +93,7 @@ def pressure_tangent(
             for b in range(3):
                 rr, rz = 0.0, 0.0
                 for g in range(3):
-                    r, dz = 0.0, 0.0
-                    for i in range(3):
-                        r += VALUES[g, i] * (nodes[edge[i], 0] + u[edge[i], 0])
-                        dz += DERIVATIVES[g, i] * (nodes[edge[i], 1] + u[edge[i], 1])
+                    r, _, dz = edge_point(nodes, u, edge, g)
                     rr += WEIGHTS[g] * 2.0 * np.pi * dz * VALUES[g, a] * VALUES[g, b]
                     rz += 2.0 * np.pi * r * _CROSS[g, a, b]
                 row = equations[edge[a], 0]

@@ -16,7 +16,7 @@ from scipy import sparse
 from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.shadow.fem import element, pressure
 from analysis.shadow.fem.band import empty_band
-from analysis.shadow.fem.element import QuadratureData, quadrature_data
+from analysis.shadow.fem.element import Elements, elements_of
 from analysis.shadow.fem.mesh import Mesh
 
 
@@ -45,38 +45,34 @@ class Problem:
     Parameters
     ----------
     nodes : shape (n, 2), reference (r, z), mm.
-    quads : shape (m, 8).
-    moduli : shape (m, 2), C10 in kPa and D1 in 1/kPa of each element.
+    elements : their nodes, moduli and reference gradients.
     cavity : shape (k, 3), wetted edges, the solid on the left.
+    plate_node : a node of the rigid plate, -1 without a plate.
     equations : shape (n, 2), the equation of each displacement, -1 where it is prescribed.
-    plate, plate_node : the equation of the rigid plate's axial displacement and one of its nodes, -1 without a plate.
+    plate : the equation of the plate's axial displacement, -1 without a plate.
     size, bandwidth : number of equations and of sub-diagonals.
-    quadrature : reference gradients.
     """
 
     nodes: FloatArray
-    quads: IntArray
-    moduli: FloatArray
+    elements: Elements
     cavity: IntArray
+    plate_node: int
     equations: IntArray
     plate: int
-    plate_node: int
     size: int
     bandwidth: int
-    quadrature: QuadratureData
 
     @property
     def roundoff_mn(self) -> float:
         """Return the force, mN, below which a residual is rounding: 50 ulp of the stiffest stress."""
-        area = float(self.quadrature.weight.sum()) ** (2.0 / 3.0)
-        stiffest = float((2.0 / self.moduli[:, 1]).max())
+        area = float(self.elements.weight.sum()) ** (2.0 / 3.0)
+        stiffest = float((2.0 / self.elements.moduli[:, 1]).max())
         return 50.0 * float(np.finfo(float).eps) * float(area) * stiffest
 
     def balance(self, u: FloatArray, pressure_kpa: float) -> Balance:
         """Return the forces in the state of nodal displacements `u`, shape (n, 2), mm."""
         force, area = np.zeros_like(u), np.zeros_like(u)
-        q = self.quadrature
-        smallest = element.internal_force(q.gradient, q.weight, u, self.quads, self.moduli, force)
+        smallest = element.internal_force(self.elements, u, force)
         pressure.volume_gradient(self.nodes, u, self.cavity, area)
         load = pressure_kpa * area
         scale = max(float(np.linalg.norm(force)), float(np.linalg.norm(load)))
@@ -84,15 +80,13 @@ class Problem:
 
     def potential(self, u: FloatArray, pressure_kpa: float) -> float:
         """Return strain energy minus pressure times cavity volume, mN mm; infinite for inverted elements."""
-        q = self.quadrature
-        strain = element.internal_energy(q.gradient, q.weight, u, self.quads, self.moduli)
+        strain = element.internal_energy(self.elements, u)
         return float(strain - pressure_kpa * pressure.cavity_volume(self.nodes, u, self.cavity))
 
     def tangent(self, u: FloatArray, pressure_kpa: float) -> FloatArray:
         """Return the band of the tangent, mN/mm (see band.py)."""
         band = empty_band(self.size, self.bandwidth)
-        q = self.quadrature
-        element.internal_tangent(q.gradient, q.weight, u, self.quads, self.moduli, self.equations, band)
+        element.internal_tangent(self.elements, u, self.equations, band)
         pressure.pressure_tangent(self.nodes, u, self.cavity, pressure_kpa, self.equations, band)
         return band
 
@@ -124,19 +118,9 @@ def make_problem(
     points_a_side : Gauss points a side, 2 (reduced) or 3 (full).
     """
     plate_nodes = np.empty(0, dtype=np.int64) if tied is None else tied
-    equations, plate, size, bandwidth = number_equations(mesh.quads, fixed, plate_nodes)
-    return Problem(
-        mesh.nodes,
-        mesh.quads,
-        moduli,
-        mesh.cavity,
-        equations,
-        plate,
-        int(plate_nodes[0]) if len(plate_nodes) else -1,
-        size,
-        bandwidth,
-        quadrature_data(mesh.nodes, mesh.quads, points_a_side),
-    )
+    elements = elements_of(mesh.nodes, mesh.quads, moduli, points_a_side)
+    plate_node = int(plate_nodes[0]) if len(plate_nodes) else -1
+    return Problem(mesh.nodes, elements, mesh.cavity, plate_node, *number_equations(mesh.quads, fixed, plate_nodes))
 
 
 def number_equations(quads: IntArray, fixed: BoolArray, tied: IntArray) -> tuple[IntArray, int, int, int]:

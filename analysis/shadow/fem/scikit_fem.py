@@ -56,7 +56,7 @@ def make_scikit_fem_problem(problem: Problem) -> ScikitFemProblem:
     The serendipity map is a biquadratic one whose middle node is at -1/4 of the corners plus 1/2 of the midsides, so
     that scikit-fem's nine-node mesh follows our eight nodes.
     """
-    quads, nodes = problem.quads, problem.nodes
+    quads, nodes = problem.elements.quads, problem.nodes
     corners, first = np.unique(quads[:, :4], return_inverse=True)
     straight = skfem.MeshQuad(nodes[corners].T.copy(), first.reshape(-1, 4).T.copy())
     curved = skfem.MeshQuad2.from_mesh(straight)
@@ -70,7 +70,7 @@ def make_scikit_fem_problem(problem: Problem) -> ScikitFemProblem:
     for a in range(8):
         for component in range(2):
             numbers[quads[:, a], component] = basis.element_dofs[2 * a + component]
-    return ScikitFemProblem(basis, numbers, problem.moduli[:, 0], problem.moduli[:, 1])
+    return ScikitFemProblem(basis, numbers, *problem.elements.moduli.T)
 
 
 def _strain(field: Any, r: FloatArray) -> FloatArray:

@@ -166,10 +166,8 @@ class Solver:
         done, step, spent = 0.0, 1.0, 0
         while done < 1.0:
             share = min(1.0, done + step)
-            control = Control(
-                interpolate(first.pressure_kpa, pressure_kpa, share),
-                interpolate(first.elongation_mm, elongation_mm, share),
-            )
+            p, q = (first.pressure_kpa, pressure_kpa), (first.elongation_mm, elongation_mm)
+            control = Control(interpolate(*p, share), interpolate(*q, share))
             try:
                 state = self._newton(state, control)
             except NotConvergedError as failure:
@@ -189,9 +187,8 @@ class Solver:
         """Iterate from `start` to the prescribed state."""
         if self._factor is not None and self._factor.held != control.plate:
             self._factor = None
-        now = self._evaluate(
-            start.displacement_mm, start.pressure_kpa if control.pressure_kpa is None else control.pressure_kpa, control
-        )
+        pressure = start.pressure_kpa if control.pressure_kpa is None else control.pressure_kpa
+        now = self._evaluate(start.displacement_mm, pressure, control)
         before = np.inf
         for iteration in range(MOST_ITERATIONS):
             if self._converged(now, control):
@@ -229,14 +226,8 @@ class Solver:
 
     def _solution(self, now: Iterate, control: Control, iterations: int) -> Solution:
         tip_force = float(now.balance.force[self.problem.plate]) if control.both else 0.0
-        return Solution(
-            now.u,
-            now.pressure_kpa,
-            self.problem.plate_displacement(now.u),
-            tip_force,
-            iterations,
-            now.norm / (now.balance.scale or 1.0),
-        )
+        elongation, residual = self.problem.plate_displacement(now.u), now.norm / (now.balance.scale or 1.0)
+        return Solution(now.u, now.pressure_kpa, elongation, tip_force, iterations, residual)
 
     def _direction(self, now: Iterate, control: Control, factor: Factor) -> tuple[FloatArray, float]:
         """Return the Newton step (displacements by node, pressure)."""
@@ -273,17 +264,15 @@ class Solver:
         share = 1.0
         while share > SMALLEST_SHARE:
             then = self._evaluate(now.u + share * du, now.pressure_kpa + share * dp, control)
-            if then.balance.smallest_j > 0.0 and (
-                not comparable or then.norm < now.norm or self._potential_falls(now, then)
-            ):
+            if then.balance.smallest_j > 0.0 and (not comparable or self._improves(now, then)):
                 return then
             share /= 2.0
         raise NotConvergedError("no step length reduces the residual")
 
-    def _potential_falls(self, now: Iterate, then: Iterate) -> bool:
-        """Return whether the potential falls."""
+    def _improves(self, now: Iterate, then: Iterate) -> bool:
+        """Return whether the residual falls, or the potential."""
         potential = self.problem.potential
-        return potential(then.u, then.pressure_kpa) < potential(now.u, now.pressure_kpa)
+        return then.norm < now.norm or potential(then.u, then.pressure_kpa) < potential(now.u, now.pressure_kpa)
 
 
 def interpolate(first: float, last: float | None, share: float) -> float | None:

@@ -211,8 +211,9 @@ class Shadow:
     def strain(self, displacement_mm: FloatArray) -> FloatArray:
         """Return the greatest principal stretch minus 1 at each node, averaged over its elements' Gauss points."""
         problem = self.model.problem
-        f = deformation_gradients(problem.quadrature.gradient, displacement_mm, problem.quads)
-        return nodal_stretch(f, problem.quads, len(problem.nodes)) - 1.0
+        quads = problem.elements.quads
+        f = deformation_gradients(problem.elements.gradient, displacement_mm, quads)
+        return nodal_stretch(f, quads, len(problem.nodes)) - 1.0
 
 
 def triangles(quads: IntArray) -> IntArray:

@@ -12,8 +12,6 @@ relevant change, so that a very quiet actuator raises no alarm for an irrelevant
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from scipy import optimize, stats
 
@@ -71,7 +69,6 @@ def smallest_shift(history: int, threshold: float, reference: float = REFERENCE)
     return float(optimize.brentq(short, reference, 1e6))
 
 
-@dataclass(slots=True)
 class SelfStartingCusum:
     """Sums of many figures side by side; arrays have the shape of `floor`, a last axis of two is up and down.
 
@@ -80,19 +77,8 @@ class SelfStartingCusum:
     floor : smallest spread of each figure.
     """
 
-    floor: FloatArray
-    count: FloatArray = field(init=False)
-    mean: FloatArray = field(init=False)
-    squares: FloatArray = field(init=False)
-    sums: FloatArray = field(init=False)
-    length: FloatArray = field(init=False)
-    shift: FloatArray = field(init=False)
-    tested: FloatArray = field(init=False)
-    before: FloatArray = field(init=False)
-    last: FloatArray = field(init=False)
-
-    def __post_init__(self) -> None:
-        shape = self.floor.shape
+    def __init__(self, floor: FloatArray) -> None:
+        self.floor, shape = floor, floor.shape
         self.tested, self.before, self.last = np.zeros((*shape, 4)), np.zeros((*shape, 2, 4)), np.zeros(shape)
         self.count, self.mean, self.squares = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self.sums, self.length, self.shift = (np.zeros((*shape, 2)) for _ in range(3))

@@ -145,24 +145,11 @@ class HealthyLoop:
         return np.where(_throughout(place, np.isfinite(residual_kpa)), out, np.nan)
 
 
-@dataclass(frozen=True, slots=True)
-class CycleMean:
-    """Mean residual of a cycle beyond the loop, kPa, and its mean time, s."""
-
-    time_s: float
-    beyond_kpa: float
-
-    @classmethod
-    def of(cls, time_s: FloatArray, beyond_kpa: FloatArray) -> CycleMean:
-        """Return the mean of a cycle; NaN where nothing is known."""
-        known = np.isfinite(beyond_kpa)
-        return cls(known_mean(np.where(known, time_s, np.nan)), known_mean(beyond_kpa))
-
-    def slope_since(self, before: CycleMean) -> float:
-        """Return the drift between two cycles, kPa/s; 0 where it is unknown."""
-        gap = self.time_s - before.time_s
-        slope = (self.beyond_kpa - before.beyond_kpa) / gap if gap > 0.0 else np.nan
-        return float(slope) if np.isfinite(slope) else 0.0
+def drift_between(*cycles: tuple[FloatArray, FloatArray]) -> float:
+    """Return the drift between the means of two cycles (times, residuals beyond the loop), kPa/s; 0 where unknown."""
+    times = [known_mean(np.where(np.isfinite(beyond), time, np.nan)) for time, beyond in cycles]
+    (gap,), (growth,) = np.diff(times), np.diff([known_mean(beyond) for _, beyond in cycles])
+    return float(growth / gap) if gap > 0.0 and np.isfinite(growth) else 0.0
 
 
 def loss_percent_per_min(
@@ -253,7 +240,7 @@ class LeakWatch:
         self._kept = [*(c for c in self._kept if t[-1] - c.time_s[0] <= MEMORY_S), now]
         wave = self._interference()
         e, earlier = (c.beyond_kpa - wave.at(c.time_s) for c in (now, before))
-        return loss_percent_per_min(t, p, e, CycleMean.of(t, e).slope_since(CycleMean.of(before.time_s, earlier)))
+        return loss_percent_per_min(t, p, e, drift_between((before.time_s, earlier), (t, e)))
 
     def _learn(self, cycle: _Cycle) -> None:
         self._kept.append(cycle)

@@ -312,8 +312,7 @@ class Monitor:
 
     def _alarm(self, channel: int, side: int) -> Alarm:
         fault = self._fault(channel, side)
-        if fault is None:  # pragma: no cover - `watched` keeps such a side from being raised
-            raise RequestError("this side of the figure has no meaning")
+        assert fault is not None  # only sides that are watched are raised
         name, _, unit, _, _ = _CHANNELS[channel]
         sums, length, shift = (a[channel, side] for a in (self._cusum.sums, self._cusum.length, self._cusum.shift))
         once = float(cycles_between_alarms(sums)) / int(self.watched.sum())

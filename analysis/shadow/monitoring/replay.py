@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from scipy import stats
 
 from analysis import figure_style as style
 from analysis.arrays import FloatArray
@@ -29,8 +28,8 @@ from analysis.shadow.monitoring.monitor import (
     mean_over_sensors,
     pressure_residual_kpa,
 )
+from analysis.statistics import theil_sen
 
-FEWEST_FOR_DRIFT = 3
 _OF_ALARM = ("since_cycle", "cycle", "figure", "shift", "unit", "healthy_cycles", "sentence")
 
 
@@ -146,10 +145,7 @@ def replay(
 def drift(levels_mm: FloatArray) -> tuple[float, float, float]:
     """Return the Theil-Sen slope over cycles with its 95 % interval, mm a cycle; NaN for fewer than three."""
     number = np.flatnonzero(np.isfinite(levels_mm))
-    if len(number) < FEWEST_FOR_DRIFT:
-        return np.nan, np.nan, np.nan
-    slope, _, low, high = stats.theilslopes(levels_mm[number], number)
-    return float(slope), float(low), float(high)
+    return theil_sen(number.astype(np.float64), levels_mm[number])
 
 
 @style.styled

@@ -27,6 +27,7 @@ UNITS: dict[str, dict[str, float]] = {
     "signal": {"mv": 1.0, "v": 1e3, "uv": 1e-3, "µv": 1e-3, "μv": 1e-3},
     "elongation_mm": {"mm": 1.0, "m": 1e3, "cm": 10.0, "um": 1e-3, "µm": 1e-3},
 }  # fmt: skip
+ALL_UNITS = frozenset().union(*UNITS.values())
 WORDS = {
     "time_s": ("time", "t", "tijd", "zeit", "temps", "tempo", "timestamp", "elapsed", "seconds", "millis", "micros"),
     "pressure_kpa": ("pressure", "p", "druk", "druck", "pression", "pressione", "press", "gauge"),
@@ -74,12 +75,12 @@ def map_columns(table: Table, columns: Mapping[str, str] | None = None) -> Colum
     for name, text in (columns or {}).items():
         chosen[_our_name(name)] = _mapped(table, _our_name(name), text)
     taken = {column.position for column in chosen.values()}
-    mapped_signals = any(name.endswith("_mv") or COUNTS.match(name) for name in chosen)
+    mapped_signals = any(map(is_signal, chosen))
     for position, (title, unit) in enumerate(zip(table.names, table.units, strict=True)):
         seen = recognised(title)
         if seen is None or position in taken or seen in chosen or position in table.text:
             continue
-        if mapped_signals and (seen.endswith("_mv") or COUNTS.match(seen)):
+        if mapped_signals and is_signal(seen):
             continue  # signals were mapped explicitly: no others are added
         chosen[seen] = _with_unit(table, seen, position, unit or _unit_of_name(title), warnings)
         taken.add(position)
@@ -121,6 +122,11 @@ def load_profile(path: str | Path) -> dict[str, str]:
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise FileError(f"{path} is not an import profile ({error})", "Create one with --save-profile.") from error
     return dict(columns)
+
+
+def is_signal(name: str) -> bool:
+    """Return whether a column of our name holds a sensor's signal or counts."""
+    return name.endswith("_mv") or COUNTS.match(name) is not None
 
 
 def _our_name(name: str) -> str:
@@ -167,7 +173,7 @@ def recognised(title: str) -> str | None:
     if exact in PLAIN or (exact in UNITS and exact != "signal") or COUNTS.match(exact):
         return exact
     words = plain.split()
-    if len(words) > 1 and words[-1] in {u for kind in UNITS.values() for u in kind}:
+    if len(words) > 1 and words[-1] in ALL_UNITS:
         words = words[:-2] if words[-2] == "in" and len(words) > 2 else words[:-1]  # "Druck in kPa"
     sensor = SENSOR.match(plain) or SENSOR.match(" ".join(words))
     if sensor:
@@ -181,8 +187,7 @@ def recognised(title: str) -> str | None:
 
 def _unit_of_name(title: str) -> str:
     tail = re.split(r"[\s_,;]+", title.strip())[-1]
-    units = {u for kind in UNITS.values() for u in kind}
-    return tail if tail.lower() in units and tail.lower() != title.strip().lower() else ""
+    return tail if tail.lower() in ALL_UNITS and tail.lower() != title.strip().lower() else ""
 
 
 def _with_unit(table: Table, name: str, position: int, unit: str, warnings: list[Warning]) -> Column:
@@ -227,7 +232,23 @@ def guess_unit(name: str, values: FloatArray) -> str:
     return "kPa" if largest < 1000 else "Pa"
 
 
-def listed(table: Table) -> str:
+def unmapped(name: str, missing: list[str], mapping: ColumnMap, table: Table) -> RequestError:
+    """Return the refusal of a file whose columns were not all recognised.
+
+    Parameters
+    ----------
+    name : of the file.
+    missing : our names that no column was mapped to.
+    mapping, table : what was recognised, and of which table.
+    """
+    options = f"Map it by the numbers of the columns: {_map_options(missing, mapping, table)}"
+    remedy = "Give --rate HZ, or --map time_s=COLUMN:ms" if missing == ["time_s"] else options
+    found = [_text_in(table, i) for i in table.text if recognised(table.names[i]) in missing]
+    cause = "; ".join([f"{name}: no column was recognised as {', '.join(missing)}", *found])
+    return RequestError(cause, f"{remedy}. Columns: {_listed(table)}.")
+
+
+def _listed(table: Table) -> str:
     """Return the columns as a message names them: by their titles, or by their content."""
     if table.dialect.header:
         return ", ".join(f"{i + 1} {name}" for i, name in enumerate(table.names[:MOST_LISTED]))
@@ -238,15 +259,8 @@ def listed(table: Table) -> str:
     return ", ".join(shown)
 
 
-def map_options(missing: list[str], mapping: ColumnMap, table: Table) -> str:
-    """Return the options that map what is missing, beside those that were recognised.
-
-    Parameters
-    ----------
-    missing : our names that no column was mapped to.
-    mapping : what was recognised.
-    table : that the mapping is of.
-    """
+def _map_options(missing: list[str], mapping: ColumnMap, table: Table) -> str:
+    """Return the options that map what is missing, beside those that were recognised."""
     known = [
         f"--map {name}={column.position + 1}:{column.unit}" for name, column in mapping.columns.items() if column.unit
     ]
@@ -257,7 +271,7 @@ def map_options(missing: list[str], mapping: ColumnMap, table: Table) -> str:
     return " ".join([*known, *(f"--map {name}={column}" for name, column in wanted.items())])
 
 
-def text_in(table: Table, position: int) -> str:
+def _text_in(table: Table, position: int) -> str:
     """Return that a column holds text, with the first of it."""
     first = next((cell for cell in table.text[position] if cell), "")
     return f"column {table.names[position]!r} holds text like {first[:30]!r}, not numbers"

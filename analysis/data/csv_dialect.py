@@ -13,6 +13,7 @@ import csv
 import io
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -71,10 +72,8 @@ def sniff(path: Path) -> Dialect:
     if "\x00" in text:
         raise FileError(f"{path.name} is a binary file, not text", "Export it as CSV.")
     lines = list(records(enumerate(_LINE_END.split(text)[:HEAD_LINES])))
-    plain = [line for _, line in lines]
-    best = max((_score(plain, sep, dec), -i) for i, (sep, dec) in enumerate(DIALECTS))
-    separator, decimal = DIALECTS[-best[1]]
-    score, width = best[0]
+    scores = [_score([line for _, line in lines], *dialect) for dialect in DIALECTS]
+    (score, width), (separator, decimal) = max(scores), DIALECTS[scores.index(max(scores))]
     if score <= 0:
         raise FileError(
             f"{path.name} holds no rows of numbers in columns",
@@ -127,23 +126,14 @@ def records(lines: Iterable[tuple[int, str]]) -> Iterator[tuple[int, str]]:
 
 
 def _refuse_endless_lines(path: Path) -> None:
-    run = 0
+    longest = f"{path.name} has a line longer than {MAX_LINE_BYTES >> 20} MB"
+    rest = b""
     with path.open("rb") as file:
-        while chunk := file.read(1 << 20):
-            first, last = chunk.find(b"\n"), chunk.rfind(b"\n")
-            if first < 0 and b"\r" in chunk:
-                first, last = chunk.find(b"\r"), chunk.rfind(b"\r")
-            if first < 0:
-                run += len(chunk)
-            else:
-                if run + first > MAX_LINE_BYTES:
-                    break
-                run = len(chunk) - last - 1
-            if run > MAX_LINE_BYTES:
-                break
-        else:
-            return
-    raise FileError(f"{path.name} has a line longer than {MAX_LINE_BYTES >> 20} MB", "It is not a table of numbers.")
+        while chunk := file.read(MAX_LINE_BYTES):
+            lines = (rest + chunk).replace(b"\r", b"\n").split(b"\n")
+            if max(map(len, lines)) > MAX_LINE_BYTES:
+                raise FileError(longest, "It is not a table of numbers.")
+            rest = lines[-1]
 
 
 def _encoding(head: bytes) -> str:
@@ -176,23 +166,14 @@ def is_comment(line: str) -> bool:
 
 def _score(lines: list[str], separator: str, decimal: str) -> tuple[float, int]:
     """Share of the cells that are numbers in rows of the commonest width (at least two columns), and that width."""
-    widths: dict[int, int] = {}
-    numeric: dict[int, float] = {}
-    total = 0
-    for line in lines:
-        if is_comment(line):
-            continue
-        total += 1
-        cells = cells_of(line, separator)
-        if _is_data(cells, decimal):
-            width = len(cells)
-            widths[width] = widths.get(width, 0) + 1
-            share = sum(number(cell, decimal) is not None for cell in cells) / width
-            numeric[width] = numeric.get(width, 0.0) + share
-    if not widths:
+    rows = [cells_of(line, separator) for line in lines if not is_comment(line)]
+    data = [cells for cells in rows if _is_data(cells, decimal)]
+    if not data:
         return 0.0, 0
+    widths = Counter(map(len, data))
     width = max(widths, key=lambda w: (widths[w], w))
-    return round(numeric[width] / total, 3), width
+    shares = (sum(number(cell, decimal) is not None for cell in cells) / width for cells in data if len(cells) == width)
+    return round(sum(shares) / len(rows), 3), width
 
 
 def _is_data(cells: list[str], decimal: str) -> bool:

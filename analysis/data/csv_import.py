@@ -18,17 +18,7 @@ from typing import Any
 import numpy as np
 
 from analysis.arrays import FloatArray, IntArray
-from analysis.data.csv_columns import (
-    COUNTS,
-    PLAIN,
-    ColumnMap,
-    listed,
-    load_profile,
-    map_columns,
-    map_options,
-    recognised,
-    text_in,
-)
+from analysis.data.csv_columns import PLAIN, ColumnMap, is_signal, load_profile, map_columns, unmapped
 from analysis.data.csv_table import Table, line_of_row, read_table
 from analysis.data.recording import META_KEYS, Recording
 from analysis.errors import DataError, RequestError
@@ -63,8 +53,7 @@ def import_csv(
     path = Path(path)
     table = read_table(path)
     wanted = {**(load_profile(profile) if profile else {}), **(columns or {})}
-    mapping = map_columns(table, wanted)
-    return _recording(path, table, mapping, rate_hz)
+    return _recording(path, table, map_columns(table, wanted), rate_hz)
 
 
 def preview(path: str | Path, columns: Mapping[str, str] | None = None, rows: int = 5) -> dict[str, Any]:
@@ -104,23 +93,14 @@ def preview(path: str | Path, columns: Mapping[str, str] | None = None, rows: in
 
 
 def _missing(mapping: ColumnMap) -> list[str]:
-    have = set(mapping.columns)
-    missing = [name for name in ("time_s", "pressure_kpa") if name not in have]
-    if not any(name.endswith("_mv") or COUNTS.match(name) for name in have):
-        missing.append("s1_mv")
-    return missing
+    missing = [name for name in ("time_s", "pressure_kpa") if name not in mapping.columns]
+    return missing if any(map(is_signal, mapping.columns)) else [*missing, "s1_mv"]
 
 
 def _recording(path: Path, table: Table, mapping: ColumnMap, rate_hz: float | None) -> Recording:
     missing = [name for name in _missing(mapping) if name != "time_s" or rate_hz is None]
     if missing:
-        options = f"Map it by the numbers of the columns: {map_options(missing, mapping, table)}"
-        remedy = "Give --rate HZ, or --map time_s=COLUMN:ms" if missing == ["time_s"] else options
-        found = [text_in(table, i) for i in table.text if recognised(table.names[i]) in missing]
-        raise RequestError(
-            "; ".join([f"{path.name}: no column was recognised as {', '.join(missing)}", *found]),
-            f"{remedy}. Columns: {listed(table)}.",
-        )
+        raise unmapped(path.name, missing, mapping, table)
     meta = _meta(table, mapping, path)
     if "time_s" not in mapping.columns:
         meta["import_rate_hz"] = rate_hz
@@ -135,9 +115,7 @@ def _recording(path: Path, table: Table, mapping: ColumnMap, rate_hz: float | No
     repeated = int((~keep).sum())
     if repeated:
         meta["repeated_times"] = repeated
-        meta["import_notes"] = [
-            *meta.get("import_notes", ()), f"{repeated} rows left out: no time, or that of the row before"
-        ]  # fmt: skip
+        _note(meta, f"{repeated} rows left out: no time, or that of the row before")
     values = {name: column[keep] for name, column in values.items()}
     signal, lit, dark = _signals(values, meta)
     whole = _whole_numbers(values, meta)
@@ -170,10 +148,10 @@ def _increasing(path: Path, table: Table, time_s: FloatArray, segment: FloatArra
 
 def _signals(values: Mapping[str, FloatArray], meta: dict[str, Any]) -> tuple[FloatArray, Any, Any]:
     numbers = sorted({int(name[1]) for name in values if re.match(r"^s[1-9]_", name)})
-    counts = all(f"s{i}_lit" in values and f"s{i}_dark" in values for i in numbers)
-    lit = np.stack([values[f"s{i}_lit"] for i in numbers], axis=1) if counts else None
-    dark = np.stack([values[f"s{i}_dark"] for i in numbers], axis=1) if counts else None
-    scale = _counts_scale(meta) if counts else None
+    lit = dark = scale = None
+    if all(f"s{i}_lit" in values and f"s{i}_dark" in values for i in numbers):
+        lit, dark = (np.stack([values[f"s{i}_{kind}"] for i in numbers], axis=1) for kind in ("lit", "dark"))
+        scale = _counts_scale(meta)
     signals = []
     for i in numbers:
         if f"s{i}_mv" in values:
@@ -199,7 +177,7 @@ def _are_counts(values: FloatArray) -> np.ndarray[Any, Any]:
 
 def _counts_scale(meta: Mapping[str, Any]) -> float | None:
     """Millivolts per count, None where the file does not give them."""
-    if "vref_mv" not in meta or "adc_bits" not in meta:
+    if not {"vref_mv", "adc_bits"} <= meta.keys():
         return None
     try:
         return float(meta["vref_mv"]) / 2.0 ** int(meta["adc_bits"])
@@ -225,9 +203,12 @@ def _whole_numbers(values: Mapping[str, FloatArray], meta: dict[str, Any]) -> di
         flags = whole.get("flags", np.zeros(invalid.size, dtype=np.int64))
         whole["flags"] = np.where(invalid, flags | int(SampleFlag.IMPLAUSIBLE), flags)
     if gone:
-        text = f"not used, because cells are not whole numbers: {', '.join(sorted(gone))}"
-        meta["import_notes"] = [*meta.get("import_notes", ()), text]
+        _note(meta, f"not used, because cells are not whole numbers: {', '.join(sorted(gone))}")
     return whole
+
+
+def _note(meta: dict[str, Any], text: str) -> None:
+    meta["import_notes"] = [*meta.get("import_notes", ()), text]
 
 
 def _meta(table: Table, mapping: ColumnMap, path: Path) -> dict[str, Any]:

@@ -11,6 +11,7 @@ ones are named by line.
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Iterator, Sequence
@@ -101,9 +102,14 @@ def read_table(path: str | Path) -> Table:
         raise FileError(f"{path} cannot be read: {error.strerror}", "Check name and permissions.") from error
     if frame is None:
         return _with_clocks(_slow(path, dialect))
-    columns, text = _as_columns(frame)
-    masked = _count_masked(columns, text)
-    return _with_clocks(Table(_names(dialect), _units(dialect), columns, text, dialect, (), 0, masked))
+    text = {
+        position: [str(v).strip() if isinstance(v, str) else "" for v in frame[position]]
+        for position in range(frame.shape[1])
+        if not pd.api.types.is_numeric_dtype(frame[position])
+    }
+    empty = np.full(len(frame), np.nan)
+    columns = tuple(empty if at in text else frame[at].to_numpy(np.float64) for at in range(frame.shape[1]))
+    return _with_clocks(_table(dialect, columns, text))
 
 
 def _with_clocks(table: Table) -> Table:
@@ -124,15 +130,22 @@ def _plain(name: str) -> str:
     return " ".join(name.lower().split())
 
 
+def _table(
+    dialect: Dialect,
+    columns: tuple[npt.NDArray[np.float64], ...],
+    text: dict[int, list[str]],
+    warnings: Sequence[Warning] = (),
+    broken: int = 0,
+) -> Table:
+    """Name the columns, and count the cells that are no number."""
+    masked = int(sum((~np.isfinite(c)).sum() for i, c in enumerate(columns) if i not in text))
+    units = dialect.units or ("",) * dialect.columns
+    return Table(_names(dialect), units, columns, text, dialect, tuple(warnings[:MOST_WARNINGS]), broken, masked)
+
+
 def _names(dialect: Dialect) -> tuple[str, ...]:
-    return tuple(
-        dialect.header[i] if i < len(dialect.header) and dialect.header[i] else str(i + 1)
-        for i in range(dialect.columns)
-    )
-
-
-def _units(dialect: Dialect) -> tuple[str, ...]:
-    return dialect.units if dialect.units else ("",) * dialect.columns
+    titles = itertools.zip_longest(dialect.header[: dialect.columns], range(1, dialect.columns + 1))
+    return tuple(title or str(number) for title, number in titles)
 
 
 def _fast(path: Path, dialect: Dialect) -> pd.DataFrame | None:
@@ -159,23 +172,6 @@ def _fast(path: Path, dialect: Dialect) -> pd.DataFrame | None:
     if frame.iloc[:, -1].isna().any() and not frame.iloc[:, -1].isna().all():
         return None  # perhaps rows too short: the slow path counts the fields
     return pd.DataFrame(frame)
-
-
-def _as_columns(frame: pd.DataFrame) -> tuple[tuple[npt.NDArray[np.float64], ...], dict[int, list[str]]]:
-    columns: list[npt.NDArray[np.float64]] = []
-    text: dict[int, list[str]] = {}
-    for position in range(frame.shape[1]):
-        series = frame.iloc[:, position]
-        if pd.api.types.is_numeric_dtype(series):
-            columns.append(series.to_numpy(dtype=np.float64))
-        else:
-            columns.append(np.full(len(series), np.nan))
-            text[position] = [str(v).strip() if isinstance(v, str) else "" for v in series]
-    return tuple(columns), text
-
-
-def _count_masked(columns: tuple[npt.NDArray[np.float64], ...], text: dict[int, list[str]]) -> int:
-    return int(sum((~np.isfinite(c)).sum() for i, c in enumerate(columns) if i not in text))
 
 
 def _lines(path: Path, dialect: Dialect) -> Iterator[tuple[int, str]]:
@@ -211,20 +207,14 @@ def _slow(path: Path, dialect: Dialect) -> Table:
     table = np.asarray(rows)
     columns = tuple(np.ascontiguousarray(table[:, i]) for i in range(width))
     text = {i: [row[i] for row in words] for i in range(width) if all(row[i] for row in words)}
-    for place, row in zip(places, words, strict=True):
-        warnings += [
-            Warning(
-                WarningCode.NOT_A_NUMBER,
-                "",
-                f"line {place}: {cell[:30]!r} in column {_names(dialect)[i]!r} is not a number",
-            )
-            for i, cell in enumerate(row)
-            if cell and i not in text
-        ]
-    return Table(
-        _names(dialect), _units(dialect), columns, text, dialect, tuple(warnings[:MOST_WARNINGS]), broken,
-        _count_masked(columns, text),
-    )  # fmt: skip
+    names = _names(dialect)
+    warnings += [
+        Warning(WarningCode.NOT_A_NUMBER, "", f"line {place}: {cell[:30]!r} in column {names[i]!r} is not a number")
+        for place, row in zip(places, words, strict=True)
+        for i, cell in enumerate(row)
+        if cell and i not in text
+    ]
+    return _table(dialect, columns, text, warnings, broken)
 
 
 def line_of_row(path: Path, dialect: Dialect, row: int) -> int:

@@ -90,21 +90,11 @@ def read_boat_file(path: str | Path) -> Recording:
         signal = (samples["lit"].astype(np.float64) - samples["dark"]) * scale
     else:
         signal = samples["signal_mv"].astype(np.float64)
+    kept = {name: samples[name] for name in ("state", "flags", "index", *(("lit", "dark") if counts else ()))}
+    kept |= {"segment": segment, "target_kpa": target_from_steps(clock.time_s, steps), "steps": steps}
+    pressure_kpa = samples["pressure_pa"] / 1000.0
     recording = Recording.from_arrays(
-        clock.time_s,
-        samples["pressure_pa"] / 1000.0,
-        signal,
-        target_kpa=target_from_steps(clock.time_s, steps),
-        lit=samples["lit"] if counts else None,
-        dark=samples["dark"] if counts else None,
-        state=samples["state"],
-        flags=samples["flags"],
-        segment=segment,
-        index=samples["index"],
-        steps=steps,
-        readings=readings,
-        meta=meta,
-        source=str(path),
+        clock.time_s, pressure_kpa, signal, **kept, readings=readings, meta=meta, source=str(path)
     )
     return replace(recording, gaps=tuple(_attributed(recording.gaps, failures)))
 
@@ -139,12 +129,10 @@ def _crc_failures(db: sqlite3.Connection, clock: _Clock) -> list[_Failed]:
     rows = db.execute("SELECT segment, time_us, frames, samples, crc_errors FROM health ORDER BY id").fetchall()
     found = []
     for (_, before_us, *before), (segment, after_us, *after) in itertools.pairwise(rows):
-        whole = all(a >= b for a, b in zip(after, before, strict=True))
-        frames, samples, failed = (a - b if whole else a for a, b in zip(after, before, strict=True))
+        grown = [a - b for a, b in zip(after, before, strict=True)]
+        frames, samples, failed = grown if min(grown) >= 0 else after
         if failed > 0:
-            begin, end = (
-                clock.seconds(int(segment or 0), float("nan") if t is None else t) for t in (before_us, after_us)
-            )
+            begin, end = (clock.seconds(int(segment or 0), t) for t in (before_us, after_us))
             found.append(_Failed(begin, end, failed, max(samples / frames, 1.0) if frames else 1.0))
     return found
 
@@ -167,8 +155,10 @@ class _Clock:
     time_s: FloatArray
     offset_us: Mapping[int, int]  # by segment: what is added to its board time
 
-    def seconds(self, segment: int, time_us: float) -> float:
-        return (time_us + self.offset_us[segment]) / 1e6 if segment in self.offset_us else float("nan")
+    def seconds(self, segment: int, time_us: float | None) -> float:
+        if time_us is None or segment not in self.offset_us:
+            return float("nan")
+        return (time_us + self.offset_us[segment]) / 1e6
 
 
 def _samples(db: sqlite3.Connection, meta: Mapping[str, Any], name: str) -> tuple[npt.NDArray[np.void], IntArray, int]:
@@ -177,12 +167,11 @@ def _samples(db: sqlite3.Connection, meta: Mapping[str, Any], name: str) -> tupl
     segments: list[IntArray] = []
     damaged: list[str] = []
     for number, segment, n, blob, crc in db.execute("SELECT id, segment, n, samples, crc32 FROM block ORDER BY id"):
-        why = _misfit(n, blob, crc, dtype)
-        if why:
+        if why := _misfit(n, blob, crc, dtype):
             damaged.append(f"block {number} {why}")
-            continue
-        blobs.append(np.frombuffer(blob, dtype))
-        segments.append(np.full(n, segment, dtype=np.int64))
+        else:
+            blobs.append(np.frombuffer(blob, dtype))
+            segments.append(np.full(n, segment, dtype=np.int64))
     if not blobs and damaged:
         raise FileError(
             f"{name} holds no readable samples: all of its {len(damaged)} blocks are damaged ({damaged[0]})",
@@ -212,24 +201,18 @@ def _lay_end_to_end(db: sqlite3.Connection, time_us: IntArray, segment: IntArray
     gives more than one sampling interval. A clock that continued (a pause) is left alone.
     """
     hosts = dict(db.execute("SELECT id, host_ns FROM segment"))
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(segment)) + 1])
-    ends = np.concatenate([starts[1:], [segment.size]])
+    edges = [0, *(np.flatnonzero(np.diff(segment)) + 1).tolist(), segment.size]
     interval_us = round(1e6 / rate_hz) if rate_hz > 0 else 10_000
     total = time_us.astype(np.int64).copy()
+    offset, before = -int(time_us[0]), edges[0]
     offsets: dict[int, int] = {}
-    origin = int(time_us[0])
-    for order, (first, last) in enumerate(zip(starts, ends, strict=True)):
-        name = int(segment[first])
-        offset = -origin
-        if order:
-            before = int(total[first - 1])
-            if int(time_us[first]) <= int(time_us[first - 1]):
-                waited_us = (hosts.get(name, 0) - hosts.get(int(segment[first - 1]), 0)) // 1000
-                ran_us = int(time_us[first - 1]) - int(time_us[starts[order - 1]])
-                offset = before + max(interval_us, waited_us - ran_us) - int(time_us[first])
-            else:
-                offset = offsets[int(segment[first - 1])]
-        offsets[name] = offset
+    for first, last in itertools.pairwise(edges):
+        name, ended_us = int(segment[first]), int(time_us[first - 1])
+        if first and int(time_us[first]) <= ended_us:
+            waited_us = (hosts.get(name, 0) - hosts.get(int(segment[before]), 0)) // 1000
+            ran_us = ended_us - int(time_us[before])
+            offset = int(total[first - 1]) + max(interval_us, waited_us - ran_us) - int(time_us[first])
+        offsets[name], before = offset, first
         total[first:last] += offset
     return _Clock(total / 1e6, offsets)
 

@@ -42,6 +42,12 @@ from protocol.recording import (
 from protocol.recording.checks import check_session
 
 CHUNK_BYTES = 1 << 20
+CHUNK = "id, host_ns, direction, raw, crc32"
+BLOCK = "segment, last_chunk, n, first_time_us, last_time_us, samples, crc32"
+OVERVIEW = (
+    "segment, first_block, last_block, n, first_time_us, last_time_us, pressure_min_kpa, pressure_max_kpa, "
+    "signal_min_mv, signal_max_mv, flags"
+)
 BLOCK_ROWS = 1_000  # as many as a row of the overview
 LATEST_S = 1e12  # 30,000 years; more microseconds than 64 bits hold are no time
 
@@ -86,17 +92,15 @@ def _write(db: sqlite3.Connection, recording: Recording, original: Path) -> None
         if statement.strip():
             db.execute(statement)
     samples = packed_samples(recording)
-    db.executemany(
-        "INSERT INTO session (key, value) VALUES (?, ?)",
-        [(k, json.dumps(v)) for k, v in _session(recording, samples).items()],
-    )
+    for key, value in _session(recording, samples).items():
+        _insert(db, "session", "key, value", (key, json.dumps(value)))
     last_chunk = _keep_original(db, original)
     meta = recording.meta
     scale_mv = float(meta.get("vref_mv") or 0.0) / 2.0 ** int(meta.get("adc_bits") or 0)
     changes = np.flatnonzero(np.diff(recording.segment)) + 1
     edges = [0, *changes.tolist(), recording.n]
     for number, (first, last) in enumerate(itertools.pairwise(edges), 1):
-        db.execute("INSERT INTO segment (id, host_ns, first_chunk, reason) VALUES (?, 0, 1, 'import')", (number,))
+        _insert(db, "segment", "id, host_ns, first_chunk, reason", (number, 0, 1, "import"))
         _write_blocks(db, samples[first:last], number, last_chunk, scale_mv)
 
 
@@ -165,10 +169,7 @@ def _keep_original(db: sqlite3.Connection, original: Path) -> int:
     with original.open("rb") as file:
         while raw := file.read(CHUNK_BYTES):
             number += 1
-            db.execute(
-                "INSERT INTO chunk (id, host_ns, direction, raw, crc32) VALUES (?, 0, 0, ?, ?)",
-                (number, raw, zlib.crc32(raw)),
-            )
+            _insert(db, "chunk", CHUNK, (number, 0, 0, raw, zlib.crc32(raw)))
     return number
 
 
@@ -180,16 +181,14 @@ def _write_blocks(
         part = samples[first : first + BLOCK_ROWS]
         times = (int(part["time_us"][0]), int(part["time_us"][-1]))
         raw = part.tobytes()
-        block = db.execute(
-            "INSERT INTO block (segment, last_chunk, n, first_time_us, last_time_us, samples, crc32)"
-            " VALUES (?, ?, ?, ?, ?, ?, ?)",
-            (segment, last_chunk, part.size, *times, raw, zlib.crc32(raw)),
-        ).lastrowid
-        db.execute(
-            "INSERT INTO overview (segment, first_block, last_block, n, first_time_us, last_time_us, pressure_min_kpa,"
-            " pressure_max_kpa, signal_min_mv, signal_max_mv, flags) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-            (segment, block, block, part.size, *times, *_extremes(part, scale_mv)),
-        )
+        block = _insert(db, "block", BLOCK, (segment, last_chunk, part.size, *times, raw, zlib.crc32(raw)))
+        _insert(db, "overview", OVERVIEW, (segment, block, block, part.size, *times, *_extremes(part, scale_mv)))
+
+
+def _insert(db: sqlite3.Connection, table: str, columns: str, values: tuple[Any, ...]) -> int | None:
+    """Add a row; return its number."""
+    marks = ", ".join("?" * len(values))
+    return db.execute(f"INSERT INTO {table} ({columns}) VALUES ({marks})", values).lastrowid  # noqa: S608
 
 
 def _extremes(samples: npt.NDArray[np.void], scale_mv: float) -> tuple[Any, ...]:

@@ -32,23 +32,16 @@ def neutral(text: str) -> str:
 
 def samples_frame(recording: Recording, rows: slice | None = None) -> pd.DataFrame:
     """Return the samples as a frame, in the columns and the order of the export."""
-    rows = rows or slice(None)
     frame: dict[str, Any] = {
-        "index": recording.index[rows],
-        "time_s": recording.time_s[rows],
-        "pressure_kpa": recording.pressure_kpa[rows],
-        "target_kpa": recording.target_kpa[rows],
+        name: getattr(recording, name) for name in ("index", "time_s", "pressure_kpa", "target_kpa")
     }
     for i, name in enumerate(recording.sensor_names):
-        frame[f"{name}_mv"] = recording.signal_mv[rows, i]
+        frame[f"{name}_mv"] = recording.signal_mv[:, i]
     if recording.lit is not None and recording.dark is not None:
         for i, name in enumerate(recording.sensor_names):
-            frame[f"{name}_lit"] = recording.lit[rows, i]
-            frame[f"{name}_dark"] = recording.dark[rows, i]
-    frame["state"] = recording.state[rows]
-    frame["flags"] = recording.flags[rows]
-    frame["segment"] = recording.segment[rows]
-    return pd.DataFrame(frame)
+            frame |= {f"{name}_lit": recording.lit[:, i], f"{name}_dark": recording.dark[:, i]}
+    frame |= {name: getattr(recording, name) for name in ("state", "flags", "segment")}
+    return pd.DataFrame({name: column[rows or slice(None)] for name, column in frame.items()})
 
 
 def export(recording: Recording, path: str | Path, format: Format, *, progress: Progress | None = None) -> list[Path]:

@@ -8,6 +8,7 @@ canvas the margins are fixed, in inches.
 from __future__ import annotations
 
 import io
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -42,6 +43,18 @@ def finished(ax: Axes) -> None:
         if legend is not None:
             legend.remove()
         ax.text(0.5, 0.5, "undefined, see the text", transform=ax.transAxes, ha="center", color=style.SOFT)
+
+
+def over_cycles(ax: Axes, ylabel: str, title: str) -> None:
+    """Give axes over whole numbers of cycles their titles.
+
+    Parameters
+    ----------
+    ax : with the curves.
+    ylabel, title : of the ordinate with its unit, and of the drawing.
+    """
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.set(xlabel="cycle", ylabel=ylabel, title=title)
 
 
 def signed(value: float) -> str:
@@ -131,10 +144,9 @@ def actuator_loop(analysis: Analysis, ax: Axes) -> None:
     assert loops.elongation_mm is not None
     for b, fill in ((0, style.PAPER), (1, style.ELONGATION)):
         for k in range(loops.n_cycles):
-            ax.plot(
-                loops.pressure_kpa[b, k], loops.elongation_mm[b, k], color=style.ELONGATION, lw=0.6, marker="o",
-                markerfacecolor=fill, markeredgewidth=0.6, label=("unloading", "loading")[b] if k == 0 else None,
-            )  # fmt: skip
+            label = ("unloading", "loading")[b] if k == 0 else None
+            p, x = loops.pressure_kpa[b, k], loops.elongation_mm[b, k]
+            ax.plot(p, x, color=style.ELONGATION, lw=0.6, marker="o", mfc=fill, mew=0.6, label=label)
     ax.set(xlabel="pressure, kPa", ylabel="elongation, mm", title="Actuator: elongation over pressure")
     _legend(ax, loc="upper left")
 
@@ -154,8 +166,7 @@ def drift_of_levels(analysis: Analysis, sensor: int, ax: Axes) -> None:
     for g, colour in zip(chosen, colours, strict=True):
         if np.isfinite(moved[:, g]).any():
             ax.plot(loops.numbers, moved[:, g], color=colour, lw=0.9, label=f"{signed(loops.level_kpa[g])} kPa")
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.set(xlabel="cycle", ylabel="from its mean, % FSO", title=f"Sensor {sensor + 1}: drift of the levels")
+    over_cycles(ax, "from its mean, % FSO", f"Sensor {sensor + 1}: drift of the levels")
     _legend(ax, ncols=2, loc="best")
 
 
@@ -169,25 +180,14 @@ def per_cycle_figure(analysis: Analysis, name: str, label: str, title: str, ax: 
     label, title : of the ordinate with its unit, and of the drawing.
     ax : to draw onto.
     """
-    warm = 0
-    for i in range(len(analysis.sensors)):
-        values = analysis.sensors[i].by_cycle
-        warm = max(warm, values.warm_up)
-        ax.plot(
-            values.numbers, getattr(values, name), color=style.sensor_colour(i), marker="o", markersize=2, lw=0.7,
-            label=f"sensor {i + 1}",
-        )  # fmt: skip
+    warm = max((sensor.by_cycle.warm_up for sensor in analysis.sensors), default=0)
+    for i, sensor in enumerate(analysis.sensors):
+        values, named = sensor.by_cycle, f"sensor {i + 1}"
+        ax.plot(values.numbers, getattr(values, name), "o-", color=style.sensor_colour(i), ms=2, lw=0.7, label=named)
     if warm:
-        ax.axvspan(
-            0.5,
-            warm + 0.5,
-            color=style.LINE,
-            alpha=0.5,
-            linewidth=0,
-            label=f"warm-up: {warm} cycle{'s' if warm > 1 else ''}",
-        )
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.set(xlabel="cycle", ylabel=label, title=title)
+        named = f"warm-up: {warm} cycle{'s' if warm > 1 else ''}"
+        ax.axvspan(0.5, warm + 0.5, color=style.LINE, alpha=0.5, linewidth=0, label=named)
+    over_cycles(ax, label, title)
     _legend(ax)
 
 
@@ -201,21 +201,15 @@ def distribution(analysis: Analysis, sensor: int, ax: Axes) -> None:
     ax : to draw onto.
     """
     loops, moved = analysis.loops, analysis.sensors[sensor].by_cycle.branch_displacement_percent_fso
-    step = max(1, -(-loops.level_kpa.size // 10))
+    step, line = max(1, -(-loops.level_kpa.size // 10)), {"color": style.SOFT, "lw": 0.6}
     for b, shift, fill in ((0, -0.18, style.PAPER), (1, 0.18, style.sensor_colour(sensor))):
-        boxes, places = [], []
-        for k, g in enumerate(range(0, loops.level_kpa.size, step)):
-            level = moved[b, :, g][np.isfinite(moved[b, :, g])]
-            if level.size > 1:
-                boxes.append(level)
-                places.append(k + shift)
+        levels = [level[np.isfinite(level)] for level in moved[b, :, ::step].T]
+        boxes = {k + shift: level for k, level in enumerate(levels) if level.size > 1}
         if boxes:
-            ax.boxplot(
-                boxes, positions=places, widths=0.28, whis=(0, 100), patch_artist=True, manage_ticks=False,
-                boxprops={"facecolor": fill, "edgecolor": style.sensor_colour(sensor), "alpha": 0.8, "lw": 0.6},
-                medianprops={"color": style.INK, "lw": 0.8}, whiskerprops={"color": style.SOFT, "lw": 0.6},
-                capprops={"color": style.SOFT, "lw": 0.6},
-            )  # fmt: skip
+            box = {"facecolor": fill, "edgecolor": style.sensor_colour(sensor), "alpha": 0.8, "lw": 0.6}
+            look: Any = {"boxprops": box, "medianprops": {"color": style.INK, "lw": 0.8}, "whiskerprops": line}
+            how: Any = {"patch_artist": True, "manage_ticks": False, "widths": 0.28, "whis": (0, 100)}
+            ax.boxplot(list(boxes.values()), positions=list(boxes), capprops=line, **look, **how)
     names = [signed(p) for p in loops.level_kpa[::step]]
     every = 1 + (len(names) > 6)  # as many names as do not touch
     ax.set_xticks(range(0, len(names), every), names[::every])
@@ -267,13 +261,10 @@ def budget_pareto(budget: Budget, title: str, ax: Axes) -> None:
     parts = {c.name: c.contribution for c in budget.components}
     names = [name for name in shares if parts[name] > 0]
     ax.barh(range(len(names)), [1000 * parts[n] for n in names], color=style.SENSORS[0], height=0.62)
-    total = 0.0
-    for at, name in enumerate(names):
-        total += shares[name]
-        ax.annotate(
-            f"{percent(shares[name])}  (cumulative {percent(total)})", (1000 * parts[name], at), xytext=(4, 0),
-            textcoords="offset points", va="center", fontsize=7.5, color=style.SOFT,
-        )  # fmt: skip
+    look: Any = {"textcoords": "offset points", "va": "center", "fontsize": 7.5, "color": style.SOFT}
+    for at, (name, total) in enumerate(zip(names, itertools.accumulate(shares[n] for n in names), strict=True)):
+        text = f"{percent(shares[name])}  (cumulative {percent(total)})"
+        ax.annotate(text, (1000 * parts[name], at), xytext=(4, 0), **look)
     ax.set_yticks(range(len(names)), names)
     ax.invert_yaxis()
     ax.grid(visible=False, axis="y")
@@ -286,12 +277,10 @@ def trace(analysis: Analysis, ax: Axes) -> None:
     recording = analysis.recording
     time, low, high = envelope(recording.time_s, recording.pressure_kpa, TRACE_POINTS // 2)
     ax.fill_between(time, low, high, color=style.PRESSURE, linewidth=0.6, edgecolor=style.PRESSURE)
-    for cycle in analysis.cycles.used[::2]:
-        span = recording.time_s[[cycle.first, cycle.last]]
-        ax.axvspan(*span, color=style.LINE, alpha=0.35, linewidth=0)
-    for excursion in analysis.cycles.partial:
-        span = recording.time_s[[excursion.first, excursion.last]]
-        ax.axvspan(*span, color=style.WARNING, alpha=0.15, linewidth=0)
+    shaded = ((analysis.cycles.used[::2], style.LINE, 0.35), (analysis.cycles.partial, style.WARNING, 0.15))
+    for stretches, colour, alpha in shaded:
+        for stretch in stretches:
+            ax.axvspan(*recording.time_s[[stretch.first, stretch.last]], color=colour, alpha=alpha, linewidth=0)
     ax.set(xlabel="time, s", ylabel="pressure, kPa", title="The run (every second complete cycle shaded)")
     ax.margins(x=0)
 
@@ -336,16 +325,7 @@ def _branch_points(ax: Axes, analysis: Analysis, sensor: int, x: FloatArray, y: 
     loading = np.asarray([analysis.plateaus[i].branch == "loading" for i in places])
     colour = style.sensor_colour(sensor)
     for chosen, fill, label in ((loading, colour, "loading"), (~loading, style.PAPER, "unloading")):
-        ax.plot(
-            x[chosen],
-            y[chosen],
-            "o",
-            color=colour,
-            markerfacecolor=fill,
-            markeredgewidth=0.7,
-            markersize=3.2,
-            label=label,
-        )
+        ax.plot(x[chosen], y[chosen], "o", color=colour, mfc=fill, mew=0.7, ms=3.2, label=label)
 
 
 AXES_TOP, AXES_BOTTOM, AXES_RIGHT = 0.26, 0.42, 0.12

@@ -9,9 +9,11 @@ Rules: the same report gives the same bytes; no text leaves the page: columns ar
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -44,9 +46,7 @@ def write_pdf(report: Report, path: Path) -> None:
     """Write the report."""
     blocks = _head(report)
     for section in report.sections:
-        blocks += _heading(section.title)
-        for part in section.parts:
-            blocks += _part(part)
+        blocks += [*_heading(section.title), *itertools.chain.from_iterable(map(_part, section.parts))]
     pages = broken(blocks, PAGE_INCH)
     title = f"{'SIMULATED ' if report.simulated else ''}{report.title}: {report.subject}"
     information = {"Title": title, "Creator": report.footer, "Producer": "matplotlib", "CreationDate": None}
@@ -85,18 +85,10 @@ def _page(report: Report, items: list[Item], number: int, count: int) -> Canvas:
 
 def _set(canvas: Canvas, text: Text) -> None:
     fonts = families(text.text)
-    canvas.text(
-        text.x / WIDTH,
-        1 - text.y / HEIGHT,
-        printable(text.text),
-        fontsize=text.size,
-        color=text.colour,
-        fontfamily=list(fonts),
-        fontweight=text.weight if len(fonts) == 1 else "normal",  # the fonts of other scripts have one weight
-        ha=text.align,
-        va="baseline",
-        parse_math=False,
-    )
+    weight = text.weight if len(fonts) == 1 else "normal"  # the fonts of other scripts have one weight
+    font: Any = {"fontsize": text.size, "color": text.colour, "fontfamily": list(fonts), "fontweight": weight}
+    at = text.x / WIDTH, 1 - text.y / HEIGHT
+    canvas.text(*at, printable(text.text), ha=text.align, va="baseline", parse_math=False, **font)
 
 
 def _frame(report: Report, number: int, count: int) -> list[Item]:
@@ -138,9 +130,7 @@ def _facts(facts: Sequence[tuple[str, str]]) -> list[PageBlock]:
             x = LEFT + column * half
             texts += [Text(x, 0.12, label, TEXT_PT, style.SOFT), Text(x + LABEL_INCH, 0.12, value)]
         blocks.append(PageBlock(0.175, tuple(texts), space=0.0 if row else 0.2, kept=True))
-    for label, value in facts:
-        if (label, value) in short:
-            continue
+    for label, value in (fact for fact in facts if fact not in short):
         for k, line in enumerate(wrapped(value, INNER - LABEL_INCH, TEXT_PT)[:4]):
             name = [] if k else [Text(LEFT, 0.12, label, TEXT_PT, style.SOFT)]
             blocks.append(PageBlock(0.175, (*name, Text(LEFT + LABEL_INCH, 0.12, line)), kept=True))
@@ -148,13 +138,9 @@ def _facts(facts: Sequence[tuple[str, str]]) -> list[PageBlock]:
 
 
 def _heading(title: str) -> list[PageBlock]:
-    lines = wrapped(title, INNER, 12, "bold")
-    return [
-        PageBlock(
-            0.22, (Text(LEFT, 0.14, line, 12, weight="bold"),), space=0.0 if k else 0.24, kept=True, starts=k == 0
-        )
-        for k, line in enumerate(lines)
-    ]
+    lines = [(Text(LEFT, 0.14, line, 12, weight="bold"),) for line in wrapped(title, INNER, 12, "bold")]
+    first = [PageBlock(0.22, lines[0], space=0.24, kept=True, starts=True)] if lines else []
+    return [*first, *(PageBlock(0.22, line, kept=True) for line in lines[1:])]
 
 
 def _paragraph(text: str, size: float = TEXT_PT, colour: str = style.INK) -> list[PageBlock]:
@@ -167,10 +153,8 @@ def _paragraph(text: str, size: float = TEXT_PT, colour: str = style.INK) -> lis
 
 def _caption(text: str) -> list[PageBlock]:
     """A caption in small type: its lines stay together, and white below parts it from what follows."""
-    lines = _paragraph(text, SMALL_PT, style.SOFT)
-    return [replace(line, space=0.0, kept=True) for line in lines[:-1]] + [
-        replace(line, space=0.0, height=line.height + 0.06) for line in lines[-1:]
-    ]
+    lines = [replace(line, space=0.0, kept=True) for line in _paragraph(text, SMALL_PT, style.SOFT)]
+    return lines[:-1] + [replace(line, kept=False, height=line.height + 0.06) for line in lines[-1:]]
 
 
 def _table(table: ReportTable) -> list[PageBlock]:
@@ -180,11 +164,9 @@ def _table(table: ReportTable) -> list[PageBlock]:
     rows = [replace(_row(row, right, widths, size, head=False), head=head) for row in table.rows]
     whole = sum(row.height for row in (head, *rows)) < KEPT_TOGETHER * PAGE_INCH
     caption = _caption(table.caption) if table.caption else []
-    rows = [
-        replace(row, kept=whole or at < ORPHANS or at >= len(rows) - ORPHANS) if at < len(rows) - 1
-        else replace(row, kept=bool(caption))
-        for at, row in enumerate(rows)
-    ]  # fmt: skip
+    last = len(rows) - 1
+    kept = [bool(caption) if at == last else whole or at < ORPHANS or at > last - ORPHANS for at in range(len(rows))]
+    rows = [replace(row, kept=keep) for row, keep in zip(rows, kept, strict=True)]
     return [replace(head, space=0.08), *rows, *caption]
 
 

@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
 
 from analysis import figure_style as style
 from analysis.figures.against_shadow import AgainstShadow
 from analysis.numbers import rounded
 from analysis.reports.document import ReportDrawing, ReportTable, Section, SectionPart
-from analysis.reports.drawings import TRACE_POINTS, envelope
+from analysis.reports.drawings import TRACE_POINTS, envelope, over_cycles
 
 if TYPE_CHECKING:
     from analysis.shadow.monitoring.replay import Replay
@@ -80,15 +79,13 @@ def _levels(compared: AgainstShadow, ax: Axes) -> None:
     ax.fill_between(numbers, -band, band, color=style.ELONGATION, alpha=0.25, lw=0)
     ax.plot(numbers, compared.level_mm, "o-", color=style.SENSORS[0], markersize=2.5, lw=0.8)
     ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.set(xlabel="cycle", ylabel="mean deviation, mm", title="Deviation per cycle")
+    over_cycles(ax, "mean deviation, mm", "Deviation per cycle")
 
 
 def _residuals(compared: AgainstShadow, ax: Axes) -> None:
     ax.plot(compared.numbers, compared.residual_kpa, "o-", color=style.PRESSURE, markersize=2.5, lw=0.8)
     ax.set_ylim(0.0, 1.15 * float(np.nanmax(np.append(compared.residual_kpa, 1e-3))))
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.set(xlabel="cycle", ylabel="residual rms, kPa", title="Pressure residual per cycle")
+    over_cycles(ax, "residual rms, kPa", "Pressure residual per cycle")
 
 
 def _table(compared: AgainstShadow) -> ReportTable:

@@ -7,7 +7,7 @@ element outlines, and the rest state is a thin line behind it. The title has pre
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -41,17 +41,11 @@ def shadow_figure(state: ShadowState, topology: ShadowTopology, colour: Colour =
         if colour == "displacement"
         else (100.0 * state.strain, "greatest principal strain, %")
     )
+    scale: Any = {"cmap": "viridis", "vmin": min(0.0, float(values.min())), "vmax": max(float(values.max()), 1e-6)}
     shown = None
     for sign in (1.0, -1.0):
         x, z = sign * state.nodes_mm[:, 0], state.nodes_mm[:, 1]
-        shown = axes.tripcolor(
-            Triangulation(z, x, topology.triangles),
-            values,
-            shading="gouraud",
-            cmap="viridis",
-            vmin=min(0.0, float(values.min())),
-            vmax=max(float(values.max()), 1e-6),
-        )
+        shown = axes.tripcolor(Triangulation(z, x, topology.triangles), values, shading="gouraud", **scale)
         for line in (topology.outline, topology.cavity):
             rest = topology.rest_mm[line]
             axes.plot(rest[:, 1], sign * rest[:, 0], color=style.SOFT, lw=0.8, ls=(0, (4, 3)))
@@ -94,16 +88,9 @@ def draw_tips(axes: Axes, state: ShadowState, topology: ShadowTopology) -> None:
     measured = topology.length_mm + state.elongation_mm
     axes.plot([measured, measured], [-top, top], color=style.ELONGATION, lw=2.0, label="measured tip")
     if np.isfinite(state.nominal_elongation_mm):
-        nominal = topology.length_mm + state.nominal_elongation_mm
+        nominal, half = topology.length_mm + state.nominal_elongation_mm, 2 * state.nominal_sd_mm
         axes.plot([nominal, nominal], [-top, top], color=style.INK, lw=1.0, ls="--", label="nominal tip")
-        axes.axvspan(
-            nominal - 2 * state.nominal_sd_mm,
-            nominal + 2 * state.nominal_sd_mm,
-            color=style.INK,
-            alpha=0.12,
-            lw=0,
-            label="its band from E, k = 2",
-        )
+        axes.axvspan(nominal - half, nominal + half, color=style.INK, alpha=0.12, lw=0, label="its band from E, k = 2")
 
 
 @style.styled
@@ -120,10 +107,7 @@ def table_errors_figure(parameters: ActuatorParameters) -> Figure:
             error = table.errors_mm[default.modes - 1]
             axes.semilogy(default.modes, error, "o", color=style.SENSORS[1], ms=9, label="default")
     axes.axhline(SCREEN_TOLERANCE_MM, color=style.SOFT, lw=1, ls="--", label="visible on the screen")
-    axes.set(
-        xlabel="number of shapes",
-        ylabel="greatest error of a tracked point, mm",
-        title="Reduced model: shapes against error on held-out states",
-    )
+    axes.set(xlabel="number of shapes", ylabel="greatest error of a tracked point, mm")
+    axes.set_title("Reduced model: shapes against error on held-out states")
     axes.legend()
     return figure

@@ -162,16 +162,9 @@ def replay_figure(result: Replay) -> Figure:
     below.xaxis.set_major_locator(MaxNLocator(integer=True))
     gain = np.array([astuple(f)[2] for f in result.figures])
     below.plot(np.arange(1, len(gain) + 1), 100.0 * (gain - 1.0), "o-", color=style.SENSORS[0], ms=3, lw=0.8)
+    look: Any = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "color": style.SENSORS[1]}
     for i, alarm in enumerate(result.alarms):
         below.axvline(alarm.cycle, color=style.SENSORS[1], lw=0.8)
-        below.annotate(
-            alarm.fault,
-            (alarm.cycle, 1.0 - 0.14 * (i % 6)),
-            xycoords=("data", "axes fraction"),
-            xytext=(3, -9),
-            textcoords="offset points",
-            fontsize=8,
-            color=style.SENSORS[1],
-        )
+        below.annotate(alarm.fault, (alarm.cycle, 1.0 - 0.14 * (i % 6)), xytext=(3, -9), fontsize=8, **look)
     below.set(xlabel="cycle", ylabel="elongation against\nnominal, % off")
     return figure

@@ -32,15 +32,14 @@ def neutral(text: str) -> str:
 
 def samples_frame(recording: Recording, rows: slice | None = None) -> pd.DataFrame:
     """Return the samples as a frame, in the columns and the order of the export."""
-    frame: dict[str, Any] = {
-        name: getattr(recording, name) for name in ("index", "time_s", "pressure_kpa", "target_kpa")
-    }
+    first, last = ("index", "time_s", "pressure_kpa", "target_kpa"), ("state", "flags", "segment")
+    frame: dict[str, Any] = {name: getattr(recording, name) for name in first}
     for i, name in enumerate(recording.sensor_names):
         frame[f"{name}_mv"] = recording.signal_mv[:, i]
     if recording.lit is not None and recording.dark is not None:
         for i, name in enumerate(recording.sensor_names):
             frame |= {f"{name}_lit": recording.lit[:, i], f"{name}_dark": recording.dark[:, i]}
-    frame |= {name: getattr(recording, name) for name in ("state", "flags", "segment")}
+    frame |= {name: getattr(recording, name) for name in last}
     return pd.DataFrame({name: column[rows or slice(None)] for name, column in frame.items()})
 
 

@@ -11,7 +11,7 @@ k, level, the sign of f's slope on the way out of the resin, 1 / |grad f|, Pa, T
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
@@ -89,19 +89,10 @@ def arc_surface(curve: ArcSpline, arc: int, u: float, span: tuple[float, float])
     u : offset to the left, mm.
     span : arc lengths between which the surface reaches, mm.
     """
-    node, k = curve.nodes[arc], curve.curvature[arc]
+    (x, y, tx, ty, _), k = curve.nodes[arc], curve.curvature[arc]
     (start, end), (tangent_a, tangent_b) = curve.offset(np.array(span), u), curve.frame(np.array(span))[1]
-    return np.concatenate(
-        [
-            node[:2],
-            [-node[3], node[2]],
-            [k, -u + k * u * u / 2, -np.sign(u), 1 / (1 - k * u)],
-            start,
-            tangent_a,
-            end,
-            tangent_b,
-        ]
-    )
+    circle = [x, y, -ty, tx, k, -u + k * u * u / 2, -np.sign(u), 1 / (1 - k * u)]
+    return np.concatenate([circle, start, tangent_a, end, tangent_b])
 
 
 def offset_of(curve: ArcSpline, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -226,23 +217,20 @@ def two_guides(left: ArcSpline, right: ArcSpline, guide: Waveguide, name: str = 
         _junction(left, right, ends[:, 0], guide, JUNCTION_START, name),
         _junction(right.reversed(), left.reversed(), np.array([end_right, end_left]), guide, JUNCTION_END, name),
     ]
-    surfaces, kinds, corners, outward = zip(*parts, strict=True)
+    *rows, outward = zip(*parts, strict=True)
+    surfaces, kinds, corners = map(np.concatenate, rows)
+    owners = np.repeat([JUNCTION_START, JUNCTION_END], [len(k) for k in rows[1]])
     emitter = np.concatenate([left.nodes[0, :2] + outward[0] * guide.stem_mm, -outward[0]])
-    return SceneFrame(
-        np.stack([left.nodes, right.nodes]),
-        np.stack([left.curvature, right.curvature]),
-        ends,
-        np.array([1.0, -1.0]),
-        half,
-        free_edges([left, right], half, np.concatenate(surfaces)),
-        np.concatenate(surfaces),
-        np.concatenate(kinds),
-        np.repeat([JUNCTION_START, JUNCTION_END], [len(k) for k in kinds]),
-        np.concatenate(corners),
-        emitter,
-        outward[1],
-        JUNCTION_START,
-    )
+    junctions = surfaces, kinds, owners, corners
+    return _frame([left, right], ends, np.array([1.0, -1.0]), half, junctions, (emitter, outward[1], JUNCTION_START))
+
+
+def _frame(
+    guides: list[ArcSpline], ends: FloatArray, outer: FloatArray, half: float, junctions: Any, light: Any
+) -> SceneFrame:
+    """Return the frame of some guides; `junctions` are the fields of their surfaces, `light` those of the light."""
+    nodes, curvature = np.stack([g.nodes for g in guides]), np.stack([g.curvature for g in guides])
+    return SceneFrame(nodes, curvature, ends, outer, half, free_edges(guides, half, junctions[0]), *junctions, *light)
 
 
 def one_strip(curve: ArcSpline, guide: Waveguide, emitter: FloatArray | None = None) -> SceneFrame:
@@ -261,22 +249,9 @@ def one_strip(curve: ArcSpline, guide: Waveguide, emitter: FloatArray | None = N
         emitter = np.concatenate([point[0], tangent[0]])
     _, s = offset_of(curve, emitter[None, :2])
     cell = int(np.searchsorted(curve.nodes[:, 4], s[0], side="right") - 1)
-    none = np.zeros(0, dtype=np.int64)
-    return SceneFrame(
-        curve.nodes[None],
-        curve.curvature[None],
-        np.array([[0.0, curve.length]]),
-        np.array([1.0]),
-        half,
-        free_edges([curve], half, np.zeros((0, 16))),
-        np.zeros((0, 16)),
-        none,
-        none,
-        none,
-        emitter,
-        curve.nodes[-1, 2:4],
-        cell,
-    )
+    none = np.zeros((0, 16)), *[np.zeros(0, dtype=np.int64)] * 3
+    ends, outer = np.array([[0.0, curve.length]]), np.array([1.0])
+    return _frame([curve], ends, outer, half, none, (emitter, curve.nodes[-1, 2:4], cell))
 
 
 def _crotch(left: ArcSpline, right: ArcSpline, half: float, name: str) -> tuple[float, float]:

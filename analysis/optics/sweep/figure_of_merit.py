@@ -93,16 +93,8 @@ def merit(ndr: FloatArray, floor: float) -> Merit:
     rmse = np.sqrt(np.mean((ndr - andr) ** 2, axis=-1))
     below = n_sign * rmse
     printed = np.divide(delta, below, out=np.full_like(delta, np.nan), where=below > 0)
-    return Merit(
-        andr,
-        delta,
-        n_sign,
-        rmse,
-        printed,
-        delta / (np.maximum(n_sign, 1.0) * np.maximum(rmse, floor)),
-        n_sign == 0,
-        rmse < floor,
-    )
+    repaired = delta / (np.maximum(n_sign, 1.0) * np.maximum(rmse, floor))
+    return Merit(andr, delta, n_sign, rmse, printed, repaired, n_sign == 0, rmse < floor)
 
 
 @dataclass(frozen=True, slots=True)

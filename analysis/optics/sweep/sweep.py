@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import itertools
 import os
 import time
 from collections.abc import Iterator, Sequence
@@ -43,13 +44,7 @@ _CONNECT_S = 10.0
 
 def paper_grid(cavities: Sequence[int] = (3, 5, 7), face: Face = "outer") -> list[Design]:
     """Return the paper's designs: width, depth and spacing 0.5 to 1.0 mm by 0.1, for each number of cavities."""
-    return [
-        Design(n, width, depth, spacing, face)
-        for n in cavities
-        for width in STEPS_MM
-        for depth in STEPS_MM
-        for spacing in STEPS_MM
-    ]
+    return [Design(*values, face) for values in itertools.product(cavities, STEPS_MM, STEPS_MM, STEPS_MM)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,9 +215,7 @@ def check_designs(designs: Sequence[Design], frames: Sequence[SceneFrame]) -> No
 
 
 def _result(request: SweepRequest, done: dict[Design, Results], seconds: float, simulated: int) -> SweepResult:
-    counts = np.stack([done[d][0] for d in request.designs])
-    energy = np.stack([done[d][1] for d in request.designs])
-    changes = np.stack([done[d][2] for d in request.designs])
+    counts, energy, changes = map(np.stack, zip(*(done[d] for d in request.designs), strict=True))
     rays = request.light.rays
     scale = PAPER_RAYS / rays
     sd = np.asarray(scale * np.sqrt(changes * rays / (2 * max(rays - 1, 1))), dtype=np.float64)
@@ -243,26 +236,22 @@ def _work(
     items = [todo[i : i + size] for i in range(0, len(todo), size)]
     patterns = [np.array([pattern_of(d) for d in item]) for item in items]
     if scheduler is None:
-        yield from _in_threads(common, items, patterns, threads or os.cpu_count() or 1)
+        finished = _in_threads(common, patterns, threads or os.cpu_count() or 1)
     else:
-        yield from _on_cluster(common, items, patterns, scheduler)
+        finished = _on_cluster(common, patterns, scheduler)
+    yield from ((items[number], results) for number, results in finished)
 
 
-def _in_threads(
-    common: Common, items: list[Sequence[Design]], patterns: list[FloatArray], threads: int
-) -> Iterator[tuple[Sequence[Design], Results]]:
+def _in_threads(common: Common, patterns: list[FloatArray], threads: int) -> Iterator[tuple[int, Results]]:
     pool = ThreadPoolExecutor(threads)
     futures: dict[Future[Results], int] = {pool.submit(run_item, common, p): i for i, p in enumerate(patterns)}
     try:
-        for future in as_completed(futures):
-            yield items[futures[future]], future.result()
+        yield from ((futures[future], future.result()) for future in as_completed(futures))
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-def _on_cluster(
-    common: Common, items: list[Sequence[Design]], patterns: list[FloatArray], address: str
-) -> Iterator[tuple[Sequence[Design], Results]]:
+def _on_cluster(common: Common, patterns: list[FloatArray], address: str) -> Iterator[tuple[int, Results]]:
     try:
         distributed: Any = importlib.import_module("distributed")
     except ImportError as error:
@@ -278,7 +267,6 @@ def _on_cluster(
         shared = client.scatter(common, broadcast=True)
         futures = {client.submit(run_item, shared, p, pure=False): i for i, p in enumerate(patterns)}
         try:
-            for future in distributed.as_completed(list(futures)):
-                yield items[futures[future]], future.result()
+            yield from ((futures[future], future.result()) for future in distributed.as_completed(list(futures)))
         finally:
             client.cancel(list(futures))

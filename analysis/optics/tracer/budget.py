@@ -171,16 +171,11 @@ def _put(q: Queue, ray: Ray, key: float, birth: int, tally: Tally) -> None:
     if n == q.state[_TOUCHED]:
         q.rank[n], q.state[_TOUCHED] = n, n + 1
     slot = q.rank[n]
-    i, j = slot * NUMBERS, slot * LABELS
-    q.numbers[i], q.numbers[i + 1], q.numbers[i + 2], q.numbers[i + 3] = ray.x, ray.y, ray.dx, ray.dy
-    q.numbers[i + 4], q.numbers[i + 5], q.numbers[i + 6], q.numbers[i + 7] = (
-        ray.power,
-        ray.path_mm,
-        ray.optical_path_mm,
-        key,
-    )
-    q.labels[j], q.labels[j + 1], q.labels[j + 2], q.labels[j + 3] = ray.medium, ray.last, ray.cell, ray.root
-    q.labels[j + 4], q.labels[j + 5] = ray.bounce, birth
+    v, w, i, j = q.numbers, q.labels, slot * NUMBERS, slot * LABELS
+    v[i], v[i + 1], v[i + 2], v[i + 3], v[i + 4] = ray.x, ray.y, ray.dx, ray.dy, ray.power
+    v[i + 5], v[i + 6], v[i + 7] = ray.path_mm, ray.optical_path_mm, key
+    w[j], w[j + 1], w[j + 2], w[j + 3] = ray.medium, ray.last, ray.cell, ray.root
+    w[j + 4], w[j + 5] = ray.bounce, birth
     q.state[_N] = n + 1
     if q.state[_HEAP] == 1:
         _rise(q, n)

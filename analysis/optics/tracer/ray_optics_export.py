@@ -47,12 +47,8 @@ def ray_optics_scene(
     shape = outline(frame, design)
     if np.isnan(shape.receiver[0, 0]):
         raise DataError("this scene has no receiver", "give the receiver a width above 0 mm")
-    glass = {
-        "type": "Glass",
-        "path": _path(shape.contours),
-        "refIndex": guide.index,
-        "partialReflect": light.secondary > 0,
-    }
+    resin = {"refIndex": guide.index, "partialReflect": light.secondary > 0}
+    glass = {"type": "Glass", "path": _path(shape.contours), **resin}
     back = -_BEFORE_FACE_MM * frame.receiver_direction
     detector = {"type": "Detector", **_ends(shape.receiver + 2 * back), "twoSided": True}
     blocker = {"type": "Blocker", **_ends(shape.receiver + back)}
@@ -120,25 +116,15 @@ def _sources(frame: SceneFrame, design: Design, light: Light) -> list[dict[str, 
     emitter, axis = frame.emitter[:2], frame.emitter[2:]
     if light.emission == "uniform" and abs(turn - round(turn)) < 1e-9:
         half = math.radians(light.cone_deg) / light.rays * (0.5 + light.phase)
-        turned = np.array(
-            [math.cos(half) * axis[0] - math.sin(half) * axis[1], math.cos(half) * axis[1] + math.sin(half) * axis[0]]
-        )
-        return [
-            {
-                "type": "AngleSource",
-                **_ends(np.stack([emitter, emitter + turned])),
-                "brightness": 1.0,
-                "emisAngle": light.cone_deg,
-                "symmetric": True,
-            }
-        ]
+        c, s = math.cos(half), math.sin(half)
+        turned = np.array([c * axis[0] - s * axis[1], c * axis[1] + s * axis[0]])
+        angle = {"brightness": 1.0, "emisAngle": light.cone_deg, "symmetric": True}
+        return [{"type": "AngleSource", **_ends(np.stack([emitter, emitter + turned])), **angle}]
     if light.rays > _MOST_SINGLE:
         raise RequestError(
             f"{light.rays} rays would be written one by one", f"choose {_MOST_SINGLE} or fewer, or a uniform emitter"
         )
     g, fan = geometry_of(frame, design), fan_of(light)
-    rays = [released(g, fan, i) for i in range(light.rays)]
-    return [
-        {"type": "SingleRay", **_ends(np.array([[r.x, r.y], [r.x + r.dx, r.y + r.dy]])), "brightness": 1.0}
-        for r in rays
-    ]
+    rays = (released(g, fan, i) for i in range(light.rays))
+    ends = (_ends(np.array([[r.x, r.y], [r.x + r.dx, r.y + r.dy]])) for r in rays)
+    return [{"type": "SingleRay", **both, "brightness": 1.0} for both in ends]

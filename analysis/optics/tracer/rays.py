@@ -77,16 +77,9 @@ class Fan(NamedTuple):
 
 def rules_of(guide: Waveguide, light: Light) -> Rules:
     """Return the rules of tracing for a guide and its light."""
-    half = guide.thickness_mm / 2
-    return Rules(
-        guide.index,
-        guide.attenuation_db_per_cm * _DB_PER_CM,
-        light.path_cap_mm,
-        light.faintest,
-        _CORNER * half,
-        ORDERS.index(light.order),
-        _TICK * half,
-    )
+    half, attenuation = guide.thickness_mm / 2, guide.attenuation_db_per_cm * _DB_PER_CM
+    limits = light.path_cap_mm, light.faintest, _CORNER * half
+    return Rules(guide.index, attenuation, *limits, ORDERS.index(light.order), _TICK * half)
 
 
 def fan_of(light: Light) -> Fan:

@@ -236,17 +236,11 @@ def trace(
             if progress is not None:
                 progress(min(done * BLOCK, light.rays), light.rays)
     follow_secondaries(g, rules, light.rays, q, tally)
-    energy = tally.energy / light.rays
-    return TraceResult(
-        {name: int(tally.counts[i]) for i, name in enumerate(ledger.LEDGER)},
-        {name: float(energy[i]) for i, name in enumerate(ledger.ENERGY)},
-        int(tally.counts[ledger.HITS]),
-        int(tally.counts[ledger.GRANTED]),
-        int(tally.counts[ledger.REFUSED]),
-        float(tally.counts[DETECTED]) * (PAPER_RAYS / light.rays),
-        ndr_sd(changes_along_fan(by_root), light.rays),
-        float(energy[0]),
-    )
+    counts, energy = tally.counts.tolist(), (tally.energy / light.rays).tolist()
+    ends = dict(zip(ledger.LEDGER, counts, strict=False)), dict(zip(ledger.ENERGY, energy, strict=True))
+    secondaries = counts[ledger.GRANTED], counts[ledger.REFUSED]
+    ndr, sd = counts[DETECTED] * (PAPER_RAYS / light.rays), ndr_sd(changes_along_fan(by_root), light.rays)
+    return TraceResult(*ends, counts[ledger.HITS], *secondaries, ndr, sd, energy[0])
 
 
 def ndr_sd(changes: float, rays: int) -> float:

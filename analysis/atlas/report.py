@@ -21,19 +21,13 @@ from analysis import figure_style as style
 from analysis.atlas.sweep import CellOutcome, StudyMap
 from analysis.machine import machine
 
-LOOK: dict[CellOutcome, tuple[str, str, str]] = {
-    CellOutcome.WORKS: ("#9AD0F0", "", ""),
-    CellOutcome.WARNS: ("#F0E442", "///", "d"),
-    CellOutcome.REFUSES: ("#C9CED6", "xx", "r"),
-    CellOutcome.WRONG_UNWARNED: ("#000000", "", "!"),
+LOOK: dict[CellOutcome, tuple[str, str, str, str]] = {
+    CellOutcome.WORKS: ("#9AD0F0", "", "", "works: within its tolerance"),
+    CellOutcome.WARNS: ("#F0E442", "///", "d", "d: works with a warning"),
+    CellOutcome.REFUSES: ("#C9CED6", "xx", "r", "r: refuses, with the reason"),
+    CellOutcome.WRONG_UNWARNED: ("#000000", "", "!", "!: wrong without warning (must not occur)"),
 }
-"""Colour, hatching and letter of each outcome."""
-LEGEND = {
-    CellOutcome.WORKS: "works: within its tolerance",
-    CellOutcome.WARNS: "d: works with a warning",
-    CellOutcome.REFUSES: "r: refuses, with the reason",
-    CellOutcome.WRONG_UNWARNED: "!: wrong without warning (must not occur)",
-}
+"""Colour, hatching, letter and entry in the legend of each outcome."""
 PANEL_INCH = (4.4, 3.7)
 MOST_COLUMNS = 3
 
@@ -43,16 +37,15 @@ def draw_map(axes: Axes, drawn: StudyMap) -> None:
     study = drawn.study
     for j, row in enumerate(drawn.cells):
         for i, cell in enumerate(row):
-            colour, hatch, letter = LOOK[cell.outcome]
+            colour, hatch, letter, _ = LOOK[cell.outcome]
             ink = style.PAPER if cell.outcome is CellOutcome.WRONG_UNWARNED else style.SOFT
             axes.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, fc=colour, ec=style.PAPER, hatch=hatch, lw=0.8))
             if letter:
                 axes.text(i, j, letter, ha="center", va="center", fontsize=7, color=ink)
     axes.set(xlim=(-0.5, len(study.x.values) - 0.5), ylim=(-0.5, len(study.y.values) - 0.5), title=study.title)
+    axes.set(xlabel=study.x.title, ylabel=study.y.title)
     axes.set_xticks(range(len(study.x.values)), study.x.ticks, fontsize=6.5, rotation=45, ha="right")
     axes.set_yticks(range(len(study.y.values)), study.y.ticks, fontsize=6.5)
-    axes.set_xlabel(study.x.title)
-    axes.set_ylabel(study.y.title)
     axes.grid(visible=False)
 
 
@@ -67,8 +60,8 @@ def method_atlas(maps: Sequence[StudyMap]) -> Figure:
         draw_map(axes, drawn)
     for axes in grid[len(maps) :]:
         axes.set_axis_off()
-    seen = [o for o in CellOutcome if any(m.counts[o.value] for m in maps) or o is not CellOutcome.WRONG_UNWARNED]
-    handles = [Patch(fc=LOOK[o][0], hatch=LOOK[o][1], ec=style.SOFT, label=LEGEND[o]) for o in seen]
+    seen = [o for o in CellOutcome if any(m.counts[o] for m in maps) or o is not CellOutcome.WRONG_UNWARNED]
+    handles = [Patch(fc=LOOK[o][0], hatch=LOOK[o][1], ec=style.SOFT, label=LOOK[o][3]) for o in seen]
     figure.legend(handles=handles, loc="outside upper center", ncols=2 if columns < MOST_COLUMNS else len(handles))
     return figure
 
@@ -83,7 +76,7 @@ def atlas_json(maps: Sequence[StudyMap]) -> dict[str, Any]:
     """Return what `atlas --json` prints."""
     return {
         "machine": machine(),
-        "outcomes": {outcome.value: text for outcome, text in LEGEND.items()},
+        "outcomes": {outcome.value: text for outcome, (*_, text) in LOOK.items()},
         "quiet_wrong": sum(len(m.found(CellOutcome.WRONG_UNWARNED)) for m in maps),
         "maps": [m.as_json() for m in maps],
     }

@@ -26,6 +26,7 @@ MIDDLE_KPA, SPAN_KPA, STEPS = 5.0, 90.0, 9
 MM_PER_KPA = 6.5 / SPAN_KPA
 LOOP_SHARE = 0.08
 """Half the loop's width in the middle, as a share of the span of x, times 1/2: 4 % of full scale in the signal."""
+EXACT = Options(mcmc=False, x_resolution_mm=0.0)
 EXPECTED = ("simulated", "no_calibration", "hysteresis_is_a_bound")
 """Warnings that do not concern a number's truth: a missing calibration has its own reason, a bound its own note."""
 
@@ -139,7 +140,7 @@ def analysed(run: Stairs, recording: Recording | None = None, *, readings: bool 
     """
     recording = recording or run.recording()
     if not readings:
-        return analyse(recording, options=Options(mcmc=False, x_resolution_mm=0.0))
+        return analyse(recording, options=EXACT)
     levels, branch = run.holds
     rows = zip(levels, run.elongation(levels, branch), strict=True)
     text = "pressure_kpa,elongation_mm\n" + "".join(f"{p:.6f},{x:.9f}\n" for p, x in rows)
@@ -148,11 +149,10 @@ def analysed(run: Stairs, recording: Recording | None = None, *, readings: bool 
 
 def analysed_with(recording: Recording, text: str) -> Analysis:
     """Analyse a run with the text of a file of elongations."""
-    options = Options(mcmc=False, x_resolution_mm=0.0)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "elongation.csv")
         file.write_text(text, encoding="ascii")
-        return analyse(recording, file, options=options)
+        return analyse(recording, file, options=EXACT)
 
 
 def warnings_of(found: Analysis) -> str:

@@ -14,6 +14,7 @@ outside the analysis' own family is no refusal and ends the sweep.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -35,15 +36,8 @@ class CellOutcome(StrEnum):
     @property
     def label(self) -> str:
         """Return the outcome in words."""
-        return _LABELS[self]
-
-
-_LABELS = {
-    CellOutcome.WORKS: "works",
-    CellOutcome.WARNS: "works with a warning",
-    CellOutcome.REFUSES: "refuses",
-    CellOutcome.WRONG_UNWARNED: "wrong without warning",
-}
+        words = {"degraded": "works with a warning", "refused": "refuses", "quiet wrong": "wrong without warning"}
+        return words.get(self.value, self.value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,15 +153,14 @@ class StudyMap:
         return tuple(cell for cell in self if cell.outcome is outcome)
 
     @property
-    def counts(self) -> dict[str, int]:
+    def counts(self) -> dict[CellOutcome, int]:
         """Return the number of cells of each outcome."""
-        return {outcome.value: len(self.found(outcome)) for outcome in CellOutcome}
+        return {outcome: len(self.found(outcome)) for outcome in CellOutcome}
 
     @property
     def verdict(self) -> str:
         """Return one sentence about the map."""
-        counts = {outcome: len(self.found(outcome)) for outcome in CellOutcome}
-        parts = [f"{o.label} at {n}" for o, n in counts.items() if n or o is CellOutcome.WRONG_UNWARNED]
+        parts = [f"{o.label} at {n}" for o, n in self.counts.items() if n or o is CellOutcome.WRONG_UNWARNED]
         return f"{self.study.title}: {', '.join(parts)} of {self.study.size} points"
 
     def as_json(self) -> dict[str, Any]:
@@ -189,16 +182,12 @@ def outcome_of(result: StudyResult, tolerance: float) -> CellOutcome:
 
 def sweep(study: Study, progress: Progress | None = None) -> StudyMap:
     """Run the method at every point of a study's grid; `progress` is called with (points done, points)."""
-    done, rows = 0, []
-    for y in study.y.values:
-        row = []
-        for x in study.x.values:
-            row.append(study.at(x, y))
-            done += 1
-            if progress is not None:
-                progress(done, study.size)
-        rows.append(tuple(row))
-    return StudyMap(study, tuple(rows))
+    columns, cells = len(study.x.values), []
+    for y, x in itertools.product(study.y.values, study.x.values):
+        cells.append(study.at(x, y))
+        if progress is not None:
+            progress(len(cells), study.size)
+    return StudyMap(study, tuple(tuple(cells[i : i + columns]) for i in range(0, len(cells), columns)))
 
 
 def sweep_all(studies: Sequence[Study], progress: Progress | None = None) -> list[StudyMap]:

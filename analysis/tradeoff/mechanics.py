@@ -126,13 +126,12 @@ def _table(side: int, held_out: int) -> ReducedModel:
 def basis_settings(quick: bool) -> list[Setting]:
     """Return tables; a call is a batch of states, the error the greatest of a tracked point."""
     count = QUICK_HELD_OUT if quick else 64
-    settings = []
-    for side in (5, 7) if quick else (3, 5, 7, 9):
-        for modes in (1, 2, 4, 8) if quick else (1, 2, 3, 4, 6, 8):
-            made = cache(partial(_truncated, side, modes))
-            name = _basis_name(side, modes)
-            settings.append(Setting(name, _batch(made), partial(_farthest, made, count), work=STATES))
-    return settings
+    sides, modes = ((5, 7), (1, 2, 4, 8)) if quick else ((3, 5, 7, 9), (1, 2, 3, 4, 6, 8))
+    made = {(side, k): cache(partial(_truncated, side, k)) for side in sides for k in modes}
+    return [
+        Setting(_basis_name(*size), _batch(table), partial(_farthest, table, count), work=STATES)
+        for size, table in made.items()
+    ]
 
 
 def _truncated(side: int, modes: int) -> ReducedModel:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
@@ -65,10 +65,7 @@ def inverse_settings(quick: bool) -> list[Setting]:
 
 def _signals(fit: Calibration, x: FloatArray) -> FloatArray:
     """Evaluate the curve in extended precision."""
-    y = np.zeros(x.size, dtype=np.longdouble)
-    for b in fit.coefficients[::-1].astype(np.longdouble):
-        y = y * x + b
-    return y.astype(np.float64)
+    return np.polyval(fit.coefficients[::-1].astype(np.longdouble), x.astype(np.longdouble)).astype(np.float64)
 
 
 def closed_form(fit: Calibration, y: FloatArray) -> FloatArray:
@@ -173,7 +170,7 @@ def bootstrap_settings(quick: bool) -> list[Setting]:
 def exact_interval(values: FloatArray) -> tuple[float, float]:
     """Return `bootstrap_interval` of the mean over all multisets of the n values, weighted by its probability."""
     n = values.size
-    counts = np.array(list(_compositions(n, n)))
+    counts = _compositions(n, n)
     weights = np.exp(gammaln(n + 1) - gammaln(counts + 1.0).sum(axis=1) - n * np.log(n))
     means = counts @ values / n
     order = np.argsort(means)
@@ -182,13 +179,10 @@ def exact_interval(values: FloatArray) -> tuple[float, float]:
     return bootstrap_interval(float(values.mean()), np.repeat([low, high], 100), n)
 
 
-def _compositions(total: int, parts: int) -> Iterator[tuple[int, ...]]:
-    if parts == 1:
-        yield (total,)
-        return
-    for first in range(total + 1):
-        for rest in _compositions(total - first, parts - 1):
-            yield (first, *rest)
+def _compositions(total: int, parts: int) -> FloatArray:
+    """Return every way to write `total` as a sum of so many whole numbers, by the places of the bars between them."""
+    bars = np.array(list(itertools.combinations(range(total + parts - 1), parts - 1)))
+    return np.diff(bars, axis=1, prepend=-1, append=total + parts - 1) - 1.0
 
 
 def _resamples(count: int) -> str:

@@ -56,15 +56,12 @@ def tracer_settings(quick: bool) -> list[Setting]:
         return lambda repeat: _ndr(states[:count], replace(light, phase=PHASES[repeat]))
 
     rays = (50, 250, 1_000, 2_500) if quick else (50, 100, 250, 500, 1_000, 2_500, 10_000, 100_000, 1_000_000)
-    lights = [(_rays(n), Light().with_rays(n)) for n in rays]
+    lights = {_rays(n): Light().with_rays(n) for n in rays}
     many = replace(Light(), rays=MANY, secondary=0)
-    lights.append((f"{_rays(MANY)}, no secondaries", many))
-    lights.append((f"{_rays(MANY)}, 100 secondaries", replace(many, secondary=100)))
-    found = []
-    for name, light in lights:
-        count = 1 if light.rays > MOST_FOR_ALL_STATES else len(states)
-        found.append(Setting(name, sampler(light, count), error, work=count))
-    return found
+    lights[f"{_rays(MANY)}, no secondaries"] = many
+    lights[f"{_rays(MANY)}, 100 secondaries"] = replace(many, secondary=100)
+    counts = {name: 1 if light.rays > MOST_FOR_ALL_STATES else len(states) for name, light in lights.items()}
+    return [Setting(name, sampler(light, counts[name]), error, work=counts[name]) for name, light in lights.items()]
 
 
 def _ndr(states: Sequence[int], light: Light) -> FloatArray:
@@ -95,9 +92,8 @@ def ranking_settings(quick: bool) -> list[Setting]:
 
 def _p(patterns: FloatArray, light: Light) -> FloatArray:
     counts, _, _ = run_item(common_of(_frames(), Waveguide(), light), patterns)
-    return merit(
-        np.asarray(PAPER_RAYS / light.rays * counts[..., DETECTED], dtype=np.float64), resolution(light.rays)
-    ).p
+    ndr = np.asarray(PAPER_RAYS / light.rays * counts[..., DETECTED], dtype=np.float64)
+    return merit(ndr, resolution(light.rays)).p
 
 
 TRACER = Method(

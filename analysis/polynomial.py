@@ -135,17 +135,10 @@ def least_squares(x: FloatArray, y: FloatArray, degree: int, weights: FloatArray
     residuals = ((target - long_design @ solution) / root).astype(np.float64)
     change = basis.to_monomials()
     factor = linalg.solve_triangular(r, np.eye(degree + 1))
-    return LeastSquares(
-        basis,
-        solution.astype(np.float64),
-        _exact_product(change, solution),
-        factor,
-        (_as_long(change) @ factor.astype(np.longdouble)).astype(np.float64),
-        residuals,
-        np.einsum("ij,ij->i", q, q),
-        condition,
-        root**2,
-    )
+    coefficients = solution.astype(np.float64), _exact_product(change, solution)
+    factors = factor, (_as_long(change) @ factor.astype(np.longdouble)).astype(np.float64)
+    leverage = np.einsum("ij,ij->i", q, q)
+    return LeastSquares(basis, *coefficients, *factors, residuals, leverage, condition, root**2)
 
 
 def _times(a: list[Fraction], b: list[Fraction]) -> list[Fraction]:

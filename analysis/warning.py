@@ -67,14 +67,9 @@ class WarningCode(StrEnum):
 
 
 _OF_CALIBRATION = (
-    WarningCode.CONSTANT_Y,
-    WarningCode.NO_UNCERTAINTY,
-    WarningCode.MONOMIAL_ROUNDING,
-    WarningCode.NEAR_TURNING_POINT,
-    WarningCode.HIGH_LEVERAGE,
-    WarningCode.OUTLIER,
-)
-_FLAGS = {**dict.fromkeys(_OF_CALIBRATION, "calibration"), WarningCode.UNCHECKED_CURVE: "posterior"}
+    "constant_y", "no_uncertainty", "monomial_rounding", "near_turning_point", "high_leverage", "outlier",
+)  # fmt: skip
+_FLAGS = {**dict.fromkeys(map(WarningCode, _OF_CALIBRATION), "calibration"), WarningCode.UNCHECKED_CURVE: "posterior"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,9 @@
-"""Runs with a truth in closed form, disturbed in one way at a time, and analysed as a user would.
+"""Where the segmentation and the figures of a run break down: runs with a truth, disturbed in one way at a time.
 
 A staircase of pressure moves the elongation along a line with a parabolic loop of known width; the paper's cubic makes
-the signal. Full scale, sensitivity and the system's hysteresis then follow from the formula alone.
+the signal. Full scale, sensitivity and the system's hysteresis then follow from the formula alone. The runs are
+analysed as a user would. A staircase is no longer found in its pressure with noise, short holds, lost samples, a loose
+wire, small steps; figures lose their meaning without span or noise, or where branches do not overlap.
 """
 
 from __future__ import annotations
@@ -9,14 +11,14 @@ from __future__ import annotations
 import itertools
 import tempfile
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
 
-from analysis.arrays import FloatArray, IntArray
+from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.atlas.fit import NOISE_MV, cubic
-from analysis.atlas.sweep import StudyResult, joined
+from analysis.atlas.sweep import Axis, Study, StudyResult, joined
 from analysis.data.recording import Recording
 from analysis.figures.figure import Figure
 from analysis.figures.pipeline import Analysis, analyse
@@ -184,3 +186,121 @@ def off_percent(figure: Figure | None, name: str, truth: float) -> float:
     low, high = (figure.low, figure.high) if np.isfinite(figure.low + figure.high) else (figure.value, figure.value)
     off = max(low - truth, truth - high, 0.0)
     return off if name.endswith("percent_fso") else 100.0 * off / truth
+
+
+TRUTH = "full scale, sensitivity and hysteresis of the formula that made the run"
+TOLERANCE = 0.5
+"""% FSO; a tenth of the hysteresis that is measured."""
+
+
+def noisy(noise_kpa: float, dwell_s: float, *, readings: bool) -> StudyResult:
+    """Analyse white noise on the pressure, holds of a given length."""
+    return compared_with_truth(Stairs(pressure_noise_kpa=noise_kpa, dwell_s=dwell_s), readings=readings)
+
+
+def lost(share_percent: float, length: float) -> StudyResult:
+    """Analyse a run with lost samples, `share_percent` of it in holes of `length` samples."""
+    run = Stairs()
+    rows = np.arange(run.trace[0].size)
+    return compared_with_truth(run, run.recording(rows[~_holes(rows.size, share_percent, length)]))
+
+
+def loose_wire(share_percent: float, length: float) -> StudyResult:
+    """Analyse a pressure sensor that reads zero for `length` samples at a time."""
+    run = Stairs()
+    time, pressure, _ = run.columns
+    pressure[_holes(time.size, share_percent, length)] = 0.0
+    return compared_with_truth(run)
+
+
+def small(span_kpa: float, noise_kpa: float) -> StudyResult:
+    """Analyse a staircase of ten levels over a small span of pressure."""
+    return compared_with_truth(Stairs(span_kpa=span_kpa, pressure_noise_kpa=noise_kpa), readings=False)
+
+
+def _holes(samples: int, share_percent: float, length: float) -> BoolArray:
+    """Mark holes of `length` samples at random places, `share_percent` of all samples, one at least."""
+    rng, found = np.random.default_rng(5), np.zeros(samples, dtype=bool)
+    count = max(round(share_percent / 100.0 * samples / length), int(share_percent > 0))
+    for first in rng.integers(0, samples - int(length), count):
+        found[first : first + int(length)] = True
+    return found
+
+
+_NOISE = Axis("noise of the pressure, sd", "kPa", (0.0, 0.1, 0.3, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 40.0))
+_DWELL = Axis("length of a hold", "s", (0.1, 0.2, 0.3, 0.5, 0.8, 1.0, 1.5, 2.0, 5.0))
+_HOLES = Axis("samples in a hole", "", (1.0, 3.0, 10.0, 30.0, 100.0, 300.0))
+
+
+FULL_MV = 255.5
+BULGE_PERCENT = 5.0
+
+
+def snr(span_mv: float, noise_mv: float) -> StudyResult:
+    """Return the signal-to-noise ratio of a staircase whose signal spans `span_mv`, dB off its stated interval."""
+    run = Stairs(scale=span_mv / FULL_MV, noise_mv=noise_mv)
+    found = analysed(run)
+    figure = found.sensors[0].figures["snr_db"]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        truth = float(20.0 * np.log10(np.float64(run.truth["fso_mv"]) / noise_mv))
+    message = joined([figure.void, figure.note, warnings_of(found)])
+    if np.isnan(figure.value) or (np.isinf(figure.value) and figure.void):
+        return StudyResult(float("nan"), message)
+    low, high = (figure.low, figure.high) if np.isfinite(figure.low + figure.high) else (figure.value, figure.value)
+    return StudyResult(max(low - truth, truth - high, 0.0), message)
+
+
+def overlap(read_percent: float, bulge_at: float) -> StudyResult:
+    """Return the sensor's loop over x where only the first part of each branch was read."""
+    run = Stairs(bulge_percent=BULGE_PERCENT, bulge_at=bulge_at)
+    kept = round(read_percent / 100.0 * STEPS)
+    levels, branch = run.holds
+    text = "cycle,branch,pressure_kpa,elongation_mm\n"
+    for hold, (p, up, x) in enumerate(zip(levels, branch, run.elongation(levels, branch), strict=True)):
+        cycle, step = divmod(hold - 1, 2 * STEPS)
+        if hold == 0:
+            text += f"1,start,{p:.6f},{x:.9f}\n"
+        elif step % STEPS < kept:
+            text += f"{cycle + 1},{'loading' if up else 'unloading'},{p:.6f},{x:.9f}\n"
+    found = analysed_with(run.recording(), text)
+    figure = found.sensors[0].figures["sensor_hysteresis_percent_fso"]
+    full = found.sensors[0].figures["fso_mv"].value
+    truth = BULGE_PERCENT * run.truth["fso_mv"] / full
+    message = joined([figure.void, figure.note, warnings_of(found)])
+    return StudyResult(off_percent(figure, "percent_fso", truth), message)
+
+
+STUDIES = (
+    Study(
+        "segmentation-noise", "segmentation", "Noise and short holds, with readings", TRUTH, "% FSO", TOLERANCE,
+        _NOISE, _DWELL, partial(noisy, readings=True),
+    ),
+    Study(
+        "segmentation-alone", "segmentation", "Noise and short holds, no readings", TRUTH, "% FSO", TOLERANCE,
+        _NOISE, _DWELL, partial(noisy, readings=False),
+    ),
+    Study(
+        "segmentation-lost", "segmentation", "Lost samples", TRUTH, "% FSO", TOLERANCE,
+        Axis("samples lost", "%", (0.0, 0.1, 1.0, 5.0, 10.0, 20.0, 40.0, 70.0)), _HOLES, lost,
+    ),
+    Study(
+        "segmentation-wire", "segmentation", "A loose wire: pressure reads zero", TRUTH, "% FSO", TOLERANCE,
+        Axis("samples at zero", "%", (0.0, 0.1, 1.0, 3.0, 5.0, 10.0, 20.0, 40.0)), _HOLES, loose_wire,
+    ),
+    Study(
+        "segmentation-small", "segmentation", "Small steps of pressure, no readings", TRUTH, "% FSO", 1.0,
+        Axis("span of ten levels", "kPa", (90.0, 60.0, 40.0, 30.0, 20.0, 15.0, 10.0, 5.0, 2.0, 1.0, 0.5)),
+        Axis("noise of the pressure, sd", "kPa", (0.0, 0.05, 0.2, 0.5, 1.0, 2.0)), small,
+    ),
+    Study(
+        "figures-snr", "figures", "Signal-to-noise ratio: no span, no noise",
+        "20 log10 of the span over the noise put in", "dB", 1.0,
+        Axis("span of the signal", "mV", (0.0, 1e-9, 1e-3, 0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 255.0)),
+        Axis("noise, sd", "mV", (0.0, 1e-9, 1e-3, 0.1, 1.49, 10.0, 100.0, 1000.0)), snr,
+    ),
+    Study(
+        "figures-overlap", "figures", "Hysteresis: branches that were read in part", "the width of the loop put in",
+        "% FSO", 0.5, Axis("part of each branch that was read", "%", (100.0, 89.0, 78.0, 67.0, 56.0, 44.0, 33.0)),
+        Axis("the loop is widest at", "of the range", (0.1, 0.3, 0.5, 0.7, 0.9)), overlap,
+    ),
+)  # fmt: skip

@@ -225,10 +225,9 @@ def _usable(
     masked = {
         "pressure_not_finite": int(bad_pressure.sum()),
         "signal_not_finite": int(bad_signal.any(axis=1).sum()),
-        "saturated": int(((flags & SampleFlag.SATURATED) != 0).sum()),
-        "pressure_invalid": int(((flags & SampleFlag.PRESSURE_INVALID) != 0).sum()),
-        "implausible": int(((flags & SampleFlag.IMPLAUSIBLE) != 0).sum()),
     }
+    for flag in ("SATURATED", "PRESSURE_INVALID", "IMPLAUSIBLE"):
+        masked[flag.lower()] = int(((flags & SampleFlag[flag]) != 0).sum())
     return usable, pressure_usable, masked
 
 

@@ -104,19 +104,11 @@ def build_report(
     filled += sections.budget(analysis.budgets)
     filled += [shadow_section(shadow)] if shadow is not None else []
     filled.append(sections.run(analysis))
-    if analysis.plateaus:
-        filled.append(sections.readings(analysis))
+    filled += [sections.readings(analysis)] if analysis.plateaus else []
     names = {"calibration": "Calibration report", "staircase": "Staircase report"}
     title = names.get(analysis.kind, "Repeatability report")
-    return Report(
-        title,
-        analysis.recording.unit or "unit not named",
-        analysis.recording.simulated,
-        _verdict(analysis, limits),
-        _facts(analysis),
-        tuple(filled),
-        _footer(analysis),
-    )
+    about = title, analysis.recording.unit or "unit not named", analysis.recording.simulated
+    return Report(*about, _verdict(analysis, limits), _facts(analysis), tuple(filled), _footer(analysis))
 
 
 def _several(compared: RunComparison, limits: Mapping[str, float]) -> Report:
@@ -139,15 +131,10 @@ def _several(compared: RunComparison, limits: Mapping[str, float]) -> Report:
     unnamed = sum(not analysis.recording.unit for analysis in analyses)
     if unnamed > 1:
         verdict = f"{verdict.rstrip('.')}. {unnamed} runs name no unit and are taken to be of one."
-    return Report(
-        "Comparison of runs",
-        ", ".join(names),
-        any(a.recording.simulated for a in analyses),
-        verdict,
-        (("Runs", str(len(analyses))), ("Units", ", ".join(names)), ("Program", f"boat-daq {program_version()}")),
-        tuple(filled),
-        f"boat-daq {program_version()}",
-    )
+    about = "Comparison of runs", ", ".join(names), any(a.recording.simulated for a in analyses)
+    program = f"boat-daq {program_version()}"
+    facts = ("Runs", str(len(analyses))), ("Units", ", ".join(names)), ("Program", program)
+    return Report(*about, verdict, facts, tuple(filled), program)
 
 
 def _verdict(analysis: Analysis, limits: Mapping[str, float]) -> str:
@@ -205,7 +192,7 @@ def _name(analysis: Analysis) -> str:
 
 def _footer(analysis: Analysis) -> str:
     recording = str(analysis.recording.meta.get("uuid") or "")[:8]
-    return f"boat-daq {program_version()}   recording {recording}" if recording else f"boat-daq {program_version()}"
+    return f"boat-daq {program_version()}" + (f"   recording {recording}" if recording else "")
 
 
 def runs_table(analyses: Sequence[Analysis]) -> Section:
@@ -217,11 +204,8 @@ def runs_table(analyses: Sequence[Analysis]) -> Section:
     for number, a in enumerate(analyses, 1):
         for sensor in a.sensors:
             shown = [cell(sensor.figures.get(k)) for k in names]
-            b0 = NOTHING
-            if sensor.calibration is not None:
-                b0 = with_uncertainty(
-                    float(sensor.calibration.coefficients[0]), float(sensor.calibration.std_errors_with_reading[0])
-                )
+            fit = sensor.calibration
+            b0 = with_uncertainty(float(fit.coefficients[0]), float(fit.std_errors_with_reading[0])) if fit else NOTHING
             name = (str(number), a.recording.unit, sensor.name)
             first.append((*name, b0, *shown[:2]))
             second.append((*name, *shown[2:]))
@@ -230,14 +214,8 @@ def runs_table(analyses: Sequence[Analysis]) -> Section:
         ReportTable((*heads, "b0, mV", *labels[:2]), tuple(first)),
         ReportTable((*heads, *labels[2:]), tuple(second), caption),
     )
-    drawn = ReportDrawing(
-        (
-            partial(drawings.side_by_side, analyses, "sensitivity_mv_per_mm"),
-            partial(drawings.side_by_side, analyses, "system_hysteresis_percent_fso"),
-        ),
-        "Each run with its 95 % interval; runs of one unit are next to one another.",
-        2.4,
-    )
+    draws = tuple(partial(drawings.side_by_side, analyses, name) for name in names[:2])
+    drawn = ReportDrawing(draws, "Each run with its 95 % interval; runs of one unit are next to one another.", 2.4)
     return Section("The runs side by side", (drawn, *parts))
 
 

@@ -30,16 +30,15 @@ def importing(
 
     Example: boat-daq import lab.csv --out lab.boat --map pressure_kpa=3:bar --map s1_mv="Sensor A:V"
     """
-    from analysis.data import csv_columns
     from analysis.data import csv_import as importer
 
-    columns = csv_columns.load_profile(profile) if profile else {}
+    columns = importer.load_profile(profile) if profile else {}
     columns |= column_map(mapping)
     if save_profile is not None:
         from analysis.data.csv_table import read_table
 
         table = read_table(file)
-        csv_columns.save_profile(save_profile, csv_columns.map_columns(table, columns), table)
+        importer.save_profile(save_profile, importer.map_columns(table, columns), table)
         notify(f"saved the map in {save_profile}")
     if preview:
         content = importer.preview(file, columns)

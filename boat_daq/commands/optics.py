@@ -155,7 +155,7 @@ def trace(
     frame, number = _frame(_curves(curves), state, guide)
     outcome = trace_scene(frame, design, guide, light)
     if out is not None:
-        from analysis.optics.sweep.drawings import draw_scene, save
+        from analysis.optics.sweep.report import draw_scene, save
 
         save(draw_scene(frame, design, guide, light), out)
         notify(f"wrote {out}")

@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from analysis.data.boat_writer import write_boat_file
-from analysis.data.csv_columns import load_profile as load_column_map
 from analysis.data.csv_import import import_csv, preview
+from analysis.data.csv_import import load_profile as load_column_map
 from analysis.data.load import load_recording
 from analysis.data.recording import Recording
 from analysis.errors import AnalysisError

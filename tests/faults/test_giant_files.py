@@ -22,7 +22,7 @@ from tests.faults.seeds import seeds
 READERS = """
 import resource, sys
 from pathlib import Path
-from analysis.data.csv_columns import load_profile as load_map
+from analysis.data.csv_import import load_profile as load_map
 from analysis.data.csv_import import import_csv
 from analysis.segmentation.plateau_readings import read_elongation_file
 from analysis.optics.scene.curve_file import read_curves

@@ -76,17 +76,12 @@ def to_meshio(mesh: Mesh, displacement_mm: FloatArray | None = None, *, named: b
     cells = [("quad8", c) for _, c in quads] + [("line3", c[:, [0, 2, 1]]) for _, c in lines]
     part = [np.full(len(c), PARTS[name]) for name, c in quads + lines]
     points = np.column_stack([mesh.nodes, np.zeros(len(mesh.nodes))])
-    state = (
-        {}
-        if displacement_mm is None
-        else {"displacement_mm": np.column_stack([displacement_mm, np.zeros(len(points))])}
-    )
-    groups = {name: np.array([n, 2 if n <= 2 else 1]) for name, n in PARTS.items()}
     if named:
-        return meshio.Mesh(
-            points, cells, field_data=groups, cell_data={"gmsh:physical": part, "gmsh:geometrical": part}
-        )
-    return meshio.Mesh(points, cells, point_data=state, cell_data={"part": part})
+        groups = {name: np.array([n, 2 if n <= 2 else 1]) for name, n in PARTS.items()}
+        return meshio.Mesh(points, cells, None, {"gmsh:physical": part, "gmsh:geometrical": part}, groups)
+    flat = np.zeros(len(points))
+    state = {} if displacement_mm is None else {"displacement_mm": np.column_stack([displacement_mm, flat])}
+    return meshio.Mesh(points, cells, state, {"part": part})
 
 
 def line_cells(mesh: Mesh, members: IntArray) -> IntArray:

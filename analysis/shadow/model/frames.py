@@ -121,24 +121,13 @@ class Shadow:
         envelope = np.flatnonzero(outer)[np.argsort(mesh.nodes[outer, 1])]
         wall = np.unique(mesh.quads[mesh.material == 1])
         lattice = np.unique(mesh.quads[mesh.material == 0])
-        between = np.intersect1d(wall, lattice)
-        inside = np.unique(mesh.cavity)
-        return ShadowTopology(
-            rest_mm=mesh.nodes,
-            quads=mesh.quads,
-            triangles=triangles(mesh.quads),
-            material=mesh.material,
-            outline=np.concatenate(
-                [
-                    mesh.base[np.argsort(mesh.nodes[mesh.base, 0])],
-                    envelope[1:-1],
-                    mesh.tip[np.argsort(-mesh.nodes[mesh.tip, 0])],
-                ]
-            ),
-            interface=between[np.argsort(mesh.nodes[between, 1])],
-            cavity=inside[np.argsort(mesh.nodes[inside, 1])],
-            length_mm=self.parameters.length_mm,
-        )
+        base = mesh.base[np.argsort(mesh.nodes[mesh.base, 0])]
+        tip = mesh.tip[np.argsort(-mesh.nodes[mesh.tip, 0])]
+        outline = np.concatenate([base, envelope[1:-1], tip])
+        inner = np.intersect1d(wall, lattice), np.unique(mesh.cavity)
+        interface, cavity = (nodes[np.argsort(mesh.nodes[nodes, 1])] for nodes in inner)
+        surface = mesh.nodes, mesh.quads, triangles(mesh.quads), mesh.material
+        return ShadowTopology(*surface, outline, interface, cavity, self.parameters.length_mm)
 
     def state(
         self, *, elongation_mm: float | None = None, pressure_kpa: float | None = None, model: Model = "reduced"

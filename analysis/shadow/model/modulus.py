@@ -99,13 +99,8 @@ def read_compression_test(
     table = read_table(path)
     force, force_unit = find_column(table, FORCE_NAMES, path, force_column)
     travel, travel_unit = find_column(table, DISPLACEMENT_NAMES, path, displacement_column)
-    return CompressionTest(
-        path.stem,
-        force * factor(FORCE_N, force_unit, path),
-        travel * factor(LENGTH_MM, travel_unit, path),
-        height_mm,
-        area_mm2,
-    )
+    force_n, travel_mm = force * factor(FORCE_N, force_unit, path), travel * factor(LENGTH_MM, travel_unit, path)
+    return CompressionTest(path.stem, force_n, travel_mm, height_mm, area_mm2)
 
 
 def find_column(table: Table, names: Sequence[str], path: Path, wanted: str | None = None) -> tuple[FloatArray, str]:
@@ -116,17 +111,13 @@ def find_column(table: Table, names: Sequence[str], path: Path, wanted: str | No
     table, path : read, and its file for messages.
     names : of which the first present is taken. wanted : name or number of the column instead.
     """
-    if wanted is not None:
-        at = table.position(wanted)
-        return table.columns[at], table.units[at].strip().lower()
     plain = [name.strip().lower() for name in table.names]
-    for name in names:
-        if name in plain:
-            at = plain.index(name)
-            return table.columns[at], table.units[at].strip().lower()
-    raise FileError(
-        f"{path.name} has no column of {names[1]} (it has {', '.join(table.names[:8])})", f"name the column {names[0]}"
-    )
+    known = [plain.index(name) for name in names if name in plain]
+    if wanted is None and not known:
+        having = ", ".join(table.names[:8])
+        raise FileError(f"{path.name} has no column of {names[1]} (it has {having})", f"name the column {names[0]}")
+    at = known[0] if wanted is None else table.position(wanted)
+    return table.columns[at], table.units[at].strip().lower()
 
 
 def factor(units: dict[str, float], unit: str, path: Path) -> float:

@@ -21,9 +21,9 @@ from analysis.arrays import FloatArray
 from analysis.errors import FileError, RequestError
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution
-from analysis.shadow.model.cache import cache_folder, keep_arrays, load_arrays
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.guides import both_guides
+from analysis.shadow.model.table import cache_folder, keep_arrays, load_arrays
 from analysis.version import program_version
 
 FORMAT = 1

@@ -162,7 +162,7 @@ def trace_design(
 
 def _scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light) -> StateScene:
     from analysis.optics.scene.outline import outline
-    from analysis.optics.sweep.drawings import laid
+    from analysis.optics.sweep.report import laid
     from analysis.optics.tracer.simulation import ray_paths
 
     shape = outline(frame, design)

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.data.csv_columns import load_profile, map_columns, save_profile
-from analysis.data.csv_import import import_csv, preview
+from analysis.data.csv_import import import_csv, load_profile, map_columns, preview, save_profile
 from analysis.data.csv_table import read_table
 from analysis.data.recording import Recording
 from analysis.errors import AnalysisError, DataError

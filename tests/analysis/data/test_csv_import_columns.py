@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from analysis import AnalysisError
-from analysis.data.csv_columns import load_profile, map_columns, save_profile
-from analysis.data.csv_import import import_csv
+from analysis.data.csv_import import import_csv, load_profile, map_columns, save_profile
 from analysis.data.csv_table import read_table
 
 ROWS = [(0.0, 1.5, 1650.25), (0.01, 1.75, 1651.5), (0.02, 2.0, 1652.75), (0.03, 2.5, 1653.0)]

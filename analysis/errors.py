@@ -9,6 +9,10 @@ AnalysisError
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 
 class AnalysisError(Exception):
     """Base of the family.
@@ -39,3 +43,12 @@ class FileError(AnalysisError):
 
 class ConvergenceError(AnalysisError):
     """The method did not reach its own criterion."""
+
+
+@contextmanager
+def writing(path: Path, remedy: str = "choose another folder") -> Iterator[None]:
+    """Turn what the system reports while a file is written into a `FileError`."""
+    try:
+        yield
+    except OSError as error:
+        raise FileError(f"{path} cannot be written: {error.strerror or error}", remedy) from error

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.data.recording import META_KEYS, Recording
-from analysis.errors import FileError, RequestError
+from analysis.errors import RequestError, writing
 from analysis.progress import Progress
 
 Format = Literal["csv", "parquet"]
@@ -64,15 +64,13 @@ def export(recording: Recording, path: str | Path, format: Format, *, progress: 
     path = Path(path)
     if format not in ("csv", "parquet"):
         raise RequestError(f"format {format!r} is not one of csv, parquet", "Give --format csv or --format parquet.")
-    try:
+    with writing(path, "Choose another folder."):
         if format == "parquet":
             return [_write_parquet(recording, path)]
         _write_csv(recording, path, progress)
         sidecar = path.with_suffix(".json")
         sidecar.write_text(json.dumps(_description(recording), indent=2, default=str) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise FileError(f"{path} cannot be written: {error.strerror or error}", "Choose another folder.") from error
-    return [path, sidecar]
+        return [path, sidecar]
 
 
 def _write_csv(recording: Recording, path: Path, progress: Progress | None) -> None:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.errors import FileError, RequestError
+from analysis.errors import RequestError, writing
 from analysis.figures.acceptance import judge
 from analysis.figures.between_runs import RunComparison, UnitComparison, compare_runs
 from analysis.figures.figure import SENSOR_FIGURES
@@ -68,10 +68,8 @@ def write_report(
     if writer is None:
         raise RequestError(f"{path.name} ends in neither .html nor .pdf", "Choose one of the two.")
     report = build_report(analyses, limits, shadow)
-    try:
+    with writing(path, "Choose another folder."):
         writer(report, path)
-    except OSError as error:
-        raise FileError(f"{path} cannot be written: {error.strerror or error}", "Choose another folder.") from error
     return report
 
 

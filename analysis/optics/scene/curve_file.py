@@ -50,12 +50,10 @@ def read_curves(path: Path) -> FloatArray:
     ------
     FileError : not found, empty, not numbers, too few points, or guides and states that cannot be separated.
     """
-    if path.is_dir():
-        files = sorted(path.glob("*.csv"), key=_natural)
-        if len(files) not in (1, STATES):
-            raise FileError(f"{path} holds {len(files)} CSV files", f"put {STATES} into it, one for each state")
-        return checked_curves(_stack([state for file in files for state in _states(file)], path))
-    return checked_curves(_stack(_states(path), path))
+    files = sorted(path.glob("*.csv"), key=_natural) if path.is_dir() else [path]
+    if len(files) not in (1, STATES):
+        raise FileError(f"{path} holds {len(files)} CSV files", f"put {STATES} into it, one for each state")
+    return checked_curves(_stack([state for file in files for state in _states(file)], path))
 
 
 def _natural(path: Path) -> tuple[list[int], str]:
@@ -78,17 +76,17 @@ def _stack(states: list[list[FloatArray]], path: Path) -> FloatArray:
 
 def _states(path: Path) -> list[list[FloatArray]]:
     rows = _rows(path)
-    head = [cell.strip().lower() for cell in next((r for r in rows if r), [])]
+    first = next((at for at, row in enumerate(rows) if row), 0)
+    head = [cell.strip().lower() for cell in rows[first]] if rows else []
     if not head:
         raise FileError(f"{path} holds no points", _FORM)
     if all(_number(cell) is not None for cell in head):
         return _plain(_table(rows, path), path)
-    body = rows[rows.index(next(r for r in rows if r)) + 1 :]
+    body = rows[first + 1 :]
     head = [re.sub(r"\s*[\[(]\s*mm\s*[\])]$|_mm$", "", cell) if cell not in _STATE else cell for cell in head]
     _check_units(head, path)
-    width = len(head)
     if {"x1", "z1", "x2", "z2"} <= set(head):
-        return _side_by_side(head, _table(body, path, width), path)
+        return _side_by_side(head, _table(body, path, len(head)))
     if {"x", "z"} <= set(head):
         return _named(head, body, path)
     raise FileError(f"{path} has the columns {', '.join(head)}, but no x and z", _FORM)
@@ -142,11 +140,15 @@ def _table(rows: Sequence[list[str]], path: Path, width: int = 2) -> FloatArray:
     return np.array(out, dtype=float)
 
 
+def _column(head: list[str], names: Sequence[str]) -> int | None:
+    """Return the column of the first of some names; None without one."""
+    return next((head.index(name) for name in names if name in head), None)
+
+
 def _named(head: list[str], body: list[list[str]], path: Path) -> list[list[FloatArray]]:
-    guide = next((head.index(name) for name in _GUIDE if name in head), None)
-    state = next((head.index(name) for name in _STATE if name in head), None)
+    guide, state = _column(head, _GUIDE), _column(head, _STATE)
     wanted = [head.index("x"), head.index("z"), *([state] if state is not None else [])]
-    if any(row and len(row) <= max(wanted + ([guide] if guide is not None else [])) for row in body):
+    if any(row and len(row) <= max(*wanted, guide or 0) for row in body):
         raise FileError(f"{path}: a row has fewer cells than the header", _FORM)
     table = _table([[row[i] for i in wanted] if row else [] for row in body], path, len(wanted))
     kept = np.isfinite(table[:, 0])
@@ -168,14 +170,12 @@ def _two(labels: np.ndarray[tuple[int], np.dtype[np.str_]], path: Path) -> list[
     return found
 
 
-def _side_by_side(head: list[str], table: FloatArray, path: Path) -> list[list[FloatArray]]:
+def _side_by_side(head: list[str], table: FloatArray) -> list[list[FloatArray]]:
     table = table[np.isfinite(table[:, 0])]
     columns = [[head.index(f"x{n}"), head.index(f"z{n}")] for n in (1, 2)]
-    state = next((head.index(name) for name in _STATE if name in head), None)
-    if state is None and len(table) % STATES == 0 and len(table) >= STATES * POINTS:
-        groups = np.split(table, STATES)
-    elif state is None:
-        groups = [table]
+    state = _column(head, _STATE)
+    if state is None:
+        groups = np.split(table, STATES if len(table) % STATES == 0 and len(table) >= STATES * POINTS else 1)
     else:
         groups = [table[table[:, state] == value] for value in np.unique(table[:, state])]
     return [[group[:, pair] for pair in columns] for group in groups]
@@ -205,12 +205,9 @@ def _pair(runs: list[FloatArray], path: Path) -> list[FloatArray]:
 def _runs(xz: FloatArray, path: Path) -> list[FloatArray]:
     """Split points into guides: at blank lines, else where the points jump, repeat or turn back."""
     blank = ~np.isfinite(xz[:, 0])
-    if np.any(blank[1:-1] & ~blank[2:]) and np.any(~blank):
-        parts = np.split(xz, np.flatnonzero(blank))
-        parts = [part[np.isfinite(part[:, 0])] for part in parts]
-        parts = [part for part in parts if len(part)]
-        if len(parts) > 1:
-            return parts
+    parts = [part[np.isfinite(part[:, 0])] for part in np.split(xz, np.flatnonzero(blank))]
+    if sum(len(part) > 0 for part in parts) > 1:
+        return [part for part in parts if len(part)]
     xz = xz[~blank]
     if len(xz) < POINTS:
         raise FileError(f"{path} holds {len(xz)} points", _FORM)

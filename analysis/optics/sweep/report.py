@@ -21,7 +21,7 @@ from matplotlib.path import Path as Outline
 
 from analysis import figure_style as style
 from analysis.arrays import FloatArray
-from analysis.errors import FileError
+from analysis.errors import FileError, writing
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.outline import outline
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light, Waveguide
@@ -47,9 +47,8 @@ def save(figure: Figure, path: Path) -> None:
     FileError : the folder cannot be written to, or the suffix is unknown.
     """
     try:
-        figure.savefig(path, dpi=DPI)
-    except OSError as error:
-        raise FileError(f"{path} cannot be written: {error.strerror}", "choose another --out") from error
+        with writing(path, "choose another --out"):
+            figure.savefig(path, dpi=DPI)
     except ValueError as error:
         raise FileError(f"{path}: its suffix names no picture", "name a file ending in .png, .svg or .pdf") from error
 

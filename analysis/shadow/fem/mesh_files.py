@@ -19,7 +19,7 @@ import meshio
 import numpy as np
 
 from analysis.arrays import FloatArray, IntArray
-from analysis.errors import FileError, RequestError
+from analysis.errors import FileError, RequestError, writing
 from analysis.shadow.fem.element import EDGES
 from analysis.shadow.fem.mesh import LATTICE, WALL, Mesh, check_quality
 from analysis.shadow.fem.parameters import ActuatorParameters
@@ -51,15 +51,13 @@ def write_state(path: Path, file_format: str, parameters: ActuatorParameters, me
     """
     if file_format not in ("vtu", "msh", "inp"):
         raise RequestError(f"'{file_format}' is not a mesh format of this program", "choose vtu, msh or inp")
-    try:
+    with writing(path):
         if file_format == "inp":
             path.write_text(calculix_deck(parameters, mesh, solution.pressure_kpa), encoding="ascii")
         elif file_format == "msh":
             meshio.write(path, to_meshio(mesh, named=True), file_format="gmsh22", binary=False)
         else:
             meshio.write(path, to_meshio(mesh, solution.displacement_mm), file_format="vtu")
-    except OSError as error:
-        raise FileError(f"{path} cannot be written: {error.strerror}", "choose another folder") from error
 
 
 def to_meshio(mesh: Mesh, displacement_mm: FloatArray | None = None, *, named: bool = False) -> meshio.Mesh:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from analysis.arrays import FloatArray
-from analysis.errors import FileError, RequestError
+from analysis.errors import RequestError, writing
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution
 from analysis.shadow.model.full import FullModel
@@ -127,14 +127,12 @@ def write_states(states: GuideStates, path: Path) -> None:
     FileError
         If the file cannot be written.
     """
-    try:
+    with writing(path):
         if path.suffix.lower() == ".npz":
             with path.open("wb") as file:
                 np.savez(file, **states.arrays)
         else:
             path.write_text("\n".join([*_origin(states), HEADER, *_lines(states)]) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise FileError(f"{path} cannot be written: {error.strerror}", "choose another folder") from error
 
 
 def _origin(states: GuideStates) -> list[str]:
@@ -151,9 +149,6 @@ def _origin(states: GuideStates) -> list[str]:
 def _lines(states: GuideStates) -> list[str]:
     lines = []
     for (state, guide, point), _ in np.ndenumerate(states.curves_mm[..., 0]):
-        x, z = states.curves_mm[state, guide, point]
-        lines.append(
-            f"{state},{guide + 1},{point + 1},{x:.9g},{z:.9g},{states.pressure_kpa[state]:.6g},"
-            f"{states.elongation_mm[state]:.9g}"
-        )
+        (x, z), p, q = states.curves_mm[state, guide, point], states.pressure_kpa[state], states.elongation_mm[state]
+        lines.append(f"{state},{guide + 1},{point + 1},{x:.9g},{z:.9g},{p:.6g},{q:.9g}")
     return lines

@@ -93,10 +93,8 @@ def coarse(axial: float, across: float) -> StudyResult:
     """Return the error of the tracked points at -40 and 50 kPa on a coarse mesh against a fine one, mm."""
     wall = max(1, round(across / 2))
     model = actuator(axial_elements=int(axial), wall_elements=wall, lattice_elements=int(across))
-    found = _tracked(model)
-    return StudyResult(
-        float(np.linalg.norm(found - _fine(), axis=-1).max()), joined([warning.text for warning in model.warnings])
-    )
+    error = float(np.linalg.norm(_tracked(model) - _fine(), axis=-1).max())
+    return StudyResult(error, joined([warning.text for warning in model.warnings]))
 
 
 def _tracked(model: FullModel) -> FloatArray:

@@ -27,9 +27,8 @@ RAYS, CAP_MM = 250, 1000.0
 
 def given_up(out: TraceResult, names: tuple[str, ...] = GIVEN_UP) -> str:
     """Return what the ledger has of rays that were not followed to an end."""
-    return joined(
-        [f"{out.ledger[name]} of {out.ledger['released']} rays: {name}" for name in names if out.ledger[name]]
-    )
+    released = out.ledger["released"]
+    return joined([f"{out.ledger[name]} of {released} rays: {name}" for name in names if out.ledger[name]])
 
 
 def grazing(angle: float, excess: float) -> StudyResult:

@@ -198,10 +198,8 @@ def measure(method: Method, *, quick: bool, progress: Progress | None = None) ->
     progress : called with (settings done, settings) after each call; raising from it cancels.
     """
     settings, repeats = method.settings(quick), QUICK_REPEATS if quick else REPEATS
-    points = [
-        measure_setting(setting, repeats, part_of(progress, done, 1, len(settings)))
-        for done, setting in enumerate(settings)
-    ]
+    parts = [part_of(progress, done, 1, len(settings)) for done in range(len(settings))]
+    points = [measure_setting(setting, repeats, part) for setting, part in zip(settings, parts, strict=True)]
     return Measured.of(method, points)
 
 
@@ -212,10 +210,8 @@ def measure_all(methods: Sequence[Method], *, quick: bool, progress: Progress | 
     ----------
     methods, quick : as in `measure`. progress : called with (methods done, methods).
     """
-    return [
-        measure(method, quick=quick, progress=part_of(progress, done, 1, len(methods)))
-        for done, method in enumerate(methods)
-    ]
+    parts = [part_of(progress, done, 1, len(methods)) for done in range(len(methods))]
+    return [measure(method, quick=quick, progress=part) for method, part in zip(methods, parts, strict=True)]
 
 
 def measure_setting(setting: Setting, repeats: int, progress: Progress | None = None) -> CostPoint:
@@ -228,8 +224,7 @@ def measure_setting(setting: Setting, repeats: int, progress: Progress | None = 
     report = progress or (lambda done, calls: None)
     report(0, repeats + 1)
     first, _, _ = _timed(setting, 0, 1)
-    calls = 1
-    clock, busy, errors = [], [], []
+    calls, clock, busy, errors = 1, [], [], []
     for repeat in range(repeats):
         report(repeat + 1, repeats + 1)
         seconds, cpu, result = _timed(setting, repeat, calls)
@@ -243,10 +238,8 @@ def measure_setting(setting: Setting, repeats: int, progress: Progress | None = 
         if len(clock) >= FEWEST and sum(clock) * calls * setting.work > LONGEST_S:
             break
     report(1, 1)
-    rms = math.sqrt(sum(e * e for e in errors) / len(errors))
-    return CostPoint(
-        setting.name, median(clock), rms, _range(clock), median(busy), _range(errors), len(clock), _range(busy), first
-    )
+    rms, times = math.sqrt(sum(e * e for e in errors) / len(errors)), (_range(clock), median(busy))
+    return CostPoint(setting.name, median(clock), rms, *times, _range(errors), len(clock), _range(busy), first)
 
 
 def _timed(setting: Setting, repeat: int, calls: int) -> tuple[float, float, Any]:

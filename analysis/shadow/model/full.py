@@ -91,10 +91,8 @@ class FullModel:
         if not self.parametric or all(has >= least for has, least in zip(elements, FINE_ENOUGH, strict=True)):
             return ()
         along, wall, lattice = elements
-        text = (
-            f"the mesh is coarse ({along} elements along a cell, {wall} in the wall, {lattice} in the lattice): "
-            "points may be off by more than 0.05 mm"
-        )
+        size = f"{along} elements along a cell, {wall} in the wall, {lattice} in the lattice"
+        text = f"the mesh is coarse ({size}): points may be off by more than 0.05 mm"
         return (Warning(WarningCode.COARSE_MESH, "", text),)
 
     @cached_property
@@ -161,17 +159,14 @@ class FullModel:
         if beyond:
             state = f"{p:g} kPa" if p is not None else f"{q:g} mm"
             where = f"{limit.pressure_kpa:.1f} kPa ({limit.elongation_mm:+.2f} mm)"
-            cause = (
-                f"{state} lies beyond the critical pressure of {where}, where the actuator loses its stability: "
-                f"{limit.mode}"
-                if limit.wave_number >= 0
-                else f"{state} lies beyond {where}, the last state computed and found stable"
-            )
+            cause = f"{state} lies beyond {where}, the last state computed and found stable"
+            if limit.wave_number >= 0:
+                critical = f"{state} lies beyond the critical pressure of {where}"
+                cause = f"{critical}, where the actuator loses its stability: {limit.mode}"
             raise RequestError(cause, f"stay on this side of {limit.pressure_kpa:.1f} kPa")
         if p is not None and p < VACUUM_KPA:
-            raise RequestError(
-                f"{p:g} kPa is less than perfect vacuum", f"give a gauge pressure above {VACUUM_KPA} kPa"
-            )
+            vacuum = f"{p:g} kPa is less than perfect vacuum"
+            raise RequestError(vacuum, f"give a gauge pressure above {VACUUM_KPA} kPa")
 
     def tracked(self, solution: Solution) -> FloatArray:
         """Return the deformed tracked points of one guide, shape (7, 2), (r, z) in mm."""

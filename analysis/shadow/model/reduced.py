@@ -85,13 +85,9 @@ class ReducedModel:
 
     def truncated(self, modes: int) -> ReducedModel:
         """Return the same table with fewer shapes."""
-        return replace(
-            self,
-            shapes=self.shapes[:, :modes],
-            amplitudes=self.amplitudes[..., :modes],
-            tracked_shapes=self.tracked_shapes[:, :modes],
-            errors_mm=self.errors_mm[:modes],
-        )
+        names = ("shapes", "amplitudes", "tracked_shapes", "errors_mm")
+        fewer = {name: getattr(self, name)[..., :modes] for name in names}
+        return replace(self, **fewer)
 
     def _products(self, pressure_kpa: FloatArray, elongation_mm: FloatArray) -> FloatArray:
         """Return all products of the two bases, shape (n, pressures * elongations)."""

@@ -73,13 +73,7 @@ Count = Callable[[], None]
 def _counter(total: int, progress: Progress | None) -> Count:
     """Return what counts a full solution and reports how many of how many are done."""
     done = itertools.count(1)
-
-    def count() -> None:
-        number = next(done)
-        if progress is not None:
-            progress(number, total)
-
-    return count
+    return lambda: None if progress is None else progress(next(done), total)
 
 
 def build_table(
@@ -106,9 +100,8 @@ def build_table(
     pressures = np.array([low, min(chosen.highest_pressure_kpa, 0.95 * model.inflation_limit.pressure_kpa)])
     ends = [model.solve(pressure_kpa=float(p)).elongation_mm for p in pressures]
     reach = np.array([ends[0] - chosen.margin_mm, ends[1] + chosen.margin_mm])
-    displacement, force = _grid(
-        model, chebyshev.points(pressures, chosen.pressures), chebyshev.points(reach, chosen.elongations), count
-    )
+    points = chebyshev.points(pressures, chosen.pressures), chebyshev.points(reach, chosen.elongations)
+    displacement, force = _grid(model, *points, count)
     nominal = _nominal_curves(model, pressures, count)
     compressed = _compress(model, displacement, force, chosen.modes)
     critical = np.array(model.vacuum_limit.pressure_kpa)
@@ -132,9 +125,7 @@ def _grid(
 
 
 def _alternating(rows: int, columns: int) -> Iterator[tuple[int, int]]:
-    for i in range(rows):
-        for j in range(columns) if i % 2 == 0 else reversed(range(columns)):
-            yield i, j
+    return ((i, j if i % 2 == 0 else columns - 1 - j) for i, j in np.ndindex(rows, columns))
 
 
 def _compress(
@@ -158,11 +149,8 @@ def _nominal_curves(model: FullModel, pressures: FloatArray, count: Count) -> tu
     p = model.parameters
     curves = []
     for shift in (0.0, -p.lattice_modulus_sd_kpa, p.lattice_modulus_sd_kpa):
-        solver = (
-            model.solver
-            if shift == 0.0
-            else Solver(FullModel(replace(p, lattice_modulus_kpa=p.lattice_modulus_kpa + shift)).problem)
-        )
+        shifted = replace(p, lattice_modulus_kpa=p.lattice_modulus_kpa + shift)
+        solver = model.solver if shift == 0.0 else Solver(FullModel(shifted).problem)
         state: Solution | None = None
         curve = []
         for value in at:

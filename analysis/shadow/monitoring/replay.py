@@ -18,16 +18,9 @@ from analysis import figure_style as style
 from analysis.arrays import FloatArray
 from analysis.errors import DataError
 from analysis.shadow.model.reduced import ReducedModel
+from analysis.shadow.monitoring import monitor as monitoring
 from analysis.shadow.monitoring.leak import known_mean
-from analysis.shadow.monitoring.monitor import (
-    Alarm,
-    CycleFigures,
-    Monitor,
-    as_columns,
-    deviation_mm,
-    mean_over_sensors,
-    pressure_residual_kpa,
-)
+from analysis.shadow.monitoring.monitor import Alarm, CycleFigures, Monitor
 from analysis.statistics import theil_sen
 
 _OF_ALARM = ("since_cycle", "cycle", "figure", "shift", "unit", "healthy_cycles", "sentence")
@@ -105,32 +98,31 @@ def replay(
     DataError
         If the arrays differ in length or have nothing to compare.
     """
-    t, p, x = as_columns(time_s, pressure_kpa, elongations_mm)
+    t, p, x = monitoring.as_columns(time_s, pressure_kpa, elongations_mm)
     if not (np.isfinite(x).any(axis=1) & np.isfinite(p)).any():
         raise DataError(
             "the recording has no sample with both pressure and elongation",
             "give a calibration that covers its signals",
         )
-    mean = mean_over_sensors(x)
-    deviation = deviation_mm(table, p, mean)
+    mean = monitoring.mean_over_sensors(x)
+    deviation = monitoring.deviation_mm(table, p, mean)
     monitor = Monitor(table)
     figures, alarms, used, left_out = [], [], [], []
     for number, rows in enumerate(cycles, 1):
         try:
-            one = monitor.figures(t[rows], p[rows], x[rows])
+            figures.append(monitor.figures(t[rows], p[rows], x[rows]))
         except DataError as error:
             left_out.append(f"cycle {number}: {error.cause}")
-            continue
-        figures.append(one)
-        used.append(rows)
-        alarms += monitor.take(one)
+        else:
+            used.append(rows)
+            alarms += monitor.take(figures[-1])
     slope, low, high = drift(np.array([known_mean(deviation[rows]) for rows in used]))
     return Replay(
         time_s=t,
         pressure_kpa=p,
         elongation_mm=mean,
         deviation_mm=deviation,
-        residual_kpa=pressure_residual_kpa(table, p, mean),
+        residual_kpa=monitoring.pressure_residual_kpa(table, p, mean),
         band_mm=table.nominal_elongation(p)[1],
         cycle_start_s=np.array([t[rows][0] for rows in used]),
         figures=tuple(figures),

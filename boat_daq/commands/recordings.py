@@ -94,7 +94,7 @@ def verify_import(run: Path) -> Verification:
     """Return the comparison of an imported recording with a new import of its stored CSV."""
     import time
 
-    from analysis.data.import_check import first_difference
+    from analysis.data.boat_writer import first_difference
     from boat_daq.engine.recording.summary import summarise
     from boat_daq.engine.recording.verify import Verification
 

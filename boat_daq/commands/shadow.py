@@ -33,8 +33,8 @@ MeshOption = Annotated[Path | None, typer.Option("--mesh", help="A .vtu or .msh 
 def chosen_parameters(path: Path | None, level: Level = "normal") -> ActuatorParameters:
     """Return the parameters of a file, or the defaults, on the mesh of a fidelity; normal keeps a file's own mesh."""
     from analysis.fidelity import fidelity
-    from analysis.shadow.model.fidelity import actuator
-    from analysis.shadow.model.parameter_files import read_parameters
+    from analysis.shadow.fem.parameters import read_parameters
+    from analysis.shadow.model.frames import actuator
 
     if path is None:
         return actuator(fidelity(level))
@@ -60,7 +60,7 @@ def chosen_model(parameters: Path | None, mesh: Path | None, level: Level = "nor
 def chosen_table(actuator: ActuatorParameters, level: Level | None = None) -> ReducedModel:
     """Return the reduced model of an actuator, of the fidelity's size where one is given."""
     from analysis.fidelity import fidelity
-    from analysis.shadow.model.fidelity import table_settings
+    from analysis.shadow.model.frames import table_settings
     from analysis.shadow.model.table import load_table
 
     settings = None if level is None else table_settings(fidelity(level))

@@ -18,7 +18,7 @@ from PySide6.QtWidgets import QApplication, QDialog, QMainWindow, QStackedWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.connect_panel import ConnectPanel
-from boat_daq.gui.header import Header, Navigation
+from boat_daq.gui.header import Header, Navigation, Strip
 from boat_daq.gui.live.live_page import LivePage
 from boat_daq.gui.models.optics_page import OpticsPage
 from boat_daq.gui.models.shadow_page import ShadowPage
@@ -30,7 +30,6 @@ from boat_daq.gui.registry import Registry, WindowKeys
 from boat_daq.gui.results.calibration_page import CalibrationPage
 from boat_daq.gui.results.repeat_page import RepeatPage
 from boat_daq.gui.results.runs_page import RunsPage
-from boat_daq.gui.status_strip import Strip
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_save

@@ -25,8 +25,7 @@ from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.run_model import CalibrationOffer, ResumeRun, RunModel
 from boat_daq.viewmodels.live.sequence import SequenceModel
-from boat_daq.viewmodels.live.shadow_live import ShadowLive
-from boat_daq.viewmodels.live.shadow_monitor import ShadowMonitor
+from boat_daq.viewmodels.live.shadow_live import ShadowLive, ShadowMonitor
 from boat_daq.viewmodels.models.atlas import AtlasModel
 from boat_daq.viewmodels.models.optics import OpticsModel
 from boat_daq.viewmodels.models.tradeoff import TradeoffModel
@@ -141,12 +140,10 @@ class AppModel:
     def offer_recovery(self) -> None:
         """Offer to recover each recording that a killed session left open."""
         for path in self.runs.interrupted():
-            self.notices.add(
-                Severity.WARNING,
-                f"{path.name} was not closed: its session was killed",
-                "Nothing that was recorded is lost; recovering closes the file properly.",
-                action=("Recover", partial(self.runs.recover, path)),
-            )
+            cause = f"{path.name} was not closed: its session was killed"
+            remedy = "Nothing that was recorded is lost; recovering closes the file properly."
+            offer = ("Recover", partial(self.runs.recover, path))
+            self.notices.add(Severity.WARNING, cause, remedy, action=offer)
 
     def save_bug_report(self, path: Path) -> None:
         """Pack log, settings, versions and the recording's summary, without names and notes, in the background."""

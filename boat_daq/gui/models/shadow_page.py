@@ -15,8 +15,7 @@ from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.layouts import ReflowingPage
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live import axis
-from boat_daq.viewmodels.live.shadow_live import PRESSURES_KPA, ShadowLive
-from boat_daq.viewmodels.live.shadow_monitor import SERIES, ShadowMonitor
+from boat_daq.viewmodels.live.shadow_live import PRESSURES_KPA, SERIES, ShadowLive, ShadowMonitor
 
 FRAME_MS = 16
 ALARM_SIZE, ALARM_LINES = 16, 4

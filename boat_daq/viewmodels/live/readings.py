@@ -99,13 +99,7 @@ class ReadingStore(Protocol):
         """Return all readings, in order of entry."""
 
     def add_reading(
-        self,
-        step_id: int,
-        elongation_mm: float | None,
-        source: str,
-        *,
-        resolution_mm: float | None = None,
-        reader: str = "",
+        self, step_id: int, elongation_mm: float | None, source: str, *, resolution_mm: float | None
     ) -> object:
         """Store a reading; a second one for a plateau corrects the first."""
 

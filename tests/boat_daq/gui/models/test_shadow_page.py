@@ -7,7 +7,7 @@ import pytest
 
 from analysis.errors import DataError
 from analysis.shadow.monitoring.monitor import Alarm, CycleFigures
-from boat_daq.viewmodels.live.shadow_monitor import CycleMark
+from boat_daq.viewmodels.live.shadow_live import CycleMark
 from tests.boat_daq.gui.models.test_tradeoff_page import app_model  # noqa: F401 - a fixture
 
 

@@ -11,7 +11,7 @@ import pytest
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import Phase, Progress
 from boat_daq.viewmodels.live.live_model import OverlayModel
-from boat_daq.viewmodels.live.shadow_monitor import ShadowMonitor
+from boat_daq.viewmodels.live.shadow_live import ShadowMonitor
 from tests.boat_daq.gui.recorded_session import connected, filled_ring
 from tests.boat_daq.viewmodels.helpers import Straight
 

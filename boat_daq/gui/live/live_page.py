@@ -28,22 +28,14 @@ from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.shadow_live import ShadowLive
 
 SPACING = 6  # between the parts of a value
-STEPS = (
-    (
-        "Connect",
-        "Plug in the board and choose its port, or start the virtual board: a simulated unit like SA1, for practice.",
-    ),
-    (
-        "Run the plan",
-        "Arm checks the limits, Start records and runs the cycles. At each plateau, type the elongation on the "
-        "millimetre grid and press Enter.",
-    ),
-    (
-        "Accept the calibration",
-        "The Calibrate page fits the run and shows its bands and figures. Once accepted, the elongation is shown live "
-        "in millimetres.",
-    ),
-)
+STEPS = {
+    "Connect": "Plug in the board and choose its port, or start the virtual board: a simulated unit like SA1, for "
+    "practice.",
+    "Run the plan": "Arm checks the limits, Start records and runs the cycles. At each plateau, type the elongation on "
+    "the millimetre grid and press Enter.",
+    "Accept the calibration": "The Calibrate page fits the run and shows its bands and figures. Once accepted, the "
+    "elongation is shown live in millimetres.",
+}
 
 
 class ValueDisplay(QWidget):
@@ -101,7 +93,8 @@ class FirstSteps(QScrollArea):
         self.virtual = widgets.button("Start the virtual board", start, "primary")
         self.plan = widgets.button("Show the plan", partial(services.show, Panel.PLAN))
         buttons = ((self.virtual, self.board), (self.plan,), ())
-        steps = [self._step(str(i), *STEPS[i - 1], *each) for i, each in enumerate(buttons, 1)]
+        rows = zip(STEPS.items(), buttons, strict=True)
+        steps = [self._step(str(i), title, text, *each) for i, ((title, text), each) in enumerate(rows, 1)]
         frame, inside = widgets.card(widgets.label("From a board to a calibration", "title"), *steps)
         frame.setMaximumWidth(style.FORM_WIDTH + style.PANE_WIDTH)
         inside.setContentsMargins(*(6 * style.STEP,) * 4)

@@ -84,9 +84,8 @@ def refuse_active(path: Path, connection: sqlite3.Connection) -> set[str]:
     rows = connection.execute("SELECT type, name, sql FROM main.sqlite_schema LIMIT 1000").fetchall()
     for kind, name, sql in rows:
         if kind in {"view", "trigger"} or "VIRTUAL" in str(sql).upper()[:20]:
-            raise RecordingError(
-                f"{path} contains code that would run when it is read ({name!s:.60})", "It was not made by boat-daq."
-            )
+            remedy = "It was not made by boat-daq."
+            raise RecordingError(f"{path} contains code that would run when it is read ({name!s:.60})", remedy)
     return {str(name) for kind, name, _ in rows if kind == "table"}
 
 
@@ -106,9 +105,8 @@ def check_layout(path: Path, connection: sqlite3.Connection, ours: Columns, may_
     """
     missing = set(ours) - refuse_active(path, connection)
     if missing:
-        raise DamagedRecordingError(
-            f"{path} is an incomplete recording: it has no table {min(missing)!r}", f"boat-daq recover {path}"
-        )
+        remedy = f"boat-daq recover {path}"
+        raise DamagedRecordingError(f"{path} is an incomplete recording: it has no table {min(missing)!r}", remedy)
     theirs = columns_of(connection, tuple(ours))
     for table, columns in ours.items():
         absent = [name for name in columns if name not in theirs[table]]

@@ -141,9 +141,8 @@ def parse_format(text: str) -> PacketFormat:
     """
     match = _FORMAT.fullmatch(text)
     if match is None:
-        raise ProfileError(
-            f"rx8.format is not an RX8 format: {text!r}", "write it like RX8 [h=43] @1P @0P @1S1 @0S1 @1S2 @0S2 [t=00]"
-        )
+        remedy = "write it like RX8 [h=43] @1P @0P @1S1 @0S1 @1S2 @0S2 [t=00]"
+        raise ProfileError(f"rx8.format is not an RX8 format: {text!r}", remedy)
     head, tail = _hex("h", match["head"]), _hex("t", match["tail"])
     if not head + tail:
         raise ProfileError("rx8.format has neither a header nor a tail", "add [h=..] or [t=..] to find packets by")
@@ -159,9 +158,8 @@ def parse_format(text: str) -> PacketFormat:
             raise ProfileError(f"rx8.format gives {mark} twice", "give each byte of a variable once")
     for name, bytes_ in places.items():
         if sorted(bytes_) != list(range(len(bytes_))) or len(bytes_) > 4:
-            raise ProfileError(
-                f"rx8.format leaves out a byte of {name}", f"a variable has the bytes @0{name}, @1{name} up to @3{name}"
-            )
+            remedy = f"a variable has the bytes @0{name}, @1{name} up to @3{name}"
+            raise ProfileError(f"rx8.format leaves out a byte of {name}", remedy)
     length = len(head) + len(marks) + len(tail)
     if not places or length > _PACKET_MAX:
         cause = f"rx8.format has no variable, or more than {_PACKET_MAX} bytes"

@@ -352,9 +352,8 @@ class SocketTransport:
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._socket.settimeout(WRITE_WAIT_S)
         except OSError as error:
-            raise DeviceError(
-                f"no answer at {url}: {error}", "Check host and port, and that the board's program runs."
-            ) from error
+            remedy = "Check host and port, and that the board's program runs."
+            raise DeviceError(f"no answer at {url}: {error}", remedy) from error
 
     def read(self) -> bytes:
         """Return what is there, waiting up to 50 ms for the first byte."""

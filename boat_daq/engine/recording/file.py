@@ -76,9 +76,8 @@ class WriterLock:
             self._descriptor: int | None = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
             locked = _try_lock(self._descriptor)
         except OSError as error:
-            raise StorageError(
-                f"cannot write in {recording.parent}: {error.strerror}", "Choose a local folder with write permission."
-            ) from error
+            remedy = "Choose a local folder with write permission."
+            raise StorageError(f"cannot write in {recording.parent}: {error.strerror}", remedy) from error
         if not locked:
             os.close(self._descriptor)
             remedy = "Wait until that program has closed it."

@@ -91,9 +91,8 @@ def _by_order(readings: Sequence[FileReading], plateaus: list[StepMark], near: f
                 return {step.number: row.elongation_mm for row, step in pairs}
             row, step = wrong
             misfit = f"line {row.line} has {row.pressure_kpa:g} kPa where the run has {step.target_kpa:g} kPa"
-    raise OperatorError(
-        f"the readings do not fit the plateaus: {misfit}", "give one row for each plateau, in order; none was entered"
-    )
+    remedy = "give one row for each plateau, in order; none was entered"
+    raise OperatorError(f"the readings do not fit the plateaus: {misfit}", remedy)
 
 
 def _merged(readings: Sequence[FileReading]) -> list[FileReading]:

@@ -231,16 +231,12 @@ def _limits(value: Any) -> bool:
     return isinstance(value, list) and len(value) == 2 and all(map(_number(-1e9, 1e9), value))
 
 
-def _duration(value: Any) -> bool:
-    return value is None or _number(-1e12, 1e12)(value)
-
-
 _TEXT, _COUNT = _of(str), _whole(0, _WHOLE_MAX)
+_COUNTS = ("host_ns", "first_segment", "first_chunk", "first_step", "first_cycle", "complete_cycles", "last_result")
 _BREAK_VALUES: dict[str, Check] = {
-    "utc": _time, "cause": _TEXT, "break_s": _duration, "host_ns": _COUNT, "first_segment": _COUNT,
-    "first_chunk": _COUNT, "first_step": _COUNT, "first_cycle": _COUNT, "complete_cycles": _COUNT,
-    "last_result": _COUNT,
-}  # fmt: skip
+    **{"utc": _time, "cause": _TEXT, "break_s": lambda v: v is None or _number(-1e12, 1e12)(v)},
+    **dict.fromkeys(_COUNTS, _COUNT),
+}
 
 
 def are_breaks(value: Any) -> bool:

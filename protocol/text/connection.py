@@ -47,7 +47,11 @@ class TextConnection:
         self.sample_kind: SampleKind = profile.sample_kind
         self.hello: messages.Hello | None = None  # made from the profile once the device has sent a good line
         self._dtype = sample_dtype(profile.n_sensors, profile.sample_kind)
-        self._reader = _make_reader(profile)
+        self._reader: LineReader | PacketReader
+        if isinstance(profile.format, PacketFormat):
+            self._reader = PacketReader(profile.format, profile.signed)
+        else:
+            self._reader = LineReader(profile.format, first_is_whole="start" in profile.templates)
         self._stream = _make_stream(profile)
         self._seq = 0
         self._number = 0
@@ -183,12 +187,6 @@ def _bounds(column: ProfileColumn) -> tuple[float, float, bool, bool]:
     if column.name.endswith(("_lit", "_dark")):
         return 0, 65_535, True, False
     return 0, 0, False, True  # pressure and signal: always kept, and flagged where impossible
-
-
-def _make_reader(profile: TextProfile) -> LineReader | PacketReader:
-    if isinstance(profile.format, PacketFormat):
-        return PacketReader(profile.format, profile.signed)
-    return LineReader(profile.format, first_is_whole="start" in profile.templates)
 
 
 def _make_stream(profile: TextProfile) -> SampleStream:

@@ -206,7 +206,8 @@ class PacketReader(ByteReader):
         data = self._rest + data
         format_, at, rows = self._format, 0, []
         while True:
-            confirm = self._confirming_bytes()
+            # how many bytes of the next packet are needed to accept this one
+            confirm = len(format_.head) if self._in_step else format_.length
             if len(data) - at < format_.length + confirm:
                 break
             behind = at + format_.length
@@ -221,10 +222,6 @@ class PacketReader(ByteReader):
         self._rest = data[at:]
         self.frames += len(rows)
         return rows
-
-    def _confirming_bytes(self) -> int:
-        """Return how many bytes of the next packet are needed to accept this one."""
-        return len(self._format.head) if self._in_step else self._format.length
 
     def _fits(self, packet: bytes) -> bool:
         """Return whether a packet, or its first bytes, has the header and tail."""

@@ -115,32 +115,17 @@ def _verify_stream(db: sqlite3.Connection, tally: dict[str, int], progress: Prog
     gaps: list[tuple[int, int, int]] = []
     derived = _pieces(_derived(db, meta, tally, gaps))
     stored = _pieces(_stored(db, dtype, OverviewRows(mv_per_count(meta))))
-    for again, kept in _side_by_side(derived, stored):
-        if again.dtype != kept.dtype or again.tobytes() != kept.tobytes():
-            raise _Difference(_first_difference(kept, again, tally["samples"]))
-        tally["samples"] += len(kept)
-        if progress is not None:
+    for again, kept in zip_longest(derived, stored, fillvalue=np.empty(0, dtype)):
+        n = min(len(again), len(kept))  # pieces are of one length, but for the last
+        if n and (again.dtype != kept.dtype or again[:n].tobytes() != kept[:n].tobytes()):
+            raise _Difference(_first_difference(kept[:n], again[:n], tally["samples"]))
+        tally["samples"] += n
+        if n and progress is not None:
             progress(tally["samples"], total)
+        if len(again) != len(kept):
+            more = "the bytes hold more samples than the file" if len(again) > n else "the file has more samples"
+            raise _Difference(f"after sample {tally['samples']} {more}")
     _verify_gaps(db, gaps)
-
-
-def _side_by_side(
-    derived: Iterator[NDArray[np.void]], stored: Iterator[NDArray[np.void]]
-) -> Iterator[tuple[NDArray[np.void], NDArray[np.void]]]:
-    """Give pieces of the same samples.
-
-    The end of one before the other is a difference.
-    """
-    done = 0
-    for again, kept in zip_longest(derived, stored):
-        n_again, n_kept = (0 if piece is None else len(piece) for piece in (again, kept))
-        n = min(n_again, n_kept)
-        if n:
-            yield again[:n], kept[:n]
-            done += n
-        if n_again != n_kept:
-            more = "the bytes hold more samples than the file" if n_again > n_kept else "the file has more samples"
-            raise _Difference(f"after sample {done} {more}")
 
 
 def _derived(

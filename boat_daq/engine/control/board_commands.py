@@ -216,8 +216,8 @@ class BoardCommands:
         pressurised : whether the unit may be under pressure.
         """
         text = f"the board refused {_name(command)}: {_REFUSALS.get(status, str(status))}"
-        if isinstance(command, Heartbeat) and command.timeout_ms:
-            self.feeder.armed_ms = 0  # a refusal to disarm leaves it armed
+        if isinstance(command, Heartbeat):
+            self.feeder.refused(command)
         if status == AckStatus.NOT_SUPPORTED and not self.whole_contract and isinstance(command, Heartbeat | SetLimits):
             self._do_without(command)
             return None

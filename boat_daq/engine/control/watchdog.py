@@ -76,6 +76,11 @@ class Feeder:
         if isinstance(command, Heartbeat) and command.timeout_ms:
             self.armed_ms = command.timeout_ms
 
+    def refused(self, command: Heartbeat) -> None:
+        """Note a refusal: of arming, then it is not armed; of disarming, then it stays."""
+        if command.timeout_ms:
+            self.armed_ms = 0
+
     def due(self, host_ns: int, board_us: int, speed: float) -> bool:
         """Return whether a frame must be sent now.
 

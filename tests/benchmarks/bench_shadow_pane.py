@@ -128,8 +128,7 @@ def test_frame_under_strong_vacuum(qtbot, app_model, capsys):
 def test_step_of_the_optics_slider(qtbot, app_model, capsys):
     """From one state to the next: four polylines of some thousand points drawn and painted."""
     from boat_daq.gui.models.optics_page import OpticsPage
-    from boat_daq.viewmodels.models.optics import PAPER
-    from boat_daq.viewmodels.models.optics_jobs import trace_design
+    from boat_daq.viewmodels.models.optics import PAPER, trace_design
 
     page = OpticsPage(app_model.optics, app_model.services)
     qtbot.addWidget(page)

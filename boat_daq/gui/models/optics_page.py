@@ -26,8 +26,7 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.gui.widgets.layouts import ReflowingPage
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.models.optics import CAVITIES, CURVES, FACES, RAYS, STATES, STEPS_MM, OpticsModel
-from boat_daq.viewmodels.models.optics_jobs import SweepSummary
+from boat_daq.viewmodels.models.optics import CAVITIES, CURVES, FACES, RAYS, STATES, STEPS_MM, OpticsModel, SweepSummary
 
 COLUMNS = 3  # of maps
 SHADES = 64

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import pyqtgraph as pg
 from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QFont, QPainter, QPen, QStaticText
+from PySide6.QtGui import QColor, QPainter, QPen, QStaticText
 
 from boat_daq.gui import style
 from boat_daq.gui.style import Theme
@@ -28,27 +27,6 @@ ON_TICK = 1e-9  # of a step
 LOG_LABELS = 7
 LOG_DIGITS = (1, 2, 5)
 FEW_DECADES = 1.6  # over fewer, the 2 and the 5 between are labelled too
-
-
-@dataclass(slots=True)
-class AxisStyle:
-    """Pens, font and laid-out labels, valid until the theme changes."""
-
-    line: QPen
-    text: QPen
-    font: QFont
-    labels: dict[str, QStaticText] = field(default_factory=dict)
-
-    def label(self, text: str) -> QStaticText:
-        """Return a laid-out label."""
-        if text not in self.labels:
-            if len(self.labels) >= CACHED_LABELS:
-                self.labels.clear()
-            made = QStaticText(text)
-            made.setTextFormat(Qt.TextFormat.PlainText)
-            made.prepare(font=self.font)
-            self.labels[text] = made
-        return self.labels[text]
 
 
 class TickAxis(pg.AxisItem):  # type: ignore[misc]
@@ -67,9 +45,10 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
 
     def set_theme(self, theme: Theme) -> None:
         """Use the colours of `theme`."""
-        self._look = AxisStyle(pg.mkPen(theme.grid, width=1), pg.mkPen(theme.muted), style.small_font())
+        self._line, self._text, self._font = pg.mkPen(theme.grid, width=1), pg.mkPen(theme.muted), style.small_font()
+        self._labels: dict[str, QStaticText] = {}
         self.background = style.colour(theme.surface)
-        self.setStyle(tickFont=self._look.font)
+        self.setStyle(tickFont=self._font)
         self.update()
 
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
@@ -143,7 +122,7 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         return step, values, [(value - low) / (high - low) * length for value in values]
 
     def _draw_line(self, painter: QPainter, area: QRectF) -> None:
-        painter.setPen(self._look.line)
+        painter.setPen(self._line)
         if self.orientation == "left":
             painter.drawLine(QLineF(area.right() - 1, area.top() - 1, area.right() - 1, area.bottom() + 1))
         else:
@@ -152,20 +131,30 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
     def _draw_grid(self, painter: QPainter, lines: list[QLineF], length: float) -> None:
         """Draw lines of the grid; a dense one is faint."""
         share = min(1.0, 0.05 * length / (len(lines) + 1))
-        tick, ground = self._look.line.color(), self.background
+        tick, ground = self._line.color(), self.background
         pairs = ((tick.red(), ground.red()), (tick.green(), ground.green()), (tick.blue(), ground.blue()))
         mixed = (round(there + (here - there) * share) for here, there in pairs)
         painter.setPen(QPen(QColor(*mixed), 0))
         painter.drawLines(lines)
 
+    def _label(self, text: str) -> QStaticText:
+        """Return a laid-out label; it is kept."""
+        if text not in self._labels:
+            if len(self._labels) >= CACHED_LABELS:
+                self._labels.clear()
+            made = self._labels[text] = QStaticText(text)
+            made.setTextFormat(Qt.TextFormat.PlainText)
+            made.prepare(font=self._font)
+        return self._labels[text]
+
     def _draw_labels(self, painter: QPainter, area: QRectF, places: list[float], words: list[str]) -> None:
         """Write the labels that lie wholly inside the axis."""
-        look, around = self._look, self.boundingRect()
+        around = self.boundingRect()
         across, along = (float(offset) for offset in self.style["tickTextOffset"])
-        painter.setFont(look.font)
-        painter.setPen(look.text)
+        painter.setFont(self._font)
+        painter.setPen(self._text)
         for place, text in zip(places, words, strict=True):
-            label = look.label(text)
+            label = self._label(text)
             width, height = label.size().width(), label.size().height()
             if self.orientation == "left":
                 x, y, margin = area.right() - across - width, area.bottom() - place - height / 2, OVER * height

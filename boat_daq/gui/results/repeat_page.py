@@ -116,13 +116,11 @@ class RepeatPage(QWidget):
         head, _ = widgets.card(widgets.row(self.headline, self.warm_up, None, report))
         grid = QGridLayout()
         grid.setSpacing(style.GAP)
-        rows = ((self.loops[0], self.drift, self.hysteresis), (self.loops[1], self.sensitivity, self.snr))
-        for i, row in enumerate(rows):
-            for k, shown in enumerate(row):
-                grid.addWidget(shown, i, k)
-            grid.setRowStretch(i, 1)
-        for k, share in enumerate((4, 3, 3)):
-            grid.setColumnStretch(k, share)
+        first, second = self.loops
+        for i, card in enumerate((first, self.drift, self.hysteresis, second, self.sensitivity, self.snr)):
+            grid.addWidget(card, *divmod(i, 3))
+            grid.setRowStretch(i // 3, 1)
+            grid.setColumnStretch(i % 3, 3 if i % 3 else 4)
         self.tabs = widgets.tabs("Figures, and the interruptions of the run", (self.table, "Figures"))
         self.tabs.setTabBarAutoHide(True)
         side, _ = widgets.card(self.tabs)

@@ -1,7 +1,7 @@
 """Computations in helper processes, with progress and cancel: VENT never waits for a computation.
 
 A job's function runs in a spawned interpreter, so that neither its CPU time nor its interpreter lock is the window's.
-It is a function of a module, passed by reference; modules of jobs (`*_jobs`) import their libraries inside the
+It is a function of a module, passed by reference; modules of jobs import their libraries inside the
 functions, so that the window starts without them. Only picklable values cross. Nothing here calls back; the window
 calls `poll()` from its one timer.
 """

@@ -57,7 +57,7 @@ class RepeatabilityModel:
                 self._read_ended()
             return
         self._ended_at = np.inf
-        enough = progress.complete_cycles >= self._started_cycles + 1 or progress.complete_cycles < self._started_cycles
+        enough = progress.complete_cycles != self._started_cycles
         continuous = getattr(snapshot.plan, "kind", "") == "continuous" and progress.complete_cycles >= 2
         free = self._clock() - self._started_s >= LEAST_INTERVAL_S and self.jobs.get("repeatability") is None
         if continuous and enough and free:

@@ -14,8 +14,7 @@ from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.gui.models.optics_page import select
 from boat_daq.viewmodels.common.jobs import JobFailure, JobState
 from boat_daq.viewmodels.models import optics
-from boat_daq.viewmodels.models.optics import PAPER, OpticsModel
-from boat_daq.viewmodels.models.optics_jobs import DesignResult, OptimumSummary, StateScene, SweepSummary
+from boat_daq.viewmodels.models.optics import PAPER, DesignResult, OpticsModel, OptimumSummary, StateScene, SweepSummary
 from tests.boat_daq.gui.models.test_tradeoff_page import app_model  # noqa: F401 - a fixture
 
 NORMAL = fidelity("normal")

@@ -6,8 +6,7 @@ import numpy as np
 
 from analysis.optics.sweep.figure_of_merit import Merit
 from boat_daq.viewmodels.common.jobs import JobRunner
-from boat_daq.viewmodels.models.optics import OpticsModel
-from boat_daq.viewmodels.models.optics_jobs import SweepSummary
+from boat_daq.viewmodels.models.optics import OpticsModel, SweepSummary
 
 
 def test_cell_of_a_map_selects_its_design():

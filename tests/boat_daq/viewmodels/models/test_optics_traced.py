@@ -8,13 +8,13 @@ import pytest
 from analysis.errors import AnalysisError
 from analysis.optics.scene.curves import parametric_elongations
 from boat_daq.viewmodels.common.jobs import JobRunner
-from boat_daq.viewmodels.models import optics_jobs
+from boat_daq.viewmodels.models import optics
 from boat_daq.viewmodels.models.optics import PAPER, OpticsModel
 
 
 def test_design_is_traced_in_all_states():
     """Fifteen scenes, one NDR each; the rays of a scene lie between emitter and receiver."""
-    found = optics_jobs.trace_design(PAPER, 60)
+    found = optics.trace_design(PAPER, 60)
     assert len(found.scenes) == found.ndr.size == 15
     assert np.all((found.ndr >= 0) & (found.ndr <= 350))
     rays = found.scenes[7].released
@@ -28,10 +28,10 @@ def test_design_is_traced_in_all_states():
 
 def test_curves_are_named_or_read_from_a_file(tmp_path):
     """The parametric states' own elongation is found from the guides; a file of one state is refused by its name."""
-    curves = optics_jobs.curves_of("parametric")
-    assert np.allclose(optics_jobs.elongations_of("parametric", curves), parametric_elongations())
+    curves = optics.curves_of("parametric")
+    assert np.allclose(optics.elongations_of("parametric", curves), parametric_elongations())
     path = tmp_path / "one.csv"
     rows = [f"{x},{z}" for x, z in curves[7, 0]]
     path.write_text("x,z\n" + "\n".join(rows), encoding="utf-8")
     with pytest.raises(AnalysisError, match="one state only"):
-        optics_jobs.curves_of(str(path))
+        optics.curves_of(str(path))

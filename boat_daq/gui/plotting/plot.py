@@ -269,6 +269,8 @@ class Plot:
             item.label.setPosition(1.0 if vertical else 0.94)
         self._lines.append((item, colour, style_))
         self.item.addItem(item, ignoreBounds=True)
+        if self._theme is not None:
+            self.paint(self._theme)
         return item
 
     def labels(self, anchor: tuple[float, float], *, ground: bool = False) -> PointLabels:
@@ -351,11 +353,6 @@ class Plot:
             item.setPen(pg.mkPen(colour(theme), width=1, style=pen_style))
             if hasattr(item, "label"):
                 item.label.setColor(colour(theme))
-
-    def repaint(self) -> None:
-        """Apply the theme to what was added since."""
-        if self._theme is not None:
-            self.paint(self._theme)
 
     def _titles(self, theme: Theme) -> None:
         title = self.short_title or named(self.title, self.unit)

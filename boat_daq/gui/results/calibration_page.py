@@ -17,7 +17,7 @@ from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import ThemeColour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.closed_readings import ClosedReadings
-from boat_daq.gui.results.figure_table import FigureTable
+from boat_daq.gui.results.figure_table import SIDE, FigureTable
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open
@@ -43,7 +43,6 @@ NO_CYCLE = "A loop needs one complete cycle."
 NO_READINGS = "Elongation over pressure needs the readings of a complete cycle."
 BRANCHES = (("Loading", "Residual, loading", True), ("Unloading", "Residual, unloading", False))
 COMPARED = ("", "now", "previous", "E\u2099")
-SIDE = style.PANE_WIDTH_WIDE - 4 * style.STEP
 
 
 class CurveCard(PlotCard):

@@ -41,15 +41,11 @@ class ClosedReadings(QDialog):
         )
         layout.addWidget(self.table, 1)
         layout.addLayout(widgets.row(None, widgets.button("Close", self.close), self.calibrate))
-        self.refresh()
+        self.timerEvent()
         self.startTimer(REFRESH_MS)  # undo is a key of the window, not of this panel
 
-    def timerEvent(self, event: QTimerEvent) -> None:
-        """Refresh, whatever page the window shows."""
-        self.refresh()
-
-    def refresh(self) -> None:
-        """Show the readings as they are now."""
+    def timerEvent(self, event: QTimerEvent | None = None) -> None:
+        """Show the readings as they are now, whatever page the window shows."""
         self.table.refresh(IDLE)
 
     def _calibrate(self) -> None:

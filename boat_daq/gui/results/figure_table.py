@@ -11,6 +11,9 @@ from boat_daq.gui import style
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.viewmodels.results.analysis_jobs import Cell
 
+SIDE = style.PANE_WIDTH_WIDE - 4 * style.STEP
+"""Width of the table beside the plots of a page."""
+
 
 class FigureTable(DataTable):
     """Figures of all sensors."""

@@ -14,7 +14,7 @@ from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, Points, ramp_colour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
-from boat_daq.gui.results.figure_table import FigureTable
+from boat_daq.gui.results.figure_table import SIDE, FigureTable
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves
@@ -30,7 +30,6 @@ BREAK_TIPS = {
     3: "Probability of means so far apart if nothing changed (t-test)",
     4: "Probability of standard deviations so different if nothing changed (F-test)",
 }
-SIDE = style.PANE_WIDTH_WIDE - 4 * style.STEP
 
 
 class LoopsByCycle(PlotCard):
@@ -170,8 +169,6 @@ class RepeatPage(QWidget):
             for found in result.breaks
             for card in self.figures
         ]
-        for card, _ in self.break_lines:
-            card.plot.repaint()
         self.break_texts.setText("\n".join(found.sentence for found in result.breaks))
         self.tests.fill([row for found in result.breaks for row in found.rows])
         at = self.tabs.indexOf(self.breaks)

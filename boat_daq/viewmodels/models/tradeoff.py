@@ -100,11 +100,6 @@ class MethodChart:
         return min([p.error for p in self.points if p.error > 0 and p.drawn] + [self.sufficient]) / 3
 
     @property
-    def mark(self) -> str:
-        """The verdict as a shape."""
-        return "\u25cf" if self.default_is_chosen else "\u25b2"
-
-    @property
     def explanation(self) -> str:
         """The tolerance, the rule and its choice."""
         verdict = self.verdict[:1].upper() + self.verdict[1:]
@@ -307,8 +302,7 @@ class TradeoffModel(MeasuredResult):
             return "map only"
         if chart is None:
             return "not measured yet"
-        verdict = "default confirmed" if chart.default_is_chosen else "the rule chose another"
-        return f"{chart.mark} {verdict}"
+        return "\u25cf default confirmed" if chart.default_is_chosen else "\u25b2 the rule chose another"
 
     def status(self) -> str:
         """Return the progress of the measurement, or what went wrong, in a line."""

@@ -275,8 +275,8 @@ class CalibrationModel:
         suffix = " out of tolerance" if missed else ""
         notices.attempt(self.accept, done=f"Calibration accepted{suffix}; the Live page shows elongation")
 
-    def accept(self, operator: str = "") -> dict[str, Any]:
-        """Store the calibration with its unit, undoably; returns what was stored.
+    def accept(self) -> None:
+        """Store the calibration with its unit, undoably.
 
         Undo adds a newer entry: the calibration before it comes back into force, or none is.
 
@@ -296,22 +296,19 @@ class CalibrationModel:
             "posterior": [dict(p.content) for p in self.posterior],
             "poor": list(self.out_of_tolerance()),
         }
-        self._services.undo.push(Change("acceptance", *self._acceptance(self.result, finite(content), operator)))
-        return content
+        self._services.undo.push(Change("acceptance", *self._acceptance(self.result, finite(content))))
 
-    def _acceptance(
-        self, result: RunResult, content: dict[str, Any], operator: str
-    ) -> tuple[Callable[[], None], Callable[[], None]]:
+    def _acceptance(self, result: RunResult, content: dict[str, Any]) -> tuple[Callable[[], None], Callable[[], None]]:
         """Return acceptance and its reversal; both only add to the unit's history."""
         name, before = result.unit, self.units.load(result.unit).calibration
 
         def redo() -> None:
             recording = Path(result.path).name
-            unit = self.units.add_calibration(name, content, recording=recording, operator=operator)
+            unit = self.units.add_calibration(name, content, recording=recording)
             self._in_force(result, unit.calibration)
 
         def undo() -> None:
-            add = partial(self.units.add_calibration, name, operator=operator)
+            add = partial(self.units.add_calibration, name)
             if before is None:
                 add({}, accepted=False, note="acceptance undone")
             else:

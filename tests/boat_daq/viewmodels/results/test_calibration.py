@@ -30,9 +30,9 @@ def test_accepted_calibration_is_stored_and_converts(tmp_path, result):
     """What is accepted is in the unit's history, and converts its own points back to their elongations."""
     model = model_on(tmp_path, result)
     assert model.obstacle() is None
-    model.accept("tester")
+    model.accept()
     stored = UnitLibrary(tmp_path / "units").load("SA1").calibration
-    assert stored.operator == "tester"
+    assert stored.recording == "SA1.boat"
     assert stored.content["simulated"] is True
     conversion = prepare(stored.content)
     signal = np.column_stack([np.interp(1.0, s.fit.grid, s.fit.curve)[None] for s in result.sensors])

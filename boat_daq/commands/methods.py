@@ -60,7 +60,7 @@ def tradeoff(
 def _live_plot() -> Method:
     """Return the live plot's method, with the time of painting where Qt is available."""
     from analysis.tradeoff.decimation import HEIGHT_PX, WIDTH_PX
-    from boat_daq.viewmodels.models.tradeoff_jobs import live_plot
+    from boat_daq.viewmodels.models.tradeoff import live_plot
 
     try:
         from boat_daq.gui.models.tradeoff_jobs import painter

@@ -11,16 +11,16 @@ from PySide6.QtGui import QColor, QImage, QPainter, QPen, QTransform
 
 from analysis.arrays import FloatArray
 from boat_daq.gui import style
-from boat_daq.viewmodels.models import tradeoff_jobs
+from boat_daq.viewmodels.models import tradeoff
 
 
 def measure_methods(
     names: Sequence[str], quick: bool, *, progress: Callable[[float, float], None] | None = None
 ) -> dict[str, Any]:
-    """Measure as `viewmodels.models.tradeoff_jobs.measure_methods`; a curve of the live plot is painted too."""
+    """Measure as `viewmodels.models.tradeoff.measure_methods`; a curve of the live plot is painted too."""
     from analysis.tradeoff.decimation import HEIGHT_PX, WIDTH_PX
 
-    return tradeoff_jobs.measure_methods(names, quick, painter(WIDTH_PX, HEIGHT_PX), progress=progress)
+    return tradeoff.measure_methods(names, quick, painter(WIDTH_PX, HEIGHT_PX), progress=progress)
 
 
 def painter(width: int, height: int) -> Callable[[FloatArray], None]:

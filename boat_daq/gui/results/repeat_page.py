@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from PySide6.QtWidgets import QGridLayout, QWidget
 
-from analysis.arrays import FloatArray
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, Points, ramp_colour, sensor_colour
@@ -153,7 +152,8 @@ class RepeatPage(QWidget):
                 (self.sensitivity.sensors[i], each.sensitivity),
                 (self.snr.sensors[i], each.snr_db),
             ):
-                points.set(*known(numbers, values))
+                known = np.isfinite(values)  # cycles that have the figure
+                points.set(numbers[known], values[known])
             self.sensitivity.plot.set_title("Per cycle", each.sensitivity_unit)
         for shown in self.figures:
             shown.frame()
@@ -177,9 +177,3 @@ class RepeatPage(QWidget):
         elif not result.breaks and at >= 0:
             self.tabs.removeTab(at)
             self.breaks.setParent(None)
-
-
-def known(numbers: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the cycles that have a figure, with it."""
-    finite = np.isfinite(values)
-    return numbers[finite], values[finite]

@@ -196,16 +196,13 @@ class RunsPage(QWidget):
         for heading in OPTIONAL:
             self.list.setColumnHidden(HEADINGS.index(heading), False)  # a hidden column has no width
         needed = {k: max(self.list.sizeHintForColumn(k), header.sectionSizeHint(k)) for k in range(1, last)}
-        available = self.list.viewport().width() - self.list.columnWidth(0) - self._file_width()
+        file_width = style.text_width(self.list.font(), USUAL_NAME) + 2 * style.STEP  # in whichever font there is
+        available = self.list.viewport().width() - self.list.columnWidth(0) - file_width
         for column in map(HEADINGS.index, OPTIONAL):
             hidden = sum(needed.values()) > available
             self.list.setColumnHidden(column, hidden)
             if hidden:
                 del needed[column]
-
-    def _file_width(self) -> int:
-        """Return the width that a recording's usual name needs, in whichever font the system has."""
-        return style.text_width(self.list.font(), USUAL_NAME) + 2 * style.STEP
 
     def offers(self, key: str) -> bool:
         """Return whether a button can be pressed now."""

@@ -14,8 +14,7 @@ from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import count, quantity
 from boat_daq.viewmodels.common.jobs import Job, JobRunner
 from boat_daq.viewmodels.common.measured_result import MeasuredResult
-from boat_daq.viewmodels.models.tradeoff import error_text
-from boat_daq.viewmodels.models.tradeoff_jobs import sweep_method
+from boat_daq.viewmodels.models.tradeoff import error_text, sweep_method
 
 CODES = {"works": "works", "degraded": "degraded", "refused": "refused", "quiet wrong": "unwarned"}  # of `atlas --json`
 OUTCOMES = {  # code -> letter in a cell, text

@@ -21,7 +21,7 @@ from analysis.tradeoff.report import measured_from
 from boat_daq.cli import app
 from boat_daq.errors import StorageError
 from boat_daq.viewmodels.models.tradeoff import METHODS as ON_THE_PAGE
-from boat_daq.viewmodels.models.tradeoff_jobs import live_plot
+from boat_daq.viewmodels.models.tradeoff import live_plot
 
 ROOT = Path(__file__).resolve().parents[3]
 RECORDED = ROOT / "docs" / "tradeoff" / "tradeoff.json"

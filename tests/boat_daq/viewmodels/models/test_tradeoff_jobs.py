@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 from analysis.tradeoff.measure import Method, Setting
-from boat_daq.viewmodels.models import tradeoff_jobs
+from boat_daq.viewmodels.models import tradeoff
 from boat_daq.viewmodels.models.tradeoff import read_report
 
 
@@ -18,7 +18,7 @@ def test_measured_methods_are_read_by_the_page(monkeypatch):
     )  # fmt: skip
     monkeypatch.setattr("analysis.tradeoff.METHODS", {"fake": fake})
     seen = []
-    content = tradeoff_jobs.measure_methods(["fake", "fake"], True, progress=lambda done, total: seen.append(done))
+    content = tradeoff.measure_methods(["fake", "fake"], True, progress=lambda done, total: seen.append(done))
     assert seen == sorted(seen)
     assert seen[-1] == 2
     chart = read_report(json.loads(json.dumps(content)))["fake"]

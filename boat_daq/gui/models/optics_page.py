@@ -188,7 +188,7 @@ class MapsCard(PlotCard):
         """Return the scale of P, from 0 to 1, beside the maps."""
         item = fixed_plot()
         self.view.addItem(item, row=0, col=COLUMNS, rowspan=2)
-        item.showAxes((False, False, True, False), showValues=True)
+        item.showAxes((False, False, True, False), showValues=(False, False, True, False))
         item.setMaximumWidth(SCALE_WIDTH)
         item.setRange(xRange=(0, 1), yRange=(0, 1), padding=0)
         item.getAxis("right").setTicks([[(i / 5, f"{i / 5:g}") for i in range(6)]])

@@ -16,7 +16,7 @@ def test_measured_methods_are_read_by_the_page(monkeypatch):
         "fake", "Fake", "truth", True, "reader", 0.1, "mm", "a call",
         lambda level: "bad" if level.level == "draft" else "good", lambda quick: settings,
     )  # fmt: skip
-    monkeypatch.setattr("analysis.tradeoff.METHODS", {"fake": fake})
+    monkeypatch.setattr("analysis.tradeoff.methods.METHODS", {"fake": fake})
     seen = []
     content = tradeoff.measure_methods(["fake", "fake"], True, progress=lambda done, total: seen.append(done))
     assert seen == sorted(seen)

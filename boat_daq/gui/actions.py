@@ -67,8 +67,8 @@ def edit(window: MainWindow) -> list[Command]:
         add("Undo", "Ctrl+Z", partial(attempt, undo.undo), lambda: bool(undo.done)),
         add("Redo", "Ctrl+Shift+Z", partial(attempt, undo.redo), lambda: bool(undo.undone)),
         add("Read from a photograph …", "Ctrl+P", live.open_photograph, apart=True),
-        add("Paste readings", "Ctrl+Shift+V", live.paste_readings),
-        add("Import readings …", "Ctrl+Shift+I", live.import_readings),
+        add("Paste readings", "Ctrl+Shift+V", lambda: live.show_readings().paste()),
+        add("Import readings …", "Ctrl+Shift+I", lambda: live.show_readings().import_()),
         add("Skip this reading", "Ctrl+Shift+N", window.model.run.skip_reading, live.reading_is_due, also="without"),
     ]
 
@@ -242,7 +242,7 @@ def help_(window: MainWindow) -> list[Command]:
     return [
         add("Find a command …", "Ctrl+Shift+P", window.palette_.open_fresh),
         add("Keys", "?", window.show_keys, also="shortcuts help"),
-        add("First steps", "F1", window.show_first_steps),
+        add("First steps", "F1", window.live.show_first_steps),
         add("Save a bug report …", "Ctrl+Shift+F1", save_bug_report),
     ]
 

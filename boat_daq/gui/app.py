@@ -42,7 +42,7 @@ class Collector(QObject):
     def __init__(self, parent: QObject, page_made: SignalInstance) -> None:
         super().__init__(parent)
         gc.disable()
-        self.destroyed.connect(_restore)
+        self.destroyed.connect(lambda *_: gc.enable())
         self.due, self.settled = QTimer(self), QTimer(self, singleShot=True, interval=SETTLED_MS)
         self.due.timeout.connect(self.collect)
         self.settled.timeout.connect(self.settle)
@@ -61,10 +61,6 @@ class Collector(QObject):
         """Collect all, and exempt what is left from later collections."""
         gc.collect()
         gc.freeze()
-
-
-def _restore() -> None:
-    gc.enable()
 
 
 def make_application() -> QApplication:

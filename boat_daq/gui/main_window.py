@@ -176,11 +176,6 @@ class MainWindow(QMainWindow):
         }  # fmt: skip
         panels[place]()
 
-    def show_first_steps(self) -> None:
-        """Show the first steps on the live page."""
-        self.go(Page.LIVE)
-        self.live.show_first_steps(True)
-
     def vent(self) -> None:
         """Vent, whatever has the keyboard; the same key closes a dialog in front."""
         self.model.session.vent()

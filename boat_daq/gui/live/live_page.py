@@ -205,9 +205,10 @@ class LivePage(QWidget):
         """Show the last cycles overlaid, or the plots again."""
         self.overlaid = not self.overlaid
 
-    def show_first_steps(self, wanted: bool) -> None:
+    def show_first_steps(self) -> None:
         """Show the first steps until a board is connected."""
-        self.middle.setCurrentWidget(self.first_steps if wanted else self.plots)
+        self.services.show(Page.LIVE)
+        self.middle.setCurrentWidget(self.first_steps)
 
     def _pane(self, shadow: ShadowLive) -> QTabWidget:
         self.shadow = ShadowPane(shadow, self.services)
@@ -256,22 +257,13 @@ class LivePage(QWidget):
         """Return whether a plateau waits for its reading."""
         return self.run.snapshot.waiting_for_reading is not None
 
-    def import_readings(self) -> None:
-        """Import a column of readings from the selected plateau on."""
-        self.show_readings()
-        self.table.import_()
-
-    def show_readings(self) -> None:
-        """Show the table of readings."""
+    def show_readings(self) -> ReadingsTable:
+        """Show the table of readings, and return it."""
         self.services.show(Page.LIVE)
         self.pane.setCurrentWidget(self.table)
         self.table.refresh(self.run.snapshot)  # while hidden it is not refreshed
         self.table.view.setFocus()
-
-    def paste_readings(self) -> None:
-        """Paste a column of readings from the selected plateau on."""
-        self.show_readings()
-        self.table.paste()
+        return self.table
 
     def draw(self) -> None:
         """Draw one frame of the plots and of the shadow."""
@@ -298,7 +290,7 @@ class LivePage(QWidget):
         self.plots.show_limits(limits.min_kpa if limits else None, limits.max_kpa if limits else None)
         self.plots.arrange()
         self.plots.show_markers()
-        self.plots.show_readings(*self.run.reading_points())
+        self.plots.show_readings(self.run.reading_points())
         self._show_spans(self.model.statistics())
         self.sequence.refresh(snapshot)
         self.reading.refresh(snapshot)

@@ -150,10 +150,10 @@ class LivePlots(PlotCard):
             if value is not None:
                 line.setValue(value)
 
-    def show_readings(self, time_s: list[float], mm: list[float]) -> None:
-        """Mark the plateaus' readings on the elongation."""
-        if len(time_s) != self.read.x.size or (time_s and time_s[-1] != self.read.x[-1]):
-            self.read.set(np.array(time_s), np.array(mm))
+    def show_readings(self, points: list[tuple[float, float]]) -> None:
+        """Mark the plateaus' readings (s, mm) on the elongation."""
+        if len(points) != self.read.x.size or (points and points[-1][0] != self.read.x[-1]):
+            self.read.set(*np.array(points).reshape(-1, 2).T)
 
     def _moved(self, *_: object) -> None:
         low, high = self.first.item.getViewBox().viewRange()[0]

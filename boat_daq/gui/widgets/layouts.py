@@ -182,14 +182,11 @@ class Divided(QSplitter):
         super().resizeEvent(event)
         narrow = self._stacks and self.width() < style.STACKED_BELOW - 2 * style.PAGE_MARGIN
         if narrow != self.stacked:
-            self._stack(narrow)
+            self.stacked = narrow
+            self.setOrientation(Qt.Orientation.Vertical if narrow else Qt.Orientation.Horizontal)
+            self._left.setMinimumHeight(2 * style.STACKED_HEIGHT if narrow else 0)
+            self._right.setMinimumHeight(style.STACKED_TABLE if narrow else 0)
         self._share()
-
-    def _stack(self, narrow: bool) -> None:
-        self.stacked = narrow
-        self.setOrientation(Qt.Orientation.Vertical if narrow else Qt.Orientation.Horizontal)
-        self._left.setMinimumHeight(2 * style.STACKED_HEIGHT if narrow else 0)
-        self._right.setMinimumHeight(style.STACKED_TABLE if narrow else 0)
 
     def _store(self) -> None:
         if not self.stacked:

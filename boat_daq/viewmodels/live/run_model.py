@@ -243,12 +243,11 @@ class RunModel:
         """Continue the plateau that waits without a reading."""
         self.services.notices.attempt(self.session.skip_reading)
 
-    def reading_points(self) -> tuple[list[float], list[float]]:
+    def reading_points(self) -> list[tuple[float, float]]:
         """Return the ring's time (s) and the elongation (mm) of each plateau that was read and is in the ring."""
         read = {key: r.elongation_mm for key, r in self.readings.latest().items() if r.elongation_mm is not None}
-        points = [
+        return [
             (time_s, read[step.number])
             for step in self.session.steps()
             if step.number in read and (time_s := self.live.time_of(step.settled_us or step.started_us)) is not None
         ]
-        return [time_s for time_s, _ in points], [mm for _, mm in points]

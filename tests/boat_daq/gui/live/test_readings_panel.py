@@ -78,13 +78,13 @@ def test_column_is_pasted_whatever_tab_is_shown(live):
     """With the plan in the pane, Ctrl+Shift+V used to open the readings and paste nothing, without a message."""
     live.live.pane.setCurrentWidget(live.live.plan)
     QApplication.clipboard().setText("4.1\n3.4")
-    live.live.paste_readings()
+    live.live.show_readings().paste()
     assert "no plateau" in live.model.notices.current().cause
     live.live.pane.setCurrentWidget(live.live.plan)
     live.model.session.marks = tuple(
         StepMark(n, 1, "unloading", 50.0 - 10 * n, 10.0, n * 10**6, status="reached") for n in (1, 2, 3)
     )
-    live.live.paste_readings()
+    live.live.show_readings().paste()
     assert [(r.step_id, r.elongation_mm) for r in live.model.session.kept] == [(1, 4.1), (2, 3.4)]
 
 

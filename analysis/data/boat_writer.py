@@ -158,9 +158,8 @@ def _session(recording: Recording, samples: npt.NDArray[np.void]) -> dict[str, A
     try:
         check_session(values)
     except RecordingError as error:
-        raise FileError(
-            f"{error.cause}, in a comment line of the file", "Correct the comment lines of the file."
-        ) from error
+        cause = f"{error.cause}, in a comment line of the file"
+        raise FileError(cause, "Correct the comment lines of the file.") from error
     return values
 
 

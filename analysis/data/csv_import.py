@@ -419,9 +419,8 @@ def _signals(values: Mapping[str, FloatArray], meta: dict[str, Any]) -> tuple[Fl
         elif scale is not None:
             signals.append((values[f"s{i}_lit"] - values[f"s{i}_dark"]) * scale)
         else:
-            raise RequestError(
-                f"sensor {i} has counts, but no signal in mV", f"Map s{i}_mv, or give vref_mv and adc_bits."
-            )
+            cause = f"sensor {i} has counts, but no signal in mV"
+            raise RequestError(cause, f"Map s{i}_mv, or give vref_mv and adc_bits.")
     signal = np.stack(signals, axis=1)
     if lit is None or dark is None:
         return signal, None, None

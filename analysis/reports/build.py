@@ -143,12 +143,10 @@ def _verdict(analysis: Analysis, limits: Mapping[str, float]) -> str:
         if not usable:
             return f"{counted}. No limits were set, so there is no verdict."
         low, high = usable[0].x_range
+        turned = [(i, s) for i, s in enumerate(analysis.sensors, 1) if s.calibration and not s.calibration.monotone]
         refused = [
-            f"sensor {i} is flat"
-            if not s.figures["fso_mv"].value
-            else f"the curve of sensor {i} turns inside the range"
-            for i, s in enumerate(analysis.sensors, 1)
-            if s.calibration is not None and not s.calibration.monotone
+            f"the curve of sensor {i} turns inside the range" if s.figures["fso_mv"].value else f"sensor {i} is flat"
+            for i, s in turned
         ]
         if refused:
             return f"{counted}. Not usable: {', '.join(refused)}."
@@ -160,9 +158,8 @@ def _verdict(analysis: Analysis, limits: Mapping[str, float]) -> str:
         missed = ", ".join(f"{v.name} of {v.sensor} {v.value:.3g} {v.unit}, limit {v.limit:g}" for v in broken)
         return f"{counted}. FAILS: {missed}."
     if unknown:
-        return (
-            f"{counted}. No verdict: {', '.join(f'{v.name} of {v.sensor}' for v in unknown)} could not be determined."
-        )
+        named = ", ".join(f"{v.name} of {v.sensor}" for v in unknown)
+        return f"{counted}. No verdict: {named} could not be determined."
     return f"{counted}. PASSES {'the limit' if len(limits) == 1 else f'all {len(limits)} limits'}."
 
 

@@ -115,13 +115,11 @@ def coefficients(analysis: Analysis) -> Section:
         rows = []
         for k, (b, u) in enumerate(zip(c.coefficients, c.std_errors_with_reading, strict=True)):
             sampled = with_uncertainty(float(p.mean[k]), float(p.sd[k])) if p else NOTHING
-            rows.append(
-                (f"b{k}", with_uncertainty(float(b), float(u)), sampled, "mV" if k == 0 else f"mV/mm{power(k)}")
-            )
+            unit = f"mV/mm{power(k)}" if k else "mV"
+            rows.append((f"b{k}", with_uncertainty(float(b), float(u)), sampled, unit))
         header = ("", "least squares ± u", "posterior ± sd", "unit")
-        parts.append(
-            ReportTable(header, tuple(rows), f"Sensor {i + 1}: y = b0 + b1 x + ..., x in mm. {_quality(analysis, i)}")
-        )
+        caption = f"Sensor {i + 1}: y = b0 + b1 x + ..., x in mm. {_quality(analysis, i)}"
+        parts.append(ReportTable(header, tuple(rows), caption))
     return Section("Coefficients", tuple(parts))
 
 

@@ -37,14 +37,10 @@ def shadow_section(compared: AgainstShadow) -> Section:
         ReportDrawing((partial(_deviation, result),), band, 2.3),
         ReportDrawing(per_cycle, f"Each cycle: mean deviation, and {residual}.", 2.4),
     ]
-    if len(compared.numbers) <= MOST_ROWS:
-        parts.append(_table(compared))
+    parts += [_table(compared)] if len(compared.numbers) <= MOST_ROWS else []
     alarms = tuple((str(alarm.cycle), alarm.sentence) for alarm in result.alarms)
-    parts.append(
-        ReportTable(("Alarm in cycle", "Text"), alarms, numeric=False)
-        if alarms
-        else "No alarm: neither leak, softening, stiffening, drift nor disagreement of the sensors was found."
-    )
+    none = "No alarm: neither leak, softening, stiffening, drift nor disagreement of the sensors was found."
+    parts.append(ReportTable(("Alarm in cycle", "Text"), alarms, numeric=False) if alarms else none)
     parts += [f"Left out of the alarms: {'; '.join(result.left_out)}."] if result.left_out else []
     return Section(TITLE, tuple(parts))
 

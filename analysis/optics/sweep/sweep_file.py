@@ -55,17 +55,13 @@ class SweepFile:
             with self._open() as db:
                 if db.execute("pragma user_version").fetchone()[0] == 0:
                     db.executescript(_SCHEMA)
-                    about = [
-                        ("parameters", text),
-                        ("version", program_version()),
-                        ("began", datetime.now(UTC).isoformat(timespec="seconds")),
-                    ]
-                    db.executemany("insert into meta values (?, ?)", about)
+                    began = datetime.now(UTC).isoformat(timespec="seconds")
+                    about = {"parameters": text, "version": program_version(), "began": began}
+                    db.executemany("insert into meta values (?, ?)", about.items())
                 kept = dict(db.execute("select key, value from meta"))["parameters"]
         except (sqlite3.Error, UnicodeDecodeError, MemoryError, KeyError) as error:
-            raise FileError(
-                f"{path} cannot be used as a sweep's results: {error}", "choose another --out folder"
-            ) from error
+            cause = f"{path} cannot be used as a sweep's results: {error}"
+            raise FileError(cause, "choose another --out folder") from error
         if kept != text:
             raise RequestError(
                 f"{path} is of a sweep with other parameters",

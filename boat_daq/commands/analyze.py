@@ -55,13 +55,8 @@ def analyze(
     from analysis.figures.stored_results import store_analysis
     from boat_daq.commands.importing import column_map
 
-    options = Options(
-        seed=seed,
-        mcmc=not no_mcmc,
-        x_resolution_mm=x_resolution,
-        plateau=PlateauSettings(tolerance, settling),
-        fidelity=fidelity,
-    )
+    plateau = PlateauSettings(tolerance, settling)
+    options = Options(seed=seed, mcmc=not no_mcmc, x_resolution_mm=x_resolution, plateau=plateau, fidelity=fidelity)
     with progress_bar("Analysing") as advance:
         source = load_recording(run, columns=column_map(mapping), rate_hz=rate) if mapping or rate else run
         analysis = analyse(source, elongation, options=options, progress=advance)

@@ -137,13 +137,9 @@ def record_on_virtual_board(run: Path, plan: Plan, *, unit: str, seed: int, spee
         truth = Path(folder) / "truth.csv"
         port = "pty" if hasattr(os, "openpty") else "127.0.0.1:0"
         with serve(BoardSettings(port=port, speed=speed, unit=unit, seed=seed, truth=str(truth))) as board:
-            request = SessionRequest(
-                port=board.url,
-                path=run,
-                plan=plan,
-                unit=unit.removesuffix("-falling"),
-                metadata={"operator": "demo", "unit": unit, "note": f"SIMULATED, seed {seed}, {speed:g}x"},
-            )
+            metadata = {"operator": "demo", "unit": unit, "note": f"SIMULATED, seed {seed}, {speed:g}x"}
+            known = unit.removesuffix("-falling")
+            request = SessionRequest(port=board.url, path=run, plan=plan, unit=known, metadata=metadata)
             _, failure = run_session(request, lambda session: enter_simulated_readings(session, truth, seed=seed))
     if failure:
         raise DeviceError(f"the demo's run ended early: {failure}", "try a lower --speed on a busy computer")

@@ -111,11 +111,8 @@ def _bands(calibration: Calibration, posterior: Posterior | None) -> dict[str, A
     import numpy as np
 
     grid = np.linspace(*calibration.x_range, BAND_POINTS)
-    content: dict[str, Any] = {
-        "x": grid,
-        "y": calibration.predict(grid),
-        "method": "posterior" if posterior else "Student t",
-    }
+    method = "posterior" if posterior else "Student t"
+    content: dict[str, Any] = {"x": grid, "y": calibration.predict(grid), "method": method}
     for level in (0.68, 0.95):
         if posterior is not None:
             curve, reading = posterior.curve_band(grid, level), posterior.new_reading_band(grid, level)

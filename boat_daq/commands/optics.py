@@ -294,15 +294,10 @@ def optimise(
     if out is not None:
         with writing(out):
             out.mkdir(parents=True, exist_ok=True)
+    guide, first = _guide(index, thickness, attenuation, None), _design(5, 1.0, 0.5, 0.9, face).face
     with progress_bar("search") as advance:
         found = search(
-            _guide(index, thickness, attenuation, None),
-            _curves(curves),
-            rays=rays,
-            seconds=seconds,
-            first_face=_design(5, 1.0, 0.5, 0.9, face).face,
-            seed=seed,
-            progress=advance,
+            guide, _curves(curves), rays=rays, seconds=seconds, first_face=first, seed=seed, progress=advance
         )
     result = optimum_json(found)
     if out is not None:

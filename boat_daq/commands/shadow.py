@@ -340,13 +340,9 @@ def replay(
     recording = load_recording(run)
     with progress_bar("calibrating") as progress:
         sensors = analyse(calibration or run, elongation, mcmc=False, progress=progress).sensors
-    result = compare(
-        chosen_table(chosen_parameters(parameters)),
-        recording.time_s,
-        recording.pressure_kpa,
-        measured_elongation(recording, sensors),
-        [cycle.rows for cycle in find_cycles(recording).complete],
-    )
+    table, measured_mm = chosen_table(chosen_parameters(parameters)), measured_elongation(recording, sensors)
+    cycles = [cycle.rows for cycle in find_cycles(recording).complete]
+    result = compare(table, recording.time_s, recording.pressure_kpa, measured_mm, cycles)
     summary = result.summary() | {"simulated": recording.simulated}
     if plot is not None:
         save_figure(replay_figure(result), plot)
@@ -364,11 +360,8 @@ def replay(
     for cause in result.left_out:
         notify(f"omitted: {cause}")
     detectable = ", ".join(f"{name} {size:.2g}" for name, size in result.smallest_shift.items() if math.isfinite(size))
-    show(
-        f"smallest shifts that further cycles would show: {detectable}"
-        if detectable
-        else "too few cycles for the alarms to detect a shift"
-    )
+    shifts = f"smallest shifts that further cycles would show: {detectable}"
+    show(shifts if detectable else "too few cycles for the alarms to detect a shift")
 
 
 @app.command()

@@ -85,25 +85,15 @@ class DrillResult:
         return bool(self.criteria) and all(criterion.kept for criterion in self.criteria)
 
 
-@dataclass(frozen=True, slots=True)
 class DrillRig:
-    """The rig of one drill.
+    """The rig of one drill: an empty folder of its own, its recording `run`, and the board's `truth`.
 
-    An empty folder of its own; `served` are the boards it had.
+    `served` are the boards it had.
     """
 
-    folder: Path
-    served: list[BoardSettings] = field(default_factory=list)
-
-    @property
-    def run(self) -> Path:
-        """The recording."""
-        return self.folder / "drill.boat"
-
-    @property
-    def truth(self) -> Path:
-        """The board's truth."""
-        return self.folder / "truth.csv"
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.run, self.truth = folder, folder / "drill.boat", folder / "truth.csv"
+        self.served: list[BoardSettings] = []
 
     @contextmanager
     def board(self, *faults: str, speed: float = SPEED) -> Iterator[ServedBoard]:

@@ -214,13 +214,8 @@ class Recorder:
             if self._closed:
                 return self.path
             self._closed = True
-        ended = {
-            "status": "closed",
-            "ended_utc": now_utc(),
-            "ended_host_ns": time.monotonic_ns(),
-            "stop_reason": RunEnding(end, cause).text,
-            "run_end": end,
-        }
+        ended = {"status": "closed", "ended_utc": now_utc(), "ended_host_ns": time.monotonic_ns(), "run_end": end}
+        ended["stop_reason"] = RunEnding(end, cause).text
         self._later(lambda rows, _: rows.flush(last=True))
         self._later(lambda *_: iter(set_meta(ended)))
         with self._changed:

@@ -421,16 +421,12 @@ def _write_truth(file: IO[str], board: VirtualBoard) -> None:
 # ---- beside another program ----------------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
 class ServedBoard(AbstractContextManager["ServedBoard"]):
     """A board served by another process or thread; close it, or use it in a `with`."""
 
-    def __init__(self, url: str, close: Callable[[], None]) -> None:
-        self.url = url
-        self._close = close
-
-    def close(self) -> None:
-        """End the board; may be called twice."""
-        self._close()
+    url: str
+    close: Callable[[], None]  # may be called twice
 
     def __exit__(self, *_: object) -> None:
         self.close()

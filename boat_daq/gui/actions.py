@@ -54,7 +54,7 @@ def session(window: MainWindow) -> list[Command]:
         add("Add marker …", "M", window.live.ask_marker, model.connected, also="mark note comment moment"),
         add("Apply suggested action", "Ctrl+J", strip.apply, strip.has_action, apart=True, also="message do"),
         add("Dismiss message", "Ctrl+D", strip.dismiss, strip.has_notice),
-        add("Cancel task", "Ctrl+.", strip.cancel_job, strip.has_job, also="work job stop"),
+        add("Cancel task", "Ctrl+.", strip.cancel_job, lambda: bool(model.jobs.running()), also="work job stop"),
         add("Close the window", "Ctrl+Q", window.leave, apart=True, also="quit exit leave"),
     ]
 

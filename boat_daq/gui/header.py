@@ -174,7 +174,7 @@ class Strip(QWidget):
         self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # the buttons are never cut
         self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.act = widgets.button("", self.apply, name="Apply suggested action")
-        self.more = widgets.button("Details", self._toggle_details, "link")
+        self.more = widgets.button("Details", lambda: self.details.setVisible(not self.details.isVisible()), "link")
         self.copy = widgets.button("Copy", self._copy, "link", name="Copy message")
         self.close_ = widgets.button("Dismiss", self.dismiss, "link", name="Dismiss message")
         self.behind = widgets.label("", "small")
@@ -239,10 +239,6 @@ class Strip(QWidget):
         """Return whether a notice is shown."""
         return self._shown is not None
 
-    def has_job(self) -> bool:
-        """Return whether a job runs."""
-        return bool(self.jobs.running())
-
     def apply(self) -> None:
         """Run the action that the notice suggests."""
         notice = self._shown
@@ -258,9 +254,6 @@ class Strip(QWidget):
     def _copy(self) -> None:
         if self._shown is not None:
             QGuiApplication.clipboard().setText(self._shown.text)
-
-    def _toggle_details(self) -> None:
-        self.details.setVisible(not self.details.isVisible())
 
     def cancel_job(self) -> None:
         """Cancel the newest job."""

@@ -71,10 +71,6 @@ class ValueDisplay(QWidget):
         widgets.set_text(self.note, note)
         self.value.setAccessibleName(f"{self.title}: {text} {self.unit.text()} {note}".strip())
 
-    def tint(self, colour: str) -> None:
-        """Show the colour of this value in the plots."""
-        self.swatch.setStyleSheet(f"background: {colour}; border-radius: 2px;")
-
 
 def table(rows: Sequence[Sequence[str]], spacing: int) -> str:
     """Return rows of cells as rich text, aligned right, `spacing` pixels between the columns."""
@@ -325,7 +321,7 @@ class LivePage(QWidget):
         """Take the colours of `theme`."""
         colours = (*theme.sensors[:2], theme.elongation, theme.pressure, theme.target)
         for figure, colour in zip(self.figures.values(), colours, strict=True):
-            figure.tint(colour)
+            figure.swatch.setStyleSheet(f"background: {colour}; border-radius: 2px;")
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Fit values and pane to the width of the window."""

@@ -348,7 +348,7 @@ class OpticsPage(ReflowingPage):
     def _choose(self, _: object) -> None:
         n, width, depth, spacing = (field.currentData() for field in self.fields.values())
         self.model.choose((int(n), float(width), float(depth), float(spacing)), str(self.face.currentData()))
-        self._show_model()
+        self.refresh()
 
     def _choose_curves(self, name: str) -> None:
         if name == FROM_FILE:
@@ -374,12 +374,8 @@ class OpticsPage(ReflowingPage):
         select(self.curves, self.model.curves, self.model.curves_text(self.model.curves))
         self.rays.setCurrentIndex(self.rays.findData(self.model.rays))
 
-    def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show design, sweep and search where they have changed."""
-        self._show_model()
-
-    def _show_model(self) -> None:
-        """Show what has changed; the first call traces the paper's design."""
+    def refresh(self, snapshot: SessionSnapshot | None = None) -> None:
+        """Show design, sweep and search where they have changed; the first call traces the paper's design."""
         model = self.model
         if model.result is None and not model.running("optics") and not model.problem:
             model.choose(model.values)

@@ -94,9 +94,8 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         if self._drawn_by is None:
             field_ = self._field()
             left, bottom = field_.left(), field_.bottom()
-            self._draw_grid(
-                painter, [QLineF(left + x, field_.top(), left + x, area.top()) for x in places], area.width()
-            )
+            lines = [QLineF(left + x, field_.top(), left + x, area.top()) for x in places]
+            self._draw_grid(painter, lines, area.width())
             if self._across is not None:
                 heights = self._across._ticks()[2]
                 lines = [QLineF(left, bottom - y, field_.right(), bottom - y) for y in heights]

@@ -159,7 +159,7 @@ class CalibrationPage(QWidget):
     ) -> None:
         super().__init__()
         self.model, self.show_repeatability, self.services = model, show_repeatability, services
-        self._revision = -1
+        self._revision, self._step = -1, NextStep.NONE
         self.curves = [CurveCard(n) for n in range(1, SENSORS + 1)]
         signals = [(f"Signal {n}", "mV", f"Sensor {n}", sensor_colour(n)) for n in range(1, SENSORS + 1)]
         self.loops = LoopCard("Loops over pressure", NO_CYCLE, signals)
@@ -222,14 +222,10 @@ class CalibrationPage(QWidget):
 
     def _next_step(self) -> None:
         """Take the next step towards a missing curve."""
-        result = self.model.result
-        lacking = missing(result) if result is not None else None
-        if lacking is None or result is None:
-            return
-        if lacking.step is NextStep.ENTER_READINGS:
+        if self._step is NextStep.ENTER_READINGS:
             self._edit_readings()
-        elif lacking.step is NextStep.SHOW_REPEATABILITY:
-            self.show_repeatability(result)
+        elif self._step is NextStep.SHOW_REPEATABILITY and self.model.result is not None:
+            self.show_repeatability(self.model.result)
             self.services.show(Page.REPEAT)
         else:
             self.services.show(Panel.PLAN)
@@ -287,6 +283,7 @@ class CalibrationPage(QWidget):
         lacking = missing(result)
         self.upper.setCurrentIndex(0 if lacking is None else 1)
         if lacking is not None:
+            self._step = lacking.step
             self.missing.say(lacking.title, lacking.text, lacking.step.value)
         self.loops.show_loops(result.loops, result.loops.signal_mv)
         elongation = result.loops.elongation_mm

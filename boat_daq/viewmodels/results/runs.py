@@ -168,18 +168,15 @@ class ClosedRun:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._steps: tuple[StepMark, ...] = ()
-        self._readings: tuple[Reading, ...] = ()
         self.read()
 
     def read(self) -> None:
         """Read steps and readings from the file."""
         with closing(open_recording(self.path)) as db:
-            steps = db.execute("SELECT id, cycle, branch, target_kpa, started_us, status FROM step ORDER BY id")
-            self._steps = tuple(
-                StepMark(number, cycle, branch, target, 0.0, started, status=status)
-                for number, cycle, branch, target, started, status in steps
+            steps = db.execute(
+                "SELECT id, cycle, branch, target_kpa, 0.0, started_us, NULL, NULL, NULL, status FROM step ORDER BY id"
             )
+            self._steps = tuple(StepMark(*row) for row in steps)
             readings = db.execute(
                 "SELECT step, elongation_mm, resolution_mm, source, utc, reader, note FROM reading ORDER BY id"
             )
@@ -275,8 +272,7 @@ class RunsModel:
 
     def recover(self, path: Path) -> None:
         """Close a recording that a killed session left open, in the background."""
-        job = Job(f"Recovering {path.name}", recover, path)
-        self.start("recover", job, f"{path.name} is recovered")
+        self.start("recover", Job(f"Recovering {path.name}", recover, path), f"{path.name} is recovered")
 
     def resume(self, path: Path, then: Callable[[BrokenRun], None]) -> None:
         """Prepare the resumption of a run in the background; `then` is called with it.

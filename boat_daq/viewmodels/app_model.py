@@ -26,9 +26,8 @@ from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.run_model import CalibrationOffer, ResumeRun, RunModel
 from boat_daq.viewmodels.live.sequence import SequenceModel
 from boat_daq.viewmodels.live.shadow_live import ShadowLive, ShadowMonitor
-from boat_daq.viewmodels.models.atlas import AtlasModel
 from boat_daq.viewmodels.models.optics import OpticsModel
-from boat_daq.viewmodels.models.tradeoff import TradeoffModel
+from boat_daq.viewmodels.models.tradeoff import AtlasModel, TradeoffModel
 from boat_daq.viewmodels.results.calibration import CalibrationModel
 from boat_daq.viewmodels.results.repeatability import RepeatabilityModel
 from boat_daq.viewmodels.results.runs import RunActions, RunsModel

@@ -35,11 +35,13 @@ from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.common.formatting import duration_text
 from boat_daq.viewmodels.common.preferences import Precision
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.models.atlas import OUTCOMES, AtlasModel, MapView
 from boat_daq.viewmodels.models.tradeoff import (
     ENTRIES,
     FRONT,
     METHODS,
+    OUTCOMES,
+    AtlasModel,
+    MapView,
     MethodChart,
     TradeoffModel,
     TradeoffPoint,

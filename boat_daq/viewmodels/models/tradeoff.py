@@ -1,8 +1,9 @@
-"""The trade-off page: time against error of each method on this computer, and the settings that the rule chooses.
+"""The trade-off page: time against error of each method on this computer, and the stability atlas of each.
 
-Rules: methods are measured in a helper process. The last result is kept beside the window's preferences and shown at
-the next start; methods that were not measured again keep theirs, with their own date. A file that is not such a result
-is refused. Points are numbered from the cheapest; the error of a setting that failed is infinite and not drawn.
+Rules: methods are measured, and maps swept, in a helper process. The last results are kept beside the window's
+preferences and shown at the next start; methods that were not measured again keep theirs, with their own date. A file
+that is not such a result is refused. Points are numbered from the cheapest; the error of a setting that failed is
+infinite and not drawn. A map shows where a method works, where only with a warning, where it refuses.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from analysis.arrays import FloatArray
 from analysis.progress import Progress
@@ -27,7 +28,6 @@ from boat_daq.viewmodels.common.preferences import Preferences
 if TYPE_CHECKING:
     from analysis.tradeoff.decimation import Curve, Paint
     from analysis.tradeoff.measure import Method
-
 
 FRONT = "front"
 SYMBOLS = {"default": "\u25cb", "chosen": "\u25a1"}
@@ -49,6 +49,14 @@ ENTRIES = METHODS | MAPPED
 Measurer = Callable[[Sequence[str], bool], dict[str, Any]]
 FILE = "tradeoff.json"
 CHOSEN, QUICK, SHOWN = "tradeoff_methods", "tradeoff_quick", "tradeoff_shown"
+CODES = {"works": "works", "degraded": "degraded", "refused": "refused", "quiet wrong": "unwarned"}  # of `atlas --json`
+OUTCOMES = {  # code -> letter in a cell, text
+    "works": ("", "works"),
+    "degraded": ("d", "works with a warning"),
+    "refused": ("r", "refuses"),
+    "unwarned": ("!", "wrong without warning"),
+}
+ATLAS_FILE = "atlas.json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -364,3 +372,115 @@ class TradeoffModel(MeasuredResult):
     def status(self) -> str:
         """Return the progress of the measurement, or what went wrong, in a line."""
         return self._progress_text()
+
+
+class MapCell(NamedTuple):
+    """One case of a map: its outcome (a key of `OUTCOMES`), its error in the map's unit, the message to the user."""
+
+    outcome: str
+    error: float
+    message: str
+
+
+class MapAxis(NamedTuple):
+    """One axis of a map: its quantity with the unit, and the value of each row or column of cells."""
+
+    title: str
+    ticks: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class MapView:
+    """One map; `axes` x and y, `cells` [y][x]."""
+
+    title: str
+    unit: str
+    tolerance: float
+    axes: tuple[MapAxis, MapAxis]
+    cells: tuple[tuple[MapCell, ...], ...]
+
+    def cell_text(self, column: int, row: int) -> str:
+        """Return a case as text; empty outside the map."""
+        x, y = self.axes
+        if not (0 <= column < len(x.ticks) and 0 <= row < len(y.ticks)):
+            return ""
+        cell = self.cells[row][column]
+        error = f", error {error_text(cell.error)} {self.unit}" if cell.error == cell.error else ""
+        message = f": {cell.message}" if cell.message else ""
+        at = f"{x.title} {x.ticks[column]}, {y.title} {y.ticks[row]}"
+        return f"{at} \u2013 {OUTCOMES[cell.outcome][1]}{error}{message}"
+
+    @property
+    def summary(self) -> str:
+        """The number of cases of each outcome."""
+        found = [cell.outcome for row in self.cells for cell in row]
+        parts = [f"{text} in {found.count(name)}" for name, (_, text) in OUTCOMES.items() if name in found]
+        return f"{', '.join(parts)} of {count(len(found), 'case')}; tolerance {quantity(self.tolerance, self.unit)}"
+
+
+def read_maps(content: Any) -> dict[str, list[MapView]]:
+    """Return the maps of an atlas, by method.
+
+    Raises
+    ------
+    OperatorError : it is not a result of `boat-daq atlas`.
+    """
+    maps: dict[str, list[MapView]] = {}
+    try:
+        for m in content["maps"]:
+            maps.setdefault(str(m["method"]), []).append(_map(m))
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise OperatorError(
+            "this file is not a stability atlas", "Choose an atlas.json that this page or the command wrote."
+        ) from error
+    return maps
+
+
+def _map(m: Mapping[str, Any]) -> MapView:
+    cells = tuple(tuple(_cell(cell) for cell in row) for row in m["cells"])
+    return MapView(str(m["title"]), str(m["unit"]), float(m["tolerance"]), (_axis(m["x"]), _axis(m["y"])), cells)
+
+
+def _cell(cell: Mapping[str, Any]) -> MapCell:
+    outcome, error = CODES[str(cell["outcome"])], cell["error"]
+    return MapCell(outcome, float("nan") if error is None else float(error), str(cell["said"]))
+
+
+def _axis(axis: Mapping[str, Any]) -> MapAxis:
+    title = f"{axis['name']} ({axis['unit']})" if axis["unit"] else str(axis["name"])
+    return MapAxis(title, tuple(str(t) for t in axis.get("labels") or ()) or tuple(f"{v:g}" for v in axis["values"]))
+
+
+class AtlasModel(MeasuredResult):
+    """State of the atlas.
+
+    Parameters
+    ----------
+    jobs : where maps are swept.
+    folder : where they are kept.
+    """
+
+    name, noun, again = "atlas", "maps", "sweep again"
+
+    def __init__(self, jobs: JobRunner, folder: Path) -> None:
+        self.maps: dict[str, list[MapView]] = {}
+        super().__init__(jobs, folder / ATLAS_FILE)
+
+    def toggle(self, method: str) -> None:
+        """Start sweeping a method's maps, or stop."""
+        if self.job is not None:
+            self.jobs.cancel(self.name)
+            return
+        self._start(Job("Mapping where it works", sweep_method, method))
+
+    def _read(self, content: Any) -> None:
+        self.maps = read_maps(content)
+
+    def _joined(self, fresh: dict[str, Any]) -> dict[str, Any]:
+        swept = {m["method"] for m in fresh["maps"]}
+        kept = [m for m in (self.content or {"maps": []})["maps"] if m["method"] not in swept]
+        return {**fresh, "maps": [*kept, *fresh["maps"]]}
+
+    def status(self, method: str) -> str:
+        """Return the progress of the sweep, or why there is no map, in a line."""
+        return self._progress_text("mapping") or ("" if self.maps.get(method) else "not mapped yet")

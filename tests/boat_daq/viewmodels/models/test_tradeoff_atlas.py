@@ -12,7 +12,7 @@ from analysis.atlas.sweep import Axis, Study, StudyResult
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.jobs import JobRunner, JobState
 from boat_daq.viewmodels.models import tradeoff
-from boat_daq.viewmodels.models.atlas import AtlasModel, read_maps
+from boat_daq.viewmodels.models.tradeoff import AtlasModel, read_maps
 from tests.boat_daq.viewmodels.models.reports import swept
 
 

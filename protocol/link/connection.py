@@ -240,6 +240,7 @@ class PendingCommands:
 
 
 _TO_ANY_VERSION = (Identify, Vent, Stop)
+_SAMPLE = int(messages.MessageType.SAMPLE)  # a plain integer: compared for every frame
 _HEAD = 16  # bytes of a SAMPLE body before the counts: type, seq, index, time, pressure, state, flags
 
 
@@ -359,7 +360,7 @@ class Connection:
     def _take(self, bodies: list[bytes], host_ns: IntArray) -> list[LinkEvent]:
         events: list[LinkEvent] = []
         run = 0
-        others = [at for at, body in enumerate(bodies) if body[0] != messages.MessageType.SAMPLE]
+        others = [at for at, body in enumerate(bodies) if body[0] != _SAMPLE]
         for at in [*others, len(bodies)]:
             if at > run:
                 events += self._take_samples(bodies[run:at], host_ns[run:at])

@@ -13,6 +13,7 @@ from PySide6.QtWidgets import (
 from boat_daq.engine.snapshot import (
     LinkState,
 )
+from boat_daq.gui import style
 from boat_daq.viewmodels.live.live_model import HEADINGS_SHORT, LiveElongation
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import PATIENCE_MS
@@ -77,6 +78,19 @@ def test_first_sample_replaces_the_first_steps(live):
     live.draw()
     assert live.live.plots.isVisible()
     assert live.live.plots.s1.x[-1] == pytest.approx(299.99)
+
+
+def test_checked_button_shows_its_whole_text(live):
+    """The text of the pressed Freeze button used to be bold, and was cut at both ends."""
+    live.set_theme(style.LIGHT)
+    button, inked = live.live.freeze, []
+    for checked in (False, True):
+        button.setChecked(checked)
+        image = button.grab().toImage()
+        inside = ((x, y) for x in range(4, image.width() - 4) for y in range(4, image.height() - 4))
+        inked.append({x for x, y in inside if image.pixelColor(x, y).lightness() < 100})
+    assert inked[0]
+    assert (min(inked[1]), max(inked[1])) == (min(inked[0]), max(inked[0]))
 
 
 def test_frozen_plot_keeps_recording(live):

@@ -16,9 +16,8 @@ from contextlib import AbstractContextManager
 
 from boat_daq.engine.control.controller import Controller
 from boat_daq.engine.control.watchdog import FAST
-from boat_daq.engine.link.link_health import LinkHealth
 from boat_daq.engine.link.opening import OpenPort, find_board, open_port
-from boat_daq.engine.link.reader import Block, PortLost, PortReader, SinkFailed
+from boat_daq.engine.link.reader import Block, LinkHealth, PortLost, PortReader, SinkFailed
 from boat_daq.engine.link.transports import ReplayEnded
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.sample_columns import mv_per_count

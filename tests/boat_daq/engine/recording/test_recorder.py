@@ -168,7 +168,7 @@ def test_a_closed_recording_takes_later_readings(recorder, source, path):
 
 def test_health_is_kept_each_second(path, source):
     """The file holds the link's counters as they grew."""
-    from boat_daq.engine.link.link_health import LinkHealth
+    from boat_daq.engine.link.reader import LinkHealth
 
     health = LinkHealth(lambda: source.link.statistics, asked_hz=100)
     recorder = Recorder(path, meta_of(source.link), health=health.snapshot)

@@ -79,16 +79,10 @@ def _show(content: dict[str, Any]) -> None:
         f"{content['rows']} rows from line {content['first_data_line']}, {content['encoding']}, separated by "
         f"{content['separator']!r}, decimal {content['decimal']!r}"
     )
-    rows = (
-        (
-            str(column["number"]),
-            column["name"],
-            column["unit"],
-            f"{column['taken_as']} {column['taken_unit']}".strip(),
-            "  ".join(str(value) for value in column["first"]),
-        )
-        for column in content["columns"]
-    )
+    rows = []
+    for column in content["columns"]:
+        imported, first = f"{column['taken_as']} {column['taken_unit']}".strip(), "  ".join(map(str, column["first"]))
+        rows.append((str(column["number"]), column["name"], column["unit"], imported, first))
     show_table(("no.", "column", "unit", "imported as", "first values"), rows, left=5)
     for note in [*content["notes"], *content["issues"]]:
         notify(note)

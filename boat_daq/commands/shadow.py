@@ -234,11 +234,8 @@ def export(
     model = chosen_model(parameters, None)
     write_state(out, file_format, model.parameters, model.mesh, model.solve(pressure_kpa=pressure))
     nodes, elements = len(model.mesh.nodes), len(model.mesh.quads)
-    present(
-        {"out": out, "format": file_format, "pressure_kpa": pressure, "nodes": nodes, "elements": elements},
-        f"wrote {out}: {nodes} nodes, {elements} elements, {pressure:+g} kPa",
-        as_json=as_json,
-    )
+    content = {"out": out, "format": file_format, "pressure_kpa": pressure, "nodes": nodes, "elements": elements}
+    present(content, f"wrote {out}: {nodes} nodes, {elements} elements, {pressure:+g} kPa", as_json=as_json)
 
 
 @app.command()

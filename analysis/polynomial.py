@@ -67,7 +67,7 @@ class ScaledBasis:
         if size > 1:
             columns.append(u)
         for k in range(1, size - 1):  # (k+1) P_{k+1} = (2k+1) u P_k - k P_{k-1}
-            forward = [Fraction(2 * k + 1, k + 1) * c for c in _times(u, columns[k])]
+            forward = [Fraction(2 * k + 1, k + 1) * c for c in np.convolve(u, columns[k])]
             back = [Fraction(k, k + 1) * c for c in columns[k - 1]]
             columns.append([f - (back[i] if i < len(back) else 0) for i, f in enumerate(forward)])
         return [[column[row] if row < len(column) else Fraction(0) for column in columns] for row in range(size)]
@@ -139,14 +139,6 @@ def least_squares(x: FloatArray, y: FloatArray, degree: int, weights: FloatArray
     factors = factor, (_as_long(change) @ factor.astype(np.longdouble)).astype(np.float64)
     leverage = np.einsum("ij,ij->i", q, q)
     return LeastSquares(basis, *coefficients, *factors, residuals, leverage, condition, root**2)
-
-
-def _times(a: list[Fraction], b: list[Fraction]) -> list[Fraction]:
-    product = [Fraction(0)] * (len(a) + len(b) - 1)
-    for i, left in enumerate(a):
-        for j, right in enumerate(b):
-            product[i + j] += left * right
-    return product
 
 
 def _long_design(basis: ScaledBasis, x: FloatArray) -> LongArray:

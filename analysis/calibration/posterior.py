@@ -105,32 +105,6 @@ class Posterior:
         noise = np.random.default_rng(seed).standard_normal((self.sigma_samples.size, 1))
         return _equal_tails(self.curves(x) + self.sigma_samples[:, None] * noise, level)
 
-    def inverse_band(self, y: npt.ArrayLike, level: float = 0.95, *, seed: int = 0) -> tuple[FloatArray, FloatArray]:
-        """Return the band of x for one new signal y; NaN where more than half of the draws find no x in the range.
-
-        Each draw's curve is inverted for y less a draw of its noise, by interpolation on its monotone range.
-
-        Parameters
-        ----------
-        y : [signals] in the unit of y.
-        level : of the band, 0 to 1.
-        seed : of the draws of noise.
-        """
-        low_x, high_x = self.calibration.x_range
-        margin = 0.05 * (high_x - low_x)
-        grid = np.linspace(low_x - margin, high_x + margin, 400)
-        curves = self.curves(grid) * (1.0 if self.calibration.rises else -1.0)
-        signals = np.atleast_1d(np.asarray(y, dtype=float)) * (1.0 if self.calibration.rises else -1.0)
-        noise = np.random.default_rng(seed).standard_normal(self.sigma_samples.size) * self.sigma_samples
-        found = np.empty((curves.shape[0], signals.size))
-        for draw, curve in enumerate(curves):
-            rising = np.maximum.accumulate(curve)
-            found[draw] = np.interp(signals - noise[draw], rising, grid, left=np.nan, right=np.nan)
-        inside = np.isfinite(found).mean(axis=0) > 0.5
-        band = np.full((2, signals.size), np.nan)
-        band[:, inside] = np.nanpercentile(found[:, inside], [50 - 50 * level, 50 + 50 * level], axis=0)
-        return band[0], band[1]
-
     def as_json(self) -> dict[str, Any]:
         """Return the posterior as `analyze --json` reports it."""
         return {

@@ -53,6 +53,13 @@ class Scrambler(ast.NodeTransformer):
         """Leave matplotlib's codes of two words."""
         return node if node.arg in MATPLOTLIB else self.generic_visit(node)
 
+    def visit_Dict(self, node: ast.Dict) -> ast.AST:
+        """Leave them in a dict of matplotlib's arguments too."""
+        for i, (key, value) in enumerate(zip(node.keys, node.values, strict=True)):
+            if not (isinstance(key, ast.Constant) and key.value in MATPLOTLIB):
+                node.values[i] = self.visit(value)
+        return node
+
     def visit_Constant(self, node: ast.Constant) -> ast.AST:
         """Scramble a sentence."""
         if isinstance(node.value, str) and SENTENCE.search(node.value) and not CODE.search(node.value):

@@ -63,14 +63,13 @@ class ScaledBasis:
         size = self.degree + 1
         shift, scale = Fraction(self.centre), Fraction(self.half_width)
         u = [-shift / scale, 1 / scale]  # u as a polynomial of x
-        columns = [[Fraction(1)]]
+        zero, columns = Fraction(0), [[Fraction(1)]]
         if size > 1:
             columns.append(u)
         for k in range(1, size - 1):  # (k+1) P_{k+1} = (2k+1) u P_k - k P_{k-1}
-            forward = [Fraction(2 * k + 1, k + 1) * c for c in np.convolve(u, columns[k])]
-            back = [Fraction(k, k + 1) * c for c in columns[k - 1]]
-            columns.append([f - (back[i] if i < len(back) else 0) for i, f in enumerate(forward)])
-        return [[column[row] if row < len(column) else Fraction(0) for column in columns] for row in range(size)]
+            terms = zip([*columns[k], zero], [zero, *columns[k]], [*columns[k - 1], zero, zero], strict=True)
+            columns.append([((2 * k + 1) * (u[0] * c + u[1] * low) - k * b) / (k + 1) for c, low, b in terms])
+        return [[column[row] if row < len(column) else zero for column in columns] for row in range(size)]
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ import typer
 import boat_daq
 from boat_daq.commands import demo, optics, shadow
 from boat_daq.commands.console import emit_error, show
+from boat_daq.errors import Explained
 
 app = typer.Typer(
     name="boat-daq",
@@ -76,15 +77,12 @@ class Interruption:
         raise KeyboardInterrupt
 
 
-def explain_file(error: OSError) -> tuple[str, str]:
-    """Return cause and remedy of a file that the system refused."""
-    if not (error.filename and error.strerror):
-        return explain_fault(error)
-    return f"{error.filename}: {error.strerror}", "check the path, its permissions and the free space of the disk"
-
-
-def explain_fault(error: Exception) -> tuple[str, str]:
-    """Return cause and remedy of an unexpected error; its traceback is written to the log."""
+def explain(error: Exception) -> tuple[str, str]:
+    """Return cause and remedy of an error; the traceback of an unexpected one is written to the log."""
+    if isinstance(error, Explained):
+        return error.cause, error.remedy
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return f"{error.filename}: {error.strerror}", "check the path, its permissions and the free space of the disk"
     from boat_daq.engine.log import note_failure, start_log, stop_log
 
     path = start_log()
@@ -102,9 +100,6 @@ def main() -> None:
     except SystemExit as leaving:
         # Releases of typer differ in the code they leave with after Ctrl-C.
         raise SystemExit(130 if interruption.came else leaving.code) from None
-    except Exception as error:  # noqa: BLE001 - the last one to see it; the packages' errors share these attributes
-        cause, remedy = getattr(error, "cause", None), getattr(error, "remedy", None)
-        if cause is None or remedy is None:
-            cause, remedy = explain_file(error) if isinstance(error, OSError) else explain_fault(error)
-        emit_error(type(error).__name__, cause, remedy)
+    except Exception as error:  # noqa: BLE001 - the last one to see it
+        emit_error(type(error).__name__, *explain(error))
         raise SystemExit(1) from None

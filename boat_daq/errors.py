@@ -8,6 +8,9 @@ BoatDaqError
 
 from __future__ import annotations
 
+from analysis.errors import AnalysisError
+from protocol.errors import ProtocolError
+
 
 class BoatDaqError(Exception):
     """Base of the family.
@@ -34,3 +37,7 @@ class DeviceError(BoatDaqError):
 
 class StorageError(BoatDaqError):
     """The disk or the file failed."""
+
+
+Explained = BoatDaqError | ProtocolError | AnalysisError
+"""An error with cause and remedy, of any of our packages."""

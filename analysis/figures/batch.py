@@ -19,10 +19,11 @@ from typing import Any
 
 import pandas as pd
 
-from analysis.dask_address import check_scheduler
+from analysis.cluster import check_scheduler, connect
 from analysis.data.export import neutral
 from analysis.errors import AnalysisError, FileError, RequestError
 from analysis.progress import Progress
+from protocol.errors import ProtocolError
 
 SUFFIXES = (".boat", ".csv")
 ELONGATION = ".elongation.csv"
@@ -41,11 +42,8 @@ def summarise_run(path: Path, *, seed: int = 0, mcmc: bool = False) -> list[dict
 
     try:
         analysis = analyse(path, readings_beside(path), seed=seed, mcmc=mcmc)
-    except Exception as error:
-        cause = getattr(error, "cause", None)
-        if cause is None:
-            raise
-        return [{"run": path.name, "error": cause}]
+    except (AnalysisError, ProtocolError) as error:
+        return [{"run": path.name, "error": error.cause}]
     cycles = analysis.cycles.as_json()
     head = {
         "run": path.name,
@@ -85,7 +83,7 @@ def batch(
     runs : a folder, or files.
     workers : processes; one for each core by default, 1 for none.
     scheduler : address of a Dask scheduler; then the runs must be readable from its workers.
-    allow_remote : whether the scheduler may be on another computer; see `analysis.dask_address`.
+    allow_remote : whether the scheduler may be on another computer; see `analysis.cluster`.
     progress : called as progress(done, total); raising from it cancels.
 
     Raises
@@ -163,15 +161,6 @@ def _mapped(
 def _on_cluster(
     task: Callable[[Path], list[dict[str, Any]]], files: list[Path], scheduler: str
 ) -> Iterator[list[dict[str, Any]]]:
-    try:
-        import distributed
-    except ImportError as error:
-        raise RequestError("Dask is not installed", 'Install it with: pip install "boat-daq[cluster]"') from error
-    try:
-        cluster: Any = distributed  # it comes without types
-        client = cluster.Client(scheduler, timeout="10s")
-    except (OSError, TimeoutError, ValueError) as error:
-        raise AnalysisError(f"no Dask scheduler at {scheduler}: {error}", "Check its address.") from error
-    with client:
+    with connect(scheduler) as client:
         for future in client.map(task, files):
             yield future.result()

@@ -19,10 +19,11 @@ import numpy as np
 
 from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration
-from analysis.errors import DataError
+from analysis.errors import AnalysisError, DataError
 from analysis.figures.batch import readings_beside, runs_in
 from analysis.figures.pipeline import Analysis, analyse
 from analysis.progress import Progress
+from protocol.errors import ProtocolError
 
 MOVING_RANGE_TO_SD = 1.128
 
@@ -114,11 +115,8 @@ def calibrations_in(folder: str | Path, unit: str, *, seed: int = 0, progress: P
             progress(done, len(files))
         try:
             analysis = analyse(path, readings_beside(path), seed=seed, mcmc=False)
-        except Exception as error:
-            cause = getattr(error, "cause", None)  # the file's own errors are another family's, with a cause as well
-            if cause is None:
-                raise
-            left_out.append({"run": path.name, "reason": cause})
+        except (AnalysisError, ProtocolError) as error:
+            left_out.append({"run": path.name, "reason": error.cause})
             continue
         units.add(analysis.recording.unit)
         if analysis.recording.unit == unit:

@@ -74,18 +74,13 @@ def released_rays(
 
 def _curves(path: Path | None) -> FloatArray:
     """Return the curves of a file, or of one of the names in its place."""
-    from analysis.optics.scene.curve_file import read_curves
-    from analysis.optics.scene.curves import default_curves, parametric_curves
+    if str(path) == "shadow":
+        from analysis.shadow.model.states import kept_states
 
-    if path is None:
-        return default_curves()
-    if str(path) == "parametric":
-        return parametric_curves()
-    if str(path) != "shadow":
-        return read_curves(path)
-    from analysis.shadow.model.states import kept_states
+        return kept_states().curves_mm
+    from analysis.optics.scene.curve_file import curves_named
 
-    return kept_states().curves_mm
+    return curves_named(str(path or "default"))
 
 
 def _frame(curves: FloatArray, state: int | None, guide: Waveguide) -> tuple[SceneFrame, int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from analysis.dask_address import check_scheduler
+from analysis.cluster import check_scheduler
 from analysis.errors import RequestError
 from boat_daq.engine.link.transports import open_transport
 from boat_daq.engine.simulator.server import TcpCarrier

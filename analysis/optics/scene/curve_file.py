@@ -25,7 +25,7 @@ import numpy as np
 
 from analysis.arrays import FloatArray
 from analysis.errors import FileError
-from analysis.optics.scene.curves import POINTS, STATES, checked_curves
+from analysis.optics.scene.curves import POINTS, STATES, checked_curves, default_curves, parametric_curves
 
 _STATE = ("state", "frame", "step", "elongation_mm", "elongation", "pressure_kpa", "pressure")
 _GUIDE = ("guide", "waveguide", "curve", "side", "sensor", "boat")
@@ -33,6 +33,12 @@ _FORM = "give CSV with x and z in mm, 7 points or more for each of the two guide
 _JUMP = 3.0
 _MAX_BYTES = 64 << 20  # 15 states of two guides with a thousand points take 2 MB
 _MIRROR_FLAT = 1e-6
+
+
+def curves_named(name: str) -> FloatArray:
+    """Return the curves of `default`, `parametric` or a file; see `read_curves`."""
+    packaged = {"default": default_curves, "parametric": parametric_curves}
+    return packaged[name]() if name in packaged else read_curves(Path(name))
 
 
 def read_curves(path: Path) -> FloatArray:

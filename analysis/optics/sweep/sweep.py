@@ -16,12 +16,11 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from analysis.arrays import FloatArray, IntArray
-from analysis.dask_address import check_scheduler
+from analysis.cluster import check_scheduler, connect
 from analysis.errors import RequestError
 from analysis.optics.scene.curves import default_curves, frames_of
 from analysis.optics.scene.frame import SceneFrame, check_design
@@ -39,7 +38,6 @@ Common = tuple[SceneFrame, Rules, Fan, int]
 STEPS_MM = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 FILE_NAME = "sweep.sqlite"
 _RAYS_PER_ITEM = 60_000
-_CONNECT_S = 10.0
 
 
 def paper_grid(cavities: Sequence[int] = (3, 5, 7), face: Face = "outer") -> list[Design]:
@@ -173,7 +171,7 @@ def run_sweep(
     request : what to simulate.
     file : results file, written as results arrive; finished designs in it are not simulated again.
     scheduler : address of a Dask scheduler; None runs here.
-    allow_remote : whether the scheduler may be on another computer; see `analysis.dask_address`.
+    allow_remote : whether the scheduler may be on another computer; see `analysis.cluster`.
     threads : how many cores to use here; all by default.
     progress : called with (simulations done, all); raising from it stops the sweep; finished designs stay in the file.
 
@@ -252,21 +250,11 @@ def _in_threads(common: Common, patterns: list[FloatArray], threads: int) -> Ite
 
 
 def _on_cluster(common: Common, patterns: list[FloatArray], address: str) -> Iterator[tuple[int, Results]]:
-    try:
-        distributed: Any = importlib.import_module("distributed")
-    except ImportError as error:
-        raise RequestError("running on a cluster needs Dask", "install boat-daq with its extra 'cluster'") from error
-    try:
-        client = distributed.Client(address, timeout=_CONNECT_S)
-    except (OSError, ValueError) as error:
-        raise RequestError(
-            f"no Dask scheduler answers at {address}",
-            "start one with `dask scheduler` and give its address, as tcp://HOST:8786",
-        ) from error
-    with client:
+    with connect(address) as client:
         shared = client.scatter(common, broadcast=True)
         futures = {client.submit(run_item, shared, p, pure=False): i for i, p in enumerate(patterns)}
         try:
-            yield from ((futures[future], future.result()) for future in distributed.as_completed(list(futures)))
+            arriving = importlib.import_module("distributed").as_completed(list(futures))
+            yield from ((futures[future], future.result()) for future in arriving)
         finally:
             client.cancel(list(futures))

@@ -145,7 +145,7 @@ def _check(path: Path, progress: Progress | None) -> tuple[list[str], bool]:
             return list(_wrong_checksums(db, progress)), False
     except (*DAMAGE, RecordingError) as error:
         if not _looks_like_ours(path):
-            remedy = getattr(error, "remedy", "")
+            remedy = error.remedy if isinstance(error, RecordingError) else ""
             if isinstance(error, DamagedRecordingError):  # whose remedy, recovery, was just tried
                 remedy = "Nothing in it can be read; use another copy."
             raise RecordingError(str(error), remedy) from error

@@ -20,6 +20,8 @@ from multiprocessing.connection import Connection
 from time import monotonic
 from typing import Any, Generic, ParamSpec, TypeVar
 
+from boat_daq.errors import BoatDaqError, Explained
+
 P = ParamSpec("P")
 T = TypeVar("T")
 _SPAWN = multiprocessing.get_context("spawn")
@@ -64,10 +66,9 @@ def _run(pipe: Connection, function: Callable[..., object], args: tuple[Any, ...
             kwargs = {**kwargs, "progress": progress}
         pipe.send((JobState.DONE, function(*args, **kwargs)))
     except BaseException as error:  # noqa: BLE001 - the window decides; nothing may be lost on the way
-        cause = str(getattr(error, "cause", "")) or f"{type(error).__name__}: {error}"
+        known = error if isinstance(error, Explained) else BoatDaqError(f"{type(error).__name__}: {error}")
         with suppress(OSError):  # the window is gone
-            failure = JobFailure(cause, str(getattr(error, "remedy", "")), traceback.format_exc())
-            pipe.send((JobState.FAILED, failure))
+            pipe.send((JobState.FAILED, JobFailure(known.cause, known.remedy, traceback.format_exc())))
     finally:
         pipe.close()
 

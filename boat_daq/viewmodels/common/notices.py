@@ -15,6 +15,7 @@ from time import monotonic
 
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.snapshot import LinkState, MessageKind, SessionSnapshot
+from boat_daq.errors import Explained
 
 Offer = tuple[str, Callable[[], None]]
 """Label and function of a button."""
@@ -111,12 +112,11 @@ class Notices:
 
     def _add_error(self, error: Exception) -> None:
         """Add an error; one that is not the program's own with its traceback, which is logged too."""
-        own = hasattr(error, "cause")
-        cause = str(getattr(error, "cause", "")) or _plain(error)
-        details = "" if own else "".join(traceback.format_exception(error))
-        if not own:
+        if isinstance(error, Explained):
+            self.add(Severity.WARNING, error.cause, error.remedy)
+        else:
             note_failure("in the window", error)
-        self.add(Severity.WARNING, cause, str(getattr(error, "remedy", "")), details=details)
+            self.add(Severity.WARNING, _plain(error), details="".join(traceback.format_exception(error)))
 
     def current(self) -> Notice | None:
         """Return the most severe open notice, the newest of equals; None without one."""

@@ -109,14 +109,9 @@ def curves_of(name: str) -> FloatArray:
     ------
     AnalysisError : the file cannot be read, or holds one state only.
     """
-    from analysis.optics.scene.curve_file import read_curves
-    from analysis.optics.scene.curves import default_curves, parametric_curves
+    from analysis.optics.scene.curve_file import curves_named
 
-    if name == "default":
-        return np.asarray(default_curves())
-    if name == "parametric":
-        return np.asarray(parametric_curves())
-    curves = np.asarray(read_curves(Path(name)))
+    curves = curves_named(name)
     if len(curves) == 1:
         raise DataError(f"{Path(name).name} holds one state only", "the page needs all 15, most compressed first")
     return curves

@@ -190,12 +190,12 @@ def _held_up(emit, released):  # type: ignore[no-untyped-def]
 
 def test_a_traceback_is_in_the_log_and_nowhere_else(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """An unforeseen error is one line for the user; the log has the traceback."""
-    from boat_daq.cli import explain_fault
+    from boat_daq.cli import explain
 
     try:
         raise ZeroDivisionError("never seen before")
     except ZeroDivisionError as error:
-        cause, remedy = explain_fault(error)
+        cause, remedy = explain(error)
     assert "never seen before" in cause
     assert "bugreport" in remedy
     assert "Traceback" not in cause + capsys.readouterr().err

@@ -92,7 +92,7 @@ def test_a_cluster_gives_the_same_bits(request_: SweepRequest, result: SweepResu
 def test_an_absent_scheduler_is_rejected_with_a_remedy(request_: SweepRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """An address without a scheduler is refused with how to start one."""
     pytest.importorskip("distributed")
-    monkeypatch.setattr("analysis.optics.sweep.sweep._CONNECT_S", 1.0)
+    monkeypatch.setattr("analysis.cluster.CONNECT_S", 1.0)
     with pytest.raises(RequestError, match="no Dask scheduler") as refused:
         run_sweep(request_, scheduler="tcp://127.0.0.1:9")
     assert "dask scheduler" in refused.value.remedy

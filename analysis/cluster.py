@@ -1,11 +1,14 @@
-"""Where the workers of a cluster may be: on this computer, unless the user allows a remote one."""
+"""A Dask cluster for many tasks: on this computer, unless the user allows a remote one."""
 
 from __future__ import annotations
 
 import ipaddress
+from typing import Any
 from urllib.parse import urlsplit
 
 from analysis.errors import RequestError
+
+CONNECT_S = 10.0
 
 
 def check_scheduler(address: str, *, allow_remote: bool) -> None:
@@ -29,3 +32,22 @@ def check_scheduler(address: str, *, allow_remote: bool) -> None:
             f"the scheduler {address} is not on this computer, and the connection is neither encrypted nor protected",
             "Add --allow-remote if the network and the cluster are yours.",
         )
+
+
+def connect(address: str) -> Any:
+    """Return a client of the Dask scheduler at an address.
+
+    Raises
+    ------
+    RequestError : Dask is not installed, or no scheduler answers.
+    """
+    try:
+        import distributed
+    except ImportError as error:
+        raise RequestError("Dask is not installed", 'Install it with: pip install "boat-daq[cluster]"') from error
+    library: Any = distributed  # it comes without types
+    try:
+        return library.Client(address, timeout=CONNECT_S)
+    except (OSError, TimeoutError, ValueError) as error:
+        remedy = "start one with `dask scheduler` and give its address, as tcp://HOST:8786"
+        raise RequestError(f"no Dask scheduler answers at {address}", remedy) from error

@@ -10,7 +10,7 @@ reason, never solved silently.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -90,6 +90,14 @@ class LeastSquares:
     condition: float
     weights: FloatArray
 
+    def rows(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the design matrix at x."""
+        return self.basis.design(x)
+
+    def slope_rows(self, x: npt.ArrayLike) -> FloatArray:
+        """Return its derivative by x."""
+        return self.basis.slope_design(x)
+
     def predict(self, x: npt.ArrayLike) -> FloatArray:
         """Return y(x), evaluated in the scaled basis."""
         return np.asarray(legendre.legval(self.basis.scaled(x), self.basis_coefficients), dtype=np.float64)
@@ -100,7 +108,13 @@ class LeastSquares:
         return np.asarray(legendre.legval(self.basis.scaled(x), derivative), dtype=np.float64) / self.basis.half_width
 
 
-def least_squares(x: FloatArray, y: FloatArray, degree: int, weights: FloatArray | None = None) -> LeastSquares:
+def least_squares(
+    x: FloatArray,
+    y: FloatArray,
+    degree: int,
+    weights: FloatArray | None = None,
+    ends: tuple[float, float] | None = None,
+) -> LeastSquares:
     """Fit a polynomial of `degree` through (x, y), minimising sum w (y - f)^2.
 
     Parameters
@@ -108,6 +122,7 @@ def least_squares(x: FloatArray, y: FloatArray, degree: int, weights: FloatArray
     x, y : [n] points.
     degree : 0 to 10.
     weights : [n] positive; None weighs all points alike.
+    ends : that the scaled basis maps to -1 and 1; those of x by default.
 
     Raises
     ------
@@ -115,7 +130,8 @@ def least_squares(x: FloatArray, y: FloatArray, degree: int, weights: FloatArray
     DataError : NaN or Inf, different lengths, too few distinct x, all x equal, or x too clustered.
     """
     _check(x, y, degree, weights)
-    basis = ScaledBasis.spanning(x, degree) if np.ptp(x) > 0 else ScaledBasis(float(x[0]), 1.0, degree)
+    spanned = x if ends is None else np.asarray(ends)
+    basis = ScaledBasis.spanning(spanned, degree) if np.ptp(x) > 0 else ScaledBasis(float(x[0]), 1.0, degree)
     root = np.ones_like(y) if weights is None else np.sqrt(weights / weights.max())
     long_design = _long_design(basis, x) * root[:, None]
     design = long_design.astype(np.float64)
@@ -138,6 +154,24 @@ def least_squares(x: FloatArray, y: FloatArray, degree: int, weights: FloatArray
     factors = factor, (_as_long(change) @ factor.astype(np.longdouble)).astype(np.float64)
     leverage = np.einsum("ij,ij->i", q, q)
     return LeastSquares(basis, *coefficients, *factors, residuals, leverage, condition, root**2)
+
+
+def with_coefficients(fit: LeastSquares, x: FloatArray, y: FloatArray, basis_coefficients: FloatArray) -> LeastSquares:
+    """Return the same fit with other coefficients, found elsewhere.
+
+    Parameters
+    ----------
+    fit : of the points, in the basis of the coefficients.
+    x, y : [n] points.
+    basis_coefficients : [degree + 1] in the scaled basis.
+    """
+    change = fit.basis.to_monomials()
+    return replace(
+        fit,
+        basis_coefficients=basis_coefficients,
+        coefficients=_exact_product(change, basis_coefficients.astype(np.longdouble)),
+        residuals=y - fit.basis.design(x) @ basis_coefficients,
+    )
 
 
 def _long_design(basis: ScaledBasis, x: FloatArray) -> LongArray:

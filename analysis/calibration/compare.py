@@ -1,7 +1,7 @@
 """Whether two calibrations of one unit agree: coefficients side by side, the difference of the curves, E_n.
 
 Strategy: the two curves are compared on the range that both were calibrated on, point by point, with
-E_n = (y - y_ref) / sqrt(U^2 + U_ref^2), U = 2 times the standard error of the curve from the fit's covariance
+E_n = (y - y_ref) / sqrt(U^2 + U_ref^2), U = 2 times the standard uncertainty of the curve, free of the loop about it
 (ISO/IEC 17043, ISO 13528, 9.7); |E_n| <= 1 agrees. What the two have in common (the same reader, the same grid) makes
 the true scatter smaller than this; a change of the unit between the runs makes it larger.
 
@@ -120,7 +120,7 @@ def between_calibrations_mm(calibrations: Sequence[Calibration], x_mm: float) ->
     if len(fits) < 2:
         raise RequestError(f"fewer than two runs are calibrated at {x_mm:+.2f} mm", "Record another calibration.")
     values = np.asarray([float(c.predict(x_mm)) for c in fits])
-    by_fit = np.mean([float(c.curve_sd(x_mm)) ** 2 for c in fits])
+    by_fit = np.mean([float(c.curve_u(x_mm)) ** 2 for c in fits])
     slope = float(np.mean([float(c.slope(x_mm)) for c in fits]))
     return float(np.sqrt(max(values.var(ddof=1) - by_fit, 0.0)) / abs(slope)), len(fits) - 1
 

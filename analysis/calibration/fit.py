@@ -19,9 +19,11 @@ from numpy.polynomial import legendre
 from scipy import stats
 
 from analysis.arrays import FloatArray
+from analysis.calibration.adequacy import Adequacy, expanded, judge_curve
+from analysis.calibration.joint_fit import JointFit, PolynomialBasis, joint_fit, position_means
 from analysis.calibration.quantised_x import Positions, gather
 from analysis.errors import DataError
-from analysis.polynomial import LeastSquares, least_squares
+from analysis.polynomial import LeastSquares, least_squares, with_coefficients
 
 LARGEST = 1e150  # its square is still a number
 
@@ -43,6 +45,8 @@ class Calibration:
     fit : the solution in its scaled basis.
     x, y : the data.
     reading : what reading x on a grid leaves unknown, see `with_reading`; None where x is known.
+    joint : the fit by branch that the curve is from, see `fit_by_branch`; None for a fit through points.
+    adequacy : of that fit.
     """
 
     coefficients: FloatArray
@@ -62,6 +66,8 @@ class Calibration:
     x: FloatArray
     y: FloatArray
     reading: Positions | None = None
+    joint: JointFit | None = None
+    adequacy: Adequacy | None = None
 
     def with_reading(self, reading_sd: float, positions: npt.ArrayLike | None = None) -> Calibration:
         """Return the same curve, of x that were read with an sd of `reading_sd` (a grid / sqrt(12)).
@@ -74,7 +80,9 @@ class Calibration:
 
     @property
     def basis_covariance(self) -> FloatArray:
-        """Covariance of the coefficients in the scaled basis, the reading of x included."""
+        """Covariance of the coefficients in the scaled basis, the reading of x included, a loop not."""
+        if self.joint is not None:
+            return self.joint.curve_covariance(self.joint.variance)
         if self.reading is not None:
             return self.reading.covariance(self.fit)
         return self.residual_sd**2 * self.fit.basis_factor @ self.fit.basis_factor.T
@@ -82,13 +90,17 @@ class Calibration:
     @property
     def covariance_with_reading(self) -> FloatArray:
         """Covariance of the monomial coefficients, the reading of x included."""
+        if self.reading is None and self.joint is None:
+            return self.covariance
         change = np.asarray(self.fit.basis.to_monomials(), dtype=np.float64)
-        return np.asarray(change @ self.basis_covariance @ change.T) if self.reading is not None else self.covariance
+        return np.asarray(change @ self.basis_covariance @ change.T)
 
     @property
     def std_errors_with_reading(self) -> FloatArray:
         """Standard errors of the coefficients, the reading of x included: those to be stated."""
-        return np.asarray(np.sqrt(np.diag(self.covariance_with_reading))) if self.reading else self.std_errors
+        if self.reading is None and self.joint is None:
+            return self.std_errors
+        return np.asarray(np.sqrt(np.diag(self.covariance_with_reading)))
 
     @property
     def dof(self) -> int:
@@ -127,10 +139,40 @@ class Calibration:
 
     def curve_u(self, x: npt.ArrayLike) -> FloatArray:
         """Return the standard uncertainty of y(x), the reading of x included; that of the fit where it is known."""
-        if self.reading is None:
+        if self.reading is None and self.joint is None:
             return self.curve_sd(x)
+        return self._sd(x, self.basis_covariance)
+
+    def deviation(self, x: npt.ArrayLike) -> FloatArray:
+        """Return by how much the curve is known to miss at x, in the unit of y: zeros where it is adequate."""
+        return np.zeros(np.shape(x)) if self.adequacy is None else self.adequacy.deviation(x)
+
+    def expanded_u(self, x: npt.ArrayLike, factor: float = 2.0) -> FloatArray:
+        """Return U of y(x), `factor` standard uncertainties and what the curve is known to miss."""
+        if self.adequacy is None:
+            return factor * self.curve_u(x)
+        return expanded(self.adequacy.deviation(x), self.adequacy.reference_u(x), factor)
+
+    def curve_parts(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return u of y(x) by the scatter of the signals, and by the reading of x: together `curve_u` of a joint fit.
+
+        The covariance of a fit through points takes every point's error for its own; what points of one position share
+        is the second part then, and nothing counts twice.
+        """
+        if self.joint is not None:
+            joint = self.joint
+            by_reading = joint.slope_at**2 * joint.means.x_variance
+            read = self._sd(x, joint.curve_covariance(by_reading))
+            whole = self.curve_u(x) if self.adequacy is None else self.adequacy.reference_u(x)
+            return np.sqrt(np.maximum(whole**2 - read**2, 0.0)), np.minimum(read, whole)
+        if self.reading is not None:
+            return self.curve_sd(x), self._sd(x, self.reading.beyond_fit(self.fit))
+        return self.curve_sd(x), np.zeros(np.shape(x))
+
+    def _sd(self, x: npt.ArrayLike, covariance: FloatArray) -> FloatArray:
         rows = self.fit.basis.design(x)
-        return np.asarray(np.sqrt(np.einsum("...i,ij,...j->...", rows, self.basis_covariance, rows)), dtype=np.float64)
+        variance = np.einsum("...i,ij,...j->...", rows, covariance, rows)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)
 
     def band(
         self, x: npt.ArrayLike, level: float = 0.95, *, new_reading: bool = False
@@ -138,7 +180,8 @@ class Calibration:
         """Return the lower and upper limit of the curve, or of one new reading, at confidence `level`.
 
         Student's t with n - degree - 1 degrees of freedom, or as many fewer as there are positions where x was read on
-        a grid; pointwise, not simultaneous. NaN where there are none.
+        a grid; those of the joint fit where there is one; widened by what the curve is known to miss. Pointwise, not
+        simultaneous. NaN where there are none.
 
         Parameters
         ----------
@@ -146,13 +189,16 @@ class Calibration:
         level : of confidence, 0 to 1.
         new_reading : of one new reading instead of the curve.
         """
-        spread = self.curve_u(x)
+        spread = self.curve_u(x) if self.adequacy is None else self.adequacy.reference_u(x)
         if new_reading:
             spread = np.hypot(spread, self.residual_sd)
-        dof = self.dof if self.reading is None else max(self.reading.n - self.degree - 1, min(self.dof, 1))
+        if self.joint is not None:
+            dof = self.joint.effective_dof
+        else:
+            dof = self.dof if self.reading is None else max(self.reading.n - self.degree - 1, min(self.dof, 1))
         factor = stats.t.ppf(0.5 + level / 2, dof) if dof > 0 else float("nan")
-        centre = self.predict(x)
-        return centre - factor * spread, centre + factor * spread
+        centre, reach = self.predict(x), expanded(self.deviation(x), spread, float(factor))
+        return centre - reach, centre + reach
 
     def as_json(self) -> dict[str, Any]:
         """Return the keys of `fit --json`."""
@@ -203,6 +249,55 @@ def fit_calibration(
     if any(np.abs(v[np.isfinite(v)]).max(initial=0.0) > LARGEST for v in (x, y)):
         raise DataError(f"a value is larger than {LARGEST:g}: its square has no number", "Give it in a larger unit.")
     fit = least_squares(x, y, degree, weights)
+    return _calibration(x, y, fit, (float(x.min()), float(x.max())), weights)
+
+
+def fit_by_branch(
+    x: npt.ArrayLike,
+    y: npt.ArrayLike,
+    degree: int = 3,
+    *,
+    positions: npt.ArrayLike,
+    branch: npt.ArrayLike,
+    reading_sd: float = 0.0,
+) -> Calibration:
+    """Fit y(x), a polynomial of `degree`, and a loop about it to the means of positions that were read again and again.
+
+    Parameters
+    ----------
+    x, y : [n] readings and signals of all cycles.
+    degree : 0 to 10.
+    positions : [n] label of the position (level and branch) of each.
+    branch : [n] 1 loading, -1 unloading, 0 at the end levels, which both branches share.
+    reading_sd : of one reading: the grid / sqrt(12); 0 where x is exact.
+
+    Returns
+    -------
+    Calibration over the range of the means at the end levels. Positions too few for the joint fit are fitted by
+    `fit_calibration`.
+
+    Raises
+    ------
+    DataError, RequestError : as `fit_calibration`.
+    """
+    plain = fit_calibration(x, y, degree).with_reading(reading_sd, positions)
+    try:
+        means = position_means(plain.fit, plain.x, plain.y, reading_sd, positions, branch)
+        joint = joint_fit(means, PolynomialBasis(degree))
+        if joint.dof < 1:
+            return plain
+        scaled = least_squares(plain.x, plain.y, degree, ends=means.ends)
+    except DataError:
+        return plain
+    fit = with_coefficients(scaled, plain.x, plain.y, joint.coefficients)
+    found = _calibration(plain.x, plain.y, fit, means.ends)
+    return replace(found, reading=plain.reading, joint=joint, adequacy=judge_curve(joint))
+
+
+def _calibration(
+    x: FloatArray, y: FloatArray, fit: LeastSquares, x_range: tuple[float, float], weights: FloatArray | None = None
+) -> Calibration:
+    degree = fit.basis.degree
     relative = np.ones_like(y) if weights is None else weights / weights.max()
     squares = float(relative @ fit.residuals**2)
     mean = float(relative @ y / relative.sum())
@@ -210,7 +305,6 @@ def fit_calibration(
     dof = x.size - degree - 1
     sd = float(np.sqrt(squares / dof)) if dof > 0 else float("nan")
     turning = turning_points(fit)
-    x_range = (float(x.min()), float(x.max()))
     return Calibration(
         coefficients=fit.coefficients,
         std_errors=sd * np.sqrt(np.einsum("ij,ij->i", fit.monomial_factor, fit.monomial_factor)),

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from numpy.polynomial import legendre
 
 from analysis.arrays import BoolArray, FloatArray
+from analysis.calibration.adequacy import COVERAGE_FACTOR, expanded
 from analysis.calibration.fit import Calibration
 from analysis.compiled import compiled
 from analysis.errors import DataError, RequestError
@@ -105,28 +106,24 @@ class Inverse:
         return np.asarray(basis.centre + basis.half_width * u.reshape(values.shape), dtype=np.float64)
 
     def standard_uncertainty(self, x: npt.ArrayLike) -> FloatArray:
-        """Return u(x) of one new reading: noise and curve through the local slope."""
+        """Return u(x) of one new reading: noise and curve through the local slope, half of U where the curve misses."""
         return np.asarray(np.hypot(*self.parts(x)), dtype=np.float64)
 
     def parts(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return u(x) of the noise alone, and of all that sensors of one unit share: model, curve and reading."""
         slope = np.abs(self.calibration.slope(x))
-        shared = np.sqrt(self.model_sd**2 + self.calibration.curve_sd(x) ** 2) / slope
-        return self.noise_sd / slope, np.asarray(np.hypot(shared, self.reading_uncertainty(x)), dtype=np.float64)
+        by_fit, by_reading = self.calibration.curve_parts(x)
+        shared, away = np.sqrt(self.model_sd**2 + by_fit**2 + by_reading**2), self.calibration.deviation(x)
+        if np.any(away):
+            whole = expanded(away, np.hypot(shared, self.noise_sd)) / COVERAGE_FACTOR
+            shared = np.sqrt(np.maximum(whole**2 - self.noise_sd**2, 0.0))
+        return self.noise_sd / slope, np.asarray(shared / slope, dtype=np.float64)
 
-    def reading_uncertainty(self, x: npt.ArrayLike) -> FloatArray:
-        """Return what the reading of x adds to the curve's own uncertainty, mm.
-
-        The fit's covariance takes the error of every point for its own; what points of one position share is added,
-        and nothing counts twice.
-        """
-        calibration = self.calibration
-        at = np.asarray(x, dtype=np.float64)
-        if calibration.reading is None:
-            return np.zeros(at.shape)
-        rows = calibration.fit.basis.design(at)
-        excess = np.einsum("...i,ij,...j->...", rows, calibration.reading.beyond_fit(calibration.fit), rows)
-        return np.asarray(np.sqrt(np.clip(excess, 0.0, None)) / np.abs(calibration.slope(at)), dtype=np.float64)
+    def fit_uncertainty(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return what the curve makes of u(x), mm: by the scatter of the signals, and by the reading of x."""
+        slope = np.abs(self.calibration.slope(x))
+        by_fit, by_reading = self.calibration.curve_parts(x)
+        return by_fit / slope, by_reading / slope
 
     def evaluate(self, signal: npt.ArrayLike, *, clamp: bool = False) -> ElongationEstimate:
         """Return x with its uncertainty, and where it is outside the range."""

@@ -84,6 +84,7 @@ class Reason(StrEnum):
     NO_INTERVAL = "no_interval"
     UPPER_BOUND = "upper_bound"
     PART_OF_RANGE = "part_of_range"
+    INADEQUATE = "inadequate"
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ same numbers, bit for bit.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from analysis.figures.sensor_analysis import (
     Options,
     SegmentedRun,
     SensorAnalysis,
+    actuator_loop,
     analyse_sensor,
     limited_by_reading,
 )
@@ -177,7 +179,7 @@ def analyse(
         if progress is not None:
             progress(number + 1, recording.n_sensors)
     analysed = AnalysedRun(**_values(run), sensors=tuple(sensors))
-    actuator, actuator_cycles = _actuator_hysteresis(run)
+    actuator, actuator_cycles = _actuator_hysteresis(run, sensors)
     return Analysis(
         **_values(analysed),
         system_sensitivity=_system_sensitivity(sensors),
@@ -205,7 +207,7 @@ def _part(run: SegmentedRun, loops: Loops) -> Part:
     return Part(loops.numbers, tuple(analyse_sensor(part, sensor) for sensor in range(run.recording.n_sensors)))
 
 
-def _actuator_hysteresis(run: SegmentedRun) -> tuple[Figure, tuple[float, ...]]:
+def _actuator_hysteresis(run: SegmentedRun, sensors: Sequence[SensorAnalysis]) -> tuple[Figure, tuple[float, ...]]:
     """Return the hysteresis of the actuator, x over p, % of the span of x: of the mean loop, and of each cycle."""
     definition = "max over p of |x loading - x unloading| / span of x, mean loop"
     x = run.loops.elongation_mm
@@ -213,8 +215,13 @@ def _actuator_hysteresis(run: SegmentedRun) -> tuple[Figure, tuple[float, ...]]:
         return Figure.nothing("%", Reason.NO_ELONGATION, "no elongation was read", definition), ()
     span = float(np.nanmax(x) - np.nanmin(x))
     width = loop_width(run.loops.pressure_kpa, x, run.weights)
-    figure = metrics.hysteresis(width, span, run.loops.n_cycles, definition)
     per_cycle = tuple((100.0 / span * width.per_cycle).tolist()) if span > 0 else ()
+    loop = actuator_loop(run, sensors)
+    if loop is not None:
+        low, high = loop.fit.predict(np.asarray(loop.fit.ends))
+        figure = metrics.joint_hysteresis(loop.estimate, width, abs(float(high - low)), run.loops.n_cycles, over="p")
+        return replace(figure, unit="%"), per_cycle
+    figure = metrics.hysteresis(width, span, run.loops.n_cycles, definition)
     per_mm = 100.0 / span if span > 0 else 0.0
     return limited_by_reading(replace(figure, unit="%"), run.reading_sd_mm, per_mm), per_cycle
 

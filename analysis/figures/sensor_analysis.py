@@ -10,16 +10,27 @@ a figure is void, whatever could still be computed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from analysis.arrays import BoolArray, FloatArray
+from analysis.calibration.adequacy import Adequacy, judge_curve
 from analysis.calibration.checks import fit_checks
-from analysis.calibration.fit import Calibration, fit_calibration
+from analysis.calibration.fit import Calibration, fit_by_branch
+from analysis.calibration.joint_fit import (
+    JointFit,
+    LoopEstimate,
+    PolynomialBasis,
+    PositionMeans,
+    greatest_loop_width,
+    joint_fit,
+    loop_is_represented,
+)
 from analysis.calibration.posterior import Posterior, sample_posterior
+from analysis.calibration.quantised_x import common_variance
 from analysis.data.recording import Recording
 from analysis.errors import AnalysisError, DataError
 from analysis.fidelity import Level, fidelity
@@ -37,6 +48,9 @@ OF_POINTS = (  # figures of the calibration's points; the others are those of th
     "sensitivity_mv_per_mm", "slope_at_rest_mv_per_mm", "least_squares_slope_mv_per_mm",
     "sensor_hysteresis_percent_fso",
 )  # fmt: skip
+
+
+ACTUATOR_DEGREE, ACTUATOR_LOOP_TERMS = 3, (2, 3, 4)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +129,8 @@ class SensorAnalysis:
             "hysteresis_percent_fso": hysteresis,
             "system_hysteresis_percent_fso": system,
             "figures": {name: figure.as_json() for name, figure in figures.items()},
+            "adequacy": self.checks["adequacy"] if self.checks is not None else None,
+            "checks": dict(self.checks) if self.checks is not None else None,
         }
 
 
@@ -153,12 +169,26 @@ class SegmentedRun:
         )
         return inside & self.elongations.known if self.elongations is not None else np.zeros_like(inside)
 
+    def branch_of(self, points: np.ndarray[Any, Any]) -> FloatArray:
+        """[points] 1 loading, -1 unloading, 0 at the end levels, which both branches share."""
+        level, count = self._levels
+        names = np.asarray([p.branch for p in self.plateaus])
+        inner = (level > 0) & (level < count - 1)
+        branch: FloatArray = np.where(inner, np.where(names == "loading", 1.0, -1.0), 0.0)[points]
+        return branch
+
     def position_of(self, points: np.ndarray[Any, Any]) -> FloatArray:
         """[points] number of the position of each plateau: its level and its branch, read once a cycle."""
-        _, level = cluster_levels(np.asarray([p.pressure_kpa for p in self.plateaus]))
-        loading = np.asarray([p.branch == "loading" for p in self.plateaus])
-        position: FloatArray = np.asarray(2.0 * level + loading, dtype=np.float64)[points]
+        position: FloatArray = 2.0 * self._levels[0][points] + (self.branch_of(points) > 0)
         return position
+
+    @property
+    def _levels(self) -> tuple[FloatArray, int]:
+        """[plateaus] number of the level of each among those of the used cycles, and their count."""
+        used = set(self.loops.numbers)
+        pressure = np.asarray([p.pressure_kpa if p.cycle in used else np.nan for p in self.plateaus])
+        levels, of_plateau = cluster_levels(pressure)
+        return of_plateau.astype(np.float64), levels.size
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,14 +214,11 @@ def analyse_sensor(run: SegmentedRun, sensor: int) -> SensorAnalysis:
             )  # fmt: skip
     except AnalysisError as error:
         reason = error.cause
-    resampled = None
+    adequacy = calibration.adequacy if calibration is not None else None
     if calibration is not None:
-        rng = np.random.default_rng((run.options.seed, 1))
-        resampled = metrics.resample_fit(calibration, cycle_of, run.weights, rng)
-    figures = {"fso_mv": metrics.full_scale(calibration, resampled, run.loops, sensor, run.weights)}
-    if calibration is not None and resampled is not None:
-        figures |= metrics.sensitivities(calibration, resampled)
-        figures["nonlinearity_percent_fso"] = metrics.nonlinearity(calibration, resampled)
+        figures = _curve_figures(run, calibration, adequacy, cycle_of)
+    else:
+        figures = {"fso_mv": metrics.pressure_full_scale(run.loops, sensor, run.weights)}
     fso = figures["fso_mv"].value
     noise = _noise(run, sensor)
     system = loop_width(run.loops.pressure_kpa, run.loops.signal_mv[sensor], run.weights)
@@ -199,6 +226,10 @@ def analyse_sensor(run: SegmentedRun, sensor: int) -> SensorAnalysis:
     if run.loops.elongation_mm is not None:
         own = metrics.sensor_loop_width(run.loops, sensor, calibration, run.weights)
     loops_figures = _loop_figures(run, sensor, calibration, fso, (system, own), noise)
+    if own is not None and adequacy is not None and loop_is_represented(adequacy.reference):
+        estimate = greatest_loop_width(adequacy.reference, np.random.default_rng((run.options.seed, 2)))
+        figure = metrics.joint_hysteresis(estimate, own, fso, run.loops.n_cycles)
+        loops_figures["sensor_hysteresis_percent_fso"] = figure
     if calibration is not None:  # else the full scale is of the same samples, and in their bootstrap already
         loops_figures = {name: metrics.with_full_scale(f, figures["fso_mv"]) for name, f in loops_figures.items()}
     figures = loops_figures | figures
@@ -212,8 +243,67 @@ def analyse_sensor(run: SegmentedRun, sensor: int) -> SensorAnalysis:
         _percent(own.per_cycle, fso) if own is not None else (), _percent(system.per_cycle, fso),
         points.astype(np.float64), system, own,
         figures_by_cycle(run.loops, sensor, figures["fso_mv"].value, system, noise),
-        fit_checks(calibration, cycle_of) if calibration is not None else None,
+        _checks(calibration, cycle_of) if calibration is not None else None,
     )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class ActuatorLoop:
+    """The joint fit of elongation over pressure, and its greatest width, mm."""
+
+    fit: JointFit
+    estimate: LoopEstimate
+
+
+def actuator_loop(run: SegmentedRun, sensors: Sequence[SensorAnalysis]) -> ActuatorLoop | None:
+    """Fit the actuator's loop, x over p, to the means of the positions that a calibration rests on.
+
+    The polygon through the plateaus misses the maximum between two of them; the loop of the fit does not. None where
+    no calibration has a joint fit, or the positions do not carry the loop.
+
+    Parameters
+    ----------
+    run : with its readings. sensors : of the run.
+    """
+    fitted = next((s for s in sensors if s.calibration is not None and s.calibration.joint is not None), None)
+    if fitted is None:
+        return None
+    assert fitted.calibration is not None
+    assert fitted.calibration.joint is not None
+    read, means = fitted.calibration, fitted.calibration.joint.means
+    points = fitted.point_plateau.astype(np.int64)
+    _, of_point = np.unique(run.position_of(points), return_inverse=True)
+    count = np.bincount(of_point)
+    pressure = np.bincount(of_point, np.asarray([run.plateaus[i].pressure_kpa for i in points])) / count
+    scatter = float(((read.x - means.x[of_point]) ** 2).sum()) / means.dof if means.dof > 0 else 0.0
+    shared = common_variance(read.reading.reader_sd, read.reading.grid) if read.reading is not None else 0.0
+    none = np.zeros(count.size)
+    over_pressure = PositionMeans(pressure, means.x, means.branch, none, scatter / count + shared, means.dof)
+    try:
+        plain = joint_fit(over_pressure, PolynomialBasis(ACTUATOR_DEGREE))
+        for terms in ACTUATOR_LOOP_TERMS:
+            fit = joint_fit(over_pressure, judge_curve(plain).preferred.fit.basis, terms)
+            if loop_is_represented(fit):
+                return ActuatorLoop(fit, greatest_loop_width(fit, np.random.default_rng((run.options.seed, 3))))
+    except DataError:
+        return None
+    return None
+
+
+def _curve_figures(
+    run: SegmentedRun, calibration: Calibration, adequacy: Adequacy | None, cycle_of: FloatArray
+) -> dict[str, Figure]:
+    rng = np.random.default_rng((run.options.seed, 1))
+    if adequacy is None:
+        return metrics.curve_figures(metrics.resample_fit(calibration, cycle_of, run.weights, rng))
+    fits = [adequacy.chosen] + ([adequacy.reference] if adequacy.reference is not adequacy.chosen else [])
+    curves = [metrics.draw_joint(fit, calibration.x, run.loops.n_cycles, rng, run.weights.shape[0]) for fit in fits]
+    return metrics.curve_figures(*curves)
+
+
+def _checks(calibration: Calibration, cycle_of: FloatArray) -> dict[str, Any]:
+    adequacy = calibration.adequacy
+    return {**fit_checks(calibration, cycle_of), "adequacy": adequacy.as_json() if adequacy is not None else None}
 
 
 def _noise(run: SegmentedRun, sensor: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -233,8 +323,10 @@ def _calibrate(run: SegmentedRun, sensor: int, points: np.ndarray[Any, Any]) -> 
     if not points.size:
         raise DataError("no plateau of a complete cycle has an elongation", "Record at least one whole cycle.")
     y = np.asarray([run.plateaus[i].signal_mv[sensor] for i in points])
-    calibration = fit_calibration(run.elongations.elongation_mm[points], y, run.options.degree)
-    return calibration.with_reading(run.reading_sd_mm, run.position_of(points))
+    return fit_by_branch(
+        run.elongations.elongation_mm[points], y, run.options.degree, positions=run.position_of(points),
+        branch=run.branch_of(points), reading_sd=run.reading_sd_mm,
+    )  # fmt: skip
 
 
 def _loop_figures(

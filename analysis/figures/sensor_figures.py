@@ -11,12 +11,16 @@ one cycle) has a reason and is NaN or infinite, never an exception and never zer
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 from scipy import signal as sp_signal
+from scipy import stats
 
 from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration
+from analysis.calibration.joint_fit import JointFit, LoopEstimate
 from analysis.data.recording import Recording
 from analysis.figures.figure import Figure, Reason
 from analysis.numbers import percent
@@ -31,32 +35,94 @@ LEAST_SHARED = 0.85  # of the abscissa: below it a wider loop may be missed
 BOUND_SHARE = 0.25  # of a hysteresis: what else may make so much of it turns it into an upper bound
 
 
-@dataclass(frozen=True, slots=True)
-class ResampledFit:
-    """The calibration refitted to resampled cycles.
+class FittedCurve(Protocol):
+    """A curve that is linear in its coefficients."""
 
-    `coefficients` [resamples, degree + 1] in the scaled basis of `calibration`; NaN rows where a resample cannot
-    carry the degree. `ends` [resamples, 2]: the range of x of the cycles that were drawn.
+    def predict(self, x: npt.ArrayLike) -> FloatArray:
+        """Return y(x)."""
+
+    def slope(self, x: npt.ArrayLike) -> FloatArray:
+        """Return dy/dx."""
+
+    def rows(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the design matrix at x."""
+
+    def slope_rows(self, x: npt.ArrayLike) -> FloatArray:
+        """Return its derivative by x."""
+
+
+@dataclass(frozen=True, slots=True)
+class CurveDraws:
+    """A curve, and the curves that its errors allow.
+
+    Attributes
+    ----------
+    fit : the curve itself. x : [n] the readings. x_range : calibrated.
+    coefficients : [draws, coefficients]; NaN rows where a resample cannot carry the degree.
+    ends : [draws, 2] the range of each draw.
+    n_cycles : of the run.
+    dof : degrees of freedom of the errors drawn; NaN where the draws are a bootstrap over the cycles.
     """
 
-    calibration: Calibration
+    fit: FittedCurve
+    x: FloatArray
+    x_range: tuple[float, float]
     coefficients: FloatArray
-    n_cycles: int
     ends: FloatArray
+    n_cycles: int
+    dof: float = float("nan")
 
     def values(self, x: FloatArray) -> FloatArray:
-        """Return y(x) of every resample, [resamples, x]."""
-        return self.coefficients @ self.calibration.fit.basis.design(x).T
+        """Return y(x) of every draw, [draws, x]."""
+        return self.coefficients @ self.fit.rows(x).T
 
     def slopes(self, x: FloatArray) -> FloatArray:
-        """Return dy/dx of every resample, [resamples, x]."""
-        return self.coefficients @ self.calibration.fit.basis.slope_design(x).T
+        """Return dy/dx of every draw, [draws, x]."""
+        return self.coefficients @ self.fit.slope_rows(x).T
+
+    def spans(self) -> FloatArray:
+        """Return y(x_max) - y(x_min) of every draw over its own range, [draws]."""
+        low, high = ((self.coefficients * self.fit.rows(end)).sum(axis=1) for end in self.ends.T)
+        return np.asarray(high - low)
+
+    @property
+    def full_scale(self) -> float:
+        """|y(x_max) - y(x_min)| of the curve."""
+        low, high = self.fit.predict(np.asarray(self.x_range))
+        return abs(float(high - low))
+
+    def figure(self, value: float, replicates: FloatArray, unit: str, definition: str) -> Figure:
+        """Return a figure of the curve, its interval from what the draws make of it.
+
+        Parameters
+        ----------
+        value, replicates : of the curve and of the draws, [draws].
+        unit, definition : of the figure.
+        """
+        if np.isnan(self.dof):
+            return _figure(value, replicates, unit, self.n_cycles, definition)
+        widen = stats.t.ppf(0.975, self.dof) / stats.norm.ppf(0.975)
+        low, high = (float(value + widen * (end - value)) for end in np.percentile(replicates, [2.5, 97.5]))
+        low = max(low, 0.0) if unit in NEVER_NEGATIVE else low
+        return Figure(float(value), unit, self.n_cycles, low, high, definition=definition)
+
+
+def draw_joint(joint: JointFit, x: FloatArray, n_cycles: int, rng: np.random.Generator, count: int) -> CurveDraws:
+    """Draw the curves that the errors of the position means allow.
+
+    Parameters
+    ----------
+    joint : the curve. x : [n] the readings. n_cycles : of the run.
+    rng, count : of the draws.
+    """
+    coefficients, ends = joint.draws(rng, count)
+    return CurveDraws(joint, x, joint.ends, coefficients, ends, n_cycles, joint.effective_dof)
 
 
 def resample_fit(
     calibration: Calibration, cycle_of: FloatArray, weights: FloatArray, rng: np.random.Generator | None = None
-) -> ResampledFit:
-    """Refit a calibration to every bootstrap resample of the cycles.
+) -> CurveDraws:
+    """Refit a calibration through points to every bootstrap resample of the cycles.
 
     Parameters
     ----------
@@ -93,26 +159,25 @@ def resample_fit(
     drawn = weights > 0
     low, high = (np.where(drawn, sign * ends[:, side], np.inf).min(axis=1) * sign for side, sign in ((0, 1), (1, -1)))
     drawn_ends = np.stack([low, high], axis=1)  # infinite where only cycles without readings were drawn
-    return ResampledFit(calibration, coefficients, cycles, np.where(np.isfinite(drawn_ends), drawn_ends, np.nan))
+    drawn_ends = np.where(np.isfinite(drawn_ends), drawn_ends, np.nan)
+    return CurveDraws(calibration.fit, calibration.x, calibration.x_range, coefficients, drawn_ends, cycles)
 
 
-def full_scale(
-    calibration: Calibration | None, resampled: ResampledFit | None, loops: Loops, sensor: int, weights: FloatArray
-) -> Figure:
-    """Full-scale output, mV: of the fitted curve over its range; without x, between the extreme pressures.
+def full_scale(curves: CurveDraws) -> Figure:
+    """Full-scale output, mV: of the fitted curve over its range."""
+    definition = "|y(x_max) - y(x_min)| of the fit"
+    return curves.figure(curves.full_scale, np.abs(curves.spans()), "mV", definition)
+
+
+def pressure_full_scale(loops: Loops, sensor: int, weights: FloatArray) -> Figure:
+    """Full-scale output, mV, of a run without x: between the extreme pressures.
 
     Parameters
     ----------
-    calibration, resampled : of the sensor; None without x.
     loops : of the used cycles.
     sensor : counted from 0.
     weights : [resamples, cycles] of the bootstrap.
     """
-    if calibration is not None and resampled is not None:
-        basis = calibration.fit.basis
-        ends = np.stack([(resampled.coefficients * basis.design(x)).sum(axis=1) for x in resampled.ends.T], axis=1)
-        definition = "|y(x_max) - y(x_min)| of the fit"
-        return _figure(calibration.full_scale, np.abs(ends[:, 1] - ends[:, 0]), "mV", loops.n_cycles, definition)
     low, high = (float(v[0]) for v in end_levels(loops, sensor))
     if not np.isfinite(high - low):
         return Figure.nothing("mV", Reason.NO_CYCLE, "no complete cycle")
@@ -122,24 +187,73 @@ def full_scale(
     )
 
 
-def sensitivities(calibration: Calibration, resampled: ResampledFit) -> dict[str, Figure]:
+def sensitivities(curves: CurveDraws) -> dict[str, Figure]:
     """Return the end-to-end sensitivity, the slope at rest and the least-squares slope, mV/mm."""
-    low, high = calibration.x_range
-    ends = resampled.values(np.asarray([low, high]))
-    centred = calibration.x - calibration.x.mean()
-    line, lines = (y @ centred / (centred @ centred) for y in (calibration.y, resampled.values(calibration.x)))
-    at_rest, at_rests = float(calibration.slope(0.0)), resampled.slopes(np.zeros(1))[:, 0]
-    end_to_end, end_to_ends = calibration.full_scale / (high - low), np.abs(ends[:, 1] - ends[:, 0]) / (high - low)
+    low, high = curves.x_range
+    with np.errstate(invalid="ignore", divide="ignore"):
+        end_to_ends = np.abs(curves.spans()) / np.diff(curves.ends, axis=1)[:, 0]
+    centred = curves.x - curves.x.mean()
+    line, lines = (y @ centred / (centred @ centred) for y in (curves.fit.predict(curves.x), curves.values(curves.x)))
+    rest = np.zeros(1)
+    at_rest, at_rests = float(curves.fit.slope(rest)[0]), curves.slopes(rest)[:, 0]
     found = {
-        "sensitivity_mv_per_mm": (end_to_end, end_to_ends, "|y(x_max) - y(x_min)| / (x_max - x_min) of the fit"),
+        "sensitivity_mv_per_mm": (
+            curves.full_scale / (high - low), end_to_ends, "|y(x_max) - y(x_min)| / (x_max - x_min) of the fit",
+        ),
         "least_squares_slope_mv_per_mm": (line, lines, "slope of the straight line through all points"),
         "slope_at_rest_mv_per_mm": (at_rest, at_rests, "dy/dx at x = 0, with its sign"),
-    }
-    figures = {key: _figure(v, each, "mV/mm", resampled.n_cycles, text) for key, (v, each, text) in found.items()}
+    }  # fmt: skip
+    figures = {key: curves.figure(v, each, "mV/mm", text) for key, (v, each, text) in found.items()}
     if not low <= 0.0 <= high:
         outside = Figure.nothing("mV/mm", Reason.REST_OUTSIDE_RANGE, "x = 0 is outside the calibrated range")
         figures["slope_at_rest_mv_per_mm"] = outside
     return figures
+
+
+def curve_figures(curves: CurveDraws, deviating: CurveDraws | None = None) -> dict[str, Figure]:
+    """Return the figures of a calibration's curve.
+
+    Parameters
+    ----------
+    curves : the calibration.
+    deviating : the curve that it deviates from by more than chance: the intervals hold the figures of either.
+    """
+    figures = {"fso_mv": full_scale(curves), **sensitivities(curves), "nonlinearity_percent_fso": nonlinearity(curves)}
+    if deviating is None:
+        return figures
+    text = "the curve is not adequate: the interval also holds the figure of the preferred curve"
+    for key, other in curve_figures(deviating).items():
+        own = figures[key]
+        if np.isfinite([own.low, own.high, other.low, other.high]).all():
+            low, high = min(own.low, other.low), max(own.high, other.high)
+            figures[key] = replace(own, low=low, high=high, note=text, reason=Reason.INADEQUATE)
+    return figures
+
+
+def joint_hysteresis(
+    estimate: LoopEstimate, width: LoopWidth, full_scale_value: float, n: int, over: str = "x"
+) -> Figure:
+    """Hysteresis, % of full scale, of the loop of a joint fit.
+
+    Parameters
+    ----------
+    estimate : of its greatest width.
+    width : of the loops between the points, for the abscissa that the branches share.
+    full_scale_value : what it is relative to, in its unit.
+    n : number of cycles.
+    over : the abscissa.
+    """
+    definition = f"max over {over} of |loading - unloading| / FSO, loop of the joint fit, less its variance"
+    plain = hysteresis(width, full_scale_value, n, definition)
+    if plain.void or not full_scale_value > 0:
+        return plain
+    scale = 100.0 / full_scale_value
+    value, low, high = (scale * v for v in (estimate.width, estimate.low, estimate.high))
+    keep = plain.reason is Reason.PART_OF_RANGE
+    return replace(
+        plain, value=value, low=low, high=high, note=plain.note if keep else "",
+        reason=plain.reason if keep else Reason.NONE,
+    )  # fmt: skip
 
 
 def sensor_loop_width(loops: Loops, sensor: int, calibration: Calibration | None, weights: FloatArray) -> LoopWidth:
@@ -231,26 +345,29 @@ def limited(figure: Figure, floor: float, by: str, share: float = BOUND_SHARE) -
     return replace(figure, note=f"{note}; {figure.note}" if figure.note else note, reason=Reason.UPPER_BOUND)
 
 
-def nonlinearity(calibration: Calibration, resampled: ResampledFit) -> Figure:
+def nonlinearity(curves: CurveDraws) -> Figure:
     """Largest distance of the fitted curve from the best-fit straight line, % FSO (ISA-S37.1)."""
     definition = "max |y(x) - line(x)| / FSO, line by least squares through all points"
-    if not calibration.full_scale > 0:
+    if not curves.full_scale > 0:
         return _no_full_scale("% FSO", definition)
-    grid = np.linspace(*calibration.x_range, CURVE_POINTS)
-    line = np.polynomial.Polynomial.fit(calibration.x, calibration.y, 1)
-    scale = 100.0 / calibration.full_scale
-    value = scale * float(np.abs(calibration.predict(grid) - line(grid)).max())
-    # the data's own weighting of the line is kept: project each resampled curve's values at the data's x
-    at_data, curves = resampled.values(calibration.x), resampled.values(grid)
-    rows = np.vander(calibration.x, 2)
-    lines = np.linalg.lstsq(rows, at_data.T, rcond=None)[0] if np.isfinite(at_data).all() else None
-    if lines is None:
+    x, grid = curves.x, np.linspace(*curves.x_range, CURVE_POINTS)
+    line = np.polynomial.Polynomial.fit(x, curves.fit.predict(x), 1)
+    scale = 100.0 / curves.full_scale
+    value = scale * float(np.abs(curves.fit.predict(grid) - line(grid)).max())
+    # the data's own weighting of the line is kept: project each drawn curve's values at the data's x
+    at_data = curves.values(x)
+    if not np.isfinite(at_data).all():
         return Figure(
-            value, "% FSO", calibration.n, note="no interval: a resample cannot carry the degree",
+            value, "% FSO", x.size, note="no interval: a resample cannot carry the degree",
             definition=definition, reason=Reason.NO_INTERVAL,
         )  # fmt: skip
-    apart = np.abs(curves - (np.vander(grid, 2) @ lines).T).max(axis=1)
-    return _figure(value, scale * apart, "% FSO", resampled.n_cycles, definition)
+    lines = at_data @ np.linalg.pinv(np.vander(x, 2)).T
+    apart = np.abs(curves.values(grid[1:-1]) - lines @ np.vander(grid[1:-1], 2).T).max(axis=1)
+    for end in curves.ends.T:  # each draw ends where its own range does
+        at_end = (curves.coefficients * curves.fit.rows(end)).sum(axis=1) - lines[:, 0] * end - lines[:, 1]
+        apart = np.fmax(apart, np.abs(at_end))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return curves.figure(value, 100.0 * apart / np.abs(curves.spans()), "% FSO", definition)
 
 
 def pressure_nonlinearity(loops: Loops, sensor: int, full_scale_value: float, weights: FloatArray) -> Figure:

@@ -1,0 +1,224 @@
+"""Whether a curve is adequate: lack of fit, curves of other families beside it, and the expanded uncertainty it keeps.
+
+Strategy: the position means are tested against what scatter and reading allow (`analysis.calibration.joint_fit`, the
+loop in the design). Polynomials of degree 1 to 6 and a monotone spline are compared by the error of predicting each
+inner position from the others; the simplest within one standard error of the best is preferred. Where the test fails
+and the preferred curve is of a richer family, the distance between the two is a known deviation d(x) of the chosen
+curve: it is not corrected, and the expanded uncertainty is widened until it holds the truth as often as 2 u does
+without a deviation.
+
+Sources: Draper and Smith, Applied Regression Analysis (1998), 2.1; Hastie, Tibshirani, Friedman, The Elements of
+Statistical Learning (2009), 7.10 (one standard error); S. D. Phillips, K. R. Eberhardt, B. Parry, J. Res. NIST 102
+(1997) 577 (uncorrected bias); GUM (JCGM 100) F.2.4.5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import special, stats
+
+from analysis.arrays import FloatArray
+from analysis.calibration.joint_fit import DEGREES, CurveBasis, JointFit, PolynomialBasis, joint_fit
+from analysis.calibration.monotone_spline import MonotoneSplineBasis
+from analysis.errors import DataError
+
+SPLINE = "spline"
+DOUBTFUL, INADEQUATE = 0.01, 0.001  # chances of such a lack of fit for the right curve
+NOTICED_PERCENT = 0.25  # of full scale: a smaller remainder leaves a curve doubtful, however certain it is
+REFUSED_PERCENT = 5.0  # of full scale: the bound of the published hysteresis; above it no elongation is given
+COVERAGE_FACTOR = 2.0
+CURVE_POINTS = 101
+BISECTIONS = 60
+
+
+class Verdict(StrEnum):
+    """Of the curve against the readings."""
+
+    ADEQUATE = "adequate"
+    DOUBTFUL = "doubtful"
+    INADEQUATE = "inadequate"
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A family of curves: its name (degree, or spline), its fit, the squared errors of prediction [inner positions]."""
+
+    name: str
+    fit: JointFit
+    squares: FloatArray
+
+    @property
+    def prediction_rms(self) -> float:
+        """Rms of the errors of prediction, in the unit of y."""
+        return float(np.sqrt(np.mean(self.fit.prediction_errors() ** 2)))
+
+
+@dataclass(frozen=True, slots=True)
+class Adequacy:
+    """The verdict on a curve.
+
+    Attributes
+    ----------
+    verdict, p_value : of the lack of fit; p is NaN where nothing was left to test it by.
+    chosen : the curve that was judged. preferred : the candidate that predicts best, or its simpler equal.
+    candidates : all that the positions carry.
+    remainder : rms over the range by which the chosen curve misses; in the unit of y.
+    remainder_percent : of the full scale.
+    """
+
+    verdict: Verdict
+    p_value: float
+    chosen: JointFit
+    preferred: Candidate
+    candidates: tuple[Candidate, ...]
+    remainder: float
+    remainder_percent: float
+
+    @property
+    def refused(self) -> bool:
+        """Whether the remainder is so large that the curve gives no elongation."""
+        return self.verdict is Verdict.INADEQUATE and self.remainder_percent > REFUSED_PERCENT
+
+    @property
+    def reference(self) -> JointFit:
+        """The fit that the chosen curve is measured by: the preferred one where that says more, else itself."""
+        richer = self.preferred.fit.basis.complexity > self.chosen.basis.complexity
+        return self.preferred.fit if richer and self.verdict is not Verdict.ADEQUATE else self.chosen
+
+    def deviation(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the chosen curve less the reference; zeros where they are one."""
+        if self.reference is self.chosen:
+            return np.zeros(np.shape(x))
+        return self.chosen.predict(x) - self.reference.predict(x)
+
+    def reference_u(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the standard uncertainty of the reference, what it misses between the positions included."""
+        if self.reference is self.chosen:
+            return self.chosen.u(x)
+        return np.hypot(self.reference.u(x), self.reference.between_positions_sd())
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the object of `analyze --json`."""
+        return {
+            "verdict": str(self.verdict),
+            "p_value": self.p_value,
+            "remainder_mv": self.remainder,
+            "remainder_percent_fso": self.remainder_percent,
+            "degree_preferred": self.preferred.name if self.preferred.name == SPLINE else int(self.preferred.name),
+            "refused": self.refused,
+            "curves": [
+                {"curve": candidate.name, "prediction_rms_mv": candidate.prediction_rms}
+                for candidate in self.candidates
+            ],
+        }
+
+
+def curve_candidates(chosen: JointFit) -> tuple[Candidate, ...]:
+    """Fit every family that the positions of a fit carry, the chosen one among them, simplest first."""
+    means = chosen.means
+    fits: list[tuple[str, JointFit]] = []
+    families: list[tuple[str, CurveBasis]] = [(str(degree), PolynomialBasis(degree)) for degree in DEGREES]
+    spline = MonotoneSplineBasis.through(
+        chosen.scaled(means.x), chosen.predict(means.ends)[1] < chosen.predict(means.ends)[0]
+    )
+    for name, basis in [*families, (SPLINE, spline)]:
+        if basis == chosen.basis:
+            fits.append((name, chosen))
+        elif basis.complexity + chosen.loop.size < means.x.size:
+            try:
+                fits.append((name, joint_fit(means, basis, chosen.loop.size)))
+            except DataError:
+                continue
+    if not any(fit is chosen for _, fit in fits):
+        degree = chosen.basis.complexity - 1
+        fits.append((str(degree), chosen))
+    weights = _common_weights(fits)
+    return tuple(Candidate(name, fit, fit.prediction_errors() ** 2 * weights) for name, fit in fits)
+
+
+def _common_weights(fits: Sequence[tuple[str, JointFit]]) -> FloatArray:
+    """[inner positions] 1 / variance of the fit that predicts best without weights, and its misfit."""
+    best = min((fit for _, fit in fits), key=lambda fit: float(np.sum(fit.prediction_errors() ** 2)))
+    return np.asarray(1.0 / best.variance[best.means.inside])
+
+
+def preferred_candidate(candidates: Sequence[Candidate]) -> Candidate:
+    """Return the simplest that predicts as well as the best within one standard error of the difference."""
+    best = min(candidates, key=lambda candidate: float(candidate.squares.sum()))
+    for candidate in candidates:
+        worse = candidate.squares - best.squares
+        if worse.sum() <= np.sqrt(worse.size) * worse.std():
+            return candidate
+    return best
+
+
+def judge_curve(chosen: JointFit) -> Adequacy:
+    """Judge a curve by the position means that it was fitted to."""
+    candidates = curve_candidates(chosen)
+    preferred = preferred_candidate(candidates)
+    p_value = lack_of_fit_p(chosen, preferred.fit)
+    richer = preferred.fit.basis.complexity > chosen.basis.complexity
+    low, high = chosen.ends
+    at = np.linspace(low, high, CURVE_POINTS)
+    apart = chosen.predict(at) - preferred.fit.predict(at)
+    remainder = float(np.sqrt(np.mean(apart**2))) if richer else chosen.misfit_sd
+    full_scale = abs(float(preferred.fit.predict(high) - preferred.fit.predict(low)))
+    percent = 100.0 * remainder / full_scale if full_scale > 0 else 0.0
+    if not p_value < DOUBTFUL:  # also where nothing was left to test by
+        verdict, remainder, percent = Verdict.ADEQUATE, 0.0, 0.0
+    elif richer and p_value < INADEQUATE and percent > NOTICED_PERCENT:
+        verdict = Verdict.INADEQUATE
+    else:
+        verdict = Verdict.DOUBTFUL
+    return Adequacy(verdict, p_value, chosen, preferred, candidates, remainder, percent)
+
+
+def lack_of_fit_p(chosen: JointFit, preferred: JointFit) -> float:
+    """Return the chance of such a lack of fit for the right curve.
+
+    The position means against their scatter within positions; where no position was read twice, against what the
+    preferred curve leaves.
+    """
+    if chosen.dof < 1:
+        return float("nan")
+    if chosen.known_variance.min() > 0 and (chosen.means.dof > 0 or chosen.means.x_variance.min() > 0):
+        ratio = chosen.chi_squared / chosen.dof
+        within = chosen.means.dof or np.inf
+        return float(
+            stats.f.sf(ratio, chosen.dof, within)
+            if np.isfinite(within)
+            else stats.chi2.sf(chosen.chi_squared, chosen.dof)
+        )
+    gained = chosen.dof - preferred.dof
+    left = float(preferred.residuals @ preferred.residuals)
+    if gained < 1 or preferred.dof < 1 or not left > 0:
+        return float("nan")
+    ratio = (float(chosen.residuals @ chosen.residuals) - left) / gained / (left / preferred.dof)
+    return float(stats.f.sf(max(ratio, 0.0), gained, preferred.dof))
+
+
+def expanded(deviation: npt.ArrayLike, u: npt.ArrayLike, factor: float = COVERAGE_FACTOR) -> FloatArray:
+    """Return U that holds as much of a normal error about a known deviation as `factor` u holds without one.
+
+    Parameters
+    ----------
+    deviation, u : of any one shape: uncorrected deviation, standard uncertainty.
+    factor : of coverage without a deviation.
+    """
+    away, spread = np.broadcast_arrays(np.abs(np.asarray(deviation, dtype=np.float64)), np.asarray(u, dtype=np.float64))
+    if not away.any():
+        return np.asarray(factor * spread)
+    share = 2.0 * special.ndtr(factor) - 1.0
+    low, high = factor * spread, away + factor * spread
+    safe = np.where(spread > 0, spread, 1.0)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        inside = special.ndtr((middle - away) / safe) - special.ndtr((-middle - away) / safe) >= share
+        low, high = np.where(inside, low, middle), np.where(inside, middle, high)
+    return np.asarray(np.where(spread > 0, high, away), dtype=np.float64)

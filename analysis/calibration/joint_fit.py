@@ -1,0 +1,417 @@
+"""The calibration as one joint fit by branch on position means.
+
+Model: a position p (a level of one branch) has the mean reading x_p with a variance u_p^2 and the mean signal y_p
+with a variance s_p^2. With z = x mapped to -1..1 over the means at the end levels and B = 1 loading, -1 unloading,
+    y_p = f(z_p) + B_p (1 - z_p^2) (c0 + c1 z_p) / 2 + e_p,    variance of e_p = s_p^2 + f'^2 u_p^2 + t^2.
+The loop is antisymmetric between the branches and closes at both ends: it belongs to the design, not to the error of
+the curve. Errors in x are adjusted for (each x_p moves along the curve by its share of the residual), so that scattered
+readings do not flatten the curve; t^2, the variance that misses the model, is its moment estimate.
+
+Rules: nothing here depends on sensors or pressures; a position without a partner on the other branch carries no loop.
+Sources: W. A. Fuller, Measurement Error Models (1987), 3.2 (adjusted x); R. DerSimonian, N. Laird, Controlled Clinical
+Trials 7 (1986) 177 (t^2); GUM (JCGM 100) 5.1.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from numpy.polynomial import legendre
+from scipy import optimize, stats
+
+from analysis.arrays import BoolArray, FloatArray
+from analysis.calibration.quantised_x import gather
+from analysis.errors import DataError
+from analysis.polynomial import LeastSquares
+
+ITERATIONS = 8
+LOOP_TERMS, MORE_LOOP_TERMS = 2, 5
+OTHER_SHAPE = 0.001  # chance of such a gain by more terms for a loop of the model's shape
+DEGREES = (1, 2, 3, 4, 5, 6)
+EXACT = 1e-10  # of the largest |y|: less is the rounding of the arithmetic
+WIDTH_POINTS = 101
+WIDTH_DRAWS = 512
+
+
+@dataclass(frozen=True, slots=True)
+class PositionMeans:
+    """Means over the readings of each position.
+
+    Attributes
+    ----------
+    x, y : [positions] mean reading and mean signal.
+    branch : [positions] 1 loading, -1 unloading, 0 at the end levels, which both share.
+    x_variance, y_variance : [positions] of the means, from the scatter within positions and the grid.
+    dof : degrees of freedom of that scatter; 0 where no position was read twice.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    branch: FloatArray
+    x_variance: FloatArray
+    y_variance: FloatArray
+    dof: int
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The means at the two end levels; the outermost means where the ends were not read."""
+        at_end = self.x[self.branch == 0]
+        chosen = at_end if at_end.size > 1 and np.ptp(at_end) > 0.5 * np.ptp(self.x) else self.x
+        return float(chosen.min()), float(chosen.max())
+
+    @property
+    def inside(self) -> BoolArray:
+        """[positions] True between the end levels."""
+        low, high = self.ends
+        return (self.x > low) & (self.x < high)
+
+    def loop_terms(self) -> int:
+        """Return how many terms of the loop the positions carry: each takes an inner position on either branch."""
+        pairs = min(int((self.inside & (self.branch == b)).sum()) for b in (-1, 1))
+        return min(pairs, LOOP_TERMS)
+
+
+def position_means(
+    fit: LeastSquares, x: FloatArray, y: FloatArray, reading_sd: float, positions: npt.ArrayLike, branch: npt.ArrayLike
+) -> PositionMeans:
+    """Return the means over the readings of each position.
+
+    Parameters
+    ----------
+    fit : polynomial through the points, for its slope.
+    x, y : [n] readings and signals.
+    reading_sd : of one reading to the nearest mark; 0 where x is exact, and its scatter the actuator's.
+    positions : [n] labels. branch : [n] 1, -1, or 0 at the end levels.
+    """
+    labels, first, of_point = np.unique(np.asarray(positions), return_index=True, return_inverse=True)
+    of_point = of_point.reshape(-1)
+    count = np.bincount(of_point)
+    dof = x.size - labels.size
+    of_branch = np.asarray(branch, dtype=np.float64)[first]
+    if reading_sd > 0:
+        found = gather(fit, x, y, reading_sd, of_point)
+        return PositionMeans(found.x, found.y, of_branch, found.x_variance, found.mean_variance, dof)
+    mean_x, mean_y = (np.bincount(of_point, v) / count for v in (x, y))
+    off = y - mean_y[of_point] - fit.slope(mean_x)[of_point] * (x - mean_x[of_point])
+    scatter = float(off @ off) / dof if dof > 0 else 0.0
+    return PositionMeans(mean_x, mean_y, of_branch, np.zeros(count.size), scatter / count, dof)
+
+
+class CurveBasis(Protocol):
+    """A family of curves of z = -1..1, linear in its coefficients."""
+
+    @property
+    def complexity(self) -> int:
+        """Number of coefficients."""
+
+    def design(self, z: npt.ArrayLike) -> FloatArray:
+        """Return the design matrix [points, coefficients]."""
+
+    def slope_design(self, z: npt.ArrayLike) -> FloatArray:
+        """Return its derivative by z."""
+
+    def constrained(self, loop_terms: int) -> BoolArray | None:
+        """[coefficients and loop terms] True where a coefficient may not be negative; None where all are free."""
+
+
+@dataclass(frozen=True, slots=True)
+class PolynomialBasis:
+    """Legendre polynomials up to `degree`."""
+
+    degree: int
+
+    @property
+    def complexity(self) -> int:
+        """Number of coefficients."""
+        return self.degree + 1
+
+    def design(self, z: npt.ArrayLike) -> FloatArray:
+        """Return the design matrix [points, degree + 1]."""
+        return np.asarray(legendre.legvander(np.atleast_1d(np.asarray(z, dtype=np.float64)), self.degree))
+
+    def slope_design(self, z: npt.ArrayLike) -> FloatArray:
+        """Return its derivative by z."""
+        at = np.atleast_1d(np.asarray(z, dtype=np.float64))
+        if self.degree == 0:
+            return np.zeros((at.size, 1))
+        columns = [legendre.legval(at, legendre.legder(unit)) for unit in np.eye(self.degree + 1)]
+        return np.stack(np.broadcast_arrays(*columns), axis=-1)
+
+    def constrained(self, loop_terms: int) -> None:
+        """All coefficients are free."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointFit:
+    """The fitted curve and loop, with the covariance of both.
+
+    Attributes
+    ----------
+    basis, centre, half_width : of the curve, over z = (x - centre) / half_width.
+    coefficients, loop : of the curve, and c0, c1 of the loop (none where the branches carry none).
+    influence : [curve and loop, positions] d coefficients / d y_p; zero rows where a constraint holds.
+    known_variance : [positions] of y_p about the curve by scatter and reading.
+    misfit_sd : t, what the positions miss the model by besides.
+    residuals, leverage : [positions], in the direction of y.
+    slope : [positions] of the branch that each lies on.
+    means : the positions.
+    """
+
+    basis: CurveBasis
+    centre: float
+    half_width: float
+    coefficients: FloatArray
+    loop: FloatArray
+    influence: FloatArray
+    known_variance: FloatArray
+    misfit_sd: float
+    residuals: FloatArray
+    leverage: FloatArray
+    slope_at: FloatArray
+    means: PositionMeans
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The calibrated range."""
+        return self.means.ends
+
+    @property
+    def dof(self) -> int:
+        """Positions less free coefficients."""
+        return self.means.x.size - int((np.abs(self.influence).sum(axis=1) > 0).sum())
+
+    @property
+    def chi_squared(self) -> float:
+        """Of the position means about the model, in their known variances; infinite where these are zero."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return float((self.residuals**2 / self.known_variance).sum())
+
+    @property
+    def variance(self) -> FloatArray:
+        """[positions] of y_p about the curve, all causes together."""
+        return self.known_variance + self.misfit_sd**2
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of the coefficients of curve and loop."""
+        return np.asarray((self.influence * self.variance) @ self.influence.T)
+
+    @property
+    def effective_dof(self) -> float:
+        """Degrees of freedom of the variances: of the scatter within positions, and of the misfit between them."""
+        share = float(np.mean(self.misfit_sd**2 / self.variance)) if self.misfit_sd > 0 else 0.0
+        of_scatter = (1.0 - share) ** 2 / self.means.dof if self.means.dof > 0 else 0.0
+        of_misfit = share**2 / self.dof if self.dof > 0 else 0.0
+        return 1.0 / (of_scatter + of_misfit) if of_scatter + of_misfit > 0 else float("inf")
+
+    def scaled(self, x: npt.ArrayLike) -> FloatArray:
+        """Return z."""
+        return (np.asarray(x, dtype=np.float64) - self.centre) / self.half_width
+
+    def rows(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the rows of the curve's design at x, [points, coefficients]."""
+        return self.basis.design(self.scaled(x).ravel())
+
+    def predict(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the curve, the middle between the branches."""
+        return np.asarray(self.rows(x) @ self.coefficients).reshape(np.shape(x))
+
+    def slope_rows(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the rows of its derivative by x, [points, coefficients]."""
+        return self.basis.slope_design(self.scaled(x).ravel()) / self.half_width
+
+    def slope(self, x: npt.ArrayLike) -> FloatArray:
+        """Return dy/dx of the curve."""
+        return np.asarray(self.slope_rows(x) @ self.coefficients).reshape(np.shape(x))
+
+    def curve_covariance(self, variance: FloatArray) -> FloatArray:
+        """Return the covariance of the curve's coefficients that variances of the position means make."""
+        part = self.influence[: self.coefficients.size]
+        return np.asarray((part * variance) @ part.T)
+
+    def u(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the standard uncertainty of the curve."""
+        rows, covariance = self.rows(x), self.curve_covariance(self.variance)
+        return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", rows, covariance, rows))).reshape(np.shape(x))
+
+    def prediction_errors(self) -> FloatArray:
+        """[inner positions] error of predicting each from the others, r / (1 - h)."""
+        inside = self.means.inside
+        return np.asarray((self.residuals / np.maximum(1.0 - self.leverage, 0.05))[inside])
+
+    def between_positions_sd(self) -> float:
+        """Return by how much positions that are left out are predicted worse than their own scatter allows."""
+        inside, left = self.means.inside, np.maximum(1.0 - self.leverage, 0.05)
+        if not inside.any():
+            return 0.0
+        excess = float(np.mean(self.prediction_errors() ** 2 - (self.known_variance / left)[inside]))
+        return float(np.sqrt(max(excess, 0.0)))
+
+    def draws(self, rng: np.random.Generator, count: int) -> tuple[FloatArray, FloatArray]:
+        """Draw curves that the errors of the position means allow, and the ends of their range.
+
+        Parameters
+        ----------
+        rng : of the draws. count : of the draws.
+
+        Returns
+        -------
+        coefficients [count, coefficients] and ends [count, 2]. An error of reading moves a position's y by -f' e and,
+        at an end, the range by e.
+        """
+        means, size = self.means, (count, self.means.x.size)
+        by_reading = np.sqrt(means.x_variance) * rng.standard_normal(size)
+        rest = np.sqrt(means.y_variance + self.misfit_sd**2) * rng.standard_normal(size)
+        moved = (rest - self.slope_at * by_reading) @ self.influence[: self.coefficients.size].T
+        ends = np.stack([by_reading[:, int(np.argmin(np.abs(means.x - end)))] + end for end in self.ends], axis=1)
+        return self.coefficients + moved, ends
+
+    def loop_width(self, x: npt.ArrayLike) -> FloatArray:
+        """Return loading less unloading."""
+        z = np.clip(self.scaled(x), -1.0, 1.0)
+        return np.asarray((1.0 - z**2) * np.polynomial.polynomial.polyval(z, [*self.loop, 0.0]))
+
+    def loop_width_u(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the standard uncertainty of `loop_width`."""
+        z = np.clip(self.scaled(x), -1.0, 1.0)
+        rows = (1.0 - z**2)[..., None] * z[..., None] ** np.arange(self.loop.size)
+        part = self.influence[self.coefficients.size :]
+        covariance = (part * self.variance) @ part.T
+        return np.asarray(np.sqrt(np.einsum("...i,ij,...j->...", rows, covariance, rows)), dtype=np.float64)
+
+
+def joint_fit(means: PositionMeans, basis: CurveBasis, loop_terms: int | None = None) -> JointFit:
+    """Fit curve and loop to position means.
+
+    Parameters
+    ----------
+    means : of the readings.
+    basis : family of the curve.
+    loop_terms : of the loop; as many as the positions carry by default.
+
+    Raises
+    ------
+    DataError : fewer positions than coefficients, or positions that do not carry them.
+    """
+    terms = means.loop_terms() if loop_terms is None else loop_terms
+    size, needed = means.x.size, basis.complexity + terms
+    low, high = means.ends
+    if size < needed or not high > low:
+        raise DataError(f"{size} positions for {needed} coefficients", "Read more positions, or fit a lower degree.")
+    centre, half = (low + high) / 2, (high - low) / 2
+    constrained = basis.constrained(terms)
+    x, y = means.x, means.y
+    floor = (EXACT * float(np.abs(y).max(initial=1e-300))) ** 2
+    adjusted, misfit = x.copy(), 0.0
+    slope = np.full(size, float(np.polyfit(x, y, 1)[0]))
+    for step in range(ITERATIONS):
+        known = slope**2 * means.x_variance + means.y_variance
+        if step == 0 and not known.min() > floor:
+            misfit = float(np.var(y)) or floor
+        variance = np.maximum(known + misfit, floor)
+        root = 1.0 / np.sqrt(variance)
+        z = (adjusted - centre) / half
+        design = np.column_stack([basis.design(z), _loop_design(z, means.branch, terms)])
+        target = y - slope * (x - adjusted)
+        solution, free = _solved(design * root[:, None], target * root, constrained)
+        influence = np.zeros((needed, size))
+        influence[free] = np.linalg.pinv(design[:, free] * root[:, None]) * root
+        hat = design @ influence
+        left = np.eye(size) - hat
+        residuals = target - design @ solution
+        squares, spread = left**2 / variance[:, None], float((left**2 / variance[:, None]).sum())
+        excess = float((residuals**2 / variance).sum() - (squares @ known).sum())
+        misfit = max(excess / spread, 0.0) if spread > EXACT and size > int(free.sum()) else 0.0
+        rows = np.column_stack([basis.slope_design(z), _loop_slope_design(z, means.branch, terms)])
+        if step < ITERATIONS - 1:
+            adjusted = x + means.x_variance * slope / variance * residuals
+            slope = rows @ solution / half
+    if np.linalg.matrix_rank(design[:, free] * root[:, None]) < int(free.sum()):
+        raise DataError(
+            f"the positions do not carry {needed} coefficients", "Read more positions, or fit a lower degree."
+        )
+    known = np.maximum(known, floor) if misfit == 0.0 else known
+    split = basis.complexity
+    return JointFit(
+        basis, centre, half, solution[:split], solution[split:], influence, known, float(np.sqrt(misfit)), residuals,
+        np.einsum("ii->i", hat).copy(), slope, means,
+    )  # fmt: skip
+
+
+def _solved(design: FloatArray, target: FloatArray, constrained: BoolArray | None) -> tuple[FloatArray, BoolArray]:
+    """Return the least-squares solution and which coefficients are free in it."""
+    if constrained is None:
+        return np.asarray(np.linalg.lstsq(design, target, rcond=None)[0]), np.ones(design.shape[1], dtype=bool)
+    lower = np.where(constrained, 0.0, -np.inf)
+    solution = optimize.lsq_linear(design, target, bounds=(lower, np.inf), method="bvls").x
+    return solution, ~(constrained & (np.abs(solution) <= 1e-9 * np.abs(solution).max()))
+
+
+def _loop_design(z: FloatArray, branch: FloatArray, terms: int) -> FloatArray:
+    half_open = 0.5 * branch * np.maximum(1.0 - z**2, 0.0)
+    return np.asarray(half_open[:, None] * z[:, None] ** np.arange(terms))
+
+
+def _loop_slope_design(z: FloatArray, branch: FloatArray, terms: int) -> FloatArray:
+    powers = np.arange(terms)
+    falling = (powers + 2.0) * z[:, None] ** (powers + 1)
+    rising = powers * z[:, None] ** np.maximum(powers - 1, 0)
+    return np.asarray(0.5 * branch[:, None] * (rising - falling))
+
+
+def loop_is_represented(fit: JointFit) -> bool:
+    """Return whether the loop has the model's shape: more terms do not leave significantly less."""
+    if not fit.loop.size or fit.dof < 1:
+        return False
+    try:
+        more = joint_fit(fit.means, fit.basis, MORE_LOOP_TERMS)
+    except DataError:
+        return True
+    gained = fit.dof - more.dof
+    weights = 1.0 / np.maximum(fit.known_variance + more.misfit_sd**2, np.finfo(float).tiny)
+    before, after = (float(weights @ each.residuals**2) for each in (fit, more))
+    if gained < 1 or more.dof < 2 or not after > 0:
+        return True
+    ratio = max(before - after, 0.0) / gained / (after / more.dof)
+    return bool(stats.f.sf(ratio, gained, more.dof) > OTHER_SHAPE)
+
+
+@dataclass(frozen=True, slots=True)
+class LoopEstimate:
+    """The greatest width of a loop, less what its variance adds, and its 95 % interval, in the unit of y."""
+
+    width: float
+    low: float
+    high: float
+
+
+def greatest_loop_width(fit: JointFit, rng: np.random.Generator) -> LoopEstimate:
+    """Estimate the greatest distance of the branches.
+
+    The square of the greatest width exceeds the truth's by about its variance, found by redrawing the loop; the
+    interval starts at zero where a loop of zero would be estimated as wide with a chance of 5 % or more.
+
+    Parameters
+    ----------
+    fit : with loop terms. rng : of the draws.
+    """
+    z = np.linspace(-1.0, 1.0, WIDTH_POINTS)
+    rows = (1.0 - z**2)[:, None] * z[:, None] ** np.arange(fit.loop.size)
+    part = fit.influence[fit.coefficients.size :]
+    root = part * np.sqrt(fit.variance)
+    noise = (rng.standard_normal((WIDTH_DRAWS, fit.means.x.size)) @ root.T) @ rows.T
+    noise = np.concatenate([noise, -noise])
+    widths = rows @ fit.loop
+    at = int(np.argmax(np.abs(widths)))
+    square = float(widths[at] ** 2)
+    bias = float(np.mean(np.abs(widths + noise).max(axis=1) ** 2)) - square
+    width = float(np.sqrt(max(square - bias, 0.0)))
+    dof = fit.effective_dof
+    factor = float(stats.t.ppf(0.975, dof))
+    reach = factor * float(np.sqrt(rows[at] @ (root @ root.T) @ rows[at]))
+    by_chance = float(np.percentile(np.abs(noise).max(axis=1), 95.0)) * factor / float(stats.norm.ppf(0.975))
+    low = 0.0 if np.sqrt(square) <= by_chance else max(width - reach, 0.0)
+    return LoopEstimate(width, low, width + reach)

@@ -52,6 +52,9 @@ class WarningCode(StrEnum):
     HIGH_LEVERAGE = "high_leverage"
     OUTLIER = "outlier"
     READING_ERROR_OVERSTATED = "reading_error_overstated"
+    DOUBTFUL_CURVE = "doubtful_curve"
+    INADEQUATE_CURVE = "inadequate_curve"
+    REFUSED_CURVE = "refused_curve"
     # of its posterior
     NO_POSTERIOR = "no_posterior"
     NOT_CONVERGED = "not_converged"

@@ -91,6 +91,20 @@ class Adequacy:
         richer = self.preferred.fit.basis.complexity > self.chosen.basis.complexity
         return self.preferred.fit if richer and self.verdict is not Verdict.ADEQUATE else self.chosen
 
+    @property
+    def sentence(self) -> str:
+        """Why, as a sentence without its end."""
+        chance = (
+            "p not known"
+            if np.isnan(self.p_value)
+            else f"p {'< 0.001' if self.p_value < 0.001 else f'= {self.p_value:.2g}'}"
+        )
+        if self.verdict is Verdict.ADEQUATE:
+            return f"the position means lie about the curve as their scatter and reading allow ({chance})"
+        better = f"; {curve_name(self.preferred.name)} predicts better" if self.reference is not self.chosen else ""
+        size = f"{self.remainder:.2g} mV rms, {self.remainder_percent:.2g} % FSO"
+        return f"the curve misses the position means by {size} beyond their scatter ({chance}){better}"
+
     def deviation(self, x: npt.ArrayLike) -> FloatArray:
         """Return the chosen curve less the reference; zeros where they are one."""
         if self.reference is self.chosen:
@@ -117,6 +131,11 @@ class Adequacy:
                 for candidate in self.candidates
             ],
         }
+
+
+def curve_name(name: str) -> str:
+    """Return a candidate's name in a sentence."""
+    return "a monotone spline" if name == SPLINE else f"degree {name}"
 
 
 def curve_candidates(chosen: JointFit) -> tuple[Candidate, ...]:

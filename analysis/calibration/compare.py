@@ -120,7 +120,7 @@ def between_calibrations_mm(calibrations: Sequence[Calibration], x_mm: float) ->
     if len(fits) < 2:
         raise RequestError(f"fewer than two runs are calibrated at {x_mm:+.2f} mm", "Record another calibration.")
     values = np.asarray([float(c.predict(x_mm)) for c in fits])
-    by_fit = np.mean([float(c.curve_u(x_mm)) ** 2 for c in fits])
+    by_fit = np.mean([float(c.curve_parts(x_mm)[0]) ** 2 for c in fits])  # the grid rounds alike in every run
     slope = float(np.mean([float(c.slope(x_mm)) for c in fits]))
     return float(np.sqrt(max(values.var(ddof=1) - by_fit, 0.0)) / abs(slope)), len(fits) - 1
 

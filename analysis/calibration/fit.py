@@ -281,8 +281,10 @@ def fit_by_branch(
     DataError, RequestError : as `fit_calibration`.
     """
     plain = fit_calibration(x, y, degree).with_reading(reading_sd, positions)
+    if not np.ptp(plain.y) > 0:
+        return plain
     try:
-        means = position_means(plain.fit, plain.x, plain.y, reading_sd, positions, branch)
+        means = position_means(plain.fit, plain.x, plain.y, positions, branch, plain.reading)
         joint = joint_fit(means, PolynomialBasis(degree))
         if joint.dof < 1:
             return plain

@@ -74,7 +74,8 @@ class Inverse:
 
         Raises
         ------
-        DataError : the curve is not monotone over its range; the message names where it turns.
+        DataError : the curve is not monotone over its range, and the message names where it turns; or it is refused
+            for its lack of fit.
         """
         low, high = calibration.x_range
         if calibration.reading is None:
@@ -85,6 +86,11 @@ class Inverse:
             raise DataError(
                 f"the calibration has no inverse over its range: {where}",
                 "Calibrate over a range where it is monotone.",
+            )
+        if calibration.adequacy is not None and calibration.adequacy.refused:
+            raise DataError(
+                f"the curve misses the readings by {calibration.adequacy.remainder_percent:.1f} % FSO (rms)",
+                "Fit the curve that predicts best: --degree auto.",
             )
         # over the range itself, so that u = -1 and 1 are its ends
         u = np.linspace(-1.0, 1.0, NODES)
@@ -118,12 +124,6 @@ class Inverse:
             whole = expanded(away, np.hypot(shared, self.noise_sd)) / COVERAGE_FACTOR
             shared = np.sqrt(np.maximum(whole**2 - self.noise_sd**2, 0.0))
         return self.noise_sd / slope, np.asarray(shared / slope, dtype=np.float64)
-
-    def fit_uncertainty(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return what the curve makes of u(x), mm: by the scatter of the signals, and by the reading of x."""
-        slope = np.abs(self.calibration.slope(x))
-        by_fit, by_reading = self.calibration.curve_parts(x)
-        return by_fit / slope, by_reading / slope
 
     def evaluate(self, signal: npt.ArrayLike, *, clamp: bool = False) -> ElongationEstimate:
         """Return x with its uncertainty, and where it is outside the range."""

@@ -23,7 +23,7 @@ from numpy.polynomial import legendre
 from scipy import optimize, stats
 
 from analysis.arrays import BoolArray, FloatArray
-from analysis.calibration.quantised_x import gather
+from analysis.calibration.quantised_x import Positions
 from analysis.errors import DataError
 from analysis.polynomial import LeastSquares
 
@@ -75,7 +75,12 @@ class PositionMeans:
 
 
 def position_means(
-    fit: LeastSquares, x: FloatArray, y: FloatArray, reading_sd: float, positions: npt.ArrayLike, branch: npt.ArrayLike
+    fit: LeastSquares,
+    x: FloatArray,
+    y: FloatArray,
+    positions: npt.ArrayLike,
+    branch: npt.ArrayLike,
+    reading: Positions | None = None,
 ) -> PositionMeans:
     """Return the means over the readings of each position.
 
@@ -83,17 +88,16 @@ def position_means(
     ----------
     fit : polynomial through the points, for its slope.
     x, y : [n] readings and signals.
-    reading_sd : of one reading to the nearest mark; 0 where x is exact, and its scatter the actuator's.
     positions : [n] labels. branch : [n] 1, -1, or 0 at the end levels.
+    reading : of x on a grid, gathered by the same labels; None where x is exact, and its scatter the actuator's.
     """
     labels, first, of_point = np.unique(np.asarray(positions), return_index=True, return_inverse=True)
     of_point = of_point.reshape(-1)
     count = np.bincount(of_point)
     dof = x.size - labels.size
     of_branch = np.asarray(branch, dtype=np.float64)[first]
-    if reading_sd > 0:
-        found = gather(fit, x, y, reading_sd, of_point)
-        return PositionMeans(found.x, found.y, of_branch, found.x_variance, found.mean_variance, dof)
+    if reading is not None:
+        return PositionMeans(reading.x, reading.y, of_branch, reading.x_variance, reading.mean_variance, dof)
     mean_x, mean_y = (np.bincount(of_point, v) / count for v in (x, y))
     off = y - mean_y[of_point] - fit.slope(mean_x)[of_point] * (x - mean_x[of_point])
     scatter = float(off @ off) / dof if dof > 0 else 0.0

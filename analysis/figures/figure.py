@@ -49,6 +49,7 @@ SENSOR_FIGURES = _by_key(
     FigureDefinition("system_hysteresis_percent_fso", "Hysteresis, system", "% FSO", 2, _ISA),
     FigureDefinition("sensor_hysteresis_percent_fso", "Hysteresis, sensor", "% FSO", 2, _ISA),
     FigureDefinition("nonlinearity_percent_fso", "Non-linearity", "% FSO", 2, _ISA),
+    FigureDefinition("lack_of_fit_percent_fso", "Lack of fit", "% FSO", 2, "Draper and Smith 1998"),
     FigureDefinition("repeatability_percent_fso", "Repeatability, pooled", "% FSO", 2, _ISO),
     FigureDefinition("repeatability_worst_percent_fso", "Repeatability, worst level", "% FSO", 2, _ISO),
     FigureDefinition("combined_error_percent_fso", "Combined error", "% FSO", 2, _ISA),
@@ -84,6 +85,8 @@ class Reason(StrEnum):
     NO_INTERVAL = "no_interval"
     UPPER_BOUND = "upper_bound"
     PART_OF_RANGE = "part_of_range"
+    FEW_POSITIONS = "few_positions"
+    DOUBTFUL = "doubtful"
     INADEQUATE = "inadequate"
 
 

@@ -33,7 +33,7 @@ from analysis.figures.sensor_analysis import (
     analyse_sensor,
     limited_by_reading,
 )
-from analysis.figures.uncertainty import ElongationBudgets, middle_budgets
+from analysis.figures.uncertainty import ElongationBudgets, elongation_uncertainty, middle_budgets
 from analysis.figures.warnings import run_warnings
 from analysis.progress import Progress
 from analysis.segmentation.cycles import find_cycles
@@ -61,6 +61,7 @@ class Analysis(AnalysedRun):
     Attributes
     ----------
     budgets : of an elongation in the middle of the calibrated range; None without a calibration.
+    u_elongation : of each sensor [points, 2], x and U of an elongation there, mm; empty where there is none.
     parts : of a run whose parts differ over a break; `sensors` are those of the largest.
     """
 
@@ -69,6 +70,7 @@ class Analysis(AnalysedRun):
     actuator_hysteresis_per_cycle: tuple[float, ...]
     warnings: tuple[Warning, ...]
     budgets: ElongationBudgets | None
+    u_elongation: tuple[FloatArray, ...]
     parts: tuple[Part, ...]
 
     @property
@@ -106,7 +108,10 @@ class Analysis(AnalysedRun):
             "cycles": self.cycles.as_json(),
             "excursions_left_out": len(self.cycles.excursions),
             "plateaus": len(self.plateaus),
-            "sensors": [sensor.as_json() for sensor in self.sensors],
+            "sensors": [
+                {**sensor.as_json(), "u_elongation_mm": u.tolist()}
+                for sensor, u in zip(self.sensors, self.u_elongation, strict=True)
+            ],
             "system_sensitivity_mv_per_mm": self.system_sensitivity.value,
             "actuator_hysteresis_percent": {
                 "abscissa": "pressure_kpa",
@@ -187,6 +192,7 @@ def analyse(
         actuator_hysteresis_per_cycle=actuator_cycles,
         warnings=run_warnings(run, sensors),
         budgets=middle_budgets(analysed),
+        u_elongation=tuple(elongation_uncertainty(analysed, i) for i in range(len(sensors))),
         parts=tuple(_part(run, part) for part in parts) if len(parts) > 1 else (),
     )
 

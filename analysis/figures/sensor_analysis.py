@@ -46,7 +46,7 @@ from analysis.segmentation.plateaus import Plateau, PlateauSettings
 
 OF_POINTS = (  # figures of the calibration's points; the others are those of the loops
     "sensitivity_mv_per_mm", "slope_at_rest_mv_per_mm", "least_squares_slope_mv_per_mm",
-    "sensor_hysteresis_percent_fso",
+    "sensor_hysteresis_percent_fso", "lack_of_fit_percent_fso",
 )  # fmt: skip
 
 
@@ -91,6 +91,7 @@ class SensorAnalysis:
     system_loop, sensor_loop : the mean loop over pressure, and over elongation where x was read.
     by_cycle : the figures of each cycle.
     checks : of the calibration, see `analysis.calibration.checks.fit_checks`.
+    joint_loop : the fit whose loop is that of the sensor; None where the loop is read from the points.
     """
 
     name: str
@@ -105,6 +106,7 @@ class SensorAnalysis:
     sensor_loop: LoopWidth | None
     by_cycle: FiguresByCycle
     checks: Mapping[str, Any] | None
+    joint_loop: JointFit | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return the sensor's object of `analyze --json`."""
@@ -226,8 +228,9 @@ def analyse_sensor(run: SegmentedRun, sensor: int) -> SensorAnalysis:
     if run.loops.elongation_mm is not None:
         own = metrics.sensor_loop_width(run.loops, sensor, calibration, run.weights)
     loops_figures = _loop_figures(run, sensor, calibration, fso, (system, own), noise)
-    if own is not None and adequacy is not None and loop_is_represented(adequacy.reference):
-        estimate = greatest_loop_width(adequacy.reference, np.random.default_rng((run.options.seed, 2)))
+    joint = adequacy.reference if adequacy is not None and loop_is_represented(adequacy.reference) else None
+    if own is not None and joint is not None:
+        estimate = greatest_loop_width(joint, np.random.default_rng((run.options.seed, 2)))
         figure = metrics.joint_hysteresis(estimate, own, fso, run.loops.n_cycles)
         loops_figures["sensor_hysteresis_percent_fso"] = figure
     if calibration is not None:  # else the full scale is of the same samples, and in their bootstrap already
@@ -243,7 +246,7 @@ def analyse_sensor(run: SegmentedRun, sensor: int) -> SensorAnalysis:
         _percent(own.per_cycle, fso) if own is not None else (), _percent(system.per_cycle, fso),
         points.astype(np.float64), system, own,
         figures_by_cycle(run.loops, sensor, figures["fso_mv"].value, system, noise),
-        _checks(calibration, cycle_of) if calibration is not None else None,
+        _checks(calibration, cycle_of) if calibration is not None else None, joint,
     )  # fmt: skip
 
 
@@ -295,10 +298,11 @@ def _curve_figures(
 ) -> dict[str, Figure]:
     rng = np.random.default_rng((run.options.seed, 1))
     if adequacy is None:
-        return metrics.curve_figures(metrics.resample_fit(calibration, cycle_of, run.weights, rng))
+        figures = metrics.curve_figures(metrics.resample_fit(calibration, cycle_of, run.weights, rng))
+        return {**figures, "lack_of_fit_percent_fso": metrics.lack_of_fit(None, calibration.n)}
     fits = [adequacy.chosen] + ([adequacy.reference] if adequacy.reference is not adequacy.chosen else [])
     curves = [metrics.draw_joint(fit, calibration.x, run.loops.n_cycles, rng, run.weights.shape[0]) for fit in fits]
-    return metrics.curve_figures(*curves)
+    return {**metrics.curve_figures(*curves), "lack_of_fit_percent_fso": metrics.lack_of_fit(adequacy, calibration.n)}
 
 
 def _checks(calibration: Calibration, cycle_of: FloatArray) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from scipy import signal as sp_signal
 from scipy import stats
 
 from analysis.arrays import FloatArray
+from analysis.calibration.adequacy import Adequacy, Verdict
 from analysis.calibration.fit import Calibration
 from analysis.calibration.joint_fit import JointFit, LoopEstimate
 from analysis.data.recording import Recording
@@ -32,6 +33,11 @@ from analysis.statistics import bootstrap_interval, theil_sen
 CURVE_POINTS = 201
 NEVER_NEGATIVE = ("mV", "% FSO")  # spans, widths and spreads; slopes and decibels have a sign
 LEAST_SHARED = 0.85  # of the abscissa: below it a wider loop may be missed
+REASONS = {
+    Verdict.ADEQUATE: Reason.NONE,
+    Verdict.DOUBTFUL: Reason.DOUBTFUL,
+    Verdict.INADEQUATE: Reason.INADEQUATE,
+}
 BOUND_SHARE = 0.25  # of a hysteresis: what else may make so much of it turns it into an upper bound
 
 
@@ -228,6 +234,16 @@ def curve_figures(curves: CurveDraws, deviating: CurveDraws | None = None) -> di
             low, high = min(own.low, other.low), max(own.high, other.high)
             figures[key] = replace(own, low=low, high=high, note=text, reason=Reason.INADEQUATE)
     return figures
+
+
+def lack_of_fit(adequacy: Adequacy | None, n: int) -> Figure:
+    """Rms by which the curve misses the position means beyond chance, % FSO, with the verdict; of `n` readings."""
+    definition = "rms of the curve less the preferred curve / FSO; 0 where the lack of fit is no more than chance"
+    if adequacy is None:
+        return Figure.nothing("% FSO", Reason.FEW_POSITIONS, "too few positions to test the curve", definition)
+    note = f"{adequacy.verdict}: {adequacy.sentence}"
+    reason = REASONS[adequacy.verdict]
+    return Figure(adequacy.remainder_percent, "% FSO", n, note=note, definition=definition, reason=reason)
 
 
 def joint_hysteresis(

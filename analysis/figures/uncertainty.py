@@ -18,13 +18,17 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from analysis.arrays import FloatArray
+from analysis.calibration.adequacy import expanded
 from analysis.calibration.compare import between_calibrations_mm
+from analysis.calibration.fit import Calibration
 from analysis.calibration.inverse import Fusion, Inverse
 from analysis.errors import AnalysisError, DataError
 from analysis.figures.sensor_analysis import AnalysedRun
 from analysis.numbers import percent
 
 COVERAGE_FACTOR = 2.0
+CURVE_POINTS = 41
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +176,22 @@ def elongation_budget(analysis: AnalysedRun, x_mm: float, *, runs: Sequence[Anal
     ------
     DataError : as `elongation_reader`. RequestError : as `between_calibrations_mm`.
     """
-    return tuple(_budget(analysis, i, x_mm, runs) for i in range(len(analysis.sensors)))
+    return tuple(BudgetOfSensor.of(analysis, i, runs).at(x_mm) for i in range(len(analysis.sensors)))
+
+
+def elongation_uncertainty(analysis: AnalysedRun, sensor: int) -> FloatArray:
+    """Return U of an elongation over the calibrated range, [points, 2]: x and U, mm; empty where `void` budgets are.
+
+    Parameters
+    ----------
+    analysis : of a run. sensor : counted from 0.
+    """
+    try:
+        of_sensor = BudgetOfSensor.of(analysis, sensor)
+    except AnalysisError:
+        return np.empty((0, 2))
+    x = np.linspace(*of_sensor.inverse.calibration.x_range, CURVE_POINTS)
+    return np.column_stack([x, [of_sensor.at(float(at)).expanded for at in x]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,31 +221,73 @@ def middle_budgets(analysis: AnalysedRun, runs: Sequence[AnalysedRun] = ()) -> E
         return ElongationBudgets(x_mm, (), error.cause)
 
 
-def _budget(analysis: AnalysedRun, sensor: int, x_mm: float, runs: Sequence[AnalysedRun]) -> Budget:
-    inverse = _inverse(analysis, sensor)
-    parts = signal_parts(analysis, sensor)
-    per_mv = 1.0 / abs(float(inverse.calibration.slope(x_mm)))
-    cycles = f"{analysis.loops.n_cycles} cycles"
-    between = Component("reproducibility", 0.0, source="not assessed: one run")
-    if len(runs) > 1:
+@dataclass(frozen=True, slots=True)
+class BudgetOfSensor:
+    """The budgets of one sensor at any x: what they share is assessed once."""
+
+    inverse: Inverse
+    parts: SignalParts
+    calibrations: tuple[Calibration, ...]
+    cycles: int
+    counted: bool
+
+    @classmethod
+    def of(cls, analysis: AnalysedRun, sensor: int, runs: Sequence[AnalysedRun] = ()) -> BudgetOfSensor:
+        """Prepare the budgets of a sensor.
+
+        Parameters
+        ----------
+        analysis : of a calibration run. sensor : counted from 0.
+        runs : calibrations of the same unit, as `elongation_budget` takes them.
+
+        Raises
+        ------
+        DataError : as `elongation_reader`.
+        """
         found = [run.sensors[sensor].calibration for run in runs if sensor < len(run.sensors)]
-        between_mm, dof = between_calibrations_mm([c for c in found if c is not None], x_mm)
-        between = Component("reproducibility", between_mm, dof=float(dof), source=f"between {dof + 1} runs, less fit")
-    counted = analysis.recording.lit is not None
-    return combine(
-        [
-            Component("reading", float(inverse.reading_uncertainty(x_mm)), 1.0, source="grid, the same in every cycle"),
+        calibrations = tuple(c for c in found if c is not None) if len(runs) > 1 else ()
+        counted = analysis.recording.lit is not None
+        inverse, parts = _inverse(analysis, sensor), signal_parts(analysis, sensor)
+        return cls(inverse, parts, calibrations, analysis.loops.n_cycles, counted)
+
+    def at(self, x_mm: float) -> Budget:
+        """Return the budget of an elongation of `x_mm`."""
+        calibration, parts = self.inverse.calibration, self.parts
+        per_mv = 1.0 / abs(float(calibration.slope(x_mm)))
+        cycles, no_counts = f"{self.cycles} cycles", "not known: no counts"
+        between = Component("reproducibility", 0.0, source="not assessed: one run")
+        if self.calibrations:
+            between_mm, dof = between_calibrations_mm(self.calibrations, x_mm)
+            between = Component(
+                "reproducibility", between_mm, dof=float(dof), source=f"between {dof + 1} runs, less fit"
+            )
+        by_fit, by_reading = (float(part) for part in calibration.curve_parts(x_mm))
+        fit_dof = calibration.joint.effective_dof if calibration.joint is not None else calibration.dof
+        components = [
+            Component("reading", by_reading, per_mv, source="grid, the same in every cycle"),
             Component("noise", parts.noise, per_mv, parts.noise_dof, "within plateaus"),
             Component("repeatability", parts.repeatability, per_mv, parts.repeatability_dof, cycles),
             between,
             Component("hysteresis", parts.hysteresis, per_mv, source="rms of half the loop over x, less reading error"),
             Component("zero drift", parts.drift, per_mv, source=f"drift over {cycles}"),
-            Component("resolution", parts.resolution, per_mv, source="ADC step" if counted else "not known: no counts"),
+            Component("resolution", parts.resolution, per_mv, source="ADC step" if self.counted else no_counts),
             Component("ambient residual", parts.ambient, per_mv,
-                      source="signal against dark" if counted else "not known: no counts"),
-            Component("fit", float(inverse.calibration.curve_sd(x_mm)), per_mv, inverse.calibration.dof, "covariance"),
-        ]
-    )  # fmt: skip
+                      source="signal against dark" if self.counted else no_counts),
+            Component("fit", by_fit, per_mv, fit_dof, "covariance"),
+        ]  # fmt: skip
+        return combine([*components, self._lack_of_fit(x_mm, per_mv, combine(components).u)])
+
+    def _lack_of_fit(self, x_mm: float, per_mv: float, u_mm: float) -> Component:
+        """Return what brings U to its coverage where the curve is known to miss: U about a deviation, GUM F.2.4.5."""
+        adequacy = self.inverse.calibration.adequacy
+        if adequacy is None:
+            return Component("lack of fit", 0.0, source="not assessed: no positions")
+        away = abs(float(adequacy.deviation(x_mm))) * per_mv
+        whole = float(expanded(away, u_mm)) / COVERAGE_FACTOR
+        miss = _without(whole, u_mm) / per_mv
+        return Component(
+            "lack of fit", miss, per_mv, source=f"curve {adequacy.verdict}, misses by {1000 * away:.0f} µm here"
+        )
 
 
 def _inverse(analysis: AnalysedRun, sensor: int) -> Inverse:
@@ -241,6 +302,11 @@ def _inverse(analysis: AnalysedRun, sensor: int) -> Inverse:
 def _hysteresis(analysis: AnalysedRun, sensor: int) -> float:
     """Rms of half the distance of the branches over x, less what the reading error of x alone makes of it."""
     calibration, width = analysis.sensors[sensor].calibration, analysis.sensors[sensor].sensor_loop
+    joint = analysis.sensors[sensor].joint_loop
+    if joint is not None:
+        grid = np.linspace(*joint.ends, CURVE_POINTS)
+        squares = joint.loop_width(grid) ** 2 - joint.loop_width_u(grid) ** 2
+        return float(0.5 * np.sqrt(max(float(np.mean(squares)), 0.0)))
     if calibration is None or width is None or width.void:
         return 0.0
     half = 0.5 * (width.loading - width.unloading)

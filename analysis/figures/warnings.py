@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analysis.calibration.adequacy import REFUSED_PERCENT, Adequacy, Verdict
 from analysis.calibration.checks import calibration_warnings
 from analysis.figures.figure import Reason
 from analysis.numbers import percent
@@ -117,6 +118,20 @@ def _figure_texts(sensor: SensorAnalysis) -> Iterator[tuple[WarningCode, str]]:
             yield WarningCode.HYSTERESIS_IN_PART, f"hysteresis over {abscissa}: {figure.note}"
 
 
+def _adequacy_warnings(adequacy: Adequacy) -> Iterator[Warning]:
+    if adequacy.verdict is Verdict.DOUBTFUL:
+        yield Warning(WarningCode.DOUBTFUL_CURVE, "", f"doubtful: {adequacy.sentence}")
+    if adequacy.verdict is Verdict.INADEQUATE:
+        yield Warning(WarningCode.INADEQUATE_CURVE, "", f"inadequate: {adequacy.sentence}; give --degree auto")
+    if adequacy.refused:
+        yield Warning(
+            WarningCode.REFUSED_CURVE,
+            "",
+            f"the remainder of {adequacy.remainder_percent:.1f} % FSO is above {REFUSED_PERCENT:g} %: "
+            "the curve gives no elongation",
+        )
+
+
 def _calibration_warnings(sensor: SensorAnalysis, run: SegmentedRun) -> Iterator[Warning]:
     calibration, posterior = sensor.calibration, sensor.posterior
     if calibration is None:
@@ -128,6 +143,8 @@ def _calibration_warnings(sensor: SensorAnalysis, run: SegmentedRun) -> Iterator
     plateaus = [run.plateaus[int(i)] for i in sensor.point_plateau]
     readings = [f"the reading {x:+.2f} mm at {p.place}" for x, p in zip(calibration.x, plateaus, strict=True)]
     yield from calibration_warnings(calibration, readings.__getitem__, ("mm", "mV"))
+    if calibration.adequacy is not None:
+        yield from _adequacy_warnings(calibration.adequacy)
     if posterior is None and run.options.mcmc:
         yield Warning(WarningCode.NO_POSTERIOR, "", sensor.calibration_void)
     if posterior is not None:

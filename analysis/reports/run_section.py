@@ -133,8 +133,11 @@ def _quality(analysis: Analysis, sensor: int) -> str:
         f"{c.x_range[1]:+.2f} mm, {'monotone' if c.monotone else 'NOT monotone'}, turning points {turning} mm."
     )
     checks = analysis.sensors[sensor].checks or {}
-    if checks["lack_of_fit"] is not None:
-        text += f" Lack of fit: F = {checks['lack_of_fit']['f']:.2f}, p {p_value(checks['lack_of_fit']['p'])}."
+    lack = analysis.sensors[sensor].figures["lack_of_fit_percent_fso"]
+    text += f" Curve {lack.note or lack.void}."
+    if c.adequacy is not None:
+        predicted = ", ".join(f"{candidate.name} {candidate.prediction_rms:.2g}" for candidate in c.adequacy.candidates)
+        text += f" Left-out positions are predicted to (rms, mV) by degree {predicted}."
     text += f" Degree by AICc: {checks['preferred_degree'] or 'too few points'}."
     if p is not None:
         text += f" Posterior: {p.n_eff:.0f} effective samples, tau {p.tau:.0f}, "

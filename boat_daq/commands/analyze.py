@@ -110,6 +110,7 @@ def _show(analysis: Analysis) -> None:
         if sensor.calibration is not None:
             terms = ", ".join(f"b{i} = {b:.6g}" for i, b in enumerate(sensor.calibration.coefficients))
             show(f"{sensor.name}: {terms}, R2 = {sensor.calibration.r2:.5f}")
+            show(f"{sensor.name}: curve {sensor.figures['lack_of_fit_percent_fso'].note or 'not tested'}")
     for warning in analysis.warnings:
         notify(f"{warning.code}: {warning.sentence}")
 

@@ -249,14 +249,15 @@ def _content(found: Analysis, index: int) -> dict[str, Any]:
 
     sensor, parts = found.sensors[index], signal_parts(found, index)
     assert sensor.calibration is not None
-    reading = sensor.calibration.reading
+    points = sensor.point_plateau.astype(np.int64)
     finite = {key: figure.value for key, figure in sensor.figures.items() if np.isfinite(figure.value)}
     return {
         "name": sensor.name,
         "fit": sensor.calibration.as_json(),
         "elongation_mm": sensor.calibration.x.tolist(),
         "signal_mv": sensor.calibration.y.tolist(),
-        "positions": None if reading is None else reading.of_point.tolist(),
+        "positions": found.position_of(points).tolist(),
+        "branches": found.branch_of(points).tolist(),
         "reading_sd_mm": found.reading_sd_mm,
         "noise_mv": parts.independent,
         "model_mv": parts.shared,

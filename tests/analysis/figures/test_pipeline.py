@@ -93,7 +93,7 @@ def test_intervals_hold_the_truth_at_their_stated_rate() -> None:
     for _ in range(60):
         y = np.polynomial.Polynomial(PAPER[0])(x) + rng.normal(0, 1.0, x.size) + rng.normal(0, 0.5, 5)[cycle]
         fit = fit_calibration(x, y)
-        figure = sensitivities(fit, resample_fit(fit, cycle, resampling_weights(5, rng, 500)))["sensitivity_mv_per_mm"]
+        figure = sensitivities(resample_fit(fit, cycle, resampling_weights(5, rng, 500)))["sensitivity_mv_per_mm"]
         hits.append(figure.low <= truth <= figure.high)
     assert 0.88 <= np.mean(hits) <= 1.0
 

@@ -43,16 +43,17 @@ def test_a_curved_sensor_without_a_loop_has_no_hysteresis(tmp_path: Path, every:
 
 
 def test_readings_on_a_millimetre_grid_widen_whatever_they_enter(tmp_path: Path) -> None:
-    """The actuator's loop of 0.25 mm reads as 1 mm, the full scale 1 % too wide: the intervals hold the truth."""
+    """Between plateaus read on a grid the actuator's loop of 0.25 mm appears as 1 mm: the joint fit does not take it for
+    one, and the intervals hold the truth."""
     stairs = Staircase(Plant(loop_mm=LOOP, noise_mv=(0.2, 0.2)), cycles=3)
     table = stairs.elongations()
     table["elongation_mm"] = table["elongation_mm"].round()
     table.to_csv(tmp_path / "grid.csv", index=False)
     analysis = analyse(stairs.recording(), tmp_path / "grid.csv", options=Options(mcmc=False, x_resolution_mm=1.0))
     actuator = analysis.actuator_hysteresis
-    assert actuator.value > 10
+    assert max(analysis.actuator_hysteresis_per_cycle) > 10
+    assert actuator.value < 10
     assert actuator.low <= 100 * LOOP / 6.5 <= actuator.high
-    assert "reading error of 0.29 mm" in actuator.note
     for sensor, cubic in zip(analysis.sensors, PAPER, strict=True):
         hysteresis, fso = true_hysteresis(cubic)
         for name, truth in (("snr_db", 20 * np.log10(fso / 0.2)), ("system_hysteresis_percent_fso", hysteresis)):

@@ -63,7 +63,7 @@ def test_the_reading_error_is_in_the_intervals_of_the_curve(tmp_path: Path) -> N
         x, cycle = np.tile(read, 5), np.repeat(np.arange(5.0), 10)
         fit = fit_calibration(x, truth(np.tile(levels, 5)) + 0.05 * rng.standard_normal(50))
         both = [metrics.resample_fit(fit.with_reading(sd), cycle, weights, rng) for sd in (0.0, 0.1)]
-        figures = [metrics.sensitivities(fit, one)["sensitivity_mv_per_mm"] for one in both]
+        figures = [metrics.sensitivities(one)["sensitivity_mv_per_mm"] for one in both]
         low, high = fit.x_range
         inside.append([f.low <= (truth(high) - truth(low)) / (high - low) <= f.high for f in figures])
     without, with_reading = np.sum(np.asarray(inside), axis=0)

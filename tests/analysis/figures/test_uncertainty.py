@@ -69,7 +69,7 @@ def test_stated_interval_of_an_elongation_holds_the_truth(tmp_path: Path) -> Non
 
 @pytest.mark.fault(23, how="what is left of ambient light, as a component of the budget", times=1)
 def test_every_component_is_named_and_sourced(tmp_path: Path) -> None:
-    """The budget lists the nine components, each with its source; on a grid, reading is the largest."""
+    """The budget lists the ten components, each with its source; on a grid, reading is the largest."""
     stairs = Staircase(Plant(loop_mm=0.25))
     frame = stairs.elongations()
     frame["elongation_mm"] = (frame["elongation_mm"] * 2).round() / 2
@@ -78,7 +78,7 @@ def test_every_component_is_named_and_sourced(tmp_path: Path) -> None:
     budget = elongation_budget(analysis, 0.5)[0]
     assert {c.name for c in budget.components} == {
         "reading", "noise", "repeatability", "reproducibility", "hysteresis", "zero drift", "resolution",
-        "ambient residual", "fit",
+        "ambient residual", "fit", "lack of fit",
     }  # fmt: skip
     assert all(c.source for c in budget.components)
     assert next(iter(budget.shares())) == "reading"

@@ -201,19 +201,20 @@ def judge_curve(chosen: JointFit) -> Adequacy:
 def lack_of_fit_p(chosen: JointFit, preferred: JointFit) -> float:
     """Return the chance of such a lack of fit for the right curve.
 
-    The position means against their scatter within positions; where no position was read twice, against what the
-    preferred curve leaves.
+    The position means against their scatter within positions and their reading; where hardly one was read twice,
+    against what the preferred curve leaves.
+
+    Parameters
+    ----------
+    chosen : the curve that is judged. preferred : the curve that predicts best.
     """
     if chosen.dof < 1:
         return float("nan")
-    if chosen.known_variance.min() > 0 and (chosen.means.dof > 0 or chosen.means.x_variance.min() > 0):
-        ratio = chosen.chi_squared / chosen.dof
-        within = chosen.means.dof or np.inf
-        return float(
-            stats.f.sf(ratio, chosen.dof, within)
-            if np.isfinite(within)
-            else stats.chi2.sf(chosen.chi_squared, chosen.dof)
-        )
+    means, known = chosen.means, bool(chosen.known_variance.min() > 0)
+    if known and means.dof >= max(preferred.dof, 1):
+        return float(stats.f.sf(chosen.chi_squared / chosen.dof, chosen.dof, means.dof))
+    if known and means.x_variance.min() > 0:
+        return float(stats.chi2.sf(chosen.chi_squared, chosen.dof))
     gained = chosen.dof - preferred.dof
     left = float(preferred.residuals @ preferred.residuals)
     if gained < 1 or preferred.dof < 1 or not left > 0:

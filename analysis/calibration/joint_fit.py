@@ -395,8 +395,9 @@ class LoopEstimate:
 def greatest_loop_width(fit: JointFit, rng: np.random.Generator) -> LoopEstimate:
     """Estimate the greatest distance of the branches.
 
-    The square of the greatest width exceeds the truth's by about its variance, found by redrawing the loop; the
-    interval starts at zero where a loop of zero would be estimated as wide with a chance of 5 % or more.
+    The square of the greatest width exceeds the truth's by about its variance, found by redrawing the loop. The
+    interval is about the greatest width less its own bias, and starts at zero where a loop of zero would be estimated
+    as wide with a chance of 5 % or more.
 
     Parameters
     ----------
@@ -410,12 +411,12 @@ def greatest_loop_width(fit: JointFit, rng: np.random.Generator) -> LoopEstimate
     noise = np.concatenate([noise, -noise])
     widths = rows @ fit.loop
     at = int(np.argmax(np.abs(widths)))
-    square = float(widths[at] ** 2)
-    bias = float(np.mean(np.abs(widths + noise).max(axis=1) ** 2)) - square
-    width = float(np.sqrt(max(square - bias, 0.0)))
-    dof = fit.effective_dof
-    factor = float(stats.t.ppf(0.975, dof))
-    reach = factor * float(np.sqrt(rows[at] @ (root @ root.T) @ rows[at]))
-    by_chance = float(np.percentile(np.abs(noise).max(axis=1), 95.0)) * factor / float(stats.norm.ppf(0.975))
-    low = 0.0 if np.sqrt(square) <= by_chance else max(width - reach, 0.0)
-    return LoopEstimate(width, low, width + reach)
+    greatest = float(np.abs(widths[at]))
+    redrawn = np.abs(widths + noise).max(axis=1)
+    width = float(np.sqrt(max(2.0 * greatest**2 - float(np.mean(redrawn**2)), 0.0)))
+    centre = 2.0 * greatest - float(redrawn.mean())
+    widen = float(stats.t.ppf(0.975, fit.effective_dof))
+    reach = widen * float(np.sqrt(rows[at] @ (root @ root.T) @ rows[at]))
+    by_chance = float(np.percentile(np.abs(noise).max(axis=1), 95.0)) * widen / float(stats.norm.ppf(0.975))
+    low = 0.0 if greatest <= by_chance else min(max(centre - reach, 0.0), width)
+    return LoopEstimate(width, low, max(centre, width) + reach)

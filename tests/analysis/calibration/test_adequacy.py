@@ -1,0 +1,120 @@
+"""The verdict on a curve: six truths, closed forms of the test and of U about a deviation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from analysis.calibration.adequacy import Adequacy, Verdict, expanded, judge_curve, lack_of_fit_p
+from analysis.calibration.inverse import Inverse
+from analysis.calibration.joint_fit import PolynomialBasis, PositionMeans, joint_fit
+from analysis.errors import DataError
+from tests.analysis.calibration.sessions import CUBIC, GRIDS, TRUTHS, Session, session, sessions
+
+
+def judged(each: Session, degree: int = 3) -> Adequacy:
+    """The verdict on the curve of a session."""
+    found = each.fit(degree).adequacy
+    assert found is not None
+    return found
+
+
+def test_the_right_cubic_is_adequate() -> None:
+    """40 sessions with and without a loop on two grids: none is inadequate, at most two are doubtful (1 % each)."""
+    verdicts = [
+        judged(each).verdict
+        for grid in GRIDS[:2]
+        for loop_mv in (0.0, 8.0)
+        for each in sessions(10, CUBIC, *grid, loop_mv=loop_mv)
+    ]
+    assert verdicts.count(Verdict.INADEQUATE) == 0
+    assert verdicts.count(Verdict.ADEQUATE) >= 38
+
+
+@pytest.mark.parametrize("name", ["quintic", "dead zone", "sigmoid", "cubic + T5"])
+def test_a_cubic_of_another_truth_is_inadequate(name: str) -> None:
+    """Each truth that is no cubic, on two grids: inadequate, with a richer curve preferred and a known remainder."""
+    for grid in GRIDS[:2]:
+        found = judged(session(TRUTHS[name], *grid))
+        assert found.verdict is Verdict.INADEQUATE
+        assert found.p_value < 1e-6
+        assert found.preferred.name in ("5", "6", "spline")
+        assert 0.5 < found.remainder_percent < 10.0
+        assert found.reference is found.preferred.fit
+
+
+@pytest.mark.parametrize("name", TRUTHS)
+@pytest.mark.parametrize("grid", GRIDS[:2])
+def test_expanded_uncertainty_holds_every_truth(name: str, grid: tuple[float, float]) -> None:
+    """U of the cubic holds the truth in 91 to 99.5 % of the range over 12 sessions, whatever the truth."""
+    truth = TRUTHS[name]
+    inside = []
+    for each in sessions(12, truth, *grid):
+        fit, at = each.fit(), each.grid_of_x
+        inside.append(np.abs(fit.predict(at) - truth(at)) <= fit.expanded_u(at))
+    assert 0.91 <= np.mean(inside) <= 0.995
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", TRUTHS)
+@pytest.mark.parametrize("grid", GRIDS)
+def test_expanded_uncertainty_holds_every_truth_at_its_rate(name: str, grid: tuple[float, float]) -> None:
+    """The same over 200 sessions: 93 to 98.5 %."""
+    truth = TRUTHS[name]
+    inside = []
+    for each in sessions(200, truth, *grid):
+        fit, at = each.fit(), each.grid_of_x
+        inside.append(np.abs(fit.predict(at) - truth(at)) <= fit.expanded_u(at))
+    assert 0.93 <= np.mean(inside) <= 0.985
+
+
+def test_the_curve_that_predicts_best_is_the_simplest_of_equals() -> None:
+    """For the paper's cubic degree 3 is preferred in 17 of 20 sessions or more, degree 2 and less never."""
+    names = [judged(each).preferred.name for each in sessions(20)]
+    assert names.count("3") >= 17
+    assert not {"1", "2"} & set(names)
+
+
+def test_a_curve_far_off_is_refused_as_an_inverse() -> None:
+    """A remainder above 5 % of full scale: the curve gives no elongation, and the message names the remainder."""
+    fit = session(lambda x: 100.0 * np.tanh(4.0 * x)).fit(degree=1)
+    assert fit.adequacy is not None
+    assert fit.adequacy.refused
+    with pytest.raises(DataError, match=r"misses the readings by [0-9.]+ % FSO"):
+        Inverse.of(fit)
+
+
+def test_chance_is_the_f_test_of_the_means_by_hand() -> None:
+    """Four means off a line by +1, -1, -1, +1 of their sd, the scatter known with 8 degrees of freedom."""
+    y = np.asarray([1.0, -1.0, -1.0, 1.0])
+    means = PositionMeans(np.arange(4.0), y, np.zeros(4), np.zeros(4), np.ones(4), 8)
+    line = joint_fit(means, PolynomialBasis(1), 0)
+    # the residuals are y itself: it is orthogonal to a constant and to x, so chi-squared is 4 with 2 degrees of freedom
+    assert line.chi_squared == pytest.approx(4.0)
+    assert lack_of_fit_p(line, line) == pytest.approx(stats.f.sf(2.0, 2, 8))
+
+
+def test_expanded_uncertainty_about_a_deviation() -> None:
+    """Without a deviation 2 u; of no uncertainty the deviation; far off, one tail of 4.55 %."""
+    assert expanded(0.0, 0.3) == pytest.approx(0.6)
+    assert expanded(1.5, 0.0) == pytest.approx(1.5)
+    assert expanded(-10.0, 1.0) == pytest.approx(10.0 + stats.norm.ppf(2 * stats.norm.cdf(2) - 1))
+    both = expanded([0.5, 0.0], [1.0, 1.0])
+    assert stats.norm.cdf(both[0] - 0.5) - stats.norm.cdf(-both[0] - 0.5) == pytest.approx(2 * stats.norm.cdf(2) - 1)
+    assert both[1] == pytest.approx(2.0)
+
+
+def test_one_cycle_on_exact_positions_is_judged_by_the_richer_curve() -> None:
+    """Nothing was read twice and x is exact: a line through a cubic fails against it, the cubic itself does not."""
+    each = session(CUBIC, 0.0, 0.0, cycles=1)
+    assert judged(each, 1).verdict is Verdict.INADEQUATE
+    assert judged(each, 3).verdict is Verdict.ADEQUATE
+
+
+def test_the_object_of_the_surface_has_its_keys() -> None:
+    """Verdict, chance, remainder and preferred curve by the names of the contract."""
+    found = judge_curve(judged(session(CUBIC)).chosen).as_json()
+    assert found["verdict"] == "adequate"
+    assert set(found) >= {"verdict", "p_value", "remainder_mv", "degree_preferred"}
+    assert found["degree_preferred"] in (3, 4, 5)

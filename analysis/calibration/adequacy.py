@@ -24,7 +24,14 @@ import numpy.typing as npt
 from scipy import special, stats
 
 from analysis.arrays import FloatArray
-from analysis.calibration.joint_fit import DEGREES, CurveBasis, JointFit, PolynomialBasis, joint_fit
+from analysis.calibration.joint_fit import (
+    DEGREES,
+    CurveBasis,
+    JointFit,
+    PolynomialBasis,
+    joint_fit,
+    loop_is_represented,
+)
 from analysis.calibration.monotone_spline import MonotoneSplineBasis
 from analysis.errors import DataError
 
@@ -79,6 +86,11 @@ class Adequacy:
     candidates: tuple[Candidate, ...]
     remainder: float
     remainder_percent: float
+
+    @property
+    def preferred_degree(self) -> int:
+        """Degree of the polynomial that predicts best, or of its simpler equal."""
+        return int(preferred_candidate([c for c in self.candidates if c.name != SPLINE]).name)
 
     @property
     def refused(self) -> bool:
@@ -181,8 +193,9 @@ def judge_curve(chosen: JointFit) -> Adequacy:
     """Judge a curve by the position means that it was fitted to."""
     candidates = curve_candidates(chosen)
     preferred = preferred_candidate(candidates)
-    p_value = lack_of_fit_p(chosen, preferred.fit)
     richer = preferred.fit.basis.complexity > chosen.basis.complexity
+    richest = max((c.fit for c in candidates if c.name != SPLINE), key=lambda fit: fit.basis.complexity)
+    p_value = lack_of_fit_p(chosen, preferred.fit if richer else richest)
     low, high = chosen.ends
     at = np.linspace(low, high, CURVE_POINTS)
     apart = chosen.predict(at) - preferred.fit.predict(at)
@@ -198,29 +211,31 @@ def judge_curve(chosen: JointFit) -> Adequacy:
     return Adequacy(verdict, p_value, chosen, preferred, candidates, remainder, percent)
 
 
-def lack_of_fit_p(chosen: JointFit, preferred: JointFit) -> float:
-    """Return the chance of such a lack of fit for the right curve.
+def lack_of_fit_p(chosen: JointFit, richer: JointFit) -> float:
+    """Return the chance of such a lack of fit for the right curve; NaN where nothing is left to test by.
 
-    The position means against their scatter within positions and their reading; where hardly one was read twice,
-    against what the preferred curve leaves.
+    The position means against their scatter within positions and their reading. Where hardly one was read twice, or
+    where the loop is not of the model's shape and would be taken for a lack of the curve: against what a richer curve
+    leaves.
 
     Parameters
     ----------
-    chosen : the curve that is judged. preferred : the curve that predicts best.
+    chosen : the curve that is judged. richer : a curve of more coefficients.
     """
     if chosen.dof < 1:
         return float("nan")
     means, known = chosen.means, bool(chosen.known_variance.min() > 0)
-    if known and means.dof >= max(preferred.dof, 1):
-        return float(stats.f.sf(chosen.chi_squared / chosen.dof, chosen.dof, means.dof))
-    if known and means.x_variance.min() > 0:
-        return float(stats.chi2.sf(chosen.chi_squared, chosen.dof))
-    gained = chosen.dof - preferred.dof
-    left = float(preferred.residuals @ preferred.residuals)
-    if gained < 1 or preferred.dof < 1 or not left > 0:
+    if known and (not chosen.loop.size or loop_is_represented(richer)):
+        if means.dof >= max(richer.dof, 1):
+            return float(stats.f.sf(chosen.chi_squared / chosen.dof, chosen.dof, means.dof))
+        if means.x_variance.min() > 0:
+            return float(stats.chi2.sf(chosen.chi_squared, chosen.dof))
+    gained = chosen.dof - richer.dof
+    weights = 1.0 / richer.variance if known else np.ones_like(richer.residuals)
+    before, left = (float(weights @ fit.residuals**2) for fit in (chosen, richer))
+    if gained < 1 or richer.dof < 1 or not left > 0:
         return float("nan")
-    ratio = (float(chosen.residuals @ chosen.residuals) - left) / gained / (left / preferred.dof)
-    return float(stats.f.sf(max(ratio, 0.0), gained, preferred.dof))
+    return float(stats.f.sf(max(before - left, 0.0) / gained / (left / richer.dof), gained, richer.dof))
 
 
 def expanded(deviation: npt.ArrayLike, u: npt.ArrayLike, factor: float = COVERAGE_FACTOR) -> FloatArray:

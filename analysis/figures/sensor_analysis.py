@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -50,6 +50,8 @@ OF_POINTS = (  # figures of the calibration's points; the others are those of th
 )  # fmt: skip
 
 
+AUTO: Final = "auto"
+USUAL_DEGREE = 3
 ACTUATOR_DEGREE, ACTUATOR_LOOP_TERMS = 3, (2, 3, 4)
 
 
@@ -59,7 +61,7 @@ class Options:
 
     Attributes
     ----------
-    degree : of the calibration.
+    degree : of the calibration; AUTO takes the polynomial that predicts positions best, see `calibration.adequacy`.
     x_resolution_mm : grid of the readings; None takes that of the recording, else 0.5 mm.
     monotone : only monotone curves in the posterior.
     seed : of the bootstrap and the sampler.
@@ -68,7 +70,7 @@ class Options:
     fidelity : how fine bootstrap and sampler are, see `analysis.fidelity`.
     """
 
-    degree: int = 3
+    degree: int | Literal["auto"] = USUAL_DEGREE
     x_resolution_mm: float | None = None
     monotone: bool = False
     seed: int = 0
@@ -210,7 +212,7 @@ def analyse_sensor(run: SegmentedRun, sensor: int) -> SensorAnalysis:
         calibration = _calibrate(run, sensor, points)
         if run.options.mcmc:
             posterior = sample_posterior(
-                calibration.x, calibration.y, run.options.degree, reading_sd=run.reading_sd_mm,
+                calibration.x, calibration.y, calibration.degree, reading_sd=run.reading_sd_mm,
                 positions=run.position_of(points), monotone=run.options.monotone, seed=run.options.seed + sensor,
                 max_steps=fidelity(run.options.fidelity).posterior_steps,
             )  # fmt: skip
@@ -327,10 +329,17 @@ def _calibrate(run: SegmentedRun, sensor: int, points: np.ndarray[Any, Any]) -> 
     if not points.size:
         raise DataError("no plateau of a complete cycle has an elongation", "Record at least one whole cycle.")
     y = np.asarray([run.plateaus[i].signal_mv[sensor] for i in points])
-    return fit_by_branch(
-        run.elongations.elongation_mm[points], y, run.options.degree, positions=run.position_of(points),
-        branch=run.branch_of(points), reading_sd=run.reading_sd_mm,
-    )  # fmt: skip
+    x, degree = run.elongations.elongation_mm[points], run.options.degree
+
+    def fitted(of_degree: int) -> Calibration:
+        positions, branch = run.position_of(points), run.branch_of(points)
+        return fit_by_branch(x, y, of_degree, positions=positions, branch=branch, reading_sd=run.reading_sd_mm)
+
+    if degree != AUTO:
+        return fitted(degree)
+    usual = fitted(USUAL_DEGREE)
+    best = usual.adequacy.preferred_degree if usual.adequacy is not None else usual.degree
+    return usual if best == usual.degree else fitted(best)
 
 
 def _loop_figures(

@@ -258,7 +258,8 @@ def run(analysis: Analysis) -> Section:
     """Return the section with the pressure of the run, its warnings and its settings."""
     o = analysis.options
     calibrated = any(s.calibration for s in analysis.sensors)
-    fitted = (("Degree", str(o.degree)), ("Reading error, sd", f"{analysis.reading_sd_mm:.3f} mm"))
+    degrees = dict.fromkeys(str(s.calibration.degree) for s in analysis.sensors if s.calibration is not None)
+    fitted = (("Degree", " / ".join(degrees)), ("Reading error, sd", f"{analysis.reading_sd_mm:.3f} mm"))
     settings = (
         *(fitted if calibrated else ()),
         ("Settled within", f"{o.plateau.tolerance_kpa:g} kPa for {o.plateau.settling_s:g} s"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -31,6 +31,9 @@ def analyze(
     rate: RateOption = None,
     seed: SeedOption = 0,
     no_mcmc: NoMcmcOption = False,
+    degree: Annotated[
+        str, typer.Option(metavar="N|auto", help="Degree of the calibration, 1 to 6; auto: the one that predicts best.")
+    ] = "3",
     x_resolution: Annotated[
         float | None, typer.Option(min=0.0, metavar="MM", help="Resolution of the readings; 0 = exact.")
     ] = None,
@@ -55,8 +58,8 @@ def analyze(
     from analysis.figures.stored_results import store_analysis
     from boat_daq.commands.importing import column_map
 
-    plateau = PlateauSettings(tolerance, settling)
-    options = Options(seed=seed, mcmc=not no_mcmc, x_resolution_mm=x_resolution, plateau=plateau, fidelity=fidelity)
+    plateau, resolution, to_fit = PlateauSettings(tolerance, settling), x_resolution, _degree(degree)
+    options = Options(to_fit, resolution, seed=seed, mcmc=not no_mcmc, plateau=plateau, fidelity=fidelity)
     with progress_bar("Analysing") as advance:
         source = load_recording(run, columns=column_map(mapping), rate_hz=rate) if mapping or rate else run
         analysis = analyse(source, elongation, options=options, progress=advance)
@@ -74,6 +77,23 @@ def analyze(
     _show(analysis)
     if shadow is not None:
         _show_shadow(shadow)
+
+
+def _degree(text: str) -> int | Literal["auto"]:
+    """Return the degree that an option names.
+
+    Raises
+    ------
+    typer.BadParameter : it is neither auto nor 1 to 6.
+    """
+    from analysis.calibration.joint_fit import DEGREES
+    from analysis.figures.sensor_analysis import AUTO
+
+    if text == AUTO:
+        return AUTO
+    if text not in map(str, DEGREES):
+        raise typer.BadParameter(f"{text!r} is neither {AUTO} nor {DEGREES[0]} to {DEGREES[-1]}", param_hint="--degree")
+    return int(text)
 
 
 def _show_shadow(shadow: Mapping[str, Any]) -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from analysis.atlas import alarms, fit, mechanics, optics, runs
+from analysis.atlas import alarms, calibration, fit, mechanics, optics, runs
 from analysis.atlas.sweep import Study
 from analysis.errors import RequestError
 
-_MODULES = (fit, runs, optics, mechanics, alarms)
+_MODULES = (fit, calibration, runs, optics, mechanics, alarms)
 STUDIES: dict[str, Study] = {study.name: study for module in _MODULES for study in module.STUDIES}
 METHOD_TITLES = {
     "fit": "Calibration: the polynomial fit",

@@ -2,10 +2,10 @@
 
 Strategy: the position means are tested against what scatter and reading allow (`analysis.calibration.joint_fit`, the
 loop in the design). Polynomials of degree 1 to 6 and a monotone spline are compared by the error of predicting each
-inner position from the others; the simplest within one standard error of the best is preferred. Where the test fails
-and the preferred curve is of a richer family, the distance between the two is a known deviation d(x) of the chosen
-curve: it is not corrected, and the expanded uncertainty is widened until it holds the truth as often as 2 u does
-without a deviation.
+inner position from the others; the simplest within one standard error of the best is preferred. Where the test gives
+reason to suspect the curve and the preferred one is of a richer family, the distance between the two is a known
+deviation d(x) of the chosen curve: it is not corrected, and the expanded uncertainty is widened until it holds the
+truth as often as 2 u does without a deviation.
 
 Sources: Draper and Smith, Applied Regression Analysis (1998), 2.1; Hastie, Tibshirani, Friedman, The Elements of
 Statistical Learning (2009), 7.10 (one standard error); S. D. Phillips, K. R. Eberhardt, B. Parry, J. Res. NIST 102
@@ -37,6 +37,7 @@ from analysis.errors import DataError
 
 SPLINE = "spline"
 DOUBTFUL, INADEQUATE = 0.01, 0.001  # chances of such a lack of fit for the right curve
+SUSPECTED = 0.2  # no evidence yet, but a deviation may hide in it: U then holds the preferred curve as well
 NOTICED_PERCENT = 0.25  # of full scale: a smaller remainder leaves a curve doubtful, however certain it is
 REFUSED_PERCENT = 5.0  # of full scale: the bound of the published hysteresis; above it no elongation is given
 COVERAGE_FACTOR = 2.0
@@ -99,9 +100,9 @@ class Adequacy:
 
     @property
     def reference(self) -> JointFit:
-        """The fit that the chosen curve is measured by: the preferred one where that says more, else itself."""
+        """The fit to measure the curve by: the preferred one where a deviation is suspected, else itself."""
         richer = self.preferred.fit.basis.complexity > self.chosen.basis.complexity
-        return self.preferred.fit if richer and self.verdict is not Verdict.ADEQUATE else self.chosen
+        return self.preferred.fit if richer and self.p_value < SUSPECTED else self.chosen
 
     @property
     def sentence(self) -> str:

@@ -216,24 +216,28 @@ def sensitivities(curves: CurveDraws) -> dict[str, Figure]:
     return figures
 
 
-def curve_figures(curves: CurveDraws, deviating: CurveDraws | None = None) -> dict[str, Figure]:
+def curve_figures(curves: CurveDraws, other: CurveDraws | None = None, *, verdict: str = "") -> dict[str, Figure]:
     """Return the figures of a calibration's curve.
 
     Parameters
     ----------
     curves : the calibration.
-    deviating : the curve that it deviates from by more than chance: the intervals hold the figures of either.
+    other : the curve that it may deviate from: the intervals hold the figures of either.
+    verdict : on the calibration where it is not adequate, for the notes.
     """
     figures = {"fso_mv": full_scale(curves), **sensitivities(curves), "nonlinearity_percent_fso": nonlinearity(curves)}
-    if deviating is None:
-        return figures
-    text = "the curve is not adequate: the interval also holds the figure of the preferred curve"
-    for key, other in curve_figures(deviating).items():
+    for key, of_other in (curve_figures(other) if other is not None else {}).items():
         own = figures[key]
-        if np.isfinite([own.low, own.high, other.low, other.high]).all():
-            low, high = min(own.low, other.low), max(own.high, other.high)
-            figures[key] = replace(own, low=low, high=high, note=text, reason=Reason.INADEQUATE)
-    return figures
+        if np.isfinite([own.low, own.high, of_other.low, of_other.high]).all():
+            low, high = min(own.low, of_other.low), max(own.high, of_other.high)
+            figures[key] = replace(own, low=low, high=high)
+    if not verdict:
+        return figures
+    note = f"the curve is {verdict}: the interval also holds the preferred curve's figure"
+    reason = REASONS[Verdict(verdict)]
+    return {
+        key: figure if figure.void else replace(figure, note=note, reason=reason) for key, figure in figures.items()
+    }
 
 
 def lack_of_fit(adequacy: Adequacy | None, n: int) -> Figure:

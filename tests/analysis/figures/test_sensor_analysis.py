@@ -43,8 +43,10 @@ def test_a_curved_sensor_without_a_loop_has_no_hysteresis(tmp_path: Path, every:
 
 
 def test_readings_on_a_millimetre_grid_widen_whatever_they_enter(tmp_path: Path) -> None:
-    """Between plateaus read on a grid the actuator's loop of 0.25 mm appears as 1 mm: the joint fit does not take it for
-    one, and the intervals hold the truth."""
+    """Read on a grid the actuator's loop of 0.25 mm appears as 1 mm in each cycle, not in the joint fit.
+
+    The intervals hold the truth.
+    """
     stairs = Staircase(Plant(loop_mm=LOOP, noise_mv=(0.2, 0.2)), cycles=3)
     table = stairs.elongations()
     table["elongation_mm"] = table["elongation_mm"].round()

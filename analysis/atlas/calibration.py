@@ -14,7 +14,7 @@ from numpy.polynomial import chebyshev
 from analysis.arrays import FloatArray
 from analysis.atlas.fit import NOISE_MV, cubic
 from analysis.atlas.sweep import Axis, Study, StudyResult, joined
-from analysis.calibration.adequacy import Verdict
+from analysis.calibration.adequacy import CurveVerdict
 from analysis.calibration.fit import Calibration, fit_by_branch
 from analysis.calibration.joint_fit import greatest_loop_width, loop_is_represented
 from analysis.published import RANGE_MM
@@ -70,7 +70,7 @@ def not_a_cubic(wave_mv: float, grid_mm: float) -> StudyResult:
         at = np.linspace(*fit.x_range, 61)
         outside.append(np.mean(np.abs(fit.predict(at) - run.signal(at)) > fit.expanded_u(at)))
         verdict = fit.adequacy
-        messages.append("" if verdict is None or verdict.verdict is Verdict.ADEQUATE else verdict.sentence)
+        messages.append("" if verdict is None or verdict.verdict is CurveVerdict.ADEQUATE else verdict.sentence)
     warned = sorted(messages)[SEEDS // 2]
     return StudyResult(float(np.mean(outside)), joined([warned]))
 

@@ -45,7 +45,7 @@ CURVE_POINTS = 101
 BISECTIONS = 60
 
 
-class Verdict(StrEnum):
+class CurveVerdict(StrEnum):
     """Of the curve against the readings."""
 
     ADEQUATE = "adequate"
@@ -80,7 +80,7 @@ class Adequacy:
     remainder_percent : of the full scale.
     """
 
-    verdict: Verdict
+    verdict: CurveVerdict
     p_value: float
     chosen: JointFit
     preferred: Candidate
@@ -96,7 +96,7 @@ class Adequacy:
     @property
     def refused(self) -> bool:
         """Whether the remainder is so large that the curve gives no elongation."""
-        return self.verdict is Verdict.INADEQUATE and self.remainder_percent > REFUSED_PERCENT
+        return self.verdict is CurveVerdict.INADEQUATE and self.remainder_percent > REFUSED_PERCENT
 
     @property
     def reference(self) -> JointFit:
@@ -112,7 +112,7 @@ class Adequacy:
             if np.isnan(self.p_value)
             else f"p {'< 0.001' if self.p_value < 0.001 else f'= {self.p_value:.2g}'}"
         )
-        if self.verdict is Verdict.ADEQUATE:
+        if self.verdict is CurveVerdict.ADEQUATE:
             return f"the position means lie about the curve as their scatter and reading allow ({chance})"
         better = f"; {curve_name(self.preferred.name)} predicts better" if self.reference is not self.chosen else ""
         size = f"{self.remainder:.2g} mV rms, {self.remainder_percent:.2g} % FSO"
@@ -204,11 +204,11 @@ def judge_curve(chosen: JointFit) -> Adequacy:
     full_scale = abs(float(preferred.fit.predict(high) - preferred.fit.predict(low)))
     percent = 100.0 * remainder / full_scale if full_scale > 0 else 0.0
     if not p_value < DOUBTFUL:  # also where nothing was left to test by
-        verdict, remainder, percent = Verdict.ADEQUATE, 0.0, 0.0
+        verdict, remainder, percent = CurveVerdict.ADEQUATE, 0.0, 0.0
     elif richer and p_value < INADEQUATE and percent > NOTICED_PERCENT:
-        verdict = Verdict.INADEQUATE
+        verdict = CurveVerdict.INADEQUATE
     else:
-        verdict = Verdict.DOUBTFUL
+        verdict = CurveVerdict.DOUBTFUL
     return Adequacy(verdict, p_value, chosen, preferred, candidates, remainder, percent)
 
 

@@ -17,7 +17,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from analysis.arrays import BoolArray, FloatArray
-from analysis.calibration.adequacy import Adequacy, Verdict, judge_curve
+from analysis.calibration.adequacy import Adequacy, CurveVerdict, judge_curve
 from analysis.calibration.checks import fit_checks
 from analysis.calibration.fit import Calibration, fit_by_branch
 from analysis.calibration.joint_fit import (
@@ -303,7 +303,7 @@ def _curve_figures(
         figures = metrics.curve_figures(metrics.resample_fit(calibration, cycle_of, run.weights, rng))
         return {**figures, "lack_of_fit_percent_fso": metrics.lack_of_fit(None, calibration.n)}
     fits = [adequacy.chosen] + ([adequacy.reference] if adequacy.reference is not adequacy.chosen else [])
-    count, verdict = run.weights.shape[0], "" if adequacy.verdict is Verdict.ADEQUATE else str(adequacy.verdict)
+    count, verdict = run.weights.shape[0], "" if adequacy.verdict is CurveVerdict.ADEQUATE else str(adequacy.verdict)
     curves = [metrics.draw_joint(fit, calibration.x, run.loops.n_cycles, rng, count) for fit in fits]
     figures = metrics.curve_figures(*curves, verdict=verdict)
     return {**figures, "lack_of_fit_percent_fso": metrics.lack_of_fit(adequacy, calibration.n)}

@@ -19,7 +19,7 @@ from scipy import signal as sp_signal
 from scipy import stats
 
 from analysis.arrays import FloatArray
-from analysis.calibration.adequacy import Adequacy, Verdict
+from analysis.calibration.adequacy import Adequacy, CurveVerdict
 from analysis.calibration.fit import Calibration
 from analysis.calibration.joint_fit import JointFit, LoopEstimate
 from analysis.data.recording import Recording
@@ -34,9 +34,9 @@ CURVE_POINTS = 201
 NEVER_NEGATIVE = ("mV", "% FSO")  # spans, widths and spreads; slopes and decibels have a sign
 LEAST_SHARED = 0.85  # of the abscissa: below it a wider loop may be missed
 REASONS = {
-    Verdict.ADEQUATE: Reason.NONE,
-    Verdict.DOUBTFUL: Reason.DOUBTFUL,
-    Verdict.INADEQUATE: Reason.INADEQUATE,
+    CurveVerdict.ADEQUATE: Reason.NONE,
+    CurveVerdict.DOUBTFUL: Reason.DOUBTFUL,
+    CurveVerdict.INADEQUATE: Reason.INADEQUATE,
 }
 BOUND_SHARE = 0.25  # of a hysteresis: what else may make so much of it turns it into an upper bound
 
@@ -234,7 +234,7 @@ def curve_figures(curves: CurveDraws, other: CurveDraws | None = None, *, verdic
     if not verdict:
         return figures
     note = f"the curve is {verdict}: the interval also holds the preferred curve's figure"
-    reason = REASONS[Verdict(verdict)]
+    reason = REASONS[CurveVerdict(verdict)]
     return {
         key: figure if figure.void else replace(figure, note=note, reason=reason) for key, figure in figures.items()
     }

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.calibration.adequacy import REFUSED_PERCENT, Adequacy, Verdict
+from analysis.calibration.adequacy import REFUSED_PERCENT, Adequacy, CurveVerdict
 from analysis.calibration.checks import calibration_warnings
 from analysis.figures.figure import Reason
 from analysis.numbers import percent
@@ -119,9 +119,9 @@ def _figure_texts(sensor: SensorAnalysis) -> Iterator[tuple[WarningCode, str]]:
 
 
 def _adequacy_warnings(adequacy: Adequacy) -> Iterator[Warning]:
-    if adequacy.verdict is Verdict.DOUBTFUL:
+    if adequacy.verdict is CurveVerdict.DOUBTFUL:
         yield Warning(WarningCode.DOUBTFUL_CURVE, "", f"doubtful: {adequacy.sentence}")
-    if adequacy.verdict is Verdict.INADEQUATE:
+    if adequacy.verdict is CurveVerdict.INADEQUATE:
         yield Warning(WarningCode.INADEQUATE_CURVE, "", f"inadequate: {adequacy.sentence}; give --degree auto")
     if adequacy.refused:
         yield Warning(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from analysis.calibration.adequacy import Adequacy, Verdict, expanded, judge_curve, lack_of_fit_p
+from analysis.calibration.adequacy import Adequacy, CurveVerdict, expanded, judge_curve, lack_of_fit_p
 from analysis.calibration.inverse import Inverse
 from analysis.calibration.joint_fit import PolynomialBasis, PositionMeans, joint_fit
 from analysis.errors import DataError
@@ -28,8 +28,8 @@ def test_the_right_cubic_is_adequate() -> None:
         for loop_mv in (0.0, 8.0)
         for each in sessions(10, CUBIC, *grid, loop_mv=loop_mv)
     ]
-    assert verdicts.count(Verdict.INADEQUATE) == 0
-    assert verdicts.count(Verdict.ADEQUATE) >= 38
+    assert verdicts.count(CurveVerdict.INADEQUATE) == 0
+    assert verdicts.count(CurveVerdict.ADEQUATE) >= 38
 
 
 @pytest.mark.parametrize("name", ["quintic", "dead zone", "sigmoid", "cubic + T5"])
@@ -37,7 +37,7 @@ def test_a_cubic_of_another_truth_is_inadequate(name: str) -> None:
     """Each truth that is no cubic, on two grids: inadequate, with a richer curve preferred and a known remainder."""
     for grid in GRIDS[:2]:
         found = judged(session(TRUTHS[name], *grid))
-        assert found.verdict is Verdict.INADEQUATE
+        assert found.verdict is CurveVerdict.INADEQUATE
         assert found.p_value < 1e-6
         assert found.preferred.name in ("5", "6", "spline")
         assert 0.5 < found.remainder_percent < 10.0
@@ -108,12 +108,12 @@ def test_expanded_uncertainty_about_a_deviation() -> None:
 def test_one_cycle_on_exact_positions_is_judged_by_the_richer_curve() -> None:
     """Nothing was read twice and x is exact: a line through a cubic fails against it, the cubic itself does not."""
     each = session(CUBIC, 0.0, 0.0, cycles=1)
-    assert judged(each, 1).verdict is Verdict.INADEQUATE
-    assert judged(each, 3).verdict is Verdict.ADEQUATE
+    assert judged(each, 1).verdict is CurveVerdict.INADEQUATE
+    assert judged(each, 3).verdict is CurveVerdict.ADEQUATE
 
 
 def test_the_object_of_the_surface_has_its_keys() -> None:
-    """Verdict, chance, remainder and preferred curve by the names of the contract."""
+    """CurveVerdict, chance, remainder and preferred curve by the names of the contract."""
     found = judge_curve(judged(session(CUBIC)).chosen).as_json()
     assert found["verdict"] == "adequate"
     assert set(found) >= {"verdict", "p_value", "remainder_mv", "degree_preferred"}

@@ -215,9 +215,9 @@ def judge_curve(chosen: JointFit) -> Adequacy:
 def lack_of_fit_p(chosen: JointFit, richer: JointFit) -> float:
     """Return the chance of such a lack of fit for the right curve; NaN where nothing is left to test by.
 
-    The position means against their scatter within positions and their reading. Where hardly one was read twice, or
-    where the loop is not of the model's shape and would be taken for a lack of the curve: against what a richer curve
-    leaves.
+    The position means against their scatter within positions and their reading, all together and by what a richer
+    curve gains: the lesser chance of the two, twice (Bonferroni). Where hardly one was read twice, or where the loop is
+    not of the model's shape and would be taken for a lack of the curve: the gain against what the richer curve leaves.
 
     Parameters
     ----------
@@ -226,17 +226,26 @@ def lack_of_fit_p(chosen: JointFit, richer: JointFit) -> float:
     if chosen.dof < 1:
         return float("nan")
     means, known = chosen.means, bool(chosen.known_variance.min() > 0)
-    if known and (not chosen.loop.size or loop_is_represented(richer)):
-        if means.dof >= max(richer.dof, 1):
-            return float(stats.f.sf(chosen.chi_squared / chosen.dof, chosen.dof, means.dof))
-        if means.x_variance.min() > 0:
-            return float(stats.chi2.sf(chosen.chi_squared, chosen.dof))
     gained = chosen.dof - richer.dof
+    if known and (not chosen.loop.size or loop_is_represented(richer)):
+        within = means.dof if means.dof >= max(richer.dof, 1) else np.inf
+        if np.isfinite(within) or means.x_variance.min() > 0:
+            whole = _chance(chosen.chi_squared / chosen.dof, chosen.dof, within)
+            if gained < 1:
+                return whole
+            gain = float((chosen.residuals**2 - richer.residuals**2) @ (1.0 / chosen.known_variance))
+            return min(1.0, 2.0 * min(whole, _chance(gain / gained, gained, within)))
     weights = 1.0 / richer.variance if known else np.ones_like(richer.residuals)
     before, left = (float(weights @ fit.residuals**2) for fit in (chosen, richer))
     if gained < 1 or richer.dof < 1 or not left > 0:
         return float("nan")
-    return float(stats.f.sf(max(before - left, 0.0) / gained / (left / richer.dof), gained, richer.dof))
+    return _chance((before - left) / gained / (left / richer.dof), gained, richer.dof)
+
+
+def _chance(ratio: float, dof: int, within: float) -> float:
+    """Return the chance of a greater F; `within` infinite for a known variance."""
+    at_least = max(ratio, 0.0)
+    return float(stats.f.sf(at_least, dof, within) if np.isfinite(within) else stats.chi2.sf(dof * at_least, dof))
 
 
 def expanded(deviation: npt.ArrayLike, u: npt.ArrayLike, factor: float = COVERAGE_FACTOR) -> FloatArray:

@@ -23,7 +23,7 @@ from numpy.polynomial import legendre
 from scipy import optimize, stats
 
 from analysis.arrays import BoolArray, FloatArray
-from analysis.calibration.quantised_x import Positions
+from analysis.calibration.quantised_x import Positions, common_variance
 from analysis.errors import DataError
 from analysis.polynomial import LeastSquares
 
@@ -97,7 +97,9 @@ def position_means(
     dof = x.size - labels.size
     of_branch = np.asarray(branch, dtype=np.float64)[first]
     if reading is not None:
-        return PositionMeans(reading.x, reading.y, of_branch, reading.x_variance, reading.mean_variance, dof)
+        shared = common_variance(reading.reader_sd, reading.grid)
+        own = (reading.reader_sd**2 + reading.grid**2 / 12.0 - shared) / count  # of the mean: it is no estimate by L_p
+        return PositionMeans(reading.x, reading.y, of_branch, own + shared, reading.mean_variance, dof)
     mean_x, mean_y = (np.bincount(of_point, v) / count for v in (x, y))
     off = y - mean_y[of_point] - fit.slope(mean_x)[of_point] * (x - mean_x[of_point])
     scatter = float(off @ off) / dof if dof > 0 else 0.0

@@ -248,6 +248,21 @@ def side_by_side(analyses: Sequence[Analysis], name: str, ax: Axes) -> None:
     _legend(ax, loc="upper left", ncols=4)
 
 
+def uncertainty_over_x(u_elongation: Sequence[FloatArray], ax: Axes) -> None:
+    """U of an elongation over the calibrated range, all sensors.
+
+    Parameters
+    ----------
+    u_elongation : of each sensor [points, 2], x and U, mm; empty where there is none.
+    ax : to draw onto.
+    """
+    for i, u in enumerate(u_elongation):
+        ax.plot(u[:, 0], 1000.0 * u[:, 1], color=style.sensor_colour(i), label=f"sensor {i + 1}")
+    ax.set_ylim(bottom=0.0)
+    ax.set(xlabel="elongation, mm", ylabel="U, µm", title="Expanded uncertainty, k = 2")
+    _legend(ax)
+
+
 def budget_pareto(budget: Budget, title: str, ax: Axes) -> None:
     """The budget as bars of standard uncertainty, largest first, with the cumulated share of the variance.
 

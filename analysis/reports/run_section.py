@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from analysis import published
+from analysis.arrays import FloatArray
 from analysis.figures.acceptance import LIMITS
 from analysis.figures.across_breaks import ALPHA, Break
 from analysis.figures.figure import SENSOR_FIGURES, SYSTEM_FIGURES
@@ -195,8 +196,15 @@ def over_cycles(analysis: Analysis) -> Section:
     return Section("Cycle by cycle", tuple(parts))
 
 
-def budget(found: ElongationBudgets | None, of: str = "") -> list[Section]:
-    """Return the section on the budget of an elongation; none without a calibration, `of` names a unit."""
+def budget(found: ElongationBudgets | None, of: str = "", u_elongation: Sequence[FloatArray] = ()) -> list[Section]:
+    """Return the section on the budget of an elongation; none without a calibration.
+
+    Parameters
+    ----------
+    found : in the middle of the range.
+    of : the unit.
+    u_elongation : of each sensor [points, 2], x and U over the range, mm.
+    """
     if found is None:
         return []
     title = f"Uncertainty of an elongation{f' with {of}' if of else ''}"
@@ -205,7 +213,11 @@ def budget(found: ElongationBudgets | None, of: str = "") -> list[Section]:
     names = [f"Sensor {i} at {found.x_mm:+.2f} mm" for i in (1, 2)]
     bars = tuple(partial(drawings.budget_pareto, b, name) for b, name in zip(found.budgets, names, strict=False))
     caption = "Components, largest first, with their share of the variance."
-    return [Section(title, (ReportDrawing(bars, caption, 2.6, left=1.15), _budget_table(found.budgets)))]
+    parts: list[SectionPart] = [ReportDrawing(bars, caption, 2.6, left=1.15), _budget_table(found.budgets)]
+    if any(u.size for u in u_elongation):
+        over_x = partial(drawings.uncertainty_over_x, u_elongation)
+        parts.append(ReportDrawing((over_x,), "U of one reading of elongation by each sensor, over the range.", 2.4))
+    return [Section(title, tuple(parts))]
 
 
 def _dof(dof: float) -> str:

@@ -121,6 +121,25 @@ class LoopCard(PlotCard):
             plot.fit()
 
 
+class UncertaintyCard(PlotCard):
+    """Expanded uncertainty of an elongation over the calibrated range, a line for each sensor."""
+
+    def __init__(self) -> None:
+        super().__init__("Uncertainty of an elongation", "U = 2 u of one reading by each sensor, over its range")
+        self.plot = self.add("U, k = 2", "\u00b5m", x_title="Elongation", x_unit="mm")
+        self.lines = [self.plot.curve(f"Sensor {n}", sensor_colour(n)) for n in range(1, SENSORS + 1)]
+
+    def show_uncertainty(self, of_sensors: Sequence[FloatArray]) -> None:
+        """Draw U of each sensor that gives an elongation."""
+        if not any(u.size for u in of_sensors):
+            self.clear()
+            self.show_empty("No curve gives an elongation.")
+            return
+        for line, u in zip(self.lines, of_sensors, strict=False):
+            line.set(u[:, 0], 1000.0 * u[:, 1])
+        self.plot.fit()
+
+
 class TextArea(QScrollArea):
     """Texts under the figures: as high as they are, up to a limit that leaves the figures their height."""
 
@@ -165,7 +184,8 @@ class CalibrationPage(QWidget):
         self.loops = LoopCard("Loops over pressure", NO_CYCLE, signals)
         actuator = ("Elongation", "mm", "Elongation", lambda t: t.elongation)
         self.actuator = LoopCard("Actuator hysteresis", NO_READINGS, [actuator])
-        self.plots = (*self.curves, self.loops, self.actuator)
+        self.uncertainty = UncertaintyCard()
+        self.plots = (*self.curves, self.loops, self.actuator, self.uncertainty)
         self.table = FigureTable()
         empty = EmptyState(
             "No run has been analysed yet",
@@ -235,7 +255,8 @@ class CalibrationPage(QWidget):
         self.comparison = widgets.label("", "small", wrap=True)
         self.comparison.setAlignment(Qt.AlignmentFlag.AlignTop)
         compared = widgets.column(style.GAP, self.comparison, (self.coefficients, 1), spacing=style.GAP)
-        pages = (self.table, "Figures"), (widgets.inside(compared), "Compare with previous")
+        compare = widgets.inside(compared), "Compare with previous"
+        pages = (self.table, "Figures"), (self.uncertainty, "Uncertainty"), compare
         self.tabs = widgets.tabs("Figures, and the comparison with the previous calibration", *pages)
         self.posterior = widgets.label("", "small", wrap=True)
         self.run_warnings = widgets.label("", "small", wrap=True)
@@ -288,6 +309,7 @@ class CalibrationPage(QWidget):
         self.loops.show_loops(result.loops, result.loops.signal_mv)
         elongation = result.loops.elongation_mm
         self.actuator.show_loops(result.loops, () if elongation is None else (elongation,))
+        self.uncertainty.show_uncertainty(result.u_elongation)
         self.table.show_rows(result.figures, [sensor.label for sensor in result.sensors])
         self._show_texts(result)
 

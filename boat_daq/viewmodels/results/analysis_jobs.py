@@ -24,6 +24,7 @@ from boat_daq.viewmodels.common.formatting import NOTHING, number, sensor_words
 if TYPE_CHECKING:
     from analysis.figures.across_breaks import Break, Comparison
     from analysis.figures.pipeline import Analysis
+    from analysis.figures.sensor_analysis import SensorAnalysis
 
 Band = tuple[FloatArray, FloatArray]
 Cell = tuple[str, str]
@@ -52,6 +53,13 @@ def figure_rows(sensors: Sequence[Mapping[str, Figure]]) -> tuple[tuple[Cell, ..
             cells = [figure_text(figures.get(d.key), d.decimals) for figures in sensors]
             rows.append(((d.label_with_unit, f"{d.label_with_unit}\n{cells[0][1]}"), *cells))
     return tuple(rows)
+
+
+def verdict_rows(sensors: Sequence[SensorAnalysis]) -> list[tuple[Cell, ...]]:
+    """Return the row with the verdict on each sensor's curve; none where no curve was tested."""
+    found = [sensor.calibration.adequacy if sensor.calibration is not None else None for sensor in sensors]
+    cells = [(str(a.verdict), a.sentence) if a is not None else (NOTHING, "not tested") for a in found]
+    return [(("Curve", "Whether the curve follows the readings within their scatter"), *cells)] if any(found) else []
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +147,10 @@ class BreakResult:
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """All that a page shows of one run; of its `plateaus`, `read` have an elongation."""
+    """All that a page shows of one run; of its `plateaus`, `read` have an elongation.
+
+    `u_elongation` has x and U of each sensor, [points, 2] mm, none where the curve gives no elongation.
+    """
 
     path: str
     unit: str
@@ -155,6 +166,7 @@ class RunResult:
     breaks: tuple[BreakResult, ...] = ()
     plateaus: int = 0
     read: int = 0
+    u_elongation: tuple[FloatArray, ...] = ()
 
     @property
     def calibrated(self) -> bool:
@@ -192,13 +204,14 @@ def analyse_run(path: str, *, level: Level = "normal", progress: Progress | None
         cycles=loops.n_cycles,
         partial=len(found.cycles.partial),
         sensors=tuple(_sensor(found, i) for i in range(len(found.sensors))),
-        figures=figure_rows([sensor.figures for sensor in found.sensors]),
+        figures=(*figure_rows([sensor.figures for sensor in found.sensors]), *verdict_rows(found.sensors)),
         loops=LoopSet(loops.numbers, loops.pressure_kpa, loops.elongation_mm, loops.signal_mv),
         warnings=found.warnings,
         reading_sd_mm=found.reading_sd_mm,
         breaks=tuple(map(_break, found.breaks)),
         plateaus=_requested_plateaus(found),
         read=int(found.elongations.known.sum()) if found.elongations is not None else 0,
+        u_elongation=found.u_elongation,
     )
 
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -35,7 +35,7 @@ from analysis.calibration.joint_fit import (
 from analysis.calibration.monotone_spline import MonotoneSplineBasis
 from analysis.errors import DataError
 
-SPLINE = "spline"
+SPLINE: Final = "spline"
 DOUBTFUL, INADEQUATE = 0.01, 0.001  # chances of such a lack of fit for the right curve
 SUSPECTED = 0.2  # no evidence yet, but a deviation may hide in it: U then holds the preferred curve as well
 NOTICED_PERCENT = 0.25  # of full scale: a smaller remainder leaves a curve doubtful, however certain it is
@@ -87,11 +87,6 @@ class Adequacy:
     candidates: tuple[Candidate, ...]
     remainder: float
     remainder_percent: float
-
-    @property
-    def preferred_degree(self) -> int:
-        """Degree of the polynomial that predicts best, or of its simpler equal."""
-        return int(preferred_candidate([c for c in self.candidates if c.name != SPLINE]).name)
 
     @property
     def refused(self) -> bool:
@@ -168,8 +163,8 @@ def curve_candidates(chosen: JointFit) -> tuple[Candidate, ...]:
             except DataError:
                 continue
     if not any(fit is chosen for _, fit in fits):
-        degree = chosen.basis.complexity - 1
-        fits.append((str(degree), chosen))
+        own = SPLINE if isinstance(chosen.basis, MonotoneSplineBasis) else str(chosen.basis.complexity - 1)
+        fits.append((own, chosen))
     weights = _common_weights(fits)
     return tuple(Candidate(name, fit, fit.prediction_errors() ** 2 * weights) for name, fit in fits)
 

@@ -173,6 +173,8 @@ def _texts(calibration: Calibration, y_unit: str) -> Iterator[tuple[WarningCode,
             WarningCode.NO_UNCERTAINTY,
             f"{calibration.n} points for {calibration.degree + 1} coefficients: no uncertainty can be given",
         )
+    if calibration.spline is not None:
+        return
     powers = np.vander(calibration.x, calibration.degree + 1, increasing=True)
     rounding = float(np.abs(powers @ calibration.coefficients - calibration.predict(calibration.x)).max())
     if rounding > MONOMIAL_ROUNDING * (last - value) and rounding > 1e-12 * max(np.abs(calibration.y_range)):

@@ -86,11 +86,13 @@ def compare_fits(new: Mapping[str, Any], before: Mapping[str, Any]) -> Agreement
 
     Raises
     ------
-    DataError : they share no range.
+    DataError : they share no range, or one of them is a spline.
     """
     low, high = (pick(new["range"][i], before["range"][i]) for i, pick in ((0, max), (1, min)))
     if not low < high:
         raise DataError("the two calibrations share no range of elongation", "Compare runs of one plan.")
+    if not all(fit["coefficients"] for fit in (new, before)):
+        raise DataError("a spline has no coefficients to compare", "Compare two polynomials: --degree 1 to 6.")
     grid = np.linspace(low, high, POINTS)
     y, sd = _curve(new, grid)
     y_before, sd_before = _curve(before, grid)

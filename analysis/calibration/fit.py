@@ -11,7 +11,7 @@ refuses (`analysis.calibration.inverse`).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -19,22 +19,25 @@ from numpy.polynomial import legendre
 from scipy import stats
 
 from analysis.arrays import FloatArray
-from analysis.calibration.adequacy import Adequacy, expanded, judge_curve
+from analysis.calibration.adequacy import SPLINE, Adequacy, expanded, judge_curve
 from analysis.calibration.joint_fit import JointFit, PolynomialBasis, joint_fit, position_means
+from analysis.calibration.monotone_spline import MonotoneSplineBasis
 from analysis.calibration.quantised_x import Positions, gather
 from analysis.errors import DataError
 from analysis.polynomial import LeastSquares, least_squares, with_coefficients
 
+USUAL_DEGREE = 3
+SLOPE_POINTS, FLAT = 401, 1e-3  # of the mean slope: a spline that is flatter anywhere has no inverse there
 LARGEST = 1e150  # its square is still a number
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """A fitted polynomial y(x) = b0 + b1 x + ... .
+    """A fitted polynomial y(x) = b0 + b1 x + ..., or a monotone spline.
 
     Attributes
     ----------
-    coefficients, std_errors : [degree + 1], monomials, b0 first.
+    coefficients, std_errors : [degree + 1], monomials, b0 first; none of a spline.
     covariance : [degree + 1, degree + 1] of the coefficients.
     r2, adjusted_r2 : share of the (weighted) variance explained; NaN where y does not vary.
     rmse : sqrt(sum of squared residuals / n).
@@ -79,6 +82,17 @@ class Calibration:
         )
 
     @property
+    def spline(self) -> MonotoneSplineBasis | None:
+        """The knots of a spline; None of a polynomial."""
+        basis = self.joint.basis if self.joint is not None else None
+        return basis if isinstance(basis, MonotoneSplineBasis) else None
+
+    @property
+    def curve(self) -> str:
+        """What kind of curve it is, as `analyze --degree` names it."""
+        return str(self.degree) if self.spline is None else SPLINE
+
+    @property
     def basis_covariance(self) -> FloatArray:
         """Covariance of the coefficients in the scaled basis, the reading of x included, a loop not."""
         if self.joint is not None:
@@ -90,7 +104,7 @@ class Calibration:
     @property
     def covariance_with_reading(self) -> FloatArray:
         """Covariance of the monomial coefficients, the reading of x included."""
-        if self.reading is None and self.joint is None:
+        if (self.reading is None and self.joint is None) or self.spline is not None:
             return self.covariance
         change = np.asarray(self.fit.basis.to_monomials(), dtype=np.float64)
         return np.asarray(change @ self.basis_covariance @ change.T)
@@ -98,7 +112,7 @@ class Calibration:
     @property
     def std_errors_with_reading(self) -> FloatArray:
         """Standard errors of the coefficients, the reading of x included: those to be stated."""
-        if self.reading is None and self.joint is None:
+        if (self.reading is None and self.joint is None) or self.spline is not None:
             return self.std_errors
         return np.asarray(np.sqrt(np.diag(self.covariance_with_reading)))
 
@@ -126,11 +140,11 @@ class Calibration:
 
     def predict(self, x: npt.ArrayLike) -> FloatArray:
         """Return y(x), evaluated in the scaled basis."""
-        return self.fit.predict(x)
+        return self.fit.predict(x) if self.spline is None or self.joint is None else self.joint.predict(x)
 
     def slope(self, x: npt.ArrayLike) -> FloatArray:
         """Return dy/dx."""
-        return self.fit.slope(x)
+        return self.fit.slope(x) if self.spline is None or self.joint is None else self.joint.slope(x)
 
     def curve_sd(self, x: npt.ArrayLike) -> FloatArray:
         """Return the standard error of y(x) from the fit's covariance."""
@@ -139,9 +153,9 @@ class Calibration:
 
     def curve_u(self, x: npt.ArrayLike) -> FloatArray:
         """Return the standard uncertainty of y(x), the reading of x included; that of the fit where it is known."""
-        if self.reading is None and self.joint is None:
-            return self.curve_sd(x)
-        return self._sd(x, self.basis_covariance)
+        if self.joint is not None:
+            return self.joint.u(x)
+        return self.curve_sd(x) if self.reading is None else self._sd(x, self.basis_covariance)
 
     def deviation(self, x: npt.ArrayLike) -> FloatArray:
         """Return by how much the curve is known to miss at x, in the unit of y: zeros where it is adequate."""
@@ -170,7 +184,8 @@ class Calibration:
         return self.curve_sd(x), np.zeros(np.shape(x))
 
     def _sd(self, x: npt.ArrayLike, covariance: FloatArray) -> FloatArray:
-        rows = self.fit.basis.design(x)
+        rows = self.fit.basis.design(x) if self.joint is None else self.joint.basis.design(self.joint.scaled(x))
+        rows = rows.reshape(*np.shape(x), covariance.shape[0])
         variance = np.einsum("...i,ij,...j->...", rows, covariance, rows)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)
 
@@ -205,6 +220,7 @@ class Calibration:
         arrays = ("coefficients", "std_errors", "covariance", "std_errors_with_reading", "covariance_with_reading")
         return {
             "degree": self.degree,
+            "curve": self.curve,
             "n": self.n,
             **{name: getattr(self, name).tolist() for name in arrays},
             **{name: getattr(self, name) for name in ("r2", "adjusted_r2", "rmse", "residual_sd")},
@@ -255,18 +271,18 @@ def fit_calibration(
 def fit_by_branch(
     x: npt.ArrayLike,
     y: npt.ArrayLike,
-    degree: int = 3,
+    degree: int | Literal["spline"] = 3,
     *,
     positions: npt.ArrayLike,
     branch: npt.ArrayLike,
     reading_sd: float = 0.0,
 ) -> Calibration:
-    """Fit y(x), a polynomial of `degree`, and a loop about it to the means of positions that were read again and again.
+    """Fit y(x) and a loop about it to the means of positions that were read again and again.
 
     Parameters
     ----------
     x, y : [n] readings and signals of all cycles.
-    degree : 0 to 10.
+    degree : of the polynomial, 0 to 10; or a monotone spline.
     positions : [n] label of the position (level and branch) of each.
     branch : [n] 1 loading, -1 unloading, 0 at the end levels, which both branches share.
     reading_sd : of one reading: the grid / sqrt(12); 0 where x is exact.
@@ -280,20 +296,37 @@ def fit_by_branch(
     ------
     DataError, RequestError : as `fit_calibration`.
     """
-    plain = fit_calibration(x, y, degree).with_reading(reading_sd, positions)
+    usual = USUAL_DEGREE if degree == SPLINE else int(degree)
+    plain = fit_calibration(x, y, usual).with_reading(reading_sd, positions)
     if not np.ptp(plain.y) > 0:
         return plain
     try:
         means = position_means(plain.fit, plain.x, plain.y, positions, branch, plain.reading)
-        joint = joint_fit(means, PolynomialBasis(degree))
+        joint = joint_fit(means, PolynomialBasis(usual))
+        if degree == SPLINE:
+            joint = joint_fit(means, MonotoneSplineBasis.through(joint.scaled(means.x), falls=not plain.rises))
         if joint.dof < 1:
             return plain
-        scaled = least_squares(plain.x, plain.y, degree, ends=means.ends)
+        scaled = least_squares(plain.x, plain.y, usual, ends=means.ends)
     except DataError:
         return plain
+    if degree == SPLINE:
+        return _spline_calibration(plain, replace(scaled, residuals=plain.y - joint.predict(plain.x)), joint)
     fit = with_coefficients(scaled, plain.x, plain.y, joint.coefficients)
     found = _calibration(plain.x, plain.y, fit, means.ends)
     return replace(found, reading=plain.reading, joint=joint, adequacy=judge_curve(joint))
+
+
+def _spline_calibration(plain: Calibration, fit: LeastSquares, joint: JointFit) -> Calibration:
+    """Return the calibration with a spline's curve; `fit` has its residuals."""
+    found = _calibration(plain.x, plain.y, fit, joint.ends)
+    slopes = np.abs(joint.slope(np.linspace(*joint.ends, SLOPE_POINTS)))
+    none = np.empty(0)
+    return replace(
+        found, coefficients=none, std_errors=none, covariance=np.empty((0, 0)), turning_points=(),
+        monotone=bool(slopes.min() > FLAT * slopes.mean()), reading=plain.reading, joint=joint,
+        adequacy=judge_curve(joint),
+    )  # fmt: skip
 
 
 def _calibration(

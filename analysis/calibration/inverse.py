@@ -26,6 +26,7 @@ from analysis.compiled import compiled
 from analysis.errors import DataError, RequestError
 
 NODES = 257
+SPLINE_NODES = 16385  # interpolated between: 1e-7 of the range
 DISAGREEMENT_SIGMA = 4.0
 
 
@@ -92,11 +93,14 @@ class Inverse:
                 f"the curve misses the readings by {calibration.adequacy.remainder_percent:.1f} % FSO (rms)",
                 "Fit the curve that predicts best: --degree auto.",
             )
+        noise = calibration.residual_sd if noise_sd is None else float(noise_sd)
+        if calibration.spline is not None:
+            nodes = calibration.predict(np.linspace(low, high, SPLINE_NODES))
+            return cls(calibration, np.empty(0), nodes, noise, model_sd)
         # over the range itself, so that u = -1 and 1 are its ends
         u = np.linspace(-1.0, 1.0, NODES)
         powers = np.asarray(legendre.leg2poly(calibration.fit.basis_coefficients), dtype=np.float64)
         nodes = np.asarray(np.polynomial.polynomial.polyval(u, powers), dtype=np.float64)
-        noise = calibration.residual_sd if noise_sd is None else float(noise_sd)
         return cls(calibration, powers, nodes, noise, model_sd)
 
     def __call__(self, signal: npt.ArrayLike, *, clamp: bool = False) -> FloatArray:
@@ -107,6 +111,11 @@ class Inverse:
         signal : any shape, in the unit of y.
         """
         values = np.asarray(signal, dtype=np.float64)
+        if self.calibration.spline is not None:
+            sign = 1.0 if self.calibration.rises else -1.0
+            x = np.linspace(*self.calibration.x_range, self.nodes.size)
+            outside = {} if clamp else {"left": np.nan, "right": np.nan}
+            return np.asarray(np.interp(sign * values, sign * self.nodes, x, **outside), dtype=np.float64)
         u = _invert(np.ascontiguousarray(values).ravel(), self.power_coefficients, self.nodes, clamp)
         basis = self.calibration.fit.basis
         return np.asarray(basis.centre + basis.half_width * u.reshape(values.shape), dtype=np.float64)

@@ -17,9 +17,9 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from analysis.arrays import BoolArray, FloatArray
-from analysis.calibration.adequacy import Adequacy, CurveVerdict, judge_curve
+from analysis.calibration.adequacy import SPLINE, Adequacy, CurveVerdict, judge_curve
 from analysis.calibration.checks import fit_checks
-from analysis.calibration.fit import Calibration, fit_by_branch
+from analysis.calibration.fit import USUAL_DEGREE, Calibration, fit_by_branch
 from analysis.calibration.joint_fit import (
     JointFit,
     LoopEstimate,
@@ -51,7 +51,7 @@ OF_POINTS = (  # figures of the calibration's points; the others are those of th
 
 
 AUTO: Final = "auto"
-USUAL_DEGREE = 3
+Degree = int | Literal["auto", "spline"]
 ACTUATOR_DEGREE, ACTUATOR_LOOP_TERMS = 3, (2, 3, 4)
 
 
@@ -61,7 +61,7 @@ class Options:
 
     Attributes
     ----------
-    degree : of the calibration; AUTO takes the polynomial that predicts positions best, see `calibration.adequacy`.
+    degree : of the calibration, or spline; auto takes the curve that predicts best, see `calibration.adequacy`.
     x_resolution_mm : grid of the readings; None takes that of the recording, else 0.5 mm.
     monotone : only monotone curves in the posterior.
     seed : of the bootstrap and the sampler.
@@ -70,7 +70,7 @@ class Options:
     fidelity : how fine bootstrap and sampler are, see `analysis.fidelity`.
     """
 
-    degree: int | Literal["auto"] = USUAL_DEGREE
+    degree: Degree = USUAL_DEGREE
     x_resolution_mm: float | None = None
     monotone: bool = False
     seed: int = 0
@@ -210,7 +210,7 @@ def analyse_sensor(run: SegmentedRun, sensor: int) -> SensorAnalysis:
     cycle_of = np.asarray([position[run.plateaus[i].cycle] for i in points], dtype=np.float64)
     try:
         calibration = _calibrate(run, sensor, points)
-        if run.options.mcmc:
+        if run.options.mcmc and calibration.spline is None:
             posterior = sample_posterior(
                 calibration.x, calibration.y, calibration.degree, reading_sd=run.reading_sd_mm,
                 positions=run.position_of(points), monotone=run.options.monotone, seed=run.options.seed + sensor,
@@ -333,15 +333,17 @@ def _calibrate(run: SegmentedRun, sensor: int, points: np.ndarray[Any, Any]) -> 
     y = np.asarray([run.plateaus[i].signal_mv[sensor] for i in points])
     x, degree = run.elongations.elongation_mm[points], run.options.degree
 
-    def fitted(of_degree: int) -> Calibration:
+    def fitted(of_degree: int | Literal["spline"]) -> Calibration:
         positions, branch = run.position_of(points), run.branch_of(points)
         return fit_by_branch(x, y, of_degree, positions=positions, branch=branch, reading_sd=run.reading_sd_mm)
 
     if degree != AUTO:
         return fitted(degree)
     usual = fitted(USUAL_DEGREE)
-    best = usual.adequacy.preferred_degree if usual.adequacy is not None else usual.degree
-    return usual if best == usual.degree else fitted(best)
+    best = usual.adequacy.preferred.name if usual.adequacy is not None else usual.curve
+    if best == usual.curve:
+        return usual
+    return fitted(SPLINE if best == SPLINE else int(best))
 
 
 def _loop_figures(

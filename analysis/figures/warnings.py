@@ -145,7 +145,7 @@ def _calibration_warnings(sensor: SensorAnalysis, run: SegmentedRun) -> Iterator
     yield from calibration_warnings(calibration, readings.__getitem__, ("mm", "mV"))
     if calibration.adequacy is not None:
         yield from _adequacy_warnings(calibration.adequacy)
-    if posterior is None and run.options.mcmc:
+    if posterior is None and run.options.mcmc and calibration.spline is None:
         yield Warning(WarningCode.NO_POSTERIOR, "", sensor.calibration_void)
     if posterior is not None:
         yield from posterior.warnings

@@ -21,6 +21,7 @@ from matplotlib.ticker import AutoLocator, MaxNLocator
 
 from analysis import figure_style as style
 from analysis.arrays import FloatArray
+from analysis.calibration.adequacy import curve_name
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
 from analysis.figures.uncertainty import Budget
@@ -80,7 +81,7 @@ def calibration_curve(analysis: Analysis, sensor: int, ax: Axes) -> None:
     ax.fill_between(grid, low, high, color=colour, alpha=0.12, linewidth=0, label="new reading, 95 %")
     low, high = one.posterior.curve_band(grid) if one.posterior else calibration.band(grid, 0.95)
     ax.fill_between(grid, low, high, color=colour, alpha=2 * style.BAND_ALPHA, linewidth=0, label="curve, 95 %")
-    ax.plot(grid, calibration.predict(grid), color=colour, label=f"degree {calibration.degree}")
+    ax.plot(grid, calibration.predict(grid), color=colour, label=curve_name(calibration.curve))
     _branch_points(ax, analysis, sensor, calibration.x, calibration.y)
     ax.set(xlabel="elongation, mm", ylabel="signal, mV", title=f"Sensor {sensor + 1}")
     ax.legend(loc="lower right" if calibration.rises else "upper right")

@@ -118,6 +118,11 @@ def coefficients(analysis: Analysis) -> Section:
             sampled = with_uncertainty(float(p.mean[k]), float(p.sd[k])) if p else NOTHING
             unit = f"mV/mm{power(k)}" if k else "mV"
             rows.append((f"b{k}", with_uncertainty(float(b), float(u)), sampled, unit))
+        if c.spline is not None:
+            parts.append(
+                f"Sensor {i + 1}: a monotone cubic spline of {len(c.spline.knots)} knots. {_quality(analysis, i)}"
+            )
+            continue
         header = ("", "least squares ± u", "posterior ± sd", "unit")
         caption = f"Sensor {i + 1}: y = b0 + b1 x + ..., x in mm. {_quality(analysis, i)}"
         parts.append(ReportTable(header, tuple(rows), caption))
@@ -270,8 +275,8 @@ def run(analysis: Analysis) -> Section:
     """Return the section with the pressure of the run, its warnings and its settings."""
     o = analysis.options
     calibrated = any(s.calibration for s in analysis.sensors)
-    degrees = dict.fromkeys(str(s.calibration.degree) for s in analysis.sensors if s.calibration is not None)
-    fitted = (("Degree", " / ".join(degrees)), ("Reading error, sd", f"{analysis.reading_sd_mm:.3f} mm"))
+    degrees = dict.fromkeys(s.calibration.curve for s in analysis.sensors if s.calibration is not None)
+    fitted = (("Degree or curve", " / ".join(degrees)), ("Reading error, sd", f"{analysis.reading_sd_mm:.3f} mm"))
     settings = (
         *(fitted if calibrated else ()),
         ("Settled within", f"{o.plateau.tolerance_kpa:g} kPa for {o.plateau.settling_s:g} s"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,6 +22,7 @@ from boat_daq.commands.options import (
 
 if TYPE_CHECKING:
     from analysis.figures.pipeline import Analysis
+    from analysis.figures.sensor_analysis import Degree
 
 
 def analyze(
@@ -32,7 +33,7 @@ def analyze(
     seed: SeedOption = 0,
     no_mcmc: NoMcmcOption = False,
     degree: Annotated[
-        str, typer.Option(metavar="N|auto", help="Degree of the calibration, 1 to 6; auto: the one that predicts best.")
+        str, typer.Option(metavar="N|auto|spline", help="Curve: degree 1 to 6, a monotone spline, or the best of them.")
     ] = "3",
     x_resolution: Annotated[
         float | None, typer.Option(min=0.0, metavar="MM", help="Resolution of the readings; 0 = exact.")
@@ -79,20 +80,24 @@ def analyze(
         _show_shadow(shadow)
 
 
-def _degree(text: str) -> int | Literal["auto"]:
+def _degree(text: str) -> Degree:
     """Return the degree that an option names.
 
     Raises
     ------
-    typer.BadParameter : it is neither auto nor 1 to 6.
+    typer.BadParameter : it is neither auto nor spline nor 1 to 6.
     """
+    from analysis.calibration.adequacy import SPLINE
     from analysis.calibration.joint_fit import DEGREES
     from analysis.figures.sensor_analysis import AUTO
 
     if text == AUTO:
         return AUTO
+    if text == SPLINE:
+        return SPLINE
     if text not in map(str, DEGREES):
-        raise typer.BadParameter(f"{text!r} is neither {AUTO} nor {DEGREES[0]} to {DEGREES[-1]}", param_hint="--degree")
+        known = f"{AUTO}, {SPLINE} nor {DEGREES[0]} to {DEGREES[-1]}"
+        raise typer.BadParameter(f"{text!r} is neither {known}", param_hint="--degree")
     return int(text)
 
 
@@ -128,7 +133,7 @@ def _show(analysis: Analysis) -> None:
     )
     for sensor in sensors:
         if sensor.calibration is not None:
-            terms = ", ".join(f"b{i} = {b:.6g}" for i, b in enumerate(sensor.calibration.coefficients))
+            terms = ", ".join(f"b{i} = {b:.6g}" for i, b in enumerate(sensor.calibration.coefficients)) or "spline"
             show(f"{sensor.name}: {terms}, R2 = {sensor.calibration.r2:.5f}")
             show(f"{sensor.name}: curve {sensor.figures['lack_of_fit_percent_fso'].note or 'not tested'}")
     for warning in analysis.warnings:

@@ -59,13 +59,13 @@ def _inverse(stored: Mapping[str, Any]) -> Inverse:
     from analysis.calibration.fit import fit_by_branch, fit_calibration
     from analysis.calibration.inverse import Inverse
 
-    points = stored["elongation_mm"], stored["signal_mv"], int(stored["fit"]["degree"])
+    points, degree = (stored["elongation_mm"], stored["signal_mv"]), int(stored["fit"]["degree"])
     reading_sd, positions = float(stored.get("reading_sd_mm") or 0.0), stored.get("positions")
     if stored.get("branches") is not None:
         branch = stored["branches"]
-        fit = fit_by_branch(*points, positions=stored["positions"], branch=branch, reading_sd=reading_sd)
+        fit = fit_by_branch(*points, degree, positions=stored["positions"], branch=branch, reading_sd=reading_sd)
     else:  # accepted before the branches were stored
-        fit = fit_calibration(*points).with_reading(reading_sd, positions)
+        fit = fit_calibration(*points, degree).with_reading(reading_sd, positions)
     return Inverse.of(fit, noise_sd=stored.get("noise_mv"), model_sd=float(stored.get("model_mv") or 0.0))
 
 

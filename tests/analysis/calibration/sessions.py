@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.polynomial import Polynomial, chebyshev
@@ -62,7 +63,7 @@ class Session:
         """Of one reading within the grid."""
         return self.grid_mm / np.sqrt(12.0)
 
-    def fit(self, degree: int = 3) -> Calibration:
+    def fit(self, degree: int | Literal["spline"] = 3) -> Calibration:
         """Return the joint fit."""
         return fit_by_branch(
             self.x, self.y, degree, positions=self.position, branch=self.branch, reading_sd=self.reading_sd

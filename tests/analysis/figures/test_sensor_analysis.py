@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from analysis import Options, Recording, analyse
+from analysis.figures.figure import Reason
+from analysis.warning import WarningCode
 from tests.analysis.boat_builder import PAPER, Plant, Staircase
 
 LOOP = 0.25
@@ -83,3 +85,58 @@ def test_a_grid_both_makes_and_hides_a_sensors_loop(
     for sensor, cubic in zip(analyse(recording, tmp_path / "grid.csv", options=options).sensors, PAPER, strict=True):
         figure = sensor.figures["sensor_hysteresis_percent_fso"]
         assert figure.low <= 100.0 * own_mv / true_hysteresis(cubic)[1] <= figure.high
+
+
+QUINTIC = (1640.0, 18.0, 0.0, 0.0, 0.0, 0.12)
+
+
+def test_a_cubic_of_a_quintic_sensor_is_called_inadequate(tmp_path: Path) -> None:
+    """Without a loop: the misfit is no hysteresis, it is warned of, and it is in U; auto fits the quintic.
+
+    U holds the error of the cubic at 90 % of its points or more.
+    """
+    stairs = Staircase(Plant(cubics=(QUINTIC,), noise_mv=(1.5,), loop_mm=LOOP), cycles=4)
+    table = stairs.elongations()
+    table["elongation_mm"] = (table["elongation_mm"] / 0.02).round() * 0.02
+    table.to_csv(tmp_path / "grid.csv", index=False)
+    cubic, best = (
+        analyse(stairs.recording(), tmp_path / "grid.csv", options=Options(degree, 0.02, mcmc=False))
+        for degree in (3, "auto")
+    )
+    sensor = cubic.sensors[0]
+    assert sensor.calibration is not None
+    found = cubic.to_json()["sensors"][0]
+    assert found["adequacy"]["verdict"] == "inadequate"
+    assert found["adequacy"]["degree_preferred"] == 5
+    assert {w.code for w in cubic.warnings} >= {WarningCode.INADEQUATE_CURVE}
+    assert sensor.figures["sensor_hysteresis_percent_fso"].low == 0.0
+    assert sensor.figures["sensor_hysteresis_percent_fso"].value < 0.2
+    assert sensor.figures["lack_of_fit_percent_fso"].reason is Reason.INADEQUATE
+    u = np.asarray(found["u_elongation_mm"])
+    error = np.abs(sensor.calibration.predict(u[:, 0]) - np.polynomial.Polynomial(QUINTIC)(u[:, 0]))
+    assert np.mean(error <= u[:, 1] * np.abs(sensor.calibration.slope(u[:, 0]))) >= 0.9
+    assert best.sensors[0].calibration is not None
+    assert best.sensors[0].calibration.degree == 5
+    assert best.to_json()["sensors"][0]["adequacy"]["verdict"] == "adequate"
+
+
+def test_loop_of_the_actuator_is_found_between_the_plateaus(tmp_path: Path) -> None:
+    """With exact readings the widest place, 0.25 mm at +5 kPa, lies between two levels: the interval holds it."""
+    stairs = Staircase(Plant(loop_mm=LOOP), cycles=3)
+    stairs.elongations().to_csv(tmp_path / "exact.csv", index=False)
+    found = analyse(stairs.recording(), tmp_path / "exact.csv", options=QUICK)
+    assert max(found.actuator_hysteresis_per_cycle) < 100 * LOOP / 6.5 - 0.03
+    assert found.actuator_hysteresis.value == pytest.approx(100 * LOOP / 6.5, abs=2e-3)
+    assert found.actuator_hysteresis.low <= 100 * LOOP / 6.5 <= found.actuator_hysteresis.high
+
+
+def test_range_is_that_of_the_means_at_the_end_levels(tmp_path: Path) -> None:
+    """Readings that scatter by 0.3 mm about the ends widen no range: it is the mean of each end's readings."""
+    stairs = Staircase(Plant(), cycles=4)
+    table = stairs.elongations()
+    table["elongation_mm"] += 0.3 * np.random.default_rng(0).standard_normal(len(table))
+    table.to_csv(tmp_path / "read.csv", index=False)
+    sensor = analyse(stairs.recording(), tmp_path / "read.csv", options=QUICK).sensors[0]
+    assert sensor.calibration is not None
+    means = table.groupby("pressure_kpa")["elongation_mm"].mean()
+    assert sensor.calibration.x_range == pytest.approx((means[-40.0], means[50.0]))

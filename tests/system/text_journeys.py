@@ -89,7 +89,7 @@ def analysis(folder: Path) -> dict[str, Any]:
     )
     found = {}
     for name, run in (("sound", sound), ("clipped", clipped)):
-        result = analyse(run)
+        result = analyse(run, mcmc=name == "sound")
         found[name] = {
             "sections": len(write_report([result], folder / f"{name}.html").sections),
             "warnings": [[warning.code, warning.subject] for warning in result.warnings],

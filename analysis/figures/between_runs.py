@@ -19,7 +19,7 @@ from analysis.arrays import FloatArray
 from analysis.errors import AnalysisError, RequestError
 from analysis.figures.pipeline import Analysis
 from analysis.figures.uncertainty import ElongationBudgets, middle_budgets
-from analysis.figures.unit_history import UnitHistory, unit_history
+from analysis.figures.unit_history import UnitHistory, refuse_mixture, unit_history
 
 SAME_LEVEL_KPA = 2.0
 
@@ -78,7 +78,13 @@ class RunComparison:
 
 
 def compare_runs(analyses: Sequence[Analysis]) -> RunComparison:
-    """Compare runs: unit by unit, the spread of their levels, the history of their calibrations, their budget."""
+    """Compare runs: unit by unit, the spread of their levels, the history of their calibrations, their budget.
+
+    Raises
+    ------
+    RequestError : simulated and real runs are among them.
+    """
+    refuse_mixture(analysis.recording.simulated for analysis in analyses)
     by_unit: dict[str, list[Analysis]] = {}
     for analysis in analyses:
         by_unit.setdefault(analysis.recording.unit, []).append(analysis)

@@ -4,13 +4,14 @@ Definitions: the check point is y(x0) of each calibration. Control limits are th
 mean moving range / 1.128 (ISO 7870-2, individuals). The En score of a calibration against the one before is
 (y - y') / sqrt(U^2 + U'^2), U expanded with k = 2; |En| <= 1 is agreement (ISO 13528).
 
-Rules: a calibration is taken at its UTC; the same recording counts once.
+Rules: a calibration is taken at its UTC; the same recording counts once. Simulated and real runs are never compared,
+because a virtual SA1 and the SA1 on the bench share nothing but the name.
 """
 
 from __future__ import annotations
 
 import datetime
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ import numpy as np
 
 from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration
-from analysis.errors import AnalysisError, DataError
+from analysis.errors import AnalysisError, DataError, RequestError
 from analysis.figures.batch import readings_beside, runs_in
 from analysis.figures.pipeline import Analysis, analyse
 from analysis.progress import Progress
@@ -92,13 +93,29 @@ class Calibrations:
     left_out: tuple[dict[str, str], ...]
 
 
-def calibrations_in(folder: str | Path, unit: str, *, seed: int = 0, progress: Progress | None = None) -> Calibrations:
+def refuse_mixture(simulated: Iterable[bool]) -> None:
+    """Refuse to compare simulated with real runs.
+
+    Raises
+    ------
+    RequestError : there are both.
+    """
+    if len(set(simulated)) > 1:
+        cause = "simulated and real runs are not compared: they share nothing but the name of the unit"
+        raise RequestError(cause, "Choose runs of the virtual board only, or none of them.")
+
+
+def calibrations_in(
+    folder: str | Path, unit: str, *, simulated: bool | None = None, seed: int = 0, progress: Progress | None = None
+) -> Calibrations:
     """Analyse the runs of a folder and keep the calibrations of one unit.
 
     Parameters
     ----------
     folder : of the runs.
     unit : its name.
+    simulated : whether those of simulated boards are kept, or those of real ones; None for the real ones where there
+        are any, else the simulated ones.
     seed : of the analyses.
     progress : called as progress(done, total); raising from it cancels.
 
@@ -124,9 +141,18 @@ def calibrations_in(folder: str | Path, unit: str, *, seed: int = 0, progress: P
                 kept.append(analysis)
             else:
                 left_out.append({"run": path.name, "reason": analysis.sensors[0].calibration_void})
+    if simulated is None:
+        simulated = bool(kept) and all(analysis.recording.simulated for analysis in kept)
+    other, reason = (
+        [a for a in kept if a.recording.simulated is not simulated],
+        "simulated" if not simulated else "real",
+    )
+    left_out += [{"run": Path(a.recording.source).name, "reason": f"of a {reason} board"} for a in other]
+    kept = [analysis for analysis in kept if analysis.recording.simulated is simulated]
     if not kept:
         known = ", ".join(sorted(filter(None, units))) or "none"
-        raise DataError(f"{folder} holds no calibration of unit {unit!r}", f"Units found: {known}.")
+        kind = "simulated calibration" if simulated else "calibration"
+        raise DataError(f"{folder} holds no {kind} of unit {unit!r}", f"Units found: {known}.")
     return Calibrations(tuple(kept), tuple(left_out))
 
 
@@ -141,8 +167,10 @@ def unit_history(analyses: Sequence[Analysis], sensor: int, *, check_point_mm: f
 
     Raises
     ------
-    DataError : no calibration among the runs, or the check point lies outside one of them.
+    DataError : no calibration among the runs, or the check point lies outside one of them. RequestError : simulated
+        and real runs are among them.
     """
+    refuse_mixture(analysis.recording.simulated for analysis in analyses)
     found: dict[str, tuple[str, Calibration]] = {}
     for analysis in analyses:
         calibration = analysis.sensors[sensor].calibration if sensor < len(analysis.sensors) else None

@@ -49,7 +49,10 @@ def batch(
         notify(f"wrote {to}")
     failed = int((table["error"] != "").sum()) if "error" in table else 0
     content = {"runs": table["run"].nunique(), "failed": failed, "rows": table.to_dict(orient="records")}
-    present(content, table[[name for name in COLUMNS if name in table]].to_string(index=False), as_json=as_json)
+    shown = table[[name for name in COLUMNS if name in table]].copy()
+    if "simulated" in table:
+        shown.loc[table["simulated"].eq(True), "unit"] += "  SIMULATED"
+    present(content, shown.to_string(index=False), as_json=as_json)
     if failed:
         notify(f"{failed} runs could not be analysed; see the column error")
 
@@ -58,6 +61,12 @@ def history(
     folder: FolderArgument,
     unit: Annotated[str, typer.Option(metavar="NAME", help="Name of the unit, as recorded.")],
     check_point: Annotated[float, typer.Option(metavar="MM", help="Elongation of the control chart.")] = 0.0,
+    simulated: Annotated[
+        bool | None,
+        typer.Option(
+            "--simulated/--real", help="Runs of simulated or of real boards; default real where there are any."
+        ),
+    ] = None,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
@@ -68,17 +77,17 @@ def history(
     from analysis.figures.unit_history import calibrations_in, unit_history
 
     with progress_bar("Analysing") as advance:
-        found = calibrations_in(folder, unit, seed=seed, progress=advance)
+        found = calibrations_in(folder, unit, simulated=simulated, seed=seed, progress=advance)
     for entry in found.left_out:
         notify(f"{entry['run']} omitted: {entry['reason']}")
     sensors = range(min(len(a.sensors) for a in found.analyses))
     histories = [unit_history(found.analyses, i, check_point_mm=check_point) for i in sensors]
-    simulated = any(a.recording.simulated for a in found.analyses)
+    kind = found.analyses[0].recording.simulated
     if as_json:
         sensor_rows = [one.as_json() for one in histories]
-        emit_json({"unit": unit, "simulated": simulated, "sensors": sensor_rows, "left_out": found.left_out})
+        emit_json({"unit": unit, "simulated": kind, "sensors": sensor_rows, "left_out": found.left_out})
         return
-    if simulated:
+    if kind:
         show("SIMULATED")
     for one in histories:
         _show(one)

@@ -9,6 +9,11 @@ refused instead, because its backup would undo the edit, a tighter limit perhaps
 
 A unit keeps its limits and every calibration that was ever stored with it. Calibrations are added, never changed: the
 last accepted one is in force; a withdrawal is a newer entry that is not accepted.
+
+Calibrations of simulated boards are a library of their own, in the folder `simulated` of the units: neither library
+returns an entry of the other, because a virtual SA1 and the SA1 on the bench share nothing but the name. Files of
+older versions hold both kinds; each entry belongs to the library that its content names. Limits are those of
+`units/NAME.toml` in both, so that a limit set for a unit also holds while its plan is tried on a virtual board.
 """
 
 from __future__ import annotations
@@ -36,6 +41,7 @@ T = TypeVar("T")
 VERSION = 1
 HOME_VARIABLE = "BOAT_DAQ_HOME"
 BACKUP = ".bak"
+SIMULATED = "simulated"  # folder of the calibrations of simulated boards
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,39}")
 
 
@@ -157,14 +163,27 @@ def save_settings(settings: Settings, folder: Path | None = None) -> None:
 
 
 class UnitLibrary:
-    """The stored units, one file each."""
+    """The stored units, one file each.
 
-    def __init__(self, folder: Path | None = None) -> None:
-        self.folder = folder or home("data") / "units"
+    Parameters
+    ----------
+    folder : of the units; the stored ones when None.
+    simulated : whether the calibrations are those of simulated boards.
+    """
+
+    def __init__(self, folder: Path | None = None, *, simulated: bool = False) -> None:
+        self._units = folder or home("data") / "units"
+        self.simulated = simulated
+        self.folder = self._units / SIMULATED if simulated else self._units
+
+    def of(self, *, simulated: bool) -> UnitLibrary:
+        """Return the library of simulated boards, or that of real ones."""
+        return self if simulated is self.simulated else UnitLibrary(self._units, simulated=simulated)
 
     def names(self) -> list[str]:
         """Return the names of the stored units, sorted."""
-        files = (path.name.removesuffix(BACKUP) for path in self.folder.glob("[!.]*.toml*"))
+        folders = {self._units, self.folder}  # an older version kept simulated calibrations with the real ones
+        files = (path.name.removesuffix(BACKUP) for folder in folders for path in folder.glob("[!.]*.toml*"))
         return sorted({name.removesuffix(".toml") for name in files if name.endswith(".toml")})
 
     def load(self, name: str) -> Unit:
@@ -174,8 +193,16 @@ class UnitLibrary:
         ------
         OperatorError : no usable name, or the file is refused, by key.
         """
+        unit = self._read(self._units, name)
+        history = _of_kind(unit.history, simulated=self.simulated, first=False)
+        if self.simulated:
+            history += _of_kind(self._read(self.folder, name).history, simulated=True, first=True)
+        return dataclasses.replace(unit, history=history)
+
+    def _read(self, folder: Path, name: str) -> Unit:
+        """Return the unit of a folder's file with every entry of it; the defaults without a file."""
         unit = Unit(name)
-        path = self._path(unit)
+        path = path_in(folder, f"{name}.toml")
         return _read_whole(path, lambda text: self._parse(name, text, path)) or unit
 
     @staticmethod
@@ -205,9 +232,10 @@ class UnitLibrary:
         if unit.history[: len(stored.history)] != stored.history:
             remedy = "keep the entries of the stored history and add to them"
             raise OperatorError(f"unit {unit.name}: a stored calibration is missing", remedy)
-        table = dataclasses.asdict(unit)
+        kept, new = self._read(self.folder, unit.name).history, unit.history[len(stored.history) :]
+        table = dataclasses.asdict(dataclasses.replace(unit, history=(*kept, *new)))
         table["history"] = [{**entry, "content": json.dumps(dict(entry["content"]))} for entry in table["history"]]
-        write_whole(self._path(unit), tomli_w.dumps(table))
+        write_whole(path_in(self.folder, f"{unit.name}.toml"), tomli_w.dumps(table))
 
     def add_calibration(self, name: str, content: Mapping[str, Any], *, accepted: bool = True, **more: str) -> Unit:
         """Add a calibration to a unit's history, store it, and return the unit.
@@ -221,8 +249,13 @@ class UnitLibrary:
 
         Raises
         ------
-        OperatorError, StorageError : see `load` and `save`.
+        OperatorError : its content is of the other kind of board, or as `load` and `save`. StorageError : as `save`.
         """
+        if bool(content.get("simulated", self.simulated)) is not self.simulated:
+            kinds = ("a simulated board", "a real board")
+            made, stored = kinds if not self.simulated else kinds[::-1]
+            remedy = f"calibrate the unit {name} on {stored}"
+            raise OperatorError(f"a calibration of {made} is not one of {stored}", remedy)
         unit = self.load(name)
         plain = json.loads(json.dumps(dict(content), allow_nan=False))
         entry = StoredCalibration(datetime.now(UTC).isoformat(timespec="seconds"), accepted, plain, **more)
@@ -230,8 +263,22 @@ class UnitLibrary:
         self.save(unit)
         return unit
 
-    def _path(self, unit: Unit) -> Path:
-        return path_in(self.folder, f"{unit.name}.toml")
+
+def _of_kind(history: tuple[StoredCalibration, ...], *, simulated: bool, first: bool) -> tuple[StoredCalibration, ...]:
+    """Return the entries of one kind of board.
+
+    Parameters
+    ----------
+    history : of a file; a withdrawal that does not name its kind is of the kind of the entry before it.
+    simulated : the kind.
+    first : the kind of an accepted entry that does not name it.
+    """
+    found, kind = [], first
+    for entry in history:
+        kind = bool(entry.content.get("simulated", first if entry.accepted else kind))
+        if kind is simulated:
+            found.append(entry)
+    return tuple(found)
 
 
 _UNIT_KEYS = tuple(f.name for f in dataclasses.fields(Unit) if f.name != "history")

@@ -35,7 +35,7 @@ class ConnectPanel(QDialog):
         self.port.setAccessibleName("Port")
         hint = "a port, socket://HOST:PORT or replay:FILE"
         self.port.setLineEdit(widgets.field("Port", on_enter=self.connect_board, placeholder=hint))
-        self.unit = widgets.field("Unit on the bench", connection.unit, width=3 * style.CONTROL_HEIGHT)
+        self.unit = widgets.field("Unit on the bench", connection.bench_unit, width=3 * style.CONTROL_HEIGHT)
         last = str(services.preferences.get("profile", ""))  # empty for a board that speaks the BOAT protocol
         self.profile = QPlainTextEdit(last, tabChangesFocus=True, placeholderText=PROFILE_HINT)
         self.profile.setAccessibleName("Profile of another firmware")
@@ -82,7 +82,7 @@ class ConnectPanel(QDialog):
     def open_fresh(self) -> None:
         """Scan the ports and show the panel."""
         self.rescan()
-        self.unit.setText(self.connection.unit)
+        self.unit.setText(self.connection.bench_unit)
         self.refused.hide()
         self.show()
         self.raise_()

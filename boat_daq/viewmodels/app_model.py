@@ -98,6 +98,7 @@ class AppModel:
         attempt = self.notices.attempt
         attempt(self.connection.tick)
         self.jobs.poll()
+        self.runs.follow(snapshot)
         self.runs.poll()
         self.shadow.poll()
         self.monitor.follow(snapshot, self.unit.conversion)

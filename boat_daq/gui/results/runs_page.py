@@ -298,6 +298,7 @@ class RunsPage(QWidget):
     def _show_history(self) -> None:
         unit = self.other_pages.unit()
         found = self.model.sensitivities(unit)
+        unit += "  SIMULATED" if self.model.simulated else ""
         self.history.clear()
         for points, (x, y) in zip(self.sensitivities, found, strict=False):
             points.set(x, y)

@@ -31,6 +31,7 @@ from protocol.text.profile import load_profile
 from protocol.text.readers import parse_format
 
 LONGEST_PORT = 28
+ENDED = (LinkState.CLOSED, LinkState.FAILED)  # a link that another one may replace
 VIRTUAL_UNITS = RISING_NAMES
 _SENSOR = re.compile(r"(?:s|sensor|ch)_?([1-4])(?:_?(signal|lit|dark|on|off))?", re.IGNORECASE)
 _PARTS = {None: "signal", "signal": "signal", "lit": "lit", "on": "lit", "dark": "dark", "off": "dark"}
@@ -139,6 +140,7 @@ class VirtualBoardProcess:
         port = "pty" if os.name == "posix" else "127.0.0.1:0"
         self._settings = BoardSettings(port=port, speed=speed, unit=unit, seed=seed, truth=str(self._truth))
         self._served: ServedBoard | None = None
+        self.unit = unit
         self.error: Exception | None = None
         self._thread = threading.Thread(target=self._start, name="virtual board", daemon=True)
         self._thread.start()
@@ -191,7 +193,12 @@ class ConnectionModel:
 
     @property
     def unit(self) -> str:
-        """Return the unit on the bench."""
+        """Return the unit under test: that of the virtual board while there is one, else the unit on the bench."""
+        return self.board.unit if self.board is not None else self.bench_unit
+
+    @property
+    def bench_unit(self) -> str:
+        """Return the unit on the bench, which no virtual board changes."""
         return str(self._preferences.get("unit", "SA1"))
 
     def ports(self) -> list[tuple[str, str]]:
@@ -237,6 +244,8 @@ class ConnectionModel:
         text = profile_text(profile)
         if text:
             load_profile(text)  # refused here, before a port is opened with it
+        if self.board is not None and port.strip() != self.board.url and self.session.snapshot().link in ENDED:
+            self._end_board()
         self.session.connect(port.strip(), text or None, unit=self.unit)
         if self.board is None or port != self.board.url:
             self._preferences.set("port", port.strip())
@@ -260,7 +269,6 @@ class ConnectionModel:
     def start_virtual_board(self, unit: str = "SA1", speed: float = 1.0, seed: int = 0) -> None:
         """Start a virtual board; `tick` connects to it once its port is known."""
         self._end_board()
-        self._preferences.set("unit", unit)
         self.board = VirtualBoardProcess(unit, speed, seed)
         self.starting = True
 

@@ -84,7 +84,7 @@ class UnitInUse:
         self.preparation: Background[Conversion] = Background("calibration")
         self.conversion: Conversion | None = None
         self._stored: StoredCalibration | None = None
-        self._followed = ("", 0)  # name, revision of the library
+        self._followed = ("", False, 0)  # name, whether simulated, revision of the library
 
     def name(self, snapshot: SessionSnapshot) -> str:
         """Return the unit on the bench."""
@@ -98,7 +98,7 @@ class UnitInUse:
         return f"{self.name(snapshot)}  \u00b7  {text}"
 
     def follow(self, snapshot: SessionSnapshot, revision: int) -> None:
-        """Use the calibration in force of the unit on the bench.
+        """Use the calibration in force of the unit on the bench: that of a simulated unit on a simulated board.
 
         Parameters
         ----------
@@ -111,9 +111,11 @@ class UnitInUse:
         AnalysisError : the calibration has no inverse.
         """
         name = self.name(snapshot)
-        if (name, revision) != self._followed:
-            self._followed = (name, revision)
-            self.use(self._units.load(name).calibration if name else None)
+        if (name, snapshot.simulated, revision) != self._followed:
+            self._followed = (name, snapshot.simulated, revision)
+            units = self._units.of(simulated=snapshot.simulated)
+            self.use(None)  # first: that of another board is not shown where this one cannot be read
+            self.use(units.load(name).calibration if name else None)
         ready = self.preparation.take()
         if ready is not None:
             self._live.inverse = self.conversion = ready

@@ -169,6 +169,11 @@ class RunResult:
     u_elongation: tuple[FloatArray, ...] = ()
 
     @property
+    def unit_text(self) -> str:
+        """The unit, marked where it is simulated."""
+        return f"{self.unit or 'no unit'}{'  SIMULATED' if self.simulated else ''}"
+
+    @property
     def calibrated(self) -> bool:
         """Whether every sensor has a calibration."""
         return bool(self.sensors) and all(sensor.fit is not None for sensor in self.sensors)
@@ -360,6 +365,10 @@ def compare_runs(paths: list[Path], *, progress: Progress | None = None) -> tupl
 
     Raises
     ------
-    AnalysisError : one of them cannot be read.
+    AnalysisError : one of them cannot be read, or simulated and real ones are among them.
     """
-    return tuple(analyse_run(str(path), progress=part_of(progress, i, 1, len(paths))) for i, path in enumerate(paths))
+    from analysis.figures.unit_history import refuse_mixture
+
+    found = [analyse_run(str(path), progress=part_of(progress, i, 1, len(paths))) for i, path in enumerate(paths)]
+    refuse_mixture(run.simulated for run in found)
+    return tuple(found)

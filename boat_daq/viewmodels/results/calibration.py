@@ -23,7 +23,7 @@ from analysis.numbers import decimals_for, finite
 from analysis.warning import WarningCode
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
-from boat_daq.engine.snapshot import SessionState
+from boat_daq.engine.snapshot import LinkState, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, SUBSCRIPT, SUPERSCRIPT, count, duration, number, sensor_words
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
@@ -76,7 +76,7 @@ class CalibrationModel:
     units : where calibrations are kept.
     jobs : where the job is done.
     services : of the window.
-    newest : returns the newest recording, also of an earlier start.
+    newest : returns the newest recording, also of an earlier start: a simulated one, a real one, or (None) either.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class CalibrationModel:
         units: UnitLibrary,
         jobs: JobRunner,
         services: Services,
-        newest: Callable[[], Path | None] = lambda: None,
+        newest: Callable[[bool | None], Path | None] = lambda simulated: None,
     ) -> None:
         self.session, self.units, self.jobs = session, units, jobs
         self._services, self._newest = services, newest
@@ -106,7 +106,9 @@ class CalibrationModel:
         return self.jobs.get("analysis") is not None
 
     def analyse_current(self) -> None:
-        """Close the open recording and analyse it; without one, analyse the newest.
+        """Close the open recording and analyse it; without one, analyse the last again, or the newest.
+
+        While a board is connected, only recordings of its kind are taken: simulated or real.
 
         Raises
         ------
@@ -117,7 +119,10 @@ class CalibrationModel:
             raise OperatorError("a run is in progress", "Wait for its end, or stop it: complete cycles are analysed.")
         if snapshot.recording is not None:
             self.last_path = self.session.stop_recording() or snapshot.recording
-        self.last_path = self.last_path or self._newest()
+        elif snapshot.link is LinkState.UP and self.result and self.result.simulated is not snapshot.simulated:
+            self.last_path = None
+        simulated = snapshot.simulated if snapshot.link is LinkState.UP else None
+        self.last_path = self.last_path or self._newest(simulated)
         if self.last_path is None:
             raise OperatorError("there is no recording yet", "Run a plan, or open a recording on the Runs page.")
         self.analyse(self.last_path)
@@ -143,9 +148,15 @@ class CalibrationModel:
         """
         self.result = result
         self.revision += 1
-        self.before = self.units.load(result.unit).calibration if result is not None and result.unit else None
+        self.before = (
+            self._units_of(result).load(result.unit).calibration if result is not None and result.unit else None
+        )
         if result is not None and self.before is not None:
             self.agreements = tuple(map(_agreement, result.sensors, self.before.content.get("sensors", [])))
+
+    def _units_of(self, result: RunResult) -> UnitLibrary:
+        """Return the library that a run's calibration belongs to: that of simulated boards or of real ones."""
+        return self.units.of(simulated=result.simulated)
 
     def sample(self) -> None:
         """Sample the posterior in the background.
@@ -179,7 +190,7 @@ class CalibrationModel:
         if result is None:
             return self.last_path.name if self.working and self.last_path is not None else ""
         parts = [
-            result.unit or "no unit",
+            result.unit_text,
             count(result.cycles, "complete cycle") + (f", {result.partial} partial left out" if result.partial else ""),
             readings_text(result),
             duration(result.duration_s),
@@ -213,7 +224,8 @@ class CalibrationModel:
         missed = bool(self.out_of_tolerance())
         if self.accepted is not None:
             suffix = " out of tolerance" if missed else ""
-            return "warning" if missed else "ok", f"\u2713 Accepted{suffix}: stored with the unit and used live"
+            use = "the simulated unit, used on virtual boards" if self.result.simulated else "the unit and used live"
+            return "warning" if missed else "ok", f"\u2713 Accepted{suffix}: stored with {use}"
         obstacle = self.obstacle()
         if obstacle is not None:
             return "warning", f"\u25b2 Not a calibration: {obstacle.cause}"
@@ -236,7 +248,8 @@ class CalibrationModel:
         if self.result is None or not self.result.calibrated:
             return ""
         if self.before is None:
-            return f"{self.result.unit or 'The unit'} has no earlier calibration to compare with."
+            unit = f"The simulated {self.result.unit}" if self.result.simulated else self.result.unit or "The unit"
+            return f"{unit} has no earlier calibration to compare with."
         lines = [f"Compared with the calibration of {self.before.utc[:16].replace('T', ' ')} UTC"]
         for i, sensor in enumerate(self.result.sensors):
             found = self.agreement(i)
@@ -273,7 +286,9 @@ class CalibrationModel:
             )
             return
         suffix = " out of tolerance" if missed else ""
-        notices.attempt(self.accept, done=f"Calibration accepted{suffix}; the Live page shows elongation")
+        simulated = self.result is not None and self.result.simulated
+        use = "virtual boards show elongation" if simulated else "the Live page shows elongation"
+        notices.attempt(self.accept, done=f"Calibration accepted{suffix}; {use}")
 
     def accept(self) -> None:
         """Store the calibration with its unit, undoably.
@@ -300,17 +315,18 @@ class CalibrationModel:
 
     def _acceptance(self, result: RunResult, content: dict[str, Any]) -> tuple[Callable[[], None], Callable[[], None]]:
         """Return acceptance and its reversal; both only add to the unit's history."""
-        name, before = result.unit, self.units.load(result.unit).calibration
+        units, name = self._units_of(result), result.unit
+        before = units.load(name).calibration
 
         def redo() -> None:
             recording = Path(result.path).name
-            unit = self.units.add_calibration(name, content, recording=recording)
+            unit = units.add_calibration(name, content, recording=recording)
             self._in_force(result, unit.calibration)
 
         def undo() -> None:
-            add = partial(self.units.add_calibration, name)
+            add = partial(units.add_calibration, name)
             if before is None:
-                add({}, accepted=False, note="acceptance undone")
+                add({"simulated": units.simulated}, accepted=False, note="acceptance undone")
             else:
                 add(before.content, recording=before.recording, note="in force again")
             self._in_force(result, None)

@@ -90,7 +90,7 @@ class RepeatabilityModel:
         """Show a result."""
         self.result, self.failure = result, ""
         self.headline = "   ".join(
-            [result.unit or "no unit", count(result.cycles, "complete cycle"), duration(result.duration_s)]
+            [result.unit_text, count(result.cycles, "complete cycle"), duration(result.duration_s)]
             + ([f"{result.partial} partial, left out"] if result.partial else [])
         )
         self.revision += 1

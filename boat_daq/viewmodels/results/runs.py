@@ -27,19 +27,20 @@ from boat_daq.engine.recording.recovery import find_interrupted, recover
 from boat_daq.engine.recording.resumption import BrokenRun, prepare_resumption, read_broken_run
 from boat_daq.engine.recording.summary import Summary, summarise
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
-from boat_daq.engine.snapshot import Reading
+from boat_daq.engine.snapshot import LinkState, Reading, SessionSnapshot
 from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.results.analysis_jobs import RunResult, compare_runs, export_run, report_runs
 from protocol.errors import ProtocolError
-from protocol.recording import SUFFIX, RunEnd, open_recording
+from protocol.recording import SUFFIX, RunEnd, open_recording, schema
 
 HEADINGS = ("", "Unit", "Recorded", "Length", "Cycles", "Readings", "State", "File")
 POINTS = 160  # of a thumbnail
 MOST_COMPARED = 4
 SCAN_INTERVAL_S = 3.0
+IN_USE = (LinkState.OPENING, LinkState.UP, LinkState.SILENT, LinkState.LOST)
 STATES = {
     "closed": "\u25cf complete", "recovered": "\u25cf recovered", "recording": "\u25b6 recording",
     "interrupted": "\u25b2 interrupted",
@@ -139,7 +140,9 @@ def _sort_key(run: RunEntry) -> tuple[str, str]:
     return (run.summary.started_utc if run.summary is not None else "", run.path.name)
 
 
-Listing = tuple[list[RunEntry], list[tuple[str, ...]]]
+UnitLine = tuple[bool, tuple[str, ...]]
+"""Whether a unit is simulated, and its line."""
+Listing = tuple[list[RunEntry], list[UnitLine]]
 """The recordings and the lines of the units."""
 
 
@@ -223,9 +226,11 @@ class RunsModel:
     def __init__(self, folder: Path, units: UnitLibrary, jobs: JobRunner, notices: Notices) -> None:
         self.folder, self.units, self.jobs, self._notices = folder, units, jobs, notices
         self.runs: list[RunEntry] = []
-        self.unit_lines: list[tuple[str, ...]] = []
+        self.units_read: list[UnitLine] = []
         self.comparison: tuple[RunResult, ...] = ()
         self.revision = 0
+        self.simulated = False  # whether the board in use is, or was last
+        self._kinds: tuple[bool, ...] = (False, True)  # of the units that are shown
         self._scanned_at = -SCAN_INTERVAL_S
         self._known: dict[tuple[Path, int, int], RunEntry] = {}
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="runs")
@@ -258,13 +263,26 @@ class RunsModel:
         if self._future is not None and self._future.done():
             future, self._future = self._future, None
             found = future.result()
-            if found != (self.runs, self.unit_lines):
-                self.runs, self.unit_lines = found
+            if found != (self.runs, self.units_read):
+                self.runs, self.units_read = found
                 self.revision += 1
 
-    def newest(self) -> Path | None:
-        """Return the recording that was written last; None where there is none."""
-        return max(self.folder.glob(f"*{SUFFIX}"), key=lambda path: path.stat().st_mtime_ns, default=None)
+    def newest(self, simulated: bool | None = None) -> Path | None:
+        """Return the recording that was written last, a simulated or a real one where asked; None without one."""
+        paths = sorted(self.folder.glob(f"*{SUFFIX}"), key=lambda path: path.stat().st_mtime_ns, reverse=True)
+        return next((path for path in paths if simulated is None or is_simulated(path) is simulated), None)
+
+    def follow(self, snapshot: SessionSnapshot) -> None:
+        """Show the units of the board in use: simulated ones or real ones; both while no board is connected."""
+        kinds = (snapshot.simulated,) if snapshot.link in IN_USE else (False, True)
+        if (kinds, snapshot.simulated) != (self._kinds, self.simulated):
+            self._kinds, self.simulated = kinds, snapshot.simulated
+            self.revision += 1
+
+    @property
+    def unit_lines(self) -> list[tuple[str, ...]]:
+        """Return the lines of the units that are shown."""
+        return [line for simulated, line in self.units_read if simulated in self._kinds]
 
     def interrupted(self) -> list[Path]:
         """Return the recordings that killed sessions left open."""
@@ -356,24 +374,26 @@ class RunsModel:
 
         self.jobs.start(name, job, ended)
 
-    def _read_units(self) -> list[tuple[str, ...]]:
+    def _read_units(self) -> list[UnitLine]:
         """Return the units with each of their calibrations: unit, date, sensitivities, recording."""
-        lines: list[tuple[str, ...]] = []
-        for name in self.units.names():
-            try:
-                history = self.units.load(name).history
-            except OperatorError as error:
-                lines.append((name, NOTHING, "\u25a0 cannot be read", error.cause))
-                continue
-            for entry in reversed(history):
-                simulated = "  SIMULATED" if entry.content.get("simulated") else ""
-                figures = " / ".join(number(figure, 1) for figure in _sensitivities(entry))
-                lines.append((name + simulated, entry.utc[:10], figures, entry.recording))
+        lines: list[UnitLine] = []
+        for units in (self.units.of(simulated=simulated) for simulated in (False, True)):
+            for name in units.names():
+                try:
+                    history = units.load(name).history
+                except OperatorError as error:
+                    lines.append((units.simulated, (name, NOTHING, "\u25a0 cannot be read", error.cause)))
+                    continue
+                shown = f"{name}  SIMULATED" if units.simulated else name
+                for entry in reversed(history):
+                    figures = " / ".join(number(figure, 1) for figure in _sensitivities(entry))
+                    lines.append((units.simulated, (shown, entry.utc[:10], figures, entry.recording)))
         return lines
 
     def sensitivities(self, unit: str) -> list[tuple[FloatArray, FloatArray]]:
         """Return for each sensor (number of the accepted calibration, sensitivity in mV/mm), oldest first."""
-        rows = [_sensitivities(entry) for entry in self.units.load(unit).history if entry.accepted]
+        history = self.units.of(simulated=self.simulated).load(unit).history
+        rows = [_sensitivities(entry) for entry in history if entry.accepted]
         columns = (np.array([v for v in column if v is not None], dtype=float) for column in zip_longest(*rows))
         return [(np.arange(1.0, column.size + 1), column) for column in columns]
 
@@ -385,6 +405,15 @@ class RunsModel:
 def _sensitivities(entry: StoredCalibration) -> list[float | None]:
     """Return each sensor's sensitivity, mV/mm; None where it was not stored."""
     return [s.get("figures", {}).get("sensitivity_mv_per_mm") for s in entry.content.get("sensors", [])]
+
+
+def is_simulated(path: Path) -> bool | None:
+    """Return whether a recording is of a simulated board; None where it cannot be read."""
+    try:
+        with closing(open_recording(path)) as db:
+            return bool(schema.read_session(db)["simulated"])
+    except (ProtocolError, OSError, sqlite3.Error, KeyError):
+        return None
 
 
 def selection_text(chosen: Sequence[RunEntry]) -> str:
@@ -405,6 +434,11 @@ def obstacle(button: str, chosen: Sequence[RunEntry]) -> str:
         return CHOOSE_SOME if button == "report" else CHOOSE_ONE
     if len(chosen) > 1 and button not in ("report", "compare"):
         return f"{count(len(chosen), 'recording')} are chosen; choose only one."
+    if (
+        button in ("report", "compare")
+        and len({run.summary.simulated for run in chosen if run.summary is not None}) > 1
+    ):
+        return "Simulated and real recordings are chosen; they are not compared."
     if button == "readings" and chosen[0].summary is not None and not chosen[0].closed:
         return "Its readings can be corrected once the recording is closed or recovered."
     return next((f"{run.path.name}: {run.problem}." for run in chosen if run.summary is None), "")

@@ -33,3 +33,23 @@ def test_calibrations_are_charted_in_order_of_time(tmp_path: Path) -> None:
     assert found["left_out"][0]["run"] == "bad.csv"
     with pytest.raises(AnalysisError, match="no calibration of unit 'SB9'"):
         call("history", tmp_path, "--unit", "SB9")
+
+
+def test_simulated_and_real_runs_are_separate_histories(tmp_path: Path) -> None:
+    """A virtual SA1 used to be charted together with the SA1 on the bench."""
+    for day, simulated in ((1, False), (2, True)):
+        plan = Staircase(Plant(loop_mm=0.25, seed=day), cycles=2)
+        plan.elongations().to_csv(tmp_path / f"run{day}.elongation.csv", index=False)
+        meta = {"uuid": str(day), "started_utc": f"2026-01-0{day}T00:00:00+00:00", "simulated": simulated}
+        write_boat(tmp_path / f"run{day}.boat", plan.recording(), meta=meta)
+    for options, kind, other in (
+        ((), False, "simulated"),
+        (("--real",), False, "simulated"),
+        (("--simulated",), True, "real"),
+    ):
+        found = call("history", tmp_path, "--unit", "SA1", *options)
+        assert found["simulated"] is kind
+        assert len(found["sensors"][0]["calibrations"]) == 1
+        assert found["left_out"] == [{"run": f"run{1 if kind else 2}.boat", "reason": f"of a {other} board"}]
+    with pytest.raises(AnalysisError, match="simulated and real runs are not compared"):
+        call("report", tmp_path / "run1.boat", tmp_path / "run2.boat", "--no-mcmc", "--out", tmp_path / "r.html")

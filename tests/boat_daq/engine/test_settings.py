@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
+import tomllib
 from pathlib import Path
 
 import pytest
+import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -107,6 +110,42 @@ def test_calibrations_are_added_and_the_last_accepted_one_is_in_force(tmp_path: 
     assert library.add_calibration("SA1", {"b0": 1.5}, accepted=False).calibration is None
     assert len(library.load("SA1").history) == 3
     assert library.names() == ["SA1"]
+
+
+def test_simulated_calibration_is_not_one_of_the_real_unit(tmp_path: Path) -> None:
+    """One made on the virtual SA1 used to be in force on a real board with a unit of that name."""
+    real = UnitLibrary(tmp_path)
+    simulated = real.of(simulated=True)
+    simulated.add_calibration("SA1", CUBIC | {"simulated": True})
+    assert (real.load("SA1").history, real.names()) == ((), [])
+    real.add_calibration("SA1", {"b0": 1.5, "simulated": False})
+    assert real.load("SA1").calibration.content["b0"] == 1.5
+    assert [entry.content for entry in simulated.load("SA1").history] == [CUBIC | {"simulated": True}]
+    assert simulated.folder == tmp_path / "simulated"
+    for library, mark in ((real, True), (simulated, False)):
+        with pytest.raises(OperatorError, match="is not one of"):
+            library.add_calibration("SA1", {"simulated": mark})
+
+
+def test_old_library_is_divided_by_the_mark_of_its_entries(tmp_path: Path) -> None:
+    """A withdrawal has no mark: it is of the kind of the entry before it; no entry is lost when one is added."""
+    contents = ({"b0": 1, "simulated": True}, {}, {"b0": 2}, {"b0": 3, "simulated": True}, {"b0": 4})
+    entries = [{"utc": "2026", "accepted": bool(c), "content": json.dumps(c)} for c in contents]
+    limits = {"name": "SA1", "min_kpa": -40.0, "max_kpa": 20.0, "polarity": -1, "note": "", "version": 1}
+    path, library = tmp_path / "SA1.toml", UnitLibrary(tmp_path)
+    path.write_text(tomli_w.dumps(limits | {"history": entries}))
+
+    simulated = library.of(simulated=True)
+    assert [e.content.get("b0") for e in library.load("SA1").history] == [2, 4]
+    assert [e.content.get("b0") for e in simulated.load("SA1").history] == [1, None, 3]
+    assert simulated.load("SA1").max_kpa == 20.0
+    library.add_calibration("SA1", {"b0": 5})
+    simulated.add_calibration("SA1", {"b0": 6, "simulated": True})
+    simulated.add_calibration("SA1", {}, accepted=False)
+    assert [e.content.get("b0") for e in library.load("SA1").history] == [2, 4, 5]
+    assert [e.content.get("b0") for e in simulated.load("SA1").history] == [1, None, 3, 6, None]
+    assert simulated.load("SA1").calibration is None
+    assert len(tomllib.loads(path.read_text())["history"]) == 6
 
 
 def test_history_is_never_shortened(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from PySide6.QtCore import QPoint, QRect
 from PySide6.QtWidgets import QApplication
 
 from analysis.warning import Warning, WarningCode
+from boat_daq.engine.snapshot import LinkState
 from boat_daq.errors import OperatorError
 from boat_daq.gui import style
 from boat_daq.gui.results.closed_readings import ClosedReadings
@@ -58,7 +59,7 @@ def test_acceptance_is_undone_and_redone_by_keys(live):
     for keys, in_force in (("Ctrl+Return", True), ("Ctrl+Z", False), ("Ctrl+Shift+Z", True)):
         run_shortcut(live, keys)
         live.refresh()
-        assert (model.units.load("SA1").calibration is not None) is in_force
+        assert (model.units.of(simulated=True).load("SA1").calibration is not None) is in_force
         assert page.accept.isEnabled() is not in_force
         assert ("calibrated 20" in live.header.unit.text()) is in_force
 
@@ -113,7 +114,7 @@ def test_missed_bounds_are_shown_beside_the_accept_button(live, size):
     for widget in (page.accept, page.warnings):
         assert whole_in_sight(live, widget)
     page.accept.click()
-    stored = model.units.load("SA1").calibration
+    stored = model.units.of(simulated=True).load("SA1").calibration
     assert stored is not None
     assert stored.content["poor"] == [page.warnings.text()]
     live.refresh()
@@ -163,14 +164,14 @@ def test_key_does_not_accept_a_calibration_out_of_tolerance(live):
     model.calibration.show(out_of_tolerance_result())
     live.refresh()
     run_shortcut(live, "Ctrl+Return")
-    assert model.units.load("SA1").calibration is None
+    assert model.units.of(simulated=True).load("SA1").calibration is None
     notice = model.notices.current()
     assert notice is not None
     assert "R\u00b2 0.7512 is below 0.9988" in notice.cause
     assert (notice.action_text, QApplication.activeModalWidget()) == ("Accept anyway", None)
     assert notice.action is not None
     notice.action()
-    assert model.units.load("SA1").calibration is not None
+    assert model.units.of(simulated=True).load("SA1").calibration is not None
 
 
 def test_many_warnings_scroll_below_the_figures(live):
@@ -259,6 +260,7 @@ def test_last_run_of_an_earlier_start_is_analysed(live, monkeypatch):
         path.touch()
         os.utime(path, ns=(i, i))
     requested: list[Path] = []
+    live.model.session.change(link=LinkState.CLOSED)
     monkeypatch.setattr(live.model.calibration, "analyse", requested.append)
     live.model.calibration.analyse_current()
     assert requested == [folder / "a.boat"]

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from types import SimpleNamespace
 
+from boat_daq.engine.settings import UnitLibrary
 from boat_daq.viewmodels.common.jobs import Background
 from boat_daq.viewmodels.live.conversion import UnitInUse, prepare
 from boat_daq.viewmodels.live.live_model import LiveModel
+from tests.boat_daq.gui.recorded_session import connected
 from tests.boat_daq.viewmodels.helpers import until
 
 
@@ -18,6 +21,26 @@ def test_conversion_is_prepared_on_a_helper_thread(tmp_path, result):
     until(lambda: found.append(preparation.take()) or found[-1] is not None)
     assert preparation.take() is None
     preparation.close()
+
+
+def test_calibration_of_the_virtual_unit_is_not_used_on_a_real_board(tmp_path, result):
+    """Nor the reverse: the header names the calibration of the board that is connected, and so does the live value."""
+    units, live = UnitLibrary(tmp_path), LiveModel(lambda: None)
+    content = {"simulated": True, "sensors": [dict(s.fit.content) for s in result.sensors]}
+    units.of(simulated=True).add_calibration("SA1", content)
+    unit, virtual = UnitInUse(units, SimpleNamespace(unit="SA1"), live), connected()
+    real = dataclasses.replace(virtual, simulated=False)
+    unit.follow(virtual, 0)
+    until(lambda: (unit.follow(virtual, 0), unit.conversion)[1] is not None)
+    assert live.inverse is not None
+    assert "calibrated" in unit.text(virtual)
+    unit.follow(real, 0)
+    assert (unit.conversion, live.inverse) == (None, None)
+    assert "not calibrated" in unit.text(real)
+    units.add_calibration("SA1", content | {"simulated": False})
+    unit.follow(real, 1)
+    assert "not calibrated" not in unit.text(real)
+    unit.close()
 
 
 def test_conversion_in_preparation_is_discarded_with_its_calibration():

@@ -31,7 +31,8 @@ def test_accepted_calibration_is_stored_and_converts(tmp_path, result):
     model = model_on(tmp_path, result)
     assert model.obstacle() is None
     model.accept()
-    stored = UnitLibrary(tmp_path / "units").load("SA1").calibration
+    assert UnitLibrary(tmp_path / "units").load("SA1").calibration is None  # of a real unit
+    stored = UnitLibrary(tmp_path / "units", simulated=True).load("SA1").calibration
     assert stored.recording == "SA1.boat"
     assert stored.content["simulated"] is True
     conversion = prepare(stored.content)
@@ -58,9 +59,36 @@ def test_next_calibration_is_compared_with_the_previous(tmp_path, result):
     assert model_on(tmp_path).coefficient_rows() == []
 
 
+def test_simulated_run_is_not_compared_with_a_real_calibration(tmp_path, result):
+    """Nor the reverse: each is compared with and accepted into the library of its own kind."""
+    units = UnitLibrary(tmp_path / "units")
+    real = dataclasses.replace(result, simulated=False)
+    for first, second in ((result, real), (real, result)):
+        model_on(tmp_path, first).accept()
+        model = model_on(tmp_path, second)
+        assert first is not result or model.before is None
+        assert model.before is None or model.before.content["simulated"] is second.simulated
+    assert len(units.load("SA1").history) == len(units.of(simulated=True).load("SA1").history) == 1
+    assert "simulated unit" in model.verdict()[1] or model.accepted is None
+    assert model.headline().startswith("SA1  SIMULATED")
+
+
+def test_last_recording_of_the_other_kind_is_not_analysed_again(tmp_path, result):
+    """With a real board connected, Calibrate used to take the last run of the virtual board."""
+    taken = []
+    units, services = UnitLibrary(tmp_path / "units"), services_in(tmp_path)
+    session = RecordedSession(dataclasses.replace(connected(), simulated=False))
+    model = CalibrationModel(session, units, JobRunner(), services, taken.append)
+    model.show(result)
+    model.last_path = tmp_path / "virtual.boat"
+    with pytest.raises(OperatorError, match="no recording yet"):
+        model.analyse_current()
+    assert taken == [False]
+
+
 def test_acceptance_is_undone(tmp_path, result):
     """Undo brings the calibration before back into force, or none; nothing stored is ever taken away."""
-    services, units = services_in(tmp_path), UnitLibrary(tmp_path / "units")
+    services, units = services_in(tmp_path), UnitLibrary(tmp_path / "units", simulated=True)
     history = services.undo
     model = CalibrationModel(RecordedSession(connected()), units, JobRunner(), services)
     model.show(result)

@@ -15,6 +15,7 @@ from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.results import analysis_jobs
 from boat_daq.viewmodels.results.runs import NONE_CHOSEN, RunEntry, RunsModel, obstacle, read_run, selection_text
 from protocol.recording import RunEnd
+from tests.boat_daq.gui.recorded_session import connected, idle
 from tests.boat_daq.viewmodels.helpers import until
 
 
@@ -47,6 +48,35 @@ def test_list_arrives_by_polling(recording, tmp_path):
         model.report([], tmp_path / "x.pdf")
     with pytest.raises(OperatorError, match="chosen to compare"):
         model.compare([recording])
+    model.close()
+
+
+def test_units_are_those_of_the_board_in_use(tmp_path):
+    """Lines and control chart; both kinds are listed while no board is connected, the simulated ones marked."""
+    model, units = RunsModel(tmp_path, UnitLibrary(tmp_path), JobRunner(), Notices()), UnitLibrary(tmp_path)
+    for simulated, mv in ((False, 40.0), (True, 50.0)):
+        content = {"simulated": simulated, "sensors": [{"figures": {"sensitivity_mv_per_mm": mv}}]}
+        units.of(simulated=simulated).add_calibration("SA1", content)
+
+    def shown(snapshot):
+        model.follow(snapshot)
+        model.scan()
+        until(lambda: (model.poll(), model._future is None)[1])
+        return [(line[0], line[2]) for line in model.unit_lines], model.sensitivities("SA1")[0][1].tolist()
+
+    real, virtual = ("SA1", "40.0"), ("SA1  SIMULATED", "50.0")
+    assert shown(idle()) == ([real, virtual], [40.0])
+    assert shown(connected()) == ([virtual], [50.0])
+    assert shown(dataclasses.replace(connected(), simulated=False)) == ([real], [40.0])
+    model.close()
+
+
+def test_newest_recording_is_of_the_kind_of_the_board(closed, tmp_path):
+    """A file that cannot be read is neither a simulated nor a real recording."""
+    (tmp_path / "z.boat").write_bytes(b"")
+    model = RunsModel(tmp_path, UnitLibrary(tmp_path), JobRunner(), Notices())
+    assert model.newest(simulated=True) == closed
+    assert model.newest(simulated=False) is None
     model.close()
 
 
@@ -99,6 +129,9 @@ def test_obstacle_names_why_an_action_is_refused(closed):
     assert refused(good, good) == refused(*[good] * 4) == set(actions) - {"report", "compare"}
     assert refused(*[good] * 5) == set(actions) - {"report"}
     assert refused(damaged) == refused(good, damaged) == set(actions)
+    real = dataclasses.replace(good, summary=dataclasses.replace(good.summary, simulated=False))
+    assert refused(good, real) == set(actions)
+    assert "not compared" in obstacle("report", [good, real])
     assert obstacle("report", [good, damaged]) == "older.boat: it is no recording."
     assert "2 recordings are chosen" in obstacle("open", [good, good])
     assert (selection_text([]), selection_text([damaged])) == (NONE_CHOSEN, damaged.problem)

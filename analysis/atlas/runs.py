@@ -218,6 +218,21 @@ def small(span_kpa: float, noise_kpa: float) -> StudyResult:
     return compared_with_truth(Stairs(span_kpa=span_kpa, pressure_noise_kpa=noise_kpa), readings=False)
 
 
+def started(first_kpa: float, dwell_s: float) -> StudyResult:
+    """Analyse a staircase whose recording begins at `first_kpa`, inside the ramp to its first hold."""
+    run = Stairs(dwell_s=dwell_s)
+    time, pressure, signal = run.columns
+    top_kpa = float(run.levels_kpa[0])
+    count = max(round(abs(top_kpa - first_kpa) / run.ramp_kpa_per_s * run.rate_hz), 1)
+    ramp_kpa = np.linspace(first_kpa, top_kpa, count, endpoint=False)
+    noise = np.random.default_rng(run.seed + 1).standard_normal((2, count))
+    ramp_mv = run.signal(run.elongation(ramp_kpa, np.ones(count))) + run.noise_mv * noise[1]
+    whole = np.arange(count + time.size)
+    pressure = np.concatenate([ramp_kpa + run.pressure_noise_kpa * noise[0], pressure])
+    recording = Recording.from_arrays(whole / run.rate_hz, pressure, np.concatenate([ramp_mv, signal]), index=whole)
+    return compared_with_truth(run, recording)
+
+
 def _holes(samples: int, share_percent: float, length: float) -> BoolArray:
     """Mark holes of `length` samples at random places, `share_percent` of all samples, one at least."""
     rng, found = np.random.default_rng(5), np.zeros(samples, dtype=bool)
@@ -291,6 +306,11 @@ STUDIES = (
         "segmentation-small", "segmentation", "Small steps of pressure, no readings", TRUTH, "% FSO", 1.0,
         Axis("span of ten levels", "kPa", (90.0, 60.0, 40.0, 30.0, 20.0, 15.0, 10.0, 5.0, 2.0, 1.0, 0.5)),
         Axis("noise of the pressure, sd", "kPa", (0.0, 0.05, 0.2, 0.5, 1.0, 2.0)), small,
+    ),
+    Study(
+        "segmentation-start", "segmentation", "A recording that begins inside a ramp", TRUTH, "% FSO", TOLERANCE,
+        Axis("pressure of the first sample", "kPa", (49.0, 40.0, 20.0, 8.0, 5.0, 2.0, 0.0, -5.0, -20.0, -35.0, -39.0)),
+        Axis("length of a hold", "s", (0.3, 0.5, 0.8, 1.0, 2.0, 5.0)), started,
     ),
     Study(
         "figures-snr", "figures", "Signal-to-noise ratio: no span, no noise",

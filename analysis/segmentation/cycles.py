@@ -24,12 +24,13 @@ from analysis.compiled import compiled
 from analysis.data.recording import Recording
 from analysis.statistics import white_noise_sd
 
+TOLERANCE_KPA = 1.0  # a pressure that stays within it of one level is held
 SWING_SHARE = 0.5  # a reversal of at least this share of the span is an extreme
 LOW = 0.25  # what is this far from an extreme has left it
 EXTREME_SHARE = 0.02  # rows this near to an extreme belong to it
 TRUNCATED_SHARE = 0.10  # an end extreme this much short of its neighbour was cut off
 VENTED_KPA = 3.0  # a run that begins or ends this near to zero (or 5 % of its span) was vented there, not cut off
-LEAD = 0.4  # of the branches' time: the way from or to the vented state is a ramp, a branch has holds
+LEAD = 0.4  # of the branches' time a kPa: the way from or to the vented state is a ramp, a branch has holds
 EXCURSION_SHARE = 0.10  # smaller reversals are not listed
 DROP_OUT_SHARE, MAX_DROP_OUT = 0.25, 50  # of the span in one sample, and back within so many
 MAX_DROPPED_SHARE = 0.05
@@ -91,6 +92,7 @@ class Cycles:
     smooth_kpa : [n] the pressure used, free of spikes and noise.
     noise_kpa : sd of the white noise found on the pressure.
     span_kpa : distance of the extremes.
+    void : why nothing was driven, so that there can be no cycle; "" where something was.
     """
 
     complete: tuple[Cycle, ...]
@@ -99,6 +101,7 @@ class Cycles:
     smooth_kpa: FloatArray
     noise_kpa: float
     span_kpa: float
+    void: str = ""
 
     @property
     def used(self) -> tuple[Cycle, ...]:
@@ -176,8 +179,13 @@ def _drop_outs(pressure_kpa: FloatArray, jump_kpa: float) -> BoolArray:
     return found if found.mean() <= MAX_DROPPED_SHARE else np.zeros_like(found)
 
 
-def find_cycles(recording: Recording) -> Cycles:
+def find_cycles(recording: Recording, tolerance_kpa: float = TOLERANCE_KPA) -> Cycles:
     """Find the cycles of a run in its measured pressure.
+
+    Parameters
+    ----------
+    recording : the run.
+    tolerance_kpa : a pressure that stays within it of one level is held: ripple and drift make no cycle.
 
     Returns
     -------
@@ -186,11 +194,18 @@ def find_cycles(recording: Recording) -> Cycles:
     smooth, noise = smooth_pressure(recording.pressure_kpa, recording.pressure_usable)
     low, high = (float(v) for v in np.percentile(smooth, [0.5, 99.5]))
     span = high - low
-    if smooth.size < 8 or span <= max(6.0 * noise / np.sqrt(5), 1e-9):
-        return Cycles((), (), (), smooth, noise, max(span, 0.0))
-    complete, partial = _assemble(smooth, _groups(smooth, span), span)
+    if smooth.size < 8 or span <= max(6.0 * noise / np.sqrt(5), 2.0 * tolerance_kpa):
+        return Cycles((), (), (), smooth, noise, max(span, 0.0), _not_driven(span, noise, tolerance_kpa))
+    complete, partial = _assemble(smooth, recording.time_s, _groups(smooth, span), span)
     complete = tuple(_marked(cycle, recording) for cycle in complete)
     return Cycles(complete, partial, _small_excursions(smooth, span, noise), smooth, noise, span)
+
+
+def _not_driven(span: float, noise: float, tolerance_kpa: float) -> str:
+    within = f"the pressure moved by {max(span, 0.0):.2g} kPa in all"
+    if span > 2.0 * tolerance_kpa:
+        return f"{within}, no more than its noise of {noise:.2g} kPa makes: nothing was driven"
+    return f"{within}, no more than a held pressure may (±{tolerance_kpa:g} kPa): nothing was driven"
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,26 +260,25 @@ def _turning_points(values: Any, threshold: float) -> Any:  # pragma: no cover -
     return np.array(rows, dtype=np.int64)
 
 
-def _assemble(smooth: FloatArray, groups: list[_Group], span: float) -> tuple[tuple[Cycle, ...], tuple[Excursion, ...]]:
+def _assemble(
+    smooth: FloatArray, time_s: FloatArray, groups: list[_Group], span: float
+) -> tuple[tuple[Cycle, ...], tuple[Excursion, ...]]:
     """Chain the extremes to cycles; what hangs over is partial, or the way from and to the vented state."""
     partial: list[Excursion] = []
-    begin, end = 0, len(groups)
-    if _falls_short(groups, 0, span):
-        # the run starts on its way to groups[1]: inside a branch that came from the other kind of extreme
-        vented = _is_vented(_edge(smooth, 0), span)
-        begin = 1 if vented else 2
-        if not vented and begin < end:
-            partial.append(
-                _stretch(smooth, 0, groups[begin].row, "the first cycle is incomplete: the run starts inside it")
-            )
-    if end - 1 > begin and _falls_short(groups, end - 1, span):
+    paces_s = _paces(smooth, time_s, groups)
+    begin, end = int(_is_lead(paces_s)), len(groups) - int(_is_lead(paces_s[::-1]))
+    cut_off = False
+    if end == len(groups) and end > begin + 1 and _falls_short(groups[::-1], span):
         end -= 1
-    if len(groups) > 3:  # where the plan itself ends at zero: the way from and to the vented state is no branch
-        usual = float(np.median([_transit(smooth, a, b) for a, b in itertools.pairwise(groups[1:-1])]))
-        if begin == 0 and _is_lead(smooth, groups[0], groups[1], span, usual):
-            begin = 1
-        if end == len(groups) and _is_lead(smooth, groups[-1], groups[-2], span, usual):
-            end -= 1
+        cut_off = not _is_vented(_edge(smooth[::-1]), span)
+    if not begin and _falls_short(groups, span):
+        # the run starts on its way to groups[1], inside a branch that came from the other kind of extreme
+        begin = 1
+        if not _is_vented(_edge(smooth), span):
+            # as many cycles either way: then the run ends at the kind of extreme that its cycles start from
+            begin += not cut_off and (end - begin) % 2 == 0
+            reason = "the first cycle is incomplete: the run starts inside it"
+            partial.append(_stretch(smooth, 0, groups[begin].row, reason))
     cycles: list[Cycle] = []
     at = begin
     while at + 2 < end:
@@ -272,49 +286,59 @@ def _assemble(smooth: FloatArray, groups: list[_Group], span: float) -> tuple[tu
         cycles.append(Cycle(len(cycles) + 1, a.row, b.row, c.row, a.sign > 0))
         at += 2
     if at < len(groups):
-        away = abs(_edge(smooth, -1) - groups[at].level) > LOW * span
-        if at + 1 < end or (away and not _is_vented(_edge(smooth, -1), span)):
-            last = smooth.size - 1
-            partial.append(
-                _stretch(smooth, groups[at].row, last, "the last cycle is incomplete: the run ends inside it")
-            )
+        edge = _edge(smooth[::-1])
+        away = end == len(groups) and abs(edge - groups[at].level) > LOW * span and not _is_vented(edge, span)
+        if at + 1 < end or away or cut_off:
+            reason = "the last cycle is incomplete: the run ends inside it"
+            partial.append(_stretch(smooth, groups[at].row, smooth.size - 1, reason))
     return tuple(cycles), tuple(partial)
 
 
-def _is_lead(smooth: FloatArray, end: _Group, other: _Group, span: float, usual: float) -> bool:
-    """True where the run's end is vented and passed far quicker than its branches are."""
-    return _is_vented(end.level, span) and _transit(smooth, *sorted((end, other), key=lambda g: g.row)) < LEAD * usual
+def _paces(smooth: FloatArray, time_s: FloatArray, groups: list[_Group]) -> list[float]:
+    """Return the time a kPa from each extreme to the next, s/kPa, over the inner eight tenths of the way."""
+    found = []
+    for before, after in itertools.pairwise(groups):
+        share = (smooth[before.row : after.row + 1] - before.level) / (after.level - before.level)
+        arrived = int(np.argmax(share > 0.9))
+        left = np.flatnonzero(share[:arrived] < 0.1)
+        first = int(left[-1]) if left.size else 0
+        found.append(float(time_s[before.row + arrived] - time_s[before.row + first]) / abs(after.level - before.level))
+    return found
 
 
-def _transit(smooth: FloatArray, before: _Group, after: _Group) -> int:
-    """Rows from a tenth to nine tenths of the way between two extremes."""
-    share = (smooth[before.row : after.row + 1] - before.level) / (after.level - before.level)
-    left = np.flatnonzero(share < 0.1)
-    return int(np.argmax(share > 0.9) - (left[left < np.argmax(share > 0.9)][-1] if left.size else 0))
+def _is_lead(paces_s: list[float]) -> bool:
+    """True where the first stretch is a ramp from the vented state: far quicker than the branches the same way.
+
+    A branch has holds. Where the second stretch is as quick, both are a quick cycle. One branch the other way serves
+    where there is no other the same way.
+    """
+    if len(paces_s) < 3:
+        return False
+    usual = float(np.median(paces_s[2::2]))
+    return paces_s[0] < LEAD * usual and not paces_s[1] < LEAD * usual
 
 
-def _falls_short(groups: list[_Group], at: int, span: float) -> bool:
-    """True where the run's first or last extreme was cut off: short of its neighbour of the same kind.
+def _falls_short(groups: list[_Group], span: float) -> bool:
+    """True where the first extreme was cut off: short of its neighbour of the same kind.
 
     A run whose amplitude grows or shrinks starts or ends short too, but its other extremes then continue the trend.
+    Where there are no others to tell, the cycle that closes is preferred.
     """
-    step = 2 if at == 0 else -2
-    if not (groups and 0 <= at + step < len(groups)):
+    if len(groups) < 3:
         return False
-    short = groups[at].sign * (groups[at + step].level - groups[at].level)
+    short = groups[0].sign * (groups[2].level - groups[0].level)
     if short <= TRUNCATED_SHARE * span:
         return False
-    beyond = at + 2 * step
-    if not 0 <= beyond < len(groups):
-        return short > LOW * span
-    trend = groups[at].sign * (groups[beyond].level - groups[at + step].level)
+    if len(groups) < 5:
+        return len(groups) == 4 or short > LOW * span
+    trend = groups[0].sign * (groups[4].level - groups[2].level)
     return trend < 0.5 * short
 
 
-def _edge(smooth: FloatArray, end: int) -> float:
-    """The pressure at the run's first (0) or last (-1) samples: a median, for what noise the filter left."""
-    rows = max(3, min(50, smooth.size // 1000))
-    return float(np.median(smooth[:rows] if end == 0 else smooth[-rows:]))
+def _edge(smooth: FloatArray) -> float:
+    """Return the pressure at the first sample, from the line through the first ones: a ramp leaves it at once."""
+    rows = np.arange(max(3, min(50, smooth.size // 1000)), dtype=np.float64)
+    return float(np.polyfit(rows, smooth[: rows.size], 1)[1])
 
 
 def _is_vented(pressure_kpa: float, span: float) -> bool:

@@ -21,11 +21,10 @@ import pandas as pd
 
 from analysis.arrays import FloatArray, IntArray
 from analysis.data.recording import Recording
-from analysis.segmentation.cycles import Cycles
+from analysis.segmentation.cycles import TOLERANCE_KPA, Cycles
 from analysis.segmentation.losses import LossCounter, Losses
 from analysis.statistics import mean, standard_error
 
-TOLERANCE_KPA = 1.0
 SETTLING_S = 0.5
 MAX_DAMAGED = 0.20  # share of a window's samples that may be lost or left out
 MIN_SAMPLES = 5

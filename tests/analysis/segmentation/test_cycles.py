@@ -142,3 +142,60 @@ def test_a_plan_that_ends_at_zero_is_not_taken_for_the_vented_state(ends: tuple[
     assert len(cycles.complete) == 4
     inside = [p for p in find_plateaus(recording, cycles) if p.branch]
     assert len(inside) == 1 + 8 * (way.size - 1)
+
+
+def stairs_from(start_kpa: float, ends: tuple[float, float], cycles: int) -> Recording:
+    """A staircase in steps of 10 kPa whose first sample is `start_kpa`, inside the ramp to its first end."""
+    step = 10.0 if ends[1] > ends[0] else -10.0
+    way = np.arange(ends[0], ends[1] + step / 2, step)
+    parts, at = [], start_kpa
+    for level in (ends[0], *np.tile(np.concatenate([way[1:], way[::-1][1:]]), cycles)):
+        count = max(round(abs(level - at) * 5), 1)
+        parts += [np.linspace(at, level, count, endpoint=False), np.full(200, level)]
+        at = float(level)
+    pressure = np.concatenate([*parts, np.linspace(at, 0.0, 200)])
+    return Plant().run(pressure, np.gradient(pressure) > 0, np.ones(pressure.size))
+
+
+@pytest.mark.parametrize("cycles", [1, 2, 5])
+@pytest.mark.parametrize("ends", [(50.0, -40.0), (-40.0, 50.0)])
+@pytest.mark.parametrize("start_kpa", [-35.0, -20.0, -5.0, 0.0, 5.0, 12.0, 25.0, 45.0])
+def test_recording_that_begins_inside_a_ramp_keeps_its_first_cycle(
+    start_kpa: float, ends: tuple[float, float], cycles: int
+) -> None:
+    """Whatever the pressure of the first sample: every cycle from the plan's first end, every hold in its branch."""
+    recording = stairs_from(start_kpa, ends, cycles)
+    found = find_cycles(recording)
+    assert len(found.used) == cycles
+    assert all(cycle.falls_first == (ends[0] > ends[1]) for cycle in found.used)
+    assert found.partial == ()
+    assert sum(bool(p.branch) for p in find_plateaus(recording, found)) == 1 + 18 * cycles
+
+
+@pytest.mark.parametrize("phase", np.arange(0.05, 1.0, 0.1))
+def test_no_cycle_is_lost_to_the_choice_of_the_first_extreme(phase: float) -> None:
+    """A triangle wave begun at any phase and cut 5.3 periods later: as many cycles as whole pairs of branches.
+
+    The turning points are at multiples of half a period; a cycle needs three of them, two cycles five.
+    """
+    period = np.arange(phase, phase + 5.3, 1 / 3000)
+    pressure = 5 + 45 * (2 * np.abs(2 * (period % 1) - 1) - 1)
+    turns = np.floor(2 * period[-1]) - np.ceil(2 * phase) + 1
+    found = find_cycles(continuous(pressure))
+    assert len(found.used) >= (turns - 1) // 2
+    assert found.used[0].turn - found.used[0].first == pytest.approx(1500, abs=40)
+
+
+@pytest.mark.parametrize("ripple_kpa", [0.0, 0.05, 0.3, 0.9])
+def test_pressure_that_is_held_has_no_cycle(ripple_kpa: float) -> None:
+    """A ripple within the tolerance of a hold, with a period of 20 s, is no drive, and the reason gives its span."""
+    found = find_cycles(continuous(3 + ripple_kpa * np.sin(2 * np.pi * TIME / 20), noise_kpa=0.02))
+    assert found.complete == found.partial == found.excursions == ()
+    assert found.void.endswith("nothing was driven")
+    assert f"{found.span_kpa:.2g} kPa" in found.void
+
+
+def test_a_smaller_tolerance_finds_the_cycles_of_a_small_drive() -> None:
+    """Fifteen periods of 0.6 kPa are cycles where a held pressure stays within 0.1 kPa."""
+    recording = continuous(3 + 0.3 * np.sin(2 * np.pi * TIME / 20), noise_kpa=0.005)
+    assert len(find_cycles(recording, tolerance_kpa=0.1).used) in (14, 15)

@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray, IntArray
+from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.data.recording import Recording
 from analysis.errors import DataError
+from analysis.segmentation.cycles import TOLERANCE_KPA
 
 LOW, HIGH = 0.25, 0.75
 MIDDLE = (0.30, 0.70)  # share of the stroke where the half width is taken
@@ -28,7 +29,8 @@ class Strokes:
     """Strokes and loop figures; means and sample sds over cycles, in the units of drive and answer.
 
     `half_width` is half the distance of the answer's mean on the way up and down, over 30 to 70 % of the stroke,
-    where the drive moves faster than `min_speed`. NaN where fewer than two cycles carry a figure.
+    where the drive moves faster than `min_speed`; `friction` is that of the drive's mean over 30 to 70 % of the
+    answer's span. NaN where fewer than two cycles carry a figure.
     """
 
     up_rows: IntArray
@@ -44,6 +46,8 @@ class Strokes:
     loop_area_sd: float
     half_width_mean: float
     half_width_sd: float
+    friction_mean: float
+    friction_sd: float
 
     @property
     def cycles(self) -> int:
@@ -73,8 +77,12 @@ def find_strokes(time_s: FloatArray, drive: FloatArray, answer: FloatArray, *, m
     troughs = [float(x[a:b].min()) for a, b in _between(down, up)]
     pairs = list(itertools.pairwise(up.tolist()))
     areas = [_shoelace(x[a : b + 1], y[a : b + 1]) for a, b in pairs]
-    widths = [_half_width(time, x, y, (a, b), (low, high), min_speed) for a, b in pairs]
-    figures = [s for values in (peaks, troughs, np.diff(time[up]), areas, widths) for s in _mean_sd(values)]
+    speed = np.gradient(x, time) if np.all(np.diff(time) > 0) else np.gradient(x)
+    answer_ends = tuple(float(v) for v in np.percentile(y, [1, 99]))
+    middle, across = _is_middle(x, (low, high)), _is_middle(y, answer_ends)
+    widths = [_half_distance(y, speed, middle, slice(a, b + 1), min_speed) for a, b in pairs]
+    frictions = [_half_distance(x, speed, across, slice(a, b + 1), min_speed) for a, b in pairs]
+    figures = [s for v in (peaks, troughs, np.diff(time[up]), areas, widths, frictions) for s in _mean_sd(v)]
     return Strokes(up, down, high - low, *figures)
 
 
@@ -82,7 +90,8 @@ def stroke_figures(recording: Recording, *, min_speed_kpa_per_s: float = 0.0) ->
     """Return the strokes and loops of a run whose drive is the pressure, ready for JSON.
 
     The friction is half the width of a sensor's loop along the pressure, over 30 to 70 % of the signal's span; the half
-    width is the same along the signal, over 30 to 70 % of the pressure's.
+    width is the same along the signal, over 30 to 70 % of the pressure's. Up and down are those of the pressure: noise
+    of the signal turns no sample round.
 
     Parameters
     ----------
@@ -91,20 +100,23 @@ def stroke_figures(recording: Recording, *, min_speed_kpa_per_s: float = 0.0) ->
 
     Raises
     ------
-    DataError : fewer than ten usable samples, or the pressure or a signal does not move.
+    DataError : fewer than ten usable samples, a pressure that is held, or a signal that does not move.
     """
     time_s, pressure_kpa = recording.time_s, recording.pressure_kpa
     drive = find_strokes(time_s, pressure_kpa, pressure_kpa)
+    if drive.span <= 2.0 * TOLERANCE_KPA:
+        moved = f"the pressure moved by {drive.span:.2g} kPa in all, no more than a held pressure may"
+        raise DataError(f"{moved}: nothing was driven", "Choose the column that is driven, or check its unit.")
     sensors = []
     for number in range(recording.n_sensors):
         signal_mv = np.where(recording.usable[:, number], recording.signal_mv[:, number], np.nan)
         loop = find_strokes(time_s, pressure_kpa, signal_mv, min_speed=min_speed_kpa_per_s)
-        across = find_strokes(time_s, signal_mv, pressure_kpa)
+        ends_mv = np.percentile(signal_mv[np.isfinite(signal_mv)], [1, 99])
         sensors.append({
             "name": f"s{number + 1}",
-            "span_mv": across.span,
+            "span_mv": float(ends_mv[1] - ends_mv[0]),
             "half_width_mv": {"mean": loop.half_width_mean, "sd": loop.half_width_sd},
-            "friction_kpa": {"mean": across.half_width_mean, "sd": across.half_width_sd},
+            "friction_kpa": {"mean": loop.friction_mean, "sd": loop.friction_sd},
             "loop_area_kpa_mv": {"mean": loop.loop_area_mean, "sd": loop.loop_area_sd},
         })  # fmt: skip
     return {
@@ -137,14 +149,16 @@ def _shoelace(x: FloatArray, y: FloatArray) -> float:
     return 0.5 * abs(float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)))
 
 
-def _half_width(
-    time: FloatArray, x: FloatArray, y: FloatArray, rows: tuple[int, int], span: tuple[float, float], min_speed: float
-) -> float:
-    part = slice(rows[0], rows[1] + 1)
-    speed = np.gradient(x[part], time[part]) if np.all(np.diff(time[part]) > 0) else np.gradient(x[part])
-    share = (x[part] - span[0]) / (span[1] - span[0])
-    middle = (share >= MIDDLE[0]) & (share <= MIDDLE[1])
-    ways = [y[part][middle & (sign * speed > min_speed)] for sign in (1.0, -1.0)]
+def _is_middle(values: FloatArray, ends: tuple[float, ...]) -> BoolArray:
+    """[n] True over 30 to 70 % of the span between the ends."""
+    span = ends[1] - ends[0]
+    share = (values - ends[0]) / span if span > 0 else np.full(values.size, np.nan)
+    return np.asarray((share >= MIDDLE[0]) & (share <= MIDDLE[1]), dtype=bool)
+
+
+def _half_distance(values: FloatArray, speed: FloatArray, middle: BoolArray, rows: slice, min_speed: float) -> float:
+    """Half the distance of the means of values while the drive rises and while it falls."""
+    ways = [values[rows][middle[rows] & (sign * speed[rows] > min_speed)] for sign in (1.0, -1.0)]
     return abs(float(ways[0].mean() - ways[1].mean())) / 2 if all(w.size for w in ways) else float("nan")
 
 

@@ -1,0 +1,114 @@
+"""Conformity of a measured value with a limit: pass, conditional pass, conditional fail or fail, and how probable.
+
+Strategy: the non-binary rule with a guard band of ILAC-G8:09/2019, 4.2.3. The guard band is the expanded uncertainty U
+on the side of the limit, times a factor (1 by default; 0 is simple acceptance, shared risk). The probability of
+conformity is that of JCGM 106:2012, 7.2 to 7.4: the measurand is distributed about the value as the uncertainty states.
+
+Rules: an interval may be longer on one side: the half that faces a limit counts. Without an uncertainty a statement is
+conditional, and has no probability.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from scipy import stats
+
+GUARD_FACTOR = 1.0
+"""The guard band in expanded uncertainties: w = U, of which a false acceptance is at most 2.5 % probable."""
+RULE = "ILAC-G8:09/2019, 4.2.3: guard band w = U (95 %)"
+COVERAGE = 0.975
+"""Share of a distribution below the upper end of a two-sided 95 % interval."""
+
+
+class Conformity(StrEnum):
+    """Where a value is: inside the limit by the guard band or within it, beyond the limit within it or by it."""
+
+    PASS = "pass"  # noqa: S105 - no password
+    CONDITIONAL_PASS = "conditional_pass"  # noqa: S105 - no password
+    CONDITIONAL_FAIL = "conditional_fail"
+    FAIL = "fail"
+    UNDETERMINED = "undetermined"
+
+    @property
+    def label(self) -> str:
+        """The statement as text."""
+        return self.value.replace("_", " ")
+
+
+@dataclass(frozen=True, slots=True)
+class ConformityStatement:
+    """A statement of conformity.
+
+    Attributes
+    ----------
+    conformity : the statement.
+    probability : that the measurand is within the limits; NaN without an uncertainty.
+    guard_band : on the side of the limit that is nearest in its uncertainties; NaN without one.
+    """
+
+    conformity: Conformity
+    probability: float
+    guard_band: float
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the statement as a dictionary."""
+        return {
+            "conformity": str(self.conformity),
+            "probability": self.probability,
+            "guard_band": self.guard_band,
+            "rule": RULE,
+        }
+
+
+def conformity_statement(
+    value: float,
+    expanded: tuple[float, float],
+    limits: tuple[float, float],
+    *,
+    dof: float = math.inf,
+    guard_factor: float = GUARD_FACTOR,
+) -> ConformityStatement:
+    """State whether a value conforms with its limits.
+
+    Parameters
+    ----------
+    value : the measured value; NaN makes the statement undetermined.
+    expanded : expanded uncertainty (95 %) below and above the value; NaN where it is not known.
+    limits : lower and upper limit of tolerance; infinite where there is none.
+    dof : effective degrees of freedom of the uncertainty.
+    guard_factor : the guard band in expanded uncertainties.
+
+    Notes
+    -----
+    JCGM 106:2012, formulas (8) to (13), with Student's distribution where the degrees of freedom are few (7.2.2).
+    """
+    if math.isnan(value):
+        return ConformityStatement(Conformity.UNDETERMINED, math.nan, math.nan)
+    inside = [side for side in (value - limits[0], limits[1] - value) if math.isfinite(side)]  # negative beyond it
+    facing = [expanded[int(limit > value)] for limit in limits if math.isfinite(limit)]
+    if not all(math.isfinite(half) for half in facing):
+        within = Conformity.CONDITIONAL_PASS if min(inside) >= 0 else Conformity.CONDITIONAL_FAIL
+        return ConformityStatement(within, math.nan, math.nan)
+    coverage = float(stats.t.ppf(COVERAGE, dof)) if math.isfinite(dof) else float(stats.norm.ppf(COVERAGE))
+    beyond = sum(_beyond(side, half / coverage, dof) for side, half in zip(inside, facing, strict=True))
+    # the limit that decides is the one that is nearest less its guard band
+    sides = [(side, guard_factor * half) for side, half in zip(inside, facing, strict=True)]
+    side, band = min(sides, key=lambda pair: pair[0] - pair[1], default=(math.inf, 0.0))
+    return ConformityStatement(_statement(side, band), max(1.0 - beyond, 0.0), band)
+
+
+def _beyond(inside: float, u: float, dof: float) -> float:
+    """Probability that the measurand is beyond a limit `inside` away from the value."""
+    if not u > 0:
+        return 0.0 if inside >= 0 else 1.0
+    return float(stats.t.sf(inside / u, dof) if math.isfinite(dof) else stats.norm.sf(inside / u))
+
+
+def _statement(inside: float, band: float) -> Conformity:
+    if inside >= 0:
+        return Conformity.PASS if inside >= band else Conformity.CONDITIONAL_PASS
+    return Conformity.FAIL if -inside > band else Conformity.CONDITIONAL_FAIL

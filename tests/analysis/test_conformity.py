@@ -1,0 +1,93 @@
+"""Statements of conformity: the worked examples of JCGM 106, the zones of ILAC-G8, and how often a pass is false."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from analysis.conformity import Conformity, conformity_statement
+
+K = 1.959964
+
+
+def test_breakdown_voltage_of_jcgm_106() -> None:
+    """JCGM 106, 7.3.1: -5.47 V with u = 0.05 V, limit -5.40 V from above: p = Phi(1.40) = 0.92."""
+    found = conformity_statement(-5.47, (K * 0.05, K * 0.05), (-math.inf, -5.40))
+    assert found.probability == pytest.approx(0.92, abs=0.005)
+    assert found.conformity is Conformity.CONDITIONAL_PASS
+
+
+def test_viscosity_of_jcgm_106() -> None:
+    """JCGM 106, 7.4: 13.6 mm2/s with u = 1.8 within 12.5 to 16.3: p = Phi(1.5) - Phi(-0.6) = 0.66."""
+    found = conformity_statement(13.6, (K * 1.8, K * 1.8), (12.5, 16.3))
+    assert found.probability == pytest.approx(0.66, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [(8.9, "pass"), (9.0, "pass"), (9.1, "conditional_pass"), (10.0, "conditional_pass"),
+     (10.1, "conditional_fail"), (11.0, "conditional_fail"), (11.1, "fail")],
+)  # fmt: skip
+def test_the_four_zones_of_a_guard_band(value: float, expected: str) -> None:
+    """Upper limit 10 with U = 1: borders at 9, 10 and 11; a lower limit mirrors them."""
+    assert conformity_statement(value, (1.0, 1.0), (-math.inf, 10.0)).conformity == expected
+    assert conformity_statement(-value, (1.0, 1.0), (-10.0, math.inf)).conformity == expected
+
+
+def test_a_hysteresis_of_4_95_against_4_9_is_no_fail() -> None:
+    """An interval of 4.893 to 4.987 holds the limit: a conditional fail with 4 % probability of conformity."""
+    found = conformity_statement(4.95, (4.95 - 4.893, 4.987 - 4.95), (-math.inf, 4.9))
+    assert found.conformity is Conformity.CONDITIONAL_FAIL
+    assert found.guard_band == pytest.approx(0.057)
+    assert found.probability == pytest.approx(0.043, abs=0.002)
+
+
+def test_the_half_that_faces_the_limit_counts() -> None:
+    """A long interval away from the limit changes nothing; without the half that faces it nothing is certain."""
+    assert conformity_statement(9.0, (5.0, 0.5), (-math.inf, 10.0)).conformity is Conformity.PASS
+    assert conformity_statement(9.0, (math.nan, 0.5), (-math.inf, 10.0)).conformity is Conformity.PASS
+    unknown = conformity_statement(9.0, (0.5, math.nan), (-math.inf, 10.0))
+    assert unknown.conformity is Conformity.CONDITIONAL_PASS
+    assert math.isnan(unknown.probability)
+
+
+def test_a_void_value_is_undetermined() -> None:
+    """NaN has no statement."""
+    assert conformity_statement(math.nan, (1.0, 1.0), (0.0, 1.0)).conformity is Conformity.UNDETERMINED
+
+
+def test_few_degrees_of_freedom_make_conformity_less_certain() -> None:
+    """One standard uncertainty inside with 2 degrees of freedom: p = 1 - 1/2 (1 - 1/sqrt(3)), in closed form."""
+    expanded = 4.302653  # of u = 1 with 2 degrees of freedom
+    found = conformity_statement(9.0, (expanded, expanded), (-math.inf, 10.0), dof=2.0)
+    assert found.probability == pytest.approx(1.0 - 0.5 * (1.0 - 1.0 / math.sqrt(3.0)), abs=1e-6)
+
+
+def test_simple_acceptance_shares_the_risk() -> None:
+    """Without a guard band a value within its limit passes."""
+    assert conformity_statement(9.99, (1.0, 1.0), (-math.inf, 10.0), guard_factor=0.0).conformity is Conformity.PASS
+
+
+@given(
+    st.floats(-50, 50), st.floats(0.01, 5), st.floats(0.01, 5), st.floats(-20, 0), st.floats(0.1, 20),
+)  # fmt: skip
+def test_a_pass_is_probable_and_a_fail_is_not(
+    value: float, below: float, above: float, low: float, width: float
+) -> None:
+    """Whatever the limits: with w = U a pass has p >= 95 %, a fail p <= 2.5 %, and p decides which half it is."""
+    found = conformity_statement(value, (below, above), (low, low + width))
+    if found.conformity is Conformity.PASS:
+        assert found.probability >= 0.95 - 1e-9
+    if found.conformity is Conformity.FAIL:
+        assert found.probability <= 0.025 + 1e-9
+
+
+def test_false_acceptance_is_as_rare_as_the_rule_promises() -> None:
+    """Items exactly at their limit, measured with u = 1, pass in 2.5 % of 20,000 cases."""
+    values = 10.0 + np.random.default_rng(1).standard_normal(20_000)
+    passed = [conformity_statement(float(v), (K, K), (-math.inf, 10.0)).conformity == "pass" for v in values]
+    assert np.mean(passed) == pytest.approx(0.025, abs=0.004)

@@ -1,25 +1,29 @@
 """Figures against limits: those of the published sensors of this design, and those that the user set.
 
-A figure is out of tolerance where it lies beyond a published limit together with its 95 % interval. That refuses
-nothing: a calibration that is out of tolerance may be accepted by an operator who knows it. A verdict is given only
-against limits that the user set.
+Every limit is judged by one decision rule (`analysis.conformity`), with the half of a figure's 95 % interval that faces
+the limit as guard band. A figure that fails a published limit is out of tolerance, which refuses nothing: an operator
+who knows it may accept the calibration. The verdict of a report is against the limits that the user set.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from analysis import published
+from analysis.conformity import Conformity, ConformityStatement, conformity_statement
 from analysis.errors import RequestError
-from analysis.figures.figure import SENSOR_FIGURES
+from analysis.figures.figure import SENSOR_FIGURES, Figure
+from analysis.numbers import percent
 from analysis.warning import Warning, WarningCode
 
 if TYPE_CHECKING:
     from analysis.calibration.fit import Calibration
+    from analysis.figures.pipeline import Analysis
     from analysis.figures.sensor_analysis import SensorAnalysis
 
 LEAST_R2 = 1.0 - 2.0**2 * (1.0 - min(sensor.r2 for sensor in published.SENSORS))
@@ -28,12 +32,20 @@ READING_ALLOWANCE = 2.0  # times the variance that the grid alone makes: 99 % of
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """The limit of a figure: its key, the limit, where it comes from, and whether it is a lower one."""
+    """A limit of a figure: its key, the limit, its source, whether it is a lower one, or one of the absolute value."""
 
     key: str
     limit: float
     source: str
     is_lower: bool = False
+    is_absolute: bool = False
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Lower and upper limit, infinite where there is none."""
+        if self.is_lower:
+            return self.limit, math.inf
+        return (-self.limit if self.is_absolute else -math.inf), self.limit
 
 
 TOLERANCES = (
@@ -42,6 +54,61 @@ TOLERANCES = (
     Tolerance("combined_error_percent_fso", 24.2, "twice that of the published sensor 1"),
     Tolerance("snr_db", 38.7, "twice the published noise", is_lower=True),
 )
+SET_BY_USER = "set by the user"
+
+
+@dataclass(frozen=True, slots=True)
+class LimitStatement:
+    """Conformity of one figure of a sensor with one limit; `name` is the limit's."""
+
+    name: str
+    sensor: str
+    figure: Figure
+    tolerance: Tolerance
+    statement: ConformityStatement
+
+    @property
+    def conformity(self) -> Conformity:
+        """Whether the limit is kept."""
+        return self.statement.conformity
+
+    @property
+    def text(self) -> str:
+        """Value, limit and probability, e.g. `hysteresis of s1 4.95 % FSO, limit 4.9, conformity 4 % probable`."""
+        value = f"{self.name} of {self.sensor} {self.figure.value:.3g} {self.figure.unit}"
+        probable = self.statement.probability
+        how = f"conformity {percent(probable)} probable" if math.isfinite(probable) else "its uncertainty is not known"
+        return f"{value}, limit {self.tolerance.limit:g}, {how}"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return an entry of `conformity`."""
+        tolerance = self.tolerance
+        return {
+            "name": self.name,
+            "sensor": self.sensor,
+            "figure": tolerance.key,
+            "value": self.figure.value,
+            "unit": self.figure.unit,
+            "limit": tolerance.limit,
+            "is_lower": tolerance.is_lower,
+            "source": tolerance.source,
+            **self.statement.as_json(),
+        }
+
+
+def _stated(name: str, sensor: SensorAnalysis, tolerance: Tolerance) -> LimitStatement:
+    unit = SENSOR_FIGURES[tolerance.key].unit
+    figure = sensor.figures.get(tolerance.key) or Figure(math.nan, unit, 0)
+    expanded = (figure.value - figure.low, figure.high - figure.value)
+    statement = conformity_statement(figure.value, expanded, tolerance.limits)
+    return LimitStatement(name, sensor.name, figure, tolerance, statement)
+
+
+def against_published(sensor: SensorAnalysis) -> list[LimitStatement]:
+    """State the conformity of a calibrated sensor with the published limits; none of one without a calibration."""
+    if sensor.calibration is None:
+        return []
+    return [_stated(t.key, sensor, t) for t in TOLERANCES if t.key in sensor.figures]
 
 
 def out_of_tolerance(sensor: SensorAnalysis, reading_sd_mm: float) -> tuple[Warning, ...]:
@@ -60,14 +127,12 @@ def out_of_tolerance(sensor: SensorAnalysis, reading_sd_mm: float) -> tuple[Warn
         grid = f" and what a grid of {np.sqrt(12.0) * reading_sd_mm:.2g} mm makes" if reading_sd_mm > 0 else ""
         text = f"R² {r2:.4f} is below {least_r2:.4f} (twice the published residuals{grid})"
         found.append(Warning(WarningCode.OUT_OF_TOLERANCE, "r2", text))
-    for tolerance in TOLERANCES:
-        figure, definition = sensor.figures.get(tolerance.key), SENSOR_FIGURES[tolerance.key]
-        if figure is None or not np.isfinite(figure.value):
-            continue
-        ends = [end for end in (figure.low, figure.value, figure.high) if np.isfinite(end)]
-        if (max(ends) < tolerance.limit) if tolerance.is_lower else (min(ends) > tolerance.limit):
+    for stated in against_published(sensor):
+        figure, tolerance = stated.figure, stated.tolerance
+        beyond = stated.conformity is Conformity.CONDITIONAL_FAIL and not np.isfinite(stated.statement.probability)
+        if stated.conformity is Conformity.FAIL or beyond:  # beyond the limit, with no uncertainty to reach back
             side = "below" if tolerance.is_lower else "above"
-            value = f"{definition.phrase} {figure.value:.1f} {definition.unit}"
+            value = f"{SENSOR_FIGURES[tolerance.key].phrase} {figure.value:.1f} {figure.unit}"
             text = f"{value} is {side} {tolerance.limit:.1f} ({tolerance.source})"
             found.append(Warning(WarningCode.OUT_OF_TOLERANCE, tolerance.key, text))
     return tuple(found)
@@ -92,35 +157,36 @@ LIMITS = {  # name -> the figure that it limits
     "sensitivity": "sensitivity_mv_per_mm",
 }
 LOWER_LIMITS = ("snr", "sensitivity")  # the others are upper limits
+ABSOLUTE_LIMITS = ("drift",)  # of a figure that has a sign
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """One limit: name, sensor, value, limit, and whether it is kept; None where the figure is void."""
-
-    name: str
-    sensor: str
-    value: float
-    limit: float
-    unit: str
-    kept: bool | None
-
-
-def judge(sensors: Sequence[SensorAnalysis], limits: Mapping[str, float]) -> list[Verdict]:
-    """Compare the figures of every sensor with limits that the user set.
+def judge(sensors: Sequence[SensorAnalysis], limits: Mapping[str, float]) -> list[LimitStatement]:
+    """State the conformity of the figures of every sensor with limits that the user set.
 
     Raises
     ------
     RequestError : a limit for something that has none.
     """
-    verdicts = []
-    for name, limit in limits.items():
-        if name not in LIMITS:
-            raise RequestError(f"there is no limit called {name!r}", f"Known: {', '.join(LIMITS)}.")
-        key, is_lower = LIMITS[name], name in LOWER_LIMITS
-        for sensor in sensors:
-            value = sensor.figures[key].value if key in sensor.figures else float("nan")
-            value = value if is_lower else abs(value)
-            kept = None if not np.isfinite(value) else bool(value >= limit if is_lower else value <= limit)
-            verdicts.append(Verdict(name, sensor.name, float(value), limit, SENSOR_FIGURES[key].unit, kept))
-    return verdicts
+    unknown = next((name for name in limits if name not in LIMITS), None)
+    if unknown is not None:
+        raise RequestError(f"there is no limit called {unknown!r}", f"Known: {', '.join(LIMITS)}.")
+    tolerances = {
+        name: Tolerance(LIMITS[name], limit, SET_BY_USER, name in LOWER_LIMITS, name in ABSOLUTE_LIMITS)
+        for name, limit in limits.items()
+    }
+    return [_stated(name, sensor, tolerance) for name, tolerance in tolerances.items() for sensor in sensors]
+
+
+def worst_conformity(statements: Sequence[LimitStatement]) -> Conformity:
+    """Return the statement on all limits together: the worst of them, undetermined where no worse one is."""
+    order = (
+        Conformity.FAIL, Conformity.CONDITIONAL_FAIL, Conformity.UNDETERMINED, Conformity.CONDITIONAL_PASS,
+        Conformity.PASS,
+    )  # fmt: skip
+    return min((one.conformity for one in statements), key=order.index, default=Conformity.UNDETERMINED)
+
+
+def conformity_json(analysis: Analysis, limits: Mapping[str, float]) -> list[dict[str, Any]]:
+    """Return `conformity` of `analyze --json`: the limits that the user set, then the published ones."""
+    stated = [*judge(analysis.sensors, limits), *(one for s in analysis.sensors for one in against_published(s))]
+    return [one.as_json() for one in stated]

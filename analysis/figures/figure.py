@@ -7,7 +7,8 @@ Names, labels, units and decimals of a window, a report, a CSV and a command lin
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
@@ -65,10 +66,14 @@ SYSTEM_FIGURES = _by_key(
 )
 
 
+WIDEST_LOOP_PERCENT = 100.0  # of full-scale output: no wider loop belongs to a signal that spans it
+
+
 class Reason(StrEnum):
     """Why a figure is void, has no interval, or is not what its name promises."""
 
     NONE = ""
+    NOT_DRIVEN = "not_driven"
     NO_CYCLE = "no_cycle"
     ONE_CYCLE = "one_cycle"
     FEW_CYCLES = "few_cycles"
@@ -85,6 +90,7 @@ class Reason(StrEnum):
     NO_INTERVAL = "no_interval"
     UPPER_BOUND = "upper_bound"
     PART_OF_RANGE = "part_of_range"
+    WIDER_THAN_FULL_SCALE = "wider_than_full_scale"
     FEW_POSITIONS = "few_positions"
     DOUBTFUL = "doubtful"
     INADEQUATE = "inadequate"
@@ -141,6 +147,52 @@ class Figure:
             "window": self.window.as_json() if self.window is not None else None,
             "reason": str(self.reason),
         }
+
+
+def not_driven(figures: Mapping[str, Figure], why: str) -> dict[str, Figure]:
+    """Return the figures, every one of them void with `why` where that is not empty."""
+    if not why:
+        return dict(figures)
+    return {k: Figure.nothing(f.unit, Reason.NOT_DRIVEN, why, f.definition) for k, f in figures.items()}
+
+
+def marked_implausible(figures: Mapping[str, Figure]) -> dict[str, Figure]:
+    """Return the figures; a loop wider than the full-scale output is marked: that output is then no span."""
+    return {key: _marked(figure) if "hysteresis" in key else figure for key, figure in figures.items()}
+
+
+def _marked(hysteresis: Figure) -> Figure:
+    if not hysteresis.value > WIDEST_LOOP_PERCENT:
+        return hysteresis
+    times = f"{hysteresis.value / 100.0:.3g} times"
+    note = f"the loop is {times} as wide as the full-scale output, which is therefore no span"
+    note = f"{note}; {hysteresis.note}" if hysteresis.note else note
+    return replace(hysteresis, note=note, reason=Reason.WIDER_THAN_FULL_SCALE)
+
+
+def void_sentences(sensors: Sequence[tuple[str, Mapping[str, Figure]]]) -> list[str]:
+    """Return a sentence for each reason why figures are void.
+
+    Parameters
+    ----------
+    sensors : name and figures of each; system figures may be among them under the name "system".
+    """
+    by_reason: dict[str, dict[str, list[str]]] = {}
+    for name, figures in sensors:
+        for key, definition in (SENSOR_FIGURES | SYSTEM_FIGURES).items():
+            if key in figures and figures[key].void:
+                by_reason.setdefault(figures[key].void, {}).setdefault(definition.phrase, []).append(name)
+    found = []
+    for reason, names_of in by_reason.items():
+        alike: dict[tuple[str, ...], list[str]] = {}
+        for label, names in names_of.items():
+            alike.setdefault(tuple(names), []).append(label)
+        found += [f"Undefined for {_listed(who)}: {reason} ({'; '.join(what)})." for who, what in alike.items()]
+    return found
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def with_interval(figure: Figure) -> str:

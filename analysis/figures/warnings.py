@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analysis.arrays import FloatArray
 from analysis.calibration.adequacy import REFUSED_PERCENT, Adequacy, CurveVerdict
 from analysis.calibration.checks import calibration_warnings
 from analysis.figures.figure import Reason
 from analysis.numbers import percent
-from analysis.segmentation.cycles import disagreements_with_marks
+from analysis.segmentation.cycles import Excursion, disagreements_with_marks
 from analysis.segmentation.losses import LossCounter
 from analysis.warning import Warning, WarningCode
 
@@ -52,7 +53,7 @@ def _run_texts(run: SegmentedRun) -> Iterator[tuple[WarningCode, str]]:
             yield WarningCode(name), f"{count} samples left out: {name.replace('_', ' ')}"
     if meta.get("damaged_blocks"):
         yield WarningCode.DAMAGED, f"{meta['damaged_blocks']} blocks of the file are damaged and left out"
-    if cycles.noise_kpa > NOISY_SHARE * cycles.span_kpa > 0:
+    if cycles.noise_kpa > NOISY_SHARE * cycles.span_kpa > 0 and not cycles.void:
         on_loops = "full scale is underestimated and hysteresis overestimated by more than their intervals"
         effect = "plateaus are uncertain" if run.plateaus else on_loops
         share = cycles.noise_kpa / cycles.span_kpa
@@ -60,6 +61,8 @@ def _run_texts(run: SegmentedRun) -> Iterator[tuple[WarningCode, str]]:
             WarningCode.NOISY_PRESSURE,
             f"the pressure noise of {cycles.noise_kpa:.2g} kPa is {percent(share, 1)} of the pressure span: {effect}",
         )
+    if cycles.void:
+        yield WarningCode.NOT_DRIVEN, cycles.void
     if not cycles.used:
         yield WarningCode.NO_CYCLE, f"no complete cycle, {cycles.as_json()['partial']} partial"
     for found in run.breaks:
@@ -69,13 +72,21 @@ def _run_texts(run: SegmentedRun) -> Iterator[tuple[WarningCode, str]]:
     for cycle in cycles.complete:
         if cycle.left_out:
             yield WarningCode.CYCLE_LEFT_OUT, f"cycle {cycle.number}: {cycle.left_out}"
-    for e in cycles.excursions:
-        span = f"{e.low_kpa:+.1f} to {e.high_kpa:+.1f} kPa"
-        yield WarningCode.EXCURSION_LEFT_OUT, f"{recording.time_s[e.first]:.1f} s: {span}: {e.reason}"
+    if cycles.excursions:
+        yield WarningCode.EXCURSION_LEFT_OUT, _excursions_text(cycles.excursions, recording.time_s)
     for text in run.loops.void:
         yield WarningCode.VOID, text
     for text in disagreements_with_marks(cycles, recording):
         yield WarningCode.MARKS_DISAGREE, text
+
+
+def _excursions_text(excursions: Sequence[Excursion], time_s: FloatArray) -> str:
+    """Return one text for all reversals that make no cycle: their count, and the widest of them."""
+    widest = max(excursions, key=lambda e: e.high_kpa - e.low_kpa)
+    where = f"{widest.low_kpa:+.1f} to {widest.high_kpa:+.1f} kPa at {time_s[widest.first]:.1f} s"
+    if len(excursions) == 1:
+        return f"a reversal from {where} is {widest.reason}"
+    return f"{len(excursions)} reversals are {widest.reason}, the widest from {where}"
 
 
 def _sensor_warnings(sensor: SensorAnalysis, run: SegmentedRun) -> list[Warning]:
@@ -114,6 +125,8 @@ def _figure_texts(sensor: SensorAnalysis) -> Iterator[tuple[WarningCode, str]]:
         figure = sensor.figures.get(f"{name}_hysteresis_percent_fso")
         if figure is not None and figure.reason is Reason.UPPER_BOUND:
             yield WarningCode.HYSTERESIS_IS_A_BOUND, f"hysteresis over {abscissa} is {figure.note}"
+        elif figure is not None and figure.reason is Reason.WIDER_THAN_FULL_SCALE:
+            yield WarningCode.NO_SPAN, f"hysteresis over {abscissa}: {figure.note}"
         elif figure is not None and figure.reason is Reason.PART_OF_RANGE:
             yield WarningCode.HYSTERESIS_IN_PART, f"hysteresis over {abscissa}: {figure.note}"
 

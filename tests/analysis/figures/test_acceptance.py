@@ -10,7 +10,7 @@ import pytest
 
 from analysis import Options, analyse
 from analysis.calibration.fit import fit_calibration
-from analysis.figures.acceptance import LEAST_R2, TOLERANCES, out_of_tolerance
+from analysis.figures.acceptance import LEAST_R2, TOLERANCES, judge, out_of_tolerance, worst_conformity
 from analysis.figures.figure import SENSOR_FIGURES, Figure
 from analysis.published import RANGE_MM, SENSORS
 from tests.analysis.boat_builder import Plant, Staircase
@@ -21,7 +21,7 @@ Y = np.polynomial.polynomial.polyval(X, PUBLISHED)
 
 
 def sensor(y, **figures):
-    return SimpleNamespace(calibration=fit_calibration(X, y), figures=figures)
+    return SimpleNamespace(name="s1", calibration=fit_calibration(X, y), figures=figures)
 
 
 def scattered(r2):
@@ -82,3 +82,46 @@ def test_a_sound_session_is_within_tolerance(tmp_path, grid_mm):
     table.to_csv(tmp_path / "e.csv", index=False)
     found = analyse(stairs.recording(), tmp_path / "e.csv", options=Options(mcmc=False, x_resolution_mm=grid_mm))
     assert [out_of_tolerance(sensor, found.reading_sd_mm) for sensor in found.sensors] == [(), ()]
+
+
+def of_sensor(**figures: Figure) -> SimpleNamespace:
+    """A sensor with these figures and no calibration."""
+    return SimpleNamespace(name="s1", calibration=None, figures=figures)
+
+
+def test_a_limit_inside_the_interval_is_no_verdict_of_fail_or_pass():
+    """4.95 % with 4.893 to 4.987 against 4.9 and 4.97: conditional; against 4.8 and 5.0 not."""
+    figure = Figure(4.95, "% FSO", 5, 4.893, 4.987)
+    expected = {4.8: "fail", 4.9: "conditional_fail", 4.97: "conditional_pass", 5.0: "pass"}
+    for limit, conformity in expected.items():
+        (found,) = judge([of_sensor(system_hysteresis_percent_fso=figure)], {"hysteresis": limit})
+        assert found.conformity == conformity
+        assert f"limit {limit:g}, conformity " in found.text
+
+
+def test_a_drift_is_limited_on_both_sides():
+    """-2 % per 100 cycles with 0.1 of uncertainty against 1: a fail; against 3 a pass; a lower limit is one-sided."""
+    drift = Figure(-2.0, "% FSO/100 cycles", 5, -2.1, -1.9)
+    sensor = of_sensor(drift_percent_fso_per_100_cycles=drift, snr_db=Figure(44.0, "dB", 5, 43.5, 44.5))
+    assert [one.conformity for one in judge([sensor], {"drift": 1.0})] == ["fail"]
+    assert [one.conformity for one in judge([sensor], {"drift": 3.0})] == ["pass"]
+    assert [one.conformity for one in judge([sensor], {"snr": 43.0})] == ["pass"]
+    assert [one.conformity for one in judge([sensor], {"snr": 44.2})] == ["conditional_fail"]
+
+
+def test_a_figure_without_an_interval_has_conditional_statements_only():
+    """One cycle gives no interval: neither pass nor fail is certain; a void figure has no statement."""
+    sensor = of_sensor(system_hysteresis_percent_fso=Figure(4.0, "% FSO", 1))
+    assert judge([sensor], {"hysteresis": 5.0})[0].conformity == "conditional_pass"
+    assert judge([sensor], {"hysteresis": 3.0})[0].conformity == "conditional_fail"
+    assert judge([sensor], {"repeatability": 3.0})[0].conformity == "undetermined"
+
+
+def test_the_worst_statement_counts_for_all_limits():
+    """A fail before a conditional fail, before what is undetermined, before a conditional pass, before a pass."""
+    figures = {"system_hysteresis_percent_fso": Figure(4.95, "% FSO", 5, 4.893, 4.987)}
+    sensor = of_sensor(**figures)
+    for limit, expected in ((5.5, "pass"), (4.97, "conditional_pass"), (4.9, "conditional_fail"), (4.0, "fail")):
+        assert worst_conformity(judge([sensor], {"hysteresis": limit})) == expected
+    both = judge([sensor], {"hysteresis": 4.97, "repeatability": 1.0})
+    assert worst_conformity(both) == "undetermined"

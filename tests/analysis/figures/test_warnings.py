@@ -73,3 +73,47 @@ def test_a_constant_signal_has_its_own_warning(tmp_path: Path) -> None:
     assert texts[0].startswith(found.sensors[1].name)
     assert np.isfinite(found.sensors[0].figures["snr_db"].value)
     assert not np.isfinite(found.sensors[1].figures["snr_db"].value)
+
+
+def codes(recording: Recording) -> list[str]:
+    """Return the codes of a run's warnings."""
+    return [str(w.code) for w in analyse(recording, options=QUICK).warnings]
+
+
+def test_run_that_nothing_drove_has_no_figures_and_a_warning() -> None:
+    """A ripple of 0.3 kPa: no cycle, every figure void with the reason not_driven, one warning with the span."""
+    time = np.arange(0.0, 200.0, 0.01)
+    pressure = 0.3 * np.sin(2 * np.pi * time / 20)
+    found = analyse(Plant().run(pressure, np.gradient(pressure) > 0, np.zeros(time.size)), options=QUICK)
+    assert found.cycles.as_json() == {"complete": 0, "partial": 0, "with_gap": 0}
+    assert {f.reason for s in found.sensors for f in s.figures.values()} == {"not_driven"}
+    assert not [f for s in found.sensors for f in s.figures.values() if np.isfinite(f.value)]
+    assert [str(w.code) for w in found.warnings] == ["not_driven", "no_cycle"]
+
+
+def test_excursions_left_out_are_one_warning_with_their_count() -> None:
+    """Twenty dips of 30 kPa in ten cycles, one of them of 40: one warning, which counts them and names the widest."""
+    time = np.arange(0.0, 300.0, 0.01)
+    pressure = 5 + 45 * np.cos(2 * np.pi * time / 30)
+    for at in np.arange(7.5, 300.0, 15.0):
+        dip = np.abs(time - at) < 1.5
+        pressure = pressure - np.where(dip, (40.0 if at == 7.5 else 30.0) * np.cos(np.pi * (time - at) / 3), 0.0)
+    found = analyse(Plant().run(pressure, np.gradient(pressure) > 0, np.zeros(time.size)), options=QUICK)
+    texts = [w.text for w in found.warnings if w.code == "excursion_left_out"]
+    assert len(found.cycles.excursions) == 20
+    assert len(texts) == 1
+    assert texts[0].startswith("20 reversals are too small to be a cycle, the widest from ")
+
+
+def test_loop_wider_than_the_full_scale_output_is_marked() -> None:
+    """A signal that follows the branch and hardly the pressure: 3,300 % FSO, with the code no_span."""
+    time = np.arange(0.0, 200.0, 0.01)
+    pressure = 5 + 45 * np.cos(2 * np.pi * time / 20)
+    bow = 30 * np.sign(np.gradient(pressure)) * (1 - ((pressure - 5) / 45) ** 2)
+    noise = 0.05 * np.random.default_rng(0).standard_normal(time.size)
+    recording = Recording.from_arrays(time, pressure, (1600 + 0.02 * pressure + bow + noise)[:, None])
+    figure = analyse(recording, options=QUICK).sensors[0].figures["system_hysteresis_percent_fso"]
+    assert figure.value > 1000
+    assert figure.reason == "wider_than_full_scale"
+    assert "no_span" in codes(recording)
+    assert "no_span" not in codes(Plant().run(pressure, np.gradient(pressure) > 0, np.zeros(time.size)))

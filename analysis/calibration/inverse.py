@@ -5,8 +5,10 @@ method in the scaled variable, kept inside its bracket by bisection, gives the v
 vectorised. Sensors are fused by their variances; that their residuals are correlated (they share the reading of x) is
 taken into the uncertainty.
 
-Rules: outside the range there is no value: NaN and a mark, or the end of the range where a caller requests it. A curve
-that turns inside its range has no inverse and is refused. Source: ISO/TS 28038:2018, clause 8 (inverse evaluation).
+Rules: outside the range there is no value: NaN and a mark, or the end of the range where a caller requests it. Noise
+carries half the signals of the range's own end beyond it: up to two standard uncertainties beyond, the value is that of
+the tangent at the end, and marked. A curve that turns inside its range has no inverse and is refused. Source:
+ISO/TS 28038:2018, clause 8 (inverse evaluation).
 """
 
 from __future__ import annotations
@@ -22,12 +24,14 @@ from numpy.polynomial import legendre
 from analysis.arrays import BoolArray, FloatArray
 from analysis.calibration.adequacy import COVERAGE_FACTOR, expanded
 from analysis.calibration.fit import Calibration
+from analysis.calibration.type_b import TypeBContribution, type_b_u_mm
 from analysis.compiled import compiled
 from analysis.errors import DataError, RequestError
 
 NODES = 257
 SPLINE_NODES = 16385  # interpolated between: 1e-7 of the range
 DISAGREEMENT_SIGMA = 4.0
+BEYOND_SIGMA = 2.0  # standard uncertainties beyond an end of the range that a value is still given for
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,13 +42,15 @@ class ElongationEstimate:
     ----------
     elongation_mm : NaN where it is not known.
     standard_uncertainty_mm : of one reading, k = 1.
-    outside : True where the signal lies outside the calibrated range.
+    outside : True where the signal lies outside the calibrated range by more than two standard uncertainties: NaN.
+    beyond : True where it lies outside by no more than these: the value is that of the tangent at the end.
     disagreement : True where two sensors differ by more than 4 sigma; all False for one sensor.
     """
 
     elongation_mm: FloatArray
     standard_uncertainty_mm: FloatArray
     outside: BoolArray
+    beyond: BoolArray
     disagreement: BoolArray
 
 
@@ -57,10 +63,17 @@ class Inverse:
     nodes: FloatArray
     noise_sd: float
     model_sd: float
+    type_b: tuple[TypeBContribution, ...] = ()
 
     @classmethod
     def of(
-        cls, calibration: Calibration, *, noise_sd: float | None = None, model_sd: float = 0.0, reading_sd: float = 0.0
+        cls,
+        calibration: Calibration,
+        *,
+        noise_sd: float | None = None,
+        model_sd: float = 0.0,
+        reading_sd: float = 0.0,
+        type_b: tuple[TypeBContribution, ...] = (),
     ) -> Inverse:
         """Prepare the inverse.
 
@@ -72,6 +85,7 @@ class Inverse:
         model_sd : sd of what the curve leaves out and the sensors share (hysteresis, repeatability, drift), mV.
         reading_sd : sd of the readings of x, mm, of a calibration that does not know its positions
             (`Calibration.with_reading`).
+        type_b : contributions of the reference, the same in every sensor.
 
         Raises
         ------
@@ -96,12 +110,12 @@ class Inverse:
         noise = calibration.residual_sd if noise_sd is None else float(noise_sd)
         if calibration.spline is not None:
             nodes = calibration.predict(np.linspace(low, high, SPLINE_NODES))
-            return cls(calibration, np.empty(0), nodes, noise, model_sd)
+            return cls(calibration, np.empty(0), nodes, noise, model_sd, type_b)
         # over the range itself, so that u = -1 and 1 are its ends
         u = np.linspace(-1.0, 1.0, NODES)
         powers = np.asarray(legendre.leg2poly(calibration.fit.basis_coefficients), dtype=np.float64)
         nodes = np.asarray(np.polynomial.polynomial.polyval(u, powers), dtype=np.float64)
-        return cls(calibration, powers, nodes, noise, model_sd)
+        return cls(calibration, powers, nodes, noise, model_sd, type_b)
 
     def __call__(self, signal: npt.ArrayLike, *, clamp: bool = False) -> FloatArray:
         """Return x for every signal; NaN outside the range, or its end with `clamp`.
@@ -121,11 +135,12 @@ class Inverse:
         return np.asarray(basis.centre + basis.half_width * u.reshape(values.shape), dtype=np.float64)
 
     def standard_uncertainty(self, x: npt.ArrayLike) -> FloatArray:
-        """Return u(x) of one new reading: noise and curve through the local slope, half of U where the curve misses."""
-        return np.asarray(np.hypot(*self.parts(x)), dtype=np.float64)
+        """Return u(x) of one new reading: noise, curve and reference, half of U where the curve misses."""
+        noise, shared = self.parts(x)
+        return np.asarray(np.sqrt(noise**2 + shared**2 + type_b_u_mm(self.type_b, x) ** 2), dtype=np.float64)
 
     def parts(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return u(x) of the noise alone, and of all that sensors of one unit share: model, curve and reading."""
+        """Return u(x) of the noise alone, and of what sensors of one unit share in part: model, curve and reading."""
         slope = np.abs(self.calibration.slope(x))
         by_fit, by_reading = self.calibration.curve_parts(x)
         shared, away = np.sqrt(self.model_sd**2 + by_fit**2 + by_reading**2), self.calibration.deviation(x)
@@ -135,12 +150,18 @@ class Inverse:
         return self.noise_sd / slope, np.asarray(shared / slope, dtype=np.float64)
 
     def evaluate(self, signal: npt.ArrayLike, *, clamp: bool = False) -> ElongationEstimate:
-        """Return x with its uncertainty, and where it is outside the range."""
-        x = self(signal, clamp=True)
-        outside = np.isnan(self(signal)) & ~np.isnan(np.asarray(signal, dtype=np.float64))
-        kept = x if clamp else np.where(outside, np.nan, x)
-        uncertainty = np.where(np.isnan(kept), np.nan, self.standard_uncertainty(x))
-        return ElongationEstimate(kept, uncertainty, outside, np.zeros(x.shape, dtype=bool))
+        """Return x with its uncertainty, and where it is outside the range or a little beyond its end."""
+        values = np.asarray(signal, dtype=np.float64)
+        inside, end = self(values), self(values, clamp=True)
+        uncertainty = self.standard_uncertainty(end)
+        past = np.isnan(inside) & ~np.isnan(values)
+        with np.errstate(divide="ignore", invalid="ignore"):  # the tangent may be level
+            tangent = (values - self.calibration.predict(end)) / self.calibration.slope(end)
+            beyond = np.asarray(past & (np.abs(tangent) <= BEYOND_SIGMA * uncertainty), dtype=bool)
+        outside = np.asarray(past & ~beyond, dtype=bool)
+        x = np.where(beyond, end + tangent, end if clamp else inside)
+        none = np.zeros(x.shape, dtype=bool)
+        return ElongationEstimate(x, np.where(np.isnan(x), np.nan, uncertainty), outside, beyond, none)
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,8 +197,9 @@ class Fusion:
     def evaluate(self, signal_mv: npt.ArrayLike, *, clamp: bool = False) -> ElongationEstimate:
         """Return the fused elongation of signals [..., sensors].
 
-        A sensor outside its range does not take part; where all are outside, x is NaN (or clamped). Two sensors that
-        differ by more than 4 sigma of their difference raise `disagreement`; the value is given all the same.
+        A sensor outside its range does not take part; where all are outside, x is NaN (or clamped). `beyond` marks a
+        value that a sensor beyond the end of its range takes part in. Two sensors that differ by more than 4 sigma of
+        their difference raise `disagreement`; the value is given all the same.
         """
         signal = np.asarray(signal_mv, dtype=np.float64)
         if signal.shape[-1:] != (len(self.inverses),):
@@ -193,16 +215,21 @@ class Fusion:
         total = weight.sum(axis=-1)
         with np.errstate(invalid="ignore", divide="ignore"):
             fused = (weight * np.where(known, x, 0.0)).sum(axis=-1) / total
-            parts = [inverse.parts(x[..., i]) for i, inverse in enumerate(self.inverses)]
+            parts = [inv.parts(np.clip(x[..., i], *inv.calibration.x_range)) for i, inv in enumerate(self.inverses)]
             noise, shared = (weight * np.where(known, np.stack([p[j] for p in parts], axis=-1), 0.0) for j in (0, 1))
             common = np.einsum("...i,ij,...j->...", shared, self.correlation, shared)
-            spread = np.sqrt((noise**2).sum(axis=-1) + common) / total
+            spread = np.sqrt(((noise**2).sum(axis=-1) + common) / total**2 + self._reference_u(fused) ** 2)
         none = ~known.any(axis=-1)
         outside = np.asarray(none & np.isfinite(signal).any(axis=-1), dtype=bool)
         if clamp and none.any():
             ends = np.stack([inv(signal[..., i], clamp=True) for i, inv in enumerate(self.inverses)], axis=-1)
             fused = np.where(outside, ends[..., 0], fused)
-        return ElongationEstimate(fused, spread, outside, self._disagreement(x, u))
+        beyond = np.asarray(np.stack([p.beyond for p in each], axis=-1).any(axis=-1), dtype=bool)
+        return ElongationEstimate(fused, spread, outside, beyond, self._disagreement(x, u))
+
+    def _reference_u(self, x: FloatArray) -> FloatArray:
+        """Standard uncertainty of the reference, mm: fully correlated, so that no weighing reduces it."""
+        return type_b_u_mm(self.inverses[0].type_b, x)
 
     def _disagreement(self, x: FloatArray, u: FloatArray) -> BoolArray:
         found = np.zeros(x.shape[:-1], dtype=bool)

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from analysis.calibration.type_b import contributions
 from analysis.data.boat_file import is_boat_file, opened, store_result
 from analysis.errors import AnalysisError
 from analysis.figures.pipeline import Analysis, analyse
@@ -41,7 +42,9 @@ def store_analysis(run: str | Path, analysis: Analysis, elongation: str | Path |
     run = Path(run)
     if not is_boat_file(run):
         return ""
-    parameters: dict[str, Any] = {"options": asdict(analysis.options), "code": code_state()}
+    options = asdict(replace(analysis.options, type_b=()))
+    options["type_b"] = {one.name: one.as_table() for one in analysis.options.type_b}
+    parameters: dict[str, Any] = {"options": options, "code": code_state()}
     if elongation is not None:
         file = Path(elongation)
         parameters["elongation"] = {"name": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()}
@@ -86,7 +89,8 @@ def reproduce(run: str | Path, result_id: int, parameters: Mapping[str, Any]) ->
     if "elongation" in parameters or _corrected_since(Path(run), result_id) or _resumed_since(Path(run), result_id):
         return None
     stored = dict(parameters["options"])
-    options = Options(**{**stored, "plateau": PlateauSettings(**stored["plateau"])})
+    read = {"plateau": PlateauSettings(**stored["plateau"]), "type_b": contributions(stored.get("type_b") or {})}
+    options = Options(**{**stored, **read})
     content: dict[str, Any] = finite(analyse(run, options=options).to_json())
     return content
 

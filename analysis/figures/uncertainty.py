@@ -6,7 +6,8 @@ are combined by the law of propagation (GUM 5.1.2, 5.2.2), the effective degrees
 states that it was not.
 
 Rules: nothing is counted twice: what one component already holds is taken out of the next. A component that could not
-be assessed is zero, as its source states. The expanded uncertainty uses k = 2.
+be assessed has no value, as its source states; it is not zero. The expanded uncertainty uses k = 2, and states whether
+it is traceable (`analysis.calibration.type_b`).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from analysis.calibration.adequacy import expanded
 from analysis.calibration.compare import between_calibrations_mm
 from analysis.calibration.fit import Calibration
 from analysis.calibration.inverse import Fusion, Inverse
+from analysis.calibration.type_b import Traceability, not_assessed, traceability
 from analysis.errors import AnalysisError, DataError
 from analysis.figures.sensor_analysis import AnalysedRun
 from analysis.numbers import percent
@@ -33,7 +35,10 @@ CURVE_POINTS = 41
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """One line of a budget: standard uncertainty `u`, in a unit that `sensitivity` turns into the result's."""
+    """One line of a budget: standard uncertainty `u`, in a unit that `sensitivity` turns into the result's.
+
+    `u` is NaN where it was not assessed.
+    """
 
     name: str
     u: float
@@ -42,18 +47,24 @@ class Component:
     source: str = ""
 
     @property
+    def assessed(self) -> bool:
+        """Whether it has a value."""
+        return bool(np.isfinite(self.u))
+
+    @property
     def contribution(self) -> float:
-        """|c| u, in the unit of the result."""
+        """|c| u, in the unit of the result; NaN where it was not assessed."""
         return abs(self.sensitivity) * self.u
 
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """A combined budget. `u` standard, `expanded` with k = 2, `dof` effective."""
+    """A combined budget. `u` standard, `expanded` with k = 2, `dof` effective; `traceability` of an elongation."""
 
     components: tuple[Component, ...]
     u: float
     dof: float
+    traceability: Traceability | None = None
 
     @property
     def expanded(self) -> float:
@@ -67,9 +78,10 @@ class Budget:
         return float(2.0 * inside - 1.0)
 
     def shares(self) -> dict[str, float]:
-        """Return the share of each component in the variance, largest first; they add up to 1."""
-        total = sum(c.contribution**2 for c in self.components)
-        ordered = sorted(self.components, key=lambda c: -c.contribution)
+        """Return the share of each assessed component in the variance, largest first; they add up to 1."""
+        assessed = [c for c in self.components if c.assessed]
+        total = sum(c.contribution**2 for c in assessed)
+        ordered = sorted(assessed, key=lambda c: -c.contribution)
         return {c.name: (c.contribution**2 / total if total > 0 else 0.0) for c in ordered}
 
     def what_halves_it(self) -> str:
@@ -85,9 +97,17 @@ class Budget:
         """Return the budget as a dictionary."""
         shares = self.shares()
         lines = [
-            {"name": c.name, "u_mm": c.contribution, "share": shares[c.name], "source": c.source}
+            {
+                "name": c.name,
+                "assessed": c.assessed,
+                "u_mm": c.contribution,
+                "dof": c.dof,
+                "share": shares.get(c.name),
+                "source": c.source,
+            }
             for c in self.components
         ]
+        traced = self.traceability
         return {
             "components": lines,
             "standard_uncertainty_mm": self.u,
@@ -95,15 +115,17 @@ class Budget:
             "coverage_factor": COVERAGE_FACTOR,
             "effective_dof": self.dof,
             "what_halves_it": self.what_halves_it(),
+            "traceable": None if traced is None else traced.traceable,
+            "traceability": "" if traced is None else traced.text,
         }
 
 
-def combine(components: Sequence[Component]) -> Budget:
-    """Combine uncorrelated components (GUM 5.1.2, G.4.1)."""
-    squares = [c.contribution**2 for c in components]
-    u = float(np.sqrt(sum(squares)))
-    small = sum(s**2 / c.dof for s, c in zip(squares, components, strict=True))
-    return Budget(tuple(components), u, u**4 / small if small > 0 else float("inf"))
+def combine(components: Sequence[Component], traced: Traceability | None = None) -> Budget:
+    """Combine uncorrelated components (GUM 5.1.2, G.4.1); those that were not assessed are listed only."""
+    assessed = [c for c in components if c.assessed]
+    u = float(np.sqrt(sum(c.contribution**2 for c in assessed)))
+    small = sum(c.contribution**4 / c.dof for c in assessed)
+    return Budget(tuple(components), u, u**4 / small if small > 0 else float("inf"), traced)
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,6 +224,10 @@ class ElongationBudgets:
     budgets: tuple[Budget, ...]
     void: str = ""
 
+    def as_json(self) -> dict[str, Any]:
+        """Return `elongation_budget` of `analyze --json`."""
+        return {"x_mm": self.x_mm, "sensors": [budget.as_json() for budget in self.budgets], "void": self.void}
+
 
 def middle_budgets(analysis: AnalysedRun, runs: Sequence[AnalysedRun] = ()) -> ElongationBudgets | None:
     """Return the budgets in the middle of the calibrated range; None without a calibration.
@@ -254,8 +280,9 @@ class BudgetOfSensor:
         """Return the budget of an elongation of `x_mm`."""
         calibration, parts = self.inverse.calibration, self.parts
         per_mv = 1.0 / abs(float(calibration.slope(x_mm)))
-        cycles, no_counts = f"{self.cycles} cycles", "not known: no counts"
-        between = Component("reproducibility", 0.0, source="not assessed: one run")
+        cycles, no_counts = f"{self.cycles} cycles", "not assessed: the recording has no counts"
+        of_counts = (parts.resolution, parts.ambient) if self.counted else (float("nan"), float("nan"))
+        between = Component("reproducibility", float("nan"), source="not assessed: one run")
         if self.calibrations:
             between_mm, dof = between_calibrations_mm(self.calibrations, x_mm)
             between = Component(
@@ -270,18 +297,26 @@ class BudgetOfSensor:
             between,
             Component("hysteresis", parts.hysteresis, per_mv, source="rms of half the loop over x, less reading error"),
             Component("zero drift", parts.drift, per_mv, source=f"drift over {cycles}"),
-            Component("resolution", parts.resolution, per_mv, source="ADC step" if self.counted else no_counts),
-            Component("ambient residual", parts.ambient, per_mv,
+            Component("resolution", of_counts[0], per_mv, source="ADC step" if self.counted else no_counts),
+            Component("ambient residual", of_counts[1], per_mv,
                       source="signal against dark" if self.counted else no_counts),
             Component("fit", by_fit, per_mv, fit_dof, "covariance"),
         ]  # fmt: skip
-        return combine([*components, self._lack_of_fit(x_mm, per_mv, combine(components).u)])
+        lack_of_fit = self._lack_of_fit(x_mm, per_mv, combine(components).u)
+        return combine([*components, lack_of_fit, *self._type_b(x_mm)], traceability(self.inverse.type_b))
+
+    def _type_b(self, x_mm: float) -> list[Component]:
+        """Return the contributions that were stated, and those that are expected and were not."""
+        given = self.inverse.type_b
+        stated = [Component(one.label, float(one.u_mm(x_mm)), 1.0, one.dof, one.statement) for one in given]
+        source = "not assessed: not in the file of the unit or rig"
+        return [*stated, *(Component(label, float("nan"), source=source) for label in not_assessed(given))]
 
     def _lack_of_fit(self, x_mm: float, per_mv: float, u_mm: float) -> Component:
         """Return what brings U to its coverage where the curve is known to miss: U about a deviation, GUM F.2.4.5."""
         adequacy = self.inverse.calibration.adequacy
         if adequacy is None:
-            return Component("lack of fit", 0.0, source="not assessed: no positions")
+            return Component("lack of fit", float("nan"), source="not assessed: no positions")
         away = abs(float(adequacy.deviation(x_mm))) * per_mv
         whole = float(expanded(away, u_mm)) / COVERAGE_FACTOR
         miss = _without(whole, u_mm) / per_mv
@@ -296,7 +331,7 @@ def _inverse(analysis: AnalysedRun, sensor: int) -> Inverse:
         reason = analysis.sensors[sensor].calibration_void
         raise DataError(f"{analysis.sensors[sensor].name} is not calibrated: {reason}", "Give its elongations.")
     parts = signal_parts(analysis, sensor)
-    return Inverse.of(calibration, noise_sd=parts.independent, model_sd=parts.shared)
+    return Inverse.of(calibration, noise_sd=parts.independent, model_sd=parts.shared, type_b=analysis.options.type_b)
 
 
 def _hysteresis(analysis: AnalysedRun, sensor: int) -> float:

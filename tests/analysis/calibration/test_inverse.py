@@ -41,6 +41,39 @@ def test_outside_the_range_there_is_no_value(sign: float) -> None:
     assert inverse.evaluate([*beyond, np.nan]).outside.tolist() == [True, True, False]
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_signal_of_the_last_position_is_read_without_bias(sign: float) -> None:
+    """Signals of the range's end with their noise: 97 % are read, half of them marked beyond; the mean is the end.
+
+    The mean of those that are kept is cut at two u on one side: 0.06 sd at most. Beyond two u there is no value.
+    """
+    calibration = fitted(sign=sign)
+    inverse = Inverse.of(calibration, noise_sd=1.5)
+    rng = np.random.default_rng(3)
+    for end in calibration.x_range:
+        found = inverse.evaluate(calibration.predict(end) + 1.5 * rng.standard_normal(20_000))
+        assert np.isfinite(found.elongation_mm).mean() > 0.97
+        assert found.beyond.mean() == pytest.approx(0.475, abs=0.02)
+        assert float(np.nanmean(found.elongation_mm)) == pytest.approx(end, abs=0.06 * float(inverse.parts(end)[0]))
+        u = float(inverse.standard_uncertainty(end))
+        steps = np.asarray([-1.9, -2.1, 1.9, 2.1]) * u * float(calibration.slope(end))
+        edge = inverse.evaluate(calibration.predict(end) + steps)
+        assert (edge.beyond.sum(), edge.outside.sum()) == (1, 1)
+        np.testing.assert_array_equal(np.isnan(edge.elongation_mm), edge.outside)
+
+
+def test_fused_value_beyond_the_end_is_marked() -> None:
+    """Both sensors one u past the upper end: a value, marked; both far past it: none."""
+    sensors = [Inverse.of(fitted(0), noise_sd=1.5), Inverse.of(fitted(1), noise_sd=1.5)]
+    end = [s.calibration.x_range[1] for s in sensors]
+    ends = np.asarray([float(s.calibration.predict(x)) for s, x in zip(sensors, end, strict=True)])
+    found = Fusion.of(sensors).evaluate(np.stack([ends + 1.0, ends + 60.0]))
+    assert found.beyond.tolist() == [True, False]
+    assert found.outside.tolist() == [False, True]
+    assert found.elongation_mm[0] > min(end)
+    assert np.isfinite(found.standard_uncertainty_mm[0])
+
+
 @pytest.mark.fault(41, how="a calibration that turns inside its range", times=1)
 def test_a_curve_that_turns_has_no_inverse() -> None:
     """The refusal names the turning point."""

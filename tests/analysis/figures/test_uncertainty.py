@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from scipy import signal, stats
 
 from analysis import Options, Recording, analyse
+from analysis.calibration.type_b import contributions
 from analysis.figures.uncertainty import (
     Component,
     combine,
@@ -16,6 +18,7 @@ from analysis.figures.uncertainty import (
     elongation_reader,
     signal_parts,
 )
+from analysis.numbers import finite
 from tests.analysis.boat_builder import PAPER, Plant, Staircase
 
 
@@ -69,7 +72,10 @@ def test_stated_interval_of_an_elongation_holds_the_truth(tmp_path: Path) -> Non
 
 @pytest.mark.fault(23, how="what is left of ambient light, as a component of the budget", times=1)
 def test_every_component_is_named_and_sourced(tmp_path: Path) -> None:
-    """The budget lists the ten components, each with its source; on a grid, reading is the largest."""
+    """The budget lists ten components and the four of the reference, each with its source.
+
+    On a grid the reading is the largest; what was not assessed has no value.
+    """
     stairs = Staircase(Plant(loop_mm=0.25))
     frame = stairs.elongations()
     frame["elongation_mm"] = (frame["elongation_mm"] * 2).round() / 2
@@ -78,9 +84,17 @@ def test_every_component_is_named_and_sourced(tmp_path: Path) -> None:
     budget = elongation_budget(analysis, 0.5)[0]
     assert {c.name for c in budget.components} == {
         "reading", "noise", "repeatability", "reproducibility", "hysteresis", "zero drift", "resolution",
-        "ambient residual", "fit", "lack of fit",
+        "ambient residual", "fit", "lack of fit", "scale of grid or photograph", "parallax", "pressure gauge",
+        "temperature",
     }  # fmt: skip
     assert all(c.source for c in budget.components)
+    absent = {c.name for c in budget.components if not c.assessed}
+    assert absent == {
+        "reproducibility", "resolution", "ambient residual", "scale of grid or photograph", "parallax",
+        "pressure gauge", "temperature",
+    }  # fmt: skip
+    assert all(c.source.startswith("not assessed: ") for c in budget.components if not c.assessed)
+    assert {c["u_mm"] for c in finite(budget.as_json())["components"] if not c["assessed"]} == {None}
     assert next(iter(budget.shares())) == "reading"
 
 
@@ -96,12 +110,62 @@ def test_spread_between_runs_enters_the_budget(tmp_path: Path) -> None:
         stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
         runs.append(analyse(stairs.recording(), tmp_path / "e.csv", mcmc=False))
     alone, among = (elongation_budget(runs[0], 0.5, runs=part)[0] for part in ((), runs))
-    assert alone.shares()["reproducibility"] == 0.0
+    assert not next(c for c in alone.components if c.name == "reproducibility").assessed
     found = next(c for c in among.components if c.name == "reproducibility")
     slope = float(np.polynomial.Polynomial(PAPER[0]).deriv()(0.5))
     assert found.contribution == pytest.approx(np.std(offsets, ddof=1) / slope, rel=0.05)
     assert found.dof == 3
     assert among.u > alone.u
+
+
+def test_stated_contributions_are_in_the_budget_and_in_the_live_uncertainty(tmp_path: Path) -> None:
+    """A scale of 1 % of x (k = 2) and a parallax of 0.2 mm: root sum of squares, in the budget and live, fused or not.
+
+    Both sensors share the reference: fusing them reduces their noise and not this part.
+    """
+    given = contributions({
+        "scale": {"expanded_percent": 1.0, "k": 2, "dof": 8},
+        "parallax": {"half_width_mm": 0.2, "distribution": "rectangular"},
+    })  # fmt: skip
+    stairs = Staircase(Plant(loop_mm=0.1), cycles=2)
+    stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
+    bare, stated = (
+        analyse(stairs.recording(), tmp_path / "e.csv", options=Options(mcmc=False, type_b=type_b))
+        for type_b in ((), given)
+    )
+    x = 3.0
+    by_reference = np.hypot(0.005 * x, 0.2 / np.sqrt(3))
+    before, after = (elongation_budget(analysis, x)[0] for analysis in (bare, stated))
+    assert after.u == pytest.approx(np.hypot(before.u, by_reference), rel=1e-9)
+    small = before.u**4 / before.dof + (0.005 * x) ** 4 / 8
+    assert after.dof == pytest.approx(after.u**4 / small)
+    signal = np.asarray([float(s.calibration.predict(x)) for s in bare.sensors])
+    for reader in (elongation_reader, lambda analysis: elongation_reader(analysis).inverses[0]):
+        alone, among = (reader(a).evaluate(signal[: len(getattr(reader(a), "inverses", [0]))]) for a in (bare, stated))
+        both = np.hypot(alone.standard_uncertainty_mm, by_reference)
+        np.testing.assert_allclose(among.standard_uncertainty_mm, both, rtol=1e-3)
+
+
+def test_budget_states_whether_it_is_traceable(tmp_path: Path) -> None:
+    """Nothing stated: not traceable, and what is missing; everything stated with a certificate: traceable to it."""
+    stairs = Staircase(cycles=1)
+    stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
+    analysis = analyse(stairs.recording(), tmp_path / "e.csv", options=Options(mcmc=False))
+    assert (
+        "not assessed: scale of grid or photograph, parallax" in elongation_budget(analysis, 0.5)[0].traceability.text
+    )
+    given = contributions({
+        "scale": {"u_percent": 0.1, "certificate": "DKD 4711"},
+        "parallax": {"u_mm": 0.05},
+        "pressure_gauge": {"u_kpa": 0.2, "sensitivity_mm_per_kpa": 0.07},
+        "temperature": {"u_k": 1.0, "sensitivity_mm_per_k": 0.0},
+    })  # fmt: skip
+    stated = elongation_budget(replace(analysis, options=replace(analysis.options, type_b=given)), 0.5)[0]
+    assert stated.as_json()["traceable"] is True
+    assert stated.as_json()["traceability"] == "traceable to DKD 4711"
+    zero = next(c for c in stated.components if c.name == "temperature")
+    assert zero.assessed
+    assert zero.contribution == 0.0
 
 
 @pytest.mark.parametrize("leak", [0.0, 0.1])

@@ -1,0 +1,203 @@
+"""Contributions to the uncertainty of an elongation that no run shows: type B evaluations (GUM 4.3).
+
+Strategy: a contribution is what a certificate or a data sheet states: a distribution with its half width, an expanded
+uncertainty with its coverage factor, or a standard uncertainty, in the unit of the influence quantity, with the
+sensitivity of the elongation to it and degrees of freedom. The four of `EXPECTED` belong to every calibration read by
+eye: a budget names those that are not given as not assessed, never as zero.
+
+Rules: an elongation is traceable (VIM 2.41) where the scale that it is read from has a certificate and every one of the
+four is assessed; else the reason is stated. A relative contribution (%) is of the elongation itself. Keys end in their
+unit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from analysis.arrays import FloatArray
+from analysis.errors import RequestError
+
+SCALE = "scale"
+EXPECTED: Mapping[str, str] = {
+    SCALE: "scale of grid or photograph",
+    "parallax": "parallax",
+    "pressure_gauge": "pressure gauge",
+    "temperature": "temperature",
+}
+"""Name in a file -> name in a budget, of the contributions that a calibration is not complete without."""
+
+
+class Distribution(StrEnum):
+    """The distribution of an influence quantity within its half width, or about its estimate."""
+
+    NORMAL = "normal"
+    RECTANGULAR = "rectangular"
+    TRIANGULAR = "triangular"
+    ARCSINE = "arcsine"
+
+
+_DIVISORS = {
+    Distribution.RECTANGULAR: math.sqrt(3.0),
+    Distribution.TRIANGULAR: math.sqrt(6.0),
+    Distribution.ARCSINE: math.sqrt(2.0),
+}
+"""Half width over standard deviation (GUM 4.3.7 and 4.3.9; arcsine: a cycling temperature)."""
+_UNITS = ("mm", "percent", "kpa", "k")
+_STATED = ("half_width", "expanded", "u")
+_PLAIN = ("distribution", "k", "dof", "certificate", "source", "sensitivity_mm_per_kpa", "sensitivity_mm_per_k")
+
+
+@dataclass(frozen=True, slots=True)
+class TypeBContribution:
+    """One contribution.
+
+    Attributes
+    ----------
+    name : of the influence quantity, see `EXPECTED`; others are free.
+    u : standard uncertainty, in `unit` (mm, percent of the elongation, kpa, k).
+    sensitivity : mm per unit; of the elongation's per cent it is |x| / 100.
+    dof : degrees of freedom; infinite where the statement is certain.
+    distribution, certificate, source : as stated.
+    """
+
+    name: str
+    u: float
+    unit: str
+    sensitivity: float
+    dof: float
+    distribution: Distribution
+    certificate: str = ""
+    source: str = ""
+
+    @property
+    def label(self) -> str:
+        """The name in a budget."""
+        return EXPECTED.get(self.name, self.name.replace("_", " "))
+
+    def u_mm(self, x_mm: npt.ArrayLike) -> FloatArray:
+        """Return the standard uncertainty that it makes of an elongation, mm."""
+        x = np.asarray(x_mm, dtype=np.float64)
+        per_unit = np.abs(x) / 100.0 if self.unit == "percent" else np.full(x.shape, self.sensitivity)
+        return np.asarray(self.u * per_unit, dtype=np.float64)
+
+    @property
+    def statement(self) -> str:
+        """What it rests on as text."""
+        unit = {"percent": "% of x", "kpa": "kPa", "k": "K"}.get(self.unit, self.unit)
+        parts = [f"u = {self.u:.3g} {unit}, {self.distribution}"]
+        parts += [f"certificate {self.certificate}"] if self.certificate else []
+        return ", ".join([*parts, *([self.source] if self.source else [])])
+
+    def as_table(self) -> dict[str, Any]:
+        """Return the contribution as a table that `contributions` reads again."""
+        table: dict[str, Any] = {f"u_{self.unit}": self.u, "distribution": str(self.distribution)}
+        if self.unit in ("kpa", "k"):
+            table[f"sensitivity_mm_per_{self.unit}"] = self.sensitivity
+        if math.isfinite(self.dof):
+            table["dof"] = self.dof
+        return table | {key: value for key in ("certificate", "source") if (value := getattr(self, key))}
+
+
+def contributions(tables: Mapping[str, Any]) -> tuple[TypeBContribution, ...]:
+    """Return the contributions of the tables of a file, by name.
+
+    Each has one of `half_width_UNIT`, `expanded_UNIT` (with `k`) and `u_UNIT`, UNIT being mm, percent, kpa or k; a
+    `distribution`; and may have `dof`, `certificate`, `source`. A kpa or k needs `sensitivity_mm_per_kpa` or `_k`.
+
+    Raises
+    ------
+    RequestError : a table is refused; names it and its key.
+    """
+    return tuple(_contribution(name, table) for name, table in tables.items())
+
+
+def _contribution(name: str, table: Any) -> TypeBContribution:
+    if not isinstance(table, Mapping):
+        raise _refused(name, "must be a table", "Write [type_b.NAME] and its keys below it.")
+    known = [f"{stated}_{unit}" for stated in _STATED for unit in _UNITS]
+    unknown = [key for key in table if key not in known and key not in _PLAIN]
+    if unknown:
+        raise _refused(name, f"{unknown[0]!r:.60} is not a known key", f"Known: {', '.join([*known, *_PLAIN])}.")
+    given = [key for key in known if key in table]
+    if len(given) != 1:
+        found = " and ".join(given) or "none of them"
+        raise _refused(name, f"gives {found}", "Give one of half_width_, expanded_ or u_ with its unit.")
+    stated, _, unit = given[0].rpartition("_")
+    value = _number(name, table, given[0], least=0.0)
+    distribution = _distribution(name, table, stated)
+    k = _number(name, table, "k", least=0.0) if "k" in table else math.nan
+    if (stated == "expanded") != ("k" in table) or k == 0:
+        raise _refused(name, "'k' belongs to an expanded uncertainty, and is above 0", "Give expanded_UNIT with k.")
+    sensitivity = 1.0
+    if unit in ("kpa", "k"):
+        sensitivity = abs(_number(name, table, f"sensitivity_mm_per_{unit}"))
+    u = {"u": value, "expanded": value / k}.get(stated, math.nan)
+    if stated == "half_width":
+        u = value / _DIVISORS[distribution]
+    dof = _number(name, table, "dof", least=1.0) if "dof" in table else math.inf
+    texts = {key: str(table.get(key, "")) for key in ("certificate", "source")}
+    return TypeBContribution(name, u, unit, sensitivity, dof, distribution, **texts)
+
+
+def _distribution(name: str, table: Mapping[str, Any], stated: str) -> Distribution:
+    text = table.get("distribution", "" if stated == "half_width" else "normal")
+    try:
+        distribution = Distribution(text)
+    except ValueError:
+        known = ", ".join(Distribution)
+        raise _refused(name, f"'distribution' is {text!r:.40}", f"Give one of {known}.") from None
+    if stated == "half_width" and distribution is Distribution.NORMAL:
+        raise _refused(name, "a normal distribution has no half width", "Give u_ or expanded_ with k.")
+    return distribution
+
+
+def _number(name: str, table: Mapping[str, Any], key: str, least: float = -math.inf) -> float:
+    value = table.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or value < least:
+        at_least = f" of at least {least:g}" if math.isfinite(least) else ""
+        given = "is missing" if key not in table else f"is {value!r:.40}"
+        raise _refused(name, f"{key!r} {given}", f"Give a number{at_least}.")
+    return float(value)
+
+
+def _refused(name: str, cause: str, remedy: str) -> RequestError:
+    return RequestError(f"type_b.{name:.60}: {cause}", remedy)
+
+
+@dataclass(frozen=True, slots=True)
+class Traceability:
+    """Whether an elongation is metrologically traceable, and to what or why not."""
+
+    traceable: bool
+    text: str
+
+
+def not_assessed(given: Sequence[TypeBContribution]) -> tuple[str, ...]:
+    """Return the labels of the expected contributions that are not given."""
+    names = {one.name for one in given}
+    return tuple(label for name, label in EXPECTED.items() if name not in names)
+
+
+def traceability(given: Sequence[TypeBContribution]) -> Traceability:
+    """State whether an elongation with these contributions is traceable (VIM 2.41)."""
+    missing = not_assessed(given)
+    certificates = [one.certificate for one in given if one.name == SCALE and one.certificate]
+    reasons = [f"not assessed: {', '.join(missing)}"] if missing else []
+    if not certificates and EXPECTED[SCALE] not in missing:
+        reasons.append(f"the {EXPECTED[SCALE]} has no certificate")
+    if reasons:
+        return Traceability(False, f"not traceable: {'; '.join(reasons)}")
+    return Traceability(True, f"traceable to {certificates[0]}")
+
+
+def type_b_u_mm(given: Sequence[TypeBContribution], x_mm: npt.ArrayLike) -> FloatArray:
+    """Return the standard uncertainty of all contributions together at each elongation, mm."""
+    x = np.asarray(x_mm, dtype=np.float64)
+    return np.asarray(np.sqrt(sum((one.u_mm(x) ** 2 for one in given), np.zeros(x.shape))), dtype=np.float64)

@@ -118,8 +118,8 @@ class Calibration:
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom of the residuals."""
-        return self.n - self.degree - 1
+        """Degrees of freedom of the residuals; a constraint on the coefficients adds one."""
+        return self.n - int(self.fit.basis_factor.shape[1])
 
     @property
     def residuals(self) -> FloatArray:

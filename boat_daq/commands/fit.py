@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from boat_daq.commands.console import JsonOption, notify, present
-from boat_daq.commands.options import FidelityOption
+from boat_daq.commands.options import FidelityOption, one_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from analysis.arrays import FloatArray
     from analysis.calibration.fit import Calibration
+    from analysis.calibration.general_fit import GeneralFit
     from analysis.calibration.posterior import Posterior
 
 BAND_POINTS = 101
@@ -26,7 +27,24 @@ def fit(
     y: Annotated[str, typer.Option(metavar="COL", help="Column of y.")],
     degree: Annotated[int, typer.Option(min=0, max=10, help="Degree of the polynomial.")] = 3,
     u: Annotated[
-        str | None, typer.Option("--u", metavar="COL", help="Column of the standard uncertainty of y.")
+        str | None,
+        typer.Option(
+            "--u", metavar="COL", help="Column of the stated standard uncertainty of y, tested by chi-square."
+        ),
+    ] = None,
+    through_zero: Annotated[
+        bool, typer.Option("--through-zero", help="The curve passes through x = 0, y = 0.")
+    ] = False,
+    monotone: Annotated[
+        bool, typer.Option("--monotone", help="The curve rises or falls over its whole range.")
+    ] = False,
+    robust: Annotated[
+        str | None,
+        typer.Option(
+            metavar="METHOD",
+            callback=one_of("huber", "leave-out"),
+            help="Points off the curve count less (huber) or are left out (leave-out); each is listed.",
+        ),
     ] = None,
     bands: Annotated[
         bool, typer.Option("--bands", help="Add 68 and 95 % bands of the curve and of a new reading.")
@@ -50,15 +68,23 @@ def fit(
 
     Example: boat-daq fit pontius.csv --x load --y deflection --degree 2 --json
     """
-    from analysis.calibration.checks import calibration_warnings, fit_checks
-    from analysis.calibration.fit import fit_calibration
+    from analysis.calibration.checks import fit_checks
+    from analysis.calibration.general_fit import FitOptions, general_fit
+    from analysis.calibration.robust_fit import RobustMethod
 
+    if x_resolution > 0 and (through_zero or robust == "huber"):
+        raise typer.BadParameter("has no posterior through zero or by Huber's estimate", param_hint="--x-resolution")
     (at, signal, *given), labels, masked = _readings(file, [x, y] if u is None else [x, y, u], position)
     uncertainty = given[0] if given else None
+    options = FitOptions(through_zero, monotone, None if robust is None else RobustMethod(robust))
+    found = general_fit(at, signal, degree, standard_uncertainty=uncertainty, options=options)
+    at, signal = at[found.kept], signal[found.kept]
+    uncertainty, labels = (None if part is None else part[found.kept] for part in (uncertainty, labels))
     reading_sd = x_resolution / 12**0.5
-    calibration = fit_calibration(at, signal, degree, standard_uncertainty=uncertainty).with_reading(reading_sd, labels)
-    content: dict[str, Any] = calibration.as_json() | {"masked": masked, "checks": fit_checks(calibration)}
-    warnings = calibration_warnings(calibration)
+    calibration = found.calibration.with_reading(reading_sd, labels)
+    content: dict[str, Any] = found.as_json() | calibration.as_json() | {"residual_sd": found.residual_sd}
+    content |= {"masked": masked, "checks": fit_checks(calibration)}
+    warnings = found.warnings
     content["notes"] = [warning.text for warning in warnings]
     content["warnings"] = [warning.as_json() for warning in warnings]
     posterior = None
@@ -69,7 +95,7 @@ def fit(
 
         posterior = sample_posterior(
             at, signal, degree, reading_sd=reading_sd, positions=labels, standard_uncertainty=uncertainty,
-            seed=seed, max_steps=fidelity(level).posterior_steps,
+            monotone=monotone, seed=seed, max_steps=fidelity(level).posterior_steps,
         )  # fmt: skip
         content["posterior"] = posterior.as_json()
         if labels is None and share_their_error(calibration.fit, calibration.x, calibration.y, reading_sd):
@@ -85,8 +111,25 @@ def fit(
         *(f"b{i} = {b:.12g}   u = {error:.3g}" for i, (b, error) in enumerate(terms)),
         f"R2 = {calibration.r2:.8f}   RMSE = {content['rmse']:.6g}   n = {content['n']}",
         f"range {content['range']}   monotone: {content['monotone']}",
+        *_tested(found),
         as_json=as_json,
     )
+
+
+def _tested(found: GeneralFit) -> list[str]:
+    """Return the test of a stated uncertainty as a line, and the points that count less as lines."""
+    lines = []
+    if found.stated is not None:
+        test = found.stated
+        verdict = str(test.verdict).replace("_", " ")
+        lines.append(
+            f"stated uncertainty: {verdict}, chi-square {test.chi_squared:.4g} with {test.dof} degrees of freedom "
+            f"({test.low:.4g} to {test.high:.4g} expected); the points scatter {test.ratio:.2g} times the statement"
+        )
+    for one in found.robust.trail if found.robust is not None else ():
+        counts = "left out" if one.weight == 0 else f"weight {one.weight:.2g}"
+        lines.append(f"row {one.row + 1}: x = {one.x:.6g}, y = {one.y:.6g}, {one.residual:+.3g} off: {counts}")
+    return lines
 
 
 def _readings(file: Path, names: list[str], position: str | None) -> tuple[list[FloatArray], NDArray[Any] | None, int]:

@@ -10,7 +10,7 @@ import pytest
 
 from analysis.errors import AnalysisError
 from tests.analysis.calibration.test_fit import DIGITS, certified, digits
-from tests.boat_daq.commands.calls import call, exit_code
+from tests.boat_daq.commands.calls import call, exit_code, text
 
 FIT_KEYS = {
     "degree", "n", "coefficients", "std_errors", "covariance", "r2", "rmse", "range", "turning_points", "monotone",
@@ -55,3 +55,68 @@ def test_incomplete_rows_are_counted_and_impossible_fits_refused(tmp_path: Path)
     with pytest.raises(AnalysisError, match="2 distinct x"):
         call("fit", tmp_path / "b.csv", "--x", "x", "--y", "y")
     assert exit_code("fit", tmp_path / "a.csv", "--x", "x", "--y", "y", "--degree", "11") == 2
+
+
+def table(folder: Path, **columns: np.ndarray) -> Path:
+    """Write columns as a CSV."""
+    pd.DataFrame(columns).to_csv(folder / "t.csv", index=False)
+    return folder / "t.csv"
+
+
+XY = ("--x", "x", "--y", "y")
+
+
+def test_stated_uncertainty_gives_the_errors_and_is_tested(tmp_path: Path) -> None:
+    """A line with u = 0.5: errors by (A^T A / u^2)^-1, whatever the scatter; three times too small is named."""
+    rng = np.random.default_rng(1)
+    x = np.linspace(0, 10, 30)
+    path = table(tmp_path, x=x, y=2 * x + 0.5 * rng.standard_normal(30), u=np.full(30, 0.5), v=np.full(30, 0.15))
+    found = call("fit", path, *XY, "--degree", 1, "--u", "u")
+    design = np.vander(x, 2, increasing=True)
+    expected = 0.5 * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
+    np.testing.assert_allclose(found["std_errors"], expected, rtol=1e-9)
+    assert found["stated_uncertainty"]["verdict"] == "consistent"
+    assert found["residual_sd"] == pytest.approx(0.5 * found["stated_uncertainty"]["ratio"])
+    small = call("fit", path, *XY, "--degree", 1, "--u", "v")
+    assert small["stated_uncertainty"]["verdict"] == "too_small"
+    assert "stated_uncertainty" in {w["code"] for w in small["warnings"]}
+    assert "stated uncertainty: too small, chi-square" in text("fit", path, *XY, "--degree", 1, "--u", "v")
+
+
+def test_options_of_a_fit_are_in_its_result(tmp_path: Path) -> None:
+    """Through zero and monotone: a constant of zero without error, and a curve that does not turn."""
+    x = np.linspace(0.2, 10, 40)
+    y = 100 * (1 - np.exp(-x)) + 2 * np.random.default_rng(0).standard_normal(40)
+    path = table(tmp_path, x=x, y=y)
+    assert not call("fit", path, *XY, "--degree", 5)["monotone"]
+    found = call("fit", path, *XY, "--degree", 5, "--monotone", "--through-zero", "--bands")
+    assert found["monotone"]
+    assert found["through_zero"]
+    assert found["constrained_monotone"]
+    assert found["coefficients"][0] == found["std_errors"][0] == 0.0
+    assert exit_code("fit", path, *XY, "--through-zero", "--x-resolution", 0.1) == 2
+    assert exit_code("fit", path, *XY, "--robust", "median") == 2
+
+
+@pytest.mark.parametrize("method", ["huber", "leave-out"])
+def test_wrong_point_is_in_the_trail_and_off_the_curve(tmp_path: Path, method: str) -> None:
+    """Row 8 of 30 is 20 off: named in the trail and the text; the line is that of the others."""
+    x = np.linspace(0, 10, 30)
+    y = 3 * x + 0.1 * np.random.default_rng(3).standard_normal(30)
+    y[7] += 20.0
+    path = table(tmp_path, x=x, y=y)
+    found = call("fit", path, *XY, "--degree", 1, "--robust", method)
+    assert found["coefficients"][1] == pytest.approx(3.0, abs=0.03)
+    trail = found["robust"]["trail"]
+    assert 7 in {one["row"] for one in trail}
+    assert found["n"] == (29 if method == "leave-out" else 30)
+    assert "point_left_out" in {w["code"] for w in found["warnings"]}
+    assert "row 8: x = 2.41379" in text("fit", path, *XY, "--degree", 1, "--robust", method)
+
+
+def test_columns_without_a_relation_are_named(tmp_path: Path) -> None:
+    """Noise against a ramp: a warning, with and without --json."""
+    path = table(tmp_path, x=np.arange(40.0), y=np.random.default_rng(0).standard_normal(40))
+    found = call("fit", path, *XY, "--degree", 1)
+    assert {w["code"] for w in found["warnings"]} == {"nothing_explained"}
+    assert found["residual_tests"]["explanation"]["p"] > 0.05

@@ -1,0 +1,125 @@
+"""Tests of residuals: their levels by simulation, their formulas by brute force, and the warnings that they give."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis import fit_calibration
+from analysis.calibration.residual_tests import (
+    AUTOCORRELATED,
+    chi_squared,
+    durbin_watson,
+    explanation,
+    residual_tests,
+    residual_warnings,
+)
+
+X = np.linspace(0.0, 10.0, 40)
+U = np.where(np.arange(40) % 2, 0.5, 2.0)
+
+
+def codes(x: np.ndarray, y: np.ndarray, degree: int = 1) -> list[str]:
+    """Return the codes of the warnings of a fit."""
+    return [str(w.code) for w in residual_warnings(fit_calibration(x, y, degree))]
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(1.0, "consistent"), (0.3, "too_small"), (3.0, "too_large")])
+def test_stated_uncertainty_is_compared_with_the_scatter(factor: float, verdict: str) -> None:
+    """Stated as it is, three times too small, three times too large; the ratio tells the factor within a fifth."""
+    y = 3 * X + U * np.random.default_rng(1).standard_normal(X.size)
+    calibration = fit_calibration(X, y, 1, standard_uncertainty=factor * U)
+    found = chi_squared(calibration, factor * U)
+    assert found is not None
+    assert found.verdict == verdict
+    assert found.ratio == pytest.approx(1 / factor, rel=0.2)
+    texts = [w.text for w in residual_warnings(calibration, found) if w.code == "stated_uncertainty"]
+    assert bool(texts) == (verdict != "consistent")
+
+
+def test_a_true_statement_is_doubted_in_5_percent() -> None:
+    """1,000 sets with their true uncertainty: 50 +- 20 are called inconsistent."""
+    rng = np.random.default_rng(2)
+    doubted = 0
+    for _ in range(1000):
+        y = 3 * X + U * rng.standard_normal(X.size)
+        found = chi_squared(fit_calibration(X, y, 1, standard_uncertainty=U), U)
+        doubted += found is not None and found.verdict != "consistent"
+    assert 30 <= doubted <= 70
+
+
+def test_moments_of_durbin_watson_are_those_of_the_matrices() -> None:
+    """Mean tr(MA)/v and its variance by full matrices, weights and order included."""
+    rng = np.random.default_rng(3)
+    x = rng.permutation(X)
+    y = x**2 + rng.standard_normal(x.size)
+    calibration = fit_calibration(x, y, 2, standard_uncertainty=U)
+    found = durbin_watson(calibration, x)
+    assert found is not None
+    rows = np.argsort(x)
+    design = (np.vander(x, 3) / U[:, None])[rows]
+    m = np.eye(40) - design @ np.linalg.pinv(design)
+    steps = np.diff(np.eye(40), axis=0)
+    ma = m @ steps.T @ steps
+    mean = np.trace(ma) / 37
+    assert found.expected == pytest.approx(mean, rel=1e-9)
+    sd = np.sqrt(2 * (np.trace(ma @ ma) - np.trace(ma) * mean) / (37 * 39))
+    residuals = (calibration.residuals / U)[rows]
+    statistic = (np.diff(residuals) ** 2).sum() / (residuals @ residuals)
+    assert found.statistic == pytest.approx(statistic, rel=1e-9)
+    from scipy import stats
+
+    assert found.p == pytest.approx(stats.norm.cdf((statistic - mean) / sd), rel=1e-6)
+
+
+def test_independent_errors_are_not_called_alike() -> None:
+    """2,000 sets of white noise about a cubic: at most one in 400 is named, in either order."""
+    rng = np.random.default_rng(4)
+    named = 0
+    for _ in range(2000):
+        y = X**3 / 100 + rng.standard_normal(X.size)
+        calibration = fit_calibration(X, y, 3)
+        tests = (durbin_watson(calibration, X), durbin_watson(calibration))
+        named += any(test is not None and test.p < AUTOCORRELATED for test in tests)
+    assert named <= 5
+
+
+def test_a_missed_bend_and_a_drift_are_named_by_their_order() -> None:
+    """A parabola fitted by a line is alike in the order of x, a drift over shuffled x in that of the rows."""
+    rng = np.random.default_rng(5)
+    bent = [w.text for w in residual_warnings(fit_calibration(X, 3 * X + 0.3 * (X - 5) ** 2, 1))]
+    assert any("in the order of x" in text for text in bent)
+    x = rng.permutation(X)
+    drifting = 30 * x + np.cumsum(rng.standard_normal(40))
+    texts = [w.text for w in residual_warnings(fit_calibration(x, drifting, 1)) if w.code == "autocorrelated"]
+    assert len(texts) == 1
+    assert "in the order of the rows" in texts[0]
+
+
+def test_data_without_a_relation_are_named() -> None:
+    """R2 0.03 is no relation; R2 0.67 of two random walks explains too little and is autocorrelated."""
+    rng = np.random.default_rng(8)
+    assert codes(X, rng.standard_normal(40)) == ["nothing_explained"]
+    walks = np.cumsum(np.random.default_rng(17).standard_normal((2, 200)), axis=1)
+    found = codes(walks[0], walks[1])
+    assert "autocorrelated" in found
+    assert "nothing_explained" in found
+    assert codes(X, 3 * X + rng.standard_normal(40)) == []
+
+
+def test_f_against_a_constant_by_hand() -> None:
+    """F = (R2 / 1) / ((1 - R2) / 38); p below 5 % in 5 % of 1,000 sets without a relation."""
+    rng = np.random.default_rng(6)
+    found = explanation(calibration := fit_calibration(X, X + 5 * rng.standard_normal(40), 1))
+    assert found is not None
+    assert found.f == pytest.approx(calibration.r2 / (1 - calibration.r2) * 38)
+    p = [explanation(fit_calibration(X, rng.standard_normal(40), 1)) for _ in range(1000)]
+    assert np.mean([one is not None and one.p < 0.05 for one in p]) == pytest.approx(0.05, abs=0.02)
+
+
+def test_what_cannot_be_tested_is_none() -> None:
+    """As many points as coefficients, an exact line, a constant: no test, and no warning."""
+    for x, y, degree in (([0, 1, 2], [0, 1, 3], 2), (X, 3 * X, 1), (X, np.full(40, 2.0), 0)):
+        calibration = fit_calibration(x, y, degree)
+        assert residual_tests(calibration)["durbin_watson_by_x"] is None
+        assert residual_warnings(calibration) == ()

@@ -24,6 +24,7 @@ from analysis.fidelity import fidelity
 from analysis.figures import sensor_figures as metrics
 from analysis.figures.across_breaks import compare_breaks, of_cycles, parts_of
 from analysis.figures.figure import Figure, Reason
+from analysis.figures.outliers import without_wrong_readings
 from analysis.figures.sensor_analysis import (
     AnalysedRun,
     Options,
@@ -164,7 +165,7 @@ def analyse(
     options = options or Options(seed=seed, mcmc=mcmc)
     if not isinstance(recording, Recording):
         recording = load_recording(recording)
-    cycles = find_cycles(recording)
+    cycles = find_cycles(recording, options.plateau.tolerance_kpa)
     recording = mask_faulty_signals(recording, cycles.smooth_kpa)
     plateaus = find_plateaus(recording, cycles, options.plateau)
     elongations = elongations_of(recording, plateaus, elongation)
@@ -173,6 +174,11 @@ def analyse(
         loops = staircase_loops(plateaus, cycles, x, recording.n_sensors)
     else:
         loops = continuous_loops(recording, cycles)
+    left_out: tuple[Warning, ...] = ()
+    if options.leave_out and plateaus:
+        whole = SegmentedRun(recording, options, cycles, plateaus, elongations, loops, _weights(loops, options), ())
+        whole, left_out = without_wrong_readings(whole)
+        elongations, loops = whole.elongations, whole.loops
     breaks = compare_breaks(recording, cycles, loops)
     parts = [of_cycles(loops, numbers) for numbers in parts_of(breaks)]
     if len(parts) > 1:  # never pooled: the figures are those of the largest part, the later one of two
@@ -190,7 +196,7 @@ def analyse(
         system_sensitivity=_system_sensitivity(sensors),
         actuator_hysteresis=actuator,
         actuator_hysteresis_per_cycle=actuator_cycles,
-        warnings=run_warnings(run, sensors),
+        warnings=(*left_out, *run_warnings(run, sensors)),
         budgets=middle_budgets(analysed),
         u_elongation=tuple(elongation_uncertainty(analysed, i) for i in range(len(sensors))),
         parts=tuple(_part(run, part) for part in parts) if len(parts) > 1 else (),

@@ -31,15 +31,23 @@ from analysis.calibration.joint_fit import (
 )
 from analysis.calibration.posterior import Posterior, sample_posterior
 from analysis.calibration.quantised_x import common_variance
+from analysis.calibration.type_b import TypeBContribution
 from analysis.data.recording import Recording
 from analysis.errors import AnalysisError, DataError
 from analysis.fidelity import Level, fidelity
 from analysis.figures import sensor_figures as metrics
-from analysis.figures.across_breaks import Break
-from analysis.figures.figure import Figure, Reason
+from analysis.figures.across_breaks import Break, of_cycles
+from analysis.figures.figure import Figure, Reason, marked_implausible, not_driven
 from analysis.figures.repeatability import FiguresByCycle, figures_by_cycle
 from analysis.segmentation.cycles import Cycles
-from analysis.segmentation.loops import MAX_DAMAGED_CYCLE, Loops, LoopWidth, cluster_levels, loop_width
+from analysis.segmentation.loops import (
+    MAX_DAMAGED_CYCLE,
+    Loops,
+    LoopWidth,
+    cluster_levels,
+    loop_width,
+    staircase_loops,
+)
 from analysis.segmentation.losses import LossCounter, Losses
 from analysis.segmentation.plateau_readings import Elongations
 from analysis.segmentation.plateaus import Plateau, PlateauSettings
@@ -68,6 +76,8 @@ class Options:
     mcmc : sample the posterior.
     plateau : what counts as settled.
     fidelity : how fine bootstrap and sampler are, see `analysis.fidelity`.
+    leave_out : leave out readings whose points are off the curve, each with a warning.
+    type_b : contributions to the uncertainty of an elongation that no run shows, see `analysis.calibration.type_b`.
     """
 
     degree: Degree = USUAL_DEGREE
@@ -77,6 +87,8 @@ class Options:
     mcmc: bool = True
     plateau: PlateauSettings = field(default_factory=PlateauSettings)
     fidelity: Level = "normal"
+    leave_out: bool = False
+    type_b: tuple[TypeBContribution, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +185,11 @@ class SegmentedRun:
         )
         return inside & self.elongations.known if self.elongations is not None else np.zeros_like(inside)
 
+    def with_elongations(self, elongations: Elongations) -> SegmentedRun:
+        """Return the run with other readings; its loops keep their cycles."""
+        whole = staircase_loops(self.plateaus, self.cycles, elongations.elongation_mm, self.recording.n_sensors)
+        return replace(self, elongations=elongations, loops=of_cycles(whole, self.loops.numbers))
+
     def branch_of(self, points: np.ndarray[Any, Any]) -> FloatArray:
         """[points] 1 loading, -1 unloading, 0 at the end levels, which both branches share."""
         level, count = self._levels
@@ -242,7 +259,7 @@ def analyse_sensor(run: SegmentedRun, sensor: int) -> SensorAnalysis:
     figures["combined_error_percent_fso"] = metrics.combined_error(
         [figures[name] for name in ("nonlinearity_percent_fso", chosen, "repeatability_percent_fso")]
     )
-    figures = with_losses(run, sensor, figures)
+    figures = not_driven(marked_implausible(with_losses(run, sensor, figures)), run.cycles.void)
     return SensorAnalysis(
         run.recording.sensor_names[sensor], calibration, reason, posterior, figures,
         _percent(own.per_cycle, fso) if own is not None else (), _percent(system.per_cycle, fso),

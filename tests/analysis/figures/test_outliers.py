@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from analysis import Options, analyse
 from analysis.figures.outliers import FLOOR_MM, LEAST_READINGS, outlying
+from tests.analysis.boat_builder import Plant, Staircase
 
 PRESSURE_KPA = np.array([50.0, 30.0, 10.0, -10.0, -30.0, -40.0, -30.0, -10.0, 10.0, 30.0, 50.0, 30.0, 10.0, -10.0])
 LOADING = np.array([False] * 6 + [True] * 5 + [False] * 3)
@@ -34,3 +36,34 @@ def test_reading_on_the_next_mark_of_the_grid_is_no_outlier():
     read = SMOOTH_MM.copy()
     read[6] += 0.9 * FLOOR_MM
     assert np.isnan(outlying(PRESSURE_KPA, LOADING, read)).all()
+
+
+@pytest.mark.parametrize("sensors_see_it", [True, False])
+def test_reading_wrong_by_a_millimetre_is_left_out_on_request(tmp_path, sensors_see_it):
+    """One of 91 readings 1 mm too far: named and used by default, left out with a warning on request.
+
+    Without it the curve is that of the other 90; a sound run loses no reading.
+    """
+    stairs = Staircase(Plant(loop_mm=0.1), cycles=5)
+    table = stairs.elongations()
+    sound = analyse_file(stairs, table, tmp_path, leave_out=True)
+    row = 40
+    table.loc[row, "elongation_mm"] += 1.0 if sensors_see_it else 0.0
+    plain, robust = (analyse_file(stairs, table, tmp_path, leave_out=on) for on in (False, True))
+    left_out = [w for w in robust.warnings if w.code == "reading_left_out"]
+    assert not [w for w in plain.warnings if w.code == "reading_left_out"]
+    assert len(left_out) == sensors_see_it
+    if sensors_see_it:
+        assert f"the reading {table.loc[row, 'elongation_mm']:+.2f} mm at " in left_out[0].text
+        assert "s1 " in left_out[0].text
+        assert "s2 " in left_out[0].text
+        for before, after, truth in zip(plain.sensors, robust.sensors, sound.sensors, strict=True):
+            assert after.calibration.n == before.calibration.n - 1
+            off = np.abs(after.calibration.coefficients - truth.calibration.coefficients)
+            assert (off < 0.5 * truth.calibration.std_errors_with_reading + 1e-9).all()
+
+
+def analyse_file(stairs, table, folder, **options):
+    """Analyse a staircase with a table of elongations."""
+    table.to_csv(folder / "e.csv", index=False)
+    return analyse(stairs.recording(), folder / "e.csv", options=Options(mcmc=False, x_resolution_mm=0.0, **options))

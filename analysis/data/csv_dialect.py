@@ -1,7 +1,7 @@
 """How a text file of numbers is written: encoding, separator, decimal sign, header, units.
 
-Strategy: the encoding is read from the first bytes, separator and decimal sign are those that make the most rows
-numeric with one number of columns, the header is what is above the first such row.
+Strategy: the encoding follows from the first bytes (`analysis.data.text_encoding`); separator and decimal sign are
+those that make the most rows numeric with one number of columns; the header is what is above the first such row.
 
 Rules: no value is ever evaluated: a cell is a number or text; memory is bounded (a line above 1 MB or more than 1,000
 columns are refused).
@@ -18,6 +18,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from analysis.data.text_encoding import encoding_of
 from analysis.errors import FileError
 
 MAX_LINE_BYTES = 1 << 20
@@ -65,7 +66,7 @@ def sniff(path: Path) -> Dialect:
     _refuse_endless_lines(path)
     with path.open("rb") as file:
         head = file.read(4 * MAX_LINE_BYTES)
-    encoding = _encoding(head)
+    encoding = encoding_of(head, whole=len(head) < 4 * MAX_LINE_BYTES)
     text = head.decode(encoding, errors="replace")
     if not text.strip("\ufeff \r\n\t"):
         raise FileError(f"{path.name} is empty", "Export it again.")
@@ -134,19 +135,6 @@ def _refuse_endless_lines(path: Path) -> None:
             if max(map(len, lines)) > MAX_LINE_BYTES:
                 raise FileError(longest, "It is not a table of numbers.")
             rest = lines[-1]
-
-
-def _encoding(head: bytes) -> str:
-    for mark, name in ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
-        if head.startswith(mark):
-            return name
-    if head[:200].count(b"\x00") > len(head[:200]) // 4:
-        return "utf-16-be" if head[:1] == b"\x00" else "utf-16-le"
-    try:
-        head[: max(len(head) - 3, 0) if len(head) == 4 * MAX_LINE_BYTES else len(head)].decode("utf-8")
-    except UnicodeDecodeError:
-        return "cp1252"
-    return "utf-8"
 
 
 def cells_of(line: str, separator: str) -> list[str]:

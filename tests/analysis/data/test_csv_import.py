@@ -23,7 +23,7 @@ def text(separator: str = ",", decimal: str = ".", header: str | None = "time_s,
 
 
 @pytest.mark.fault(47, how="each separator, decimal sign and encoding", times=24)
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252", "cp932", "gb18030", "cp1251"])
 @pytest.mark.parametrize(
     ("separator", "decimal"), [(",", "."), (";", ","), ("\t", ","), (";", "."), ("\t", "."), ("|", ".")]
 )

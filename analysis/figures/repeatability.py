@@ -1,7 +1,11 @@
 """The figures of one sensor cycle by cycle, and how many of the first cycles are warm-up.
 
 A cycle is warm-up while the mean displacement of its levels from the second half of the run is beyond three robust
-standard deviations of that half, from the first cycle on without a break. The warm-up is named, not removed.
+standard deviations of that half and beyond a share of full scale that matters, from the first cycle on without a break.
+The warm-up is named, not removed.
+
+A cycle's hysteresis is the largest of many differences, which noise lifts; that of the mean loop is not lifted so. By
+how much follows from the scatter of the differences between the cycles.
 """
 
 from __future__ import annotations
@@ -15,6 +19,12 @@ from analysis.segmentation.loops import Loops, LoopWidth, branch_mean
 from analysis.statistics import robust_sd
 
 WARM_UP_SIGMA = 3.0
+WARM_UP_PERCENT = 0.1
+"""Of full-scale output: a fiftieth of the published hysteresis, below what any reader of a report acts upon."""
+LEAST_LATER = 2
+"""Cycles in the second half: one has no scatter to compare with."""
+DRAWS = 2_000
+"""Of simulated cycles: their mean maximum is then known to a fortieth of its scatter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +38,7 @@ class FiguresByCycle:
     displacement_percent_fso : [cycles] mean of the levels less their median over the second half of the run.
     level_displacement_percent_fso : [cycles, levels] each level, mean of both branches, less its mean over the cycles.
     branch_displacement_percent_fso : [2, cycles, levels] the same of each branch alone.
+    hysteresis_lift_percent_fso : how much noise lifts the hysteresis of a cycle on average; NaN below two cycles.
     sensitivity, sensitivity_unit : [cycles] end to end, mV/mm, or mV/kPa where x was not read in every cycle.
     warm_up : number of warm-up cycles.
     """
@@ -42,6 +53,7 @@ class FiguresByCycle:
     sensitivity: FloatArray
     sensitivity_unit: str
     warm_up: int
+    hysteresis_lift_percent_fso: float
 
 
 def figures_by_cycle(
@@ -63,15 +75,39 @@ def figures_by_cycle(
     span = np.abs(levels[:, whole][:, -1] - levels[:, whole][:, 0]) if whole.sum() > 1 else unknown
     later = common[loops.n_cycles // 2 :]
     centre = float(np.median(later)) if later.size else float("nan")
-    away = np.abs(common - centre) > WARM_UP_SIGMA * robust_sd(later)
-    warm_up = int(np.argmin(away)) if away.size and not away.all() else 0
     scale = 100.0 / full_scale_mv if full_scale_mv > 0 else float("nan")
+    matters = WARM_UP_PERCENT / scale
+    away = np.abs(common - centre) > max(WARM_UP_SIGMA * robust_sd(later), matters)
+    warm_up = int(np.argmin(away)) if later.size >= LEAST_LATER and not away.all() else 0
     own = np.where(loops.own, loops.signal_mv[sensor], np.nan)
     sensitivity, unit = cycle_sensitivities(loops, sensor)
     return FiguresByCycle(
         loops.numbers, scale * width.per_cycle, span, _snr(loops.numbers, span, noise), scale * (common - centre),
         scale * _centred(branch_mean(own), 0), scale * _centred(own, 1), sensitivity, unit, warm_up,
+        scale * lift_of_maximum(loops.signal_mv[sensor]),
     )  # fmt: skip
+
+
+def lift_of_maximum(signal: FloatArray) -> float:
+    """Return how much scatter lifts the widest distance of the branches of one cycle above that of the mean loop.
+
+    The distances of simulated cycles have the mean and the sd of those of the cycles at each level.
+
+    Parameters
+    ----------
+    signal : [2, cycles, levels] of a sensor on its branches.
+
+    Returns
+    -------
+    In the unit of the signal; NaN below two cycles.
+    """
+    apart = signal[1] - signal[0]
+    known = np.isfinite(apart).sum(axis=0) >= 2
+    if not known.any():
+        return float("nan")
+    mean, sd = np.nanmean(apart[:, known], axis=0), np.nanstd(apart[:, known], axis=0, ddof=1)
+    drawn = mean + sd * np.random.default_rng(0).standard_normal((DRAWS, mean.size))
+    return float(np.abs(drawn).max(axis=1).mean() - np.abs(mean).max())
 
 
 def cycle_sensitivities(loops: Loops, sensor: int) -> tuple[FloatArray, str]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from analysis import Options, analyse
-from analysis.figures.repeatability import cycle_sensitivities
+from analysis.figures.repeatability import cycle_sensitivities, lift_of_maximum
 from tests.analysis.boat_builder import PAPER, Plant, Staircase, triangle
 
 QUICK = Options(mcmc=False, x_resolution_mm=0.0)
@@ -59,3 +61,50 @@ def test_no_cycle_has_no_sensitivity() -> None:
     rest = np.zeros(1000)
     values, unit = cycle_sensitivities(analyse(Plant().run(rest, rest > 0, rest), options=QUICK).loops, 0)
     assert (values.size, unit) == (0, "mV/kPa")
+
+
+def test_lift_of_a_maximum_is_that_of_the_normal_distribution() -> None:
+    """No loop: E|z| = sqrt(2/pi) for one level, 2.16 for 20; a loop far wider at one level than its scatter: none.
+
+    2.16 is the mean of the largest of 20 |z| by numerical integration of 1 - (2 Phi - 1)^20.
+    """
+    z = np.linspace(0, 8, 80_001)
+    one, twenty = (float(np.trapezoid(1 - (2 * stats.norm.cdf(z) - 1) ** m, z)) for m in (1, 20))
+    rng = np.random.default_rng(0)
+    for levels, expected in ((1, one), (20, twenty)):
+        signal = np.zeros((2, 4000, levels))
+        signal[1] = rng.standard_normal((4000, levels))
+        assert lift_of_maximum(signal) == pytest.approx(expected, abs=0.05)
+    wide = np.zeros((2, 4000, 20))
+    wide[1] = rng.standard_normal((4000, 20)) + 30.0 * (np.arange(20) == 9)
+    assert lift_of_maximum(wide) == pytest.approx(0.0, abs=0.08)
+    assert np.isnan(lift_of_maximum(np.zeros((2, 1, 5))))
+
+
+def test_a_cycle_less_its_lift_has_the_hysteresis_of_the_mean_loop() -> None:
+    """Thirty continuous cycles with noise: the median cycle is wider than the mean loop by the lift, within a fifth."""
+    analysis = analyse(Plant(loop_mm=0.3, noise_mv=(6.0, 4.0)).run(*triangle(30, 10)), options=QUICK)
+    for sensor in analysis.sensors:
+        lift = sensor.by_cycle.hysteresis_lift_percent_fso
+        wider = np.median(sensor.system_hysteresis_per_cycle) - sensor.figures["system_hysteresis_percent_fso"].value
+        assert lift > 0.2
+        assert wider == pytest.approx(lift, rel=0.2)
+
+
+@pytest.mark.parametrize(("offset_mv", "warm_up"), [(0.02, 0), (2.0, 1)])
+def test_warm_up_is_named_only_where_it_matters(offset_mv: float, warm_up: int) -> None:
+    """A first cycle off by 0.01 % of full scale is none, however quiet the others are; 0.8 % is."""
+    pressure, loading, cycle = triangle(8, 10)
+    run = Plant(noise_mv=(0.001, 0.001)).run(pressure, loading, cycle)
+    moved = replace(run, signal_mv=run.signal_mv + np.where(cycle == cycle.min(), offset_mv, 0.0)[:, None])
+    found = analyse(moved, options=QUICK)
+    assert found.sensors[0].by_cycle.warm_up == warm_up
+
+
+def test_two_cycles_have_no_warm_up() -> None:
+    """The second half of two cycles is one cycle, which has no scatter to compare the first with."""
+    pressure, loading, cycle = triangle(2, 10)
+    assert (
+        analyse(Plant(drift_mv_per_cycle=3.0).run(pressure, loading, cycle), options=QUICK).sensors[0].by_cycle.warm_up
+        == 0
+    )

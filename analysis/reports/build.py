@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analysis.conformity import Conformity
 from analysis.errors import RequestError, writing
-from analysis.figures.acceptance import judge
+from analysis.figures.acceptance import judge, worst_conformity
 from analysis.figures.between_runs import RunComparison, UnitComparison, compare_runs
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
@@ -151,16 +152,15 @@ def _verdict(analysis: Analysis, limits: Mapping[str, float]) -> str:
         if refused:
             return f"{counted}. Not usable: {', '.join(refused)}."
         return f"{counted}. Calibrated from {low:+.2f} to {high:+.2f} mm. No limits were set."
-    verdicts = judge(analysis.sensors, limits)
-    broken = [v for v in verdicts if v.kept is False]
-    unknown = [v for v in verdicts if v.kept is None]
-    if broken:
-        missed = ", ".join(f"{v.name} of {v.sensor} {v.value:.3g} {v.unit}, limit {v.limit:g}" for v in broken)
-        return f"{counted}. FAILS: {missed}."
-    if unknown:
-        named = ", ".join(f"{v.name} of {v.sensor}" for v in unknown)
-        return f"{counted}. No verdict: {named} could not be determined."
-    return f"{counted}. PASSES {'the limit' if len(limits) == 1 else f'all {len(limits)} limits'}."
+    stated = judge(analysis.sensors, limits)
+    worst = worst_conformity(stated)
+    named = ", ".join(one.text for one in stated if one.conformity is worst)
+    if worst is Conformity.UNDETERMINED:
+        missing = ", ".join(f"{one.name} of {one.sensor}" for one in stated if one.conformity is worst)
+        return f"{counted}. No verdict: {missing} could not be determined."
+    if worst is Conformity.PASS:
+        return f"{counted}. PASSES {'the limit' if len(limits) == 1 else f'all {len(limits)} limits'}."
+    return f"{counted}. {'FAILS' if worst is Conformity.FAIL else worst.label.upper()}: {named}."
 
 
 def _facts(analysis: Analysis) -> tuple[tuple[str, str], ...]:

@@ -346,6 +346,7 @@ def _branch_points(ax: Axes, analysis: Analysis, sensor: int, x: FloatArray, y: 
 
 AXES_TOP, AXES_BOTTOM, AXES_RIGHT = 0.26, 0.42, 0.12
 BETWEEN = 0.1  # stacked axes
+LEGEND_ROW, LEGEND_ENTRY = 0.15, 1.08  # height of a row of a legend, width of an entry
 
 
 def set_drawing(canvas: Canvas, drawing: ReportDrawing, x: float, y: float, width: float) -> None:
@@ -366,10 +367,30 @@ def set_drawing(canvas: Canvas, drawing: ReportDrawing, x: float, y: float, widt
         ax = canvas.add_axes(box, sharex=first if stacked else None)
         draw(ax)
         finished(ax)
+        _lift_legend(ax, wide, page_height)
         if stacked and draw is not drawing.draw[-1]:
             ax.tick_params(labelbottom=False)
             ax.set_xlabel("")
         first = first or ax
+
+
+def _lift_legend(ax: Axes, wide: float, page_height: float) -> None:
+    """Set a legend between the title and the axes, which give up its height: it covers no data, whatever they are."""
+    legend = ax.get_legend()
+    if legend is None:
+        return
+    handles, names = ax.get_legend_handles_labels()
+    legend.remove()
+    columns = max(1, min(len(names), int(wide / LEGEND_ENTRY)))
+    rows = -(-len(names) // columns)
+    strip = rows * LEGEND_ROW + 0.04
+    box = ax.get_position()
+    ax.set_position((box.x0, box.y0, box.width, box.height - strip / page_height))
+    ax.legend(
+        handles, names, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, frameon=False, borderaxespad=0.15,
+        borderpad=0.0, columnspacing=1.2, handlelength=1.6, handletextpad=0.5, labelspacing=0.25,
+    )  # fmt: skip
+    ax.set_title(ax.get_title(loc="left"), loc="left", pad=72.0 * strip + 4.0)
 
 
 def _boxes(drawing: ReportDrawing, x: float, y: float, width: float) -> list[tuple[float, float, float, float]]:

@@ -1,7 +1,7 @@
 """A report as one HTML file: no script, no outside reference, drawings as inline SVG, everything escaped.
 
-Rules: Jinja2 with autoescape sets all text; only the SVG that matplotlib wrote is marked as safe. Long tables scroll
-inside their own box, so that the page never overflows a narrow screen.
+Rules: Jinja2 with autoescape sets all text; only the SVG that matplotlib wrote is marked as safe. On a narrow screen a
+row of a table becomes a block with a line for each cell, and drawings shrink: nothing is cut off or scrolls sideways.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from analysis.reports.document import Report, ReportDrawing, ReportTable, Sectio
 from analysis.reports.drawings import as_svg
 
 WIDTH_INCH = 7.4
+STACKED_INCH = 5.4  # narrow enough to be read on a telephone
 
 
 def write_html(report: Report, path: Path) -> None:
@@ -45,7 +46,8 @@ def _part(part: SectionPart) -> dict[str, Any]:
         return {"kind": "table", "table": shown, "sides": sides, "caption": typeset(shown.caption)}
     if isinstance(part, ReportDrawing):
         panels = [part] if part.ratios else [replace(part, draw=(one,)) for one in part.draw]
-        svgs = [as_svg(panel, WIDTH_INCH / len(panels)) for panel in panels]
+        width = STACKED_INCH if part.ratios else WIDTH_INCH / len(panels)
+        svgs = [as_svg(panel, width) for panel in panels]
         drawn = [Markup(svg) for svg in svgs]  # noqa: S704 - matplotlib's own SVG
         return {"kind": "drawing", "panels": drawn, "caption": typeset(part.caption)}
     return {"kind": "text", "text": typeset(part)}

@@ -12,9 +12,10 @@ import numpy as np
 
 from analysis import published
 from analysis.arrays import FloatArray
-from analysis.figures.acceptance import LIMITS
+from analysis.conformity import RULE
+from analysis.figures.acceptance import LIMITS, judge
 from analysis.figures.across_breaks import ALPHA, Break
-from analysis.figures.figure import SENSOR_FIGURES, SYSTEM_FIGURES
+from analysis.figures.figure import SENSOR_FIGURES, SYSTEM_FIGURES, void_sentences
 from analysis.figures.pipeline import Analysis
 from analysis.figures.sensor_analysis import SensorAnalysis
 from analysis.figures.uncertainty import Budget, ElongationBudgets
@@ -22,6 +23,8 @@ from analysis.numbers import NOTHING, percent, rounded, with_uncertainty
 from analysis.reports import drawings
 from analysis.reports.document import ReportDrawing, ReportTable, Section, SectionPart, cell, cells, p_value, power
 from analysis.version import program_version
+
+NEGLIGIBLE_LIFT = 0.02  # % FSO: less is not seen in a figure of two decimals
 
 
 def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
@@ -31,24 +34,27 @@ def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
     calibrated = [i for i, s in enumerate(analysis.sensors) if s.calibration is not None]
     draws = tuple(partial(drawings.calibration_curve, analysis, i) for i in calibrated[:2])
     first = [ReportDrawing(draws, "Plateau means, fitted curve and its 95 % bands.", 2.45)] if draws else []
-    return Section("Key figures", (*tables, *first, *_undefined(analysis)))
+    undefined = void_sentences([(f"sensor {i}", s.figures) for i, s in enumerate(analysis.sensors, 1)])
+    return Section(
+        "Key figures", (*tables, *([_conformity_table(analysis, limits)] if limits else []), *first, *undefined)
+    )
 
 
-def _undefined(analysis: Analysis) -> list[str]:
-    """A sentence for each reason why figures are void."""
-    by_reason: dict[tuple[int, str], list[str]] = {}
-    for key, definition in SENSOR_FIGURES.items():
-        for number, sensor in enumerate(analysis.sensors, 1):
-            figure = sensor.figures.get(key)
-            if figure is not None and figure.void:
-                by_reason.setdefault((number, figure.void), []).append(definition.phrase)
-    sensors: dict[str, list[int]] = {}
-    for (number, reason), labels in by_reason.items():
-        sensors.setdefault(f"{reason} ({'; '.join(labels)})", []).append(number)
-    return [
-        f"Undefined for sensor{'s' if len(who) > 1 else ''} {' and '.join(map(str, who))}: {what}."
-        for what, who in sensors.items()
-    ]
+def _conformity_table(analysis: Analysis, limits: Mapping[str, float]) -> ReportTable:
+    """A row for each limit that the user set and each sensor: value, guard band, probability, statement."""
+    rows = []
+    for one in judge(analysis.sensors, limits):
+        tolerance, stated = one.tolerance, one.statement
+        sign = "≥" if tolerance.is_lower else "≤"
+        u = stated.guard_band / 2
+        band = rounded(stated.guard_band, u) if np.isfinite(stated.guard_band) else "not known"
+        probable = percent(stated.probability, 1) if np.isfinite(stated.probability) else NOTHING
+        label = SENSOR_FIGURES[tolerance.key].label_with_unit
+        limit = f"{sign} {tolerance.limit:g}"
+        rows.append((label, one.sensor, rounded(one.figure.value, u), limit, band, probable, one.conformity.label))
+    header = ("Limit", "sensor", "value", "limit", "guard band", "conformity", "statement")
+    caption = f"Decision rule {RULE}. Conformity: probability that the figure keeps its limit (JCGM 106:2012)."
+    return ReportTable(header, tuple(rows), caption)
 
 
 def _key_table(analysis: Analysis, limits: Mapping[str, float], chosen: range) -> ReportTable:
@@ -191,6 +197,7 @@ def over_cycles(analysis: Analysis) -> Section:
         if sensor.figures["fso_mv"].value > 0:
             of_levels = tuple(partial(draw, analysis, i) for draw in (drawings.drift_of_levels, drawings.distribution))
             parts.append(ReportDrawing(of_levels, f"Sensor {i + 1}.", 2.8))
+    parts += [text for i, s in enumerate(analysis.sensors, 1) if (text := _single_cycles(i, s))]
     for i, sensor in enumerate(analysis.sensors, 1):
         warm = sensor.by_cycle.warm_up
         if warm:
@@ -199,6 +206,20 @@ def over_cycles(analysis: Analysis) -> Section:
             which = f"cycle{'s' if warm > 1 else ''} {listed}"
             parts.append(f"Sensor {i}: warm-up in {which}, beyond three robust standard deviations of the second half.")
     return Section("Cycle by cycle", tuple(parts))
+
+
+def _single_cycles(number: int, sensor: SensorAnalysis) -> str:
+    """Explain why a cycle's hysteresis is larger than the headline's; nothing where it is not."""
+    lift, figure = sensor.by_cycle.hysteresis_lift_percent_fso, sensor.figures["system_hysteresis_percent_fso"]
+    median = float(np.nanmedian(sensor.system_hysteresis_per_cycle)) if sensor.system_hysteresis_per_cycle else np.nan
+    u = (figure.high - figure.low) / 4
+    if not median - figure.value > max(u, NEGLIGIBLE_LIFT) or not np.isfinite(lift):
+        return ""
+    return (
+        f"Sensor {number}: a single cycle has a hysteresis of {median:.2f} % FSO (median), the mean loop "
+        f"{figure.value:.2f} % FSO. The widest of many noisy distances is lifted by noise, here by {lift:.2f} % FSO on "
+        f"average; less that, a cycle has {median - lift:.2f} % FSO."
+    )
 
 
 def budget(found: ElongationBudgets | None, of: str = "", u_elongation: Sequence[FloatArray] = ()) -> list[Section]:
@@ -234,14 +255,18 @@ def _budget_table(budgets: Sequence[Budget]) -> ReportTable:
     shares = [b.shares() for b in budgets]
     rows = []
     for parts in zip(*(b.components for b in budgets), strict=True):
-        both = [(f"{1000 * c.contribution:.1f}", percent(own[c.name], 1)) for c, own in zip(parts, shares, strict=True)]
+        both = [
+            (f"{1000 * c.contribution:.1f}", percent(own[c.name], 1)) if c.assessed else ("not assessed", NOTHING)
+            for c, own in zip(parts, shares, strict=True)
+        ]
         rows.append((parts[0].name, *sum(both, ()), " / ".join(dict.fromkeys(c.source for c in parts))))
     dof = " / ".join(dict.fromkeys(_dof(b.dof) for b in budgets))
     covers = " / ".join(dict.fromkeys(percent(b.coverage) for b in budgets))
     combined = (t for b in budgets for t in (f"{1000 * b.u:.1f}", "100 %"))
     expanded = (t for b in budgets for t in (f"{1000 * b.expanded:.0f}", ""))
     rows.append(("combined", *combined, f"effective degrees of freedom {dof}"))
-    rows.append(("expanded, k = 2", *expanded, f"covers about {covers}"))
+    traced = " / ".join(dict.fromkeys(b.traceability.text for b in budgets if b.traceability is not None))
+    rows.append(("expanded, k = 2", *expanded, "; ".join(part for part in (f"covers about {covers}", traced) if part)))
     heads = (t for i in range(1, len(budgets) + 1) for t in (f"sensor {i}, µm", "share"))
     caption = " ".join(f"Sensor {i}: {b.what_halves_it()}." for i, b in enumerate(budgets, 1))
     return ReportTable(("Component", *heads, "source"), tuple(rows), caption)

@@ -5,14 +5,18 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure as Canvas
 
-from analysis import analyse
+from analysis import Analysis, analyse
+from analysis import figure_style as style
 from analysis.reports import drawings
-from analysis.reports.build import write_report
+from analysis.reports.build import build_report, write_report
 from analysis.reports.document import ReportDrawing
-from analysis.reports.drawings import as_svg
+from analysis.reports.drawings import as_svg, set_drawing
 from tests.analysis.boat_builder import Plant, triangle
 
 
@@ -29,3 +33,25 @@ def test_a_continuous_run_whose_sensors_see_nothing_draws_without_a_warning(tmp_
         assert as_svg(ReportDrawing((draw,), ""), 7.0).startswith("<svg")
     write_report([analysis], tmp_path / "r.html")
     assert "<svg" in (tmp_path / "r.html").read_text(encoding="utf-8")
+
+
+def test_no_legend_covers_data(calibration: Analysis) -> None:
+    """Every drawing of a calibration report, at the widths of PDF and HTML: legends are above their axes."""
+    drawn = [part for s in build_report([calibration]).sections for part in s.parts if isinstance(part, ReportDrawing)]
+    seen = 0
+    for drawing in drawn:
+        for width in (6.8, 5.4):
+            canvas = Canvas(figsize=(width, drawing.height))
+            FigureCanvasAgg(canvas)
+            with mpl.rc_context(style.RC):
+                set_drawing(canvas, drawing, 0.0, 0.0, width)
+                canvas.draw_without_rendering()
+            for ax in canvas.axes:
+                legend = ax.get_legend()
+                if legend is not None:
+                    seen += 1
+                    box = legend.get_window_extent()
+                    assert box.y0 >= ax.get_window_extent().y1 - 1.0
+                    assert box.x1 <= canvas.bbox.x1 + 1.0
+                    assert box.y1 <= ax._left_title.get_window_extent().y0 + 1.0  # type: ignore[attr-defined]
+    assert seen >= 8

@@ -21,3 +21,15 @@ def test_html_is_one_file_that_loads_nothing(written: Path) -> None:
     assert "<script" not in html
     assert html.count("SIMULATED") >= 2
     assert html.count("<svg") >= 5  # curve, loops, cycles, budget, trace
+
+
+def test_no_table_is_wider_than_a_telephone(written: Path) -> None:
+    """Below 640 px each cell is a line of its own with its heading; nothing has a least width or scrolls sideways."""
+    html = (written / "r.html").read_text(encoding="utf-8")
+    narrow = html.partition("@media (max-width: 640px)")[2].partition("@media print")[0]
+    assert "min-width" not in narrow
+    assert "thead { display: none; }" in narrow
+    assert "content: attr(data-head)" in narrow
+    cells = re.findall(r"<td [^>]*>", html)
+    assert cells
+    assert all('data-head="' in cell for cell in cells)

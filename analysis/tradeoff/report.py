@@ -18,8 +18,9 @@ from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from analysis import figure_style as style
 from analysis.fidelity import LEVELS, MARGINS
@@ -30,8 +31,9 @@ DATA, DEFAULT, CHOSEN, REFUSED = style.SENSORS[0], style.SENSORS[1], style.PRESS
 COLUMNS = 3
 MOST_NAMES = 16
 """Of more settings only those are named that are on the front, in the code or chosen by the rule."""
-NAME_PX, LINE_PX, ABOVE_PX = 110.0, 11.0, 4.0
-"""Size of a setting's name: length, height, distance above its point."""
+NAME_PX, LINE_PX, ABOVE_PX, LETTER_PX = 110.0, 11.0, 4.0, 5.0
+"""Size of a setting's name: length, height, distance above its point; width of a letter."""
+FEW_DECADES = 2.0
 DECADES_BELOW = 4.5
 """Errors further below the tolerance are drawn on the lower edge."""
 
@@ -82,7 +84,8 @@ def _draw(axes: Axes, measured: Measured, *, labels: bool) -> None:
     if refused:
         axes.plot(*zip(*refused.values(), strict=True), "x", color=REFUSED, ms=6, ls="", label="no result")
     front = [at[name] for name in measured.front if name in at]
-    axes.plot(*zip(*front, strict=True), "-", color=DATA, lw=1.2, label="Pareto front")
+    # in steps: no setting is on a straight line between two
+    axes.plot(*zip(*front, strict=True), "-", color=DATA, lw=1.2, drawstyle="steps-post", label="Pareto front")
     if method.default in at:
         axes.plot(*at[method.default], "o", ms=12, mfc="none", mec=DEFAULT, mew=1.8, ls="", label="default")
     if measured.chosen in at:
@@ -94,13 +97,24 @@ def _draw(axes: Axes, measured: Measured, *, labels: bool) -> None:
         # a decade at least, so that noise of the clock is not magnified
         widen = max(1.0, 12.0 / (high / low)) ** 0.5
         axis.set_view_interval(low / widen, high * widen, ignore=True)
-        axis.set_minor_formatter(NullFormatter())
+        _number_ticks(axis)
     axes.set(title=method.title, xlabel=f"processor time {method.per}, s", ylabel=f"error, {method.unit}")
     if labels:
         named = {method.default, measured.chosen, *measured.front, *method.in_code.values(), *refused}
         shown = {name: place for name, place in (at | refused).items() if name in named or len(points) <= MOST_NAMES}
         levels = {name: level for level, name in method.in_code.items() if name != method.default}
         _name(axes, shown, levels, measured.front)
+
+
+def _number_ticks(axis: Axis) -> None:
+    """Number the decades; where fewer than `FEW_DECADES` are shown, 2 and 5 times them too: two ticks make a scale."""
+    low, high = sorted(axis.get_view_interval())
+    if high / low < 10.0**FEW_DECADES:
+        axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+        for set_formatter in (axis.set_major_formatter, axis.set_minor_formatter):
+            set_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    else:
+        axis.set_minor_formatter(NullFormatter())
 
 
 def _bars(axes: Axes, point: CostPoint, x: float, y: float, floor: float) -> None:
@@ -118,9 +132,10 @@ def _name(axes: Axes, at: Mapping[str, tuple[float, float]], levels: Mapping[str
         return
     figure.draw_without_rendering()  # the layout is known only then
     taken: list[tuple[bool, float, float]] = []
+    edge = axes.get_window_extent().x0
     for name, place in sorted(at.items(), key=lambda item: item[1][1]):
-        left = name in front
         x, y = axes.transData.transform(place)
+        left = name in front and x - LETTER_PX * len(name) > edge
         up = -ABOVE_PX if left else ABOVE_PX
         while any(left == side and abs(x - a) < NAME_PX and abs(y + up - b) < LINE_PX for side, a, b in taken):
             up += LINE_PX

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,12 +13,16 @@ import typer
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show, show_table
 from boat_daq.commands.options import (
     FidelityOption,
+    LeaveOutOption,
+    LimitOption,
     MapOption,
     NoMcmcOption,
     NoShadowOption,
     RateOption,
     RunArgument,
     SeedOption,
+    TypeBOption,
+    limits_of,
 )
 
 if TYPE_CHECKING:
@@ -44,6 +49,9 @@ def analyze(
     settling: Annotated[
         float, typer.Option(min=0.0, metavar="S", help="Time omitted after each arrival at a plateau.")
     ] = 0.5,
+    limit: LimitOption = None,
+    type_b: TypeBOption = None,
+    leave_out: LeaveOutOption = False,
     no_shadow: NoShadowOption = False,
     no_store: Annotated[bool, typer.Option("--no-store", help="Do not store the result in the recording.")] = False,
     fidelity: FidelityOption = "normal",
@@ -56,14 +64,26 @@ def analyze(
     Example: boat-daq analyze run.boat --elongation readings.csv --seed 1 --json
     """
     from analysis import Options, PlateauSettings, analyse, load_recording
+    from analysis.figures.acceptance import conformity_json
     from analysis.figures.stored_results import store_analysis
     from boat_daq.commands.importing import column_map
+    from boat_daq.viewmodels.common.reference import stated_contributions
 
-    plateau, resolution, to_fit = PlateauSettings(tolerance, settling), x_resolution, _degree(degree)
-    options = Options(to_fit, resolution, seed=seed, mcmc=not no_mcmc, plateau=plateau, fidelity=fidelity)
+    limits = limits_of(limit)
     with progress_bar("Analysing") as advance:
-        source = load_recording(run, columns=column_map(mapping), rate_hz=rate) if mapping or rate else run
-        analysis = analyse(source, elongation, options=options, progress=advance)
+        recording = load_recording(run, columns=column_map(mapping) or None, rate_hz=rate)
+        options = Options(
+            _degree(degree),
+            seed=seed,
+            mcmc=not no_mcmc,
+            x_resolution_mm=x_resolution,
+            plateau=PlateauSettings(tolerance, settling),
+            fidelity=fidelity,
+            leave_out=leave_out,
+            type_b=stated_contributions(recording.unit, type_b),
+        )
+        analysis = analyse(recording, elongation, options=options, progress=advance)
+    conformity = conformity_json(analysis, limits)
     if not no_store and (reason := store_analysis(run, analysis, elongation)):
         notify(reason)
     shadow = None
@@ -73,9 +93,10 @@ def analyze(
         with progress_bar("Building the shadow") as advance:
             shadow = against_shadow(analysis, progress=advance).as_json()
     if as_json:
-        emit_json(analysis.to_json() | {"shadow": shadow})
+        budgets = None if analysis.budgets is None else analysis.budgets.as_json()
+        emit_json(analysis.to_json() | {"shadow": shadow, "conformity": conformity, "elongation_budget": budgets})
         return
-    _show(analysis)
+    _show(analysis, limits)
     if shadow is not None:
         _show_shadow(shadow)
 
@@ -114,8 +135,9 @@ def _show_shadow(shadow: Mapping[str, Any]) -> None:
         notify(f"alarm in cycle {alarm['cycle']}: {alarm['sentence']}")
 
 
-def _show(analysis: Analysis) -> None:
-    from analysis.figures.figure import with_interval
+def _show(analysis: Analysis, limits: Mapping[str, float]) -> None:
+    from analysis.figures.acceptance import judge
+    from analysis.figures.figure import void_sentences, with_interval
 
     content, sensors = analysis.to_json(), analysis.sensors
     cycles = content["cycles"]
@@ -131,11 +153,19 @@ def _show(analysis: Analysis) -> None:
             for name, first in sensors[0].figures.items()  # their names end in the unit
         ),
     )
+    for sentence in void_sentences([*((s.name, s.figures) for s in sensors), ("system", analysis.system_figures)]):
+        show(sentence)
     for sensor in sensors:
         if sensor.calibration is not None:
             terms = ", ".join(f"b{i} = {b:.6g}" for i, b in enumerate(sensor.calibration.coefficients)) or "spline"
             show(f"{sensor.name}: {terms}, R2 = {sensor.calibration.r2:.5f}")
             show(f"{sensor.name}: curve {sensor.figures['lack_of_fit_percent_fso'].note or 'not tested'}")
+    for sensor, budget in zip(sensors, analysis.budgets.budgets if analysis.budgets else (), strict=False):
+        assert analysis.budgets is not None
+        expanded = f"U = {1000 * budget.expanded:.0f} µm (k = 2) at {analysis.budgets.x_mm:+.2f} mm"
+        show(f"{sensor.name}: {expanded}, {budget.traceability.text if budget.traceability else ''}")
+    for one in judge(sensors, limits):
+        show(f"{one.conformity.label}: {one.text}")
     for warning in analysis.warnings:
         notify(f"{warning.code}: {warning.sentence}")
 
@@ -190,12 +220,9 @@ def report(
     elongation: Annotated[
         list[Path] | None, typer.Option(help="CSV of elongation readings; repeat it for each run, in order.")
     ] = None,
-    limit: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--limit", metavar="NAME=VALUE", help="Acceptance limit: hysteresis, repeatability, drift, snr, ..."
-        ),
-    ] = None,
+    limit: LimitOption = None,
+    type_b: TypeBOption = None,
+    leave_out: LeaveOutOption = False,
     seed: SeedOption = 0,
     no_mcmc: NoMcmcOption = False,
     no_shadow: NoShadowOption = False,
@@ -210,29 +237,27 @@ def report(
         raise typer.BadParameter("must end in .html or .pdf", param_hint="--out")
     if elongation and len(elongation) not in (1, len(runs)):
         raise typer.BadParameter(f"{len(elongation)} files for {len(runs)} runs", param_hint="--elongation")
-    from analysis import Options, analyse, write_report
+    from analysis import Options, analyse, load_recording, write_report
+    from analysis.figures.acceptance import conformity_json
     from analysis.figures.against_shadow import against_shadow
+    from boat_daq.viewmodels.common.reference import stated_contributions
 
-    options = Options(seed=seed, mcmc=not no_mcmc, fidelity=fidelity)
-    limits = dict(_limit(text) for text in limit or ())
+    options = Options(seed=seed, mcmc=not no_mcmc, fidelity=fidelity, leave_out=leave_out)
+    limits = limits_of(limit)
     files: list[Path | None] = [*elongation] if elongation else [None]
     with progress_bar("Reporting") as advance:
         analyses = []
         for number, run in enumerate(runs):
-            analyses.append(analyse(run, files[number % len(files)], options=options))
+            recording = load_recording(run)
+            stated = replace(options, type_b=stated_contributions(recording.unit, type_b))
+            analyses.append(analyse(recording, files[number % len(files)], options=stated))
             advance(number + 1, len(runs) + 1)
         compared = len(analyses) == 1 and analyses[0].kind == "calibration" and not no_shadow
         content = write_report(analyses, to, limits, against_shadow(analyses[0]) if compared else None)
         advance(len(runs) + 1, len(runs) + 1)
     if as_json:
-        emit_json({"file": to, "title": content.title, "verdict": content.verdict, "simulated": content.simulated})
+        conformity = [conformity_json(analysis, limits) for analysis in analyses]
+        head = {"file": to, "title": content.title, "verdict": content.verdict, "simulated": content.simulated}
+        emit_json(head | {"conformity": conformity[0] if len(runs) == 1 else conformity})
     else:
         notify(f"wrote {to}: {content.title}. {content.verdict}")
-
-
-def _limit(text: str) -> tuple[str, float]:
-    name, _, value = text.partition("=")
-    try:
-        return name.strip(), float(value)
-    except ValueError:
-        raise typer.BadParameter(f"{text!r} is not NAME=VALUE", param_hint="--limit") from None

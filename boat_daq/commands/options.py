@@ -42,7 +42,36 @@ AllowRemoteOption = Annotated[bool, typer.Option("--allow-remote", help="Allow a
 FolderArgument = Annotated[
     Path, typer.Argument(metavar="DIR", help="Folder of .boat or .csv runs, each with NAME.elongation.csv.")
 ]
+LimitOption = Annotated[
+    list[str] | None,
+    typer.Option("--limit", metavar="NAME=VALUE", help="Acceptance limit: hysteresis, repeatability, drift, snr, ..."),
+]
+TypeBOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--type-b",
+        metavar="FILE.toml",
+        help="Contributions of grid or photograph, parallax, pressure gauge, temperature.",
+    ),
+]
+LeaveOutOption = Annotated[
+    bool, typer.Option("--leave-out", help="Leave out readings that are off the curve; each is named.")
+]
 PlotOption = Annotated[Path | None, typer.Option(help="Also write a plot: PNG, SVG or PDF.")]
+
+
+def limits_of(texts: list[str] | None) -> dict[str, float]:
+    """Return the limits of `--limit`, by name."""
+    return dict(_limit(text) for text in texts or ())
+
+
+def _limit(text: str) -> tuple[str, float]:
+    name, _, value = text.partition("=")
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is not NAME=VALUE", param_hint="--limit") from None
+
 
 if TYPE_CHECKING:
     LevelName = Level

@@ -105,7 +105,8 @@ class Unit:
 
     Its limits, how its stage is wired, and its calibrations, oldest first.
 
-    `polarity` is +1 where the board's voltage rises with light, -1 where its stage inverts.
+    `polarity` is +1 where the board's voltage rises with light, -1 where its stage inverts. `type_b` are tables of
+    contributions to the uncertainty of an elongation, as `analysis.calibration.type_b` reads them.
     """
 
     name: str
@@ -114,6 +115,7 @@ class Unit:
     polarity: int = -1
     note: str = ""
     version: int = VERSION
+    type_b: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     history: tuple[StoredCalibration, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -212,10 +214,14 @@ class UnitLibrary:
         entries = table.pop("history", [])
         if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
             raise BadValue(str(path), "history", "must be a list of tables")
+        type_b = table.pop("type_b", {})
+        if not isinstance(type_b, dict) or not all(isinstance(entry, dict) for entry in type_b.values()):
+            raise BadValue(str(path), "type_b", "must hold tables", "write [type_b.scale] and its keys below it")
         for key in _UNIT_KEYS:  # no default replaces a limit
             if key not in table:
                 raise BadValue(str(path), key, "is missing")
-        found = build(Unit, table, str(path), history=tuple(_entry(entry, str(path)) for entry in entries))
+        history = tuple(_entry(entry, str(path)) for entry in entries)
+        found = build(Unit, table, str(path), history=history, type_b=type_b)
         if found.name != name:
             raise BadValue(str(path), "name", f"is {found.name!r}, the file's is {name!r}")
         return found
@@ -281,7 +287,7 @@ def _of_kind(history: tuple[StoredCalibration, ...], *, simulated: bool, first: 
     return tuple(found)
 
 
-_UNIT_KEYS = tuple(f.name for f in dataclasses.fields(Unit) if f.name != "history")
+_UNIT_KEYS = tuple(f.name for f in dataclasses.fields(Unit) if f.name not in ("history", "type_b"))
 
 
 def _entry(table: dict[str, Any], where: str) -> StoredCalibration:

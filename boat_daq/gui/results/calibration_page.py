@@ -255,8 +255,10 @@ class CalibrationPage(QWidget):
         self.comparison = widgets.label("", "small", wrap=True)
         self.comparison.setAlignment(Qt.AlignmentFlag.AlignTop)
         compared = widgets.column(style.GAP, self.comparison, (self.coefficients, 1), spacing=style.GAP)
+        self.budget = FigureTable("Uncertainty of an elongation, and the published limits; sources as tooltips")
+        uncertainty = widgets.inside(widgets.column((self.uncertainty, 2), (self.budget, 3), spacing=style.GAP))
         compare = widgets.inside(compared), "Compare with previous"
-        pages = (self.table, "Figures"), (self.uncertainty, "Uncertainty"), compare
+        pages = (self.table, "Figures"), (uncertainty, "Uncertainty"), compare
         self.tabs = widgets.tabs("Figures, and the comparison with the previous calibration", *pages)
         self.posterior = widgets.label("", "small", wrap=True)
         self.run_warnings = widgets.label("", "small", wrap=True)
@@ -309,8 +311,10 @@ class CalibrationPage(QWidget):
         self.loops.show_loops(result.loops, result.loops.signal_mv)
         elongation = result.loops.elongation_mm
         self.actuator.show_loops(result.loops, () if elongation is None else (elongation,))
+        labels = [sensor.label for sensor in result.sensors]
         self.uncertainty.show_uncertainty(result.u_elongation)
-        self.table.show_rows(result.figures, [sensor.label for sensor in result.sensors])
+        self.table.show_rows(result.figures, labels)
+        self.budget.show_rows(result.uncertainty, labels)
         self._show_texts(result)
 
     def _show_acceptance(self) -> None:
@@ -330,7 +334,8 @@ class CalibrationPage(QWidget):
         for card in self.plots:
             card.clear()
             card.show_empty("Nothing to show yet." if self.model.working else "Nothing to show.")
-        self.table.show_rows((), ())
+        for table in (self.table, self.budget):
+            table.show_rows((), ())
         for label in (self.posterior, self.run_warnings, self.comparison):
             label.clear()
         self.coefficients.setRowCount(0)

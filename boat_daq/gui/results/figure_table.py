@@ -18,8 +18,8 @@ SIDE = style.PANE_WIDTH_WIDE - 4 * style.STEP
 class FigureTable(DataTable):
     """Figures of all sensors."""
 
-    def __init__(self) -> None:
-        super().__init__("Figures with their units; definitions and intervals as tooltips")
+    def __init__(self, name: str = "Figures with their units; definitions and intervals as tooltips") -> None:
+        super().__init__(name)
 
     def show_rows(self, rows: Sequence[Sequence[Cell]], sensors: Sequence[str]) -> None:
         """Show other figures, with a column for each sensor."""

@@ -31,11 +31,13 @@ class Conversion:
     def __call__(self, signal_mv: FloatArray) -> LiveElongation:
         """Return the elongation of [n, sensors] signals, sensors fused."""
         found = self._fusion.evaluate(signal_mv)
-        return LiveElongation(found.elongation_mm, 2.0 * found.standard_uncertainty_mm, found.disagreement)
+        expanded = 2.0 * found.standard_uncertainty_mm
+        return LiveElongation(found.elongation_mm, expanded, found.disagreement, found.beyond)
 
     def each(self, signal_mv: FloatArray) -> FloatArray:
-        """Return the elongation by each sensor, [n, sensors] mm; NaN outside its range."""
-        return np.column_stack([inverse(signal_mv[:, i]) for i, inverse in enumerate(self._fusion.inverses)])
+        """Return the elongation by each sensor, [n, sensors] mm; NaN outside its range by more than two u."""
+        each = (inverse.evaluate(signal_mv[:, i]) for i, inverse in enumerate(self._fusion.inverses))
+        return np.column_stack([found.elongation_mm for found in each])
 
 
 def prepare(content: Mapping[str, Any]) -> Conversion:
@@ -58,6 +60,7 @@ def _inverse(stored: Mapping[str, Any]) -> Inverse:
     """Return one sensor's inverse with the uncertainty of its run; of the residuals of the fit where none is stored."""
     from analysis.calibration.fit import fit_by_branch, fit_calibration
     from analysis.calibration.inverse import Inverse
+    from analysis.calibration.type_b import contributions
 
     points, degree = (stored["elongation_mm"], stored["signal_mv"]), int(stored["fit"]["degree"])
     reading_sd, positions = float(stored.get("reading_sd_mm") or 0.0), stored.get("positions")
@@ -66,7 +69,9 @@ def _inverse(stored: Mapping[str, Any]) -> Inverse:
         fit = fit_by_branch(*points, degree, positions=stored["positions"], branch=branch, reading_sd=reading_sd)
     else:  # accepted before the branches were stored
         fit = fit_calibration(*points, degree).with_reading(reading_sd, positions)
-    return Inverse.of(fit, noise_sd=stored.get("noise_mv"), model_sd=float(stored.get("model_mv") or 0.0))
+    type_b = contributions(stored.get("type_b") or {})
+    model_sd = float(stored.get("model_mv") or 0.0)
+    return Inverse.of(fit, noise_sd=stored.get("noise_mv"), model_sd=model_sd, type_b=type_b)
 
 
 class UnitInUse:

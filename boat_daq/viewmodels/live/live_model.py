@@ -33,11 +33,15 @@ CYCLES_KEPT, CYCLE_POINTS = 5, 1200  # of the overlay
 
 @dataclass(frozen=True, slots=True)
 class LiveElongation:
-    """Elongation with its expanded uncertainty (k = 2), mm; NaN outside the calibrated range."""
+    """Elongation with its expanded uncertainty (k = 2), mm; NaN outside the calibrated range.
+
+    `beyond` marks values a little beyond its end, by no more than their expanded uncertainty; None marks none.
+    """
 
     mm: FloatArray
     expanded_mm: FloatArray
     disagree: NDArray[np.bool_]
+    beyond: NDArray[np.bool_] | None = None
 
     def band(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return times, lower and upper edge where the elongation is known; the band closes at both ends of a hole."""
@@ -294,7 +298,9 @@ class LiveModel:
         if not math.isfinite(found.mm[0]):
             return NOTHING, "outside the calibrated range"
         band = f"\u00b1{number(float(found.expanded_mm[0]), 2)} (k = 2)"
-        return number(float(found.mm[0]), 2, sign=True), band + ("  sensors disagree" if found.disagree[0] else "")
+        band += "  sensors disagree" if found.disagree[0] else ""
+        band += "  at the range's end" if found.beyond is not None and found.beyond[0] else ""
+        return number(float(found.mm[0]), 2, sign=True), band
 
     def place(self, which: str) -> float:
         """Return the place of a new cursor: a third or two thirds of the span."""
@@ -336,6 +342,8 @@ class LiveModel:
         if result and self.inverse is not None:
             found = self.inverse(signals(result))
             result |= {"elongation_mm": found.mm, "elongation_expanded_mm": found.expanded_mm}
+            if found.beyond is not None:
+                result["elongation_beyond"] = found.beyond.astype(np.float64)
         return result
 
 

@@ -20,6 +20,7 @@ from analysis.figures.figure import SENSOR_FIGURES, Figure
 from analysis.progress import Progress, part_of
 from analysis.warning import Warning
 from boat_daq.viewmodels.common.formatting import NOTHING, number, sensor_words
+from boat_daq.viewmodels.common.reference import stated_contributions
 
 if TYPE_CHECKING:
     from analysis.figures.across_breaks import Break, Comparison
@@ -149,6 +150,7 @@ class BreakResult:
 class RunResult:
     """All that a page shows of one run; of its `plateaus`, `read` have an elongation.
 
+    `uncertainty` has a row for each component of the budget of an elongation, and for each published limit.
     `u_elongation` has x and U of each sensor, [points, 2] mm, none where the curve gives no elongation.
     """
 
@@ -166,6 +168,7 @@ class RunResult:
     breaks: tuple[BreakResult, ...] = ()
     plateaus: int = 0
     read: int = 0
+    uncertainty: tuple[tuple[Cell, ...], ...] = ()
     u_elongation: tuple[FloatArray, ...] = ()
 
     @property
@@ -198,7 +201,8 @@ def analyse_run(path: str, *, level: Level = "normal", progress: Progress | None
 
     recording = load_recording(Path(path))
     part_of(progress, 0, 1, 4)(1, 1)
-    options = Options(mcmc=False, fidelity=level)
+    type_b = stated_contributions(recording.unit)
+    options = Options(mcmc=False, fidelity=level, type_b=type_b)
     found = analyse(recording, options=options, progress=part_of(progress, 1, 3, 4))
     loops = found.loops
     return RunResult(
@@ -216,8 +220,56 @@ def analyse_run(path: str, *, level: Level = "normal", progress: Progress | None
         breaks=tuple(map(_break, found.breaks)),
         plateaus=_requested_plateaus(found),
         read=int(found.elongations.known.sum()) if found.elongations is not None else 0,
+        uncertainty=(*_expanded_rows(found), *_limit_rows(found), *_component_rows(found)),
         u_elongation=found.u_elongation,
     )
+
+
+def _expanded_rows(found: Analysis) -> list[tuple[Cell, ...]]:
+    """Return the expanded uncertainty of an elongation and whether it is traceable; none without a calibration."""
+    if found.budgets is None or not found.budgets.budgets:
+        return []
+    where, budgets = f"at {found.budgets.x_mm:+.2f} mm", found.budgets.budgets
+    expanded = [
+        (f"\u00b1{1000 * b.expanded:.0f} \u00b5m", f"k = 2, {b.dof:.0f} degrees of freedom, {where}") for b in budgets
+    ]
+    traced = [one for b in budgets if (one := b.traceability) is not None]
+    reasons = [("yes" if one.traceable else "no", one.text) for one in traced]
+    return [
+        (("Expanded uncertainty", f"of one reading of elongation, {where}"), *expanded),
+        (("Traceable", reasons[0][1] if reasons else ""), *reasons),
+    ]
+
+
+def _component_rows(found: Analysis) -> list[tuple[Cell, ...]]:
+    """Return the budgets of an elongation, a row a component and a column a sensor; none without a calibration."""
+    if found.budgets is None or not found.budgets.budgets:
+        return []
+    budgets, shares = found.budgets.budgets, [budget.shares() for budget in found.budgets.budgets]
+    rows = []
+    for parts in zip(*(budget.components for budget in budgets), strict=True):
+        cells = []
+        for c, own in zip(parts, shares, strict=True):
+            text = f"{1000 * c.contribution:.1f} \u00b5m" if c.assessed else "not assessed"
+            share = f"{100 * own[c.name]:.0f} % of the variance; " if c.assessed else ""
+            cells.append((text, f"{share}{c.source}"))
+        rows.append(((parts[0].name.capitalize(), parts[0].source), *cells))
+    return rows
+
+
+def _limit_rows(found: Analysis) -> list[tuple[Cell, ...]]:
+    """Return the conformity with the published limits, a row a limit and a column a sensor."""
+    from analysis.conformity import RULE
+    from analysis.figures.acceptance import against_published
+
+    rows = []
+    for stated in zip(*(against_published(sensor) for sensor in found.sensors), strict=False):
+        tolerance, definition = stated[0].tolerance, SENSOR_FIGURES[stated[0].tolerance.key]
+        sign = "\u2265" if tolerance.is_lower else "\u2264"
+        name = f"{definition.label} {sign} {tolerance.limit:g} {definition.unit}"
+        cells = [(one.conformity.label, f"{one.text}\n{RULE}") for one in stated]
+        rows.append(((name, tolerance.source), *cells))
+    return rows
 
 
 def _requested_plateaus(found: Analysis) -> int:
@@ -279,6 +331,7 @@ def _content(found: Analysis, index: int) -> dict[str, Any]:
         "reading_sd_mm": found.reading_sd_mm,
         "noise_mv": parts.independent,
         "model_mv": parts.shared,
+        "type_b": {one.name: one.as_table() for one in found.options.type_b},
         "figures": finite,
     }
 
@@ -352,11 +405,14 @@ def report_runs(paths: list[Path], target: Path, *, progress: Progress | None = 
     ------
     AnalysisError : one of them cannot be read, or the target cannot be written.
     """
-    from analysis import write_report
+    from analysis import Options, load_recording, write_report
     from analysis.figures.pipeline import analyse
 
-    parts = len(paths) + 1
-    analyses = [analyse(path, progress=part_of(progress, i, 1, parts)) for i, path in enumerate(paths)]
+    parts, analyses = len(paths) + 1, []
+    for i, path in enumerate(paths):
+        recording = load_recording(path)
+        options = Options(type_b=stated_contributions(recording.unit))
+        analyses.append(analyse(recording, options=options, progress=part_of(progress, i, 1, parts)))
     return write_report(analyses, target).verdict
 
 

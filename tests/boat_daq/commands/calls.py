@@ -18,6 +18,14 @@ def call(*words: object) -> Any:
     return json.loads(result.stdout)
 
 
+def text(*words: object) -> str:
+    """Run a command and return the text on its standard output; raise the error that ended it."""
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    if result.exception is not None:
+        raise result.exception
+    return result.stdout
+
+
 def exit_code(*words: object) -> int:
     """Run a command and return its exit code."""
     return CliRunner().invoke(app, [str(word) for word in words]).exit_code

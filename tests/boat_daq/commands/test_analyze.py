@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from tests.boat_daq.commands.calls import call, exit_code
+from tests.boat_daq.commands.calls import call, exit_code, text
 
 
 def test_exported_and_imported_copy_has_the_same_figures(stairs: tuple[Path, Path], tmp_path: Path) -> None:
@@ -32,3 +33,46 @@ def test_degree_names_the_curve_and_refuses_another(stairs: tuple[Path, Path]) -
     assert [sensor["calibration"]["coefficients"] for sensor in spline["sensors"]] == [[]]
     assert {sensor["adequacy"]["verdict"] for sensor in line["sensors"]} == {"inadequate"}
     assert exit_code("analyze", boat, *options, "--degree", "cubic") == 2
+
+
+def test_text_output_names_the_reason_of_every_undefined_figure(stairs: tuple[Path, Path]) -> None:
+    """Without readings there is no sensitivity and no actuator hysteresis: the text gives the reason of both."""
+    shown = text("analyze", stairs[0], "--no-mcmc", "--no-shadow", "--no-store")
+    assert "Undefined for system: no elongation was read (hysteresis, actuator)." in shown
+    assert "not every sensor is calibrated (sensitivity, system)." in shown
+
+
+def test_limits_and_contributions_are_in_the_result(stairs: tuple[Path, Path], tmp_path: Path) -> None:
+    """A limit of the user and the published ones with conformity; a rig's parallax in the budget; traceability."""
+    boat, readings = stairs
+    (tmp_path / "rig.toml").write_text("[type_b.parallax]\nhalf_width_mm = 0.1\ndistribution = 'rectangular'\n")
+    options = ("--elongation", readings, "--no-mcmc", "--no-shadow", "--no-store", "--type-b", tmp_path / "rig.toml")
+    found = call("analyze", boat, *options, "--limit", "snr=40")
+    stated = {(c["name"], c["sensor"]): c for c in found["conformity"]}
+    assert stated["snr", "s1"]["conformity"] == "pass"
+    assert stated["snr", "s1"]["source"] == "set by the user"
+    assert stated["system_hysteresis_percent_fso", "s1"]["limit"] == 5.0
+    budget = found["elongation_budget"]["sensors"][0]
+    lines = {line["name"]: line for line in budget["components"]}
+    assert lines["parallax"]["u_mm"] == pytest.approx(0.1 / 3**0.5)
+    assert lines["temperature"]["u_mm"] is None
+    assert budget["traceable"] is False
+    shown = text("analyze", boat, *options, "--limit", "snr=40")
+    assert "not traceable: not assessed: scale of grid or photograph, pressure gauge, temperature" in shown
+    assert "pass: snr of s1 " in shown
+    assert exit_code("analyze", boat, *options, "--limit", "snr") == 2
+
+
+def test_a_wrong_reading_is_left_out_on_request(stairs: tuple[Path, Path], tmp_path: Path) -> None:
+    """A reading 1 mm off is named and used; with --leave-out it is not used."""
+    boat, readings = stairs
+    rows = readings.read_text().splitlines()
+    head, row = rows[0].split(","), rows[12].split(",")
+    at = head.index("elongation_mm")
+    row[at] = str(float(row[at]) + 1.0)
+    (tmp_path / "wrong.csv").write_text("\n".join([*rows[:12], ",".join(row), *rows[13:]]) + "\n")
+    options = ("--elongation", tmp_path / "wrong.csv", "--no-mcmc", "--no-shadow", "--no-store", "--x-resolution", 0)
+    used, left = call("analyze", boat, *options), call("analyze", boat, *options, "--leave-out")
+    assert left["sensors"][0]["calibration"]["n"] == used["sensors"][0]["calibration"]["n"] - 1
+    assert [w["code"] for w in left["warnings"]].count("reading_left_out") == 1
+    assert "reading_left_out" not in [w["code"] for w in used["warnings"]]

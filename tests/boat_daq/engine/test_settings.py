@@ -259,3 +259,18 @@ def test_both_destroyed_is_refused(tmp_path: Path) -> None:
         path.write_bytes(b"\0" * 50)
     with pytest.raises(OperatorError, match="its backup are destroyed"):
         library.load("SA1")
+
+
+def test_type_b_tables_of_a_unit_survive_a_calibration(tmp_path: Path) -> None:
+    """Contributions in a unit's file are kept when a calibration is added; a text in their place is refused."""
+    library = UnitLibrary(tmp_path)
+    library.save(Unit("SA1"))
+    path = tmp_path / "SA1.toml"
+    path.write_text(path.read_text() + "\n[type_b.scale]\nu_percent = 0.1\ncertificate = 'DKD 4711'\n")
+    stated = {"scale": {"u_percent": 0.1, "certificate": "DKD 4711"}}
+    assert library.load("SA1").type_b == stated
+    assert library.add_calibration("SA1", {"b0": 1.5}).type_b == stated
+    assert library.load("SA1").type_b == stated
+    path.write_text("type_b = 'none'\n" + path.read_text().partition("[type_b")[0].replace("[type_b]\n", ""))
+    with pytest.raises(OperatorError, match="'type_b' must hold tables"):
+        library.load("SA1")

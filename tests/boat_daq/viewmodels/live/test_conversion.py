@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 from types import SimpleNamespace
 
+import numpy as np
+
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.viewmodels.common.jobs import Background
 from boat_daq.viewmodels.live.conversion import UnitInUse, prepare
@@ -51,3 +53,19 @@ def test_conversion_in_preparation_is_discarded_with_its_calibration():
     unit.use(None)
     assert not unit.preparation.pending
     unit.close()
+
+
+def test_range_end_is_read_and_marked_and_stated_contributions_widen_it(result):
+    """Both signals one u past the upper end: read, marked, by each sensor too; a scale of 2 % widens U."""
+    contents = [dict(s.fit.content) for s in result.sensors]
+    conversion = prepare({"sensors": contents})
+    end = np.array([[float(np.interp(s.fit.grid[-1], s.fit.grid, s.fit.curve)) + 0.5 for s in result.sensors]])
+    found = conversion(end)
+    assert found.beyond.tolist() == [True]
+    assert found.mm[0] > result.sensors[0].fit.grid[-1]
+    assert np.isfinite(conversion.each(end)).all()
+    assert np.isnan(conversion(end + 100.0).mm).all()
+    stated = [content | {"type_b": {"scale": {"u_percent": 2.0}}} for content in contents]
+    wider = prepare({"sensors": stated})(end)
+    both = np.hypot(found.expanded_mm, 2 * 0.02 * found.mm)
+    np.testing.assert_allclose(wider.expanded_mm, both, rtol=0.02)

@@ -152,3 +152,16 @@ def test_frame_interval_follows_the_visible_motion(window_s, width):
     """The frame interval is at least 60 a second and never slower than a byte may take to its pixel."""
     interval = LiveModel(lambda: None, window_s=window_s).frame_interval_ms(width, connected=True)
     assert 16 <= interval <= 45
+
+
+def test_elongation_a_little_beyond_the_range_is_shown_and_marked(ring):
+    """A value up to two u beyond the end is read, with its mark; in the table it has a column of its own."""
+    model = LiveModel(
+        lambda: ring,
+        inverse=lambda mv: LiveElongation(
+            np.full(len(mv), 3.85), np.full(len(mv), 0.1), np.zeros(len(mv), bool), np.ones(len(mv), bool)
+        ),
+    )
+    head = model.headline(connected())
+    assert head.elongation == "+3.85"
+    assert head.band.endswith("at the range's end")

@@ -44,3 +44,17 @@ def test_figure_text_has_definition_and_interval():
     assert cell == ("39.3", "end to end\n95 %: 39.0 to 39.6 mV/mm\nn = 5")
     assert figure_text(Figure.nothing("dB", Reason.NO_FULL_SCALE, "no span"), 1)[0] == "\u2013"
     assert figure_text(None, 1)[0] == "\u2013"
+
+
+def test_uncertainty_names_what_was_not_assessed_and_the_published_limits(result):
+    """Components with their share, those without a value, U, traceability, and a statement for each limit."""
+    rows = {name: cells for (name, _), *cells in result.uncertainty}
+    assert {"Parallax", "Temperature", "Expanded uncertainty", "Traceable"} <= rows.keys()
+    assert {text for text, _ in rows["Parallax"]} == {"not assessed"}
+    assert {text for text, _ in rows["Traceable"]} == {"no"}
+    assert all("not assessed: scale of grid or photograph" in tip for _, tip in rows["Traceable"])
+    assert all(text.endswith(" \u00b5m") and "% of the variance" in tip for text, tip in rows["Noise"])
+    limit = rows["Hysteresis, system \u2264 5 % FSO"]
+    assert {text for text, _ in limit} <= {"pass", "conditional pass", "conditional fail", "fail"}
+    assert all("ILAC-G8" in tip for _, tip in limit)
+    assert result.sensors[0].fit.content["type_b"] == {}

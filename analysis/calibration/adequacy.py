@@ -43,6 +43,7 @@ REFUSED_PERCENT = 5.0  # of full scale: the bound of the published hysteresis; a
 COVERAGE_FACTOR = 2.0
 CURVE_POINTS = 101
 BISECTIONS = 60
+FINE_POINTS, SAME = 2001, 1e-6  # of the full scale: signals that differ by less are one
 
 
 class CurveVerdict(StrEnum):
@@ -118,6 +119,25 @@ class Adequacy:
         if self.reference is self.chosen:
             return np.zeros(np.shape(x))
         return self.chosen.predict(x) - self.reference.predict(x)
+
+    def deviation_in_x(self, x: npt.ArrayLike) -> FloatArray:
+        """Return how far an x read from the chosen curve may be from the one read from the reference.
+
+        Where the reference is flat, one signal has many x: the farthest counts.
+        """
+        at = np.asarray(x, dtype=np.float64)
+        if self.reference is self.chosen:
+            return np.zeros(at.shape)
+        low, high = self.chosen.ends
+        grid = np.linspace(low, high, FINE_POINTS)
+        curve = self.reference.predict(grid)
+        sign = 1.0 if curve[-1] >= curve[0] else -1.0
+        signal, same = sign * self.chosen.predict(at), SAME * abs(float(curve[-1] - curve[0]))
+        never_falls = np.maximum.accumulate(sign * curve)
+        never_rises_back = np.minimum.accumulate((sign * curve)[::-1])[::-1]
+        first = grid[np.minimum(np.searchsorted(never_falls, signal - same), grid.size - 1)]
+        last = grid[np.maximum(np.searchsorted(never_rises_back, signal + same, side="right") - 1, 0)]
+        return np.maximum(np.abs(at - first), np.abs(at - last))
 
     def reference_u(self, x: npt.ArrayLike) -> FloatArray:
         """Return the standard uncertainty of the reference, what it misses between the positions included."""
@@ -226,7 +246,7 @@ def lack_of_fit_p(chosen: JointFit, richer: JointFit) -> float:
         within = means.dof if means.dof >= max(richer.dof, 1) else np.inf
         if np.isfinite(within) or means.x_variance.min() > 0:
             whole = _chance(chosen.chi_squared / chosen.dof, chosen.dof, within)
-            if gained < 1:
+            if gained < 1 or not means.independent:
                 return whole
             gain = float((chosen.residuals**2 - richer.residuals**2) @ (1.0 / chosen.known_variance))
             return min(1.0, 2.0 * min(whole, _chance(gain / gained, gained, within)))

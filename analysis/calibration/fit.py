@@ -161,6 +161,10 @@ class Calibration:
         """Return by how much the curve is known to miss at x, in the unit of y: zeros where it is adequate."""
         return np.zeros(np.shape(x)) if self.adequacy is None else self.adequacy.deviation(x)
 
+    def deviation_in_x(self, x: npt.ArrayLike) -> FloatArray:
+        """Return by how much an x that is read from the curve is known to miss."""
+        return np.zeros(np.shape(x)) if self.adequacy is None else self.adequacy.deviation_in_x(x)
+
     def expanded_u(self, x: npt.ArrayLike, factor: float = 2.0) -> FloatArray:
         """Return U of y(x), `factor` standard uncertainties and what the curve is known to miss."""
         if self.adequacy is None:

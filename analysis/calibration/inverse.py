@@ -143,11 +143,12 @@ class Inverse:
         """Return u(x) of the noise alone, and of what sensors of one unit share in part: model, curve and reading."""
         slope = np.abs(self.calibration.slope(x))
         by_fit, by_reading = self.calibration.curve_parts(x)
-        shared, away = np.sqrt(self.model_sd**2 + by_fit**2 + by_reading**2), self.calibration.deviation(x)
+        noise, shared = self.noise_sd / slope, np.sqrt(self.model_sd**2 + by_fit**2 + by_reading**2) / slope
+        away = self.calibration.deviation_in_x(x)
         if np.any(away):
-            whole = expanded(away, np.hypot(shared, self.noise_sd)) / COVERAGE_FACTOR
-            shared = np.sqrt(np.maximum(whole**2 - self.noise_sd**2, 0.0))
-        return self.noise_sd / slope, np.asarray(shared / slope, dtype=np.float64)
+            whole = expanded(away, np.hypot(shared, noise)) / COVERAGE_FACTOR
+            shared = np.sqrt(np.maximum(whole**2 - noise**2, 0.0))
+        return noise, np.asarray(shared, dtype=np.float64)
 
     def evaluate(self, signal: npt.ArrayLike, *, clamp: bool = False) -> ElongationEstimate:
         """Return x with its uncertainty, and where it is outside the range or a little beyond its end."""

@@ -46,6 +46,8 @@ class PositionMeans:
     branch : [positions] 1 loading, -1 unloading, 0 at the end levels, which both share.
     x_variance, y_variance : [positions] of the means, from the scatter within positions and the grid.
     dof : degrees of freedom of that scatter; 0 where no position was read twice.
+    independent : False where most of the error is the rounding that a position has in every cycle: it follows x in a
+        pattern, which a richer curve may take for its own.
     """
 
     x: FloatArray
@@ -54,6 +56,7 @@ class PositionMeans:
     x_variance: FloatArray
     y_variance: FloatArray
     dof: int
+    independent: bool = True
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -99,7 +102,8 @@ def position_means(
     if reading is not None:
         shared = common_variance(reading.reader_sd, reading.grid)
         own = (reading.reader_sd**2 + reading.grid**2 / 12.0 - shared) / count  # of the mean: it is no estimate by L_p
-        return PositionMeans(reading.x, reading.y, of_branch, own + shared, reading.mean_variance, dof)
+        independent = shared < float(own.mean())
+        return PositionMeans(reading.x, reading.y, of_branch, own + shared, reading.mean_variance, dof, independent)
     mean_x, mean_y = (np.bincount(of_point, v) / count for v in (x, y))
     off = y - mean_y[of_point] - fit.slope(mean_x)[of_point] * (x - mean_x[of_point])
     scatter = float(off @ off) / dof if dof > 0 else 0.0

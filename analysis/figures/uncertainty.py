@@ -317,7 +317,7 @@ class BudgetOfSensor:
         adequacy = self.inverse.calibration.adequacy
         if adequacy is None:
             return Component("lack of fit", float("nan"), source="not assessed: no positions")
-        away = abs(float(adequacy.deviation(x_mm))) * per_mv
+        away = float(adequacy.deviation_in_x(x_mm))
         whole = float(expanded(away, u_mm)) / COVERAGE_FACTOR
         miss = _without(whole, u_mm) / per_mv
         return Component(

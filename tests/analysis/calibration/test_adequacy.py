@@ -47,10 +47,10 @@ def test_a_cubic_of_another_truth_is_inadequate(name: str) -> None:
 @pytest.mark.parametrize("name", TRUTHS)
 @pytest.mark.parametrize("grid", GRIDS[:2])
 def test_expanded_uncertainty_holds_every_truth(name: str, grid: tuple[float, float]) -> None:
-    """U of the cubic holds the truth in 91 to 99.5 % of the range over 12 sessions, whatever the truth."""
+    """U of the cubic holds the truth in 91 to 99.5 % of the range over 20 sessions, whatever the truth."""
     truth = TRUTHS[name]
     inside = []
-    for each in sessions(12, truth, *grid):
+    for each in sessions(20, truth, *grid):
         fit, at = each.fit(), each.grid_of_x
         inside.append(np.abs(fit.predict(at) - truth(at)) <= fit.expanded_u(at))
     assert 0.91 <= np.mean(inside) <= 0.995

@@ -22,7 +22,10 @@ def test_analysis_returns_what_the_page_draws(result):
         assert np.all(fit.band_68[0] <= fit.curve)
         assert fit.content["figures"]["sensitivity_mv_per_mm"] == pytest.approx(expected, rel=0.05)
     labels = {name for (name, _), *_ in result.figures}
-    assert labels <= {definition.label_with_unit for definition in SENSOR_FIGURES.values()}
+    assert labels <= {definition.label_with_unit for definition in SENSOR_FIGURES.values()} | {"Curve"}
+    verdicts = next(cells for (name, _), *cells in result.figures if name == "Curve")
+    assert {text for text, _ in verdicts} <= {"adequate", "doubtful", "inadequate"}
+    assert all(u.shape == (41, 2) and (u[:, 1] > 0).all() for u in result.u_elongation)
     assert len(labels) > 9
 
 

@@ -7,6 +7,7 @@ the difference. Pressure is in kPa (gauge), time in seconds of board time unless
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -184,13 +185,14 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class ReadingRequest:
-    """The plateau that waits for its reading."""
+    """The plateau that waits for its reading; `time_left_s` of board time, then the run continues without it."""
 
     step_id: int
     cycle: int
     branch: str
     target_kpa: float
     pressure_kpa: float
+    time_left_s: float = math.inf
 
 
 class LinkWarningCode(enum.StrEnum):

@@ -57,7 +57,7 @@ class AppModel:
         self.shadow = ShadowLive(self.live, self.jobs)
         self.monitor = ShadowMonitor(lambda: self.shadow.model, self.overlay)
         self.sequence = SequenceModel(session, self.undo, self.preferences)
-        self.readings = ReadingsModel(session, self.undo)
+        self.readings = ReadingsModel(session, self.undo, self.shadow.nominal_at)
         self.unit = UnitInUse(self.units, self.connection, self.live)
         self.runs = RunsModel(recordings, self.units, self.jobs, self.notices)
         self.calibration = CalibrationModel(session, self.units, self.jobs, self.services, self.runs.newest)

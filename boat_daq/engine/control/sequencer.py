@@ -359,7 +359,8 @@ class Sequencer:
         if self._watch is None or self._watch.phase is not Phase.WAITING_FOR_READING:
             return None
         mark = self.marks[-1]
-        return ReadingRequest(mark.number, mark.cycle, mark.branch, mark.target_kpa, self._pressure_kpa)
+        left_s = max(0.0, self._planned.reading_timeout_s - self._watch.waited_s(self._time_us))
+        return ReadingRequest(mark.number, mark.cycle, mark.branch, mark.target_kpa, self._pressure_kpa, left_s)
 
     def progress(self) -> Progress | None:
         """Return how far the run is; None outside a run."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import Any
 
@@ -16,9 +17,10 @@ from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import dress
 from boat_daq.gui.widgets.file_dialogs import ask_open
-from boat_daq.viewmodels.common.notices import Notices
+from boat_daq.viewmodels.common.formatting import duration
+from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Panel, Services
-from boat_daq.viewmodels.live.readings import HEADINGS, ReadingsModel, Row
+from boat_daq.viewmodels.live.readings import HEADINGS, SOON_S, ReadingsModel, Row
 from boat_daq.viewmodels.live.run_model import RunModel
 
 EDITABLE = 3
@@ -28,13 +30,15 @@ Index = QModelIndex | QPersistentModelIndex
 class ReadingBar(QFrame):
     """Takes the elongation of the plateau that waits; its field has the focus, Enter continues the run.
 
-    It keeps its place for the whole run, so that the plots do not move at every plateau.
+    It keeps its place for the whole run, so that the plots do not move at every plateau. What is typed belongs to the
+    plateau it was typed for: where the run moves on first, it is kept there and can still be entered.
     """
 
     def __init__(self, run: RunModel, services: Services) -> None:
         super().__init__()
         self.run, self.notices = run, services.notices
         self.step_id: int | None = None
+        self._due = ""  # the question of the plateau
         self.question = widgets.label("", "set", name="Reading that is due", elide=True, least=style.QUESTION_LEAST)
         self.field = widgets.field("Elongation in mm", on_enter=self.enter, width=3 * style.CONTROL_HEIGHT)
         self.field.setProperty("role", "reading")
@@ -42,8 +46,12 @@ class ReadingBar(QFrame):
         self.photo = widgets.button("Photograph …", show, tip="Read it from a picture of the grid (Ctrl+P)")
         self.simulated = widgets.button("Read the grid", self._simulated, tip="Read the grid of the simulated unit")
         self.skip = widgets.button("Skip", self.run.skip_reading, tip="Continue without a reading")
+        self.field.textChanged.connect(self._ask)
         unit = widgets.label("mm, Enter", "muted")
-        answer = widgets.row(self.field, unit, None, self.simulated, self.photo, self.skip)
+        self.left = widgets.label("", "muted", name="Time left for the reading")
+        self.left.setToolTip("The run continues without the reading then")
+        self.left.setFixedWidth(style.text_width(self.left.font(), "0:00:00 left"))
+        answer = widgets.row(self.field, unit, self.left, None, self.simulated, self.photo, self.skip)
         self.lines = widgets.row(self.question, (answer, 1))
         widgets.as_card(self, self.lines)
         self.hide()
@@ -51,12 +59,19 @@ class ReadingBar(QFrame):
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the plateau that waits and take the focus once; else show the next one."""
         waiting = snapshot.waiting_for_reading
-        self.setVisible(waiting is not None or self.run.sequence.needs_readings(snapshot))
-        if not self.isVisible():
+        step = waiting.step_id if waiting else None
+        shown = waiting is not None or self.run.sequence.needs_readings(snapshot)
+        self.setVisible(shown)
+        if step != self.step_id:
+            self._leave()
+        if not shown:
             self.step_id = None
             return
-        widgets.set_text(self.question, self.run.readings.question(snapshot))
-        step = waiting.step_id if waiting else None
+        self._due = self.run.readings.question(snapshot)
+        self._ask()
+        left_s = waiting.time_left_s if waiting is not None else math.inf
+        widgets.set_text(self.left, f"{duration(left_s)} left" if math.isfinite(left_s) else "")
+        widgets.set_state(self.left, "warning" if left_s <= SOON_S else "")
         self.simulated.setVisible(self.run.connection.simulated_mm() is not None)
         if step == self.step_id and self.field.isReadOnly() is (step is None):
             return
@@ -66,6 +81,24 @@ class ReadingBar(QFrame):
         elsewhere = isinstance(QGuiApplication.focusObject(), QWidget) and not self.window().isActiveWindow()
         if step is not None and not elsewhere:
             self.field.setFocus()
+
+    def _ask(self, _: str = "") -> None:
+        """Show the reading that is due, or why what is typed is implausible; it can be entered nevertheless."""
+        step, text = self.step_id, self.field.text()
+        warning = self.run.readings.warning(step, text) if step is not None and text else ""
+        widgets.set_text(self.question, f"\u25b2 {warning}" if warning else self._due)
+        widgets.set_state(self.question, "warning" if warning else "")
+        if self.field.accessibleDescription() != warning:
+            self.field.setAccessibleDescription(warning)
+
+    def _leave(self) -> None:
+        """Keep what was typed for the plateau before with that plateau, report it and offer to enter it."""
+        step, text, readings = self.step_id, self.field.text(), self.run.readings
+        at = readings.leave(step, text) if step is not None else ""
+        if at and step is not None:
+            cause = f"{text} mm was typed at {at}, but not entered before the run continued"
+            offer = ("Enter it there", partial(readings.enter, step, text))
+            self.notices.add(Severity.WARNING, cause, "It is kept in the table of readings.", action=offer)
 
     def _enable(self, due: bool) -> None:
         """Allow an entry, or none; the focus stays in the field instead of moving to the next button."""
@@ -88,6 +121,8 @@ class ReadingBar(QFrame):
             return
         kept = self.notices.attempt(lambda: self.run.readings.enter(step, text))
         widgets.set_state(self.field, "" if kept else "true", "wrong")
+        if kept:
+            self.field.setText("")
 
     def _simulated(self) -> None:
         if self.step_id is not None:
@@ -145,11 +180,13 @@ class ReadingsTableModel(QAbstractTableModel):
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         """Return a cell's text, place and weight."""
         row = self.rows[index.row()]
+        if role == Qt.ItemDataRole.EditRole and index.column() == EDITABLE and row.typed:
+            return row.typed
         if role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.EditRole):
             return row.cells[index.column()]
         if role == Qt.ItemDataRole.TextAlignmentRole:
             return side(index.column())
-        if role == Qt.ItemDataRole.FontRole and (row.current or row.apart_mm is not None):
+        if role == Qt.ItemDataRole.FontRole and (row.current or row.apart_mm is not None or row.far):
             return style.font(weight=QFont.Weight.Bold)
         if role == Qt.ItemDataRole.ToolTipRole:
             return row.tip or None

@@ -1,14 +1,17 @@
 """The readings of elongation: one row a plateau; typed, pasted, imported or from a photograph.
 
-Rules: a reading is never changed, only corrected by a newer one, so undo adds a correction too. Outliers from the
-running fit are marked, not removed. Text is checked before anything is stored.
+Rules: a reading is never changed, only corrected by a newer one, so undo adds a correction too. Text is checked before
+anything is stored. What is typed belongs to the plateau that it was typed for: where the run moves on before it is
+entered, it is kept with that plateau. A reading far from the running fit, or from the nominal actuator, is marked, and
+a warning is shown while it is typed; it is never refused or removed.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
@@ -24,6 +27,9 @@ from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.live.sequence import BRANCH_WORDS
 
 PLAUSIBLE_MM = 60.0  # longer than the actuator itself
+LOOP_MM = 0.35  # half the width of the loop, about the nominal curve, that a healthy actuator may have
+APART_KPA = 5.0  # plateaus further apart than this do not have one elongation
+SOON_S = 60.0  # a wait for a reading that ends within this is marked
 UNSTEADY = "unsteady"  # reached, but still drifting at the end of the longest hold
 REMARKS = {  # status of a plateau -> remark, sentence
     "timeout": ("not reached", "the pressure was not reached in time"),
@@ -40,6 +46,8 @@ class Row:
     reading: Reading | None  # None where it was not read, or withdrawn
     current: bool
     apart_mm: float | None  # distance from the running fit, of an outlier
+    far: str = ""  # the nominal elongation, where the reading is far from it
+    typed: str = ""  # text that was typed for it, but not entered
 
     @property
     def elongation_mm(self) -> float | None:
@@ -50,6 +58,10 @@ class Row:
     def _remark(self) -> tuple[str, str]:
         """Return remark and sentence on how the plateau ended."""
         status = self.step.status if self.step.detail.get("steady", True) else UNSTEADY
+        if self.typed:
+            return f"{self.typed}: not entered", f"{self.typed} was typed, but not entered"
+        if self.reading is None and self.step.detail.get("reading_timed_out"):
+            return "no reading", "no reading was given in time, and the run continued"
         return REMARKS.get(status, ("now" if self.current else "", ""))
 
     @property
@@ -60,6 +72,9 @@ class Row:
         if self.apart_mm is not None and self.elongation_mm is not None:
             read, fit = (number(mm, 2, sign=True) for mm in (self.elongation_mm, self.elongation_mm - self.apart_mm))
             lines.append(f"{read} mm at {plateau}, the running fit gives {fit} mm: check it; it is kept as it is")
+        elif self.far and self.elongation_mm is not None:
+            read = number(self.elongation_mm, 2, sign=True)
+            lines.append(f"{read} mm at {plateau}, {self.far}: check it; it is kept as it is")
         source = self.reading.source if self.reading is not None else ""
         return "\n".join([*lines, *([f"source: {source}"] if source else [])])
 
@@ -71,7 +86,7 @@ class Row:
             BRANCH_WORDS[self.step.branch],
             target(self.step.target_kpa).removesuffix(" kPa"),
             "" if self.elongation_mm is None else number(self.elongation_mm, 2),
-            self._remark[0] if self.apart_mm is None else f"{number(self.apart_mm, 1, sign=True)} mm?",
+            self._remark[0] or self.far if self.apart_mm is None else f"{number(self.apart_mm, 1, sign=True)} mm?",
         )
 
 
@@ -111,12 +126,25 @@ class ReadingsModel:
     ----------
     session : stores the readings.
     undo : takes the entries.
+    nominal : returns the elongation of the nominal actuator at a pressure and its standard deviation, mm; None while
+        it is not known.
+
+    Attributes
+    ----------
+    typed : text by the plateau that it was typed for, where it was not entered.
     """
 
-    def __init__(self, session: ReadingStore, undo: UndoHistory) -> None:
+    def __init__(
+        self,
+        session: ReadingStore,
+        undo: UndoHistory,
+        nominal: Callable[[float], tuple[float, float] | None] = lambda kpa: None,
+    ) -> None:
         self.session = session
-        self._undo = undo
+        self._undo, self._nominal = undo, nominal
         self.resolution_mm = 0.5
+        self.typed: dict[int, str] = {}
+        self._bands: dict[float, tuple[float, float]] = {}
 
     def question(self, snapshot: SessionSnapshot) -> str:
         """Return the reading that is due, or the next one of this run; empty without a run."""
@@ -135,16 +163,55 @@ class ReadingsModel:
         """Return the table, oldest plateau first."""
         readings = {key: r for key, r in self.latest().items() if r.elongation_mm is not None}
         steps = readable(self.session.steps())
-        read = [step for step in steps if step.number in readings]
-        far = outlying(
-            np.array([step.target_kpa for step in read]),
-            np.array([step.branch == "loading" for step in read], dtype=bool),
-            np.array([readings[step.number].elongation_mm for step in read], dtype=float),
-        )
-        apart = {step.number: mm for step, mm in zip(read, far.tolist(), strict=True) if mm == mm}
+        read = [(step, mm) for step in steps if (mm := _mm(readings.get(step.number))) is not None]
+        apart = {step.number: mm for (step, _), mm in zip(read, _outlying(read), strict=True) if mm == mm}
+        far = {step.number: self._beyond_nominal(step.target_kpa, mm) for step, mm in read}
         waiting = snapshot.waiting_for_reading
         due = waiting.step_id if waiting is not None else None
-        return [Row(step, readings.get(n := step.number), n == due, apart.get(n)) for step in steps]
+        return [
+            Row(step, readings.get(n := step.number), n == due, apart.get(n), far.get(n, ""), self.typed.get(n, ""))
+            for step in steps
+        ]
+
+    def warning(self, step_id: int, text: str) -> str:
+        """Return why a typed elongation is implausible, with its plateau; empty where it is plausible, or no length."""
+        steps = {step.number: step for step in readable(self.session.steps())}
+        try:
+            mm = parse_mm(text)
+        except OperatorError:
+            return ""
+        if step_id not in steps:
+            return ""
+        step, latest = steps.pop(step_id), self.latest()
+        read = [(other, x) for other in steps.values() if (x := _mm(latest.get(other.number))) is not None]
+        before = [(other, x) for other, x in read if other.number < step_id][-1:]
+        apart_mm = _outlying([*read, (step, mm)])[-1]
+        why = self._beyond_nominal(step.target_kpa, mm)
+        if apart_mm == apart_mm:
+            why = f"the curve so far gives {number(mm - apart_mm, 2, sign=True)} mm"
+        elif not why and any(x == mm and abs(o.target_kpa - step.target_kpa) > APART_KPA for o, x in before):
+            why = f"the same as at {target(before[0][0].target_kpa)}"
+        return f"{number(mm, 2, sign=True)} mm? {why[:1].upper()}{why[1:]} at {place(step)}" if why else ""
+
+    def _beyond_nominal(self, target_kpa: float, mm: float) -> str:
+        """Return the nominal elongation with its band where a reading is outside it; else, or while unknown, empty."""
+        if target_kpa not in self._bands:
+            found = self._nominal(target_kpa)
+            if found is None or not all(map(math.isfinite, found)):
+                return ""
+            self._bands[target_kpa] = found[0], 2.0 * found[1] + LOOP_MM + self.resolution_mm
+        nominal_mm, band_mm = self._bands[target_kpa]
+        if abs(mm - nominal_mm) <= band_mm:
+            return ""
+        return f"nominal {number(nominal_mm, 1, sign=True)} \u00b1{number(band_mm, 1)} mm"
+
+    def leave(self, step_id: int, text: str) -> str:
+        """Keep text with the plateau that it was typed for; return that plateau, empty where it has its reading."""
+        step = next((step for step in self.session.steps() if step.number == step_id), None)
+        if not text.strip() or step is None or _mm(self.latest().get(step_id)) is not None:
+            return ""
+        self.typed[step_id] = text.strip()
+        return place(step)
 
     @staticmethod
     def summary(rows: list[Row]) -> str:
@@ -175,6 +242,7 @@ class ReadingsModel:
         resolution_mm : of the reading; of the grid when None.
         """
         before = self.latest().get(step_id)
+        self.typed.pop(step_id, None)
         if (before.elongation_mm if before else None) != elongation_mm:
             text = number(elongation_mm, 2) + " mm" if elongation_mm is not None else "withdrawal"
             self._push(f"reading {text}", {step_id: elongation_mm}, source, resolution_mm)
@@ -223,6 +291,21 @@ class ReadingsModel:
             return 0
         unread = (n for n in steps if n not in read or read[n].elongation_mm is None)
         return next(unread, float("inf"))
+
+
+def _mm(reading: Reading | None) -> float | None:
+    """Return the elongation of a reading, None where it is missing or withdrawn."""
+    return reading.elongation_mm if reading is not None else None
+
+
+def _outlying(read: Sequence[tuple[StepMark, float]]) -> list[float]:
+    """Return the distance of each (plateau, mm) from the running fit where it is an outlier, else NaN."""
+    far = outlying(
+        np.array([step.target_kpa for step, _ in read]),
+        np.array([step.branch == "loading" for step, _ in read], dtype=bool),
+        np.array([mm for _, mm in read], dtype=float),
+    )
+    return list(far.tolist())
 
 
 def parse_mm(text: str) -> float:

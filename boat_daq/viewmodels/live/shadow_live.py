@@ -142,6 +142,13 @@ class ShadowLive:
         """End the helper thread."""
         self._loading.close()
 
+    def nominal_at(self, pressure_kpa: float) -> tuple[float, float] | None:
+        """Return nominal elongation and its standard deviation at a pressure, mm; None while the model loads."""
+        if self.model is None:
+            return None
+        mm, sd = self.model.table.nominal_elongation(np.array([pressure_kpa]))
+        return float(mm[0]), float(sd[0])
+
     def nominal_curve(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:
         """Return pressures (kPa), nominal elongation and its band, k = 2 (mm), over the table; None while it loads."""
         if self.model is None:

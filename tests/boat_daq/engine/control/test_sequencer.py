@@ -341,6 +341,20 @@ def test_a_wait_for_a_reading_takes_nothing_off_the_rest() -> None:
     assert behind_s == pytest.approx(plan_s + 2 * reader.plateaus * READING_S, abs=0.5)
 
 
+def test_wait_for_a_reading_counts_down_to_its_end() -> None:
+    """The time left is that of the plan, less the wait; the run continues when it is over, and not before."""
+    reader = Reader()
+    while (waiting := reader.rig.sequencer.waiting()) is None:
+        reader.rig.run(0.1)
+    assert waiting.time_left_s == pytest.approx(600.0, abs=0.5)
+    reader.rig.run(590.0)
+    later = reader.rig.sequencer.waiting()
+    assert later is not None and later.step_id == waiting.step_id
+    assert later.time_left_s == pytest.approx(waiting.time_left_s - 590.0)
+    reader.rig.run(later.time_left_s + 1.0)
+    assert reader.rig.sequencer.marks[0].detail["reading_timed_out"] is True
+
+
 @pytest.mark.parametrize("long_s", [3.0, 60.0])
 def test_one_long_wait_does_not_bias_the_time_left(long_s: float) -> None:
     """Readings take 3 s, the first one a minute: the time left is then true within a fifth."""

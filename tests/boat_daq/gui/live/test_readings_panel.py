@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
@@ -149,3 +151,66 @@ def test_column_of_a_spreadsheet_is_pasted(make):
     assert [(r.step_id, r.elongation_mm) for r in session.kept] == [(2, 3.0), (3, 2.5)]
     window.refresh()
     assert window.live.table.count.text() == "2 of 4 plateaus read"
+
+
+LATER = ReadingRequest(5, 1, "unloading", 10.0, 10.0, 600.0)
+
+
+def at_plateau(running, waiting):
+    """Let the run wait at a plateau."""
+    marks = {m.number: m for m in running.model.session.marks}
+    marks[waiting.step_id] = StepMark(waiting.step_id, 1, waiting.branch, waiting.target_kpa, 10.0, waiting.step_id)
+    running.model.session.marks = tuple(marks.values())
+    running.model.session.change(waiting_for_reading=waiting)
+    running.refresh()
+
+
+def test_half_typed_reading_does_not_land_on_the_next_plateau(running):
+    """The wait had ended without a sign, and the rest of the digits and Enter went to the plateau after it."""
+    bar, session = running.live.reading, running.model.session
+    at_plateau(running, ASKED)
+    QTest.keyClicks(bar.field, "1.5")
+    at_plateau(running, LATER)
+    assert (bar.field.text(), session.kept) == ("", [])
+    notice = running.model.notices.current()
+    assert notice.cause == "1.5 mm was typed at +20 kPa, unloading, cycle 1, but not entered before the run continued"
+    running.strip.refresh()
+    running.strip.apply()
+    assert [(r.step_id, r.elongation_mm) for r in session.kept] == [(4, 1.5)]
+    QTest.keyClicks(bar.field, "0.7")
+    QTest.keyClick(bar.field, Qt.Key.Key_Return)
+    assert [(r.step_id, r.elongation_mm) for r in session.kept[1:]] == [(5, 0.7)]
+    at_plateau(running, ASKED)
+    assert running.model.notices.current() is None  # what was entered is not reported
+
+
+def test_wait_for_a_reading_counts_down(running):
+    """After 600 s of board time the run continued unannounced."""
+    left = running.live.reading.left
+    seen = []
+    for seconds in (600.0, 59.0):
+        at_plateau(running, dataclasses.replace(LATER, time_left_s=seconds))
+        seen.append((left.text(), left.property("state") or "", left.width()))
+    assert [s[:2] for s in seen] == [("10:00 left", ""), ("0:59 left", "warning")]
+    assert seen[0][2] == seen[1][2]
+    running.model.session.change(waiting_for_reading=None)
+    running.refresh()
+    assert left.text() == ""
+
+
+def test_implausible_reading_is_warned_of_beside_its_field(running):
+    """Before Enter, also to a screen reader; Enter keeps it nevertheless."""
+    running.model.readings._nominal = lambda kpa: (0.07 * kpa, 0.1)
+    bar = running.live.reading
+    at_plateau(running, ASKED)
+    QTest.keyClicks(bar.field, "1")
+    assert bar.question.property("state") == ""
+    QTest.keyClicks(bar.field, "4")
+    assert bar.question.text() == "\u25b2 +14.00 mm? Nominal +1.4 \u00b11.1 mm at +20 kPa, unloading, cycle 1"
+    assert bar.question.property("state") == "warning"
+    assert "Nominal" in bar.field.accessibleDescription()
+    running.refresh()
+    assert "Nominal" in bar.question.text()
+    QTest.keyClick(bar.field, Qt.Key.Key_Return)
+    assert running.model.session.kept[-1].elongation_mm == 14.0
+    assert (bar.question.property("state"), bar.field.accessibleDescription()) == ("", "")

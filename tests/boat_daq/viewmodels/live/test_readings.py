@@ -133,3 +133,56 @@ def test_columns_of_a_spreadsheet():
     assert column_of_lengths("# note\nkPa,mm\n50,3.5\n40,3.0\n") == [3.5, 3.0]
     assert column_of_lengths("50;3,5\r\n40;3,0\r\n") == [3.5, 3.0]
     assert column_of_lengths("3,5\n3,0\n") == [3.5, 3.0]
+
+
+def nominal(kpa):
+    """The nominal actuator, 0.07 mm/kPa, with a standard deviation of 0.1 mm."""
+    return 0.07 * kpa, 0.1
+
+
+def of_first_plateaus(*mm):
+    """A model whose first plateaus have these readings, and the next plateau."""
+    session = RecordedSession(connected())
+    session.marks = plateaus(1)[: len(mm) + 1]
+    for mark, value in zip(session.marks, mm, strict=False):
+        session.add_reading(mark.number, value, "typed")
+    return ReadingsModel(session, UndoHistory(), nominal), session.marks[-1]
+
+
+def test_implausible_reading_is_named_before_it_is_entered():
+    """25 mm at +30 kPa, and 2.50 mm at every plateau, used to pass in silence."""
+    model, due = of_first_plateaus(3.5, 2.9)
+    assert due.target_kpa == 30.0
+    assert model.warning(due.number, "25") == "+25.00 mm? Nominal +2.1 \u00b11.1 mm at +30 kPa, unloading, cycle 1"
+    assert [model.warning(due.number, text) for text in ("2.0", "3.1", "", "-", "2..5")] == [""] * 5
+    model, due = of_first_plateaus(2.5)
+    assert model.warning(due.number, "2.5") == "+2.50 mm? The same as at +50 kPa at +40 kPa, unloading, cycle 1"
+    assert model.warning(due.number, "2.6") == ""
+
+
+def test_reading_off_the_curve_so_far_is_named_without_a_nominal():
+    """A unit that is not the nominal one is compared with its own readings."""
+    session = read_session()
+    session.marks = (*session.marks, dataclasses.replace(session.marks[-3], number=900))
+    model = ReadingsModel(session, UndoHistory())
+    right = elongation(session.marks[-1])
+    assert model.warning(900, f"{right}") == ""
+    assert f"curve so far gives {right:+.0f}"[:-1] in model.warning(900, f"{right + 2}").replace("\u2212", "-")
+
+
+def test_row_far_from_the_nominal_is_marked():
+    """Pasted values pass no field: they are marked in the table."""
+    model, _ = of_first_plateaus(3.5, 9.0)
+    rows = model.rows(model.session.snapshot())
+    assert [row.cells[-1] for row in rows] == ["", "nominal +2.8 \u00b11.1 mm", ""]
+    assert "+9.00 mm at +40 kPa, unloading, cycle 1, nominal" in rows[1].tip
+
+
+def test_text_that_was_not_entered_stays_with_its_plateau():
+    """It is in the table until a reading of that plateau is entered; a plateau that has one keeps nothing."""
+    model, due = of_first_plateaus(3.5)
+    assert model.leave(1, "3.4") == model.leave(due.number, " ") == ""
+    assert model.leave(due.number, "2.9 ") == "+40 kPa, unloading, cycle 1"
+    assert model.rows(model.session.snapshot())[1].cells[-1] == "2.9: not entered"
+    model.enter(due.number, "2.8")
+    assert model.rows(model.session.snapshot())[1].cells[-2:] == ("2.80", "")

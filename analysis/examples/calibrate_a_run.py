@@ -15,9 +15,8 @@ from analysis.figures.uncertainty import elongation_reader
 
 
 def main(run: str, readings: str | None = None) -> float:
-    """Print coefficients and key figures; return the largest elongation of the run, mm, NaN where none is known."""
-    recording = load_recording(run)
-    analysis = analyse(recording, readings, mcmc=False)
+    """Print coefficients and key figures; return the largest elongation that was held, mm, NaN where none is known."""
+    analysis = analyse(load_recording(run), readings, mcmc=False)
     for sensor in analysis.sensors:
         if sensor.calibration is None:
             print(f"{sensor.name}: {sensor.calibration_void}")
@@ -26,7 +25,9 @@ def main(run: str, readings: str | None = None) -> float:
         for name in ("sensitivity_mv_per_mm", "system_hysteresis_percent_fso", "snr_db"):
             print(f"  {SENSOR_FIGURES[name].label}: {with_interval(sensor.figures[name])}")
     try:
-        elongation = elongation_reader(analysis).evaluate(recording.signal_mv)
+        # of the means of holds: the largest of many noisy samples would be too large
+        held_mv = np.asarray([plateau.signal_mv for plateau in analysis.plateaus])
+        elongation = elongation_reader(analysis).evaluate(held_mv)
     except AnalysisError as error:
         print(f"no elongation: {error.cause}. {error.remedy}")
         return float("nan")

@@ -46,12 +46,13 @@ def session(window: MainWindow) -> list[Command]:
 
     start = partial(attempt, connection.start_virtual_board)
     return [
-        add("Vent now", "Esc", window.vent, also="emergency release deflate"),
+        add("Vent now", "F4", window.vent, also="emergency release deflate"),
+        add("Close what is open, else vent", "Esc", window.escape, also="cancel escape"),
         add("Connect …", "Ctrl+K", partial(model.services.show, Panel.CONNECT), apart=True, also="port serial board"),
         add("Start the virtual board", "Ctrl+Shift+B", start, also="demo simulate simulation"),
         add("Disconnect", "Ctrl+Shift+K", partial(attempt, connection.disconnect), has_port),
         add("Start or close the recording", "Ctrl+R", run.toggle_recording, model.connected, apart=True),
-        add("Add marker …", "M", window.live.ask_marker, model.connected, also="mark note comment moment"),
+        add("Add marker …", "Ctrl+M", window.live.ask_marker, model.connected, also="mark note comment moment"),
         add("Apply suggested action", "Ctrl+J", strip.apply, strip.has_action, apart=True, also="message do"),
         add("Dismiss message", "Ctrl+D", strip.dismiss, strip.has_notice),
         add("Cancel task", "Ctrl+.", strip.cancel_job, lambda: bool(model.jobs.running()), also="work job stop"),
@@ -78,6 +79,9 @@ def view(window: MainWindow) -> list[Command]:
     live = window.live
     add = partial(Command, "View")
 
+    def is_live() -> bool:
+        return window.page is Page.LIVE
+
     def export_plot(kind: str) -> None:
         """Copy or save the plot that has the focus, else the first of the page."""
         cards: list[PlotCard | ShadowPane] = [*window.findChildren(PlotCard), *window.findChildren(ShadowPane)]
@@ -92,15 +96,15 @@ def view(window: MainWindow) -> list[Command]:
             window.save_plot(chosen or visible[0], kind)
 
     return [
-        add("Freeze or follow the plot", "Space", live.model.toggle_freeze, also="hold pause picture"),
+        add("Freeze or follow the plot", "Space", live.model.toggle_freeze, is_live, also="hold pause picture"),
         add("Zoom in on time", "Ctrl+=", partial(live.model.zoom, 0.5)),
         add("Zoom out on time", "Ctrl+-", partial(live.model.zoom, 2.0)),
         add("Show the last 10 s", "Ctrl+0", partial(live.model.set_window, 10.0)),
         add("Show the whole session", "Ctrl+9", partial(live.model.set_window, math.inf)),
-        add("Cursor A", "A", partial(live.plots.place_cursor, "a"), apart=True, also="statistics measure"),
-        add("Cursor B", "B", partial(live.plots.place_cursor, "b"), also="statistics measure"),
-        add("Both signals on one axis", "T", live.toggle_together),
-        add("Overlay the last cycles", "O", live.toggle_overlay),
+        add("Cursor A", "Ctrl+Alt+A", partial(live.plots.place_cursor, "a"), apart=True, also="statistics measure"),
+        add("Cursor B", "Ctrl+Alt+B", partial(live.plots.place_cursor, "b"), also="statistics measure"),
+        add("Both signals on one axis", "Ctrl+T", live.toggle_together),
+        add("Overlay the last cycles", "Ctrl+Shift+O", live.toggle_overlay),
         add("Copy the plot", "Ctrl+Shift+C", partial(export_plot, "copy"), apart=True, also="screenshot clipboard"),
         add("Save the plot as PNG …", "Ctrl+S", partial(export_plot, "png"), also="screenshot picture image export"),
         add("Save the plot as SVG …", "Ctrl+Shift+S", partial(export_plot, "svg")),
@@ -127,15 +131,15 @@ def sequence(window: MainWindow) -> list[Command]:
         button("Arm the plan", "F5", "arm"),
         button("Start", "F6", "start", "begin run"),
         button("Pause", "F7", "pause"),
-        button("Resume", "Shift+F7", "resume"),
+        add("Resume", "Shift+F7", model.run.resume, model.run.may_resume),
         button("Stop", "F8", "stop", "abort end"),
         button("Disarm", "Shift+F5", "disarm"),
         button("Clear the fault", "Shift+F8", "clear"),
-        add("Edit the plan", "P", live.show_plan, apart=True),
+        add("Edit the plan", "Ctrl+L", live.show_plan, apart=True),
         add("Open a plan …", "Ctrl+Alt+O", live.plan.open),
         add("Save the plan …", "Ctrl+Alt+W", live.plan.save),
         add("Manual pressure", "Ctrl+G", live.show_manual, also="set by hand"),
-        add("Show the readings", "R", live.show_readings),
+        add("Show the readings", "Ctrl+Shift+T", live.show_readings),
     ]
 
 
@@ -241,7 +245,7 @@ def help_(window: MainWindow) -> list[Command]:
 
     return [
         add("Find a command …", "Ctrl+Shift+P", window.palette_.open_fresh),
-        add("Keys", "?", window.show_keys, also="shortcuts help"),
+        add("Keys", "Ctrl+F1", window.show_keys, also="shortcuts help"),
         add("First steps", "F1", window.live.show_first_steps),
         add("Save a bug report …", "Ctrl+Shift+F1", save_bug_report),
     ]

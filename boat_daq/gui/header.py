@@ -114,10 +114,10 @@ class Header(QWidget):
 
 def vent_button(vent: Callable[[], None]) -> QPushButton:
     """Return the VENT button; it acts on press, not on release."""
-    button = QPushButton("VENT   Esc")
+    button = QPushButton("VENT   F4")
     button.setObjectName("vent")
     button.setAccessibleName("Vent the actuator now")
-    button.setToolTip("Vent now, in any state (Esc)")
+    button.setToolTip("Vent now, in any state (F4; Esc where nothing is open)")
     button.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
     button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
     button.pressed.connect(vent)

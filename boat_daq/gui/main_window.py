@@ -14,7 +14,7 @@ from typing import Any
 
 from PySide6.QtCore import QByteArray, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QResizeEvent
-from PySide6.QtWidgets import QApplication, QDialog, QMainWindow, QStackedWidget, QWidget
+from PySide6.QtWidgets import QApplication, QMainWindow, QStackedWidget, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.connect_panel import ConnectPanel
@@ -71,8 +71,9 @@ class MainWindow(QMainWindow):
         self.commands = Registry(self, model.notices)
         self.palette_ = Palette(self, self.commands)
         self.keys: ShortcutSheet | None = None
-        self.window_keys = WindowKeys(model.session.vent)
+        self.window_keys = WindowKeys(self, self.vent, self.escape, lambda: self.page is Page.LIVE)
         application().focusWindowChanged.connect(self.window_keys.watch)
+        application().focusChanged.connect(self.window_keys.follow_focus)
         QGuiApplication.styleHints().colorSchemeChanged.connect(self.follow_theme)
         self.follow_theme()
         self._restore()
@@ -152,11 +153,15 @@ class MainWindow(QMainWindow):
 
     def go(self, name: Page) -> None:
         """Show a page."""
-        page = self.open_page(name)
+        page, focus = self.open_page(name), QApplication.focusWidget()
+        if focus is not None and self.stack.isAncestorOf(focus) and name is not self.page:
+            focus.clearFocus()  # else Qt gives it to the first control of the new page
         self.stack.setCurrentWidget(self.scrolls[name])
         self.navigation.show_page(name)
         self.model.preferences.set("page", str(name))
         page.refresh(self.model.snapshot)
+        if name is Page.LIVE:
+            self.live.focus_reading()
 
     def go_by_key(self, name: Page) -> None:
         """Show a page and give the keyboard to its first control, where it names one."""
@@ -177,11 +182,15 @@ class MainWindow(QMainWindow):
         panels[place]()
 
     def vent(self) -> None:
-        """Vent, whatever has the keyboard; the same key closes a dialog in front."""
+        """Vent at once."""
         self.model.session.vent()
-        front = QApplication.activeWindow()
-        if isinstance(front, QDialog):
-            front.reject()
+
+    def escape(self) -> None:
+        """Close the marker's field where it is open, else vent; Qt closes menus, lists and dialogs by itself."""
+        if self.page is Page.LIVE and self.live.marker.isVisible():
+            self.live.close_marker()
+        else:
+            self.vent()
 
     def toggle_full_screen(self) -> None:
         """Toggle full screen."""

@@ -1,6 +1,6 @@
 """The commands of the window: menus, shortcuts, palette and shortcut sheet are made of this one list.
 
-Before the shortcuts some keys are handled: Esc under an open menu, Space and Enter on a focused button.
+Before the shortcuts some keys are handled: VENT, Esc under an open menu, Space, Enter on a focused button.
 """
 
 from __future__ import annotations
@@ -8,14 +8,28 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtGui import QAction, QKeyEvent, QKeySequence, QWindow
-from PySide6.QtWidgets import QAbstractButton, QApplication, QComboBox, QLineEdit, QMainWindow, QMenu, QPushButton
+from PySide6.QtCore import QEvent, QObject, Qt, QTimer
+from PySide6.QtGui import QAction, QKeyEvent, QKeySequence, QShortcut, QWindow
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QApplication,
+    QDialog,
+    QLineEdit,
+    QMainWindow,
+    QMenu,
+    QMenuBar,
+    QPushButton,
+    QWidget,
+)
 
 from boat_daq.gui.widgets.controls import as_words
 from boat_daq.viewmodels.common.notices import Notices, Severity
 
 ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
+MOVING = (
+    Qt.Key.Key_Tab, Qt.Key.Key_Backtab, Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_Up, Qt.Key.Key_Down
+)  # fmt: skip
+POINTED = (QEvent.Type.MouseButtonPress, QEvent.Type.TouchBegin)
 MENUS = ("Session", "Edit", "View", "Sequence", "Runs", "Models", "Go", "Help")
 
 
@@ -46,7 +60,11 @@ class Command:
 
 
 class Registry:
-    """The commands of a window, in the order of its menus."""
+    """The commands of a window, in the order of its menus.
+
+    A menu greys its entries while it is open. The keys are shortcuts of their own, so that no greyed entry takes one
+    with it: its key reports why the command cannot run.
+    """
 
     def __init__(self, window: QMainWindow, notices: Notices) -> None:
         self._window, self._notices = window, notices
@@ -54,7 +72,6 @@ class Registry:
         self._menus: dict[str, QMenu] = {name: window.menuBar().addMenu(f"&{name}") for name in MENUS}
         for menu in self._menus.values():
             menu.aboutToShow.connect(self.refresh)
-            menu.aboutToHide.connect(self.enable_all)
             menu.setToolTipsVisible(True)
 
     def add(self, command: Command) -> None:
@@ -62,11 +79,12 @@ class Registry:
         menu = self._menus[command.menu]
         if command.apart:
             menu.addSeparator()
-        action = QAction(command.text, self._window)
-        action.setShortcut(QKeySequence(command.shortcut))
-        action.setShortcutContext(Qt.ShortcutContext.ApplicationShortcut)
-        action.triggered.connect(lambda *_: self._pressed(command))
+        keys = QKeySequence(command.shortcut)
+        action = QAction(f"{command.text}\t{keys.toString(QKeySequence.SequenceFormat.NativeText)}", self._window)
+        action.triggered.connect(lambda *_: self.run(command))
         menu.addAction(action)
+        shortcut = QShortcut(keys, self._window, context=Qt.ShortcutContext.ApplicationShortcut)
+        shortcut.activated.connect(lambda: self._pressed(command))
         self.actions[command] = action
 
     def _pressed(self, command: Command) -> None:
@@ -84,29 +102,39 @@ class Registry:
             self._notices.add(Severity.INFORMATION, f"\u201c{command.text}\u201d: not now", why)
 
     def refresh(self) -> None:
-        """Disable what cannot run now, while a menu is open."""
+        """Grey what cannot run now."""
         for command, action in self.actions.items():
             able = command.available()
             action.setEnabled(able)
             action.setToolTip("" if able else as_words(command.why()))
 
-    def enable_all(self) -> None:
-        """Enable every action once the menu is closed: the shortcut of a disabled one would have no effect."""
-        for action in self.actions.values():
-            action.setEnabled(True)
-
 
 class WindowKeys(QObject):
-    """Event filter of the program's windows.
+    """Event filter of the program's windows, and where the focus may go.
 
-    Esc vents where shortcuts have no effect: while a menu, a list or a dialog is open. Space is a shortcut of the
-    plots, but goes to a button or a choice that has the focus; Enter presses a focused button too. Undo and redo go to
-    a field while it has edits to undo, else to the window's history: the reading field has the focus for a whole run.
+    F4 vents over everything. Esc closes what is open: a menu, a list, a panel; with nothing open it is a shortcut.
+    Space freezes the plots where they are shown, whatever has the focus but a text field; elsewhere it goes to the
+    control with the focus. Enter presses a focused button. Undo and redo go to a field while it has edits to undo, else
+    to the window's history: the reading field has the focus for a whole run.
+
+    Where a control with the focus disappears, Qt gives the focus to the next one, and a window that is opened to its
+    first: a key would press it. Here it then goes nowhere.
+
+    Parameters
+    ----------
+    window : the main window, whose focus is watched.
+    vent : vents at once.
+    escape : does what Esc does with nothing open.
+    shows_plots : returns whether the page with the live plots is shown.
     """
 
-    def __init__(self, vent: Callable[[], None]) -> None:
-        super().__init__()
-        self.vent = vent
+    def __init__(
+        self, window: QWidget, vent: Callable[[], None], escape: Callable[[], None], shows_plots: Callable[[], bool]
+    ) -> None:
+        super().__init__(window)
+        self.window, self.vent, self.escape, self.shows_plots = window, vent, escape, shows_plots
+        self._moving = False  # whether the operator moves the focus, by mouse, Tab or an arrow
+        self._chosen: QWidget | None = None  # the button that the operator gave the focus last
 
     def watch(self, window: QWindow | None) -> None:
         """Install the filter on a window."""
@@ -114,23 +142,55 @@ class WindowKeys(QObject):
             window.installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Return whether the key was handled here; Esc is passed on in any case."""
+        """Return whether the event was handled here."""
+        if event.type() in POINTED or (isinstance(event, QKeyEvent) and event.key() in MOVING):
+            self._moving = True
+            QTimer.singleShot(0, self._moved)
         if not isinstance(event, QKeyEvent):
             return False
         focus = QApplication.focusWidget()
-        if event.type() is QEvent.Type.ShortcutOverride and event.key() == Qt.Key.Key_Space:
-            return _keep(event) if isinstance(focus, QAbstractButton | QComboBox) else False
-        if event.type() is QEvent.Type.ShortcutOverride and isinstance(focus, QLineEdit):
-            return _leave_to_shortcuts(event, focus)
+        if event.type() is QEvent.Type.ShortcutOverride:
+            return self._overrides(event, focus)
         if event.type() is not QEvent.Type.KeyPress:
             return False
-        over = QApplication.activePopupWidget() or QApplication.activeModalWidget()
-        if event.key() == Qt.Key.Key_Escape and over is not None:
+        if event.key() == Qt.Key.Key_F4:
             self.vent()
+            return True
+        if event.key() == Qt.Key.Key_Escape and isinstance(focus, QMenuBar) and _nothing_open():
+            self.escape()  # the menu bar keeps the keyboard after its menu was closed
         if event.key() in ENTER and isinstance(focus, QAbstractButton) and not _has_enter(focus):
             focus.click()
             return True
         return False
+
+    def _moved(self) -> None:
+        self._moving = False
+
+    def _overrides(self, event: QKeyEvent, focus: QWidget | None) -> bool:
+        """Decide whether a key is kept from the shortcuts, or from the control with the focus."""
+        if event.key() == Qt.Key.Key_F4 or (event.key() == Qt.Key.Key_Escape and not _nothing_open()):
+            return _keep(event)
+        if event.key() == Qt.Key.Key_Space:
+            frozen = self.shows_plots() and QApplication.activeWindow() is self.window and _nothing_open()
+            return False if frozen else _keep(event)
+        return _leave_to_shortcuts(event, focus) if isinstance(focus, QLineEdit) else False
+
+    def follow_focus(self, old: QWidget | None, new: QWidget | None) -> None:
+        """Take the focus from a control that got it neither from the operator nor from a command."""
+        if new is None or new.window() is not self.window:
+            return
+        gone = old is not None and old.window() is self.window and not (old.isVisible() and old.isEnabled())
+        button = isinstance(new, QAbstractButton)
+        if gone or (button and not self._moving and new is not self._chosen):
+            new.clearFocus()
+        elif button:
+            self._chosen = new
+
+
+def _nothing_open() -> bool:
+    """Return whether neither a menu, a list nor a panel is in front."""
+    over = QApplication.activePopupWidget() or QApplication.activeModalWidget() or QApplication.activeWindow()
+    return not isinstance(over, QMenu | QDialog) and QApplication.activePopupWidget() is None
 
 
 def _keep(event: QKeyEvent) -> bool:

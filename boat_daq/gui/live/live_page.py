@@ -165,7 +165,7 @@ class LivePage(QWidget):
     def _marker(self) -> QFrame:
         self.note = widgets.field("Note of the marker", on_enter=self._mark, placeholder="What happened?")
         add = widgets.button("Add", self._mark, name="Add marker")
-        cancel = widgets.button("Cancel", self._close_marker, name="Cancel marker")
+        cancel = widgets.button("Cancel", self.close_marker, name="Cancel marker")
         frame, _ = widgets.card(widgets.row(widgets.label("Marker", "subtitle"), self.note, add, cancel))
         frame.hide()
         return frame
@@ -179,9 +179,10 @@ class LivePage(QWidget):
 
     def _mark(self) -> None:
         self.run.mark(self.note.text().strip())
-        self._close_marker()
+        self.close_marker()
 
-    def _close_marker(self) -> None:
+    def close_marker(self) -> None:
+        """Close the field for the note."""
         self.marker.hide()
         self.focus_reading()
 

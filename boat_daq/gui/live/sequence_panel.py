@@ -9,7 +9,7 @@ from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QCheckBox, QFrame, QLineEdit, QPushButton, QScrollArea, QWidget
 
-from boat_daq.engine.snapshot import SessionSnapshot
+from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.gui import style
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
@@ -119,12 +119,18 @@ class SequencePanel(QFrame):
     def _calibrate(self) -> None:
         self.notices.attempt(self.run.calibration.take)
 
-    def _show_choice(self, first_cycle: int) -> None:
-        """Offer to resume an interrupted run beside starting over, and to calibrate after a run that was read."""
-        offered = self.run.calibration.open
+    def _show_choice(self, snapshot: SessionSnapshot) -> None:
+        """Offer to resume an interrupted run beside starting over, and to calibrate after a run that was read.
+
+        The button that resumes names the cycle: offered, armed and paused.
+        """
+        offered, first_cycle = self.run.calibration.open, self.run.resumption.first_cycle
         self.calibrate.setVisible(offered)
-        self.resume.setVisible(bool(first_cycle))
+        self.resume.setVisible(bool(first_cycle) and not self.buttons["arm"].isHidden())
         widgets.set_text(self.resume, f"Resume at cycle {first_cycle}")
+        widgets.set_text(self.buttons["start"], f"Start at cycle {first_cycle}" if first_cycle else "Start")
+        paused = snapshot.progress if snapshot.state is SessionState.PAUSED else None
+        widgets.set_text(self.buttons["resume"], f"Resume at cycle {paused.cycle + 1}" if paused else "Resume")
         arm, (text, tip) = self.buttons["arm"], START_OVER if first_cycle else BUTTONS["arm"]
         widgets.set_text(arm, text)
         widgets.set_state(arm, "" if first_cycle or offered else "primary", "role")
@@ -140,7 +146,7 @@ class SequencePanel(QFrame):
             if key not in allowed and button.hasFocus():
                 button.clearFocus()  # else the next button gets the focus, and Space presses it
             button.setVisible(key in allowed)
-        self._show_choice(self.run.resumption.first_cycle if "arm" in allowed else 0)
+        self._show_choice(snapshot)
         self.picture.show_drawing(model.drawing(snapshot))
 
 

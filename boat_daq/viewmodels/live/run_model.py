@@ -1,8 +1,8 @@
 """The run on the bench: the buttons of its sequence, its recording, its readings and markers, and what is offered then.
 
 Once a run has ended: to calibrate with its readings, or to resume it after an interruption, at its next whole cycle:
-after an unplugged board in the session's own recording, or in one that a crash or a stop has left. It is only armed;
-pressure waits for Start.
+after a vent or an unplugged board in the session's own recording, or in one that a crash or a stop has left. It is only
+armed; pressure waits for Start.
 """
 
 from __future__ import annotations
@@ -79,6 +79,8 @@ class CalibrationOffer:
 class ResumeRun:
     """Offers to resume an interrupted run, and arms it.
 
+    The offer follows from the recording: it is made after every vent, and again after a vent while it is armed.
+
     Parameters
     ----------
     session : resumes the run.
@@ -90,8 +92,9 @@ class ResumeRun:
     def __init__(self, session: Session, sequence: SequenceModel, read: ReadInterrupted, services: Services) -> None:
         self._session, self._sequence, self._read, self._services = session, sequence, read, services
         self._offer: Notice | None = None
-        self.first_cycle = 0  # where the interrupted run can resume; 0 without one
-        self._broke = False
+        self._reopened: Path | None = None  # the recording in which a run of another session resumes
+        self._armed = False  # the rest of a run, not a whole plan
+        self.first_cycle = 0  # where the interrupted run resumes, offered or armed; 0 without one
 
     def resume(self, path: Path) -> None:
         """Prepare the interrupted run of a closed recording to resume in it.
@@ -109,7 +112,8 @@ class ResumeRun:
         def ready(broken: BrokenRun) -> None:
             def arm() -> None:
                 self._session.resume_recording(broken, {"operator": ""})
-                self._arm(broken.plan)
+                self._reopened = broken.path
+                self._arm(broken.plan, broken.first_cycle)
 
             done = f"{broken.path.name} resumes at cycle {broken.first_cycle}: press Start"
             self._services.notices.attempt(arm, done=done)
@@ -117,27 +121,32 @@ class ResumeRun:
         self._read(path, ready)
 
     def follow(self, snapshot: SessionSnapshot) -> None:
-        """Offer to resume once a run was interrupted and the board is connected again."""
-        self._broke = self._broke or snapshot.state is SessionState.FAULT
-        if snapshot.state in (SessionState.RUNNING, SessionState.ARMED) or snapshot.recording is None:
-            self._broke, self.first_cycle = False, 0
+        """Offer to resume while an interrupted run is recorded and the board is connected."""
+        if snapshot.state is SessionState.RUNNING:
+            self._reopened = None
+        armed = self._armed = snapshot.state is SessionState.ARMED and self._armed
+        first, complete = (self.first_cycle, 0) if armed else self._resume_point(snapshot)
+        self.first_cycle = first
+        if armed or not first:
             self._services.notices.dismiss(self._offer)
             self._offer = None
-        elif self._broke and snapshot.state in AT_REST and snapshot.link is LinkState.UP:
-            self._broke = False
-            self._offer_resumption(snapshot)
-
-    def _offer_resumption(self, snapshot: SessionSnapshot) -> None:
-        plan = snapshot.plan
-        if plan is None or snapshot.run_ended is None or not snapshot.run_ended.aborted:
-            return
-        first, complete = resume_point(plan, list(self._session.steps()))
-        if 0 < complete < plan.cycles:
-            cause = f"the run was interrupted after {count(complete, 'whole cycle')}"
+        elif self._offer is None:
+            done = f"after {count(complete, 'whole cycle')}" if complete else "before its first cycle was complete"
+            cause = f"the run was interrupted {done}"
             remedy = f"Resume at cycle {first} in its recording, the break stays visible; or start over in another."
-            offer = ("Resume", lambda: self._arm(plan))
+            offer = ("Resume", self.arm)
             self._offer = self._services.notices.add(Severity.INFORMATION, cause, remedy, action=offer)
-            self.first_cycle = first
+
+    def _resume_point(self, snapshot: SessionSnapshot) -> tuple[int, int]:
+        """Return (first cycle, complete cycles) of an interrupted run that can resume now; (0, 0) without one."""
+        plan, ended, recording = snapshot.plan, snapshot.run_ended, snapshot.recording
+        at_rest = snapshot.state in AT_REST and snapshot.link is LinkState.UP
+        broken = recording == self._reopened or (ended is not None and ended.aborted)
+        if plan is None or recording is None or not (at_rest and broken):
+            return 0, 0
+        steps = list(self._session.steps())
+        first, complete = resume_point(plan, steps)
+        return (first, complete) if steps and complete < plan.cycles else (0, 0)
 
     def arm(self) -> None:
         """Arm the rest of the interrupted run.
@@ -146,12 +155,14 @@ class ResumeRun:
         ------
         BoatDaqError : it cannot be armed now.
         """
-        if self._offer is not None and self._offer.action is not None:
-            self._offer.action()
+        plan = self._session.snapshot().plan
+        if plan is not None and self.first_cycle:
+            self._arm(plan, self.first_cycle)
 
-    def _arm(self, plan: Plan) -> None:
+    def _arm(self, plan: Plan, first_cycle: int) -> None:
         self._sequence.take(plan)
         self._sequence.arm(resume=True)
+        self.first_cycle, self._armed = first_cycle, True
         self._services.show(Page.LIVE)
 
 
@@ -202,6 +213,17 @@ class RunModel:
         self.sequence.press(button)
         if button == "start":
             self.services.show(Page.LIVE)  # which asks for the readings
+
+    def may_resume(self) -> bool:
+        """Return whether a paused or an interrupted run can resume."""
+        return "resume" in self.sequence.allowed(self.snapshot) or bool(self.resumption.first_cycle)
+
+    def resume(self) -> None:
+        """Resume a paused run, or arm the rest of an interrupted one."""
+        if "resume" in self.sequence.allowed(self.snapshot):
+            self.press("resume")
+        else:
+            self.services.notices.attempt(self.resumption.arm)
 
     def record(self) -> Path:
         """Start a recording named after unit and time; return its path.

@@ -13,20 +13,6 @@ from boat_daq.viewmodels.common.services import Panel
 from tests.boat_daq.gui.windows import PATIENCE_MS
 
 
-def test_escape_closes_the_panel_and_vents(live, qtbot):
-    """The keyboard leaves the connect panel; the key vents all the same, and again without a dialog."""
-    live.model.services.show(Panel.CONNECT)
-    live.connect_panel.activateWindow()
-    qtbot.waitUntil(lambda: QApplication.activeWindow() is live.connect_panel, timeout=PATIENCE_MS)
-    live.vent()
-    assert not live.connect_panel.isVisible()
-    live.activateWindow()
-    qtbot.waitUntil(lambda: QApplication.activeWindow() is live, timeout=PATIENCE_MS)
-    live.vent()
-    assert live.isVisible()
-    assert live.model.session.calls.count("vent") == 2
-
-
 def test_tab_leaves_every_field(live, qtbot):
     """The profile's field used to consume the key: the keyboard did not reach the virtual board."""
     panel = live.connect_panel

@@ -1,4 +1,4 @@
-"""Keys that the window handles before its shortcuts: Esc, Space, Enter, undo."""
+"""Keys that the window handles before its shortcuts: VENT, Esc, Space, Enter, undo."""
 
 from __future__ import annotations
 
@@ -13,28 +13,40 @@ from tests.boat_daq.gui.recorded_session import RecordedSession, connected, fill
 from tests.boat_daq.gui.windows import PATIENCE_MS
 
 
-@pytest.mark.parametrize("key", [Qt.Key.Key_Space, Qt.Key.Key_Return, Qt.Key.Key_Enter])
-def test_focused_button_is_pressed_by_space_and_enter(live, qtbot, key):
-    """Space is a shortcut of the plots, and took itself from every button; without a button it holds the picture."""
+@pytest.mark.parametrize("key", [Qt.Key.Key_Return, Qt.Key.Key_Enter])
+def test_focused_button_is_pressed_by_enter(live, qtbot, key):
+    """Enter presses a button everywhere; on the live page Space is the key of the plots."""
     live.activateWindow()
     qtbot.waitUntil(lambda: QApplication.activeWindow() is live, timeout=PATIENCE_MS)
-    live.live.sequence.buttons["arm"].setFocus()
+    arm = live.live.sequence.buttons["arm"]
+    live.window_keys._chosen = arm  # as if reached by Tab
+    arm.setFocus()
     QTest.keyClick(live.windowHandle(), key)
-    assert live.model.session.calls.count("arm") == 1
-    assert live.model.live.following
-    live.live.sequence.buttons["arm"].clearFocus()
+    assert (live.model.session.calls, live.model.live.following) == (["arm"], True)
+
+
+def test_focused_button_of_another_page_is_pressed_by_space(live, qtbot):
+    """Without live plots in sight Space is the button's."""
+    live.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is live, timeout=PATIENCE_MS)
+    live.go("Runs")
+    button = live.navigation.buttons["Calibrate"]
+    live.window_keys._chosen = button
+    button.setFocus()
     QTest.keyClick(live.windowHandle(), Qt.Key.Key_Space)
-    assert (live.model.live.following, live.model.session.calls.count("arm")) == (False, 1)
+    assert (live.page, live.model.live.following) == ("Calibrate", True)
 
 
-def test_escape_vents_over_a_modal_box(live, qtbot):
-    """No box of the program is modal; over one of Qt's own the key still vents."""
+def test_vent_key_vents_over_a_modal_box(live, qtbot):
+    """No box of the program is modal; over one of Qt's own F4 still vents, and Esc only closes the box."""
     box = QMessageBox(live)
     box.open()
     qtbot.waitUntil(lambda: QApplication.activeModalWidget() is box, timeout=PATIENCE_MS)
     live.window_keys.watch(box.windowHandle())
+    QTest.keyClick(box.windowHandle(), Qt.Key.Key_F4)
+    assert live.model.session.calls == ["vent"]
     QTest.keyClick(box.windowHandle(), Qt.Key.Key_Escape)
-    assert "vent" in live.model.session.calls
+    assert (live.model.session.calls, box.isVisible()) == (["vent"], False)
 
 
 def test_undo_reverses_the_reading_while_its_field_has_focus(make, qtbot):

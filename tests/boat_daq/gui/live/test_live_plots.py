@@ -33,7 +33,7 @@ def test_titles_of_low_plots_are_centred_on_their_axes(live, qtbot):
 
 def test_marker_is_added_by_keys_and_shown(live):
     """M, a note, Enter: the marker is in the plot with its note, and is in the session."""
-    run_shortcut(live, "M")
+    run_shortcut(live, "Ctrl+M")
     QTest.keyClicks(live.live.note, "tapped")
     QTest.keyClick(live.live.note, Qt.Key.Key_Return)
     live.refresh()
@@ -73,8 +73,8 @@ def test_cursor_is_dragged_with_the_mouse(live):
     """A drag moves the cursor in every plot, and the figures with it."""
     live.refresh()
     live.draw()
-    run_shortcut(live, "A")
-    run_shortcut(live, "B")
+    run_shortcut(live, "Ctrl+Alt+A")
+    run_shortcut(live, "Ctrl+Alt+B")
     plots = live.live.plots
     plot, _ = plots._cursors["a"][0]
     before = plots.model.cursors_s["a"]

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import (
     QApplication,
 )
 
-from boat_daq.engine.plan import StepMark
+from boat_daq.engine.plan import StepMark, built_in_plans
 from boat_daq.engine.snapshot import (
     RunEnding,
     SessionState,
@@ -22,15 +22,34 @@ from tests.boat_daq.gui.windows import PATIENCE_MS, RAMPING
 
 
 def test_interrupted_run_has_buttons_to_resume_and_to_start_over(live):
-    """After an unplugged board there are two buttons, Resume the marked one; otherwise only Arm."""
+    """After a vent there are two buttons, Resume the marked one; armed it names the cycle, and Esc keeps the offer."""
     panel, arm = live.live.sequence, live.live.sequence.buttons["arm"]
+    session = live.model.session
     live.refresh()
     assert (arm.text(), arm.property("role"), panel.resume.isVisible()) == ("Arm", "primary", False)
-    live.model.session.change(recording=Path("SA1.boat"))
-    live.model.run.resumption.first_cycle = 3
-    live.refresh()
-    assert (arm.text(), arm.property("role")) == ("Start over", "")
-    assert (panel.resume.text(), panel.resume.isVisible()) == ("Resume at cycle 3", True)
+    plan = built_in_plans()["calibration"]
+    whole = [StepMark(i, 1, "unloading", 0.0, 10.0, i, status="reached") for i in range(len(plan.targets_kpa))]
+    session.marks = (*whole, StepMark(99, 2, "unloading", 0.0, 10.0, 99, status="aborted"))
+    ended = RunEnding(RunEnd.ABORTED, "vented by the operator")
+    session.change(plan=plan, recording=Path("SA1.boat"), run_ended=ended, state=SessionState.ABORTED)
+    for _ in range(2):
+        live.refresh()
+        assert (arm.text(), arm.property("role")) == ("Start over", "")
+        assert (panel.resume.text(), panel.resume.isVisible()) == ("Resume at cycle 3", True)
+        panel.resume.click()
+        session.change(state=SessionState.ARMED)
+        live.refresh()
+        assert panel.buttons["start"].text() == "Start at cycle 3"
+        assert not panel.resume.isVisible()
+        session.change(state=SessionState.IDLE)  # vented while armed
+
+
+def test_paused_run_names_the_cycle_at_which_it_resumes(running):
+    """The cycle of the pause is left out, the next one is named on the button."""
+    running.model.session.change(state=SessionState.PAUSED)
+    running.refresh()
+    resume = running.live.sequence.buttons["resume"]
+    assert (resume.text(), resume.isVisible()) == ("Resume at cycle 2", True)
 
 
 def test_hidden_button_gives_its_focus_to_no_other(live, qtbot):

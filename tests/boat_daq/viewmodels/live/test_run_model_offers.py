@@ -61,12 +61,47 @@ def test_run_interrupted_by_an_unplugged_board_is_offered(tmp_path):
     assert notices.current() is None
 
 
-@pytest.mark.parametrize("cycles", [0, 5])
-def test_nothing_is_offered_where_nothing_is_left(tmp_path, cycles):
-    """Without a whole cycle the run begins anew, with all of them it is done."""
+def test_offer_survives_a_vent_while_armed(tmp_path):
+    """Esc before Start withdrew the offer; the run is broken until it has run."""
     plan = built_in_plans()["calibration"]
     session = RecordedSession(connected())
-    session.marks = marks(plan, cycles)
+    session.marks = marks(plan, 0)
+    ended = RunEnding(RunEnd.ABORTED, "vented by the operator")
+    session.change(plan=plan, recording=tmp_path / "x.boat", run_ended=ended, state=SessionState.ABORTED)
+    model, notices = resumption(tmp_path, session)
+    model.follow(session.shown)
+    assert (model.first_cycle, "before its first cycle" in notices.current().cause) == (2, True)
+    model.arm()
+    session.change(state=SessionState.ARMED)
+    model.follow(session.shown)
+    assert (model.first_cycle, notices.current()) == (2, None)
+    session.change(state=SessionState.IDLE)
+    model.follow(session.shown)
+    assert (model.first_cycle, notices.current().action_text) == (2, "Resume")
+    session.change(state=SessionState.RUNNING, run_ended=None)
+    model.follow(session.shown)
+    assert (model.first_cycle, notices.current()) == (0, None)
+
+
+def test_whole_plan_armed_anew_names_no_cycle(tmp_path):
+    """Start over arms from the first cycle: its Start names none."""
+    plan = built_in_plans()["calibration"]
+    session = RecordedSession(connected())
+    session.marks = marks(plan, 2)
+    ended = RunEnding(RunEnd.ABORTED, "vented by the operator")
+    session.change(plan=plan, recording=tmp_path / "x.boat", run_ended=ended, state=SessionState.ABORTED)
+    model, _ = resumption(tmp_path, session)
+    model.follow(session.shown)
+    session.change(state=SessionState.ARMED, recording=None)
+    model.follow(session.shown)
+    assert model.first_cycle == 0
+
+
+def test_nothing_is_offered_where_nothing_is_left(tmp_path):
+    """With all of its cycles the run is done."""
+    plan = built_in_plans()["calibration"]
+    session = RecordedSession(connected())
+    session.marks = marks(plan, 5)
     session.change(
         plan=plan,
         recording=tmp_path / "x.boat",

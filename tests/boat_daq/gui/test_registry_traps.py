@@ -1,0 +1,263 @@
+"""Keys in a real window: each does what its command says, wherever the focus is, and nothing else."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import pytest
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtGui import QGuiApplication, QKeySequence
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QDialog
+
+from boat_daq.engine.snapshot import SessionState
+from boat_daq.viewmodels.common import jobs
+from boat_daq.viewmodels.common.services import Page, Panel
+from tests.boat_daq.gui.windows import ASKED, PATIENCE_MS, RAMPING
+
+Key = Qt.Key
+NO, CTRL = Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.ControlModifier
+PRINTED = [Key(code) for code in range(Key.Key_Space.value, Key.Key_AsciiTilde.value + 1) if code < 0x60 or code > 0x7A]
+NAMED = [
+    Key.Key_Tab, Key.Key_Backtab, Key.Key_Backspace, Key.Key_Return, Key.Key_Enter, Key.Key_Insert, Key.Key_Delete,
+    Key.Key_Home, Key.Key_End, Key.Key_Left, Key.Key_Up, Key.Key_Right, Key.Key_Down, Key.Key_PageUp, Key.Key_PageDown,
+    Key.Key_Escape, *(Key(Key.Key_F1.value + i) for i in range(12)),
+]  # fmt: skip
+RUN_KEYS = {  # the only keys that reach the session, and with what
+    "idle": {Key.Key_Escape: ["vent"], Key.Key_F4: ["vent"], Key.Key_F5: ["arm"]},
+    "running": {Key.Key_Escape: ["vent"], Key.Key_F4: ["vent"], Key.Key_F7: ["pause"], Key.Key_F8: ["stop"]},
+}
+
+
+class NoProcess:
+    """In place of the helper processes: a job that never ends."""
+
+    def __init__(self, *_, **__):
+        self.start = self.terminate = self.close = lambda: None
+        self.join = self.poll = lambda *_: False
+
+
+@pytest.fixture
+def front(live, qtbot, monkeypatch):
+    """A window in front; its jobs do not run."""
+    monkeypatch.setattr(jobs._SPAWN, "Process", NoProcess)
+    monkeypatch.setattr(jobs._SPAWN, "Pipe", lambda **_: (NoProcess(), NoProcess()))
+    live.resize(1280, 800)
+    live.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is live, timeout=PATIENCE_MS)
+    for timer in (live.frame_timer, live.calm_timer):
+        timer.stop()  # the tests refresh themselves
+    return live
+
+
+def press(window, key, modifier=NO):
+    """Press a key where the keyboard is, and let what follows happen."""
+    QTest.keyClick(QGuiApplication.focusWindow() or window.windowHandle(), key, modifier)
+    QApplication.processEvents()
+
+
+def close_all(window):
+    """Close what a key has opened."""
+    while (popup := QApplication.activePopupWidget()) is not None:
+        popup.close()
+    for dialog in window.findChildren(QDialog):
+        dialog.close()
+    window.live.close_marker()
+    if window.isFullScreen():
+        window.toggle_full_screen()
+    window.activateWindow()
+    QApplication.processEvents()
+
+
+def run(window):
+    """Bring the window into a run, between two plateaus."""
+    window.model.sequence._needs_readings = True
+    window.model.session.change(state=SessionState.RUNNING, progress=RAMPING)
+    window.refresh()
+
+
+@pytest.mark.parametrize("state", RUN_KEYS)
+def test_no_key_commands_the_board_but_the_documented_one(front, state):
+    """Press every key with the focus nowhere and on the plots, and Space after each: none acts by where focus fell."""
+    if state == "running":
+        run(front)
+    calls, documented = front.model.session.calls, RUN_KEYS[state]
+    wrong = []
+    for page, key, clicked in product(Page, [*PRINTED, *NAMED], (False, True)):
+        front.go(page)
+        front.refresh()
+        if (focus := QApplication.focusWidget()) is not None:
+            focus.clearFocus()
+        plot = front.live.plots.view if page is Page.LIVE else None
+        if clicked and plot is not None and plot.isVisible():
+            QTest.mouseClick(plot.viewport(), Qt.MouseButton.LeftButton, pos=QPoint(80, 60))
+        if clicked and plot is None:
+            continue
+        calls.clear()
+        press(front, key)
+        front.refresh()
+        commanded = list(calls)
+        calls.clear()
+        after = "" if key in (Key.Key_Tab, Key.Key_Backtab) else press_space(front)
+        if commanded != documented.get(key, []) or calls or after:
+            wrong.append((page, key.name, clicked, commanded, list(calls), after))
+        if front.live.overlaid:
+            front.live.toggle_overlay()
+        close_all(front)
+    assert wrong == []
+
+
+def press_space(window) -> str:
+    """Press Space; return what it should not have done."""
+    following, page, focus = window.model.live.following, window.page, QApplication.focusWidget()
+    running = len(window.model.jobs.running())
+    over = QApplication.activePopupWidget() or QApplication.activeWindow() is not window
+    typing = hasattr(focus, "isReadOnly") and not focus.isReadOnly()
+    press(window, Key.Key_Space)
+    froze = window.model.live.following is not following
+    if over:
+        return ""
+    if len(window.model.jobs.running()) > running:
+        return f"started a job with the focus on {focus}"
+    return "" if froze is (page is Page.LIVE and not typing) else f"froze {froze} with the focus on {focus}"
+
+
+def test_space_freezes_after_the_plot_is_clicked_and_overlaid(front):
+    """Click the plot, press the key of the overlay, then Space: the focus fell on Pause, and Space vented the run."""
+    run(front)
+    QTest.mouseClick(front.live.plots.view.viewport(), Qt.MouseButton.LeftButton, pos=QPoint(80, 60))
+    press(front, *chord("Overlay the last cycles", front))
+    front.refresh()
+    QApplication.processEvents()
+    assert QApplication.focusWidget() is None
+    press(front, Key.Key_Space)
+    assert (front.model.live.following, front.model.session.calls) == (False, [])
+
+
+def chord(text, window):
+    """Return key and modifiers of a command."""
+    command = next(c for c in window.commands.actions if c.text == text)
+    combination = QKeySequence(command.shortcut)[0]
+    return combination.key(), combination.keyboardModifiers()
+
+
+def test_focus_is_nowhere_at_the_start(front):
+    """The connection's button had the focus of a new window: the first Space opened its panel."""
+    assert QApplication.focusWidget() is None
+
+
+def test_tab_reaches_the_buttons_of_the_run(front):
+    """What the focus does not fall on, the keyboard still reaches; Enter presses it, Space freezes the plots."""
+    run(front)
+    pause = front.live.sequence.buttons["pause"]
+    for _ in range(60):
+        press(front, Key.Key_Tab)
+        if QApplication.focusWidget() is pause:
+            break
+    assert QApplication.focusWidget() is pause
+    press(front, Key.Key_Space)
+    assert (front.model.live.following, front.model.session.calls) == (False, [])
+    press(front, Key.Key_Return)
+    assert front.model.session.calls == ["pause"]
+
+
+OPENED = {
+    "menu": lambda window: window.menuBar().actions()[0].menu().popup(window.mapToGlobal(QPoint(5, 20))),
+    "menu by key": lambda window: press(window, Key.Key_S, Qt.KeyboardModifier.AltModifier),
+    "palette": lambda window: window.palette_.open_fresh(),
+    "list": lambda window: window.live.window_choice.showPopup(),
+    "connect": lambda window: window.show_place(Panel.CONNECT),
+    "keys": lambda window: window.show_keys(),
+    "photograph": lambda window: window.live.open_photograph(),
+    "marker": lambda window: window.live.ask_marker(),
+}
+
+
+def test_escape_closes_what_is_open_and_the_next_one_vents(front, qtbot):
+    """Nobody closes a menu to stop a pump: it aborted the run."""
+    run(front)
+    calls, seen = front.model.session.calls, []
+    for name in OPENED:
+        open_(front, qtbot, name)
+        press(front, Key.Key_Escape)
+        seen.append((name, is_open(front), list(calls)))
+        to_front(front, qtbot)
+        press(front, Key.Key_Escape)
+        seen.append((name, is_open(front), list(calls)))
+        calls.clear()
+        close_all(front)
+    assert seen == [(name, False, vents) for name in OPENED for vents in ([], ["vent"])]
+
+
+def test_vent_key_and_button_vent_whatever_is_open(front, qtbot):
+    """F4 vents over everything, and leaves it open; a press of the button vents too."""
+    run(front)
+    calls, seen = front.model.session.calls, []
+    for name in OPENED:
+        open_(front, qtbot, name)
+        press(front, Key.Key_F4)
+        seen.append((name, is_open(front), list(calls)))
+        calls.clear()
+        close_all(front)
+        to_front(front, qtbot)
+    assert seen == [(name, True, ["vent"]) for name in OPENED]
+    QTest.mousePress(front.header.vent, Qt.MouseButton.LeftButton)
+    assert calls == ["vent"]
+
+
+def open_(window, qtbot, name):
+    """Open something, and wait until it has the keyboard."""
+    OPENED[name](window)
+    qtbot.waitUntil(lambda: is_open(window), timeout=PATIENCE_MS)
+    if name != "marker":
+        main = window.windowHandle()
+        qtbot.waitUntil(lambda: QGuiApplication.focusWindow() not in (None, main), timeout=PATIENCE_MS)
+
+
+def to_front(window, qtbot):
+    """Give the keyboard to the window, as a window system does when a panel is closed."""
+    window.activateWindow()
+    qtbot.waitUntil(lambda: QGuiApplication.focusWindow() is window.windowHandle(), timeout=PATIENCE_MS)
+
+
+def is_open(window):
+    """Return whether a menu, a list, a panel or the marker's field is open."""
+    dialogs = any(dialog.isVisible() for dialog in window.findChildren(QDialog))
+    return QApplication.activePopupWidget() is not None or dialogs or window.live.marker.isVisible()
+
+
+def test_keys_work_after_a_menu_was_closed_by_a_click_elsewhere(front):
+    """F6 was dead after the Sequence menu had been looked at and clicked away."""
+    bar, calls = front.menuBar(), front.model.session.calls
+    front.model.session.change(state=SessionState.ARMED)
+    seen = []
+    for action in bar.actions():
+        front.model.session.change(state=SessionState.IDLE)
+        QTest.mouseClick(bar, Qt.MouseButton.LeftButton, pos=bar.actionGeometry(action).center())
+        QApplication.processEvents()
+        opened = QApplication.activePopupWidget()
+        QTest.mouseClick(opened, Qt.MouseButton.LeftButton, pos=QPoint(-40, opened.height() + 60))
+        QApplication.processEvents()
+        front.model.session.change(state=SessionState.ARMED)
+        front.refresh()
+        closed = QApplication.activePopupWidget() is None
+        press(front, Key.Key_F6)
+        seen.append((opened is action.menu(), closed, list(calls)))
+        calls.clear()
+    assert seen == [(True, True, ["start_recording", "start"])] * len(bar.actions())
+
+
+def test_every_command_is_reached_from_the_reading_field(front):
+    """Letters of commands went into the reading: a command has a modifier or is no character."""
+    run(front)
+    front.model.session.change(waiting_for_reading=ASKED)
+    front.refresh()
+    field = front.live.reading.field
+    in_field = []
+    for command in front.commands.actions:
+        field.setText("2.3")
+        combination = QKeySequence(command.shortcut)[0]
+        text = QKeySequence(combination.key()).toString()
+        if combination.keyboardModifiers() in (NO, Qt.KeyboardModifier.ShiftModifier) and len(text) == 1:
+            in_field.append(command.text)
+    assert in_field == []

@@ -136,8 +136,8 @@ def test_hundred_cycles_are_shown_with_their_figures(run_scenario, capsys):
 @pytest.mark.skipif(
     shutil.which("xdotool") is None, reason="xdotool is not installed: no key can be sent to the screen"
 )
-def test_escape_vents_in_every_state(run_scenario, capsys):
-    """Esc vents from the page, over an open menu, from a field, and while a helper process computes."""
+def test_vent_key_vents_in_every_state(run_scenario, capsys):
+    """F4 vents from the page, over an open menu, from a field, and while a helper process computes."""
     seen = run_scenario("vent")
     with capsys.disabled():
         print(f"\nvented, seconds from the key: {seen['vented_s']}")

@@ -262,7 +262,7 @@ def recover(scenario: Scenario) -> None:
 
 
 def vent(scenario: Scenario) -> None:
-    """Press Esc under pressure: with the window in front, a menu open, a field in use, a helper computing."""
+    """Press F4 under pressure: with the window in front, a menu open, a field in use, a helper computing."""
     model = scenario.window.model
     scenario.connect_virtual()
     measured = {}
@@ -272,7 +272,7 @@ def vent(scenario: Scenario) -> None:
         prepare_for_vent(scenario, name)
         QTest.qWait(100)
         began = time.perf_counter()
-        subprocess.run(["xdotool", "key", "Escape"], check=True)
+        subprocess.run(["xdotool", "key", "F4"], check=True)
         scenario.until(lambda: model.session.snapshot().last.pressure_kpa < 5, f"vented from {name}", 20)
         measured[name] = round(time.perf_counter() - began, 3)
         for popup in (QApplication.activePopupWidget(),):
@@ -285,7 +285,7 @@ def vent(scenario: Scenario) -> None:
 
 
 def prepare_for_vent(scenario: Scenario, name: str) -> None:
-    """Bring the window into a state in which Esc must still vent."""
+    """Bring the window into a state in which F4 must still vent."""
     window = scenario.window
     subprocess.run(["xdotool", "windowfocus", "--sync", str(int(window.winId()))], check=True)  # no window manager does
     if name == "menu":

@@ -14,6 +14,12 @@ from typing import Any
 import numpy as np
 
 NOTHING = "–"
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+
+
+def neutral(text: str) -> str:
+    """Return a text cell that no spreadsheet runs: a leading = + - @ TAB CR gets an apostrophe before it (OWASP)."""
+    return f"'{text}" if text.startswith(FORMULA_STARTS) else text
 
 
 def decimals_for(uncertainty: float) -> int:

@@ -66,8 +66,7 @@ def shift(size: float, history: float) -> StudyResult:
     rows = np.random.default_rng(1).standard_normal((n + AFTER, SHIFTED_RUNS))
     rows[n:] += size
     for k, row in enumerate(rows):
-        sums = cusum.update(row)
-        found |= (sums[:, 0] > threshold) & (k >= n)
+        found |= (cusum.update(row)[:, 0] > threshold) & (k >= n)
     warning = f"a shift below {smallest:.1f} standard deviations is not promised to be found" if size < smallest else ""
     return StudyResult(float(1.0 - found.mean()), warning)
 

@@ -279,8 +279,7 @@ def overlap(read_percent: float, bulge_at: float) -> StudyResult:
             text += f"{cycle + 1},{'loading' if up else 'unloading'},{p:.6f},{x:.9f}\n"
     found = analysed_with(run.recording(), text)
     figure = found.sensors[0].figures["sensor_hysteresis_percent_fso"]
-    full = found.sensors[0].figures["fso_mv"].value
-    truth = BULGE_PERCENT * run.truth["fso_mv"] / full
+    truth = BULGE_PERCENT * run.truth["fso_mv"] / found.sensors[0].figures["fso_mv"].value
     message = joined([figure.void, figure.note, warnings_of(found)])
     return StudyResult(off_percent(figure, "percent_fso", truth), message)
 

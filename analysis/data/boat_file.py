@@ -29,15 +29,7 @@ from analysis.arrays import FloatArray, IntArray
 from analysis.data.recording import READING_COLUMNS, STEP_COLUMNS, Gap, Recording
 from analysis.errors import FileError, RequestError
 from analysis.version import program_version
-from protocol.recording import (
-    SCHEMA_VERSION,
-    check_long_tables,
-    layout_version,
-    open_recording,
-    read_session,
-    refuse_newer,
-    session_dtype,
-)
+from protocol.recording import schema
 from protocol.recording.checks import DAMAGE, harden
 
 LATE_S = 0.5  # the counter is read a little before or after the samples that its row is laid to
@@ -55,7 +47,7 @@ def is_boat_file(path: Path) -> bool:
 @contextmanager
 def opened(path: Path) -> Iterator[sqlite3.Connection]:
     """Open a recording read-only, trusting nothing in it; damage met while reading becomes a `FileError`."""
-    db = open_recording(path)
+    db = schema.open_recording(path)
     try:
         yield db
     except DAMAGE as error:
@@ -73,8 +65,8 @@ def read_boat_file(path: str | Path) -> Recording:
     """
     path = Path(path)
     with opened(path) as db:
-        meta = read_session(db)
-        check_long_tables(path, db)
+        meta = schema.read_session(db)
+        schema.check_long_tables(path, db)
         samples, segment, damaged = _samples(db, meta, path.name)
         clock = _lay_end_to_end(db, samples["time_us"], segment, float(meta.get("rate_hz") or 0.0))
         steps = _steps(db, clock)
@@ -162,7 +154,7 @@ class _Clock:
 
 
 def _samples(db: sqlite3.Connection, meta: Mapping[str, Any], name: str) -> tuple[npt.NDArray[np.void], IntArray, int]:
-    dtype = session_dtype(meta)
+    dtype = schema.session_dtype(meta)
     blobs: list[npt.NDArray[np.void]] = []
     segments: list[IntArray] = []
     damaged: list[str] = []
@@ -252,14 +244,14 @@ def store_result(
     FileError : the file cannot be written.
     """
     path = Path(path)
-    refuse_newer(path)
-    if layout_version(path) < SCHEMA_VERSION:
+    schema.refuse_newer(path)
+    if schema.layout_version(path) < schema.SCHEMA_VERSION:
         raise RequestError(
             f"{path.name} has the layout of an older program, to which no result is added",
             f"Run `boat-daq upgrade {path}` first: it keeps the original file beside it.",
         )
     with opened(path) as db:
-        if read_session(db).get("status") == "recording":
+        if schema.read_session(db).get("status") == "recording":
             raise RequestError(f"{path.name} is being recorded", "Wait for its end, or `boat-daq recover` it.")
         text = json.dumps(content, sort_keys=True, allow_nan=False)
         parameter_text = json.dumps(parameters, sort_keys=True)

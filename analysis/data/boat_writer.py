@@ -14,8 +14,7 @@ import sqlite3
 import tempfile
 import uuid
 import zlib
-from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -28,17 +27,7 @@ from analysis.data.recording import Recording
 from analysis.errors import FileError
 from analysis.version import program_version
 from protocol.errors import RecordingError
-from protocol.recording import (
-    APPLICATION_ID,
-    SCHEMA_VERSION,
-    SESSION_KEYS,
-    TABLES,
-    SampleFlag,
-    describe_dtype,
-    dtype_from_description,
-    read_session,
-    sample_dtype,
-)
+from protocol.recording import schema
 from protocol.recording.checks import check_session
 
 CHUNK_BYTES = 1 << 20
@@ -71,12 +60,8 @@ def write_boat_file(path: str | Path, recording: Recording, *, original: str | P
     unfinished = path.with_name(path.name + ".part")
     try:
         unfinished.unlink(missing_ok=True)
-        db = sqlite3.connect(unfinished)
-        try:
-            with db:
-                _write(db, recording, Path(original))
-        finally:
-            db.close()
+        with closing(sqlite3.connect(unfinished)) as db, db:
+            _write(db, recording, Path(original))
         os.replace(unfinished, path)  # noqa: PTH105 - one atomic call
     except (sqlite3.Error, OSError) as error:
         raise FileError(f"{path} cannot be written: {error}", "Choose another folder.") from error
@@ -86,19 +71,16 @@ def write_boat_file(path: str | Path, recording: Recording, *, original: str | P
 
 
 def _write(db: sqlite3.Connection, recording: Recording, original: Path) -> None:
-    db.execute(f"PRAGMA application_id={APPLICATION_ID}")
-    db.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
-    for statement in TABLES.split(";\n"):
-        if statement.strip():
-            db.execute(statement)
+    db.execute(f"PRAGMA application_id={schema.APPLICATION_ID}")
+    db.execute(f"PRAGMA user_version={schema.SCHEMA_VERSION}")
+    db.executescript(schema.TABLES)
     samples = packed_samples(recording)
     for key, value in _session(recording, samples).items():
         _insert(db, "session", "key, value", (key, json.dumps(value)))
     last_chunk = _keep_original(db, original)
     meta = recording.meta
     scale_mv = float(meta.get("vref_mv") or 0.0) / 2.0 ** int(meta.get("adc_bits") or 0)
-    changes = np.flatnonzero(np.diff(recording.segment)) + 1
-    edges = [0, *changes.tolist(), recording.n]
+    edges = [0, *(np.flatnonzero(np.diff(recording.segment)) + 1).tolist(), recording.n]
     for number, (first, last) in enumerate(itertools.pairwise(edges), 1):
         _insert(db, "segment", "id, host_ns, first_chunk, reason", (number, 0, 1, "import"))
         _write_blocks(db, samples[first:last], number, last_chunk, scale_mv)
@@ -116,13 +98,13 @@ def packed_samples(recording: Recording) -> npt.NDArray[np.void]:
         text = f"a time of {np.abs(recording.time_s).max():g} s is out of range"
         raise FileError(text, "Check the time column and its unit.")
     counts = recording.lit is not None and recording.dark is not None and {"vref_mv", "adc_bits"} <= set(recording.meta)
-    samples = np.zeros(recording.n, sample_dtype(recording.n_sensors, "counts" if counts else "signal"))
+    samples = np.zeros(recording.n, schema.sample_dtype(recording.n_sensors, "counts" if counts else "signal"))
     samples["index"] = _running_index(recording)
     samples["time_us"] = np.round(recording.time_s * 1e6)
     samples["pressure_pa"] = recording.pressure_kpa * 1000.0
     samples["state"], samples["flags"] = recording.state, recording.flags
     for gap in recording.gaps:
-        samples["flags"][gap.row + 1] |= int(SampleFlag.GAP_BEFORE)
+        samples["flags"][gap.row + 1] |= int(schema.SampleFlag.GAP_BEFORE)
     if counts:
         samples["lit"], samples["dark"] = recording.lit, recording.dark
     else:
@@ -142,7 +124,7 @@ def _running_index(recording: Recording) -> npt.NDArray[np.int64]:
 
 def _session(recording: Recording, samples: npt.NDArray[np.void]) -> dict[str, Any]:
     assert samples.dtype.names is not None
-    values: dict[str, Any] = dict.fromkeys(SESSION_KEYS)
+    values: dict[str, Any] = dict.fromkeys(schema.SESSION_KEYS)
     values |= {key: value for key, value in recording.meta.items() if key != "sample_dtype"}
     now = datetime.datetime.now(datetime.UTC).isoformat()
     values |= {
@@ -151,7 +133,7 @@ def _session(recording: Recording, samples: npt.NDArray[np.void]) -> dict[str, A
         "started_host_ns": 0, "ended_utc": now, "ended_host_ns": 0, "stop_reason": "finished",
         "port": f"import:{recording.meta.get('imported_from', '')}", "n_sensors": recording.n_sensors,
         "sample_kind": "counts" if "lit" in samples.dtype.names else "signal",
-        "sample_dtype": describe_dtype(samples.dtype),
+        "sample_dtype": schema.describe_dtype(samples.dtype),
         "rate_hz": recording.meta.get("rate_hz") or (1.0 / recording.interval_s if recording.n > 1 else 0.0),
         "settings": {}, **{key: str(recording.meta.get(key) or "") for key in ("operator", "unit", "note")},
     }  # fmt: skip
@@ -181,36 +163,14 @@ def _write_blocks(
         times = (int(part["time_us"][0]), int(part["time_us"][-1]))
         raw = part.tobytes()
         block = _insert(db, "block", BLOCK, (segment, last_chunk, part.size, *times, raw, zlib.crc32(raw)))
-        _insert(db, "overview", OVERVIEW, (segment, block, block, part.size, *times, *_extremes(part, scale_mv)))
+        extremes = schema.overview_extremes(part, scale_mv)
+        _insert(db, "overview", OVERVIEW, (segment, block, block, part.size, *times, *extremes))
 
 
 def _insert(db: sqlite3.Connection, table: str, columns: str, values: tuple[Any, ...]) -> int | None:
     """Add a row; return its number."""
     marks = ", ".join("?" * len(values))
     return db.execute(f"INSERT INTO {table} ({columns}) VALUES ({marks})", values).lastrowid  # noqa: S608
-
-
-def _extremes(samples: npt.NDArray[np.void], scale_mv: float) -> tuple[Any, ...]:
-    """Extremes of pressure and signals, implausible samples left out, and the flags of all."""
-    flags = int(np.bitwise_or.reduce(samples["flags"]))
-    good = samples[(samples["flags"] & int(SampleFlag.IMPLAUSIBLE)) == 0]
-    names = good.dtype.names or ()
-    counts = "lit" in names
-    signal = (good["lit"].astype(np.float64) - good["dark"]) * scale_mv if counts else good["signal_mv"]
-    pressure = good["pressure_pa"] / 1000.0
-    low, high = ([_finite(extreme, column) for column in signal.T] for extreme in (np.min, np.max))
-    return _finite(np.min, pressure), _finite(np.max, pressure), json.dumps(low), json.dumps(high), flags
-
-
-def _finite(extreme: Callable[[Any], Any], values: npt.NDArray[np.float64]) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(extreme(known)) if known.size else None
-
-
-def is_imported(path: str | Path) -> bool:
-    """True where a recording came from a CSV."""
-    with opened(Path(path)) as db:
-        return str(read_session(db).get("port") or "").startswith("import:")
 
 
 def first_difference(path: str | Path) -> str:
@@ -225,13 +185,13 @@ def first_difference(path: str | Path) -> str:
     FileError : the recording was not imported.
     """
     path = Path(path)
-    if not is_imported(path):
-        raise FileError(f"{path.name} was not imported", "Use `boat-daq verify`.")
     with opened(path) as db:
-        meta = read_session(db)
+        meta = schema.read_session(db)
+        if not str(meta.get("port") or "").startswith("import:"):
+            raise FileError(f"{path.name} was not imported", "Use `boat-daq verify`.")
         original = b"".join(raw for (raw,) in db.execute("SELECT raw FROM chunk WHERE direction = 0 ORDER BY id"))
         blobs = [blob for (blob,) in db.execute("SELECT samples FROM block ORDER BY id")]
-    kept = np.frombuffer(b"".join(blobs), dtype_from_description(meta["sample_dtype"]))
+    kept = np.frombuffer(b"".join(blobs), schema.dtype_from_description(meta["sample_dtype"]))
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "original.csv"
         file.write_bytes(original)

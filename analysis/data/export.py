@@ -22,12 +22,6 @@ from analysis.progress import Progress
 Format = Literal["csv", "parquet"]
 
 ROWS_AT_ONCE = 100_000
-FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
-
-
-def neutral(text: str) -> str:
-    """Return a text cell that no spreadsheet runs: a leading = + - @ TAB CR gets an apostrophe before it (OWASP)."""
-    return f"'{text}" if text.startswith(FORMULA_STARTS) else text
 
 
 def samples_frame(recording: Recording, rows: slice | None = None) -> pd.DataFrame:

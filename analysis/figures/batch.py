@@ -20,8 +20,8 @@ from typing import Any
 import pandas as pd
 
 from analysis.cluster import check_scheduler, connect
-from analysis.data.export import neutral
 from analysis.errors import AnalysisError, FileError, RequestError
+from analysis.numbers import neutral
 from analysis.progress import Progress
 from protocol.errors import ProtocolError
 

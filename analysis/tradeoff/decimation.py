@@ -75,12 +75,10 @@ def _error_px(time_s: FloatArray, signal: FloatArray) -> Callable[[Drawn], float
         truth = _envelope(time_s[shown], signal[shown], edges)
         # the line between two points passes the columns between them
         at = np.union1d(drawn[0], edges)
-        line = np.interp(at, drawn[0], drawn[1])
-        rows = np.concatenate([drawn, [at, line]], axis=1)
+        rows = np.concatenate([drawn, [at, np.interp(at, *drawn)]], axis=1)
         rows = rows[:, np.argsort(rows[0], kind="stable")]
         seen = _envelope(rows[0], rows[1], edges)
-        apart = _beyond(truth, seen) + _beyond(seen, truth)
-        return float(np.sqrt(np.mean(apart**2))) / pixel
+        return float(np.sqrt(np.mean((_beyond(truth, seen) + _beyond(seen, truth)) ** 2))) / pixel
 
     return error
 

@@ -66,8 +66,7 @@ def mesh_settings(quick: bool) -> list[Setting]:
         return Setting(name, _walk(mesh, pressures, points_a_side), error, work=len(pressures))
 
     found = [setting(_mesh_name(mesh), mesh) for mesh in (QUICK_MESHES if quick else MESHES)]
-    full = f"{_mesh_name(FULL_INTEGRATION)}, 3 x 3 points"
-    return [*found, setting(full, FULL_INTEGRATION, 3)]
+    return [*found, setting(f"{_mesh_name(FULL_INTEGRATION)}, 3 x 3 points", FULL_INTEGRATION, 3)]
 
 
 def _critical_kpa(mesh: Elements) -> float:

@@ -25,7 +25,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from analysis import figure_style as style
 from analysis.fidelity import LEVELS, MARGINS
 from analysis.machine import machine
-from analysis.tradeoff.measure import MARGIN, CostPoint, Measured, Method
+from analysis.tradeoff.measure import MARGIN, CostPoint, Measured
 
 DATA, DEFAULT, CHOSEN, REFUSED = style.SENSORS[0], style.SENSORS[1], style.PRESSURE, style.SOFT
 COLUMNS = 3
@@ -167,22 +167,6 @@ def report_json(results: Sequence[Measured], *, quick: bool) -> dict[str, Any]:
         "margins": MARGINS,
         "methods": [_method_json(m) for m in results],
     }
-
-
-def measured_from(content: Mapping[str, Any], methods: Mapping[str, Method]) -> list[Measured]:
-    """Return the results that a report was written from, compared with the methods as they are now.
-
-    Parameters
-    ----------
-    content : of tradeoff.json; methods that are unknown now are left out.
-    """
-    kept = [(methods[m["name"]], m["points"]) for m in content["methods"] if m["name"] in methods]
-    return [Measured.of(method, [_point_from(p) for p in points]) for method, points in kept]
-
-
-def _point_from(row: Mapping[str, Any]) -> CostPoint:
-    infinite = {name: math.inf for name in MAY_BE_INFINITE if row[name] is None}
-    return CostPoint(**{**row, **infinite})
 
 
 def _method_json(measured: Measured) -> dict[str, Any]:

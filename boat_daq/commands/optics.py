@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from analysis.optics.scene.parameters import Design, Light, Waveguide
 from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, writing
 from boat_daq.commands.options import AllowRemoteOption, OptionalFidelity
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from analysis.arrays import FloatArray
     from analysis.fidelity import Fidelity, Level
     from analysis.optics.scene.frame import SceneFrame
-    from analysis.optics.scene.parameters import Design, Light, Waveguide
 
 app = typer.Typer(no_args_is_help=True, help="The optical model: trace, scene, sweep, optimise.")
 
@@ -99,24 +99,6 @@ def _frame(curves: FloatArray, state: int | None, guide: Waveguide) -> tuple[Sce
     return frame_of(curves, number, guide), number
 
 
-def _design(cavities: int, width: float, depth: float, spacing: float, face: str) -> Design:
-    from analysis.optics.scene.parameters import Design
-
-    return Design(cavities, width, depth, spacing, face)  # type: ignore[arg-type]  # checked there
-
-
-def _light(rays: int, secondary: int, order: str, emission: str) -> Light:
-    from analysis.optics.scene.parameters import Light
-
-    return Light(rays=rays, secondary=secondary, order=order, emission=emission)  # type: ignore[arg-type]  # checked there
-
-
-def _guide(index: float, thickness: float, attenuation: float, receiver: float | None) -> Waveguide:
-    from analysis.optics.scene.parameters import Waveguide
-
-    return Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
-
-
 @app.command()
 def trace(
     cavities: Cavities = 5,
@@ -144,9 +126,10 @@ def trace(
     """
     from analysis.optics.tracer.simulation import trace as trace_scene
 
-    design, guide = _design(cavities, width, depth, spacing, face), _guide(index, thickness, attenuation, receiver)
+    design = Design(cavities, width, depth, spacing, face)  # type: ignore[arg-type]  # checked there
+    guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
     released, budget = released_rays(rays, secondary, fidelity, lambda level: level.rays)
-    light = _light(released, budget, order, emission)
+    light = Light(rays=released, secondary=budget, order=order, emission=emission)  # type: ignore[arg-type]  # checked there
     frame, number = _frame(_curves(curves), state, guide)
     outcome = trace_scene(frame, design, guide, light)
     if out is not None:
@@ -206,10 +189,12 @@ def scene(
     """
     from analysis.optics.tracer.ray_optics_export import ray_optics_scene
 
-    design, guide = _design(cavities, width, depth, spacing, face), _guide(index, thickness, 0.0, receiver)
+    design = Design(cavities, width, depth, spacing, face)  # type: ignore[arg-type]  # checked there
+    guide = Waveguide(thickness_mm=thickness, index=index, receiver_mm=receiver)
+    light = Light(rays=rays, secondary=secondary, order=order, emission=emission)  # type: ignore[arg-type]  # checked there
     frame, number = _frame(_curves(curves), state, guide)
     name = f"BOAT n={cavities} w={width:g} d={depth:g} s={spacing:g} mm, state {number}"
-    built = ray_optics_scene(frame, design, guide, _light(rays, secondary, order, emission), name)
+    built = ray_optics_scene(frame, design, guide, light, name)
     if as_json and out is None:
         emit_json(built)
         return
@@ -251,7 +236,8 @@ def sweep(
 
     designs = tuple(paper_grid(cavity_counts(cavities), face))  # type: ignore[arg-type]  # the design checks its face
     released, budget = released_rays(rays, secondary, fidelity, lambda level: level.ranking_rays)
-    guide, light = _guide(index, thickness, attenuation, receiver), _light(released, budget, order, emission)
+    guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
+    light = Light(rays=released, secondary=budget, order=order, emission=emission)  # type: ignore[arg-type]  # checked there
     request = SweepRequest(designs, guide, light, _curves(curves))
     if out is not None:
         with writing(out):
@@ -285,11 +271,12 @@ def optimise(
     from analysis.optics.sweep.optimise import optimise as search
     from analysis.optics.sweep.report import optimum_json, optimum_text
 
-    _light(rays, 0, "time", "uniform")
+    Light(rays=rays, secondary=0)  # refuses a number that cannot be traced
     if out is not None:
         with writing(out):
             out.mkdir(parents=True, exist_ok=True)
-    guide, first = _guide(index, thickness, attenuation, None), _design(5, 1.0, 0.5, 0.9, face).face
+    guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation)
+    first = Design(5, 1.0, 0.5, 0.9, face).face  # type: ignore[arg-type]  # checked there
     with progress_bar("search") as advance:
         found = search(
             guide, _curves(curves), rays=rays, seconds=seconds, first_face=first, seed=seed, progress=advance

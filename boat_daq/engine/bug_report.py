@@ -84,7 +84,14 @@ def collect(recording: Path | None = None) -> dict[str, str]:
     """Return the texts of a report by their names, as they are."""
     logs = _logs()
     found = recording or _last_recording(logs)
-    texts = {"versions.json": _json(_versions()), "settings.toml": _tail(home() / "settings.toml")}
+    versions = {
+        "boat_daq": __version__,
+        "made_utc": now_utc(),
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "packages": library_versions(_PACKAGES),
+    }
+    texts = {"versions.json": _json(versions), "settings.toml": _tail(home() / "settings.toml")}
     if found is not None:
         texts["recording.json"] = _json(_summary(found))
     return {**texts, **{f"log/{path.name}": text for path, text in logs.items()}}
@@ -148,20 +155,9 @@ def _places() -> dict[str, str]:
 
 
 def _user() -> str:
-    try:
+    with contextlib.suppress(OSError, KeyError, ImportError):  # no such user in the system's list
         return getpass.getuser()
-    except (OSError, KeyError, ImportError):  # no such user in the system's list
-        return Path.home().name
-
-
-def _versions() -> dict[str, Any]:
-    return {
-        "boat_daq": __version__,
-        "made_utc": now_utc(),
-        "python": platform.python_version(),
-        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
-        "packages": library_versions(_PACKAGES),
-    }
+    return Path.home().name
 
 
 def _summary(path: Path) -> dict[str, Any]:
@@ -182,8 +178,7 @@ def _last_recording(logs: Mapping[Path, str]) -> Path | None:
 
 def _logs() -> dict[Path, str]:
     paths = [path for path in log_folder().glob("*.log*") if path.is_file()]
-    newest = sorted(paths, key=lambda p: p.stat().st_mtime)[-LOGS:]
-    return {path: _tail(path) for path in newest}
+    return {path: _tail(path) for path in sorted(paths, key=lambda p: p.stat().st_mtime)[-LOGS:]}
 
 
 def _tail(path: Path) -> str:

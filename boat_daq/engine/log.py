@@ -112,8 +112,7 @@ def start_log(command: str = "") -> Path | None:
                 folder = log_folder()
                 folder.mkdir(parents=True, exist_ok=True)
                 _prune(folder)
-                name = f"{datetime.now(UTC):%Y-%m-%d_%H%M%S}_{os.getpid()}.log"
-                _running = _Log(folder / name)
+                _running = _Log(folder / f"{datetime.now(UTC):%Y-%m-%d_%H%M%S}_{os.getpid()}.log")
             except OSError:
                 return None
             atexit.register(stop_log)

@@ -23,6 +23,7 @@ from protocol.recording.schema import (
     dtype_from_description,
     layout_version,
     open_recording,
+    overview_extremes,
     read_session,
     refuse_newer,
     run_end_of,

@@ -34,6 +34,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
+from protocol.arrays import FloatArray
 from protocol.errors import DamagedRecordingError, RecordingError
 from protocol.recording import checks
 
@@ -106,6 +107,27 @@ def sample_dtype(n_sensors: int, kind: SampleKind = "counts") -> np.dtype[np.voi
     if kind == "counts":
         return np.dtype([*head, ("lit", "<u2", (n_sensors,)), ("dark", "<u2", (n_sensors,))])
     return np.dtype([*head, ("signal_mv", "<f8", (n_sensors,))])
+
+
+def overview_extremes(samples: np.ndarray[Any, np.dtype[np.void]], mv_per_count: float) -> tuple[Any, ...]:
+    """Return the columns pressure_min_kpa to flags of one row of `overview`; implausible samples enter the flags only.
+
+    Parameters
+    ----------
+    samples : of one row.
+    mv_per_count : unused where the samples carry signals.
+    """
+    good = samples[(samples["flags"] & SampleFlag.IMPLAUSIBLE) == 0]
+    counts = "lit" in (samples.dtype.names or ())
+    signal_mv = (good["lit"].astype(float) - good["dark"]) * mv_per_count if counts else good["signal_mv"]
+
+    def ends(values: FloatArray) -> tuple[float, float] | tuple[None, None]:
+        finite = values[np.isfinite(values)]
+        return (float(finite.min()), float(finite.max())) if finite.size else (None, None)
+
+    low, high = zip(*map(ends, signal_mv.T), strict=True)
+    flags = int(np.bitwise_or.reduce(samples["flags"]))
+    return *ends(good["pressure_pa"] / 1000.0), json.dumps(low), json.dumps(high), flags
 
 
 def describe_dtype(dtype: np.dtype[np.void]) -> list[tuple[str, str, tuple[int, ...]]]:

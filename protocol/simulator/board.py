@@ -277,8 +277,7 @@ class VirtualBoard:
         if status is AckStatus.DONE and isinstance(command, messages.Start | messages.Stop):
             self._transmitter.report_dropped(self._clock(self.now_us))
         if status is AckStatus.DONE and isinstance(command, messages.Start):
-            slow = self._schedule.active.get("slow_rate", command.rate_hz)
-            self._sampler.start(self.now_us, round(slow))
+            self._sampler.start(self.now_us, round(self._schedule.active.get("slow_rate", command.rate_hz)))
         elif isinstance(command, messages.Stop):
             self._sampler.stop()
         return status

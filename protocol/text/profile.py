@@ -41,7 +41,7 @@ from __future__ import annotations
 import re
 import string
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, get_args
@@ -216,6 +216,7 @@ def load_profile(source: str | Path) -> TextProfile:
         case kind:
             raise ProfileError(f"unknown kind = {kind!r:.60}", 'write kind = "lines" or kind = "rx8"')
     sample_kind = _sample_kind([entry["name"] for entry in fields], device)
+    commands = _table(top["commands"], "commands.", dict.fromkeys(COMMANDS, str | None))
     return TextProfile(
         name=top["name"],
         toml=text,
@@ -226,7 +227,7 @@ def load_profile(source: str | Path) -> TextProfile:
         columns=tuple(_column(entry, device) for entry in fields),
         format=format_,
         signed=tuple(entry["signed"] for entry in fields),
-        templates=_templates(top["commands"]),
+        templates={key: compile_template(key, template) for key, template in commands.items() if template is not None},
     )
 
 
@@ -289,10 +290,7 @@ def _limits(device: dict[str, Any]) -> tuple[int, int] | None:
 
 
 def _lines(table: dict[str, Any]) -> tuple[list[dict[str, Any]], LineFormat]:
-    entries = [
-        _table({"name": entry} if isinstance(entry, str) else entry, f"lines.fields[{at}].", _FIELD)
-        for at, entry in enumerate(table["fields"], 1)
-    ]
+    entries = [_field(entry, f"lines.fields[{at}].") for at, entry in enumerate(table["fields"], 1)]
     if len(table["delimiter"]) != 1 or table["decimal"] not in (".", ",") or table["delimiter"] == table["decimal"]:
         raise ProfileError("lines.delimiter must be one character, lines.decimal another one: . or ,", "correct them")
     if table["line_end"] not in ("\n", "\r", "\r\n") or table["checksum"] not in ("none", "nmea"):
@@ -322,16 +320,18 @@ def _rx8(table: dict[str, Any]) -> tuple[list[dict[str, Any]], PacketFormat]:
     for variable, entry in table["variables"].items():
         if variable not in sizes:
             raise ProfileError(f"rx8.variables.{variable} is not in rx8.format", f"it has {', '.join(sizes)}")
-        entry = _table({"name": entry} if isinstance(entry, str) else entry, f"rx8.variables.{variable}.", _FIELD)
+        entry = _field(entry, f"rx8.variables.{variable}.")
         if _is_used(entry["name"]):
             wraps = entry["name"] in ("time", "index") and entry["wraps_at"] is None
             fields.append({**entry, "wraps_at": 1 << 8 * sizes[variable] if wraps else entry["wraps_at"]})
             variables.append(variable)
-    chosen = dict(format_.variables)
-    format_ = PacketFormat(
-        format_.head, format_.tail, format_.length, tuple((variable, chosen[variable]) for variable in variables)
-    )
-    return fields, format_
+    places = dict(format_.variables)
+    return fields, replace(format_, variables=tuple((variable, places[variable]) for variable in variables))
+
+
+def _field(entry: Any, prefix: str) -> dict[str, Any]:
+    """Return a field's table; its name alone is one too."""
+    return _table({"name": entry} if isinstance(entry, str) else entry, prefix, _FIELD)
 
 
 def _is_used(name: str) -> bool:
@@ -380,8 +380,3 @@ def _column(entry: dict[str, Any], device: dict[str, Any]) -> ProfileColumn:
     if not measured and (offset or scale <= 0 or (scale != 1 and name != "time")):
         raise ProfileError(f"{name} has scale {scale} and offset {offset}", "time may have a scale, counts neither")
     return ProfileColumn(name, scale * units[unit], offset * units[unit], entry["wraps_at"])
-
-
-def _templates(commands: dict[str, Any]) -> dict[str, Template]:
-    texts = _table(commands, "commands.", dict.fromkeys(COMMANDS, str | None))
-    return {key: compile_template(key, text) for key, text in texts.items() if text is not None}

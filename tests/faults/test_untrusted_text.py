@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from analysis import Options, analyse
-from analysis.data.export import neutral
 from analysis.data.load import load_recording
 from analysis.figures.batch import write_table
+from analysis.numbers import neutral
 from analysis.reports.build import write_report
 from analysis.shadow.model.table import read_table
 

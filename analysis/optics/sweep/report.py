@@ -265,10 +265,10 @@ def write_sweep(result: SweepResult, folder: Path) -> list[Path]:
     """Write `designs.csv` and the figures (PNG and SVG) beside the results file; returns the paths."""
     table = folder / "designs.csv"
     _write_table(result, table)
-    best = result.designs[int(np.argmax(result.merit().p))]
+    shown = dict.fromkeys((int(np.argmax(result.merit().p)), result.find()))  # best, and the paper's where it is in it
     counts = sorted({d.cavities for d in result.designs})
     drawn = {
-        "response": draw_response(result, list(dict.fromkeys([best, *_paper(result)]))),
+        "response": draw_response(result, [result.designs[i] for i in shown if i is not None]),
         "pareto": draw_pareto(result),
         **{f"p_maps_{n}_cavities": draw_maps(result, n) for n in counts},
     }
@@ -278,11 +278,6 @@ def write_sweep(result: SweepResult, folder: Path) -> list[Path]:
             paths.append(folder / f"{name}{suffix}")
             save(figure, paths[-1])
     return paths
-
-
-def _paper(result: SweepResult) -> list[Design]:
-    found = result.find()
-    return [] if found is None else [result.designs[found]]
 
 
 def _write_table(result: SweepResult, path: Path) -> None:

@@ -71,35 +71,21 @@ class ActuatorParameters:
         for field in fields(self):
             check_number(field.name, getattr(self, field.name), whole=field.type == "int")
         _ = self.lattice, self.wall  # check themselves
-        for failed, cause, remedy in self._geometry_faults():
-            if failed:
-                raise RequestError(cause, remedy)
-
-    def _geometry_faults(self) -> list[tuple[bool, str, str]]:
         outer = self.belly_radius_mm + self.wall_mm
         elements = self.cells * self.axial_elements * (self.wall_elements + self.lattice_elements)
-        return [
-            (
-                self.neck_radius_mm > self.belly_radius_mm,
-                f"the neck ({self.neck_radius_mm} mm) is wider than the belly ({self.belly_radius_mm} mm)",
-                "swap neck_radius_mm and belly_radius_mm",
-            ),
-            (
-                outer >= self.envelope_radius_mm,
-                f"bladder and wall reach r = {outer:g} mm, the lattice ends at {self.envelope_radius_mm:g} mm",
-                "make envelope_radius_mm larger than belly_radius_mm + wall_mm",
-            ),
-            (
-                elements > MOST_ELEMENTS,
-                f"{elements} elements are more than the {MOST_ELEMENTS} allowed here",
-                "choose fewer elements per cell",
-            ),
-            (
-                self.guide_bow_mm >= self.envelope_radius_mm,
-                f"the guides bow out to {self.guide_bow_mm:g} mm, the lattice ends at {self.envelope_radius_mm:g} mm",
-                "make guide_bow_mm smaller than envelope_radius_mm",
-            ),
-        ]
+        if self.neck_radius_mm > self.belly_radius_mm:
+            cause = f"the neck ({self.neck_radius_mm} mm) is wider than the belly ({self.belly_radius_mm} mm)"
+            raise RequestError(cause, "swap neck_radius_mm and belly_radius_mm")
+        end = f"the lattice ends at {self.envelope_radius_mm:g} mm"
+        if outer >= self.envelope_radius_mm:
+            remedy = "make envelope_radius_mm larger than belly_radius_mm + wall_mm"
+            raise RequestError(f"bladder and wall reach r = {outer:g} mm, {end}", remedy)
+        if elements > MOST_ELEMENTS:
+            cause = f"{elements} elements are more than the {MOST_ELEMENTS} allowed here"
+            raise RequestError(cause, "choose fewer elements per cell")
+        if self.guide_bow_mm >= self.envelope_radius_mm:
+            cause = f"the guides bow out to {self.guide_bow_mm:g} mm, {end}"
+            raise RequestError(cause, "make guide_bow_mm smaller than envelope_radius_mm")
 
     @property
     def length_mm(self) -> float:
@@ -119,8 +105,7 @@ class ActuatorParameters:
     @property
     def digest(self) -> str:
         """Return the hash of all values, which names this actuator's cached table."""
-        text = json.dumps(asdict(self), sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()[:16]
 
 
 def check_number(name: str, value: float, *, whole: bool = False) -> None:

@@ -40,5 +40,4 @@ def coefficients(values: FloatArray) -> FloatArray:
 
 def tensor_coefficients(values: FloatArray) -> FloatArray:
     """Return the coefficients over a rectangle; the first two axes of `values` run over the points of each side."""
-    first = coefficients(values)
-    return np.swapaxes(coefficients(np.swapaxes(first, 0, 1)), 0, 1)
+    return np.swapaxes(coefficients(np.swapaxes(coefficients(values), 0, 1)), 0, 1)

@@ -86,8 +86,7 @@ class ReducedModel:
     def truncated(self, modes: int) -> ReducedModel:
         """Return the same table with fewer shapes."""
         names = ("shapes", "amplitudes", "tracked_shapes", "errors_mm")
-        fewer = {name: getattr(self, name)[..., :modes] for name in names}
-        return replace(self, **fewer)
+        return replace(self, **{name: getattr(self, name)[..., :modes] for name in names})
 
     def _products(self, pressure_kpa: FloatArray, elongation_mm: FloatArray) -> FloatArray:
         """Return all products of the two bases, shape (n, pressures * elongations)."""

@@ -113,8 +113,7 @@ def _grid(
     model: FullModel, pressures: FloatArray, elongations: FloatArray, count: Count
 ) -> tuple[FloatArray, FloatArray]:
     """Return full solutions over a grid: displacements (a, b, 2 nodes) and plate forces (a, b)."""
-    size = 2 * len(model.mesh.nodes)
-    found = np.empty((len(pressures), len(elongations), size))
+    found = np.empty((len(pressures), len(elongations), 2 * len(model.mesh.nodes)))
     force = np.empty(found.shape[:2])
     state: Solution | None = None
     for i, j in _alternating(len(pressures), len(elongations)):

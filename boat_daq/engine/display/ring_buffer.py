@@ -52,8 +52,7 @@ class ColumnRing:
 
     def append(self, entries: Columns2D) -> None:
         """Add entries, shape [columns, n]."""
-        n = entries.shape[1]
-        self._about_to = self.end + n
+        self._about_to = self.end + entries.shape[1]
         kept = entries[:, -self._capacity :]
         start = (self._about_to - kept.shape[1]) % self._capacity
         first = min(kept.shape[1], self._capacity - start)

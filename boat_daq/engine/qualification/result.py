@@ -34,11 +34,6 @@ def program() -> dict[str, str | int]:
     return {"version": __version__, "sha256": digest.hexdigest(), "files": len(found), "folder": str(_ROOT)}
 
 
-def versions() -> dict[str, str]:
-    """Return the versions of program, Python and the installed libraries."""
-    return {"boat-daq": __version__, "Python": platform.python_version(), **library_versions(_LIBRARIES)}
-
-
 def machine() -> dict[str, str]:
     """Return name, operating system, processor and memory of this computer."""
     processor = _value(Path("/proc/cpuinfo"), "model name") or platform.processor() or platform.machine()
@@ -120,7 +115,7 @@ def qualification(results: Sequence[DrillResult], begun: datetime, *, whole: boo
         "program": program(),
         "machine": machine(),
         "disk": disk(folder),
-        "versions": versions(),
+        "versions": {"boat-daq": __version__, "Python": platform.python_version(), **library_versions(_LIBRARIES)},
         "drills": [_drill(result) for result in results],
     }
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import sqlite3
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -88,11 +88,10 @@ def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
     with closing(schema.open_recording(path)) as db:
         status = schema.read_session(db)["status"]
         counts = _counts(db)
-    log_left = path.with_name(path.name + "-wal").exists()
     if status == "recording":
         _close_in_place(path)
         status = "recovered"
-    elif log_left:
+    elif path.with_name(path.name + "-wal").exists():  # its log is left
         RecordingFile.reopen(path).close()
     return Recovery(status, path, *counts, tuple(faults))
 
@@ -124,11 +123,9 @@ def _end_of(journal: Path) -> bytes:
 
 
 def _is_interrupted(path: Path) -> bool:
-    try:
-        with closing(schema.open_recording(path)) as db:
-            return bool(schema.read_session(db)["status"] == "recording") and not is_being_written(path)
-    except RecordingError:
-        return False
+    with suppress(RecordingError), closing(schema.open_recording(path)) as db:
+        return bool(schema.read_session(db)["status"] == "recording") and not is_being_written(path)
+    return False
 
 
 def _check(path: Path, progress: Progress | None) -> tuple[list[str], bool]:
@@ -154,11 +151,9 @@ def _check(path: Path, progress: Progress | None) -> tuple[list[str], bool]:
 
 def _looks_like_ours(path: Path) -> bool:
     """Whether a file that cannot be opened as a recording may still hold one."""
-    try:
-        with closing(_open_damaged(path)) as db:
-            return bool(db.execute("SELECT count(*) FROM session").fetchone()[0])
-    except (OSError, *DAMAGE):
-        return False
+    with suppress(OSError, *DAMAGE), closing(_open_damaged(path)) as db:
+        return bool(db.execute("SELECT count(*) FROM session").fetchone()[0])
+    return False
 
 
 def _wrong_checksums(db: sqlite3.Connection, progress: Progress | None) -> Iterator[str]:

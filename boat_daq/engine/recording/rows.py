@@ -7,7 +7,7 @@ link gave them. Keys are counted here, so that a statement tried twice is the sa
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 from zlib import crc32
@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from boat_daq.engine.link.reader import Block, EngineEvent, PortLost, PortSilent, SinkFailed
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.file import Statement
-from boat_daq.engine.sample_columns import columns, mv_per_count
+from boat_daq.engine.sample_columns import mv_per_count
 from boat_daq.engine.snapshot import HealthSnapshot, Reading
 from boat_daq.errors import OperatorError
 from protocol.link import events as link
 from protocol.link.framing import FrameReader
 from protocol.link.messages import AckStatus, EventCode, Heartbeat, Identify, MessageType, SetPressure, Start
-from protocol.recording import BRANCHES, SampleFlag, dtype_from_description
+from protocol.recording import BRANCHES, dtype_from_description, overview_extremes
 
 LONGEST_MM = 1000.0
 BLOCK_SAMPLES_MAX = 20_000  # of one row; keeps a row below a megabyte
@@ -106,24 +106,6 @@ def health_row(host_ns: int, health: HealthSnapshot, segment: int | None, time_u
     s = health.statistics
     counters = (s.bytes, s.frames, s.samples, s.lost, s.crc_errors, s.malformed, s.oversize, s.duplicates, s.unknown)
     yield INSERT_HEALTH, (host_ns, segment, time_us, *counters, health.rate_hz, health.lag_ms)
-
-
-def overview_extremes(samples: NDArray[np.void], scale_mv: float) -> tuple[Any, ...]:
-    """Return the columns pressure_min_kpa ..
-
-    Flags of one row of `overview`; implausible samples are left out.
-    """
-    flags = int(np.bitwise_or.reduce(samples["flags"]))
-    good = columns(samples[(samples["flags"] & SampleFlag.IMPLAUSIBLE) == 0], scale_mv)
-    pressure_kpa = good.pressure_kpa
-    low, high = ([_finite(f, column) for column in good.signal_mv.T] for f in (np.min, np.max))
-    return (_finite(np.min, pressure_kpa), _finite(np.max, pressure_kpa), json.dumps(low), json.dumps(high), flags)
-
-
-def _finite(reduce: Callable[[NDArray[np.float64]], float], values: NDArray[np.float64]) -> float | None:
-    """Return the extreme of the finite values, None where there is none."""
-    finite = values[np.isfinite(values)]
-    return float(reduce(finite)) if len(finite) else None
 
 
 class OverviewRows:

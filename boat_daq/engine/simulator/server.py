@@ -476,10 +476,8 @@ def _serve_for_parent(text: str) -> None:
     threading.Thread(target=wait_for_parent, daemon=True).start()
     sys.stdout.write(server.url + "\n")
     sys.stdout.flush()
-    try:
+    with contextlib.closing(server):
         server.run(stop.is_set)
-    finally:
-        server.close()
 
 
 if __name__ == "__main__":

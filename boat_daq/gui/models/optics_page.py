@@ -371,7 +371,7 @@ class OpticsPage(ReflowingPage):
         for field, value in zip(self.fields.values(), self.model.values, strict=True):
             select(field, value, f"{value:.3g}")
         select(self.face, self.model.face, self.model.face)
-        select(self.curves, self.model.curves, self.model.curves_text(self.model.curves))
+        select(self.curves, self.model.curves, CURVES.get(self.model.curves) or Path(self.model.curves).name)
         self.rays.setCurrentIndex(self.rays.findData(self.model.rays))
 
     def refresh(self, snapshot: SessionSnapshot | None = None) -> None:

@@ -59,7 +59,11 @@ class MeasuredResult(ABC):
         """Return the running job."""
         return self.jobs.get(self.name)
 
-    def _start(self, job: Job) -> None:
+    def _toggle(self, job: Job) -> None:
+        """Start a job, or stop the running one."""
+        if self.job is not None:
+            self.jobs.cancel(self.name)
+            return
         self.jobs.start(self.name, job, self._ended)
         self.problem = ""
         self.revision += 1

@@ -12,13 +12,13 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+from analysis.numbers import neutral
 
 
 def cell(value: Any) -> str:
     """Return `value` as a CSV cell: numbers at full precision, text that begins like a formula behind an apostrophe."""
     if isinstance(value, str):
-        return f"'{value}" if value.startswith(FORMULA_STARTS) else value
+        return neutral(value)
     if value is None or value != value:
         return ""
     return repr(float(value)) if isinstance(value, float) or hasattr(value, "dtype") else str(value)

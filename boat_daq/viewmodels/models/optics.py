@@ -7,7 +7,7 @@ name: `default` is the set that ships, `parametric` the one in closed form, anyt
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from analysis.optics.scene.frame import SceneFrame
     from analysis.optics.scene.parameters import Design, Light, Waveguide
     from analysis.optics.sweep.figure_of_merit import Merit
+    from analysis.optics.sweep.optimise import Optimum
 
 Values = tuple[int, float, float, float]
 """Cavities, width, depth, spacing (mm) of a design."""
@@ -90,16 +91,6 @@ class SweepSummary:
         depth, spacing = (np.abs(self.values[chosen, k, None] - np.array(steps)).argmin(axis=1) for k in (2, 3))
         out[spacing, depth] = self.merit.p_normalised[chosen]
         return out
-
-
-class OptimumSummary(NamedTuple):
-    """The best design beyond the grid, its P and the P of the grid's best, on power with ten times the rays."""
-
-    values: Values
-    face: str
-    p: float
-    start_p: float
-    finished: bool
 
 
 def curves_of(name: str) -> FloatArray:
@@ -215,7 +206,7 @@ def sweep(
     )  # fmt: skip
 
 
-def search(curves: str = "default", seconds: float = 50.0, *, progress: Progress | None = None) -> OptimumSummary:
+def search(curves: str = "default", seconds: float = 50.0, *, progress: Progress | None = None) -> Optimum:
     """Return the best design found beyond the grid, on detected power.
 
     Parameters
@@ -231,10 +222,7 @@ def search(curves: str = "default", seconds: float = 50.0, *, progress: Progress
     from analysis.optics.scene.parameters import Waveguide
     from analysis.optics.sweep.optimise import optimise
 
-    found = optimise(Waveguide(), curves_of(curves), seconds=seconds, progress=progress)
-    best = found.best.design
-    values = (best.cavities, best.width_mm, best.depth_mm, best.spacing_mm)
-    return OptimumSummary(values, best.face, found.best.p, found.start.p, found.finished)
+    return optimise(Waveguide(), curves_of(curves), seconds=seconds, progress=progress)
 
 
 class OpticsModel:
@@ -258,7 +246,7 @@ class OpticsModel:
         self.revision = 0
         self._kept: dict[tuple[Values, str, int, str], DesignResult] = {}
         self._sweeps: dict[str, SweepSummary] = {}
-        self._optima: dict[str, OptimumSummary] = {}
+        self._optima: dict[str, Optimum] = {}
 
     def running(self, name: str) -> bool:
         """Return whether rays are traced: of one design ("optics"), of a "sweep", or to "optimise"."""
@@ -270,7 +258,7 @@ class OpticsModel:
         return self._sweeps.get(self.curves)
 
     @property
-    def optimum(self) -> OptimumSummary | None:
+    def optimum(self) -> Optimum | None:
         """The result of the search with the chosen deformation curves."""
         return self._optima.get(self.curves)
 
@@ -314,10 +302,6 @@ class OpticsModel:
         self.curves = name
         self.choose(self.values)
 
-    def curves_text(self, name: str) -> str:
-        """Return the label of deformation curves."""
-        return CURVES.get(name) or Path(name).name
-
     def _ended(self, job: Job, results: dict[Any, Any], key: object) -> None:
         """Keep a job's result under `key`, or its problem."""
         self.revision += 1
@@ -357,20 +341,19 @@ class OpticsModel:
 
     def toggle_sweep(self) -> None:
         """Start a sweep over all designs, or stop the running one."""
-        args = CAVITIES, self.swept_rays, self.curves
-        self._toggle("sweep", self._sweeps, lambda: Job("Sweeping 9 720 simulations", sweep, *args))
+        job = Job("Sweeping 9 720 simulations", sweep, CAVITIES, self.swept_rays, self.curves)
+        self._toggle("sweep", self._sweeps, job)
 
     def toggle_search(self) -> None:
         """Start the search beyond the grid, or stop the running one."""
-        args = self.curves, SEARCH_S
-        self._toggle("optimise", self._optima, lambda: Job("Searching beyond the grid", search, *args))
+        self._toggle("optimise", self._optima, Job("Searching beyond the grid", search, self.curves, SEARCH_S))
 
-    def _toggle(self, name: str, results: dict[str, Any], make: Callable[[], Job]) -> None:
+    def _toggle(self, name: str, results: dict[str, Any], job: Job) -> None:
         if self.running(name):
             self.jobs.cancel(name)
             return
         curves = self.curves
-        self.jobs.start(name, make(), lambda job: self._ended(job, results, curves))
+        self.jobs.start(name, job, lambda job: self._ended(job, results, curves))
         self.revision += 1
 
     def sweep_text(self) -> str:
@@ -404,16 +387,18 @@ class OpticsModel:
         o = self.optimum
         if o is None:
             return ""
+        best = o.best.design
         end = "" if o.finished else "   (stopped by its time limit)"
         return (
-            f"optimised: {design_label(o.values, 2)}, {o.face} face   {number(o.p / o.start_p, 2)} times the merit of "
-            f"the grid's best (P on power: {number(o.p, 2)} against {number(o.start_p, 2)}){end}"
+            f"optimised: {design_label(best.values, 2)}, {best.face} face   {number(o.gain, 2)} times the merit of "
+            f"the grid's best (P on power: {number(o.best.p, 2)} against {number(o.start.p, 2)}){end}"
         )
 
     def show_optimum(self) -> None:
         """Show the design that the search found."""
         if self.optimum is not None:
-            self.choose(self.optimum.values, self.optimum.face)
+            best = self.optimum.best.design
+            self.choose((best.cavities, best.width_mm, best.depth_mm, best.spacing_mm), best.face)
 
 
 def design_label(values: tuple[float, ...], decimals: int = 1) -> str:

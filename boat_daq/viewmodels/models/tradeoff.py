@@ -317,13 +317,10 @@ class TradeoffModel(MeasuredResult):
         ------
         OperatorError : no method is chosen.
         """
-        if self.job is not None:
-            self.jobs.cancel(self.name)
-            return
-        if not self.chosen:
+        if self.job is None and not self.chosen:
             raise OperatorError("no method is chosen", "Tick one or more in the list of methods.")
         label = f"Measuring {count(len(self.chosen), 'method')}"
-        self._start(Job(label, self.measurer, self.chosen, self.quick))
+        self._toggle(Job(label, self.measurer, self.chosen, self.quick))
 
     def _read(self, content: Any) -> None:
         self.charts = read_report(content)
@@ -468,10 +465,7 @@ class AtlasModel(MeasuredResult):
 
     def toggle(self, method: str) -> None:
         """Start sweeping a method's maps, or stop."""
-        if self.job is not None:
-            self.jobs.cancel(self.name)
-            return
-        self._start(Job("Mapping where it works", sweep_method, method))
+        self._toggle(Job("Mapping where it works", sweep_method, method))
 
     def _read(self, content: Any) -> None:
         self.maps = read_maps(content)

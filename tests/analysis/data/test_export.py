@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from analysis import load_recording
-from analysis.data.export import export, neutral
+from analysis.data.export import export
+from analysis.numbers import neutral
 from tests.analysis.boat_builder import Plant, triangle, write_boat
 
 

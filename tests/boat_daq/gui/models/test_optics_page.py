@@ -9,12 +9,14 @@ import pytest
 from PySide6.QtCore import QPointF
 
 from analysis.fidelity import fidelity
+from analysis.optics.scene.parameters import Design
 from analysis.optics.sweep.figure_of_merit import Merit, merit
+from analysis.optics.sweep.optimise import Optimum, Winner
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.gui.models.optics_page import select
 from boat_daq.viewmodels.common.jobs import JobFailure, JobState
 from boat_daq.viewmodels.models import optics
-from boat_daq.viewmodels.models.optics import PAPER, DesignResult, OpticsModel, OptimumSummary, StateScene, SweepSummary
+from boat_daq.viewmodels.models.optics import PAPER, DesignResult, OpticsModel, StateScene, SweepSummary
 from tests.boat_daq.gui.models.test_tradeoff_page import app_model  # noqa: F401 - a fixture
 
 NORMAL = fidelity("normal")
@@ -92,7 +94,9 @@ def test_search_starts_stops_and_reports_its_gain(page):
     update(page)
     assert (page.search_button.text(), page.model.optimum) == ("Optimise", None)
     page.search_button.click()
-    found = OptimumSummary((7, 1.234, 0.61, 0.55), "inner", 3.0, 2.5, True)
+    best, start = Design(7, 1.234, 0.61, 0.55, "inner"), Design(5, 1.0, 0.5, 0.9)
+    winners = [Winner(design, p, (p, p), np.zeros(15)) for design, p in ((start, 2.5), (best, 3.0))]
+    found = Optimum(*winners, 2.0, 9, 1.0, 250, 2500, True)
     FakeJob.made[-1].bring(found)
     update(page)
     assert "1.20 times the merit of the grid's best (P on power: 3.00 against 2.50)" in page.outcome.text()

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from analysis.numbers import FORMULA_STARTS
 from boat_daq.viewmodels.common import tables
 from tests.boat_daq.viewmodels.helpers import finite
 
@@ -25,7 +26,7 @@ def test_saved_table_reads_back(numbers, texts):
     assert rows[0] == ["a", "b"]
     assert [float(row[0]) for row in rows[1:] if row[0]] == numbers
     read = [row[1] for row in rows[1:]][: len(texts)]
-    assert not any(cell.startswith(tables.FORMULA_STARTS) for cell in read)
+    assert not any(cell.startswith(FORMULA_STARTS) for cell in read)
     assert [
-        cell[1:] if word.startswith(tables.FORMULA_STARTS) else cell for cell, word in zip(read, texts, strict=True)
+        cell[1:] if word.startswith(FORMULA_STARTS) else cell for cell, word in zip(read, texts, strict=True)
     ] == texts

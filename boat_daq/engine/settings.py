@@ -56,7 +56,7 @@ class Settings:
     zero_tolerance_kpa : of the pressure sensor on a vented unit, before the first pressure.
     resolution_mm : of the grid that elongation is read from.
     allow_remote : whether a board may be reached beyond this computer.
-    recordings : folder for new recordings; empty for the one the program starts in.
+    recordings : folder of the window's recordings; empty for `boat-daq` in the user's documents.
     operator, unit, port, profile : as last used.
     """
 
@@ -141,6 +141,14 @@ def home(kind: str = "config") -> Path:
         return Path(override)
     find = platformdirs.user_config_path if kind == "config" else platformdirs.user_data_path
     return find("boat-daq", appauthor=False)
+
+
+def recordings_folder(settings: Settings) -> Path:
+    """Return the folder of the window's recordings."""
+    if settings.recordings:
+        return Path(settings.recordings).expanduser()
+    override = os.environ.get(HOME_VARIABLE)
+    return Path(override) / "recordings" if override else platformdirs.user_documents_path() / "boat-daq"
 
 
 def load_settings(folder: Path | None = None) -> Settings:

@@ -9,13 +9,12 @@ import gc
 import signal
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 from PySide6.QtCore import QLocale, QObject, QTimer, SignalInstance
 from PySide6.QtWidgets import QApplication
 
 from boat_daq.engine.session.session import Session
-from boat_daq.engine.settings import home, load_settings
+from boat_daq.engine.settings import home, load_settings, recordings_folder
 from boat_daq.gui import actions, style
 from boat_daq.gui.main_window import MainWindow
 from boat_daq.viewmodels.app_model import AppModel
@@ -85,8 +84,7 @@ def make_window(rate_hz: int | None = None) -> MainWindow:
     """
     stored = load_settings()
     settings = replace(stored, rate_hz=rate_hz or stored.rate_hz)
-    recordings = Path(settings.recordings).expanduser() if settings.recordings else Path.cwd() / "recordings"
-    return window_on(AppModel(Session(settings), home("config"), recordings))
+    return window_on(AppModel(Session(settings), home("config"), recordings_folder(settings)))
 
 
 def window_on(model: AppModel) -> MainWindow:

@@ -1,4 +1,4 @@
-"""What surrounds every page: header with link, unit and VENT; names of the pages at the left; status strip at the foot.
+"""What surrounds every page: header with link, recording, unit, VENT; the pages at the left; the strip at the foot.
 
 The strip shows the most severe notice with its remedy and action, and the running job with its cancel.
 """
@@ -14,12 +14,14 @@ from PySide6.QtWidgets import QButtonGroup, QPlainTextEdit, QProgressBar, QPushB
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
+from boat_daq.gui.recording_badge import RecordingBadge
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.common.notices import TITLES, Notice, Notices, Severity
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.live.connection import ConnectionModel, link_text
 from boat_daq.viewmodels.live.conversion import UnitInUse
+from boat_daq.viewmodels.live.recording_status import RecordingStatus
 
 FIGURES = 4
 SEPARATOR = "  \u00b7  "
@@ -30,10 +32,16 @@ class Header(QWidget):
     """The header; `refresh` shows a snapshot."""
 
     def __init__(
-        self, connection: ConnectionModel, unit: UnitInUse, vent: Callable[[], None], services: Services
+        self,
+        connection: ConnectionModel,
+        unit: UnitInUse,
+        recording: RecordingStatus,
+        vent: Callable[[], None],
+        services: Services,
     ) -> None:
         super().__init__()
         self.connection, self.unit_in_use = connection, unit
+        self.recording = RecordingBadge(recording, services)
         self.setFixedHeight(style.HEADER_HEIGHT)
         self.simulated = widgets.label("SIMULATED", "simulated", name="This board is simulated")
         self.link = widgets.button("", partial(services.show, Panel.CONNECT), name="Connection", tip=CHOOSE)
@@ -41,40 +49,53 @@ class Header(QWidget):
         self.unit = widgets.button("", partial(services.show, Page.RUNS), name="Unit and calibration")
         self._unit_text = ""
         self._lengths: tuple[object, ...] = ()
+        self._short = False  # whether the recording's size is left out
         self.vent = vent_button(vent)
         self.brand = widgets.label("boat-daq", "brand")
         left = (self.brand, self.simulated, self.link, *self.figures)
         ends = (style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0)
-        self.line = widgets.row(*left, None, self.unit, self.vent, spacing=style.CARD_PADDING, margins=ends)
+        record = self.recording.badge, self.recording.button
+        self.line = widgets.row(*left, None, *record, self.unit, self.vent, spacing=style.CARD_PADDING, margins=ends)
         for widget in left:
             self.line.setAlignment(widget, Qt.AlignmentFlag.AlignVCenter)
         widgets.surface(self, "header", self.line)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Leave out what does not fit a narrow window: VENT is never cut."""
-        self.line.setSpacing(style.GAP if self.width() < style.NARROW_BELOW else style.CARD_PADDING)
+        self.line.setSpacing(style.GAP if self.width() < style.CLOSE_BELOW else style.CARD_PADDING)
         super().resizeEvent(event)
         self._fit()
 
     def _fit(self) -> None:
         """Leave out what does not fit; the tooltips of link and unit still show it.
 
-        The order: the program's name (it is in the title), the date of the calibration, link figures without a
-        warning from the last on, the calibration.
+        The order: the program's name (it is in the title), size and disk of the recording, the date of the
+        calibration, link figures without a warning from the last on, the calibration.
         """
         wide = self.width() >= style.NARROW_BELOW
+        self._short = False
+        self.recording.fold(short=False)
         shown = [label for label in self.figures if label.text()]
         left = [label for label in reversed(shown) if not label.property("state")]
         unit, _, calibration = self._unit_text.partition(SEPARATOR)
         names = [self._unit_text, SEPARATOR.join((unit, calibration.rpartition(" ")[0] or calibration)), unit]
         widths = {name: self.unit.fontMetrics().horizontalAdvance(name) for name in names}
         around = self.unit.sizeHint().width() - self.unit.fontMetrics().horizontalAdvance(self.unit.text())
-        fixed = (self.simulated, self.link, self.vent, *([self.brand] if wide else []))
-        needed = self._needed([w for w in fixed if w is self.brand or not w.isHidden()]) + around
+        record = self.recording.badge, self.recording.button
+        fixed = (self.simulated, self.link, self.vent, *record, *([self.brand] if wide else []))
+
+        def fixed_width() -> int:
+            return self._needed([w for w in fixed if w is self.brand or not w.isHidden()]) + around
+
+        needed = fixed_width()
 
         def too_wide() -> bool:
             return needed + self._needed(shown, 0) + widths[names[0]] > self.width()
 
+        if too_wide():
+            self._short = True
+            self.recording.fold(short=True)
+            needed = fixed_width()
         names = names[too_wide() :]
         while left and too_wide():
             shown.remove(left.pop(0))
@@ -102,14 +123,17 @@ class Header(QWidget):
             figure, state = text.figures[i] if i < len(text.figures) else ("", "")
             widgets.set_text(label, figure)
             widgets.set_state(label, state)
+        self.recording.refresh(snapshot)
         self._unit_text = self.unit_in_use.text(snapshot)
         self.link.setToolTip("\n".join((CHOOSE, words, *(figure for figure, _ in text.figures))))
         self.unit.setToolTip(f"{self._unit_text}\nThe unit on the bench and its calibration")
         widths = ((len(figure), state) for figure, state in text.figures)
-        lengths = (words, snapshot.simulated, self._unit_text, *widths)
+        lengths = (words, snapshot.simulated, self._unit_text, *self.recording.lengths(), *widths)
         if lengths != self._lengths:  # digits have one width: where no figure is longer, nothing is measured again
             self._lengths = lengths
             self._fit()
+        else:
+            self.recording.fold(short=self._short)
 
 
 def vent_button(vent: Callable[[], None]) -> QPushButton:

@@ -37,6 +37,7 @@ from boat_daq.gui.widgets.layouts import PageScroll
 from boat_daq.viewmodels.app_model import AppModel
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Page, Panel
+from boat_daq.viewmodels.live.recording_status import RecordingStatus
 from boat_daq.viewmodels.live.run_model import UNDER_WAY
 
 CALM_MS = 150
@@ -57,7 +58,7 @@ class MainWindow(QMainWindow):
         self._leave_until = 0.0
         model.services.show = self.show_place
         self.setMinimumSize(*style.WINDOW_MINIMUM)
-        self.header = Header(model.connection, model.unit, self.vent, model.services)
+        self.header = Header(model.connection, model.unit, RecordingStatus(model.run), self.vent, model.services)
         self.strip = Strip(model.notices, model.jobs)
         self.navigation = Navigation(tuple(Page), self.go, self.show_keys)
         self.stack = QStackedWidget()

@@ -76,6 +76,7 @@ PANE_WIDTH = 308
 PANE_WIDTH_WIDE = 400
 PANE_WIDTH_NARROW = 236
 NARROW_BELOW = 1200  # a small or much enlarged screen: figures and pane shrink
+CLOSE_BELOW = 1440  # width of the window below which the parts of the header are close together
 STACKED_BELOW = 960  # a narrower page stacks its sides, each with the height below
 STACKED_HEIGHT = 280
 STACKED_TABLE = 480  # a table of figures with the text under it

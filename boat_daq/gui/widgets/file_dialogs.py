@@ -6,9 +6,11 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import Qt, QUrl
+from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import QFileDialog, QWidget
 
+from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Services
 
 Then = Callable[[Path], object]
@@ -34,6 +36,13 @@ class FileDialog(QFileDialog):
             self.setWindowTitle(f"There is no {path.name} in {path.parent}")
         else:
             super().accept()
+
+
+def open_folder(folder: Path, services: Services) -> None:
+    """Show a folder in the system's file manager; where there is none, show its path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if not QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder))):
+        services.notices.add(Severity.WARNING, f"no file manager opens {folder}", "Open this folder by hand.")
 
 
 def ask_save(

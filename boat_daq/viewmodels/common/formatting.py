@@ -48,6 +48,12 @@ def duration(seconds: float | None) -> str:
     return f"{hours}:{minutes:02d}:{left:02d}" if hours else f"{minutes}:{left:02d}"
 
 
+def size_text(size: float) -> str:
+    """Return a size in bytes as `12.3 MB`."""
+    scale, unit = next(((s, u) for s, u in ((1e12, "TB"), (1e9, "GB"), (1e6, "MB")) if size >= s), (1e6, "MB"))
+    return f"{number(size / scale, 0 if size >= 100 * scale else 1)} {unit}"
+
+
 def span(seconds: float) -> str:
     """Return a window's length in words, e.g. `10 s`, `2 min`, `1 h`."""
     size, unit = (1, "s") if seconds < 60 else (60, "min") if seconds < 3600 else (3600, "h")

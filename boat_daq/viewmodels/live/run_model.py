@@ -243,11 +243,12 @@ class RunModel:
         """Start a recording, or close the current one."""
         notices, snapshot = self.services.notices, self.snapshot
         if snapshot.recording is None:
-            notices.attempt(self.record, done="Recording")
+            notices.attempt(self.record, done=f"Recording into {self.services.recordings}")
         elif snapshot.state in UNDER_WAY:
             notices.add(Severity.WARNING, "a run is in progress", "Stop it before closing the recording.")
         else:
-            notices.attempt(self.session.stop_recording, done="Recording closed")
+            done = f"Recording closed: {snapshot.recording.name} in {snapshot.recording.parent}"
+            notices.attempt(self.session.stop_recording, done=done)
 
     def mark(self, note: str) -> None:
         """Add a marker with a note at the newest sample."""

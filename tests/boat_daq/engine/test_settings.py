@@ -8,13 +8,24 @@ import os
 import tomllib
 from pathlib import Path
 
+import platformdirs
 import pytest
 import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
 
 from boat_daq.engine.session.session import Session
-from boat_daq.engine.settings import Settings, Unit, UnitLibrary, home, load_settings, save_settings, take_warnings
+from boat_daq.engine.settings import (
+    HOME_VARIABLE,
+    Settings,
+    Unit,
+    UnitLibrary,
+    home,
+    load_settings,
+    recordings_folder,
+    save_settings,
+    take_warnings,
+)
 from boat_daq.errors import OperatorError, StorageError
 
 CUBIC = {"coefficients": [1651.9842, 46.4413, -2.6934, -0.36251], "note": 'a "quoted" ü', "covariance": [[1e-300, 2.0]]}
@@ -110,6 +121,17 @@ def test_calibrations_are_added_and_the_last_accepted_one_is_in_force(tmp_path: 
     assert library.add_calibration("SA1", {"b0": 1.5}, accepted=False).calibration is None
     assert len(library.load("SA1").history) == 3
     assert library.names() == ["SA1"]
+
+
+def test_recordings_are_in_a_named_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Not in the folder that the program happens to be started in: each start used to have its own list of runs."""
+    monkeypatch.delenv(HOME_VARIABLE, raising=False)
+    monkeypatch.setattr(platformdirs, "user_documents_path", lambda: tmp_path / "Documents")
+    monkeypatch.chdir(tmp_path)
+    assert recordings_folder(Settings()) == tmp_path / "Documents" / "boat-daq"
+    monkeypatch.setenv(HOME_VARIABLE, str(tmp_path / "home"))
+    assert recordings_folder(Settings()) == tmp_path / "home" / "recordings"
+    assert recordings_folder(Settings(recordings=str(tmp_path / "mine"))) == tmp_path / "mine"
 
 
 def test_simulated_calibration_is_not_one_of_the_real_unit(tmp_path: Path) -> None:

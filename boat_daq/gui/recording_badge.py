@@ -1,0 +1,49 @@
+"""The recording in the header: time, size and disk left; the folder opens on a click; a button starts and stops it."""
+
+from __future__ import annotations
+
+from PySide6.QtWidgets import QPushButton
+
+from boat_daq.engine.snapshot import SessionSnapshot
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets.file_dialogs import open_folder
+from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.live.recording_status import RecordingStatus, RecordingText
+
+KEY = "Ctrl+R"
+
+
+class RecordingBadge:
+    """The two widgets; the header places them.
+
+    Parameters
+    ----------
+    status : of the recording.
+    services : of the window.
+    """
+
+    def __init__(self, status: RecordingStatus, services: Services) -> None:
+        self.status = status
+        self.badge: QPushButton = widgets.button("", lambda: open_folder(status.folder, services), "rec")
+        self.button: QPushButton = widgets.button("", status.toggle)
+        self._text = RecordingText()
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Show the recording in progress, or that one can be started."""
+        self._text = found = self.status.text(snapshot)
+        widgets.set_state(self.badge, found.state)
+        self.badge.setToolTip(widgets.as_words(found.tip))
+        self.badge.setAccessibleName(f"Recording: {found.text}" if found.text else "")
+        self.badge.setVisible(bool(found.text))
+        widgets.set_text(self.button, found.button)
+        self.button.setToolTip(widgets.as_words(f"{found.button} ({KEY})" if found.text else f"{found.tip} ({KEY})"))
+        self.button.setAccessibleName(found.button)
+        self.button.setVisible(bool(found.button))
+
+    def fold(self, *, short: bool) -> None:
+        """Show the short text, or the whole one."""
+        widgets.set_text(self.badge, self._text.short if short else self._text.text)
+
+    def lengths(self) -> tuple[object, ...]:
+        """Return what the width depends on: digits have one width."""
+        return len(self._text.text), len(self._text.short), self._text.button

@@ -1,0 +1,86 @@
+"""The recording in progress as text: time, size, what the disk has left, and where it is.
+
+Rules: the disk is looked at once a second, never for a frame. What is shown comes from the file, not from an estimate.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from time import monotonic
+
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot
+from boat_daq.viewmodels.common.formatting import duration, size_text
+from boat_daq.viewmodels.live.run_model import UNDER_WAY, RunModel
+
+LOOK_S = 1.0
+LITTLE_SPACE = 1e9  # bytes
+RECORD, STOP = "Record", "Stop"
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingText:
+    """The badge: text, a shorter one, tooltip and state; `button` records or stops, empty where neither is possible."""
+
+    text: str = ""
+    short: str = ""
+    tip: str = ""
+    state: str = ""
+    button: str = ""
+
+
+class RecordingStatus:
+    """State of the badge.
+
+    Parameters
+    ----------
+    run : starts and closes the recording.
+    clock : seconds, monotonic.
+    """
+
+    def __init__(self, run: RunModel, clock: Callable[[], float] = monotonic) -> None:
+        self._run, self._clock = run, clock
+        self._looked: tuple[Path, float] = (Path(), float("-inf"))
+        self._size = self._left = 0
+
+    @property
+    def folder(self) -> Path:
+        """Return the folder of the recording in progress, else that of the next one."""
+        recording = self._run.snapshot.recording
+        return recording.parent if recording is not None else self._run.services.recordings
+
+    def toggle(self) -> None:
+        """Start a recording, or close the current one."""
+        self._run.toggle_recording()
+
+    def text(self, snapshot: SessionSnapshot) -> RecordingText:
+        """Return what the badge shows."""
+        path = snapshot.recording
+        if path is None:
+            can = snapshot.link is LinkState.UP
+            return RecordingText(tip=f"Record without a plan, into {self.folder}", button=RECORD if can else "")
+        self._look(path)
+        short = f"\u25cf REC {duration(snapshot.recorded_s)}"
+        left = f"{size_text(self._left)} free"
+        text = "   ".join((short, size_text(self._size), left))
+        little = self._left < LITTLE_SPACE
+        pace = self._size / snapshot.recorded_s if snapshot.recorded_s > 0 else 0.0
+        lasts = f", enough for {duration(self._left / pace)} at this rate" if pace else ""
+        tip = f"{path.name}\nin {path.parent} (click to open it)\n{size_text(self._size)}, {left}{lasts}"
+        button = "" if snapshot.state in UNDER_WAY else STOP
+        return RecordingText(text, f"{short}   {left}" if little else short, tip, "warning" if little else "", button)
+
+    def _look(self, path: Path) -> None:
+        """Look at size and disk where it is due."""
+        before, at_s = self._looked
+        if path == before and self._clock() - at_s < LOOK_S:
+            return
+        self._looked = (path, self._clock())
+        files = (path, path.with_name(f"{path.name}-wal"))
+        try:
+            self._size = sum(file.stat().st_size for file in files if file.exists())
+            self._left = shutil.disk_usage(path.parent).free
+        except OSError:  # the recorder reports a disk that fails
+            self._size = self._left = 0

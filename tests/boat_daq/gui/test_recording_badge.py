@@ -1,0 +1,78 @@
+"""The recording in the header, in a window."""
+
+from __future__ import annotations
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QDesktopServices
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+
+from boat_daq.engine.snapshot import HealthSnapshot, SessionState
+from boat_daq.gui.header import Header
+from protocol.link.events import LinkStatistics
+from tests.boat_daq.gui.windows import NARROW
+from tests.protocol.link.streams import HELLO
+
+
+def click(widget):
+    QTest.mouseClick(widget, Qt.MouseButton.LeftButton)
+
+
+def test_free_recording_is_started_and_stopped_by_a_button(live, tmp_path):
+    """Only the title used to name the recording, and only a key and a menu started one."""
+    head, session = live.header, live.model.session
+    assert not head.recording.badge.isVisible()
+    assert head.recording.button.text() == "Record"
+    assert str(tmp_path / "recordings") in head.recording.button.toolTip()
+    click(head.recording.button)
+    assert session.calls == ["start_recording"]
+    assert str(tmp_path / "recordings") in live.model.notices.current().cause
+    session.change(recording=tmp_path / "recordings" / "a.boat", recorded_s=65.0)
+    live.refresh()
+    assert head.recording.badge.isVisible()
+    assert "REC 1:05" in head.recording.badge.text()
+    assert "free" in head.recording.badge.text() + head.recording.badge.toolTip()
+    click(head.recording.button)
+    assert session.calls[-1] == "stop_recording"
+    session.change(state=SessionState.RUNNING)
+    live.refresh()
+    assert head.recording.badge.isVisible()
+    assert not head.recording.button.isVisible()
+
+
+def test_click_opens_the_folder(live, tmp_path, monkeypatch):
+    """Where no file manager opens it, its path is shown."""
+    opened: list[str] = []
+    monkeypatch.setattr(QDesktopServices, "openUrl", lambda url: opened.append(url.toLocalFile()) or False)
+    live.model.session.change(recording=tmp_path / "here" / "a.boat")
+    live.refresh()
+    click(live.header.recording.badge)
+    assert opened == [str(tmp_path / "here")]
+    assert str(tmp_path / "here") in live.model.notices.current().cause
+
+
+@pytest.mark.parametrize("width", [NARROW, 960, 1280, 1920])
+@pytest.mark.parametrize("state", [SessionState.IDLE, SessionState.RUNNING])
+def test_header_with_a_recording_is_never_cut(live, width, state, tmp_path):
+    """Size and disk are left out first; time, VENT and what is wrong never are; a new digit moves nothing."""
+    live.resize(width, 600)
+    health = HealthSnapshot(LinkStatistics(lost=12), 100.0, 100.0, 0.0, 3.0, None, None, None, ())
+    live.model.session.change(hello=HELLO, health=health, recording=tmp_path / "a.boat", recorded_s=65.0, state=state)
+    live.model.unit.text = lambda _: "SA1  ·  calibrated 2026-11-22"
+    live.refresh()
+    QApplication.processEvents()
+    head: Header = live.header
+    shown = (head.link, head.recording.badge, head.recording.button, head.unit, head.vent)
+    for widget in (w for w in (*shown, *head.figures) if not w.isHidden()):
+        assert widget.width() >= widget.sizeHint().width(), widget.text()
+        assert head.rect().contains(widget.geometry()), widget.text()
+    assert "REC 1:05" in head.recording.badge.text()
+    assert ("free" in head.recording.badge.text()) is (width == 1920)
+    assert "12 lost" in [f.text() for f in head.figures if f.isVisible()]
+    before = [w.geometry() for w in shown]
+    live.model.session.change(recorded_s=66.0)
+    live.refresh()
+    QApplication.processEvents()
+    assert "REC 1:06" in head.recording.badge.text()
+    assert [w.geometry() for w in shown] == before

@@ -245,7 +245,8 @@ class JointFit:
     def u(self, x: npt.ArrayLike) -> FloatArray:
         """Return the standard uncertainty of the curve."""
         rows, covariance = self.rows(x), self.curve_covariance(self.variance)
-        return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", rows, covariance, rows))).reshape(np.shape(x))
+        variance = np.einsum("ij,jk,ik->i", rows, covariance, rows)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0))).reshape(np.shape(x))
 
     def prediction_errors(self) -> FloatArray:
         """[inner positions] error of predicting each from the others, r / (1 - h)."""
@@ -290,7 +291,8 @@ class JointFit:
         rows = (1.0 - z**2)[..., None] * z[..., None] ** np.arange(self.loop.size)
         part = self.influence[self.coefficients.size :]
         covariance = (part * self.variance) @ part.T
-        return np.asarray(np.sqrt(np.einsum("...i,ij,...j->...", rows, covariance, rows)), dtype=np.float64)
+        variance = np.einsum("...i,ij,...j->...", rows, covariance, rows)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)
 
 
 def joint_fit(means: PositionMeans, basis: CurveBasis, loop_terms: int | None = None) -> JointFit:
@@ -422,7 +424,7 @@ def greatest_loop_width(fit: JointFit, rng: np.random.Generator) -> LoopEstimate
     width = float(np.sqrt(max(2.0 * greatest**2 - float(np.mean(redrawn**2)), 0.0)))
     centre = 2.0 * greatest - float(redrawn.mean())
     widen = float(stats.t.ppf(0.975, fit.effective_dof))
-    reach = widen * float(np.sqrt(rows[at] @ (root @ root.T) @ rows[at]))
+    reach = widen * float(np.linalg.norm(rows[at] @ root))
     by_chance = float(np.percentile(np.abs(noise).max(axis=1), 95.0)) * widen / float(stats.norm.ppf(0.975))
     low = 0.0 if greatest <= by_chance else min(max(centre - reach, 0.0), width)
     return LoopEstimate(width, low, max(centre, width) + reach)

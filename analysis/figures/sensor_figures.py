@@ -110,6 +110,7 @@ class CurveDraws:
         widen = stats.t.ppf(0.975, self.dof) / stats.norm.ppf(0.975)
         low, high = (float(value + widen * (end - value)) for end in np.percentile(replicates, [2.5, 97.5]))
         low = max(low, 0.0) if unit in NEVER_NEGATIVE else low
+        low, high = min(low, value), max(high, value)  # a maximum can lie outside what its draws make of it
         return Figure(float(value), unit, self.n_cycles, low, high, definition=definition)
 
 

@@ -321,7 +321,7 @@ class BudgetOfSensor:
         whole = float(expanded(away, u_mm)) / COVERAGE_FACTOR
         miss = _without(whole, u_mm) / per_mv
         return Component(
-            "lack of fit", miss, per_mv, source=f"curve {adequacy.verdict}, misses by {1000 * away:.0f} µm here"
+            "lack of fit", miss, per_mv, source=f"curve {adequacy.verdict}, {1000 * away:.0f} µm off the preferred one"
         )
 
 

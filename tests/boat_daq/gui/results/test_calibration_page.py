@@ -319,3 +319,19 @@ def test_failed_analysis_shows_cause_and_remedy(live):
     page.refresh(live.model.snapshot)
     assert (page.verdict.text(), page.headline.text()) == ("\u25a0 x.boat is not a recording", "Choose another one.")
     assert all(card.empty_text.text() == "Nothing to show." for card in page.curves)
+
+
+def test_uncertainty_is_drawn_over_the_range(live):
+    """A line for each sensor in micrometres; where no curve gives an elongation the card says so."""
+    x = np.linspace(-2.7, 3.8, 41)
+    u = tuple(np.column_stack([x, 0.06 + scale * (x + 2.7)]) for scale in (0.01, 0.02))
+    live.go("Calibrate")
+    page = live.pages["Calibrate"]
+    live.model.calibration.show(run_result(u_elongation=u))
+    live.refresh()
+    for line, of_sensor in zip(page.uncertainty.lines, u, strict=True):
+        assert line.x == pytest.approx(x)
+        assert line.y == pytest.approx(1000.0 * of_sensor[:, 1])
+    live.model.calibration.show(run_result())
+    live.refresh()
+    assert page.uncertainty.empty_text.text() == "No curve gives an elongation."

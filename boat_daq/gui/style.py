@@ -96,8 +96,7 @@ LIVE_PLOTS_MINIMUM = 88
 HEADING_LEAST = 72
 REMARKS_MOST = 84  # words under the figures; more of them scroll
 FIGURES_LEAST = 280  # below it the table of figures scrolls
-ROW_FOR_TITLE = 92  # a live plot's title and unit need so much height
-ROW_FOR_SHORT = 44  # its number and unit so much; below, only the unit is shown
+ROW_LEAST = 56  # of a live plot; where not all are so high, a choice shows some
 FORM_WIDTH = 560
 QUESTION_LEAST = 240
 PANEL_SHARE = 0.9  # of the window, for a panel with a picture
@@ -115,6 +114,7 @@ FONT_MEASURED_WIDE = 48
 FAMILIES = ("Inter", "Segoe UI", "SF Pro Text", "Helvetica Neue", "Noto Sans", "Liberation Sans", "DejaVu Sans")
 
 VIRIDIS = ("#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725")
+VIRIDIS_USED = (0.22, 0.86)  # without the ends that a dark and a light ground would swallow
 
 # Ground and ink of what a method does in one place of its map; hatching and letter say it too.
 _OUTCOMES = {
@@ -163,9 +163,9 @@ def palette(theme: Theme) -> QPalette:
     return result
 
 
-def sequential(theme: Theme, place: int, of: int) -> str:
-    """Return the colour of the `place`-th of `of` steps on viridis, kept off the ends that `theme` would swallow."""
-    first, last = (0.0, 0.82) if theme.name == "light" else (0.3, 1.0)
+def sequential(place: int, of: int) -> str:
+    """Return the colour of the `place`-th of `of` steps on viridis: one scale for both themes."""
+    first, last = VIRIDIS_USED
     at = (first + (last - first) * place / max(of - 1, 1)) * (len(VIRIDIS) - 1)
     low = min(int(at), len(VIRIDIS) - 2)
     a, b = QColor(VIRIDIS[low]), QColor(VIRIDIS[low + 1])
@@ -179,9 +179,10 @@ def outcome_colours(theme: Theme) -> dict[str, tuple[str, str]]:
     return _OUTCOMES[theme.name]
 
 
-def swatch(ground: str, ink: str) -> str:
-    """Return the style of a legend entry on its own colour."""
-    return f"background: {ground}; color: {ink}; border-radius: {STEP}px; padding: 1px {GAP}px;"
+def swatch(ground: str, ink: str, words: str) -> str:
+    """Return a legend entry on its own colour, as rich text."""
+    inside = words.strip().replace(" ", "\u00a0")
+    return f"<span style='background-color: {ground}; color: {ink}'>\u00a0{inside}\u00a0</span>"
 
 
 def faint(value: str, alpha: int) -> str:

@@ -28,6 +28,12 @@ from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.shadow_live import ShadowLive
 
 SPACING = 6  # between the parts of a value
+ELONGATION_NOTES = (("\u00b18.88 (k = 2)", "\u25b2 out of range"), ("\u00b18.88", "\u25b2 differ"))
+TARGET_NOTES = ((), ("\u2192 +88.8",))
+BAND = (
+    "Expanded uncertainty, k = 2. Out of range: no elongation of the calibration gives these signals. Disagree: "
+    "each sensor gives another elongation, so the band does not hold."
+)
 STEPS = {
     "Connect": "Plug in the board and choose its port, or start the virtual board: a simulated unit like SA1, for "
     "practice.",
@@ -38,19 +44,30 @@ STEPS = {
 }
 
 
-class ValueDisplay(QWidget):
-    """One measured value: its name, the value in large digits, its unit."""
+Notes = tuple[Sequence[str], Sequence[str]]
 
-    def __init__(self, title: str, unit: str, example: str) -> None:
+
+class ValueDisplay(QWidget):
+    """One measured value: its name, the value in large digits, its unit.
+
+    Parameters
+    ----------
+    title, unit : of the value.
+    example : the widest value.
+    notes : the widest notes, in a wide and in a narrow window; none moves anything when it comes or goes.
+    """
+
+    def __init__(self, title: str, unit: str, example: str, notes: Notes = ((), ())) -> None:
         super().__init__()
-        self.title, self.example = title, example
+        self.title, self.example, self.notes = title, example, notes
         self.swatch = QFrame()
         self.swatch.setFixedSize(style.STEP, 4 * style.STEP)
         self.name = widgets.label(title, "muted")
         self.value = widgets.label(formatting.NOTHING)
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight)  # keeps the decimal point in place
         self.unit = widgets.label(unit, "set")
-        self.note = widgets.label("", "small", elide=True)
+        self.note = widgets.ElidedLabel()
+        self.note.setProperty("role", "small")
         head = widgets.row(self.swatch, self.name, self.note, None, spacing=SPACING)
         line = widgets.row(self.value, self.unit, None, spacing=SPACING)
         for widget in (self.value, self.unit):
@@ -58,12 +75,22 @@ class ValueDisplay(QWidget):
         self.setLayout(widgets.column(head, line, spacing=0, margins=(0, 0, 0, 0)))
         self.resize_text(style.FONT_MEASURED)
 
-    def resize_text(self, pixels: int) -> None:
+    def resize_text(self, pixels: int, *, narrow: bool = False) -> None:
         """Set the size of the value, and a width for the longest one so that nothing moves."""
         font = style.font(pixels, QFont.Weight.DemiBold)
         self.value.setFont(font)
         self.value.setStyleSheet(f"font-size: {pixels}px; font-weight: 600;")
-        self.value.setFixedWidth(style.text_width(font, self.example) + 2 * style.STEP)
+        chrome, small, unit = style.font(), style.small_font(), style.font(style.FONT_SET)
+        if narrow:
+            chrome = small = unit = style.font(style.FONT_NARROW)
+        for label, shown in ((self.name, chrome), (self.note, small), (self.unit, unit)):
+            label.setStyleSheet(f"font-size: {shown.pixelSize()}px;")
+        self.value.setFixedWidth(style.text_width(font, self.example) + style.STEP)
+        head = self.swatch.width() + SPACING + style.text_width(chrome, self.title)
+        if notes := self.notes[narrow]:
+            head += SPACING + max(style.text_width(small, note) for note in notes)
+        line = self.value.minimumWidth() + SPACING + style.text_width(unit, self.unit.text())
+        self.setFixedWidth(max(head, line) + style.STEP)
 
     def set(self, text: str, note: str = "") -> None:
         """Show a value."""
@@ -146,11 +173,14 @@ class LivePage(QWidget):
         self.page.addWidget(self.sides)
 
     def _figures(self) -> dict[str, ValueDisplay]:
-        return {
+        figures = {
             "s1": ValueDisplay("Sensor 1", "mV", "8 888.8"), "s2": ValueDisplay("Sensor 2", "mV", "8 888.8"),
-            "mm": ValueDisplay("Elongation", "mm", "+8.88"), "kpa": ValueDisplay("Pressure", "kPa", "+88.8"),
+            "mm": ValueDisplay("Elongation", "mm", "+88.88", ELONGATION_NOTES),
+            "kpa": ValueDisplay("Pressure", "kPa", "+88.8", TARGET_NOTES),
             "target": ValueDisplay("Target", "kPa", "+88.8"),
         }  # fmt: skip
+        figures["mm"].note.explain(BAND)
+        return figures
 
     def _head(self) -> QFrame:
         self.figure_line = widgets.row(*self.figures.values(), None)
@@ -160,7 +190,8 @@ class LivePage(QWidget):
         self.freeze.setCheckable(True)
         for widget in (widgets.label("Show", "muted"), self.window_choice, self.freeze):
             self.plots.bar.insertWidget(self.plots.bar.count() - 1, widget)
-        return widgets.card(self.figure_line)[0]
+        frame, self.head_card = widgets.card(self.figure_line)
+        return frame
 
     def _marker(self) -> QFrame:
         self.note = widgets.field("Note of the marker", on_enter=self._mark, placeholder="What happened?")
@@ -273,7 +304,7 @@ class LivePage(QWidget):
         head = self.model.headline(snapshot)
         for key, signal in zip(("s1", "s2"), (*head.signals, formatting.NOTHING), strict=False):
             self.figures[key].set(signal)
-        self.figures["mm"].set(head.elongation, head.band.replace(" (k = 2)", "") if self.narrow else head.band)
+        self.figures["mm"].set(head.elongation, head.band_short if self.narrow else head.band)
         self.figures["kpa"].set(head.pressure, f"\u2192 {head.target}" if self.narrow else "")
         self.figures["target"].set(head.target)
         with_data = self.overlay if self.overlaid else self.plots
@@ -335,7 +366,9 @@ class LivePage(QWidget):
         self.narrow = width < style.NARROW_BELOW
         self.sides.prefer(pane)
         self.figures["target"].setVisible(not self.narrow)  # else it is shown beside the pressure
-        self.figure_line.setSpacing(style.GAP if self.narrow else 5 * style.STEP)
+        self.figure_line.setSpacing(style.STEP if self.narrow else 5 * style.STEP)
+        beside = style.GAP if self.narrow else style.CARD_PADDING
+        self.head_card.setContentsMargins(beside, style.GAP, beside, style.GAP)
         low = self.low = self.window().height() < style.LOW_BELOW
         self.sequence.picture.setVisible(not low)
         margin = style.STEP if low else style.PAGE_MARGIN
@@ -344,14 +377,13 @@ class LivePage(QWidget):
         self.reading.fold(self.narrow)
         available = self.width() - pane - 2 * style.PAGE_MARGIN - style.GAP - 2 * style.CARD_PADDING
         for value in self.figures.values():
-            value.resize_text(figure)
+            value.resize_text(figure, narrow=self.narrow)
         while self._figures_width() > available and figure > style.FONT_MEASURED_NARROW:  # in a wide font
             figure -= 2
             for value in self.figures.values():
-                value.resize_text(figure)
+                value.resize_text(figure, narrow=self.narrow)
         super().resizeEvent(event)
 
     def _figures_width(self) -> int:
         shown = [value for value in self.figures.values() if not value.isHidden()]
-        widths = (value.value.minimumWidth() + SPACING + value.unit.sizeHint().width() for value in shown)
-        return sum(widths) + self.figure_line.spacing() * (len(shown) - 1)
+        return sum(value.minimumWidth() for value in shown) + self.figure_line.spacing() * (len(shown) - 1)

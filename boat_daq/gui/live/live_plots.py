@@ -17,6 +17,7 @@ from analysis.arrays import FloatArray
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, Plot, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
+from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.live.live_model import CYCLES_KEPT, LiveModel, OverlayModel, PlotFrame, sensor_names
 
 MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
@@ -36,14 +37,16 @@ class LivePlots(PlotCard):
         self.model = model
         self.last: PlotFrame | None = None  # drawn whole
         self._whole_until_s = -math.inf  # of `monotonic`: after it the picture is drawn whole again, moved or not
-        self.first = self.add("Signal 1", "mV", time=True)
-        self.second = self.add("Signal 2", "mV", time=True)
+        self.first = self.add("Sensor 1", "mV", time=True)
+        self.second = self.add("Sensor 2", "mV", time=True)
         self.length = self.add("Elongation", "mm", time=True)
-        self.pressure = self.add("Pressure", "kPa", x_title="Time", x_unit="min:s", time=True)
+        self.pressure = self.add("Pressure", "kPa", x_title="Time", x_unit="s", time=True)
         self.link_x()
         self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)  # the live page never scrolls
         self._curves()
         self.rows: list[Plot] = []
+        self.first_row = widgets.choice("First plot shown", (), lambda _: self.arrange())
+        self.bar.insertWidget(0, self.first_row)
         self.arrange()
         self._cursors: dict[str, list[tuple[Plot, Any]]] = {"a": [], "b": []}
         self._markers: list[tuple[Plot, Any]] = []
@@ -71,30 +74,30 @@ class LivePlots(PlotCard):
             rows.insert(1, self.second)
         if self.model.inverse is not None:
             rows.insert(-1, self.length)
+        self.first.set_title("Sensors 1, 2" if both else "Sensor 1", "mV")
+        rows = self._fitting(rows)
         if rows == self.rows:
             return
         self.rows, self._whole_until_s = rows, -math.inf
         self.s2_with.show(both)
-        self.first.title = "Signals" if both else "Signal 1"
         self.show_only(rows)
         self.paint_theme(self.theme)
-        self.shorten()
 
-    def shorten(self) -> None:
-        """Write short words beside the vertical axes where the rows are low, or their titles again."""
-        each = (self.view.height() - style.AXIS_HEIGHT) / len(self.rows)
-        wanted = ("",) * len(self.plots) if each >= style.ROW_FOR_TITLE else ("1, mV", "2, mV", "mm", "kPa")
-        if each < style.ROW_FOR_SHORT:
-            wanted = ("mV", "mV", "mm", "kPa")
-        if wanted != tuple(plot.short_title for plot in self.plots):
-            for plot, words in zip(self.plots, wanted, strict=True):
-                plot.short_title = words
-            self.paint_theme(self.theme)
+    def _fitting(self, rows: list[Plot]) -> list[Plot]:
+        """Return the rows from the chosen one on that are high enough to be read; the choice is hidden if all are."""
+        names = [plot.title for plot in rows]
+        if names != [self.first_row.itemText(i) for i in range(self.first_row.count())]:
+            self.first_row.clear()
+            self.first_row.addItems(names)
+        fit = max(1, int(self.view.height() - style.AXIS_HEIGHT) // style.ROW_LEAST)
+        self.first_row.setVisible(fit < len(rows))
+        first = min(self.first_row.currentIndex(), len(rows) - fit) if fit < len(rows) else 0
+        return rows[first : first + fit]
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Choose titles or short names for the new height."""
+        """Show as many rows as the new height can show."""
         super().resizeEvent(event)
-        self.shorten()
+        self.arrange()
 
     def columns(self) -> Columns:
         """Return the columns of the CSV: what was recorded over the span that is drawn."""
@@ -200,7 +203,7 @@ class OverlayPlots(PlotCard):
         self.curves: list[list[Curve]] = []
         for number in (1, 2):
             below = "Time in the cycle" if number == 2 else ""
-            plot = self.add(f"Signal {number}", "mV", x_title=below, x_unit="min:s", time=True)
+            plot = self.add(f"Sensor {number}", "mV", x_title=below, x_unit="s", time=True)
             faint = [plot.curve(f"{n} cycles ago", lambda t: t.line) for n in range(CYCLES_KEPT - 1, 0, -1)]
             self.curves.append([*faint, plot.curve("This cycle", sensor_colour(number))])
         self.link_x()

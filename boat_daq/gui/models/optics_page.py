@@ -172,13 +172,13 @@ class MapsCard(PlotCard):
     """The maps of P for all widths, as in the paper's figure 3D."""
 
     def __init__(self, model: OpticsModel) -> None:
-        super().__init__("Merit of every design (P)", MERIT)
+        super().__init__("Merit (P)", MERIT)
         self.model = model
         counts = [(f"{n} cavities", n) for n in CAVITIES]
         self.cavities = widgets.choice("Cavities of the maps", counts, lambda _: self.show_sweep())
         self.cavities.setCurrentIndex(1)
         self.bar.insertWidget(1, self.cavities)
-        shades = [QColor(style.sequential(style.LIGHT, i, SHADES)) for i in range(SHADES)]
+        shades = [QColor(style.sequential(i, SHADES)) for i in range(SHADES)]
         self.shades = np.array([[c.red(), c.green(), c.blue()] for c in shades], dtype=np.ubyte)
         self.maps = [MeritMap(self, place, model) for place in range(len(STEPS_MM))]
         self.scale = self._scale()

@@ -120,6 +120,7 @@ class TradeoffCard(PlotCard):
         self.readout.setText("\u25cb default   \u25a1 chosen by the rule")
         self.plot.title, self.plot.unit = "Error", chart.unit
         self.plot.x_title = f"Processor time, {chart.per}"
+        self.plot.label_x(self.plot.x_title, "")
         x = np.log10([p.seconds for p in points])
         y = np.log10([max(p.error, chart.floor) for p in points])
         at = {p.number: (float(a), float(b)) for p, a, b in zip(points, x, y, strict=True)}
@@ -222,13 +223,14 @@ class AtlasCard(PlotCard):
     def __init__(self, model: AtlasModel, attempt: Any) -> None:
         super().__init__("Where the method works")
         self.model, self.method = model, ""
-        self.legend = [widgets.label(f"{letter}  {text}".strip(), "small") for letter, text in OUTCOMES.values()]
+        self.legend = widgets.label("", "small", wrap=True, name="Legend of the maps")
+        self.legend.setTextFormat(Qt.TextFormat.RichText)
         self.sweep = widgets.button(
             "Map", lambda: attempt(partial(model.toggle, self.method)), name="Map where it works"
         )
         self.bar.insertWidget(1, self.sweep)
         self.words = widgets.label("", "small", name="The case under the mouse", wrap=True)
-        self.inside.addLayout(widgets.row(*self.legend, None, spacing=style.PAGE_MARGIN))
+        self.inside.addWidget(self.legend)
         self.inside.addWidget(self.words)
         self.items: list[tuple[Any, MapCells]] = []
         self.view.scene().sigMouseMoved.connect(self._look)
@@ -243,8 +245,7 @@ class AtlasCard(PlotCard):
         for column, shown in enumerate(maps):
             self._add(column, shown, most)
         self.view.setVisible(bool(maps))
-        for label in self.legend:
-            label.setVisible(bool(maps))
+        self.legend.setVisible(bool(maps))
         self.words.setText(maps[0].summary if len(maps) == 1 else POINT_AT if maps else WHAT_COMES)
         self.setMinimumHeight(LEAST_HEIGHT if maps else 0)
         self.setMaximumHeight(NO_LIMIT if maps else EMPTY_HEIGHT)
@@ -289,8 +290,8 @@ class AtlasCard(PlotCard):
     def paint_theme(self, theme: Theme) -> None:
         """Use the colours of `theme`."""
         super().paint_theme(theme)
-        for outcome, label in zip(OUTCOMES, self.legend, strict=True):
-            label.setStyleSheet(style.swatch(*style.outcome_colours(theme)[outcome]))
+        entries = ((style.outcome_colours(theme)[outcome], words) for outcome, words in OUTCOMES.items())
+        self.legend.setText("  ".join(style.swatch(*colours, " ".join(words)) for colours, words in entries))
         for item, cells in self.items:
             cells.theme = theme
             cells.update()

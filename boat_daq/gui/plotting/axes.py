@@ -25,6 +25,7 @@ CACHED_LABELS = 500
 OVER = 0.1  # of a label's height, which may be outside the axis above and below it, as in pyqtgraph
 ON_TICK = 1e-9  # of a step
 LOG_LABELS = 7
+CORNER = 2  # pixels between the axis and a title in the corner of the plot
 LOG_DIGITS = (1, 2, 5)
 FEW_DECADES = 1.6  # over fewer, the 2 and the 5 between are labelled too
 
@@ -35,10 +36,12 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
     _around: tuple[object, QRectF] | None = None
     _across: TickAxis | None = None
     _drawn_by: TickAxis | None = None
+    _title = ""
+    _clock = "min:s"  # what the labels of a time axis show
 
     def __init__(self, orientation: str, *, time: bool = False, whole: bool = False) -> None:
-        super().__init__(orientation)
         self.time, self.whole = time, whole
+        super().__init__(orientation)
         self.enableAutoSIPrefix(False)
         self.setStyle(tickLength=-4, autoExpandTextSpace=False, hideOverlappingLabels=True)
         self.set_theme(style.LIGHT)
@@ -49,7 +52,26 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         self._labels: dict[str, QStaticText] = {}
         self.background = style.colour(theme.surface)
         self.setStyle(tickFont=self._font)
+        self._theme = theme
         self.update()
+
+    def set_title(self, title: str, unit: str) -> None:
+        """Set what the axis measures; the unit of a time axis follows its labels."""
+        self._title = title
+        text = named(title, self._clock if self.time else unit) if title else ""
+        self.setLabel(text, **label_style(self._theme))
+        self.resizeEvent()  # else it is centred with the width of the label before it
+
+    def resizeEvent(self, ev: Any = None) -> None:
+        """Place the title beside the axis, or in the corner of the plot where the axis is shorter: it is never cut."""
+        upright = self.orientation == "left" and self.label is not None
+        along = self.label.boundingRect() if upright else QRectF()
+        fits = along.width() <= self.size().height()
+        if upright:
+            self.label.setRotation(-90 if fits else 0)
+        super().resizeEvent(ev)
+        if not fits:
+            self.label.setPos(self.size().width() + CORNER, 1)
 
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
         """Return one level of ticks: the multiples of its step in the range, ends included."""
@@ -63,7 +85,7 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
         """Return the labels of `values`."""
         if self.time:
-            return [axis.clock(value, spacing) for value in values]
+            return [axis.clock(value, spacing, self._clock) for value in values]
         return [str(text).replace("-", "\u2212") for text in super().tickStrings(values, scale, spacing)]
 
     def draw_grid_of(self, other: TickAxis) -> None:
@@ -73,6 +95,11 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
     def setRange(self, mn: float, mx: float) -> None:
         """Set the range; the axis that draws the grid is repainted."""
         super().setRange(mn, mx)
+        clock = axis.clock_unit(mn, mx)
+        if self.time and clock != self._clock:
+            self._clock = clock
+            if self._title:
+                self.set_title(self._title, "")
         if self._drawn_by is not None:
             self._drawn_by.update()
 
@@ -220,6 +247,11 @@ def paint_axis(item: Any, side: str, theme: Theme, title: str = "") -> None:
     ruler.setStyle(tickFont=style.small_font())
     if title:
         ruler.setLabel(title, **label_style(theme))
+
+
+def named(title: str, unit: str) -> str:
+    """Return a title with its unit in parentheses, where it has one."""
+    return f"{title} ({unit})" if unit else title
 
 
 def label_style(theme: Theme) -> dict[str, str]:

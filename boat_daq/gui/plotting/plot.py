@@ -19,7 +19,7 @@ from PySide6.QtWidgets import QGraphicsItem, QGraphicsPathItem
 
 from analysis.arrays import FloatArray
 from boat_daq.gui import style
-from boat_daq.gui.plotting.axes import TickAxis, label_style
+from boat_daq.gui.plotting.axes import TickAxis, named
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.live import axis
 
@@ -27,7 +27,6 @@ ThemeColour = Callable[[Theme], str]
 L = TypeVar("L", bound="Layer")
 EMPTY: FloatArray = np.zeros(0)
 COSMETIC = 0.0  # a pen of this width is one pixel at any zoom and adds nothing to the bounds
-CLOCK = "min:s"  # the unit of an axis with clock labels
 
 pg.setConfigOptions(antialias=False, useOpenGL=False, segmentedLineMode="off")
 
@@ -39,7 +38,7 @@ def sensor_colour(number: int) -> ThemeColour:
 
 def ramp_colour(place: int, of: int) -> ThemeColour:
     """Return the colour role of one of several in a row, on viridis."""
-    return lambda theme: style.sequential(theme, place, of)
+    return lambda _: style.sequential(place, of)
 
 
 class PathItem(QGraphicsPathItem):
@@ -208,8 +207,8 @@ class Plot:
         self.x_title, self.x_unit = x_title, x_unit
         self.layers: list[Layer] = []
         self._y_shown = (math.nan, math.nan)
+        self._x_shown = ("", "")  # title and unit below it
         self._theme: Theme | None = None
-        self.short_title = ""  # of the vertical axis, in place of title and unit where the plot is low
         self._lines: list[tuple[Any, ThemeColour, Qt.PenStyle]] = []
         self._labels: list[PointLabels] = []
         item.hideButtons()
@@ -219,8 +218,9 @@ class Plot:
         self.left.setWidth(style.AXIS_WIDTH)
         self.left.setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)  # changes rarely
         self.bottom.draw_grid_of(self.left)
-        for ruler in (self.left, self.bottom):
-            ruler.setZValue(-1000)  # the grid is behind the data
+        self.label_x(x_title, x_unit)
+        self.bottom.setZValue(-1000)  # the grid is behind the data
+        self.left.setZValue(-999)  # its title, in the corner of a low plot, hides no data
         for side in ("right", "top"):
             item.getAxis(side).unlinkFromView()  # hidden, they would still be updated in every frame
 
@@ -293,7 +293,7 @@ class Plot:
         if (title, unit) != (self.title, self.unit):
             self.title, self.unit = title, unit
             if self._theme is not None:
-                self._titles(self._theme)
+                self._write_titles()
 
     def clear(self) -> None:
         """Remove the data of all layers."""
@@ -325,8 +325,8 @@ class Plot:
 
     @property
     def x_name(self) -> str:
-        """What the lower axis measures, with the unit of its numbers; those of a clock are seconds."""
-        return named(self.x_title, "s" if self.x_unit == CLOCK else self.x_unit)
+        """What the lower axis measures, with the unit of its numbers."""
+        return named(self.x_title, self.x_unit)
 
     def columns(self, x_name: str = "") -> dict[str, FloatArray]:
         """Return what is drawn: for each layer its x (called `x_name` where the lower axis has no title) and y."""
@@ -344,7 +344,7 @@ class Plot:
         self._theme = theme
         for ruler in (self.left, self.bottom):
             ruler.set_theme(theme)
-        self._titles(theme)
+        self._write_titles()
         for layer in self.layers:
             layer.paint(theme)
         for labels in self._labels:
@@ -354,17 +354,15 @@ class Plot:
             if hasattr(item, "label"):
                 item.label.setColor(colour(theme))
 
-    def _titles(self, theme: Theme) -> None:
-        title = self.short_title or named(self.title, self.unit)
-        self.left.setLabel(title, **label_style(theme))
-        self.left.resizeEvent()  # else it is centred with the width of the label before it
-        if self.x_title:
-            self.bottom.setLabel(named(self.x_title, self.x_unit), **label_style(theme))
+    def label_x(self, title: str, unit: str) -> None:
+        """Label the lower axis with its values and title; leave both out without a title."""
+        self._x_shown = (title, unit)
+        self.bottom.setStyle(showValues=bool(title))
+        self.bottom.setHeight(style.AXIS_HEIGHT if title else style.STEP)
 
-
-def named(title: str, unit: str) -> str:
-    """Return a title with its unit in parentheses, where it has one."""
-    return f"{title} ({unit})" if unit else title
+    def _write_titles(self) -> None:
+        self.left.set_title(self.title, self.unit)
+        self.bottom.set_title(*self._x_shown)
 
 
 def make_item(*, time: bool = False, whole: bool = False) -> Any:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QPoint, QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QPoint, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QGuiApplication, QPainter, QPixmap
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QFrame, QGraphicsItem, QGraphicsView, QMenu, QToolButton, QWidget
@@ -47,6 +47,7 @@ class PlotCard(QFrame):
         self.title = title
         self.plots: list[Plot] = []
         self.theme: Theme = style.LIGHT
+        self._readout_below = False
         self.view = pg.GraphicsLayoutWidget()
         self.view.setFrameShape(QFrame.Shape.NoFrame)
         self.view.setCacheMode(QGraphicsView.CacheModeFlag.CacheNone)  # filling one colour is faster than copying
@@ -74,6 +75,29 @@ class PlotCard(QFrame):
         self.inside = widgets.column(self.bar, (self.view, 1), (self.empty_text, 1), spacing=0, margins=margins)
         self.setLayout(self.inside)
 
+    def event(self, event: QEvent) -> bool:
+        """Place the readout again where the card or one of its texts has another width."""
+        if event.type() in (QEvent.Type.LayoutRequest, QEvent.Type.Resize):
+            self._place_readout()
+        return super().event(event)
+
+    def _place_readout(self) -> None:
+        """Show the readout beside the title, or below where both do not fit: neither is cut."""
+        items = (self.bar.itemAt(i).widget() for i in range(self.bar.count()))
+        beside = [widget for widget in (*items, self.readout) if widget is not None and not widget.isHidden()]
+        widths = {widget: widget.sizeHint().width() + self.bar.spacing() for widget in beside}
+        margins = self.inside.contentsMargins()
+        below = sum(widths.values()) + margins.left() + margins.right() > self.width()
+        if below is self._readout_below:
+            return
+        self._readout_below = below
+        if below:
+            self.bar.removeWidget(self.readout)
+            self.inside.insertWidget(1, self.readout)
+        else:
+            self.inside.removeWidget(self.readout)
+            self.bar.insertWidget(self.bar.indexOf(self.menu_button), self.readout)
+
     def add(
         self,
         title: str,
@@ -99,23 +123,19 @@ class PlotCard(QFrame):
         at = 0 if beside else len(self.plots)
         self.view.addItem(item, row=at, col=len(self.plots) if beside else 0)
         self.view.ci.layout.setRowStretchFactor(at, stretch)
-        ruler = item.getAxis("bottom")
-        if x_title:
-            ruler.setHeight(style.AXIS_HEIGHT)
-        else:
-            ruler.setStyle(showValues=False)
-            ruler.setHeight(style.STEP)
         self.view.setMinimumSize(style.PLOT_MINIMUM[0], style.PLOT_MINIMUM[1] + at * style.PLOT_MORE)
         plot = Plot(item, title, unit, x_title=x_title, x_unit=x_unit)
         self.plots.append(plot)
         return plot
 
     def show_only(self, plots: list[Plot]) -> None:
-        """Show only these plots, one below the other; the others keep their data."""
+        """Show only these plots, one below the other over one lower axis; the others keep their data."""
         for plot in self.plots:
             if plot.item in self.view.ci.items:
                 self.view.ci.removeItem(plot.item)
+        named = next(plot for plot in reversed(self.plots) if plot.x_title)
         for at, plot in enumerate(plots):
+            plot.label_x(named.x_title if plot is plots[-1] else "", named.x_unit)
             self.view.ci.addItem(plot.item, row=at, col=0)
 
     def link_x(self) -> None:

@@ -24,7 +24,7 @@ from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.shadow_live import LEVELS, SCALES, ShadowLive, ShadowPicture
 
 VIEW_MM = QRectF(-31.0, -15.0, 62.0, 108.0)  # of (x, z)
-LINES = 6
+LINES = 7
 DOT = 7
 GUIDE, HALO = 1.5, 4.5  # pixels: a guide is visible on dark and on bright elements
 REST_LENGTH_MM = 75.0
@@ -52,7 +52,7 @@ class ShadowView(QWidget):
     def paint_theme(self, theme: Theme) -> None:
         """Use the colours of `theme`."""
         self.theme = theme
-        self.steps = [QColor(style.sequential(theme, i, LEVELS)) for i in range(LEVELS)]
+        self.steps = [QColor(style.sequential(i, LEVELS)) for i in range(LEVELS)]
         self.small = style.small_font()
         self.update()
 

@@ -32,7 +32,7 @@ class ClosedReadings(QDialog):
         self.resize(style.FORM_WIDTH, style.WINDOW_MINIMUM[1])
         self.table = ReadingsTable(ReadingsModel(run, services.undo), services)
         self.table.empty.setText("This recording has no plateaus: it was made without a plan of steps.")
-        self.calibrate = widgets.button("Calibrate", self._calibrate, "primary", tip="Analyse it with these readings")
+        self.calibrate = widgets.button("Calibrate", self._calibrate, tip="Analyse it with these readings")
         layout = QVBoxLayout(self)
         layout.addWidget(
             widgets.label(

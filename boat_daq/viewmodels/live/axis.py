@@ -97,6 +97,7 @@ def extremes(*columns: NDArray[np.float64]) -> tuple[float, float]:
     return (low, high) if low <= high else (math.nan, math.nan)
 
 
+HOUR_S = 3600.0
 TIME_STEPS_S = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 28800, 86400)
 
 
@@ -108,8 +109,23 @@ def time_step(span_s: float) -> float:
     return float(next((step for step in TIME_STEPS_S if step >= wanted), TIME_STEPS_S[-1]))
 
 
-def clock(time_s: float, step_s: float) -> str:
-    """Return a tick's label: `2.4`, `0:05`, `1:03:00` as the step between ticks needs."""
-    if step_s < 1:
+def clock_unit(low_s: float, high_s: float) -> str:
+    """Return what all labels of a time axis from `low_s` to `high_s` show: s, min:s or h:min:s."""
+    if time_step(high_s - low_s) < 1:
+        return "s"
+    return "h:min:s" if max(abs(low_s), abs(high_s)) >= HOUR_S else "min:s"
+
+
+def clock(time_s: float, step_s: float, unit: str = "min:s") -> str:
+    """Return a tick's label: `2.4`, `0:05`, `1:03:00`.
+
+    Parameters
+    ----------
+    time_s : of the tick.
+    step_s : between the ticks; decides the decimals of seconds.
+    unit : by `clock_unit`.
+    """
+    if unit == "s":
         return f"{time_s:.{max(1, -math.floor(math.log10(step_s)))}f}".replace("-", MINUS)
-    return (MINUS if time_s < -0.5 else "") + duration(abs(time_s))
+    text = duration(abs(time_s))
+    return (MINUS if time_s < -0.5 else "") + (f"0:{text:0>5}" if unit == "h:min:s" and text.count(":") < 2 else text)

@@ -78,6 +78,7 @@ class Headline:
     target: str
     elongation: str
     band: str
+    band_short: str = ""  # for a narrow window
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,16 +292,19 @@ class LiveModel:
         signals_mv = tuple(number(value, 1) for value in means[0])
         return Headline(signals_mv, pressure, target, *self._elongation_text(means))
 
-    def _elongation_text(self, means: FloatArray) -> tuple[str, str]:
+    def _elongation_text(self, means: FloatArray) -> tuple[str, str, str]:
+        """Return the elongation, its band or why there is none, and the same for a narrow window."""
         if self.inverse is None:
-            return NOTHING, ""
+            return NOTHING, "", ""
         found = self.inverse(means)
         if not math.isfinite(found.mm[0]):
-            return NOTHING, "outside the calibrated range"
-        band = f"\u00b1{number(float(found.expanded_mm[0]), 2)} (k = 2)"
-        band += "  sensors disagree" if found.disagree[0] else ""
-        band += "  at the range's end" if found.beyond is not None and found.beyond[0] else ""
-        return number(float(found.mm[0]), 2, sign=True), band
+            return NOTHING, "\u25b2 out of range", "\u25b2 range"
+        elongation, band = number(float(found.mm[0]), 2, sign=True), f"\u00b1{number(float(found.expanded_mm[0]), 2)}"
+        if found.disagree[0]:  # the band does not hold then
+            return elongation, "\u25b2 disagree", "\u25b2 differ"
+        if found.beyond is not None and found.beyond[0]:
+            return elongation, f"{band} at the end", f"{band} end"
+        return elongation, f"{band} (k = 2)", band
 
     def place(self, which: str) -> float:
         """Return the place of a new cursor: a third or two thirds of the span."""

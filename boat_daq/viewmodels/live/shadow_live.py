@@ -260,9 +260,11 @@ class ShadowLive:
         if math.isfinite(now.measured):
             band = 2.0 * math.hypot(state.nominal_sd_mm, now.expanded / 2.0)
             beyond = abs(state.deviation_mm) > band
-            mark = "\u25b2 outside" if beyond else "\u25cf inside"
-            text = f"{number(state.deviation_mm, 2, sign=True)} \u00b1{number(band, 2)} mm  {mark}"
-            lines.append(("Deviation", text, "warning" if beyond else "ok"))
+            text, level = f"{number(state.deviation_mm, 2, sign=True)} \u00b1{number(band, 2)} mm", "ok"
+            mark = "\u25cf inside the band"
+            if beyond:
+                mark, level = "\u25b2 outside the band", "warning"
+            lines += [("Deviation", text, level), ("", mark, level)]
         stability = self._stability(state)
         if stability:
             lines.append(("Stability", stability, "warning"))

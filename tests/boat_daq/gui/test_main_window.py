@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from PySide6.QtWidgets import (
-    QDialog,
-)
+from PySide6.QtWidgets import QDialog, QPushButton
 
 from boat_daq.gui import style
 from boat_daq.viewmodels.common.services import Page, Panel
@@ -92,3 +90,14 @@ def test_waiting_reading_is_marked_on_every_page(running):
     running.go("Live")
     running.refresh()
     assert (live.text(), live.accessibleName()) == ("Live", "Live")
+
+
+@pytest.mark.parametrize("state", ["empty", "live", "running"])
+def test_each_page_has_one_primary_button_at_most(request, state):
+    """What to do next is marked once; two accents are none."""
+    window = request.getfixturevalue(state)
+    window.model.optics.choose = lambda *_: None
+    for page in Page:
+        window.go(page)
+        primary = [b for b in window.findChildren(QPushButton) if b.property("role") == "primary" and b.isVisible()]
+        assert len(primary) <= 1, (page, [button.text() for button in primary])

@@ -81,6 +81,8 @@ def test_the_sheet_needs_only_tokens():
 
 
 def test_viridis_keeps_its_order():
-    """The sequential scale grows lighter from the first to the last step."""
-    steps = [luminance(style.sequential(style.LIGHT, i, 8)) for i in range(8)]
+    """The one sequential scale of both themes grows lighter, and is visible on either ground at both ends."""
+    steps = [luminance(style.sequential(i, 8)) for i in range(8)]
     assert steps == sorted(steps)
+    for theme in (style.LIGHT, style.DARK):
+        assert min(contrast(theme.surface, style.sequential(i, 8)) for i in range(8)) > 1.5

@@ -104,6 +104,25 @@ def test_frozen_plot_keeps_recording(live):
     assert live.model.live.span_s()[1] == pytest.approx(399.99)
 
 
+@pytest.mark.parametrize("size", [(853, 533), (1280, 800), (1920, 1080)])
+def test_readouts_keep_their_places(live, size):
+    """A long note, a lost link, a value of another length: Pressure used to jump by 50 px."""
+    live.resize(*size)
+    places: set[tuple[tuple[int, int], ...]] = set()
+    for mm, apart, link in ((1.0, False, LinkState.UP), (-12.5, True, LinkState.UP), (np.nan, False, LinkState.LOST)):
+        live.model.live.inverse = lambda mv, mm=mm, apart=apart: LiveElongation(
+            np.full(len(mv), mm), np.full(len(mv), 0.1), np.full(len(mv), apart)
+        )
+        live.model.session.change(link=link)
+        live.refresh()
+        QApplication.processEvents()
+        figures = [figure for figure in live.live.figures.values() if figure.isVisible()]
+        places.add(tuple((figure.x(), figure.width()) for figure in figures))
+        assert all(f.note.width() >= f.note.sizeHint().width() for f in figures if f.note.text())
+    assert len(places) == 1
+    assert live.scrolls["Live"].horizontalScrollBar().maximum() == 0
+
+
 def test_values_of_a_disconnected_board_are_not_shown(make):
     """What was measured before the link went is not shown as what is: dashes until data come again."""
     session = RecordedSession(connected(), filled_ring(10.0))

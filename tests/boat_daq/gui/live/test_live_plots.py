@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,23 +13,52 @@ from PySide6.QtWidgets import (
     QApplication,
 )
 
+from boat_daq.gui import style
+from boat_daq.viewmodels.live import axis
 from protocol.recording import sample_dtype
 from tests.boat_daq.gui.windows import run_shortcut
 
 
-def test_titles_of_low_plots_are_centred_on_their_axes(live, qtbot):
-    """A title that has become short used to stay where the middle of the long one was."""
-    plots = live.live.plots
-    shown = set()
-    for height in range(480, 1001, 40):  # which title fits at which height depends on the system's font
+def test_titles_are_whole_at_any_height(live):
+    """Beside an axis that is long enough, else in the corner of the plot: full names, and no title meets another."""
+    plots, upright = live.live.plots, set()
+    for height in range(520, 1001, 80):  # where a title fits depends on the system's font
         live.resize(1280, height)
         QApplication.processEvents()
+        live.refresh()
         live.draw()
-        ruler = plots.first.item.getAxis("left")
-        shown.add(ruler.label.toPlainText().strip())
-        across = ruler.label.mapRectToItem(ruler, ruler.label.boundingRect())
-        assert across.center().y() == pytest.approx(ruler.size().height() / 2, abs=2.0)
-    assert {"1, mV", "Signal 1 (mV)"} <= shown
+        titles = [plot.item.getAxis("left").label for plot in plots.rows]
+        assert titles[0].toPlainText().strip() == "Sensor 1 (mV)"
+        places = [title.mapRectToScene(title.boundingRect()) for title in titles]
+        assert not any(a.intersects(b) for a, b in pairwise(places))
+        upright |= {title.rotation() for title in titles}
+    assert upright == {0.0, -90.0}
+
+
+def test_low_window_shows_fewer_plots_and_a_choice(live):
+    """Four plots of 20 px show nothing: some are shown, high enough, and the others are a choice away."""
+    plots = live.live.plots
+    live.resize(840, 500)
+    plots.view.setFixedHeight(style.ROW_LEAST * 2 + style.AXIS_HEIGHT)
+    QApplication.processEvents()
+    plots.arrange()
+    live.draw()
+    assert plots.first_row.isVisible()
+    assert [plot.title for plot in plots.rows] == ["Sensor 1", "Sensor 2"]
+    plots.first_row.setCurrentIndex(2)
+    plots.first_row.activated.emit(2)
+    assert [plot.title for plot in plots.rows] == ["Sensor 2", "Pressure"]
+    assert plots.rows[-1].item.getAxis("bottom").labelText == "Time (min:s)"
+
+
+def test_time_axis_shows_hours_from_one_hour_on(live):
+    """The labels and the title agree: seconds, min:s, h:min:s."""
+    plots, shown = live.live.plots, []
+    for low, high in ((0.0, 4.0), (0.0, 60.0), (3000.0, 4000.0)):
+        plots.x_range(low, high)
+        ruler = plots.pressure.bottom
+        shown.append((ruler.labelText, ruler.tickStrings([low], 1.0, axis.time_step(high - low))[0]))
+    assert shown == [("Time (s)", "0.0"), ("Time (min:s)", "0:00"), ("Time (h:min:s)", "0:50:00")]
 
 
 def test_marker_is_added_by_keys_and_shown(live):
@@ -38,7 +68,7 @@ def test_marker_is_added_by_keys_and_shown(live):
     QTest.keyClick(live.live.note, Qt.Key.Key_Return)
     live.refresh()
     plot, line = live.live.plots._markers[0]
-    assert (plot.title, line.label.format, live.model.session.calls[-1]) == ("Signal 1", "tapped", "mark")
+    assert (plot.title, line.label.format, live.model.session.calls[-1]) == ("Sensor 1", "tapped", "mark")
     assert line.value() == pytest.approx(299.99)
 
 

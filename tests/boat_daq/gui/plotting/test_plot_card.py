@@ -187,3 +187,21 @@ def test_plot_keys_without_a_plot_report_it(empty):
     """Before the first sample the live page has none; the keys did nothing."""
     run_shortcut(empty, "Ctrl+S")
     assert empty.model.notices.current().cause == "no plot is shown"
+
+
+def test_title_and_readout_of_a_card_are_never_cut(qtbot):
+    """Side by side where both fit, else one below the other."""
+    card = PlotCard("Range against roughness")
+    card.add("Range", "rays", x_title="Roughness")
+    qtbot.addWidget(card)
+    card.readout.setText("\u25cf Pareto-optimal (label: number of rises)   \u25c6 paper's")
+    beside = []
+    for width in (900, 420, 900):
+        card.resize(width, 300)
+        card.show()
+        QApplication.processEvents()
+        QApplication.processEvents()
+        beside.append(card.heading.geometry().bottom() > card.readout.geometry().top())
+        for label in (card.heading, card.readout):
+            assert label.width() >= label.sizeHint().width()
+    assert beside == [True, False, True]

@@ -50,4 +50,10 @@ def test_steady_range_without_data_is_kept():
 )
 def test_clock_labels(time_s, step, text):
     """Tick labels are clock times; below a second, decimals."""
-    assert axis.clock(time_s, step) == text
+    assert axis.clock(time_s, step, axis.clock_unit(time_s - 8 * step, time_s)) == text
+
+
+def test_all_labels_of_an_axis_show_hours_or_none():
+    """An axis that reaches an hour has hours on every label."""
+    unit = axis.clock_unit(3000.0, 4000.0)
+    assert [axis.clock(t, 300, unit) for t in (3300.0, 3600.0, -60.0)] == ["0:55:00", "1:00:00", "\u22120:01:00"]

@@ -144,7 +144,7 @@ def test_elongation_outside_the_range_is_not_shown(ring):
     outside = LiveElongation(np.array([np.nan]), np.array([np.nan]), np.array([False]))
     model = LiveModel(lambda: ring, inverse=lambda signal: outside)
     head = model.headline(connected())
-    assert (head.elongation, head.band) == ("\u2013", "outside the calibrated range")
+    assert (head.elongation, head.band) == ("\u2013", "\u25b2 out of range")
 
 
 @given(st.floats(1.0, 3600.0), st.integers(200, 3000))

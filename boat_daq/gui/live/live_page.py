@@ -191,6 +191,7 @@ class LivePage(QWidget):
         for widget in (widgets.label("Show", "muted"), self.window_choice, self.freeze):
             self.plots.bar.insertWidget(self.plots.bar.count() - 1, widget)
         frame, self.head_card = widgets.card(self.figure_line)
+        frame.setMinimumWidth(1)  # else figures too large for a new width would push the pane aside
         return frame
 
     def _marker(self) -> QFrame:

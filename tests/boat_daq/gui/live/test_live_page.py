@@ -120,6 +120,8 @@ def test_readouts_keep_their_places(live, size):
         places.add(tuple((figure.x(), figure.width()) for figure in figures))
         assert all(f.note.width() >= f.note.sizeHint().width() for f in figures if f.note.text())
     assert len(places) == 1
+    head = live.live.figure_line.geometry()
+    assert max(figure.geometry().right() for figure in figures) <= head.right()
     assert live.scrolls["Live"].horizontalScrollBar().maximum() == 0
 
 

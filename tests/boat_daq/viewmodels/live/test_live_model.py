@@ -164,4 +164,4 @@ def test_elongation_a_little_beyond_the_range_is_shown_and_marked(ring):
     )
     head = model.headline(connected())
     assert head.elongation == "+3.85"
-    assert head.band.endswith("at the range's end")
+    assert head.band.endswith("\u00b10.10 at the end")

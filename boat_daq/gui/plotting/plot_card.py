@@ -83,11 +83,11 @@ class PlotCard(QFrame):
 
     def _place_readout(self) -> None:
         """Show the readout beside the title, or below where both do not fit: neither is cut."""
-        items = (self.bar.itemAt(i).widget() for i in range(self.bar.count()))
-        beside = [widget for widget in (*items, self.readout) if widget is not None and not widget.isHidden()]
-        widths = {widget: widget.sizeHint().width() + self.bar.spacing() for widget in beside}
         margins = self.inside.contentsMargins()
-        below = sum(widths.values()) + margins.left() + margins.right() > self.width()
+        needed = self.bar.sizeHint().width() + margins.left() + margins.right()
+        if self._readout_below:
+            needed += self.readout.sizeHint().width() + self.bar.spacing()
+        below = needed > self.width()
         if below is self._readout_below:
             return
         self._readout_below = below

@@ -6,7 +6,7 @@ may grow or shrink. A cycle runs from the extreme that the run starts with, thro
 
 Rules: an incomplete first or last cycle is named and left out, never completed; a cycle across a segment boundary (a
 pause, a reset) is left out; one with a hole is marked; smaller excursions are listed. The sequencer's
-marks are compared, never used. Nothing here looks at a signal.
+marks are compared, never used, but for a run that ended before its second branch. Nothing here looks at a signal.
 """
 
 from __future__ import annotations
@@ -353,7 +353,16 @@ def _stretch(smooth: FloatArray, first: int, last: int, reason: str) -> Excursio
 def _marked(cycle: Cycle, recording: Recording) -> Cycle:
     lost = sum(gap.lost for gap in recording.gaps if cycle.first <= gap.row < cycle.last)
     broken = recording.segment[cycle.first] != recording.segment[cycle.last]
-    return replace(cycle, lost=lost, left_out="interrupted by a pause or a restart of the board" if broken else "")
+    why = "interrupted by a pause or a restart of the board" if broken else ""
+    if _ended_before_a_cycle(recording.steps):
+        why = "the run ended before its first cycle was complete"
+    return replace(cycle, lost=lost, left_out=why)
+
+
+def _ended_before_a_cycle(steps: pd.DataFrame) -> bool:
+    """Return whether the sequencer ran, but began no second branch: to the opening plateau and back is no cycle."""
+    inside = steps[steps["branch"].isin(["unloading", "loading"])]
+    return bool(len(steps)) and not bool((inside.groupby("cycle")["branch"].nunique() > 1).any())
 
 
 def _small_excursions(smooth: FloatArray, span: float, noise: float) -> tuple[Excursion, ...]:

@@ -86,7 +86,7 @@ class Summary:
     segments: tuple[SegmentSummary, ...]
     steps: int
     cycles: CycleCounts
-    readings: int
+    readings: int  # plateaus that were read
     results: int
     size_bytes: int
     layout: int  # version of the file's tables
@@ -117,7 +117,7 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
     duration_s = sum(segment.duration_s for segment in segments)
     gaps, lost = _one(db, "SELECT count(*), coalesce(sum(value), 0) FROM event WHERE kind = 'gap'")
     low, high = _one(db, "SELECT min(pressure_min_kpa), max(pressure_max_kpa) FROM overview")
-    counts = [_one(db, f"SELECT count(*) FROM {table}")[0] for table in ("step", "reading", "result")]  # noqa: S608
+    counts = [_one(db, f"SELECT count(*) FROM {table}")[0] for table in ("step", "result")]  # noqa: S608
     status = meta["status"]
     if status == "recording" and not is_being_written(path):
         status = "interrupted"
@@ -142,8 +142,8 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
         segments=segments,
         steps=counts[0],
         cycles=_cycles(db),
-        readings=counts[1],
-        results=counts[2],
+        readings=_readings(db),
+        results=counts[1],
         size_bytes=path.stat().st_size,
         layout=schema.layout_version(path),
         breaks=tuple(_break(entry) for entry in schema.breaks_of(meta)),
@@ -183,6 +183,12 @@ def _segments(db: sqlite3.Connection) -> list[SegmentSummary]:
 def _rate(samples: int, segments: int, duration_s: float) -> float | None:
     """Return samples for each second; the first of each segment ends no interval."""
     return (samples - segments) / duration_s if duration_s > 0 else None
+
+
+def _readings(db: sqlite3.Connection) -> int:
+    """Count the plateaus that were read: a correction counts no plateau again, a withdrawal takes its plateau away."""
+    sql = "SELECT elongation_mm, max(id) FROM reading GROUP BY coalesce(step, -id)"  # the newest row of each
+    return sum(mm is not None for mm, _ in db.execute(sql))
 
 
 def _cycles(db: sqlite3.Connection) -> CycleCounts:

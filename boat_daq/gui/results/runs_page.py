@@ -36,7 +36,7 @@ from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
-from boat_daq.gui.widgets.file_dialogs import ask_save
+from boat_daq.gui.widgets.file_dialogs import ask_save, open_folder
 from boat_daq.gui.widgets.layouts import EmptyState, Leaves
 from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.results.runs import (
@@ -163,8 +163,15 @@ class RunsPage(QWidget):
         self.heading = widgets.label("Recordings", "subtitle")
         repairs = [self.buttons[key] for key in REPAIRS]  # under the list, beside the details of the run
         head = widgets.row(self.heading, None, *(b for b in self.buttons.values() if b not in repairs))
+        self.search = widgets.field("Search the recordings", placeholder="Search: unit, date, note, file")
+        self.search.setClearButtonEnabled(True)
+        self.search.textChanged.connect(self._list)
+        place = partial(open_folder, self.model.folder, self.services)
+        self.folder = widgets.button("Open folder", place, tip=f"Recordings are in {self.model.folder}")
+        where = widgets.label(str(self.model.folder), "small", name="Folder of the recordings", elide=True)
         self.details = widgets.label("", "small", name="Details of the chosen recordings", elide=True)
-        frame, _ = widgets.card(head, (self.list, 1), widgets.row((self.details, 1), *repairs))
+        find = widgets.row((self.search, 1), (where, 1), self.folder)
+        frame, _ = widgets.card(head, find, (self.list, 1), widgets.row((self.details, 1), *repairs))
         self.no_units = widgets.label(NO_UNITS, "muted", wrap=True)
         self.no_units.setAlignment(Qt.AlignmentFlag.AlignCenter)
         side, _ = widgets.card(widgets.label("Units", "subtitle"), (self.units, 1), (self.no_units, 1))
@@ -271,18 +278,24 @@ class RunsPage(QWidget):
         self._revision = runs.revision
         units = runs.unit_lines
         self.stack.setCurrentIndex(1 if runs.runs or units else 0)
-        chosen = set(self._paths())
-        self.list.fill([run.cells for run in runs.runs], [run.tip for run in runs.runs])
-        for row, run in enumerate(runs.runs):
-            self.list.model().setData(self.list.model().index(row, 0), run, RUN_ROLE)
-        newest = runs.runs[:1] if self._untouched else []
-        self._untouched = self._untouched and not newest
-        self._choose([row for row, run in enumerate(runs.runs) if run.path in chosen or run in newest])
+        self._list()
         self._share_columns()
         self.units.fill(units, [cells[-1] for cells in units])
         self.units.setVisible(bool(units))
         self.no_units.setVisible(not units)
         self._show_history()
+        self._enable()
+
+    def _list(self) -> None:
+        """List the recordings that match the search; those that were chosen stay chosen."""
+        found = [run for run in self.model.runs if run.matches(self.search.text())]
+        chosen = set(self._paths())
+        self.list.fill([run.cells for run in found], [run.tip for run in found])
+        for row, run in enumerate(found):
+            self.list.model().setData(self.list.model().index(row, 0), run, RUN_ROLE)
+        newest = found[:1] if self._untouched else []
+        self._untouched = self._untouched and not newest
+        self._choose([row for row, run in enumerate(found) if run.path in chosen or run in newest])
         self._enable()
 
     def _choose(self, rows: list[int]) -> None:

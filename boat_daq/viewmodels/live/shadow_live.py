@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 
 THINNED_TO = 4000  # samples suffice for the figures of a cycle
+LEAST_SAMPLES = 10  # of a cycle
 FIRST_CYCLES = 5
 MISSING = object()
 RECENT = 10  # samples averaged for one frame
@@ -360,6 +361,8 @@ class ShadowMonitor:
                 self._taken.add(cycle)
                 columns = ring.view(begin)
                 inside = np.flatnonzero(columns["time_s"] <= end)
+                if inside.size < LEAST_SAMPLES:  # the ring no longer holds it, as after a resumption
+                    continue
                 inside = inside[:: max(1, inside.size // THINNED_TO)]
                 thinned = {name: values[inside] for name, values in columns.items()}
                 self._reducing.call(self._reduce, shadow, conversion, cycle, thinned)

@@ -205,6 +205,7 @@ def analyse_run(path: str, *, level: Level = "normal", progress: Progress | None
     options = Options(mcmc=False, fidelity=level, type_b=type_b)
     found = analyse(recording, options=options, progress=part_of(progress, 1, 3, 4))
     loops = found.loops
+    plateaus, read = _plateaus(found)
     return RunResult(
         path=path,
         unit=str(recording.meta.get("unit") or ""),
@@ -218,8 +219,8 @@ def analyse_run(path: str, *, level: Level = "normal", progress: Progress | None
         warnings=found.warnings,
         reading_sd_mm=found.reading_sd_mm,
         breaks=tuple(map(_break, found.breaks)),
-        plateaus=_requested_plateaus(found),
-        read=int(found.elongations.known.sum()) if found.elongations is not None else 0,
+        plateaus=plateaus,
+        read=read,
         uncertainty=(*_expanded_rows(found), *_limit_rows(found), *_component_rows(found)),
         u_elongation=found.u_elongation,
     )
@@ -272,12 +273,22 @@ def _limit_rows(found: Analysis) -> list[tuple[Cell, ...]]:
     return rows
 
 
-def _requested_plateaus(found: Analysis) -> int:
-    """Return how many plateaus are to be read: the steps of the run without the last, else those of its cycles."""
-    steps = found.recording.steps
-    if len(steps):
-        return int(((steps["branch"] != "end") & (steps["status"] != "aborted")).sum())
-    return sum(bool(p.branch) for p in found.plateaus)
+def _plateaus(found: Analysis) -> tuple[int, int]:
+    """Return how many plateaus are to be read, and how many were, as the readings of the live page count them.
+
+    They are the steps of the run without the last; an interrupted one counts where it was read. Without steps they are
+    the plateaus of the pressure.
+    """
+    recording = found.recording
+    steps = recording.steps[recording.steps["branch"] != "end"]
+    if not len(steps):
+        known = int(found.elongations.known.sum()) if found.elongations is not None else 0
+        return sum(bool(p.branch) for p in found.plateaus), known
+    if not len(recording.readings) and found.elongations is not None:  # given in a file
+        return int((steps["status"] != "aborted").sum()), int(found.elongations.known.sum())
+    readings = recording.current_readings
+    read = steps["id"].isin(readings["step"][readings["elongation_mm"].notna()])
+    return int(((steps["status"] != "aborted") | read).sum()), int(read.sum())
 
 
 def _sensor(found: Analysis, index: int) -> SensorResult:

@@ -74,6 +74,11 @@ class RunEntry:
         s = self.summary
         return s is not None and s.status != "recording" and s.run_end is not RunEnd.FINISHED and s.steps > 0
 
+    def matches(self, words: str) -> bool:
+        """Whether every word is in its line or its tooltip, whatever its case."""
+        text = " ".join((*self.cells, self.tip)).casefold()
+        return all(word in text for word in words.casefold().split())
+
     @property
     def tip(self) -> str:
         """The tooltip."""

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from analysis import Recording, find_cycles, find_plateaus
 from analysis.data.csv_table import read_table
+from analysis.data.recording import STEP_COLUMNS
 from analysis.segmentation.cycles import disagreements_with_marks
 from tests.analysis.boat_builder import Plant, Staircase, marks_of, triangle
 
@@ -199,3 +202,18 @@ def test_a_smaller_tolerance_finds_the_cycles_of_a_small_drive() -> None:
     """Fifteen periods of 0.6 kPa are cycles where a held pressure stays within 0.1 kPa."""
     recording = continuous(3 + 0.3 * np.sin(2 * np.pi * TIME / 20), noise_kpa=0.005)
     assert len(find_cycles(recording, tolerance_kpa=0.1).used) in (14, 15)
+
+
+@pytest.mark.parametrize(("branches", "complete"), [(("start",), 0), (("start", "unloading"), 0), ((), 1)])
+def test_run_stopped_at_its_first_plateau_has_no_cycle(branches: tuple[str, ...], complete: int) -> None:
+    """From 0 to the opening plateau and back is a cycle of the pressure, but not where the sequencer began none."""
+    pressure = np.interp(np.arange(0.0, 60.0, 0.01), [0, 5, 15, 35, 45, 60], [0, 0, 50, 50, 0, 0])
+    recording = continuous(pressure)
+    rows = [
+        (n, 0, n, int(n > 1), branch, 50.0, 5.0, 5.0 * n, None, None, 5.0 * n + 5.0, "aborted", "{}")
+        for n, branch in enumerate((*branches, *(("end",) if branches else ())), 1)
+    ]
+    recording = dataclasses.replace(recording, steps=pd.DataFrame(rows, columns=list(STEP_COLUMNS)))
+    found = find_cycles(recording)
+    assert found.as_json()["complete"] == complete
+    assert all("before its first cycle" in cycle.left_out for cycle in found.complete) is bool(branches)

@@ -149,3 +149,18 @@ def test_control_characters_of_names_become_question_marks(tmp_path):
     shown = CliRunner().invoke(app, ["info", str(tmp_path / "run.boat")]).stdout
     assert "operator    Zoë?[31m??status\n" in shown
     assert "\x1b" not in shown
+
+
+def test_corrected_reading_counts_its_plateau_once(tmp_path):
+    """One run had 97 readings on Runs and 94 on Calibrate: a correction was counted, and so was a withdrawal."""
+    recorder, source = begun(tmp_path / "run.boat")
+    recorder(source.next(1_000_000))
+    recorder.close(RunEnd.FINISHED)
+    rows = ((1, 1.0), (2, 2.0), (1, 1.5), (2, None), (3, 0.0))
+    with closing(sqlite3.connect(tmp_path / "run.boat")) as db, db:
+        db.execute("PRAGMA foreign_keys = OFF")
+        db.executemany(
+            "INSERT INTO reading (step, elongation_mm, resolution_mm, source, utc) VALUES (?, ?, 0.5, 'typed', '2026')",
+            rows,
+        )
+    assert summarise(tmp_path / "run.boat").readings == 2

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from PySide6.QtCore import QItemSelectionModel, Qt
+from PySide6.QtGui import QDesktopServices
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog
 
@@ -274,3 +275,26 @@ def test_narrow_list_reports_the_columns_left_out(live, width):
     assert "37 readings" in page.details.text()
     choose(page, 1)
     assert "malformed" in page.details.text()
+
+
+def test_search_lists_what_matches(runs, monkeypatch):
+    """By any words of line or tooltip; what is no longer listed is no longer chosen, nor acted on."""
+    window, page = runs
+    files = HEADINGS.index("File")
+
+    def listed() -> list[str]:
+        return sorted(page.list.item(row, files).text() for row in range(page.list.rowCount()))
+
+    choose(page, 0, 1)
+    QTest.keyClicks(page.search, "sa1 FIRST")
+    assert listed() == ["first.boat"]
+    assert [run.path.name for run in page.selected()] == ["first.boat"]
+    QTest.keyClicks(page.search, "x")
+    assert (listed(), page.selected()) == ([], [])
+    assert not page.offers("open")
+    page.search.clear()
+    assert listed() == ["first.boat", "second.boat"]
+    opened: list[str] = []
+    monkeypatch.setattr(QDesktopServices, "openUrl", lambda url: opened.append(url.toLocalFile()) or True)
+    page.folder.click()
+    assert opened == [str(window.model.services.recordings)]

@@ -48,3 +48,14 @@ def test_each_whole_cycle_is_monitored_once(ring, model):
     monitor.follow(dataclasses.replace(snapshot, recording="b.boat", progress=None), Straight())
     assert monitor.series("deviation")[0].size == 0
     monitor.close()
+
+
+def test_cycle_that_the_ring_does_not_hold_is_left_out(ring, model):
+    """After a resumption the message "A cycle needs ten samples" came for each cycle before the break."""
+    marks = (StepMark(1, 1, "unloading", 0.0, 10.0, 0, ended_us=40_000),)
+    overlay = OverlayModel(lambda: ring, lambda: marks, lambda time_us: time_us / 1e6)
+    monitor = ShadowMonitor(lambda: model, overlay)
+    progress = Progress(9, 200, 2, 100, 1, (), "loading", Phase.RAMPING, 50.0, 1.0, 90.0, 900.0)
+    monitor.follow(dataclasses.replace(connected(), progress=progress, recording="a.boat"), Straight())
+    assert not monitor._reducing.pending
+    monitor.close()

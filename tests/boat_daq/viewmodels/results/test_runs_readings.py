@@ -8,7 +8,9 @@ from analysis import load_recording
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.live.readings import ReadingsModel
-from boat_daq.viewmodels.results.runs import ClosedRun
+from boat_daq.viewmodels.results.analysis_jobs import analyse_run
+from boat_daq.viewmodels.results.calibration import readings_text
+from boat_daq.viewmodels.results.runs import ClosedRun, read_run
 from tests.boat_daq.gui.recorded_session import idle
 
 
@@ -36,3 +38,15 @@ def test_reading_for_no_plateau_is_refused(closed):
     with pytest.raises(OperatorError, match="no step"):
         run.add_reading(9999, 1.0, "typed")
     assert ClosedRun(closed).readings() == run.readings()
+
+
+def test_readings_are_counted_alike_everywhere(closed):
+    """One run had 97 readings in the list, 94 in its table and 22 of 91 on the Calibrate page."""
+    table = ReadingsModel(ClosedRun(closed), UndoHistory())
+    steps = [row.step.number for row in table.rows(idle())]
+    table.enter(steps[4], "1.11")
+    table.enter(steps[5], "")
+    result = analyse_run(str(closed))
+    assert table.summary(table.rows(idle())) == "36 of 37 plateaus read"
+    assert readings_text(result).startswith("36 of 37 plateaus read")
+    assert read_run(closed).cells[5] == "36"

@@ -25,18 +25,6 @@ def test_focused_button_is_pressed_by_enter(live, qtbot, key):
     assert (live.model.session.calls, live.model.live.following) == (["arm"], True)
 
 
-def test_focused_button_of_another_page_is_pressed_by_space(live, qtbot):
-    """Without live plots in sight Space is the button's."""
-    live.activateWindow()
-    qtbot.waitUntil(lambda: QApplication.activeWindow() is live, timeout=PATIENCE_MS)
-    live.go("Runs")
-    button = live.navigation.buttons["Calibrate"]
-    live.window_keys._chosen = button
-    button.setFocus()
-    QTest.keyClick(live.windowHandle(), Qt.Key.Key_Space)
-    assert (live.page, live.model.live.following) == ("Calibrate", True)
-
-
 def test_vent_key_vents_over_a_modal_box(live, qtbot):
     """No box of the program is modal; over one of Qt's own F4 still vents, and Esc only closes the box."""
     box = QMessageBox(live)

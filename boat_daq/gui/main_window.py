@@ -34,6 +34,7 @@ from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.gui.widgets.layouts import PageScroll
+from boat_daq.gui.widgets.panel_guard import PanelGuard
 from boat_daq.viewmodels.app_model import AppModel
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Page, Panel
@@ -56,6 +57,7 @@ class MainWindow(QMainWindow):
         self.model = model
         self.theme: Theme = style.system_theme()
         self._leave_until = 0.0
+        self.guard = PanelGuard(model.notices)
         model.services.show = self.show_place
         self.setMinimumSize(*style.WINDOW_MINIMUM)
         self.header = Header(model.connection, model.unit, RecordingStatus(model.run), self.vent, model.services)
@@ -135,12 +137,13 @@ class MainWindow(QMainWindow):
     def refresh(self) -> None:
         """Show the current state in header, visible page and strip."""
         snapshot = self.model.tick()
-        self.header.refresh(snapshot)
-        self.pages[self.page].refresh(snapshot)
+        self.guard.show(self.header, "The header", lambda: self.header.refresh(snapshot))
+        page = self.pages[self.page]
+        self.guard.show(page, str(self.page), lambda: page.refresh(snapshot))
         due = snapshot.waiting_for_reading is not None and self.page is not Page.LIVE
         self.navigation.mark(Page.LIVE, "a reading is due" if due else "")
         self.strip.refresh()
-        self.connect_panel.refresh(snapshot)
+        self.guard.show(self.connect_panel, "The connection", lambda: self.connect_panel.refresh(snapshot))
         title = self.model.title()
         if title != self.windowTitle():
             self.setWindowTitle(title)

@@ -20,6 +20,7 @@ from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.layouts import Divided, Leaves
+from boat_daq.gui.widgets.panel_guard import PanelGuard
 from boat_daq.viewmodels.common import formatting
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.live.connection import ConnectionModel
@@ -146,6 +147,7 @@ class LivePage(QWidget):
     def __init__(self, run: RunModel, overlay: OverlayModel, shadow: ShadowLive, services: Services) -> None:
         super().__init__()
         self.run, self.model, self.services = run, run.live, services
+        self.guard = PanelGuard(services.notices)
         self.plots = LivePlots(self.model)
         self.figures = self._figures()
         self.spans = widgets.label("", "small")
@@ -297,21 +299,23 @@ class LivePage(QWidget):
     def draw(self) -> None:
         """Draw one frame of the plots and of the shadow."""
         if self.plots.isVisible():
-            self.plots.draw()
-        self.shadow.draw()
+            self.guard.show(self.plots, "Live plots", self.plots.draw)
+        if self.shadow.isVisible():
+            self.guard.show(self.shadow, "The shadow", self.shadow.draw)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show values, run and readings; called a few times a second."""
         head = self.model.headline(snapshot)
         for key, signal in zip(("s1", "s2"), (*head.signals, formatting.NOTHING), strict=False):
             self.figures[key].set(signal)
+        self.figures["s2"].setVisible(self.model.sensors() != 1)
         self.figures["mm"].set(head.elongation, head.band_short if self.narrow else head.band)
         self.figures["kpa"].set(head.pressure, f"\u2192 {head.target}" if self.narrow else "")
         self.figures["target"].set(head.target)
         with_data = self.overlay if self.overlaid else self.plots
         self.middle.setCurrentWidget(with_data if self.model.has_data() else self.first_steps)
         if self.overlay.isVisible():
-            self.overlay.draw()
+            self.guard.show(self.overlay, "The overlay", self.overlay.draw)
         self.freeze.setChecked(not self.model.following)
         shown_s = self.model.window_s
         self.window_choice.setCurrentIndex(WINDOWS_S.index(shown_s) if shown_s in WINDOWS_S else -1)
@@ -321,12 +325,12 @@ class LivePage(QWidget):
         self.plots.show_markers()
         self.plots.show_readings(self.run.reading_points())
         self._show_spans(self.model.statistics())
-        self.sequence.refresh(snapshot)
-        self.reading.refresh(snapshot)
-        self.photograph.refresh()
-        for tab in (self.shadow, self.plan, self.table):
+        self.guard.show(self.sequence, "The run", partial(self.sequence.refresh, snapshot))
+        self.guard.show(self.reading, "The reading", partial(self.reading.refresh, snapshot))
+        self.guard.show(self.photograph, "The photograph", self.photograph.refresh)
+        for tab, name in ((self.shadow, "The shadow"), (self.plan, "The plan"), (self.table, "The readings")):
             if tab is self.pane.currentWidget():
-                tab.refresh(snapshot)
+                self.guard.show(tab, name, partial(tab.refresh, snapshot))
 
     def _show_spans(self, spans: list[Span]) -> None:
         """Show the statistics between the cursors under the plots; in a small window in a tab beside them."""

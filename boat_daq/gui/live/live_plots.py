@@ -21,6 +21,7 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.live.live_model import CYCLES_KEPT, LiveModel, OverlayModel, PlotFrame, sensor_names
 
 MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
+SENSORS_MOST = 4  # of the wire protocol
 WHOLE_S = 0.1  # a change that no sample tells of, such as another calibration, is seen after so long
 
 
@@ -70,7 +71,7 @@ class LivePlots(PlotCard):
         """Show the rows that have something to show."""
         both = self.model.together
         rows = [self.first, self.pressure]
-        if not both:
+        if not both and self.model.sensors() != 1:
             rows.insert(1, self.second)
         if self.model.inverse is not None:
             rows.insert(-1, self.length)
@@ -195,30 +196,39 @@ class LivePlots(PlotCard):
 
 
 class OverlayPlots(PlotCard):
-    """Two plots: sensor 1 and sensor 2 over the time in the cycle."""
+    """A plot for each sensor over the time in the cycle."""
 
     def __init__(self, model: OverlayModel) -> None:
         super().__init__("Last cycles overlaid")
         self.model = model
         self.curves: list[list[Curve]] = []
-        for number in (1, 2):
-            below = "Time in the cycle" if number == 2 else ""
-            plot = self.add(f"Sensor {number}", "mV", x_title=below, x_unit="s", time=True)
+        for number in range(1, SENSORS_MOST + 1):
+            plot = self.add(f"Sensor {number}", "mV", x_title="Time in the cycle", x_unit="s", time=True)
             faint = [plot.curve(f"{n} cycles ago", lambda t: t.line) for n in range(CYCLES_KEPT - 1, 0, -1)]
             self.curves.append([*faint, plot.curve("This cycle", sensor_colour(number))])
         self.link_x()
         self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
+        self._shown = 0
+        self._arrange(2)
+
+    def _arrange(self, sensors: int) -> None:
+        """Show the plots of the sensors that the board has."""
+        if sensors != self._shown:
+            self._shown = sensors
+            self.show_only(self.plots[:sensors])
+            self.paint_theme(self.theme)
 
     def draw(self) -> None:
         """Draw the cycles there are."""
         cycles = self.model.cycles()
         text = f"{len(cycles)} of the last {CYCLES_KEPT} cycles" if cycles else "shown once a cycle has begun"
         self.readout.setText(text)
-        for sensor, curves in enumerate(self.curves):
-            for place, curve in enumerate(reversed(curves)):
-                if place < len(cycles):
-                    columns = cycles[-1 - place][1]
-                    curve.set(columns["time_s"], columns[sensor_names(columns)[sensor]])
-        if cycles:
-            for plot in self.plots:
-                plot.fit(x_margin=0.0)
+        if not cycles:
+            return
+        names = sensor_names(cycles[-1][1])
+        self._arrange(len(names))
+        for name, curves in zip(names, self.curves, strict=False):
+            for curve, (_, columns) in zip(reversed(curves), reversed(cycles), strict=False):
+                curve.set(columns["time_s"], columns[name])
+        for plot in self.plots[: len(names)]:
+            plot.fit(x_margin=0.0)

@@ -168,6 +168,11 @@ class LiveModel:
         """Return whether a sample has arrived."""
         return not math.isnan(self.now_s())
 
+    def sensors(self) -> int:
+        """Return the number of sensors of the board; 0 before its first sample."""
+        ring = self.ring()
+        return len(sensor_names(ring.view(last=1))) if ring is not None else 0
+
     def now_s(self) -> float:
         """Return the ring's time of the newest sample, s; NaN without one."""
         ring = self.ring()

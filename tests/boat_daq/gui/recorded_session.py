@@ -22,21 +22,22 @@ if TYPE_CHECKING:
 RATE_HZ = 100
 
 
-def filled_ring(seconds: float, *, seed: int = 1) -> RingBuffer:
-    """A ring with a triangle of pressure and two signals that follow it, with noise."""
+def filled_ring(seconds: float, *, seed: int = 1, sensors: int = 2) -> RingBuffer:
+    """A ring with a triangle of pressure and signals that follow it, with noise; sensors 3 and 4 as 1 and 2."""
     n = round(seconds * RATE_HZ)
     generator = np.random.default_rng(seed)
     time_s = np.arange(n) / RATE_HZ
-    samples = np.zeros(n, sample_dtype(2, "signal"))
+    samples = np.zeros(n, sample_dtype(sensors, "signal"))
     pressure = 50 - 90 * np.abs((time_s / 18) % 2 - 1)
     x = pressure * 0.072
     samples["time_us"] = np.round(time_s * 1e6)
     samples["host_ns"] = np.round(time_s * 1e9)
     samples["index"] = np.arange(n)
     samples["pressure_pa"] = 1000 * pressure
-    samples["signal_mv"][:, 0] = 1652 + 46.4 * x - 2.7 * x**2 + generator.normal(0, 1.5, n)
-    samples["signal_mv"][:, 1] = 1624 + 33.4 * x - 2.3 * x**2 + generator.normal(0, 1.0, n)
-    ring = RingBuffer(2, mv_per_count=1.0)
+    first = 1652 + 46.4 * x - 2.7 * x**2 + generator.normal(0, 1.5, n)
+    second = 1624 + 33.4 * x - 2.3 * x**2 + generator.normal(0, 1.0, n)
+    samples["signal_mv"] = np.column_stack([(first, second)[i % 2] for i in range(sensors)])
+    ring = RingBuffer(sensors, mv_per_count=1.0)
     ring.target_kpa = 30.0
     ring.append(samples)
     return ring

@@ -161,17 +161,6 @@ def test_tab_reaches_the_buttons_of_the_run(front):
     assert front.model.session.calls == ["pause"]
 
 
-def test_space_presses_the_focused_button_of_another_page(front):
-    """Without live plots in sight Space is the button's."""
-    front.go("Calibrate")
-    for _ in range(60):
-        press(front, Key.Key_Tab)
-        if QApplication.focusWidget() is front.header.unit:
-            break
-    press(front, Key.Key_Space)
-    assert (front.page, front.model.live.following) == ("Runs", True)
-
-
 OPENED = {
     "menu": lambda window: window.menuBar().actions()[0].menu().popup(window.mapToGlobal(QPoint(5, 20))),
     "menu by key": lambda window: press(window, Key.Key_S, Qt.KeyboardModifier.AltModifier),

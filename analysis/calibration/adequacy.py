@@ -242,14 +242,13 @@ def lack_of_fit_p(chosen: JointFit, richer: JointFit) -> float:
         return float("nan")
     means, known = chosen.means, bool(chosen.known_variance.min() > 0)
     gained = chosen.dof - richer.dof
-    if known and (not chosen.loop.size or loop_is_represented(richer)):
-        within = means.dof if means.dof >= max(richer.dof, 1) else np.inf
-        if np.isfinite(within) or means.x_variance.min() > 0:
-            whole = _chance(chosen.chi_squared / chosen.dof, chosen.dof, within)
-            if gained < 1 or not means.independent:
-                return whole
-            gain = float((chosen.residuals**2 - richer.residuals**2) @ (1.0 / chosen.known_variance))
-            return min(1.0, 2.0 * min(whole, _chance(gain / gained, gained, within)))
+    tested = known and means.dof >= max(richer.dof, 1)
+    if tested and (not chosen.loop.size or loop_is_represented(richer)):
+        whole = _chance(chosen.chi_squared / chosen.dof, chosen.dof, means.dof)
+        if gained < 1 or not means.independent:
+            return whole
+        gain = float((chosen.residuals**2 - richer.residuals**2) @ (1.0 / chosen.known_variance))
+        return min(1.0, 2.0 * min(whole, _chance(gain / gained, gained, means.dof)))
     weights = 1.0 / richer.variance if known else np.ones_like(richer.residuals)
     before, left = (float(weights @ fit.residuals**2) for fit in (chosen, richer))
     if gained < 1 or richer.dof < 1 or not left > 0:
@@ -257,10 +256,9 @@ def lack_of_fit_p(chosen: JointFit, richer: JointFit) -> float:
     return _chance((before - left) / gained / (left / richer.dof), gained, richer.dof)
 
 
-def _chance(ratio: float, dof: int, within: float) -> float:
-    """Return the chance of a greater F; `within` infinite for a known variance."""
-    at_least = max(ratio, 0.0)
-    return float(stats.f.sf(at_least, dof, within) if np.isfinite(within) else stats.chi2.sf(dof * at_least, dof))
+def _chance(ratio: float, dof: int, within: int) -> float:
+    """Return the chance of a greater F."""
+    return float(stats.f.sf(max(ratio, 0.0), dof, within))
 
 
 def expanded(deviation: npt.ArrayLike, u: npt.ArrayLike, factor: float = COVERAGE_FACTOR) -> FloatArray:

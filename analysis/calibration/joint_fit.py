@@ -98,12 +98,14 @@ def position_means(
     of_point = of_point.reshape(-1)
     count = np.bincount(of_point)
     dof = x.size - labels.size
+    dof = dof if 2 * dof >= labels.size else 0  # the scatter of a few pairs is no estimate: the misfit has it then
     of_branch = np.asarray(branch, dtype=np.float64)[first]
     if reading is not None:
-        shared = common_variance(reading.reader_sd, reading.grid)
-        own = (reading.reader_sd**2 + reading.grid**2 / 12.0 - shared) / count  # of the mean: it is no estimate by L_p
-        independent = shared < float(own.mean())
-        return PositionMeans(reading.x, reading.y, of_branch, own + shared, reading.mean_variance, dof, independent)
+        whole, none = reading.grid**2 / 12.0, np.zeros(count.size)
+        shared = common_variance(reading.reader_sd, reading.grid) if dof else whole
+        own = (reading.reader_sd**2 + whole - shared) / count if dof else none  # of the mean: it is no estimate by L_p
+        y_variance = reading.mean_variance if dof else none
+        return PositionMeans(reading.x, reading.y, of_branch, own + shared, y_variance, dof, shared < own.mean())
     mean_x, mean_y = (np.bincount(of_point, v) / count for v in (x, y))
     off = y - mean_y[of_point] - fit.slope(mean_x)[of_point] * (x - mean_x[of_point])
     scatter = float(off @ off) / dof if dof > 0 else 0.0
@@ -213,7 +215,9 @@ class JointFit:
     def effective_dof(self) -> float:
         """Degrees of freedom of the variances: of the scatter within positions, and of the misfit between them."""
         share = float(np.mean(self.misfit_sd**2 / self.variance)) if self.misfit_sd > 0 else 0.0
-        of_scatter = (1.0 - share) ** 2 / self.means.dof if self.means.dof > 0 else 0.0
+        by_scatter = self.means.y_variance + self.means.independent * self.slope_at**2 * self.means.x_variance
+        estimated = float(np.mean(by_scatter / self.variance))  # rounding that is shared is known by the grid
+        of_scatter = estimated**2 / self.means.dof if self.means.dof > 0 else 0.0
         of_misfit = share**2 / self.dof if self.dof > 0 else 0.0
         return 1.0 / (of_scatter + of_misfit) if of_scatter + of_misfit > 0 else float("inf")
 

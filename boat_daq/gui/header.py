@@ -16,6 +16,7 @@ from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.recording_badge import RecordingBadge
 from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets.file_dialogs import open_path
 from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.common.notices import TITLES, Notice, Notices, Severity
 from boat_daq.viewmodels.common.services import Page, Panel, Services
@@ -198,7 +199,11 @@ class Strip(QWidget):
         self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # the buttons are never cut
         self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.act = widgets.button("", self.apply, name="Apply suggested action")
-        self.more = widgets.button("Details", lambda: self.details.setVisible(not self.details.isVisible()), "link")
+        self.more = widgets.button("Details", self._toggle_details, "link")
+        self.open_file = widgets.button("Open", self._open_file, name="Open the saved file")
+        self.folder = widgets.button("Show in folder", self._open_folder, name="Show the saved file in its folder")
+        self.messages = widgets.button("Messages", self.toggle_history, "link", tip="All messages since the start")
+        self.messages.setCheckable(True)
         self.copy = widgets.button("Copy", self._copy, "link", name="Copy message")
         self.close_ = widgets.button("Dismiss", self.dismiss, "link", name="Dismiss message")
         self.behind = widgets.label("", "small")
@@ -215,8 +220,9 @@ class Strip(QWidget):
 
     def _lay_out(self) -> None:
         line = widgets.row(
-            self.mark, (self.text, 1), self.behind, self.act, self.more, self.copy, self.close_, self.work, self.bar,
-            self.cancel, margins=(style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0),
+            self.mark, (self.text, 1), self.behind, self.act, self.open_file, self.folder, self.more, self.copy,
+            self.close_, self.messages, self.work, self.bar, self.cancel,
+            margins=(style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0),
         )  # fmt: skip
         head = QWidget()
         head.setFixedHeight(style.STRIP_HEIGHT)
@@ -248,12 +254,37 @@ class Strip(QWidget):
         self.text.setText(notice.sentences if notice else "")
         self.text.setToolTip(widgets.as_words(notice.text) if notice else "")
         self.act.setText(notice.action_text if notice else "")
-        self.details.setPlainText(notice.text if notice else "")
-        self.details.hide()
+        if self.messages.isChecked():
+            self.details.setPlainText(self.notices.history_text())
+        else:
+            self.details.setPlainText(notice.text if notice else "")
+            self.details.hide()
+        for button in (self.open_file, self.folder):
+            button.setVisible(bool(notice and notice.saved))
         self.act.setVisible(self.has_action())
         self.more.setVisible(bool(notice and notice.details))
         self.copy.setVisible(bool(notice and notice.severity is not Severity.INFORMATION))
         self.close_.setVisible(bool(notice and notice.stays))
+
+    def _toggle_details(self) -> None:
+        """Show the details of the message in place of the history, or hide them."""
+        shown = self.details.isVisible() and not self.messages.isChecked()
+        self.messages.setChecked(False)
+        self.details.setPlainText(self._shown.text if self._shown else "")
+        self.details.setVisible(not shown)
+
+    def toggle_history(self) -> None:
+        """Show all messages, the newest first, or hide them."""
+        self.details.setVisible(self.messages.isChecked())
+        self.details.setPlainText(self.notices.history_text())
+
+    def _open_file(self) -> None:
+        if self._shown is not None and self._shown.saved is not None:
+            open_path(self._shown.saved, self.notices)
+
+    def _open_folder(self) -> None:
+        if self._shown is not None and self._shown.saved is not None:
+            open_path(self._shown.saved.parent, self.notices)
 
     def has_action(self) -> bool:
         """Return whether the notice suggests an action."""

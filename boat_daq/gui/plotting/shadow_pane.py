@@ -26,6 +26,7 @@ from boat_daq.viewmodels.live.shadow_live import LEVELS, SCALES, ShadowLive, Sha
 VIEW_MM = QRectF(-31.0, -15.0, 62.0, 108.0)  # of (x, z)
 LINES = 7
 DOT = 7
+LEGEND_LINE, LEGEND_MARK = 16, 12
 GUIDE, HALO = 1.5, 4.5  # pixels: a guide is visible on dark and on bright elements
 REST_LENGTH_MM = 75.0
 RING = np.array([1, 1, 1, 1, 0], dtype=np.int32)  # joins the five points of a closed element, but not to the next one
@@ -58,7 +59,7 @@ class ShadowView(QWidget):
 
     def _transform(self) -> QTransform:
         """Return the transform from (x, z) mm to pixels."""
-        area = QRectF(self.rect()).adjusted(0, 0, 0, -style.CONTROL_HEIGHT)
+        area = QRectF(self.rect()).adjusted(0, 0, 0, -style.CONTROL_HEIGHT - 2 * LEGEND_LINE)
         scale = min(area.width() / VIEW_MM.width(), area.height() / VIEW_MM.height())
         centre = area.center()
         transform = QTransform()
@@ -93,7 +94,32 @@ class ShadowView(QWidget):
         self._tip(painter, self.picture.measured_mm, self.theme.elongation, Qt.PenStyle.SolidLine)
         painter.resetTransform()
         self._scale(painter)
+        self._legend(painter)
         painter.end()
+
+    def _legend(self, painter: QPainter) -> None:
+        """Name the lines and points above the scale, in two rows."""
+        solid, dash, t = Qt.PenStyle.SolidLine, Qt.PenStyle.DashLine, self.theme
+        entries = (
+            ("measured", t.elongation, 3, solid), ("nominal", t.target, 3, dash), ("at rest", t.muted, 1, dash),
+            ("guides", t.text, GUIDE, solid), ("points", t.text, 0, solid),
+        )  # fmt: skip
+        x, y = style.GAP, self.height() - style.CONTROL_HEIGHT - 2 * LEGEND_LINE + LEGEND_LINE // 2
+        painter.setFont(self.small)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
+        for words, colour, width, pen_style in entries:
+            text = style.text_width(self.small, words)
+            if x + LEGEND_MARK + style.STEP + text > self.width():
+                x, y = style.GAP, y + LEGEND_LINE
+            self._pen(painter, colour, width or 1, pen_style)
+            if width:
+                painter.drawLine(QPointF(x, y), QPointF(x + LEGEND_MARK, y))
+            else:
+                painter.drawEllipse(QPointF(x + LEGEND_MARK / 2, y), DOT / 2, DOT / 2)
+            painter.setPen(QColor(t.muted))
+            x += LEGEND_MARK + style.STEP
+            painter.drawText(QRectF(x, y - LEGEND_LINE / 2, text + 1, LEGEND_LINE), Qt.AlignmentFlag.AlignVCenter, words)
+            x += text + style.GAP
 
     def _elements(self, painter: QPainter, picture: ShadowPicture) -> None:
         """Fill the elements, those of one colour step at once."""

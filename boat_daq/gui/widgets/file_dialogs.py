@@ -10,7 +10,7 @@ from PySide6.QtCore import Qt, QUrl
 from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import QFileDialog, QWidget
 
-from boat_daq.viewmodels.common.notices import Severity
+from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Services
 
 Then = Callable[[Path], object]
@@ -41,8 +41,14 @@ class FileDialog(QFileDialog):
 def open_folder(folder: Path, services: Services) -> None:
     """Show a folder in the system's file manager; where there is none, show its path."""
     folder.mkdir(parents=True, exist_ok=True)
-    if not QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder))):
-        services.notices.add(Severity.WARNING, f"no file manager opens {folder}", "Open this folder by hand.")
+    open_path(folder, services.notices)
+
+
+def open_path(path: Path, notices: Notices) -> None:
+    """Open a file in its program, or a folder in the file manager; where there is none, show the path."""
+    if not QDesktopServices.openUrl(QUrl.fromLocalFile(str(path))):
+        kind = "file manager" if path.is_dir() else "program"
+        notices.add(Severity.WARNING, f"no {kind} of this computer opens {path}", "Open it yourself.")
 
 
 def ask_save(
@@ -89,7 +95,8 @@ def _dialog(
     def finish(name: str) -> None:
         path = Path(name)
         services.preferences.set("folder", str(path.parent))
-        services.notices.attempt(lambda: then(path), done=f"Saved {path.name}" if done is None else done)
+        if services.notices.attempt(lambda: then(path), done=done or "") and done is None:
+            services.notices.inform_saved(path)
 
     kinds = suffixes.upper().replace(" ", ", ")
     patterns = " ".join(f"*.{suffix}" for suffix in suffixes.split())

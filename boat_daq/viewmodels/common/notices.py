@@ -7,10 +7,13 @@ messages about a broken link are dismissed once it is up again.
 
 from __future__ import annotations
 
+import math
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import datetime
 from enum import IntEnum
+from pathlib import Path
 from time import monotonic
 
 from boat_daq.engine.log import note_failure
@@ -19,7 +22,7 @@ from boat_daq.errors import Explained
 
 Offer = tuple[str, Callable[[], None]]
 """Label and function of a button."""
-INFORMATION_S = 6.0
+INFORMATION_S, SAVED_S = 6.0, 30.0
 KEPT = 200
 
 
@@ -47,11 +50,18 @@ class Notice:
     action_text: str = ""
     action: Callable[[], None] | None = None
     at_s: float = 0.0
+    time: str = ""  # of the day, for the history
+    saved: Path | None = None  # a file that was written: it can be opened, or its folder
 
     @property
     def stays(self) -> bool:
         """Return whether it waits to be dismissed: a warning, a fault, or one with an action."""
         return self.severity is not Severity.INFORMATION or self.action is not None
+
+    @property
+    def shown_s(self) -> float:
+        """Return how long it is shown: a saved file longer, so that it can be opened."""
+        return math.inf if self.stays else SAVED_S if self.saved is not None else INFORMATION_S
 
     @property
     def sentences(self) -> str:
@@ -78,7 +88,14 @@ class Notices:
         self._open: list[Notice] = []
 
     def add(
-        self, severity: Severity, cause: str, remedy: str = "", *, details: str = "", action: Offer | None = None
+        self,
+        severity: Severity,
+        cause: str,
+        remedy: str = "",
+        *,
+        details: str = "",
+        action: Offer | None = None,
+        saved: Path | None = None,
     ) -> Notice:
         """Add a notice; one with the same cause is replaced.
 
@@ -88,9 +105,11 @@ class Notices:
         cause, remedy : what has happened, and what to do.
         details : shown on request, e.g. a traceback.
         action : label and function of the button.
+        saved : the file that was written.
         """
         action_text, run = action or ("", None)
-        notice = Notice(severity, cause, remedy, details, action_text, run, self._clock())
+        time = datetime.now().astimezone().strftime("%H:%M:%S")
+        notice = Notice(severity, cause, remedy, details, action_text, run, self._clock(), time, saved)
         self._open = [*(other for other in self._open if other.cause != cause), notice]
         self.history = [*self.history[-KEPT + 1 :], notice]
         return notice
@@ -98,6 +117,15 @@ class Notices:
     def inform(self, cause: str) -> None:
         """Add information."""
         self.add(Severity.INFORMATION, cause)
+
+    def inform_saved(self, path: Path) -> None:
+        """Add that a file was written."""
+        self.add(Severity.INFORMATION, f"Saved {path.name}", saved=path)
+
+    def history_text(self) -> str:
+        """Return all messages, the newest first: time, severity, cause and remedy."""
+        lines = (f"{n.time}  {TITLES[n.severity]}  {n.sentences}" for n in reversed(self.history))
+        return "\n".join(lines) or "No message yet."
 
     def attempt(self, action: Callable[[], object], *, done: str = "") -> bool:
         """Run `action`; add `done` if it succeeds, its cause and remedy if not. Return whether it succeeded."""
@@ -121,7 +149,7 @@ class Notices:
     def current(self) -> Notice | None:
         """Return the most severe open notice, the newest of equals; None without one."""
         now = self._clock()
-        self._open = [n for n in self._open if n.stays or now - n.at_s < INFORMATION_S]
+        self._open = [n for n in self._open if now - n.at_s < n.shown_s]
         return max(self._open, key=lambda n: (n.severity, n.at_s), default=None)
 
     def waiting(self) -> int:

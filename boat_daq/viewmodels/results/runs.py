@@ -317,7 +317,7 @@ class RunsModel:
         if len(paths) != 1:
             raise OperatorError("one recording is exported at a time", "Choose one line.")
         job = Job(f"Exporting {paths[0].name}", export_run, paths[0], target)
-        self.start("export", job, f"Saved {target.name}")
+        self.start("export", job, lambda _: self._notices.inform_saved(target))
 
     def compare(self, paths: list[Path]) -> None:
         """Analyse two to four recordings in the background, to compare their curves.
@@ -356,7 +356,9 @@ class RunsModel:
         """
         if not paths:
             raise OperatorError("no recording is chosen", "Choose one line or several.")
-        self.start("report", Job("Making the report", report_runs, paths, target), f"Saved {target.name}")
+        self.start(
+            "report", Job("Making the report", report_runs, paths, target), lambda _: self._notices.inform_saved(target)
+        )
 
     def start(self, name: str, job: Job, done: str | Callable[[Any], None]) -> None:
         """Run a job, and report a failure.

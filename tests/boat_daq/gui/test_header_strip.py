@@ -105,3 +105,21 @@ def test_messages_of_a_lost_link_are_dismissed_when_it_returns(make):
     session.change(link=LinkState.UP)
     window.refresh()
     assert window.strip.text.text() == ""
+
+
+def test_history_keeps_every_message(live):
+    """A warning is replaced on the strip by the next one, and is still in the list, newest first, with its time."""
+    for cause in ("the first cause", "the second cause"):
+        live.model.notices.add(Severity.WARNING, cause, "Do something")
+    live.model.notices.dismiss_all(Severity.WARNING)
+    live.refresh()
+    live.strip.messages.click()
+    lines = live.strip.details.toPlainText().splitlines()
+    assert live.strip.details.isVisible()
+    assert ["The second cause" in lines[0], "The first cause" in lines[1]] == [True, True]
+    assert lines[0][:8].count(":") == 2
+    live.model.notices.inform("a new one")
+    live.refresh()
+    assert live.strip.details.isVisible()
+    live.strip.messages.click()
+    assert not live.strip.details.isVisible()

@@ -7,6 +7,7 @@ import pytest
 
 from analysis.errors import DataError
 from analysis.shadow.monitoring.monitor import Alarm, CycleFigures
+from boat_daq.gui import style
 from boat_daq.viewmodels.live.shadow_live import CycleMark
 from tests.boat_daq.gui.models.test_tradeoff_page import app_model  # noqa: F401 - a fixture
 
@@ -109,3 +110,16 @@ def test_pane_follows_the_menu_commands(page, app_model):  # noqa: F811 - the fi
     assert page.pane.quantity.currentData() == "strain"
     assert page.pane.frame_time.isChecked()
     assert page.pane.view.scale_texts[1] == "strain 20 % or more"
+
+
+@pytest.mark.parametrize("theme", [style.LIGHT, style.DARK])
+def test_legend_of_the_shadow_is_in_the_picture(live, theme):
+    """Measured, nominal, at rest, guides and points: each mark is drawn in its colour above the scale."""
+    live.set_theme(theme)
+    view = live.live.shadow.view
+    view.resize(260, 420)
+    view.show_picture(live.model.shadow.picture())
+    image = view.grab().toImage()
+    top = image.height() - style.CONTROL_HEIGHT - 2 * 16
+    shown = {image.pixelColor(x, y).name() for x in range(image.width()) for y in range(top, top + 32)}
+    assert {theme.elongation, theme.target, theme.muted, theme.text} <= shown

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import (
     QApplication,
     QFileDialog,
@@ -31,7 +34,7 @@ def test_no_dialog_box_blocks_vent(live, qtbot, tmp_path):
     assert saved == [there]
 
 
-def test_file_dialog_does_not_block_the_window(live, tmp_path):
+def test_file_dialog_does_not_block_the_window(live, tmp_path, monkeypatch):
     """The dialog is beside the window, not over it; the folder is remembered; the saved file is reported."""
     live.refresh()
     live.draw()
@@ -43,3 +46,12 @@ def test_file_dialog_does_not_block_the_window(live, tmp_path):
     assert (tmp_path / "shown.csv").stat().st_size > 1000
     assert live.model.preferences.get("folder") == str(tmp_path)
     assert live.strip.text.text() == "Saved shown.csv."
+    opened = []
+    monkeypatch.setattr(QDesktopServices, "openUrl", lambda url: opened.append(url.toLocalFile()) or True)
+    for button in (live.strip.open_file, live.strip.folder):
+        assert button.isVisible()
+        button.click()
+    assert [Path(name).name for name in opened] == ["shown.csv", tmp_path.name]
+    live.model.notices.inform("another message")
+    live.refresh()
+    assert not live.strip.open_file.isVisible()

@@ -118,7 +118,8 @@ class ShadowView(QWidget):
                 painter.drawEllipse(QPointF(x + LEGEND_MARK / 2, y), DOT / 2, DOT / 2)
             painter.setPen(QColor(t.muted))
             x += LEGEND_MARK + style.STEP
-            painter.drawText(QRectF(x, y - LEGEND_LINE / 2, text + 1, LEGEND_LINE), Qt.AlignmentFlag.AlignVCenter, words)
+            box = QRectF(x, y - LEGEND_LINE / 2, text + 1, LEGEND_LINE)
+            painter.drawText(box, Qt.AlignmentFlag.AlignVCenter, words)
             x += text + style.GAP
 
     def _elements(self, painter: QPainter, picture: ShadowPicture) -> None:

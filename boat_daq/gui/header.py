@@ -79,7 +79,8 @@ class Header(QWidget):
         shown = [label for label in self.figures if label.text()]
         left = [label for label in reversed(shown) if not label.property("state")]
         unit, _, calibration = self._unit_text.partition(SEPARATOR)
-        names = [self._unit_text, SEPARATOR.join((unit, calibration.rpartition(" ")[0] or calibration)), unit]
+        undated = " ".join(word for word in calibration.split(" ") if not word[:1].isdigit())
+        names = [self._unit_text, SEPARATOR.join((unit, undated)), unit]
         widths = {name: self.unit.fontMetrics().horizontalAdvance(name) for name in names}
         around = self.unit.sizeHint().width() - self.unit.fontMetrics().horizontalAdvance(self.unit.text())
         record = self.recording.badge, self.recording.button

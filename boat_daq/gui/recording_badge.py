@@ -33,11 +33,11 @@ class RecordingBadge:
         self._text = found = self.status.text(snapshot)
         widgets.set_state(self.badge, found.state)
         self.badge.setToolTip(widgets.as_words(found.tip))
-        self.badge.setAccessibleName(f"Recording: {found.text}" if found.text else "")
+        self.badge.setAccessibleName(f"Recording: {found.text or 'none'}")
         self.badge.setVisible(bool(found.text))
         widgets.set_text(self.button, found.button)
         self.button.setToolTip(widgets.as_words(f"{found.button} ({KEY})" if found.text else f"{found.tip} ({KEY})"))
-        self.button.setAccessibleName(found.button)
+        self.button.setAccessibleName("Stop recording" if found.text else "Record")
         self.button.setVisible(bool(found.button))
 
     def fold(self, *, short: bool) -> None:

@@ -164,7 +164,6 @@ class RunsPage(QWidget):
         repairs = [self.buttons[key] for key in REPAIRS]  # under the list, beside the details of the run
         head = widgets.row(self.heading, None, *(b for b in self.buttons.values() if b not in repairs))
         self.search = widgets.field("Search the recordings", placeholder="Search: unit, date, note, file")
-        self.search.setClearButtonEnabled(True)
         self.search.textChanged.connect(self._list)
         place = partial(open_folder, self.model.folder, self.services)
         self.folder = widgets.button("Open folder", place, tip=f"Recordings are in {self.model.folder}")

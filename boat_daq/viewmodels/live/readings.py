@@ -65,6 +65,12 @@ class Row:
         return REMARKS.get(status, ("now" if self.current else "", ""))
 
     @property
+    def _far(self) -> str:
+        """Return the nominal elongation without its band, which the tooltip has."""
+        nominal, _, _ = self.far.partition(" \u00b1")
+        return f"{nominal}?" if nominal else ""
+
+    @property
     def tip(self) -> str:
         """Return the remark as a sentence with plateau, cycle and value, and the source of the reading."""
         plateau, ended = place(self.step), self._remark[1]
@@ -86,7 +92,9 @@ class Row:
             BRANCH_WORDS[self.step.branch],
             target(self.step.target_kpa).removesuffix(" kPa"),
             "" if self.elongation_mm is None else number(self.elongation_mm, 2),
-            self._remark[0] or self.far if self.apart_mm is None else f"{number(self.apart_mm, 1, sign=True)} mm?",
+            self._remark[0] or self._far_short
+            if self.apart_mm is None
+            else f"{number(self.apart_mm, 1, sign=True)} mm?",
         )
 
 

@@ -13,6 +13,7 @@ from boat_daq.engine.snapshot import (
     HealthSnapshot,
 )
 from protocol.link.events import LinkStatistics
+from tests.boat_daq.gui.results.run_results import run_result
 from tests.boat_daq.gui.windows import NARROW
 from tests.protocol.link.streams import HELLO
 
@@ -56,3 +57,27 @@ def test_vent_acts_on_press(live):
     """The red button vents when it is pressed, not when it is let go."""
     QTest.mousePress(live.header.vent, Qt.MouseButton.LeftButton)
     assert live.model.session.calls == ["vent"]
+
+
+def test_calibration_of_a_virtual_unit_is_not_shown_on_a_real_board(live):
+    """A real board with a unit of that name used to read its elongation, without a mark."""
+    model = live.model
+    content = {"simulated": True, "sensors": [dict(s.fit.content) for s in run_result().sensors]}
+    model.units.of(simulated=True).add_calibration("SA1", content)
+    model.calibration.units_revision += 1
+    live.refresh()
+    assert "not calibrated" not in live.header.unit.text()
+    model.session.change(simulated=False)
+    live.refresh()
+    assert live.header.unit.text() == "SA1  \u00b7  not calibrated"
+    assert not live.header.simulated.isVisible()
+    assert model.live.inverse is None
+
+
+def test_narrow_header_does_not_cut_the_verdict_on_a_unit(live):
+    """Not calibrated was cut to "not": only a date is left out."""
+    live.resize(960, 533)
+    live.model.unit.text = lambda _: "SA1  \u00b7  not calibrated"
+    live.refresh()
+    QApplication.processEvents()
+    assert live.header.unit.text() in ("SA1  \u00b7  not calibrated", "SA1")

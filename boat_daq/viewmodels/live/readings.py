@@ -92,9 +92,7 @@ class Row:
             BRANCH_WORDS[self.step.branch],
             target(self.step.target_kpa).removesuffix(" kPa"),
             "" if self.elongation_mm is None else number(self.elongation_mm, 2),
-            self._remark[0] or self._far_short
-            if self.apart_mm is None
-            else f"{number(self.apart_mm, 1, sign=True)} mm?",
+            self._remark[0] or self._far if self.apart_mm is None else f"{number(self.apart_mm, 1, sign=True)} mm?",
         )
 
 

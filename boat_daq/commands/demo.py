@@ -28,6 +28,7 @@ def gui(
     board: Annotated[bool, typer.Option("--board", help="Connect to a virtual board.")] = False,
     speed: Annotated[float, typer.Option(min=1, max=1000, help="Virtual board's time over real time.")] = 1.0,
     rate: Annotated[int | None, typer.Option(help="Samples per second; default as in the settings.", min=1)] = None,
+    profile: Annotated[Path | None, typer.Option(help="Text profile (TOML) of the firmware on the port.")] = None,
 ) -> None:
     """Open the window. Esc vents, in every state.
 
@@ -35,11 +36,13 @@ def gui(
     """
     if port is not None and board:
         raise typer.BadParameter("use either --port or --board")
+    if profile is not None and port is None:
+        raise typer.BadParameter("--profile needs --port")
     from boat_daq.engine.log import start_log
     from boat_daq.gui.app import run
 
     start_log("gui")
-    raise typer.Exit(run(port, board=board, speed=speed, rate_hz=rate))
+    raise typer.Exit(run(port, board=board, speed=speed, rate_hz=rate, profile=str(profile or "")))
 
 
 def demo(

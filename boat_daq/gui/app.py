@@ -94,8 +94,18 @@ def window_on(model: AppModel) -> MainWindow:
     return window
 
 
-def run(port: str | None = None, *, board: bool = False, speed: float = 1.0, rate_hz: int | None = None) -> int:
+def run(
+    port: str | None = None, *, board: bool = False, speed: float = 1.0, rate_hz: int | None = None, profile: str = ""
+) -> int:
     """Open the window, connected to `port` or to a virtual board where asked; returns the exit code.
+
+    Parameters
+    ----------
+    port : connected to at once.
+    board : whether a virtual board is started instead.
+    speed : of the virtual board over real time.
+    rate_hz : samples per second; as in the settings when None.
+    profile : path of the text profile of the firmware on `port`.
 
     Raises
     ------
@@ -110,7 +120,7 @@ def run(port: str | None = None, *, board: bool = False, speed: float = 1.0, rat
     if board:
         model.notices.attempt(lambda: model.connection.start_virtual_board(speed=speed))
     elif port:
-        model.notices.attempt(lambda: model.connection.connect(port))
+        model.notices.attempt(lambda: model.connection.connect(port, profile))
     interrupted = []
 
     def stop(*_: object) -> None:

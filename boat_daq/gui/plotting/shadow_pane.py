@@ -21,6 +21,7 @@ from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.live.connection import age_text
 from boat_daq.viewmodels.live.shadow_live import LEVELS, SCALES, ShadowLive, ShadowPicture
 
 VIEW_MM = QRectF(-31.0, -15.0, 62.0, 108.0)  # of (x, z)
@@ -28,6 +29,7 @@ LINES = 7
 DOT = 7
 LEGEND_LINE, LEGEND_MARK = 16, 12
 GUIDE, HALO = 1.5, 4.5  # pixels: a guide is visible on dark and on bright elements
+STALE_OPACITY = 0.35  # of a picture of data that have ended
 REST_LENGTH_MM = 75.0
 RING = np.array([1, 1, 1, 1, 0], dtype=np.int32)  # joins the five points of a closed element, but not to the next one
 
@@ -41,6 +43,7 @@ class ShadowView(QWidget):
         self.setAccessibleName("The actuator now, over its outline at rest")
         self.setMinimumHeight(5 * style.CONTROL_HEIGHT)
         self.picture: ShadowPicture | None = None
+        self.stale = False
         self.scale_texts = ("0", "")
         self.paint_theme(style.LIGHT)
 
@@ -48,6 +51,12 @@ class ShadowView(QWidget):
         """Draw another picture; the same one is not drawn again."""
         if picture is not self.picture:
             self.picture = picture
+            self.update()
+
+    def show_stale(self, *, stale: bool) -> None:
+        """Draw the picture faint, as of data that have ended, or fully again."""
+        if stale is not self.stale:
+            self.stale = stale
             self.update()
 
     def paint_theme(self, theme: Theme) -> None:
@@ -74,6 +83,7 @@ class ShadowView(QWidget):
         if self.picture is None:
             painter.end()
             return
+        painter.setOpacity(STALE_OPACITY if self.stale else 1.0)
         painter.setTransform(self._transform())
         self._elements(painter, self.picture)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
@@ -259,7 +269,12 @@ class ShadowPane(QWidget):
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the figures under the picture."""
         self._follow()
-        lines = [*self.model.picture().lines, *[("", "", "")] * LINES]
+        age = age_text(snapshot)
+        self.view.show_stale(stale=bool(age))
+        shown = self.model.picture().lines
+        if age:  # nothing of it holds now: no verdict, in grey, with its age
+            shown = (("Last data", age, "off"), *((name, value, "off") for name, value, _ in shown))
+        lines = [*shown, *[("", "", "")] * LINES]
         for name, value, (name_text, value_text, state) in zip(self.names, self.values, lines, strict=False):
             widgets.set_text(name, name_text)
             widgets.set_text(value, value_text)

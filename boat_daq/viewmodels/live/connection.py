@@ -23,7 +23,7 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import NOTHING, number
+from boat_daq.viewmodels.common.formatting import NOTHING, duration, number
 from boat_daq.viewmodels.common.jobs import Background
 from boat_daq.viewmodels.common.preferences import Preferences
 from protocol.simulator.specimens import RISING_NAMES
@@ -77,6 +77,19 @@ def short_port(port: str) -> str:
     return port if len(port) <= LONGEST_PORT else f"\u2026{port[-LONGEST_PORT:]}"
 
 
+def age_s(snapshot: SessionSnapshot) -> float | None:
+    """Return the age of the last data, s, where none arrive any more; None while they do, or where there were none."""
+    if snapshot.link in (LinkState.UP, LinkState.OPENING) or snapshot.health is None or snapshot.last is None:
+        return None
+    return snapshot.health.silent_s
+
+
+def age_text(snapshot: SessionSnapshot) -> str:
+    """Return the age of the last data as text, e.g. `0:12 ago`; empty while data arrive."""
+    age = age_s(snapshot)
+    return f"{duration(age)} ago" if age is not None else ""
+
+
 def _figures(snapshot: SessionSnapshot) -> tuple[tuple[str, str], ...]:
     health = snapshot.health
     if health is None or snapshot.link not in (LinkState.UP, LinkState.SILENT, LinkState.LOST):
@@ -84,8 +97,10 @@ def _figures(snapshot: SessionSnapshot) -> tuple[tuple[str, str], ...]:
     counts = health.statistics
     off = health.asked_hz and health.rate_hz and abs(health.rate_hz / health.asked_hz - 1) > 0.05
     damaged = counts.crc_errors + counts.malformed
+    rate = f"{number(health.rate_hz, 1)} Hz" if health.rate_hz else f"{NOTHING} Hz"
+    age = age_text(snapshot)
     return (
-        (f"{number(health.rate_hz, 1)} Hz" if health.rate_hz else f"{NOTHING} Hz", "warning" if off else ""),
+        (f"Last data {age}", "off") if age else (rate, "warning" if off else ""),
         (f"{counts.lost} lost", "warning" if counts.lost else ""),
         (f"{damaged} damaged", "warning" if damaged else ""),
         (f"Delay {number(health.lag_ms, 0)} ms", "warning" if health.lag_ms > 500 else ""),

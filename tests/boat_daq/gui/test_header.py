@@ -11,7 +11,9 @@ from PySide6.QtWidgets import (
 
 from boat_daq.engine.snapshot import (
     HealthSnapshot,
+    LinkState,
 )
+from boat_daq.viewmodels.common.formatting import NOTHING
 from protocol.link.events import LinkStatistics
 from tests.boat_daq.gui.results.run_results import run_result
 from tests.boat_daq.gui.windows import NARROW
@@ -81,3 +83,21 @@ def test_narrow_header_does_not_cut_the_verdict_on_a_unit(live):
     live.refresh()
     QApplication.processEvents()
     assert live.header.unit.text() in ("SA1  \u00b7  not calibrated", "SA1")
+
+
+def test_unplugged_board_leaves_nothing_that_looks_current(live):
+    """The header kept "100.0 Hz" and the shadow its verdict for as long as the board was away."""
+    health = HealthSnapshot(LinkStatistics(lost=12), 100.0, 100.0, 75.0, 3.0, None, None, None, ())
+    live.model.session.change(health=health)
+    live.refresh()
+    assert live.header.figures[0].text() == "100.0 Hz"
+    live.model.session.change(link=LinkState.LOST)
+    live.refresh()
+    pane = live.live.shadow
+    assert (live.header.figures[0].text(), live.header.figures[0].property("state")) == ("Last data 1:15 ago", "off")
+    assert (pane.names[0].text(), pane.values[0].text(), pane.view.stale) == ("Last data", "1:15 ago", True)
+    assert {value.property("state") for value in pane.values if value.text()} == {"off"}
+    assert live.live.figures["s1"].value.text() == NOTHING
+    live.model.session.change(link=LinkState.UP)
+    live.refresh()
+    assert (live.header.figures[0].text(), pane.view.stale) == ("100.0 Hz", False)

@@ -134,6 +134,7 @@ class SequencePanel(QFrame):
         arm, (text, tip) = self.buttons["arm"], START_OVER if first_cycle else BUTTONS["arm"]
         widgets.set_text(arm, text)
         widgets.set_state(arm, "" if first_cycle or offered else "primary", "role")
+        widgets.set_state(self.calibrate, "" if self.resume.isVisible() else "primary", "role")
         arm.setToolTip(tip)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:

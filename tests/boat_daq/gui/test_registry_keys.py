@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QApplication, QMessageBox
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import ReadingRequest, SessionState
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
-from tests.boat_daq.gui.windows import PATIENCE_MS
+from tests.boat_daq.gui.windows import PATIENCE_MS, choose
 
 
 @pytest.mark.parametrize("key", [Qt.Key.Key_Return, Qt.Key.Key_Enter])
@@ -19,8 +19,7 @@ def test_focused_button_is_pressed_by_enter(live, qtbot, key):
     live.activateWindow()
     qtbot.waitUntil(lambda: QApplication.activeWindow() is live, timeout=PATIENCE_MS)
     arm = live.live.sequence.buttons["arm"]
-    live.window_keys._chosen = arm  # as if reached by Tab
-    arm.setFocus()
+    choose(live, arm)
     QTest.keyClick(live.windowHandle(), key)
     assert (live.model.session.calls, live.model.live.following) == (["arm"], True)
 

@@ -21,6 +21,12 @@ def run_shortcut(window, keys: str) -> None:
     next(s for s in window.findChildren(QShortcut) if s.key() == QKeySequence(keys)).activated.emit()
 
 
+def choose(window, button) -> None:
+    """Give a button the focus as the operator does: one that gets it otherwise loses it again."""
+    window.window_keys._chosen = button
+    button.setFocus()
+
+
 def pause(seconds):
     """Wait."""
     time.sleep(seconds)

@@ -19,7 +19,7 @@ from tests.boat_daq.gui.models.test_optics_page import swept, traced
 from tests.boat_daq.gui.models.test_shadow_page import mark
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.results.run_results import run_result
-from tests.boat_daq.gui.windows import run_shortcut
+from tests.boat_daq.gui.windows import choose, run_shortcut
 from tests.boat_daq.viewmodels.models.reports import report
 from tests.boat_daq.viewmodels.models.reports import swept as mapped
 
@@ -149,7 +149,7 @@ def test_every_plot_is_copied_and_saved_by_menu_and_keys(loaded, tmp_path, reque
         for suffix, action in zip(KEYS, saves, strict=True):
             triggers[suffix] = (action.trigger, lambda keys=KEYS[suffix]: run_shortcut(loaded, keys))
         loaded.activateWindow()
-        button.setFocus()
+        choose(loaded, button)
         assert card.isAncestorOf(QApplication.focusWidget() or button)
         for kind, ways in triggers.items():
             for way in ways:
@@ -175,7 +175,7 @@ def test_empty_plot_is_not_saved_and_reports_its_remedy(empty, tmp_path):
     empty.refresh()
     card = empty.pages["Shadow"].cycles
     assert card.empty_text.isVisible()
-    button_of(card).setFocus()
+    choose(empty, button_of(card))
     for keys in ("Ctrl+Shift+C", "Ctrl+S", "Ctrl+E"):
         run_shortcut(empty, keys)
         assert "nothing is drawn yet" in empty.model.notices.current().cause

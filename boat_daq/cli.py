@@ -16,7 +16,7 @@ import typer
 import boat_daq
 from boat_daq.commands import demo, optics, shadow
 from boat_daq.commands.console import emit_error, show
-from boat_daq.errors import Explained
+from boat_daq.errors import cause_and_remedy
 
 app = typer.Typer(
     name="boat-daq",
@@ -79,8 +79,8 @@ class Interruption:
 
 def explain(error: Exception) -> tuple[str, str]:
     """Return cause and remedy of an error; the traceback of an unexpected one is written to the log."""
-    if isinstance(error, Explained):
-        return error.cause, error.remedy
+    if (known := cause_and_remedy(error)) is not None:
+        return known
     if isinstance(error, OSError) and error.filename and error.strerror:
         return f"{error.filename}: {error.strerror}", "check the path, its permissions and the free space of the disk"
     from boat_daq.engine.log import note_failure, start_log, stop_log

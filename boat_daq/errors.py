@@ -8,9 +8,6 @@ BoatDaqError
 
 from __future__ import annotations
 
-from analysis.errors import AnalysisError
-from protocol.errors import ProtocolError
-
 
 class BoatDaqError(Exception):
     """Base of the family.
@@ -39,5 +36,10 @@ class StorageError(BoatDaqError):
     """The disk or the file failed."""
 
 
-Explained = BoatDaqError | ProtocolError | AnalysisError
-"""An error with cause and remedy, of any of our packages."""
+def cause_and_remedy(error: BaseException) -> tuple[str, str] | None:
+    """Return cause and remedy of an error of any of our packages; None for another.
+
+    By its attributes: the engine, which uses this, must not need the analysis.
+    """
+    cause = getattr(error, "cause", None)
+    return None if cause is None else (str(cause), str(getattr(error, "remedy", "")))

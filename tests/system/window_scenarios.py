@@ -208,7 +208,7 @@ def first_session(scenario: Scenario) -> None:
     scenario.keep("5-live-calibrated")
     target = scenario.report()
     model = scenario.window.model
-    stored = model.units.load("SA1").calibration
+    stored = model.units.of(simulated=True).load("SA1").calibration
     fits = [sensor["fit"] for sensor in stored.content["sensors"]]
     scenario.done(
         readings=read,

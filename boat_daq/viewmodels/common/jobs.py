@@ -20,7 +20,7 @@ from multiprocessing.connection import Connection
 from time import monotonic
 from typing import Any, Generic, ParamSpec, TypeVar
 
-from boat_daq.errors import BoatDaqError, Explained
+from boat_daq.errors import cause_and_remedy
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -66,9 +66,9 @@ def _run(pipe: Connection, function: Callable[..., object], args: tuple[Any, ...
             kwargs = {**kwargs, "progress": progress}
         pipe.send((JobState.DONE, function(*args, **kwargs)))
     except BaseException as error:  # noqa: BLE001 - the window decides; nothing may be lost on the way
-        known = error if isinstance(error, Explained) else BoatDaqError(f"{type(error).__name__}: {error}")
+        known = cause_and_remedy(error) or (f"{type(error).__name__}: {error}", "")
         with suppress(OSError):  # the window is gone
-            pipe.send((JobState.FAILED, JobFailure(known.cause, known.remedy, traceback.format_exc())))
+            pipe.send((JobState.FAILED, JobFailure(*known, traceback.format_exc())))
     finally:
         pipe.close()
 

@@ -18,7 +18,7 @@ from time import monotonic
 
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.snapshot import LinkState, MessageKind, SessionSnapshot
-from boat_daq.errors import Explained
+from boat_daq.errors import cause_and_remedy
 
 Offer = tuple[str, Callable[[], None]]
 """Label and function of a button."""
@@ -140,8 +140,8 @@ class Notices:
 
     def _add_error(self, error: Exception) -> None:
         """Add an error; one that is not the program's own with its traceback, which is logged too."""
-        if isinstance(error, Explained):
-            self.add(Severity.WARNING, error.cause, error.remedy)
+        if (known := cause_and_remedy(error)) is not None:
+            self.add(Severity.WARNING, *known)
         else:
             note_failure("in the window", error)
             self.add(Severity.WARNING, _plain(error), details="".join(traceback.format_exception(error)))

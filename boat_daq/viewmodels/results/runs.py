@@ -255,7 +255,10 @@ class RunsModel:
     def _read(self) -> Listing:
         found: dict[tuple[Path, int, int], RunEntry] = {}
         for path in self.folder.glob(f"*{SUFFIX}"):
-            stat = path.stat()
+            try:
+                stat = path.stat()
+            except FileNotFoundError:  # deleted since it was listed
+                continue
             key = (path, stat.st_size, stat.st_mtime_ns)
             run = self._known.get(key)
             fresh = run is None or run.summary is None or run.summary.status in ("recording", "interrupted")

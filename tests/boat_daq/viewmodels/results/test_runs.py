@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 
 import numpy as np
 import pytest
@@ -48,6 +49,18 @@ def test_list_arrives_by_polling(recording, tmp_path):
         model.report([], tmp_path / "x.pdf")
     with pytest.raises(OperatorError, match="chosen to compare"):
         model.compare([recording])
+    model.close()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a link without its file stands for a deleted one")
+def test_file_deleted_during_a_scan_is_left_out(recording, tmp_path):
+    """A recording that is gone between the listing and its reading does not end the scan."""
+    (tmp_path / "whole.boat").symlink_to(recording)
+    (tmp_path / "gone.boat").symlink_to(tmp_path / "nowhere")
+    model = RunsModel(tmp_path, UnitLibrary(tmp_path), JobRunner(), Notices())
+    model.scan()
+    until(lambda: (model.poll(), model.runs)[1])
+    assert [run.path.name for run in model.runs] == ["whole.boat"]
     model.close()
 
 

@@ -2,8 +2,8 @@
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
-# Tests wait for boards in real time for a third of it: four at once keep two cores busy.
-JOBS   ?= 4
+# Tests wait for boards in real time for a third of it: three at once keep two cores busy.
+JOBS   ?= 3
 OUT    ?= out/demo
 
 # What Qt and the tests need from Debian; the GUI's own libraries first, then the virtual screen and the PDF viewer.

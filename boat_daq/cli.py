@@ -5,7 +5,10 @@ A command imports its libraries (numba, Qt, scipy) when it runs, so that `--help
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
+import threading
 from importlib import import_module
 from itertools import chain
 from types import FrameType
@@ -69,12 +72,21 @@ class Interruption:
 
     def __init__(self) -> None:
         self.came = False
+        sys.unraisablehook = self._again
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self)
 
     def __call__(self, _signal: int, _frame: FrameType | None) -> None:
         self.came = True
         raise KeyboardInterrupt
+
+    @staticmethod
+    def _again(ignored: sys.UnraisableHookArgs) -> None:
+        """Interrupt once more where it came in a callback of compiled code (numba's), which discards it."""
+        if isinstance(ignored.exc_value, KeyboardInterrupt):
+            threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT)).start()
+        else:
+            sys.__unraisablehook__(ignored)
 
 
 def explain(error: Exception) -> tuple[str, str]:

@@ -225,8 +225,8 @@ def test_silent_board_is_vented(tmp_path: Path) -> None:
         assert seen.state is SessionState.FAULT
         assert any(message.kind is MessageKind.SILENT for message in seen.messages)
         found.wait(lambda _: found.vented(), 20)
+        found.wait(lambda _: any(isinstance(command, Vent) for _, command in found.commands()), 20)
         found.session.stop_recording()
-    assert any(isinstance(command, Vent) for _, command in found.commands())
 
 
 @pytest.mark.fault(16, how="`frozen_channel` in a run, over a pty", times=1)

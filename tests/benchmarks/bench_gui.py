@@ -128,7 +128,7 @@ def window_on_a_board(qtbot, tmp_path, monkeypatch, rate_hz=100):
 
     make_application()
     window = make_window(rate_hz)
-    Collector(window)
+    Collector(window, window.page_made)
     qtbot.addWidget(window)
     window.show()
     model = window.model

@@ -120,7 +120,7 @@ def run(hours: float, speed: float, block_s: float, window_s: float) -> dict[str
 
     app = make_application()
     window = make_window()
-    Collector(window)
+    Collector(window, window.page_made)
     window.resize(1280, 800)
     window.show()
     model, watch = window.model, Watch(window)

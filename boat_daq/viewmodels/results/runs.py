@@ -7,10 +7,11 @@ live page: what is entered is added to the file as a newer row, so that undo is 
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -254,17 +255,21 @@ class RunsModel:
 
     def _read(self) -> Listing:
         found: dict[tuple[Path, int, int], RunEntry] = {}
-        for path in self.folder.glob(f"*{SUFFIX}"):
-            try:
-                stat = path.stat()
-            except FileNotFoundError:  # deleted since it was listed
-                continue
+        for path, stat in self._files():
             key = (path, stat.st_size, stat.st_mtime_ns)
             run = self._known.get(key)
             fresh = run is None or run.summary is None or run.summary.status in ("recording", "interrupted")
             found[key] = read_run(path) if fresh or run is None else run
         self._known = found
         return sorted(found.values(), key=_sort_key, reverse=True), self._read_units()
+
+    def _files(self) -> list[tuple[Path, os.stat_result]]:
+        """Return the recordings of the folder with their size and time, without those deleted since they were listed."""
+        found = []
+        for path in self.folder.glob(f"*{SUFFIX}"):
+            with suppress(FileNotFoundError):
+                found.append((path, path.stat()))
+        return found
 
     def poll(self) -> None:
         """Take the list from the helper thread."""
@@ -277,8 +282,8 @@ class RunsModel:
 
     def newest(self, simulated: bool | None = None) -> Path | None:
         """Return the recording that was written last, a simulated or a real one where asked; None without one."""
-        paths = sorted(self.folder.glob(f"*{SUFFIX}"), key=lambda path: path.stat().st_mtime_ns, reverse=True)
-        return next((path for path in paths if simulated is None or is_simulated(path) is simulated), None)
+        files = sorted(self._files(), key=lambda file: file[1].st_mtime_ns, reverse=True)
+        return next((path for path, _ in files if simulated is None or is_simulated(path) is simulated), None)
 
     def follow(self, snapshot: SessionSnapshot) -> None:
         """Show the units of the board in use: simulated ones or real ones; both while no board is connected."""

@@ -54,10 +54,11 @@ def test_list_arrives_by_polling(recording, tmp_path):
 
 @pytest.mark.skipif(os.name != "posix", reason="a link without its file stands for a deleted one")
 def test_file_deleted_during_a_scan_is_left_out(recording, tmp_path):
-    """A recording that is gone between the listing and its reading does not end the scan."""
+    """A recording that is gone between the listing and its reading ends neither the scan nor the search for the newest."""
     (tmp_path / "whole.boat").symlink_to(recording)
     (tmp_path / "gone.boat").symlink_to(tmp_path / "nowhere")
     model = RunsModel(tmp_path, UnitLibrary(tmp_path), JobRunner(), Notices())
+    assert model.newest() == tmp_path / "whole.boat"
     model.scan()
     until(lambda: (model.poll(), model.runs)[1])
     assert [run.path.name for run in model.runs] == ["whole.boat"]

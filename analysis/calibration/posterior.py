@@ -192,13 +192,14 @@ def sample_posterior(
         count = min(CHUNK, max_steps - steps)
         state = sampler.run_mcmc(state, count, skip_initial_state_check=True)
         steps += count
-        if progress is not None:
-            progress(steps, max_steps)
         burn = steps // 5
         with np.errstate(invalid="ignore"):  # a walker that has not moved yet has no autocorrelation
             tau = float(np.max(sampler.get_autocorr_time(discard=burn, tol=0)))
         tau = tau if np.isfinite(tau) else float("inf")
-        if steps - burn >= 1.2 * REQUIRED_TAUS * tau and (steps - burn) * walkers / tau >= ENOUGH_SAMPLES:
+        needed = 1.25 * tau * max(1.2 * REQUIRED_TAUS, ENOUGH_SAMPLES / walkers)  # of which a fifth is burn-in
+        if progress is not None:
+            progress(steps, min(max(needed, steps), max_steps))
+        if steps >= needed:
             break
     return _summary(target, sampler, burn, tau)
 

@@ -36,7 +36,7 @@ from analysis.figures.sensor_analysis import (
 )
 from analysis.figures.uncertainty import ElongationBudgets, elongation_uncertainty, middle_budgets
 from analysis.figures.warnings import run_warnings
-from analysis.progress import Progress
+from analysis.progress import Progress, part_of
 from analysis.segmentation.cycles import find_cycles
 from analysis.segmentation.loops import Loops, continuous_loops, loop_width, staircase_loops
 from analysis.segmentation.losses import LossCounter
@@ -165,30 +165,9 @@ def analyse(
     options = options or Options(seed=seed, mcmc=mcmc)
     if not isinstance(recording, Recording):
         recording = load_recording(recording)
-    cycles = find_cycles(recording, options.plateau.tolerance_kpa)
-    recording = mask_faulty_signals(recording, cycles.smooth_kpa)
-    plateaus = find_plateaus(recording, cycles, options.plateau)
-    elongations = elongations_of(recording, plateaus, elongation)
-    if plateaus:
-        x = elongations.elongation_mm if elongations else None
-        loops = staircase_loops(plateaus, cycles, x, recording.n_sensors)
-    else:
-        loops = continuous_loops(recording, cycles)
-    left_out: tuple[Warning, ...] = ()
-    if options.leave_out and plateaus:
-        whole = SegmentedRun(recording, options, cycles, plateaus, elongations, loops, _weights(loops, options), ())
-        whole, left_out = without_wrong_readings(whole)
-        elongations, loops = whole.elongations, whole.loops
-    breaks = compare_breaks(recording, cycles, loops)
-    parts = [of_cycles(loops, numbers) for numbers in parts_of(breaks)]
-    if len(parts) > 1:  # never pooled: the figures are those of the largest part, the later one of two
-        loops = max(reversed(parts), key=lambda part: part.n_cycles)
-    run = SegmentedRun(recording, options, cycles, plateaus, elongations, loops, _weights(loops, options), breaks)
-    sensors = []
-    for number in range(recording.n_sensors):
-        sensors.append(analyse_sensor(run, number))
-        if progress is not None:
-            progress(number + 1, recording.n_sensors)
+    run, parts, left_out = _segmented(recording, elongation, options)
+    count = recording.n_sensors
+    sensors = [analyse_sensor(run, number, progress=part_of(progress, number, 1, count)) for number in range(count)]
     analysed = AnalysedRun(**_values(run), sensors=tuple(sensors))
     actuator, actuator_cycles = _actuator_hysteresis(run, sensors)
     return Analysis(
@@ -201,6 +180,36 @@ def analyse(
         u_elongation=tuple(elongation_uncertainty(analysed, i) for i in range(len(sensors))),
         parts=tuple(_part(run, part) for part in parts) if len(parts) > 1 else (),
     )
+
+
+def _segmented(
+    recording: Recording, elongation: str | Path | None, options: Options
+) -> tuple[SegmentedRun, list[Loops], tuple[Warning, ...]]:
+    """Return a run in cycles, plateaus and loops, its loops between breaks, and a warning for each reading left out.
+
+    Parts that differ over a break are never pooled: the run's loops are those of the largest, the later one of two.
+
+    Parameters
+    ----------
+    recording, elongation, options : as `analyse` takes them.
+    """
+    cycles = find_cycles(recording, options.plateau.tolerance_kpa)
+    recording = mask_faulty_signals(recording, cycles.smooth_kpa)
+    plateaus = find_plateaus(recording, cycles, options.plateau)
+    elongations = elongations_of(recording, plateaus, elongation)
+    if plateaus:
+        x = elongations.elongation_mm if elongations else None
+        loops = staircase_loops(plateaus, cycles, x, recording.n_sensors)
+    else:
+        loops = continuous_loops(recording, cycles)
+    run = SegmentedRun(recording, options, cycles, plateaus, elongations, loops, _weights(loops, options), ())
+    left_out: tuple[Warning, ...] = ()
+    if options.leave_out and plateaus:
+        run, left_out = without_wrong_readings(run)
+    breaks = compare_breaks(recording, cycles, run.loops)
+    parts = [of_cycles(run.loops, numbers) for numbers in parts_of(breaks)]
+    largest = max(reversed(parts), key=lambda part: part.n_cycles) if len(parts) > 1 else run.loops
+    return replace(run, loops=largest, weights=_weights(largest, options), breaks=breaks), parts, left_out
 
 
 def _values(run: SegmentedRun) -> dict[str, Any]:

@@ -39,6 +39,7 @@ from analysis.figures import sensor_figures as metrics
 from analysis.figures.across_breaks import Break, of_cycles
 from analysis.figures.figure import Figure, Reason, marked_implausible, not_driven
 from analysis.figures.repeatability import FiguresByCycle, figures_by_cycle
+from analysis.progress import Progress, part_of
 from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.loops import (
     MAX_DAMAGED_CYCLE,
@@ -219,8 +220,8 @@ class AnalysedRun(SegmentedRun):
     sensors: tuple[SensorAnalysis, ...]
 
 
-def analyse_sensor(run: SegmentedRun, sensor: int) -> SensorAnalysis:
-    """Compute every figure of a sensor, counted from 0."""
+def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None = None) -> SensorAnalysis:
+    """Compute every figure of a sensor, counted from 0; `progress` is that of its posterior, then of all."""
     calibration, posterior, reason = None, None, ""
     points = np.flatnonzero(run.calibration_points(sensor))
     position = {number: k for k, number in enumerate(run.loops.numbers)}
@@ -231,7 +232,7 @@ def analyse_sensor(run: SegmentedRun, sensor: int) -> SensorAnalysis:
             posterior = sample_posterior(
                 calibration.x, calibration.y, calibration.degree, reading_sd=run.reading_sd_mm,
                 positions=run.position_of(points), monotone=run.options.monotone, seed=run.options.seed + sensor,
-                max_steps=fidelity(run.options.fidelity).posterior_steps,
+                max_steps=fidelity(run.options.fidelity).posterior_steps, progress=part_of(progress, 0, 4, 5),
             )  # fmt: skip
     except AnalysisError as error:
         reason = error.cause
@@ -260,6 +261,8 @@ def analyse_sensor(run: SegmentedRun, sensor: int) -> SensorAnalysis:
         [figures[name] for name in ("nonlinearity_percent_fso", chosen, "repeatability_percent_fso")]
     )
     figures = not_driven(marked_implausible(with_losses(run, sensor, figures)), run.cycles.void)
+    if progress is not None:
+        progress(1, 1)
     return SensorAnalysis(
         run.recording.sensor_names[sensor], calibration, reason, posterior, figures,
         _percent(own.per_cycle, fso) if own is not None else (), _percent(system.per_cycle, fso),

@@ -26,6 +26,7 @@ from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
 from analysis.figures.unit_history import UnitHistory
 from analysis.numbers import NOTHING, rounded, with_uncertainty
+from analysis.progress import Progress
 from analysis.reports import drawings
 from analysis.reports import run_section as sections
 from analysis.reports.document import Report, ReportDrawing, ReportTable, Section, cell, date_of
@@ -46,6 +47,8 @@ def write_report(
     path: str | Path,
     limits: Mapping[str, float] | None = None,
     shadow: AgainstShadow | None = None,
+    *,
+    progress: Progress | None = None,
 ) -> Report:
     """Write a report of one run, or a comparison of several.
 
@@ -55,6 +58,7 @@ def write_report(
     path : ends in .html or .pdf.
     limits : name -> value, see `analysis.figures.acceptance.LIMITS`; the verdict is given against them.
     shadow : the run beside the digital shadow, for a report on one run; None leaves it out.
+    progress : is called with the pages or sections that are set and their number; raising from it leaves no file.
 
     Returns
     -------
@@ -68,9 +72,10 @@ def write_report(
     writer = WRITERS.get(path.suffix.lower())
     if writer is None:
         raise RequestError(f"{path.name} ends in neither .html nor .pdf", "Choose one of the two.")
-    report = build_report(analyses, limits, shadow)
     with writing(path, "Choose another folder."):
-        writer(report, path)
+        path.parent.stat()  # a folder that does not exist is reported before the pages are set
+        report = build_report(analyses, limits, shadow)
+        writer(report, path, progress)
     return report
 
 

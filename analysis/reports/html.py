@@ -14,6 +14,7 @@ from jinja2 import Environment, PackageLoader, select_autoescape
 from markupsafe import Markup
 
 from analysis import figure_style as style
+from analysis.progress import Progress
 from analysis.reports.document import Report, ReportDrawing, ReportTable, SectionPart, aligned, right_aligned, typeset
 from analysis.reports.drawings import as_svg
 
@@ -21,20 +22,30 @@ WIDTH_INCH = 7.4
 STACKED_INCH = 5.4  # narrow enough to be read on a telephone
 
 
-def write_html(report: Report, path: Path) -> None:
-    """Write the report."""
-    path.write_text(render_html(report), encoding="utf-8", errors="replace")  # a name may be no UTF-8
+def write_html(report: Report, path: Path, progress: Progress | None = None) -> None:
+    """Write the report, at once: a report that was cancelled leaves no file.
+
+    Parameters
+    ----------
+    report, path : what is written, and where.
+    progress : is called with the sections that are set and their number.
+    """
+    path.write_text(render_html(report, progress), encoding="utf-8", errors="replace")  # a name may be no UTF-8
 
 
-def render_html(report: Report) -> str:
-    """Return the report as one HTML document."""
+def render_html(report: Report, progress: Progress | None = None) -> str:
+    """Return the report as one HTML document; `progress` as `write_html` takes it."""
     environment = Environment(
         loader=PackageLoader("analysis.reports", "templates"),
         autoescape=select_autoescape(default=True, default_for_string=True),
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    sections = [{"title": s.title, "parts": [_part(p) for p in s.parts]} for s in report.sections]
+    sections = []
+    for number, section in enumerate(report.sections, 1):
+        sections.append({"title": section.title, "parts": [_part(part) for part in section.parts]})
+        if progress is not None:
+            progress(number, len(report.sections))
     template = environment.get_template("report.html.j2")
     return template.render(report=report, verdict=typeset(report.verdict), sections=sections, style=style)
 

@@ -9,6 +9,7 @@ Rules: the same report gives the same bytes; no text leaves the page: columns ar
 
 from __future__ import annotations
 
+import io
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,6 +24,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from analysis import figure_style as style
+from analysis.progress import Progress
 from analysis.reports.document import Report, ReportDrawing, ReportTable, SectionPart, aligned, right_aligned, typeset
 from analysis.reports.drawings import set_drawing
 from analysis.reports.pages import Item, PageBlock, Rule, Text, broken, placed
@@ -42,18 +44,28 @@ LABEL_INCH = 1.0
 TEXT_PT, SMALL_PT, MIN_PT = 8.5, 7.5, 5.5
 
 
-def write_pdf(report: Report, path: Path) -> None:
-    """Write the report."""
+def write_pdf(report: Report, path: Path, progress: Progress | None = None) -> None:
+    """Write the report, at once: a report that was cancelled leaves no file.
+
+    Parameters
+    ----------
+    report, path : what is written, and where.
+    progress : is called with the pages that are set and their number.
+    """
     blocks = _head(report)
     for section in report.sections:
         blocks += [*_heading(section.title), *itertools.chain.from_iterable(map(_part, section.parts))]
     pages = broken(blocks, PAGE_INCH)
     title = f"{'SIMULATED ' if report.simulated else ''}{report.title}: {report.subject}"
     information = {"Title": title, "Creator": report.footer, "Producer": "matplotlib", "CreationDate": None}
-    with mpl.rc_context(style.RC), PdfPages(path, metadata=information) as pdf:
+    content = io.BytesIO()
+    with mpl.rc_context(style.RC), PdfPages(content, metadata=information) as pdf:
         for number, page in enumerate(pages, 1):
             items = placed(page, PAGE_INCH, TOP, last=number == len(pages))
             pdf.savefig(_page(report, items, number, len(pages)))
+            if progress is not None:
+                progress(number, len(pages))
+    path.write_bytes(content.getvalue())
 
 
 def _part(part: SectionPart) -> list[PageBlock]:

@@ -240,6 +240,7 @@ def report(
     from analysis import Options, analyse, load_recording, write_report
     from analysis.figures.acceptance import conformity_json
     from analysis.figures.against_shadow import against_shadow
+    from analysis.progress import part_of
     from boat_daq.viewmodels.common.reference import stated_contributions
 
     options = Options(seed=seed, mcmc=not no_mcmc, fidelity=fidelity, leave_out=leave_out)
@@ -250,11 +251,11 @@ def report(
         for number, run in enumerate(runs):
             recording = load_recording(run)
             stated = replace(options, type_b=stated_contributions(recording.unit, type_b))
-            analyses.append(analyse(recording, files[number % len(files)], options=stated))
-            advance(number + 1, len(runs) + 1)
+            part = part_of(advance, number, 1, len(runs) + 1)
+            analyses.append(analyse(recording, files[number % len(files)], options=stated, progress=part))
         compared = len(analyses) == 1 and analyses[0].kind == "calibration" and not no_shadow
-        content = write_report(analyses, to, limits, against_shadow(analyses[0]) if compared else None)
-        advance(len(runs) + 1, len(runs) + 1)
+        shadow = against_shadow(analyses[0]) if compared else None
+        content = write_report(analyses, to, limits, shadow, progress=part_of(advance, len(runs), 1, len(runs) + 1))
     if as_json:
         conformity = [conformity_json(analysis, limits) for analysis in analyses]
         head = {"file": to, "title": content.title, "verdict": content.verdict, "simulated": content.simulated}

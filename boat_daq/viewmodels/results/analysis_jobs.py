@@ -31,6 +31,7 @@ Band = tuple[FloatArray, FloatArray]
 Cell = tuple[str, str]
 """A text of a table with its tooltip."""
 GRID = 161
+WRITING = 2  # what a report takes to be set, in analyses of a run
 
 
 def figure_text(figure: Figure | None, decimals: int) -> Cell:
@@ -410,7 +411,7 @@ def report_runs(paths: list[Path], target: Path, *, progress: Progress | None = 
     ----------
     paths : of the recordings.
     target : .html or .pdf.
-    progress : is called with the recordings done and their number.
+    progress : is called with the parts that are analysed and set, and their number.
 
     Raises
     ------
@@ -419,12 +420,12 @@ def report_runs(paths: list[Path], target: Path, *, progress: Progress | None = 
     from analysis import Options, load_recording, write_report
     from analysis.figures.pipeline import analyse
 
-    parts, analyses = len(paths) + 1, []
+    parts, analyses = len(paths) + WRITING, []
     for i, path in enumerate(paths):
         recording = load_recording(path)
         options = Options(type_b=stated_contributions(recording.unit))
         analyses.append(analyse(recording, options=options, progress=part_of(progress, i, 1, parts)))
-    return write_report(analyses, target).verdict
+    return write_report(analyses, target, progress=part_of(progress, len(paths), WRITING, parts)).verdict
 
 
 def compare_runs(paths: list[Path], *, progress: Progress | None = None) -> tuple[RunResult, ...]:

@@ -264,7 +264,7 @@ class RunsModel:
         return sorted(found.values(), key=_sort_key, reverse=True), self._read_units()
 
     def _files(self) -> list[tuple[Path, os.stat_result]]:
-        """Return the recordings of the folder with their size and time, without those deleted since they were listed."""
+        """Return the recordings of the folder with size and time, without those deleted since they were listed."""
         found = []
         for path in self.folder.glob(f"*{SUFFIX}"):
             with suppress(FileNotFoundError):

@@ -31,9 +31,15 @@ def calibration(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
 
 
 @pytest.fixture(scope="session")
-def written(calibration: Analysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fractions() -> dict[str, list[float]]:
+    """What each report of `written` gave as its progress, by ending."""
+    return {"html": [], "pdf": []}
+
+
+@pytest.fixture(scope="session")
+def written(calibration: Analysis, fractions: dict[str, list[float]], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder in which the calibration's report is r.html and r.pdf."""
     folder = tmp_path_factory.mktemp("written")
-    for ending in ("html", "pdf"):
-        write_report([calibration], folder / f"r.{ending}")
+    for ending, seen in fractions.items():
+        write_report([calibration], folder / f"r.{ending}", progress=lambda done, total, s=seen: s.append(done / total))
     return folder

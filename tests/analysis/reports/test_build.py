@@ -9,8 +9,8 @@ import pytest
 
 from analysis import Analysis, AnalysisError, Options, analyse
 from analysis.figures.acceptance import judge
-from analysis.reports.build import build_report, write_report
-from analysis.reports.document import ReportTable
+from analysis.reports.build import WRITERS, build_report, write_report
+from analysis.reports.document import ReportTable, Section
 from tests.analysis.boat_builder import PAPER, Plant, Staircase, triangle
 
 
@@ -102,3 +102,24 @@ def test_a_dead_sensor_is_named_and_in_no_mean(tmp_path: Path) -> None:
     assert report.verdict.endswith("Not usable: sensor 2 is flat.")
     paragraphs = [part for section in report.sections for part in section.parts if isinstance(part, str)]
     assert sum("full-scale output is zero" in text for text in paragraphs) == 1
+
+
+def test_progress_of_a_report_counts_its_parts(written: Path, fractions: dict[str, list[float]]) -> None:
+    """HTML by its sections, PDF by its pages: every part is reported once, the last one as the whole."""
+    assert (written / "r.html").exists()
+    for seen in fractions.values():
+        assert len(seen) >= 5
+        assert seen == pytest.approx([(k + 1) / len(seen) for k in range(len(seen))])
+
+
+@pytest.mark.parametrize("ending", ["html", "pdf"])
+def test_cancelled_report_leaves_no_file(calibration: Analysis, tmp_path: Path, ending: str) -> None:
+    """What the progress raises ends the writing, and nothing of the report is left."""
+
+    def cancel(done: float, total: float) -> None:
+        raise KeyboardInterrupt
+
+    report = replace(build_report([calibration]), sections=(Section("Of text", ("A paragraph.",)),))
+    with pytest.raises(KeyboardInterrupt):
+        WRITERS[f".{ending}"](report, tmp_path / f"r.{ending}", cancel)
+    assert not list(tmp_path.iterdir())

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from analysis.figures.figure import SENSOR_FIGURES, Figure, Reason
-from boat_daq.viewmodels.results.analysis_jobs import figure_text, sample_run
+from boat_daq.viewmodels.results.analysis_jobs import figure_text, report_runs, sample_run
 
 
 def test_analysis_returns_what_the_page_draws(result):
@@ -61,3 +63,23 @@ def test_uncertainty_names_what_was_not_assessed_and_the_published_limits(result
     assert {text for text, _ in limit} <= {"pass", "conditional pass", "conditional fail", "fail"}
     assert all("ILAC-G8" in tip for _, tip in limit)
     assert result.sensors[0].fit.content["type_b"] == {}
+
+
+def test_report_progress_rises_through_its_parts(monkeypatch, tmp_path):
+    """Each run's analysis, then the pages: the fraction rises from part to part and ends at one."""
+    seen = []
+
+    def in_steps(result):
+        def work(*_, progress, **__):
+            for step in (1, 2):
+                progress(step, 2)
+            return result
+
+        return work
+
+    monkeypatch.setattr("analysis.load_recording", lambda path: SimpleNamespace(unit=""))
+    monkeypatch.setattr("analysis.figures.pipeline.analyse", in_steps("analysed"))
+    monkeypatch.setattr("analysis.write_report", in_steps(SimpleNamespace(verdict="PASSES")))
+    runs, target = [Path("a.boat"), Path("b.boat")], tmp_path / "r.pdf"
+    assert report_runs(runs, target, progress=lambda done, total: seen.append(done / total)) == "PASSES"
+    assert seen == [0.125, 0.25, 0.375, 0.5, 0.75, 1.0]

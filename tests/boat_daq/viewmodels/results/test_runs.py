@@ -54,7 +54,7 @@ def test_list_arrives_by_polling(recording, tmp_path):
 
 @pytest.mark.skipif(os.name != "posix", reason="a link without its file stands for a deleted one")
 def test_file_deleted_during_a_scan_is_left_out(recording, tmp_path):
-    """A recording that is gone between the listing and its reading ends neither the scan nor the search for the newest."""
+    """A recording that is gone between listing and reading ends neither the scan nor the choice of the newest."""
     (tmp_path / "whole.boat").symlink_to(recording)
     (tmp_path / "gone.boat").symlink_to(tmp_path / "nowhere")
     model = RunsModel(tmp_path, UnitLibrary(tmp_path), JobRunner(), Notices())

@@ -142,7 +142,7 @@ class MainWindow(QMainWindow):
         self.guard.show(page, str(self.page), lambda: page.refresh(snapshot))
         due = snapshot.waiting_for_reading is not None and self.page is not Page.LIVE
         self.navigation.mark(Page.LIVE, "a reading is due" if due else "")
-        self.strip.refresh()
+        self.guard.show(self.strip, "The messages", self.strip.refresh)
         self.guard.show(self.connect_panel, "The connection", lambda: self.connect_panel.refresh(snapshot))
         title = self.model.title()
         if title != self.windowTitle():

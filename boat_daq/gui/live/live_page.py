@@ -8,7 +8,7 @@ from functools import partial
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QFont, QResizeEvent
-from PySide6.QtWidgets import QFrame, QGridLayout, QScrollArea, QTabWidget, QWidget
+from PySide6.QtWidgets import QBoxLayout, QFrame, QGridLayout, QScrollArea, QTabWidget, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
@@ -23,7 +23,7 @@ from boat_daq.gui.widgets.layouts import Divided, Leaves
 from boat_daq.gui.widgets.panel_guard import PanelGuard
 from boat_daq.viewmodels.common import formatting
 from boat_daq.viewmodels.common.services import Page, Panel, Services
-from boat_daq.viewmodels.live.connection import ConnectionModel
+from boat_daq.viewmodels.live.connection import ConnectionModel, age_text
 from boat_daq.viewmodels.live.live_model import HEADINGS, HEADINGS_SHORT, WINDOWS_S, OverlayModel, Span
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.shadow_live import ShadowLive
@@ -31,6 +31,7 @@ from boat_daq.viewmodels.live.shadow_live import ShadowLive
 SPACING = 6  # between the parts of a value
 ELONGATION_NOTES = (("\u00b18.88 (k = 2)", "\u25b2 out of range"), ("\u00b18.88", "\u25b2 differ"))
 TARGET_NOTES = ((), ("\u2192 +88.8",))
+SENSORS, BESIDE = 4, 2  # of a board at most; of those at most whose values are beside the others
 BAND = (
     "Expanded uncertainty, k = 2. Out of range: no elongation of the calibration gives these signals. Disagree: "
     "each sensor gives another elongation, so the band does not hold."
@@ -93,11 +94,12 @@ class ValueDisplay(QWidget):
         line = self.value.minimumWidth() + SPACING + style.text_width(unit, self.unit.text())
         self.setFixedWidth(max(head, line) + style.STEP)
 
-    def set(self, text: str, note: str = "") -> None:
-        """Show a value."""
+    def set(self, text: str, note: str = "", age: str = "") -> None:
+        """Show a value; grey where it has an `age`, as that of data that have ended."""
         widgets.set_text(self.value, text)
         widgets.set_text(self.note, note)
-        self.value.setAccessibleName(f"{self.title}: {text} {self.unit.text()} {note}".strip())
+        widgets.set_state(self.value, "off" if age else "")
+        self.value.setAccessibleName(" ".join(filter(None, (f"{self.title}: {text} {self.unit.text()}", note, age))))
 
 
 def table(rows: Sequence[Sequence[str]], spacing: int) -> str:
@@ -166,33 +168,38 @@ class LivePage(QWidget):
         for leaf in (self.first_steps, self.plots, self.overlay):
             self.middle.addWidget(leaf)
         self.overlaid = self.narrow = self.low = False
+        self.sensors = BESIDE
         self.photograph = PhotographPanel(self, run, services)
         self.marker = self._marker()
-        parts = (self._head(), self.marker, (self.middle, 1), self.spans, self.sequence, self.reading)
+        self.head = self._head()
+        parts = (self.head, self.marker, (self.middle, 1), self.spans, self.sequence, self.reading)
         self.left = widgets.column(*parts, spacing=style.GAP)
         self.sides = Divided("live", services.preferences, widgets.holder(self.left), self.pane, style.PANE_WIDTH)
         self.page = widgets.page_layout(self)
         self.page.addWidget(self.sides)
 
     def _figures(self) -> dict[str, ValueDisplay]:
-        figures = {
-            "s1": ValueDisplay("Sensor 1", "mV", "8 888.8"), "s2": ValueDisplay("Sensor 2", "mV", "8 888.8"),
+        figures = {f"s{n}": ValueDisplay(f"Sensor {n}", "mV", "8 888.8") for n in range(1, SENSORS + 1)} | {
             "mm": ValueDisplay("Elongation", "mm", "+88.88", ELONGATION_NOTES),
             "kpa": ValueDisplay("Pressure", "kPa", "+88.8", TARGET_NOTES),
             "target": ValueDisplay("Target", "kPa", "+88.8"),
-        }  # fmt: skip
+        }
         figures["mm"].note.explain(BAND)
         return figures
 
     def _head(self) -> QFrame:
-        self.figure_line = widgets.row(*self.figures.values(), None)
+        values = list(self.figures.values())
+        self.figure_rows = [widgets.row(*part) for part in (values[:SENSORS], values[SENSORS:])]
+        self.figure_line = widgets.row(*self.figure_rows)
+        for part in self.figure_rows:
+            self.figure_line.setAlignment(part, Qt.AlignmentFlag.AlignLeft)
         windows = [("all" if math.isinf(s) else formatting.span(s), s) for s in WINDOWS_S]
         self.window_choice = widgets.choice("Time shown", windows, self.model.set_window)
         self.freeze = widgets.button("Freeze plot", self.model.toggle_freeze, tip="Recording continues (Space)")
         self.freeze.setCheckable(True)
         for widget in (widgets.label("Show", "muted"), self.window_choice, self.freeze):
             self.plots.bar.insertWidget(self.plots.bar.count() - 1, widget)
-        frame, self.head_card = widgets.card(self.figure_line)
+        frame, self.head_card = widgets.card(widgets.row(self.figure_line, None))
         frame.setMinimumWidth(1)  # else figures too large for a new width would push the pane aside
         return frame
 
@@ -305,13 +312,7 @@ class LivePage(QWidget):
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show values, run and readings; called a few times a second."""
-        head = self.model.headline(snapshot)
-        for key, signal in zip(("s1", "s2"), (*head.signals, formatting.NOTHING), strict=False):
-            self.figures[key].set(signal)
-        self.figures["s2"].setVisible(self.model.sensors() != 1)
-        self.figures["mm"].set(head.elongation, head.band_short if self.narrow else head.band)
-        self.figures["kpa"].set(head.pressure, f"\u2192 {head.target}" if self.narrow else "")
-        self.figures["target"].set(head.target)
+        self.guard.show(self.head, "The values", partial(self._show_values, snapshot))
         with_data = self.overlay if self.overlaid else self.plots
         self.middle.setCurrentWidget(with_data if self.model.has_data() else self.first_steps)
         if self.overlay.isVisible():
@@ -319,18 +320,38 @@ class LivePage(QWidget):
         self.freeze.setChecked(not self.model.following)
         shown_s = self.model.window_s
         self.window_choice.setCurrentIndex(WINDOWS_S.index(shown_s) if shown_s in WINDOWS_S else -1)
-        limits = snapshot.limits
-        self.plots.show_limits(limits.min_kpa if limits else None, limits.max_kpa if limits else None)
-        self.plots.arrange()
-        self.plots.show_markers()
-        self.plots.show_readings(self.run.reading_points())
-        self._show_spans(self.model.statistics())
+        self.guard.show(self.plots, "The marks in the plots", partial(self._show_marks, snapshot))
         self.guard.show(self.sequence, "The run", partial(self.sequence.refresh, snapshot))
         self.guard.show(self.reading, "The reading", partial(self.reading.refresh, snapshot))
         self.guard.show(self.photograph, "The photograph", self.photograph.refresh)
         for tab, name in ((self.shadow, "The shadow"), (self.plan, "The plan"), (self.table, "The readings")):
             if tab is self.pane.currentWidget():
                 self.guard.show(tab, name, partial(tab.refresh, snapshot))
+
+    def _show_values(self, snapshot: SessionSnapshot) -> None:
+        """Show the values, those of data that have ended grey with their age."""
+        head, age, figures = self.model.headline(snapshot), age_text(snapshot), self.figures
+        sensors = self.model.sensors() or BESIDE
+        if sensors != self.sensors:
+            self.sensors = sensors
+            self._fit_figures()
+        signals = (*head.signals, *[formatting.NOTHING] * (SENSORS - len(head.signals)))
+        for name, signal in zip(list(figures)[:SENSORS], signals, strict=True):
+            figures[name].set(signal, age=age)
+        figures["mm"].set(head.elongation, age or (head.band_short if self.narrow else head.band), age)
+        figures["kpa"].set(head.pressure, f"\u2192 {head.target}" if self.narrow else "", age)
+        figures["target"].set(head.target, age=age)
+
+    def _show_marks(self, snapshot: SessionSnapshot) -> None:
+        """Show what the frames of the plots do not draw: limits, markers, readings, age, values at the mouse."""
+        limits = snapshot.limits
+        self.plots.show_limits(limits.min_kpa if limits else None, limits.max_kpa if limits else None)
+        self.plots.arrange()
+        self.plots.show_markers()
+        self.plots.show_readings(self.run.reading_points())
+        self.plots.show_age(age_text(snapshot))
+        self.plots.show_values()
+        self._show_spans(self.model.statistics())
 
     def _show_spans(self, spans: list[Span]) -> None:
         """Show the statistics between the cursors under the plots; in a small window in a tab beside them."""
@@ -356,39 +377,55 @@ class LivePage(QWidget):
 
     def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
-        colours = (*theme.sensors[:2], theme.elongation, theme.pressure, theme.target)
+        colours = (*theme.sensors, theme.elongation, theme.pressure, theme.target)
         for figure, colour in zip(self.figures.values(), colours, strict=True):
             figure.swatch.setStyleSheet(f"background: {colour}; border-radius: 2px;")
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Fit values and pane to the width of the window."""
+        """Fit values and pane to the size of the window."""
         width = self.window().width()
-        pane, figure = style.PANE_WIDTH, style.FONT_MEASURED
-        if width >= style.WIDE_FROM:
-            pane, figure = style.PANE_WIDTH_WIDE, style.FONT_MEASURED_WIDE
-        elif width < style.NARROW_BELOW:
-            pane, figure = style.PANE_WIDTH_NARROW, style.FONT_MEASURED_NARROW
         self.narrow = width < style.NARROW_BELOW
-        self.sides.prefer(pane)
-        self.figures["target"].setVisible(not self.narrow)  # else it is shown beside the pressure
-        self.figure_line.setSpacing(style.STEP if self.narrow else 5 * style.STEP)
-        beside = style.GAP if self.narrow else style.CARD_PADDING
-        self.head_card.setContentsMargins(beside, style.GAP, beside, style.GAP)
         low = self.low = self.window().height() < style.LOW_BELOW
         self.sequence.picture.setVisible(not low)
         margin = style.STEP if low else style.PAGE_MARGIN
         self.page.setContentsMargins(margin, margin, margin, margin)
         self.left.setSpacing(style.STEP if low else style.GAP)
         self.reading.fold(self.narrow)
+        self._fit_figures()
+        super().resizeEvent(event)
+
+    def _fit_figures(self) -> None:
+        """Fit the values and the pane to the width: those of more than two sensors in a row of their own."""
+        width = self.window().width()
+        pane, figure = style.PANE_WIDTH, style.FONT_MEASURED
+        if width >= style.WIDE_FROM:
+            pane, figure = style.PANE_WIDTH_WIDE, style.FONT_MEASURED_WIDE
+        elif self.narrow:
+            pane, figure = style.PANE_WIDTH_NARROW, style.FONT_MEASURED_NARROW
+        self.sides.prefer(pane)
+        for n, name in enumerate(list(self.figures)[:SENSORS], 1):
+            self.figures[name].setVisible(n <= self.sensors)
+        self.figures["target"].setVisible(not self.narrow)  # else it is shown beside the pressure
+        apart = self.sensors > BESIDE
+        way = QBoxLayout.Direction.TopToBottom if apart else QBoxLayout.Direction.LeftToRight
+        self.figure_line.setDirection(way)
+        space = style.STEP if self.narrow else 5 * style.STEP
+        self.figure_line.setSpacing(0 if apart else space)
+        for part in self.figure_rows:
+            part.setSpacing(space)
+        beside = style.GAP if self.narrow else style.CARD_PADDING
+        self.head_card.setContentsMargins(beside, style.GAP, beside, style.GAP)
         available = self.width() - pane - 2 * style.PAGE_MARGIN - style.GAP - 2 * style.CARD_PADDING
+        figure = figure if not apart or self.narrow else style.FONT_MEASURED
         for value in self.figures.values():
             value.resize_text(figure, narrow=self.narrow)
         while self._figures_width() > available and figure > style.FONT_MEASURED_NARROW:  # in a wide font
             figure -= 2
             for value in self.figures.values():
                 value.resize_text(figure, narrow=self.narrow)
-        super().resizeEvent(event)
 
     def _figures_width(self) -> int:
-        shown = [value for value in self.figures.values() if not value.isHidden()]
-        return sum(value.minimumWidth() for value in shown) + self.figure_line.spacing() * (len(shown) - 1)
+        space, values = self.figure_rows[0].spacing(), list(self.figures.values())
+        shown = [[v.minimumWidth() for v in part if not v.isHidden()] for part in (values[:SENSORS], values[SENSORS:])]
+        widths = [sum(part) + space * (len(part) - 1) for part in shown]
+        return max(widths) if self.sensors > BESIDE else sum(widths) + space

@@ -6,11 +6,12 @@ Drawing is pulled: `draw` asks the view model for one frame. Nothing here knows 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from time import monotonic
 from typing import Any
 
 import numpy as np
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QEvent, QObject, QPointF, Qt
 from PySide6.QtGui import QResizeEvent
 
 from analysis.arrays import FloatArray
@@ -18,10 +19,10 @@ from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, Plot, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.widgets import controls as widgets
+from boat_daq.viewmodels.common.formatting import clock, number
 from boat_daq.viewmodels.live.live_model import CYCLES_KEPT, LiveModel, OverlayModel, PlotFrame, sensor_names
 
 MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
-SENSORS_MOST = 4  # of the wire protocol
 WHOLE_S = 0.1  # a change that no sample tells of, such as another calibration, is seen after so long
 
 
@@ -31,56 +32,81 @@ def shortened(note: str) -> str:
 
 
 class LivePlots(PlotCard):
-    """Four plots over one time axis: a signal each (or both in the first), elongation, pressure."""
+    """Plots over one time axis: a signal each (or all in the first), elongation, pressure; values at the mouse."""
 
     def __init__(self, model: LiveModel) -> None:
         super().__init__("Live signals", show_title=False)
         self.model = model
         self.last: PlotFrame | None = None  # drawn whole
         self._whole_until_s = -math.inf  # of `monotonic`: after it the picture is drawn whole again, moved or not
-        self.first = self.add("Sensor 1", "mV", time=True)
-        self.second = self.add("Sensor 2", "mV", time=True)
-        self.length = self.add("Elongation", "mm", time=True)
-        self.pressure = self.add("Pressure", "kPa", x_title="Time", x_unit="s", time=True)
-        self.link_x()
-        self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)  # the live page never scrolls
-        self._curves()
-        self.rows: list[Plot] = []
-        self.first_row = widgets.choice("First plot shown", (), lambda _: self.arrange())
-        self.bar.insertWidget(0, self.first_row)
-        self.arrange()
+        self.signals: list[Plot] = []  # by sensor, as many as any board so far had
+        self.curves: list[tuple[Curve, Curve]] = []  # by sensor: in the plot of its own, in the first plot
         self._cursors: dict[str, list[tuple[Plot, Any]]] = {"a": [], "b": []}
         self._markers: list[tuple[Plot, Any]] = []
-        for plot in self.plots:
-            box = plot.item.getViewBox()
-            box.setMouseEnabled(x=True, y=False)
-            box.sigRangeChangedManually.connect(self._moved)  # no lambda: it would keep all this alive
-
-    def _curves(self) -> None:
-        self.s1 = self.first.curve("Sensor 1", sensor_colour(1), gaps=True)
-        self.s2_with = self.first.curve("Sensor 2", sensor_colour(2), gaps=True)
-        self.s2 = self.second.curve("Sensor 2", sensor_colour(2), gaps=True)
+        self._hairs: dict[Plot, Any] = {}  # lines at the mouse
+        self._mouse: QPointF | None = None  # over the plots
+        self._age = ""
+        for sensor in (1, 2):
+            self._add_signal(sensor)
+        self.length = self.add("Elongation", "mm", time=True)
+        self.pressure = self.add("Pressure", "kPa", x_title="Time", x_unit="s", time=True)
+        for plot in (self.length, self.pressure):
+            self._link(plot)
         self.band = self.length.band("Band, k = 2", lambda t: t.elongation)
         self.read = self.length.points("Readings", lambda t: t.text, filled=False)
         self.mm = self.length.curve("Elongation", lambda t: t.elongation, gaps=True)
         self.kpa = self.pressure.curve("Pressure", lambda t: t.pressure, gaps=True)
         self.target = self.pressure.curve("Target", lambda t: t.target, gaps=True, dashed=True)
         self.limits = [self.pressure.line(lambda t: t.fault, style_=Qt.PenStyle.DotLine) for _ in range(2)]
+        self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)  # the live page never scrolls
+        self.rows: list[Plot] = []
+        self._arranged = (False, 0)  # whether all signals are in the first plot, number of sensors
+        self.first_row = widgets.choice("First plot shown", (), lambda _: self.arrange())
+        self.bar.insertWidget(0, self.first_row)
+        self.arrange()
+        self.view.scene().sigMouseMoved.connect(self._hover)
+        self.view.viewport().installEventFilter(self)
+
+    @property
+    def first(self) -> Plot:
+        """The plot of sensor 1, or of all sensors together."""
+        return self.signals[0]
+
+    def _add_signal(self, sensor: int) -> None:
+        """Add the plot of a sensor."""
+        plot, name = self.add(f"Sensor {sensor}", "mV", time=True), f"Sensor {sensor}"
+        self.signals.append(plot)
+        own = together = plot.curve(name, sensor_colour(sensor), gaps=True)
+        if plot is not self.first:
+            together = self.first.curve(name, sensor_colour(sensor), gaps=True)
+        self.curves.append((own, together))
+        self._link(plot)
+
+    def _link(self, plot: Plot) -> None:
+        """Link a plot's time to the first one's, and let the mouse move it along time only."""
+        box = plot.item.getViewBox()
+        box.setMouseEnabled(x=True, y=False)
+        box.sigRangeChangedManually.connect(self._moved)  # no lambda: it would keep all this alive
+        if plot is not self.first:
+            plot.item.setXLink(self.first.item)
 
     def arrange(self) -> None:
         """Show the rows that have something to show."""
-        both = self.model.together
-        rows = [self.first, self.pressure]
-        if not both and self.model.sensors() != 1:
-            rows.insert(1, self.second)
+        both, sensors = self.model.together, self.model.sensors() or 2
+        for sensor in range(len(self.signals) + 1, sensors + 1):
+            self._add_signal(sensor)
+            self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
+        rows = [*(self.signals[:1] if both else self.signals[:sensors]), self.pressure]
         if self.model.inverse is not None:
             rows.insert(-1, self.length)
-        self.first.set_title("Sensors 1, 2" if both else "Sensor 1", "mV")
+        numbers = ", ".join(str(n) for n in range(1, sensors + 1))
+        self.first.set_title(f"Sensors {numbers}" if both and sensors > 1 else "Sensor 1", "mV")
         rows = self._fitting(rows)
-        if rows == self.rows:
+        if rows == self.rows and (both, sensors) == self._arranged:
             return
-        self.rows, self._whole_until_s = rows, -math.inf
-        self.s2_with.show(both)
+        self.rows, self._arranged, self._whole_until_s = rows, (both, sensors), -math.inf
+        for i, (_, together) in enumerate(self.curves[1:], 2):
+            together.show(both and i <= sensors)
         self.show_only(rows)
         self.paint_theme(self.theme)
 
@@ -133,16 +159,15 @@ class LivePlots(PlotCard):
         """Return what each curve shows of a frame."""
         columns, names = frame.columns, sensor_names(frame.columns)
         lines = [(self.kpa, columns["pressure_kpa"]), (self.target, columns["target_kpa"])]
-        curves = (self.s1, self.s2_with if self.model.together else self.s2)
-        lines += [(curve, columns[name]) for curve, name in zip(curves, names, strict=False)]
+        for i, (name, (own, together)) in enumerate(zip(names, self.curves, strict=False)):
+            lines.append((together if i and self.model.together else own, columns[name]))
         if frame.elongation is not None:
             lines.append((self.mm, frame.elongation.mm))
         return lines
 
     def _ranges(self, frame: PlotFrame) -> None:
         ranges = self.model.ranges(frame, monotonic())
-        names = sensor_names(frame.columns)
-        plots = dict(zip(names, (self.first, self.second), strict=False))
+        plots = dict(zip(sensor_names(frame.columns), self.signals, strict=False))
         for name, plot in (plots | {"pressure_kpa": self.pressure, "elongation_mm": self.length}).items():
             if name in ranges:
                 plot.y_range(*ranges[name])
@@ -158,6 +183,58 @@ class LivePlots(PlotCard):
         """Mark the plateaus' readings (s, mm) on the elongation."""
         if len(points) != self.read.x.size or (points and points[-1][0] != self.read.x[-1]):
             self.read.set(*np.array(points).reshape(-1, 2).T)
+
+    def show_age(self, age: str) -> None:
+        """Draw the curves faint, with the age of their last data; fully where it is empty and data arrive."""
+        if bool(age) is not bool(self._age):
+            for layer in (layer for plot in self.plots for layer in plot.layers):
+                layer.item.setOpacity(style.STALE_OPACITY if age else 1.0)
+        self._age = age
+        widgets.set_text(self.readout, f"Last data {age}" if age else "")
+
+    def _hover(self, at: QPointF) -> None:
+        self._mouse = at
+        self.show_values()
+
+    def show_values(self) -> None:
+        """Show the values at the mouse, each in its plot beside a line."""
+        at, values = self._mouse, {}
+        boxes = [plot.item.getViewBox() for plot in self.rows] if at is not None else []
+        for box in (box for box in boxes if box.sceneBoundingRect().contains(at)):
+            values = self.model.values_at(box.mapSceneToView(at).x())
+        texts = self._texts(values)
+        for plot in self.plots:
+            shown = plot in self.rows and plot in texts
+            if shown and plot not in self._hairs:
+                self._hairs[plot] = plot.line(lambda t: t.muted, vertical=True, label=" ")
+            if plot in self._hairs:
+                self._hairs[plot].setVisible(shown)
+            if shown:
+                self._hairs[plot].label.setFormat(texts[plot])
+                self._hairs[plot].setValue(values["time_s"])
+
+    def _texts(self, values: Mapping[str, float]) -> dict[Plot, str]:
+        """Return what each plot shows of the values at the mouse; the lowest one their time, too."""
+        if not values:
+            return {}
+        mv = [number(values[name], 1) for name in sensor_names(values)]
+        groups = [mv] if self.model.together else [[text] for text in mv]
+        texts = {plot: f"{', '.join(group)} mV" for plot, group in zip(self.signals, groups, strict=False)}
+        if "elongation_mm" in values:
+            known = math.isfinite(values["elongation_mm"])
+            band = f" \u00b1{number(values['expanded_mm'], 2)}" if known else ""
+            texts[self.length] = f"{number(values['elongation_mm'], 2, sign=True)}{band} mm"
+        texts[self.pressure] = f"{number(values['pressure_kpa'], 1, sign=True)} kPa"
+        lowest = self.rows[-1]
+        texts[lowest] = f"{texts[lowest]}   {clock(values['time_s'])}"
+        return texts
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Hide the values when the mouse leaves the plots."""
+        if event.type() is QEvent.Type.Leave:
+            self._mouse = None
+            self.show_values()
+        return super().eventFilter(watched, event)
 
     def _moved(self, *_: object) -> None:
         low, high = self.first.item.getViewBox().viewRange()[0]
@@ -202,21 +279,22 @@ class OverlayPlots(PlotCard):
         super().__init__("Last cycles overlaid")
         self.model = model
         self.curves: list[list[Curve]] = []
-        for number in range(1, SENSORS_MOST + 1):
-            plot = self.add(f"Sensor {number}", "mV", x_title="Time in the cycle", x_unit="s", time=True)
-            faint = [plot.curve(f"{n} cycles ago", lambda t: t.line) for n in range(CYCLES_KEPT - 1, 0, -1)]
-            self.curves.append([*faint, plot.curve("This cycle", sensor_colour(number))])
-        self.link_x()
-        self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
         self._shown = 0
         self._arrange(2)
 
     def _arrange(self, sensors: int) -> None:
         """Show the plots of the sensors that the board has."""
-        if sensors != self._shown:
-            self._shown = sensors
-            self.show_only(self.plots[:sensors])
-            self.paint_theme(self.theme)
+        if sensors == self._shown:
+            return
+        self._shown = sensors
+        for sensor in range(len(self.plots) + 1, sensors + 1):
+            plot = self.add(f"Sensor {sensor}", "mV", x_title="Time in the cycle", x_unit="s", time=True)
+            faint = [plot.curve(f"{n} cycles ago", lambda t: t.line) for n in range(CYCLES_KEPT - 1, 0, -1)]
+            self.curves.append([*faint, plot.curve("This cycle", sensor_colour(sensor))])
+        self.link_x()
+        self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
+        self.show_only(self.plots[:sensors])
+        self.paint_theme(self.theme)
 
     def draw(self) -> None:
         """Draw the cycles there are."""

@@ -29,7 +29,6 @@ LINES = 7
 DOT = 7
 LEGEND_LINE, LEGEND_MARK = 16, 12
 GUIDE, HALO = 1.5, 4.5  # pixels: a guide is visible on dark and on bright elements
-STALE_OPACITY = 0.35  # of a picture of data that have ended
 REST_LENGTH_MM = 75.0
 RING = np.array([1, 1, 1, 1, 0], dtype=np.int32)  # joins the five points of a closed element, but not to the next one
 
@@ -83,8 +82,12 @@ class ShadowView(QWidget):
         if self.picture is None:
             painter.end()
             return
-        painter.setOpacity(STALE_OPACITY if self.stale else 1.0)
+        painter.setOpacity(style.STALE_OPACITY if self.stale else 1.0)
         painter.setTransform(self._transform())
+        if not len(self.picture.corners):  # not ready, or outside the model's table
+            self._rest(painter, self.picture)
+            painter.end()
+            return
         self._elements(painter, self.picture)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         for colour, width in ((self.theme.surface, HALO), (self.theme.text, GUIDE)):
@@ -95,17 +98,21 @@ class ShadowView(QWidget):
         dot = DOT / painter.transform().m11() / 2
         for x, z in self.picture.tracked:
             painter.drawEllipse(QPointF(x, z), dot, dot)
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        self._pen(painter, self.theme.muted, 1, Qt.PenStyle.DashLine)
-        painter.drawPolygon(_polygon(self.picture.rest))
-        self._pen(painter, self.theme.text, 2)
-        painter.drawLine(QPointF(-29, 0), QPointF(29, 0))
+        self._rest(painter, self.picture)
         self._tip(painter, self.picture.nominal_mm, self.theme.target, Qt.PenStyle.DashLine)
         self._tip(painter, self.picture.measured_mm, self.theme.elongation, Qt.PenStyle.SolidLine)
         painter.resetTransform()
         self._scale(painter)
         self._legend(painter)
         painter.end()
+
+    def _rest(self, painter: QPainter, picture: ShadowPicture) -> None:
+        """Draw the outline at rest on the fixed base."""
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        self._pen(painter, self.theme.muted, 1, Qt.PenStyle.DashLine)
+        painter.drawPolygon(_polygon(picture.rest))
+        self._pen(painter, self.theme.text, 2)
+        painter.drawLine(QPointF(-29, 0), QPointF(29, 0))
 
     def _legend(self, painter: QPainter) -> None:
         """Name the lines and points above the scale, in two rows."""
@@ -271,7 +278,7 @@ class ShadowPane(QWidget):
         self._follow()
         age = age_text(snapshot)
         self.view.show_stale(stale=bool(age))
-        shown = self.model.picture().lines
+        shown = self.model.lines()
         if age:  # nothing of it holds now: no verdict, in grey, with its age
             shown = (("Last data", age, "off"), *((name, value, "off") for name, value, _ in shown))
         lines = [*shown, *[("", "", "")] * LINES]

@@ -22,7 +22,7 @@ class PanelGuard:
 
     def __init__(self, notices: Notices) -> None:
         self._notices = notices
-        self._covers: dict[QWidget, QLabel] = {}
+        self._covers: dict[tuple[QWidget, str], QLabel] = {}  # by panel and what of it fails
 
     def show(self, panel: QWidget, name: str, work: Callable[[], object]) -> None:
         """Run `work`, which shows `panel`; where it fails, cover the panel with the cause."""
@@ -31,17 +31,17 @@ class PanelGuard:
         except Exception as error:  # noqa: BLE001 - no error of one panel may stop the others
             self._cover(panel, name, error)
         else:
-            if panel in self._covers:
-                self._covers.pop(panel).deleteLater()
+            if (panel, name) in self._covers:
+                self._covers.pop((panel, name)).deleteLater()
 
     def _cover(self, panel: QWidget, name: str, error: Exception) -> None:
-        if panel not in self._covers:
-            cover = self._covers[panel] = widgets.label("", "set", name=f"{name} cannot be shown", wrap=True)
+        if (panel, name) not in self._covers:
+            cover = self._covers[panel, name] = widgets.label("", "set", name=f"{name} cannot be shown", wrap=True)
             cover.setParent(panel)
             cover.setAutoFillBackground(True)
             cover.setAlignment(Qt.AlignmentFlag.AlignCenter)
             self._notices.attempt(partial(_raise, error))  # to the strip and the log, with its traceback
-        cover = self._covers[panel]
+        cover = self._covers[panel, name]
         cause = f"{type(error).__name__}: {error}"
         widgets.set_text(cover, f"{name} cannot be shown: {cause}\nThe recording and the other panels continue.")
         cover.setGeometry(panel.rect())

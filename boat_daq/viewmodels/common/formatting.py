@@ -48,6 +48,12 @@ def duration(seconds: float | None) -> str:
     return f"{hours}:{minutes:02d}:{left:02d}" if hours else f"{minutes}:{left:02d}"
 
 
+def clock(seconds: float) -> str:
+    """Return an instant of the plots as `3:12.4`."""
+    minutes, tenths = divmod(round(10 * abs(seconds)), 600)
+    return f"{MINUS if seconds < 0 else ''}{minutes}:{tenths // 10:02d}.{tenths % 10}"
+
+
 def size_text(size: float) -> str:
     """Return a size in bytes as `12.3 MB`."""
     scale, unit = next(((s, u) for s, u in ((1e12, "TB"), (1e9, "GB"), (1e6, "MB")) if size >= s), (1e6, "MB"))

@@ -116,12 +116,12 @@ HEADINGS_SHORT = ("mean", "sd", "min", "max", "B \u2212 A", "slope/s", "SNR, dB"
 HEADINGS = ("", "mean", "sd", "min", "max", "B \u2212 A", "slope per s", "SNR (mean / sd)")
 
 
-def sensor_names(columns: Columns) -> list[str]:
+def sensor_names(columns: Mapping[str, object]) -> list[str]:
     """Return the names of the signal columns, in order of their sensor."""
     return sorted(name for name in columns if name.startswith("s") and name.endswith("_mv"))
 
 
-def signals(columns: Columns) -> FloatArray:
+def signals(columns: Mapping[str, FloatArray | float]) -> FloatArray:
     """Return the signals side by side, [n, sensors] mV."""
     return np.column_stack([columns[name] for name in sensor_names(columns)])
 
@@ -283,19 +283,45 @@ class LiveModel:
             found |= dict.fromkeys(sensor_names(columns), both)
         return found
 
-    def headline(self, snapshot: SessionSnapshot, sensors: int = 2) -> Headline:
-        """Return the measured values: means of the last moment; dashes without a link."""
+    def means(self) -> dict[str, float]:
+        """Return the mean of each column over the last moment; empty before the first sample.
+
+        Every value shown as the current one is of these: readouts and shadow show one pressure.
+        """
         ring = self.ring()
-        last = snapshot.last
-        if ring is None or last is None or snapshot.link is not LinkState.UP:
-            return Headline((NOTHING,) * sensors, NOTHING, NOTHING, NOTHING, "")
-        rate = snapshot.health.rate_hz if snapshot.health is not None else None
-        recent = ring.view(last=max(1, round(HEADLINE_S * (rate or 100.0))))
-        means = np.array([[recent[name].mean() for name in sensor_names(recent)]])
-        pressures = (float(np.mean(recent["pressure_kpa"])), last.target_kpa)
-        pressure, target = (number(kpa, 1, sign=True) for kpa in pressures)
-        signals_mv = tuple(number(value, 1) for value in means[0])
-        return Headline(signals_mv, pressure, target, *self._elongation_text(means))
+        recent = ring.view(self.now_s() - HEADLINE_S) if ring is not None and self.has_data() else {}
+        return {name: float(values.mean()) for name, values in recent.items() if values.size}
+
+    def values_at(self, time_s: float) -> dict[str, float]:
+        """Return the mean of each column about an instant, elongation too; empty where there are no data.
+
+        It is over as long as a value of the readouts, or of the nearest sample where fewer arrive.
+        """
+        ring = self.ring()
+        if ring is None:
+            return {}
+        found = ring.draw(time_s - HEADLINE_S / 2, time_s + HEADLINE_S / 2)
+        if not found["time_s"].size:
+            around = ring.draw(time_s - HOLE_S, time_s + HOLE_S)
+            nearest = np.abs(around["time_s"] - time_s).argsort()[:1]
+            found = {name: values[nearest] for name, values in around.items()}
+        if not found["time_s"].size:
+            return {}
+        means = {name: float(values.mean()) for name, values in found.items()}
+        if self.inverse is not None:
+            at = self.inverse(signals(means))
+            means |= {"elongation_mm": float(at.mm[0]), "expanded_mm": float(at.expanded_mm[0])}
+        return means
+
+    def headline(self, snapshot: SessionSnapshot) -> Headline:
+        """Return the measured values, means of the last moment with data; dashes where there were none."""
+        means, last = self.means(), snapshot.last
+        ageless = snapshot.link is not LinkState.UP and snapshot.health is None
+        if not means or last is None or ageless:
+            return Headline((), NOTHING, NOTHING, NOTHING, "")
+        pressure, target = (number(kpa, 1, sign=True) for kpa in (means["pressure_kpa"], last.target_kpa))
+        signals_mv = tuple(number(means[name], 1) for name in sensor_names(means))
+        return Headline(signals_mv, pressure, target, *self._elongation_text(signals(means)))
 
     def _elongation_text(self, means: FloatArray) -> tuple[str, str, str]:
         """Return the elongation, its band or why there is none, and the same for a narrow window."""

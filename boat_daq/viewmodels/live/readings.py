@@ -27,7 +27,6 @@ from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.live.sequence import BRANCH_WORDS
 
 PLAUSIBLE_MM = 60.0  # longer than the actuator itself
-LOOP_MM = 0.35  # half the width of the loop, about the nominal curve, that a healthy actuator may have
 APART_KPA = 5.0  # plateaus further apart than this do not have one elongation
 SOON_S = 60.0  # a wait for a reading that ends within this is marked
 UNSTEADY = "unsteady"  # reached, but still drifting at the end of the longest hold
@@ -132,8 +131,8 @@ class ReadingsModel:
     ----------
     session : stores the readings.
     undo : takes the entries.
-    nominal : returns the elongation of the nominal actuator at a pressure and its standard deviation, mm; None while
-        it is not known.
+    nominal : returns the elongation of the nominal actuator at a pressure and half of its band, mm; None while it is
+        not known.
 
     Attributes
     ----------
@@ -205,7 +204,7 @@ class ReadingsModel:
             found = self._nominal(target_kpa)
             if found is None or not all(map(math.isfinite, found)):
                 return ""
-            self._bands[target_kpa] = found[0], 2.0 * found[1] + LOOP_MM + self.resolution_mm
+            self._bands[target_kpa] = found[0], found[1] + self.resolution_mm
         nominal_mm, band_mm = self._bands[target_kpa]
         if abs(mm - nominal_mm) <= band_mm:
             return ""

@@ -33,13 +33,13 @@ THINNED_TO = 4000  # samples suffice for the figures of a cycle
 LEAST_SAMPLES = 10  # of a cycle
 FIRST_CYCLES = 5
 MISSING = object()
-RECENT = 10  # samples averaged for one frame
 LEVELS = 24  # of colour
 SCALES = {"displacement": (4.0, "mm", 1.0), "strain": (20.0, "%", 100.0)}  # full scale, unit, factor
 LENGTH_MM, RADIUS_MM = 75.0, 25.0
 PRESSURES_KPA = (-45.0, 55.0)
 TRACE_S, TRACE_POINTS = 60.0, 1200
 SEEN_KPA, SEEN_MM = 0.1, 0.02  # visible steps of pressure and elongation
+LOOP_MM = 0.35  # half the width of the loop, about the nominal curve, that a healthy actuator may have
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class ShadowPicture:
     corners : [quads, 4, 2] deformed elements, both halves; levels : [quads] colour steps from 0.
     guides : [2, k, 2]; tracked : [14, 2].
     nominal_mm, measured_mm : elongations; NaN where unknown.
-    lines : (name, value, state) under the picture.
+    seconds : that the model took; NaN where nothing is drawn.
     """
 
     rest: FloatArray
@@ -62,7 +62,7 @@ class ShadowPicture:
     tracked: FloatArray
     nominal_mm: float
     measured_mm: float
-    lines: tuple[tuple[str, str, str], ...]
+    seconds: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +81,7 @@ class Moment:
     @property
     def visible(self) -> tuple[object, ...]:
         """Return the values in visible steps: two moments with the same ones draw the same picture."""
-        steps = ((self.pressure, SEEN_KPA), (self.measured, SEEN_MM), (self.expanded, SEEN_MM))
-        return (*(_step(value, step) for value, step in steps), self.calibrated, self.disagree)
+        return _step(self.pressure, SEEN_KPA), _step(self.measured, SEEN_MM)
 
 
 REST = np.array([[-RADIUS_MM, 0.0], [RADIUS_MM, 0.0], [RADIUS_MM, LENGTH_MM], [-RADIUS_MM, LENGTH_MM]])
@@ -144,20 +143,29 @@ class ShadowLive:
         self._loading.close()
 
     def nominal_at(self, pressure_kpa: float) -> tuple[float, float] | None:
-        """Return nominal elongation and its standard deviation at a pressure, mm; None while the model loads."""
+        """Return nominal elongation and half of its band at a pressure, mm; None while the model loads."""
         if self.model is None:
             return None
-        mm, sd = self.model.table.nominal_elongation(np.array([pressure_kpa]))
-        return float(mm[0]), float(sd[0])
+        mm, half = self._nominal(self.model, np.array([pressure_kpa]))
+        return float(mm[0]), float(half[0])
 
     def nominal_curve(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:
-        """Return pressures (kPa), nominal elongation and its band, k = 2 (mm), over the table; None while it loads."""
+        """Return pressures (kPa), nominal elongation and the ends of its band (mm); None while the table loads."""
         if self.model is None:
             return None
         pressure = np.linspace(*PRESSURES_KPA, 91)
-        mm, sd = self.model.table.nominal_elongation(pressure)
-        keep = np.isfinite(mm) & np.isfinite(sd)
-        return pressure[keep], mm[keep], (mm - 2 * sd)[keep], (mm + 2 * sd)[keep]
+        mm, half = self._nominal(self.model, pressure)
+        keep = np.isfinite(mm) & np.isfinite(half)
+        return pressure[keep], mm[keep], (mm - half)[keep], (mm + half)[keep]
+
+    @staticmethod
+    def _nominal(model: Shadow, pressure_kpa: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return nominal elongation and half of its band, mm: two sd of the modulus and the loop of the actuator.
+
+        The model is elastic: an actuator within two sd lies on a loop about its curve, by its history.
+        """
+        mm, sd = model.table.nominal_elongation(pressure_kpa)
+        return mm, 2.0 * sd + LOOP_MM
 
     def trace(self) -> tuple[FloatArray, FloatArray]:
         """Return pressure (kPa) and measured elongation (mm) of the last minute."""
@@ -174,66 +182,66 @@ class ShadowLive:
     # ---- the picture ---------------------------------------------------------------------------------------------
 
     def now(self) -> Moment:
-        """Return the current measurement."""
-        ring, inverse = self._live.ring(), self._live.inverse
-        recent = ring.view(last=RECENT) if ring is not None else {}
-        if not recent or not recent["time_s"].size:
+        """Return the current measurement: the means that the readouts show."""
+        inverse, means = self._live.inverse, self._live.means()
+        if not means:
             return Moment(calibrated=inverse is not None)
-        pressure = float(recent["pressure_kpa"].mean())
+        pressure = means["pressure_kpa"]
         if inverse is None:
             return Moment(pressure)
-        found = inverse(signals(recent).mean(axis=0, keepdims=True))
+        found = inverse(signals(means))
         return Moment(pressure, float(found.mm[0]), float(found.expanded_mm[0]), True, bool(found.disagree[0]))
 
     def picture(self) -> ShadowPicture:
         """Return the current picture; the same object until a visible change."""
         now = self.now()
-        judged = (self._unstable is not None, self._no_stability)
-        key = (*now.visible, self.model is not None, self.quantity, self.show_cost, self.problem, judged)
+        key = (*now.visible, self.model is not None, self.quantity)
         if self._last is None or self._last[0] != key:
             self._last = (key, self._draw(now))
         return self._last[1]
 
     def _draw(self, now: Moment) -> ShadowPicture:
-        state = self._state(now)
-        if state is None or self.model is None:
-            why, level = "\u25b2 this state is outside the model's table", "warning"
-            if self.model is None:
-                why, level = self.problem or ("preparing \u2026" if math.isfinite(now.pressure) else NOTHING), ""
-            reason = ("Shadow", why, level)
-            return ShadowPicture(REST, *NOTHING_DRAWN, math.nan, now.measured, (*_measured_lines(now), reason))
-        corners, levels = self._elements(state)
-        tracked = state.tracked_points_mm.reshape(-1, 2)
-        lines = self._lines(state, now)
+        place = self._place(now)
+        if place is None or self.model is None:
+            return ShadowPicture(REST, *NOTHING_DRAWN, math.nan, now.measured)
+        state = self.model.state(pressure_kpa=place[0], elongation_mm=place[1])
         return ShadowPicture(
-            REST, corners, levels, state.centrelines_mm, tracked, state.nominal_elongation_mm, now.measured, lines
+            REST,
+            *self._elements(state),
+            state.centrelines_mm,
+            state.tracked_points_mm.reshape(-1, 2),
+            state.nominal_elongation_mm,
+            now.measured,
+            state.seconds,
         )
 
-    def _state(self, now: Moment) -> ShadowState | None:
+    def _place(self, now: Moment) -> tuple[float, float] | None:
+        """Return pressure (kPa) and elongation (mm) of the state drawn; None outside the table, or without a model.
+
+        It is at rest until the first sample, and nominal where the elongation is not measured.
+        """
         if self.model is None:
             return None
         if not math.isfinite(now.pressure):
-            return self.model.state(pressure_kpa=0.0, elongation_mm=0.0)  # at rest until the first sample
+            return 0.0, 0.0
         pressure = np.array(now.pressure)
-        known = math.isfinite(now.measured)
-        q = now.measured if known else float(self.model.table.nominal_elongation(pressure)[0])
-        if not math.isfinite(q) or not bool(self.model.table.holds(pressure, np.array(q))):
-            return None
-        return self.model.state(pressure_kpa=now.pressure, elongation_mm=q)
+        mm = now.measured if math.isfinite(now.measured) else float(self.model.table.nominal_elongation(pressure)[0])
+        held = math.isfinite(mm) and bool(self.model.table.holds(pressure, np.array(mm)))
+        return (now.pressure, mm) if held else None
 
-    def _stability(self, state: ShadowState) -> str:
+    def _stability(self, pressure_kpa: float, elongation_mm: float, deviation_mm: float) -> str:
         """Return a warning if a held state is unstable: looked up in the result of a helper process.
 
         One test takes 30 ms of the interpreter, which a thread would take from the frames and the reader.
         """
-        if not can_be_unstable(state.pressure_kpa, state.deviation_mm):
+        if not can_be_unstable(pressure_kpa, deviation_mm):
             return ""
         if self._unstable is None:
             if self._stability_job is None:
                 self._stability_job = Job("Testing stability", unstable_held_states, self._level)
                 self._jobs.start("stability", self._stability_job, self._take_stability)
             return self._no_stability
-        unstable = place_of(state.pressure_kpa, state.elongation_mm) in self._unstable
+        unstable = place_of(pressure_kpa, elongation_mm) in self._unstable
         return "\u25b2 in equilibrium, but not stable" if unstable else ""
 
     def _take_stability(self, job: Job) -> None:
@@ -255,24 +263,31 @@ class ShadowLive:
         levels = np.clip((values / full * LEVELS).astype(np.int64), 0, LEVELS - 1)
         return np.concatenate([half, half * [-1.0, 1.0]]), np.concatenate([levels, levels])
 
-    def _lines(self, state: ShadowState, now: Moment) -> tuple[tuple[str, str, str], ...]:
-        nominal = f"{number(state.nominal_elongation_mm, 2, sign=True)} \u00b1{number(2 * state.nominal_sd_mm, 2)} mm"
-        lines = [*_measured_lines(now), ("Nominal", nominal, "")]
-        if math.isfinite(now.measured):
-            band = 2.0 * math.hypot(state.nominal_sd_mm, now.expanded / 2.0)
-            beyond = abs(state.deviation_mm) > band
-            text, level = f"{number(state.deviation_mm, 2, sign=True)} \u00b1{number(band, 2)} mm", "ok"
-            mark = "\u25cf inside the band"
-            if beyond:
-                mark, level = "\u25b2 outside the band", "warning"
-            lines += [("Deviation", text, level), ("", mark, level)]
-        stability = self._stability(state)
+    def lines(self) -> tuple[tuple[str, str, str], ...]:
+        """Return (name, value, state) of the current figures, which follow every change, unlike the picture."""
+        now = self.now()
+        place, lines = self._place(now), list(_measured_lines(now))
+        if self.model is None:
+            waits = "preparing \u2026" if math.isfinite(now.pressure) else NOTHING
+            return (*lines, ("Shadow", self.problem or waits, ""))
+        if place is None:
+            return (*lines, ("Shadow", "\u25b2 this state is outside the model's table", "warning"))
+        (nominal,), (half,) = (value.tolist() for value in self._nominal(self.model, np.array([place[0]])))
+        lines.append(("Nominal", f"{number(nominal, 2, sign=True)} \u00b1{number(half, 2)} mm", ""))
+        deviation = now.measured - nominal
+        if math.isfinite(deviation):
+            band = LOOP_MM + math.hypot(half - LOOP_MM, now.expanded)
+            inside = abs(deviation) <= band
+            level, mark = ("ok", "\u25cf inside the band") if inside else ("warning", "\u25b2 outside the band")
+            lines.append(("Deviation", f"{number(deviation, 2, sign=True)} \u00b1{number(band, 2)} mm", level))
+            lines.append(("", mark, level))
+        stability = self._stability(*place, place[1] - nominal)
         if stability:
             lines.append(("Stability", stability, "warning"))
         if now.disagree:
             lines.append(("Sensors", "\u25b2 contradict each other", "warning"))
         if self.show_cost:
-            lines.append(("Frame time", f"{number(1e3 * state.seconds, 2)} ms, {state.model} model", ""))
+            lines.append(("Frame time", f"{number(1e3 * self.picture().seconds, 2)} ms, reduced model", ""))
         return tuple(lines)
 
 

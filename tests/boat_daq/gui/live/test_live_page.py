@@ -10,11 +10,10 @@ from PySide6.QtWidgets import (
     QScrollBar,
 )
 
-from boat_daq.engine.snapshot import (
-    LinkState,
-)
+from boat_daq.engine.snapshot import HealthSnapshot, LinkState
 from boat_daq.gui import style
 from boat_daq.viewmodels.live.live_model import HEADINGS_SHORT, LiveElongation
+from protocol.link.events import LinkStatistics
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import PATIENCE_MS
 
@@ -77,7 +76,7 @@ def test_first_sample_replaces_the_first_steps(live):
     live.refresh()
     live.draw()
     assert live.live.plots.isVisible()
-    assert live.live.plots.s1.x[-1] == pytest.approx(299.99)
+    assert live.live.plots.curves[0][0].x[-1] == pytest.approx(299.99)
 
 
 def test_checked_button_shows_its_whole_text(live):
@@ -125,12 +124,19 @@ def test_readouts_keep_their_places(live, size):
     assert live.scrolls["Live"].horizontalScrollBar().maximum() == 0
 
 
-def test_values_of_a_disconnected_board_are_not_shown(make):
-    """What was measured before the link went is not shown as what is: dashes until data come again."""
-    session = RecordedSession(connected(), filled_ring(10.0))
-    window = make(session)
-    window.refresh()
-    assert window.live.figures["kpa"].value.text() != "\u2013"
-    session.change(link=LinkState.LOST)
-    window.refresh()
-    assert {figure.value.text() for figure in window.live.figures.values()} == {"\u2013"}
+def test_values_and_curves_of_a_lost_board_are_grey_with_their_age(live):
+    """What was measured before the link went is not shown as what is: grey, with its age, until data come again."""
+    page, seen = live.live, []
+    live.draw()
+    for link in (LinkState.UP, LinkState.LOST, LinkState.UP):
+        health = HealthSnapshot(LinkStatistics(), 100.0, 100.0, 75.0, 3.0, None, None, None, ())
+        live.model.session.change(link=link, health=health)
+        live.refresh()
+        values = [page.figures[name].value for name in ("s1", "s2", "kpa", "target")]
+        assert "\u2013" not in {value.text() for value in values}
+        opacity = {own.item.opacity() for own, _ in page.plots.curves} | {page.plots.kpa.item.opacity()}
+        spoken = values[0].accessibleName().endswith("1:15 ago")
+        seen.append(({v.property("state") or "" for v in values}, opacity, page.plots.readout.text(), spoken))
+    fresh = ({""}, {1.0}, "", False)
+    assert seen == [fresh, ({"off"}, {style.STALE_OPACITY}, "Last data 1:15 ago", True), fresh]
+    assert page.figures["mm"].note.text() == ""

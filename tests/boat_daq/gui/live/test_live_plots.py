@@ -7,14 +7,16 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QApplication,
 )
 
 from boat_daq.gui import style
+from boat_daq.viewmodels.common.formatting import clock, number
 from boat_daq.viewmodels.live import axis
+from boat_daq.viewmodels.live.live_model import LiveElongation
 from protocol.recording import sample_dtype
 from tests.boat_daq.gui.windows import run_shortcut
 
@@ -127,6 +129,30 @@ def test_cursor_is_dragged_with_the_mouse(live):
     assert live.live.spans.isVisible()
 
 
+def test_values_at_the_mouse_are_shown_in_each_plot(live):
+    """Over the plots each shows its value beside a line, the lowest one the time too; beside them none does."""
+    live.model.live.inverse = lambda mv: LiveElongation(
+        (mv[:, 0] - 1638) / 40, np.full(len(mv), 0.1), np.zeros(len(mv), bool)
+    )
+    live.refresh()
+    live.draw()
+    plots = live.live.plots
+    box = plots.pressure.item.getViewBox()
+    place = plots.view.mapFromScene(box.mapViewToScene(QPointF(272.0, sum(box.viewRange()[1]) / 2)))
+    QTest.mouseMove(plots.view.viewport(), place)
+    texts = [plots._hairs[plot].label.textItem.toPlainText() for plot in plots.rows]
+    at = live.model.live.values_at(plots._hairs[plots.pressure].value())
+    assert texts == [
+        f"{number(at['s1_mv'], 1)} mV",
+        f"{number(at['s2_mv'], 1)} mV",
+        f"{number(at['elongation_mm'], 2, sign=True)} \u00b10.10 mm",
+        f"{number(at['pressure_kpa'], 1, sign=True)} kPa   {clock(at['time_s'])}",
+    ]
+    assert at["time_s"] == pytest.approx(272.0, abs=0.2)
+    QApplication.sendEvent(plots.view.viewport(), QEvent(QEvent.Type.Leave))
+    assert not any(hair.isVisible() for hair in plots._hairs.values())
+
+
 def test_cursors_show_statistics(live):
     """With A and B placed, the page shows mean, sd and slope between them."""
     live.draw()
@@ -157,7 +183,7 @@ def test_both_signals_on_one_axis(live):
     live.live.toggle_together()
     live.draw()
     assert len(live.live.plots.rows) == rows - 1
-    assert live.live.plots.s2_with.x.size > 100
+    assert live.live.plots.curves[1][1].x.size > 100
     live.live.toggle_together()
     assert len(live.live.plots.rows) == rows
 

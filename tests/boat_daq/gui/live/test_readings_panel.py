@@ -200,7 +200,7 @@ def test_wait_for_a_reading_counts_down(running):
 
 def test_implausible_reading_is_warned_of_beside_its_field(running):
     """Before Enter, also to a screen reader; Enter keeps it nevertheless."""
-    running.model.readings._nominal = lambda kpa: (0.07 * kpa, 0.1)
+    running.model.readings._nominal = lambda kpa: (0.07 * kpa, 0.55)
     bar = running.live.reading
     at_plateau(running, ASKED)
     QTest.keyClicks(bar.field, "1")

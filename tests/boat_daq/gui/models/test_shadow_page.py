@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -114,12 +116,22 @@ def test_pane_follows_the_menu_commands(page, app_model):  # noqa: F811 - the fi
 
 @pytest.mark.parametrize("theme", [style.LIGHT, style.DARK])
 def test_legend_of_the_shadow_is_in_the_picture(live, theme):
-    """Measured, nominal, at rest, guides and points: each mark is drawn in its colour above the scale."""
+    """Each mark is drawn in its colour above the scale, once the actuator is drawn: before, they explain nothing."""
     live.set_theme(theme)
     view = live.live.shadow.view
     view.resize(260, 420)
-    view.show_picture(live.model.shadow.picture())
-    image = view.grab().toImage()
-    top = image.height() - style.CONTROL_HEIGHT - 2 * 16
-    shown = {image.pixelColor(x, y).name() for x in range(image.width()) for y in range(top, top + 32)}
-    assert {theme.elongation, theme.target, theme.muted, theme.text} <= shown
+    empty = live.model.shadow.picture()
+    element = np.array([[[0.0, 0.0], [5.0, 0.0], [5.0, 5.0], [0.0, 5.0]]])
+    for picture, marks in (
+        (empty, set()),
+        (
+            replace(empty, corners=element, levels=np.zeros(1, np.int64)),
+            {theme.elongation, theme.target, theme.muted, theme.text},
+        ),
+    ):
+        view.show_picture(picture)
+        image = view.grab().toImage()
+        top = image.height() - style.CONTROL_HEIGHT - 2 * 16
+        shown = {image.pixelColor(x, y).name() for x in range(image.width()) for y in range(top, image.height())}
+        assert marks <= shown
+        assert bool(marks) or shown == {theme.surface}

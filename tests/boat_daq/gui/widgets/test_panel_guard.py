@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from PySide6.QtWidgets import QLabel
+from PySide6.QtWidgets import QApplication, QLabel
 
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import SessionState
@@ -37,26 +37,53 @@ def test_failing_panel_shows_it_in_its_place_and_the_others_go_on(live, capfd, m
     monkeypatch.undo()
     live.refresh()
     live.refresh()
-    page.overlay.findChildren(QLabel)
-    assert page.overlay not in page.guard._covers
+    assert page.guard._covers == {}
 
 
-@pytest.mark.parametrize("sensors", [1, 2, 3, 4])
+def test_failing_messages_and_values_are_covered_and_the_others_go_on(live, monkeypatch):
+    """The strip and the values were the last parts whose error stopped all that is shown after them."""
+
+    def fail(*_):
+        raise ValueError("no such severity")
+
+    page = live.live
+    monkeypatch.setattr(live.strip, "refresh", fail)
+    monkeypatch.setattr(page, "_show_values", fail)
+    live.model.session.change(state=SessionState.RUNNING, progress=RAMPING)
+    live.refresh()
+    assert [len(covers(panel)) for panel in (live.strip, page.head)] == [1, 1]
+    assert page.sequence.state.text().endswith("Running")
+    monkeypatch.undo()
+    live.refresh()
+    assert (live.guard._covers, page.guard._covers) == ({}, {})
+
+
+@pytest.mark.parametrize("sensors", [1, 3, 4])
 def test_board_with_one_to_four_sensors_is_shown(make, sensors):
-    """With one sensor the overlay failed; plots, overlay and the line of the run show each number of sensors."""
+    """With one sensor the overlay failed; sensors 3 and 4 had neither value nor plot."""
     session = RecordedSession(connected(), filled_ring(120.0, sensors=sensors))
     session.marks = tuple(
         StepMark(i, i, "unloading", 0.0, 10.0, int(36e6 * i), ended_us=int(36e6 * (i + 1))) for i in (1, 2)
     )
     session.change(state=SessionState.RUNNING, progress=RAMPING)
     window = make(session)
+    window.resize(1280, 800)
     window.refresh()
+    QApplication.processEvents()
     window.draw()
-    assert window.live.figures["s2"].isVisible() is (sensors > 1)
-    assert (window.live.plots.second in window.live.plots.rows) is (sensors > 1)
-    window.live.toggle_overlay()
+    page, numbers = window.live, range(1, 5)
+    shown = [page.figures[f"s{n}"] for n in numbers if page.figures[f"s{n}"].isVisible()]
+    assert [figure.value.text() != "\u2013" for figure in shown] == [True] * sensors
+    assert max(value.geometry().right() for value in page.figures.values() if value.isVisible()) <= page.head.width()
+    assert [plot.title for plot in page.plots.rows] == [*(f"Sensor {n}" for n in numbers[:sensors]), "Pressure"]
+    assert [own.x.size > 100 for own, _ in page.plots.curves][:sensors] == [True] * sensors
+    page.toggle_together()
+    window.draw()
+    assert [plot.unit for plot in page.plots.rows] == ["mV", "kPa"]
+    assert [with_first.x.size > 100 for _, with_first in page.plots.curves][:sensors] == [True] * sensors
+    page.toggle_overlay()
     window.refresh()
     window.refresh()
-    drawn = [curves[-1].x.size > 100 for curves in window.live.overlay.curves]
-    assert drawn == [number <= sensors for number in range(1, 5)]
-    assert (window.live.guard._covers, window.guard._covers, window.model.notices.history) == ({}, {}, [])
+    drawn = [curves[-1].x.size > 100 for curves in page.overlay.curves]
+    assert drawn[:sensors] == [True] * sensors
+    assert (page.guard._covers, window.guard._covers, window.model.notices.history) == ({}, {}, [])

@@ -165,3 +165,19 @@ def test_elongation_a_little_beyond_the_range_is_shown_and_marked(ring):
     head = model.headline(connected())
     assert head.elongation == "+3.85"
     assert head.band.endswith("\u00b10.10 at the end")
+
+
+@pytest.mark.parametrize(("at_s", "expected"), [(10.0, 5.0), (30.02, 12.5), (60.0, None)])
+def test_value_at_an_instant_is_the_mean_about_it(at_s, expected):
+    """As long as a readout's mean; of the nearest sample where fewer come than that; none where there are no data."""
+    ring = filled_ring(20.0)
+    for time_s, mv in ((29.9, 12.5), (30.7, 99.0)):
+        append(ring, time_s, s1_mv=mv)
+    values = LiveModel(lambda: ring).values_at(at_s)
+    columns = ring.view()
+    about = np.abs(columns["time_s"] - at_s) <= 0.1
+    if expected == 5.0:
+        assert values["s1_mv"] == pytest.approx(columns["s1_mv"][about].mean(), abs=0.5)
+        assert values["pressure_kpa"] == pytest.approx(columns["pressure_kpa"][about].mean(), abs=0.05)
+    else:
+        assert values.get("s1_mv") == expected

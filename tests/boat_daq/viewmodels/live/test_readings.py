@@ -136,8 +136,8 @@ def test_columns_of_a_spreadsheet():
 
 
 def nominal(kpa):
-    """The nominal actuator, 0.07 mm/kPa, with a standard deviation of 0.1 mm."""
-    return 0.07 * kpa, 0.1
+    """The nominal actuator, 0.07 mm/kPa, half of its band 0.55 mm."""
+    return 0.07 * kpa, 0.55
 
 
 def of_first_plateaus(*mm):

@@ -6,9 +6,9 @@ vectorised. Sensors are fused by their variances; that their residuals are corre
 taken into the uncertainty.
 
 Rules: outside the range there is no value: NaN and a mark, or the end of the range where a caller requests it. Noise
-carries half the signals of the range's own end beyond it: up to two standard uncertainties beyond, the value is that of
-the tangent at the end, and marked. A curve that turns inside its range has no inverse and is refused. Source:
-ISO/TS 28038:2018, clause 8 (inverse evaluation).
+carries half the signals of the range's own end beyond it, and that end was read to half a division of the grid: up to
+two standard uncertainties and half a division beyond, the value is that of the tangent at the end, and marked. A curve
+that turns inside its range has no inverse and is refused. Source: ISO/TS 28038:2018, clause 8.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from analysis.errors import DataError, RequestError
 NODES = 257
 SPLINE_NODES = 16385  # interpolated between: 1e-7 of the range
 DISAGREEMENT_SIGMA = 4.0
-BEYOND_SIGMA = 2.0  # standard uncertainties beyond an end of the range that a value is still given for
+BEYOND_SIGMA = 2.0  # standard uncertainties beyond an end of the range, as it was read, that a value is given for
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,8 @@ class ElongationEstimate:
     ----------
     elongation_mm : NaN where it is not known.
     standard_uncertainty_mm : of one reading, k = 1.
-    outside : True where the signal lies outside the calibrated range by more than two standard uncertainties: NaN.
+    outside : True where the signal lies outside the calibrated range by more than two standard uncertainties and half a
+        division of the grid that its end was read on: NaN.
     beyond : True where it lies outside by no more than these: the value is that of the tangent at the end.
     disagreement : True where two sensors differ by more than 4 sigma; all False for one sensor.
     """
@@ -156,9 +157,10 @@ class Inverse:
         inside, end = self(values), self(values, clamp=True)
         uncertainty = self.standard_uncertainty(end)
         past = np.isnan(inside) & ~np.isnan(values)
+        half_division = self.calibration.reading.grid / 2.0 if self.calibration.reading is not None else 0.0
         with np.errstate(divide="ignore", invalid="ignore"):  # the tangent may be level
             tangent = (values - self.calibration.predict(end)) / self.calibration.slope(end)
-            beyond = np.asarray(past & (np.abs(tangent) <= BEYOND_SIGMA * uncertainty), dtype=bool)
+            beyond = np.asarray(past & (np.abs(tangent) <= BEYOND_SIGMA * uncertainty + half_division), dtype=bool)
         outside = np.asarray(past & ~beyond, dtype=bool)
         x = np.where(beyond, end + tangent, end if clamp else inside)
         none = np.zeros(x.shape, dtype=bool)

@@ -410,7 +410,7 @@ class LivePage(QWidget):
         way = QBoxLayout.Direction.TopToBottom if apart else QBoxLayout.Direction.LeftToRight
         self.figure_line.setDirection(way)
         space = style.STEP if self.narrow else 5 * style.STEP
-        self.figure_line.setSpacing(0 if apart else space)
+        self.figure_line.setSpacing(style.STEP if apart else space)
         for part in self.figure_rows:
             part.setSpacing(space)
         beside = style.GAP if self.narrow else style.CARD_PADDING

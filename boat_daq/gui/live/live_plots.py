@@ -11,6 +11,7 @@ from time import monotonic
 from typing import Any
 
 import numpy as np
+import pyqtgraph as pg
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt
 from PySide6.QtGui import QResizeEvent
 
@@ -190,7 +191,7 @@ class LivePlots(PlotCard):
             for layer in (layer for plot in self.plots for layer in plot.layers):
                 layer.item.setOpacity(style.STALE_OPACITY if age else 1.0)
         self._age = age
-        widgets.set_text(self.readout, f"Last data {age}" if age else "")
+        widgets.set_text(self.heading, f"Last data {age}" if age else "")
 
     def _hover(self, at: QPointF) -> None:
         self._mouse = at
@@ -206,10 +207,11 @@ class LivePlots(PlotCard):
         for plot in self.plots:
             shown = plot in self.rows and plot in texts
             if shown and plot not in self._hairs:
-                self._hairs[plot] = plot.line(lambda t: t.muted, vertical=True, label=" ")
+                self._hairs[plot] = plot.line(lambda t: t.text, vertical=True, label=" ")
             if plot in self._hairs:
                 self._hairs[plot].setVisible(shown)
             if shown:
+                self._hairs[plot].label.fill = pg.mkBrush(self.theme.surface)
                 self._hairs[plot].label.setFormat(texts[plot])
                 self._hairs[plot].setValue(values["time_s"])
 

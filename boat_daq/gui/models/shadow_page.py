@@ -26,7 +26,7 @@ NO_CYCLES = "Start a plan: each cycle is shown here as a point. The unit needs a
 CYCLES = "One figure of each cycle of the run; a drift shows a change of the actuator."
 NOMINAL = (
     "Nominal: a healthy actuator of this design, computed by the shadow (a finite-element model); its band includes "
-    "about 95 % of them (k = 2). Measured: this unit in the last minute, by its calibration."
+    "about 95 % of them (k = 2) and their hysteresis. Measured: this unit in the last minute, by its calibration."
 )
 
 
@@ -36,7 +36,7 @@ class NominalCard(PlotCard):
     def __init__(self) -> None:
         super().__init__("Elongation over pressure", NOMINAL)
         self.plot = self.add("Elongation", "mm", x_title="Pressure", x_unit="kPa")
-        self.band = self.plot.band("Nominal, k = 2", lambda t: t.target)
+        self.band = self.plot.band("Nominal band", lambda t: t.target)
         self.nominal = self.plot.curve("Nominal", lambda t: t.target, dashed=True)
         self.trace = self.plot.curve("Measured", lambda t: t.elongation, gaps=True)
         self.plot.x_range(*PRESSURES_KPA)
@@ -56,7 +56,7 @@ class NominalCard(PlotCard):
             self.nominal.set(pressure, mm)
             self.plot.fit()
         self.trace.set(*model.trace())
-        self.readout.setText("- - nominal with its band (k = 2)   — measured, last minute")
+        self.readout.setText("- - nominal with its band   — measured, last minute")
 
 
 class CyclesCard(PlotCard):

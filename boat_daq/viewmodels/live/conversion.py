@@ -35,7 +35,7 @@ class Conversion:
         return LiveElongation(found.elongation_mm, expanded, found.disagreement, found.beyond)
 
     def each(self, signal_mv: FloatArray) -> FloatArray:
-        """Return the elongation by each sensor, [n, sensors] mm; NaN outside its range by more than two u."""
+        """Return the elongation by each sensor, [n, sensors] mm; NaN farther beyond its range than is read."""
         each = (inverse.evaluate(signal_mv[:, i]) for i, inverse in enumerate(self._fusion.inverses))
         return np.column_stack([found.elongation_mm for found in each])
 

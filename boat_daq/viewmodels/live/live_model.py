@@ -35,7 +35,7 @@ CYCLES_KEPT, CYCLE_POINTS = 5, 1200  # of the overlay
 class LiveElongation:
     """Elongation with its expanded uncertainty (k = 2), mm; NaN outside the calibrated range.
 
-    `beyond` marks values a little beyond its end, by no more than their expanded uncertainty; None marks none.
+    `beyond` marks values a little beyond its end, as `analysis.calibration.inverse` reads them; None marks none.
     """
 
     mm: FloatArray

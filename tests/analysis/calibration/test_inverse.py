@@ -62,6 +62,19 @@ def test_signal_of_the_last_position_is_read_without_bias(sign: float) -> None:
         np.testing.assert_array_equal(np.isnan(edge.elongation_mm), edge.outside)
 
 
+@pytest.mark.parametrize(("mm", "known"), [(-2.70, True), (-3.0, False)])
+def test_end_that_was_rounded_inwards_is_read(mm: float, known: bool) -> None:
+    """-2.70 mm is -2.5 on a grid of 0.5 mm: the plateau that ends the range lies 0.2 mm beyond it, and is read."""
+    x = np.linspace(-2.70, 3.80, 37)
+    y = np.polynomial.Polynomial(PAPER[0])(x)
+    read = np.round(x / 0.5) * 0.5
+    inverse = Inverse.of(fit_calibration(read, y, 3), noise_sd=1.5, reading_sd=0.5 / np.sqrt(12.0))
+    found = inverse.evaluate(np.polynomial.Polynomial(PAPER[0])(mm))
+    assert inverse.calibration.x_range[0] == -2.5
+    assert (bool(found.beyond), bool(found.outside)) == (known, not known)
+    assert not known or abs(found.elongation_mm - mm) < 2 * found.standard_uncertainty_mm
+
+
 def test_fused_value_beyond_the_end_is_marked() -> None:
     """Both sensors one u past the upper end: a value, marked; both far past it: none."""
     sensors = [Inverse.of(fitted(0), noise_sd=1.5), Inverse.of(fitted(1), noise_sd=1.5)]

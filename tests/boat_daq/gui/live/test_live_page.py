@@ -136,7 +136,7 @@ def test_values_and_curves_of_a_lost_board_are_grey_with_their_age(live):
         assert "\u2013" not in {value.text() for value in values}
         opacity = {own.item.opacity() for own, _ in page.plots.curves} | {page.plots.kpa.item.opacity()}
         spoken = values[0].accessibleName().endswith("1:15 ago")
-        seen.append(({v.property("state") or "" for v in values}, opacity, page.plots.readout.text(), spoken))
+        seen.append(({v.property("state") or "" for v in values}, opacity, page.plots.heading.text(), spoken))
     fresh = ({""}, {1.0}, "", False)
     assert seen == [fresh, ({"off"}, {style.STALE_OPACITY}, "Last data 1:15 ago", True), fresh]
     assert page.figures["mm"].note.text() == ""

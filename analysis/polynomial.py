@@ -10,6 +10,7 @@ reason, never solved silently.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -55,8 +56,7 @@ class ScaledBasis:
     def slope_design(self, x: npt.ArrayLike) -> FloatArray:
         """Return the derivative of the design matrix by x, [..., degree + 1]."""
         u = self.scaled(x)
-        columns = [legendre.legval(u, legendre.legder(unit)) for unit in np.eye(self.degree + 1)]
-        return np.stack(np.broadcast_arrays(*columns), axis=-1) / self.half_width
+        return legendre_slopes(u.ravel(), self.degree).reshape(*u.shape, self.degree + 1) / self.half_width
 
     def to_monomials(self) -> list[list[Fraction]]:
         """Return T, exact, with monomial coefficients = T @ basis coefficients."""
@@ -106,6 +106,18 @@ class LeastSquares:
         """Return dy/dx."""
         derivative = legendre.legder(self.basis_coefficients)
         return np.asarray(legendre.legval(self.basis.scaled(x), derivative), dtype=np.float64) / self.basis.half_width
+
+
+def legendre_slopes(u: FloatArray, degree: int) -> FloatArray:
+    """Return the derivatives of Legendre's polynomials, [points, degree + 1]."""
+    return np.asarray(legendre.legvander(u, max(degree - 1, 0)) @ _derivatives(degree))
+
+
+@functools.cache
+def _derivatives(degree: int) -> FloatArray:
+    """[degree, degree + 1]: of each polynomial in those of lower degree; P'_n is the sum of (2k + 1) P_k, n - k odd."""
+    lower, whole = np.arange(max(degree, 1))[:, None], np.arange(degree + 1)
+    return np.where((lower < whole) & ((whole - lower) % 2 == 1), 2.0 * lower + 1.0, 0.0)
 
 
 def least_squares(

@@ -25,7 +25,7 @@ from scipy import optimize, stats
 from analysis.arrays import BoolArray, FloatArray
 from analysis.calibration.quantised_x import Positions, common_variance
 from analysis.errors import DataError
-from analysis.polynomial import LeastSquares
+from analysis.polynomial import LeastSquares, legendre_slopes
 
 ITERATIONS = 8
 LOOP_TERMS, MORE_LOOP_TERMS = 2, 5
@@ -146,11 +146,7 @@ class PolynomialBasis:
 
     def slope_design(self, z: npt.ArrayLike) -> FloatArray:
         """Return its derivative by z."""
-        at = np.atleast_1d(np.asarray(z, dtype=np.float64))
-        if self.degree == 0:
-            return np.zeros((at.size, 1))
-        columns = [legendre.legval(at, legendre.legder(unit)) for unit in np.eye(self.degree + 1)]
-        return np.stack(np.broadcast_arrays(*columns), axis=-1)
+        return legendre_slopes(np.atleast_1d(np.asarray(z, dtype=np.float64)), self.degree)
 
     def constrained(self, loop_terms: int) -> None:
         """All coefficients are free."""

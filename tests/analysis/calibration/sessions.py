@@ -11,6 +11,7 @@ from numpy.polynomial import Polynomial, chebyshev
 
 from analysis import fit_calibration
 from analysis.calibration.fit import Calibration, fit_by_branch
+from analysis.calibration.joint_fit import JointFit, PolynomialBasis, joint_fit, position_means
 from tests.analysis.boat_builder import PAPER
 
 LOW, HIGH = -2.7, 3.8
@@ -68,6 +69,12 @@ class Session:
         return fit_by_branch(
             self.x, self.y, degree, positions=self.position, branch=self.branch, reading_sd=self.reading_sd
         )
+
+    def joint(self) -> JointFit:
+        """Return the cubic of `fit` without its verdict, which takes seven fits more."""
+        plain = self.plain_fit().with_reading(self.reading_sd, self.position)
+        means = position_means(plain.fit, plain.x, plain.y, self.position, self.branch, plain.reading)
+        return joint_fit(means, PolynomialBasis(3))
 
     def plain_fit(self) -> Calibration:
         """Return the fit through points."""

@@ -59,13 +59,25 @@ def test_a_loop_leaves_the_uncertainty_of_the_curve_alone() -> None:
     assert np.median(wide.plain_fit().curve_sd(at)) > 5 * np.median(u)
 
 
+@pytest.mark.parametrize("grid_mm", [0.02, 0.5])
+def test_calibration_has_the_curve_and_uncertainty_of_its_joint_fit(grid_mm: float) -> None:
+    """Curve, u and range of a session's calibration are those of the fit that the studies below are about."""
+    each = session(CUBIC, grid_mm, 0.3 * grid_mm, loop_mv=2.0)
+    fit, joint, at = each.fit(), each.joint(), each.grid_of_x
+    np.testing.assert_allclose(fit.predict(at), joint.predict(at), rtol=1e-12)
+    np.testing.assert_array_equal(fit.curve_u(at), joint.u(at))
+    assert fit.x_range == joint.ends
+    assert fit.joint is not None
+    np.testing.assert_array_equal(fit.joint.loop, joint.loop)
+
+
 @pytest.mark.parametrize("loop_mv", [0.0, 8.0])
 def test_uncertainty_of_the_curve_is_that_of_many_sessions(loop_mv: float) -> None:
     """Over 80 sessions the rms pull is 0.9 to 1.1 and two standard uncertainties hold the truth in 93 to 97 %."""
     pulls = []
     for each in sessions(80, loop_mv=loop_mv):
-        fit = each.fit()
-        pulls.append((fit.predict(each.grid_of_x) - CUBIC(each.grid_of_x)) / fit.curve_u(each.grid_of_x))
+        fit = each.joint()
+        pulls.append((fit.predict(each.grid_of_x) - CUBIC(each.grid_of_x)) / fit.u(each.grid_of_x))
     assert 0.9 <= np.sqrt(np.mean(np.square(pulls))) <= 1.1
     assert 0.93 <= np.mean(np.abs(pulls) <= 2.0) <= 0.97
 
@@ -77,10 +89,10 @@ def test_scattered_readings_do_not_flatten_the_curve(grid_mm: float, scatter_mm:
     found, plain = [], []
     for each in sessions(60, CUBIC, grid_mm, scatter_mm):
         exact = (CUBIC(HIGH + each.shift_mm) - CUBIC(LOW + each.shift_mm)) / (HIGH - LOW)
-        fits = each.fit(), each.plain_fit()
-        of_fits = [fit.full_scale / (fit.x_range[1] - fit.x_range[0]) - exact for fit in fits]
-        found.append(of_fits[0])
-        plain.append(of_fits[1])
+        fits = each.joint(), each.plain_fit()
+        for errors, fit, ends in zip((found, plain), fits, (fits[0].ends, fits[1].x_range), strict=True):
+            low, high = fit.predict(np.asarray(ends))
+            errors.append((high - low) / (ends[1] - ends[0]) - exact)
     error = np.std(found) / np.sqrt(60)
     assert abs(np.mean(found)) < 3 * error
     assert abs(np.mean(found)) < 0.01 * truth
@@ -96,9 +108,7 @@ def test_width_of_a_loop_on_a_grid(grid_mm: float, scatter_mm: float, rms_percen
     widths, inside = [], []
     rng = np.random.default_rng(0)
     for each in sessions(60, CUBIC, grid_mm, scatter_mm, loop_mv=loop_mv):
-        joint = each.fit().joint
-        assert joint is not None
-        estimate = greatest_loop_width(joint, rng)
+        estimate = greatest_loop_width(each.joint(), rng)
         widths.append(100.0 * (estimate.width - loop_mv) / 255.6)
         inside.append(estimate.low <= loop_mv <= estimate.high)
     assert np.sqrt(np.mean(np.square(widths))) < 1.35 * rms_percent
@@ -113,9 +123,7 @@ def test_interval_of_a_loop_holds_the_truth_at_its_rate(grid_mm: float, scatter_
     inside = []
     rng = np.random.default_rng(0)
     for each in sessions(600, CUBIC, grid_mm, scatter_mm, loop_mv=loop_mv):
-        joint = each.fit().joint
-        assert joint is not None
-        estimate = greatest_loop_width(joint, rng)
+        estimate = greatest_loop_width(each.joint(), rng)
         inside.append(estimate.low <= loop_mv <= estimate.high)
     assert 0.93 <= np.mean(inside) <= 0.985
 

@@ -2,31 +2,55 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from analysis.calibration.adequacy import Adequacy, CurveVerdict, expanded, judge_curve, lack_of_fit_p
+from analysis.calibration.fit import Calibration
 from analysis.calibration.inverse import Inverse
 from analysis.calibration.joint_fit import PolynomialBasis, PositionMeans, joint_fit
 from analysis.errors import DataError
 from tests.analysis.calibration.sessions import CUBIC, GRIDS, TRUTHS, Session, session, sessions
 
+Grid = tuple[float, float]
+
+
+@functools.cache
+def fitted(name: str, grid: Grid, loop_mv: float = 0.0, count: int = 20) -> list[tuple[Session, Calibration]]:
+    """Return sessions of a truth with their calibrations, for every test that judges them."""
+    return [(each, each.fit()) for each in sessions(count, TRUTHS[name], *grid, loop_mv=loop_mv)]
+
+
+def share_held(name: str, pairs: list[tuple[Session, Calibration]]) -> float:
+    """Return the share of the range, over sessions, in which U holds the truth."""
+    truth, inside = TRUTHS[name], []
+    for each, fit in pairs:
+        at = each.grid_of_x
+        inside.append(np.abs(fit.predict(at) - truth(at)) <= fit.expanded_u(at))
+    return float(np.mean(inside))
+
+
+def verdict_on(fit: Calibration) -> Adequacy:
+    """The verdict on a curve."""
+    assert fit.adequacy is not None
+    return fit.adequacy
+
 
 def judged(each: Session, degree: int = 3) -> Adequacy:
     """The verdict on the curve of a session."""
-    found = each.fit(degree).adequacy
-    assert found is not None
-    return found
+    return verdict_on(each.fit(degree))
 
 
 def test_the_right_cubic_is_adequate() -> None:
     """40 sessions with and without a loop on two grids: none is inadequate, at most two are doubtful (1 % each)."""
     verdicts = [
-        judged(each).verdict
+        verdict_on(fit).verdict
         for grid in GRIDS[:2]
-        for loop_mv in (0.0, 8.0)
-        for each in sessions(10, CUBIC, *grid, loop_mv=loop_mv)
+        for found in (fitted("cubic", grid)[:10], fitted("cubic", grid, 8.0, 10))
+        for _, fit in found
     ]
     assert verdicts.count(CurveVerdict.INADEQUATE) == 0
     assert verdicts.count(CurveVerdict.ADEQUATE) >= 38
@@ -44,34 +68,27 @@ def test_a_cubic_of_another_truth_is_inadequate(name: str) -> None:
         assert found.reference is found.preferred.fit
 
 
-@pytest.mark.parametrize("name", TRUTHS)
-@pytest.mark.parametrize("grid", GRIDS[:2])
-def test_expanded_uncertainty_holds_every_truth(name: str, grid: tuple[float, float]) -> None:
+@pytest.mark.parametrize(
+    ("name", "grid"),
+    [("cubic", GRIDS[0]), ("cubic", GRIDS[1]), ("quintic", GRIDS[1]), ("dead zone", GRIDS[0]), ("sigmoid", GRIDS[1]),
+     ("cubic + T5", GRIDS[0])],
+)  # fmt: skip
+def test_expanded_uncertainty_holds_every_truth(name: str, grid: Grid) -> None:
     """U of the cubic holds the truth in 91 to 99.5 % of the range over 20 sessions, whatever the truth."""
-    truth = TRUTHS[name]
-    inside = []
-    for each in sessions(20, truth, *grid):
-        fit, at = each.fit(), each.grid_of_x
-        inside.append(np.abs(fit.predict(at) - truth(at)) <= fit.expanded_u(at))
-    assert 0.91 <= np.mean(inside) <= 0.995
+    assert 0.91 <= share_held(name, fitted(name, grid)) <= 0.995
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", TRUTHS)
 @pytest.mark.parametrize("grid", GRIDS)
-def test_expanded_uncertainty_holds_every_truth_at_its_rate(name: str, grid: tuple[float, float]) -> None:
+def test_expanded_uncertainty_holds_every_truth_at_its_rate(name: str, grid: Grid) -> None:
     """The same over 80 sessions: 92 to 99 %, and 88 % or more on the coarsest grid, where a deviation may hide."""
-    truth = TRUTHS[name]
-    inside = []
-    for each in sessions(80, truth, *grid):
-        fit, at = each.fit(), each.grid_of_x
-        inside.append(np.abs(fit.predict(at) - truth(at)) <= fit.expanded_u(at))
-    assert (0.88 if grid == GRIDS[-1] else 0.92) <= np.mean(inside) <= 0.99
+    assert (0.88 if grid == GRIDS[-1] else 0.92) <= share_held(name, fitted(name, grid, count=80)) <= 0.99
 
 
 def test_the_curve_that_predicts_best_is_the_simplest_of_equals() -> None:
     """For the paper's cubic degree 3 is preferred in 17 of 20 sessions or more, degree 2 and less never."""
-    names = [judged(each).preferred.name for each in sessions(20)]
+    names = [verdict_on(fit).preferred.name for _, fit in fitted("cubic", GRIDS[0])]
     assert names.count("3") >= 17
     assert not {"1", "2"} & set(names)
 

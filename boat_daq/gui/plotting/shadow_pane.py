@@ -239,7 +239,7 @@ class ShadowPane(QWidget):
         ------
         OperatorError : the shadow is not drawn yet.
         """
-        if self.view.picture is None:
+        if self.view.picture is None or not len(self.view.picture.corners):
             raise OperatorError("the shadow is not drawn yet", "Wait until it is prepared.")
 
     def copy(self) -> None:

@@ -21,6 +21,8 @@ from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Page, Panel
 from boat_daq.viewmodels.live.shadow_live import SCALES
 
+CONNECTED = "Disconnect the board first."
+NO_GRID = "No plateau of a virtual board of this window waits for its reading."
 CONTENTS = {  # what an operator types to find a page
     Page.CALIBRATE: "fit curve hysteresis",
     Page.REPEAT: "repeatability drift hysteresis",
@@ -50,6 +52,14 @@ def session(window: MainWindow) -> list[Command]:
         add("Close what is open, else vent", "Esc", window.escape, also="cancel escape"),
         add("Connect …", "Ctrl+K", partial(model.services.show, Panel.CONNECT), apart=True, also="port serial board"),
         add("Start the virtual board", "Ctrl+Shift+B", start, also="demo simulate simulation"),
+        add(
+            "Quick trial",
+            "F3",
+            partial(attempt, run.trial.start),
+            run.trial.possible,
+            why=lambda: CONNECTED,
+            also="demo",
+        ),
         add("Disconnect", "Ctrl+Shift+K", partial(attempt, connection.disconnect), has_port),
         add("Start or close the recording", "Ctrl+R", run.toggle_recording, model.connected, apart=True),
         add("Add marker …", "Ctrl+M", window.live.ask_marker, model.connected, also="mark note comment moment"),
@@ -62,7 +72,7 @@ def session(window: MainWindow) -> list[Command]:
 
 def edit(window: MainWindow) -> list[Command]:
     """Return the commands of undo and of the readings."""
-    undo, attempt, live = window.model.undo, window.model.notices.attempt, window.live
+    undo, attempt, live, run = window.model.undo, window.model.notices.attempt, window.live, window.model.run
     add = partial(Command, "Edit")
     return [
         add("Undo", "Ctrl+Z", partial(attempt, undo.undo), lambda: bool(undo.done)),
@@ -70,7 +80,9 @@ def edit(window: MainWindow) -> list[Command]:
         add("Read from a photograph …", "Ctrl+P", live.open_photograph, apart=True),
         add("Paste readings", "Ctrl+Shift+V", lambda: live.show_readings().paste()),
         add("Import readings …", "Ctrl+Shift+I", lambda: live.show_readings().import_()),
-        add("Skip this reading", "Ctrl+Shift+N", window.model.run.skip_reading, live.reading_is_due, also="without"),
+        add("Read the simulated grid", "F2", run.read_grid, run.may_read_grid, why=lambda: NO_GRID, also="elongation"),
+        add("Read the simulated grid at every plateau", "Shift+F2", run.toggle_read_all, also="all automatic"),
+        add("Skip this reading", "Ctrl+Shift+N", run.skip_reading, live.reading_is_due, also="without"),
     ]
 
 

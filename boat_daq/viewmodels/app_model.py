@@ -108,6 +108,7 @@ class AppModel:
         self.repeatability.follow(snapshot)
         self.run.calibration.follow(snapshot, analysing=self.calibration.working)
         self.run.resumption.follow(snapshot)
+        attempt(lambda: self.run.follow(snapshot))
         attempt(lambda: self.unit.follow(snapshot, self.calibration.units_revision))
         self._messages.follow(snapshot)
         return snapshot

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QFont, QResizeEvent
+from PySide6.QtGui import QFont, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QBoxLayout, QFrame, QGridLayout, QScrollArea, QTabWidget, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
@@ -23,7 +23,7 @@ from boat_daq.gui.widgets.layouts import Divided, Leaves
 from boat_daq.gui.widgets.panel_guard import PanelGuard
 from boat_daq.viewmodels.common import formatting
 from boat_daq.viewmodels.common.services import Page, Panel, Services
-from boat_daq.viewmodels.live.connection import ConnectionModel, age_text
+from boat_daq.viewmodels.live.connection import age_text
 from boat_daq.viewmodels.live.live_model import HEADINGS, HEADINGS_SHORT, WINDOWS_S, OverlayModel, Span
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.shadow_live import ShadowLive
@@ -35,6 +35,10 @@ SENSORS, BESIDE = 4, 2  # of a board at most; of those at most whose values are 
 BAND = (
     "Expanded uncertainty, k = 2. Out of range: no elongation of the calibration gives these signals. Disagree: "
     "each sensor gives another elongation, so the band does not hold."
+)
+TRIAL = (
+    "One cycle of a simulated unit at 20 times real time, each plateau read automatically: a calibration in half a "
+    "minute."
 )
 STEPS = {
     "Connect": "Plug in the board and choose its port, or start the virtual board: a simulated unit like SA1, for "
@@ -110,24 +114,33 @@ def table(rows: Sequence[Sequence[str]], spacing: int) -> str:
 
 
 class FirstSteps(QScrollArea):
-    """Three steps from a board to a calibration."""
+    """Three steps from a board to a calibration; before the first recording, a quick trial of them."""
 
-    def __init__(self, connection: ConnectionModel, services: Services) -> None:
+    def __init__(self, run: RunModel, services: Services) -> None:
         super().__init__()
+        self.recordings, attempt = services.recordings, services.notices.attempt
+        self.trial = widgets.button("Quick trial", partial(attempt, run.trial.start), "primary", tip=f"{TRIAL} (F3)")
         self.board = widgets.button("Connect a board …", partial(services.show, Panel.CONNECT))
-        start = partial(services.notices.attempt, connection.start_virtual_board)
-        self.virtual = widgets.button("Start the virtual board", start, "primary")
+        self.virtual = widgets.button("Start the virtual board", partial(attempt, run.connection.start_virtual_board))
         self.plan = widgets.button("Show the plan", partial(services.show, Panel.PLAN))
+        self.first = widgets.card(widgets.row((widgets.label(TRIAL, "muted", wrap=True), 1), self.trial))[0]
         buttons = ((self.virtual, self.board), (self.plan,), ())
         rows = zip(STEPS.items(), buttons, strict=True)
         steps = [self._step(str(i), title, text, *each) for i, ((title, text), each) in enumerate(rows, 1)]
-        frame, inside = widgets.card(widgets.label("From a board to a calibration", "title"), *steps)
+        frame, inside = widgets.card(widgets.label("From a board to a calibration", "title"), self.first, *steps)
         frame.setMaximumWidth(style.FORM_WIDTH + style.PANE_WIDTH)
         inside.setContentsMargins(*(6 * style.STEP,) * 4)
-        inside.setSpacing(style.CARD_PADDING)
+        inside.setSpacing(style.GAP)
         across = widgets.row(None, (frame, 100), None)  # no alignment: an aligned frame does not wrap its text
         self.setWidgetResizable(True)
         self.setWidget(widgets.holder(widgets.column(None, across, None)))
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Offer the quick trial first where nothing has been recorded yet."""
+        new = not any(self.recordings.glob("*.boat"))
+        self.first.setVisible(new)
+        widgets.set_state(self.virtual, "" if new else "primary", "role")
+        super().showEvent(event)
 
     def _step(self, number: str, title: str, text: str, *buttons: QWidget) -> QFrame:
         grid = QGridLayout()
@@ -164,7 +177,7 @@ class LivePage(QWidget):
         self.reading = ReadingBar(run, services)
         self.pane = self._pane(shadow)
         self.middle = Leaves()
-        self.first_steps, self.overlay = FirstSteps(run.connection, services), OverlayPlots(overlay)
+        self.first_steps, self.overlay = FirstSteps(run, services), OverlayPlots(overlay)
         for leaf in (self.first_steps, self.plots, self.overlay):
             self.middle.addWidget(leaf)
         self.overlaid = self.narrow = self.low = False

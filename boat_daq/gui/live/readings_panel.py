@@ -8,7 +8,7 @@ from typing import Any
 
 from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt, Signal
 from PySide6.QtGui import QFont, QGuiApplication, QKeyEvent, QKeySequence
-from PySide6.QtWidgets import QApplication, QBoxLayout, QFrame, QTableView, QWidget
+from PySide6.QtWidgets import QApplication, QBoxLayout, QCheckBox, QFrame, QTableView, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.engine.toml_values import read_text
@@ -44,14 +44,18 @@ class ReadingBar(QFrame):
         self.field.setProperty("role", "reading")
         show = partial(services.show, Panel.PHOTOGRAPH)
         self.photo = widgets.button("Photograph …", show, tip="Read it from a picture of the grid (Ctrl+P)")
-        self.simulated = widgets.button("Read the grid", self._simulated, tip="Read the grid of the simulated unit")
+        self.simulated = widgets.button("Read the grid", run.read_grid, tip="The grid of the simulated unit (F2)")
+        self.all = QCheckBox("All")
+        self.all.setToolTip("Read the grid at every plateau (Shift+F2)")
+        self.all.setAccessibleName("Read the grid at every plateau")
+        self.all.clicked.connect(run.toggle_read_all)
         self.skip = widgets.button("Skip", self.run.skip_reading, tip="Continue without a reading")
         self.field.textChanged.connect(self._ask)
         unit = widgets.label("mm, Enter", "muted")
-        self.left = widgets.label("", "muted", name="Time left for the reading")
-        self.left.setToolTip("The run continues without the reading then")
+        self.left = widgets.label("", "muted", name="Time left for the reading, or the value taken")
+        self.left.setToolTip("The run continues without a reading when its time is over")
         self.left.setFixedWidth(style.text_width(self.left.font(), "0:00:00 left"))
-        answer = widgets.row(self.field, unit, self.left, None, self.simulated, self.photo, self.skip)
+        answer = widgets.row(self.field, unit, self.left, None, self.simulated, self.all, self.photo, self.skip)
         self.lines = widgets.row(self.question, (answer, 1))
         widgets.as_card(self, self.lines)
         self.hide()
@@ -70,9 +74,13 @@ class ReadingBar(QFrame):
         self._due = self.run.readings.question(snapshot)
         self._ask()
         left_s = waiting.time_left_s if waiting is not None else math.inf
-        widgets.set_text(self.left, f"{duration(left_s)} left" if math.isfinite(left_s) else "")
+        taken = self.run.readings.taken() if waiting is None else ""
+        widgets.set_text(self.left, f"{duration(left_s)} left" if math.isfinite(left_s) else taken)
         widgets.set_state(self.left, "warning" if left_s <= SOON_S else "")
-        self.simulated.setVisible(self.run.connection.simulated_mm() is not None)
+        simulated = self.run.connection.board is not None
+        for control, visible in ((self.simulated, simulated), (self.all, simulated), (self.photo, not simulated)):
+            control.setVisible(visible)
+        self.all.setChecked(self.run.read_all)
         if step == self.step_id and self.field.isReadOnly() is (step is None):
             return
         self.step_id = step
@@ -123,10 +131,6 @@ class ReadingBar(QFrame):
         widgets.set_state(self.field, "" if kept else "true", "wrong")
         if kept:
             self.field.setText("")
-
-    def _simulated(self) -> None:
-        if self.step_id is not None:
-            self.run.read_simulated(self.step_id)
 
 
 def side(column: int) -> Qt.AlignmentFlag:

@@ -160,6 +160,12 @@ class ReadingsModel:
             return f"Next: {place(progress)}"
         return "Next: elongation, once the run is resumed" if snapshot.state is SessionState.PAUSED else ""
 
+    def taken(self) -> str:
+        """Return the reading of the last plateau that has one, e.g. `+2.50 taken`; empty without."""
+        latest = self.latest()
+        read = [mm for step in self.session.steps() if (mm := _mm(latest.get(step.number))) is not None]
+        return f"{number(read[-1], 2, sign=True)} taken" if read else ""
+
     def latest(self) -> dict[int, Reading]:
         """Return the newest reading of each plateau."""
         return {reading.step_id: reading for reading in self.session.readings()}

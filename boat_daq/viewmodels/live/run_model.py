@@ -1,5 +1,7 @@
 """The run on the bench: the buttons of its sequence, its recording, its readings and markers, and what is offered then.
 
+A simulated unit's grid is read by the program on request, at one plateau or at all; a quick trial runs a cycle so.
+
 Once a run has ended: to calibrate with its readings, or to resume it after an interruption, at its next whole cycle:
 after a vent or an unplugged board in the session's own recording, or in one that a crash or a stop has left. It is only
 armed; pressure waits for Start.
@@ -9,12 +11,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 from boat_daq.engine.file_names import path_in
-from boat_daq.engine.plan import Plan, resume_point
+from boat_daq.engine.plan import Plan, built_in_plans, resume_point
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
@@ -22,7 +24,7 @@ from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import count
 from boat_daq.viewmodels.common.notices import Notice, Severity
 from boat_daq.viewmodels.common.services import Page, Services
-from boat_daq.viewmodels.live.connection import ConnectionModel
+from boat_daq.viewmodels.live.connection import ENDED, ConnectionModel
 from boat_daq.viewmodels.live.live_model import LiveModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.sequence import SequenceModel
@@ -30,6 +32,7 @@ from protocol.recording import RunEnd
 
 AT_REST = (SessionState.IDLE, SessionState.ABORTED)
 ReadInterrupted = Callable[[Path, Callable[[BrokenRun], None]], None]
+TRIAL_SPEED = 20.0  # of the virtual board over real time
 UNDER_WAY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 
 
@@ -166,6 +169,58 @@ class ResumeRun:
         self._services.show(Page.LIVE)
 
 
+class QuickTrial:
+    """One cycle of the calibration plan on the virtual board, read from its grid, and its calibration.
+
+    Parameters
+    ----------
+    run : of the window; nothing may be connected.
+    """
+
+    def __init__(self, run: RunModel) -> None:
+        self._run = run
+        self.active = self._begun = False
+
+    def start(self) -> None:
+        """Start a fast virtual board; `follow` does the rest.
+
+        Raises
+        ------
+        OperatorError : a board is connected.
+        """
+        if not self.possible():
+            raise OperatorError("a board is connected", "Disconnect it, then start the quick trial.")
+        self._run.connection.start_virtual_board(speed=TRIAL_SPEED)
+        self.active, self._begun = True, False
+
+    def possible(self) -> bool:
+        """Return whether no board is connected."""
+        return self._run.snapshot.link in ENDED and not self._run.connection.starting
+
+    def follow(self, snapshot: SessionSnapshot) -> None:
+        """Begin the run once the board sends samples, and calibrate with it; a run that was stopped ends the trial.
+
+        Raises
+        ------
+        BoatDaqError : the run cannot begin.
+        """
+        run = self._run
+        if not self.active:
+            return
+        if self._begun and run.calibration.open:
+            self._end()
+            run.calibration.take()
+        elif (self._begun and snapshot.state not in UNDER_WAY) or (not self._begun and self.possible()):
+            self._end()
+        elif not self._begun and snapshot.link is LinkState.UP and snapshot.last is not None:
+            self.active = False  # where it cannot begin
+            run.begin(replace(built_in_plans()["calibration"], cycles=1))
+            self.active = self._begun = run.read_all = True
+
+    def _end(self) -> None:
+        self.active = self._run.read_all = False
+
+
 @dataclass(slots=True)
 class RunModel:
     """State of the run and what the operator can do with it.
@@ -176,6 +231,7 @@ class RunModel:
     connection : names the unit on the bench, reads the simulated grid.
     live, sequence, readings : of the same session.
     resumption, calibration : what is offered after a run.
+    read_all : whether every plateau of a simulated unit is read from its grid.
     services : of the window.
     """
 
@@ -187,6 +243,11 @@ class RunModel:
     resumption: ResumeRun
     calibration: CalibrationOffer
     services: Services
+    read_all: bool = False
+    trial: QuickTrial = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.trial = QuickTrial(self)
 
     @property
     def snapshot(self) -> SessionSnapshot:
@@ -213,6 +274,43 @@ class RunModel:
         self.sequence.press(button)
         if button == "start":
             self.services.show(Page.LIVE)  # which asks for the readings
+
+    def begin(self, plan: Plan) -> None:
+        """Arm and start a plan that waits for each reading, in a recording of its own.
+
+        Raises
+        ------
+        BoatDaqError : it is not allowed now.
+        """
+        if self.snapshot.recording is not None:
+            self.session.stop_recording()
+        self.sequence.arm(plan)
+        self._press("start")
+
+    def follow(self, snapshot: SessionSnapshot) -> None:
+        """Read the grid where every plateau is read from it, and continue a quick trial.
+
+        Raises
+        ------
+        BoatDaqError : the run of a trial cannot begin.
+        """
+        if self.read_all and snapshot.waiting_for_reading is not None:
+            self.read_simulated(snapshot.waiting_for_reading.step_id)
+        self.trial.follow(snapshot)
+
+    def may_read_grid(self) -> bool:
+        """Return whether a plateau of this window's virtual board waits for its reading."""
+        return self.snapshot.waiting_for_reading is not None and self.connection.board is not None
+
+    def read_grid(self) -> None:
+        """Enter what the grid shows at the plateau that waits."""
+        waiting = self.snapshot.waiting_for_reading
+        if waiting is not None:
+            self.read_simulated(waiting.step_id)
+
+    def toggle_read_all(self) -> None:
+        """Read every plateau from the grid from now on, or none."""
+        self.read_all = not self.read_all
 
     def may_resume(self) -> bool:
         """Return whether a paused or an interrupted run can resume."""

@@ -257,18 +257,20 @@ class SequenceModel:
         }  # fmt: skip
         actions[button]()
 
-    def arm(self, *, resume: bool = False) -> None:
-        """Make the plan ready; with `resume`, at the next whole cycle of the interrupted run.
+    def arm(self, plan: Plan | None = None, *, resume: bool = False) -> None:
+        """Make a plan ready: the chosen one, or another one, which is then not chosen and waits for each reading.
+
+        With `resume`, at the next whole cycle of the interrupted run.
 
         Raises
         ------
         BoatDaqError : it is not allowed now.
         """
-        if self.refused:
+        if plan is None and self.refused:
             cause = f"the plan is invalid: {next(iter(self.refused.values()))}"
             raise OperatorError(cause, "Correct the marked fields of the plan, then arm.")
-        waits = self.wait_for_reading and self.plan.kind == "staircase"
-        self.session.arm(self.plan, wait_for_reading=waits, resume=resume)
+        waits = (self.wait_for_reading and self.plan.kind == "staircase") if plan is None else True
+        self.session.arm(plan or self.plan, wait_for_reading=waits, resume=resume)
         self._needs_readings = waits
 
     def set_pressure(self, text: str, ramp: str) -> None:

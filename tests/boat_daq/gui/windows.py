@@ -16,6 +16,21 @@ RAMPING = Progress(4, 37, 1, 2, 0, (), "unloading", Phase.RAMPING, 20.0, 1.0, 20
 ASKED = ReadingRequest(4, 1, "unloading", 20.0, 20.0)
 
 
+class Grid:
+    """In place of the virtual board's process: a grid that shows one elongation."""
+
+    unit, url = "SA1", "/dev/pts/7"
+
+    def __init__(self, mm):
+        self.mm = mm
+
+    def grid_mm(self):
+        return self.mm
+
+    def close(self):
+        """Nothing runs."""
+
+
 def run_shortcut(window, keys: str) -> None:
     """Do what these keys do, where it may be done."""
     next(s for s in window.findChildren(QShortcut) if s.key() == QKeySequence(keys)).activated.emit()

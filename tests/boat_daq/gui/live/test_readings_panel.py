@@ -17,7 +17,7 @@ from boat_daq.engine.snapshot import (
     SessionState,
 )
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
-from tests.boat_daq.gui.windows import ASKED, PATIENCE_MS, RAMPING
+from tests.boat_daq.gui.windows import ASKED, PATIENCE_MS, RAMPING, Grid, run_shortcut
 
 
 def test_reading_bar_keeps_its_place_during_a_run(running, qtbot):
@@ -214,3 +214,23 @@ def test_implausible_reading_is_warned_of_beside_its_field(running):
     QTest.keyClick(bar.field, Qt.Key.Key_Return)
     assert running.model.session.kept[-1].elongation_mm == 14.0
     assert (bar.question.property("state"), bar.field.accessibleDescription()) == ("", "")
+
+
+def test_grid_of_the_virtual_board_is_read_by_one_key(running):
+    """F2 enters it, and the bar shows the value taken; Shift+F2 reads every plateau; a real board has no such grid."""
+    bar, session = running.live.reading, running.model.session
+    at_plateau(running, ASKED)
+    run_shortcut(running, "F2")
+    assert (session.kept, bar.simulated.isVisible(), bar.all.isVisible()) == ([], False, False)
+    running.model.connection.board = Grid(2.5)
+    running.refresh()
+    assert (bar.simulated.isVisible(), bar.all.isVisible(), bar.photo.isVisible()) == (True, True, False)
+    run_shortcut(running, "F2")
+    assert [(r.step_id, r.elongation_mm, r.source) for r in session.kept] == [(4, 2.5, "simulated")]
+    session.change(waiting_for_reading=None)
+    running.refresh()
+    assert (bar.question.text()[:5], bar.left.text()) == ("Next:", "+2.50 taken")
+    run_shortcut(running, "Shift+F2")
+    at_plateau(running, dataclasses.replace(ASKED, step_id=5))
+    assert bar.all.isChecked()
+    assert [r.step_id for r in session.kept] == [4, 5]

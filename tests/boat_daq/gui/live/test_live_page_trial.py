@@ -1,0 +1,85 @@
+"""The quick trial: offered before the first recording, one cycle on the virtual board, read and calibrated."""
+
+from __future__ import annotations
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+
+from boat_daq.engine.plan import StepMark
+from boat_daq.engine.snapshot import LinkState, SessionState
+from boat_daq.viewmodels.common.services import Page
+from tests.boat_daq.gui.recorded_session import connected, filled_ring
+from tests.boat_daq.gui.windows import ASKED, RAMPING, Grid
+
+
+@pytest.fixture
+def trial(empty, monkeypatch):
+    """A window without recordings whose quick trial was clicked and whose board sends samples now."""
+    model, armed = empty.model, []
+    monkeypatch.setattr(model.connection, "start_virtual_board", lambda *, speed: armed.append(speed))
+    monkeypatch.setattr(model.session, "arm", lambda plan, **how: armed.append((plan.cycles, how)), raising=False)
+    monkeypatch.setattr(model.calibration, "analyse_current", lambda: armed.append("analysed"))
+    model.run.calibration._analyse = model.calibration.analyse_current
+
+    def start():
+        model.session.calls.append("start")
+        model.session.change(state=SessionState.RUNNING)
+
+    monkeypatch.setattr(model.session, "start", start, raising=False)
+    model.armed = armed
+    QTest.mouseClick(empty.live.first_steps.trial, Qt.MouseButton.LeftButton)
+    model.connection.board = Grid(1.5)
+    model.session.shown, model.session.ring = connected(), filled_ring(2.0)
+    empty.refresh()
+    return empty
+
+
+def test_quick_trial_is_the_first_button_before_the_first_recording(empty):
+    """With a recording in the folder it is not offered, and the virtual board is the next step."""
+    steps = empty.live.first_steps
+    assert (steps.trial.isVisible(), steps.virtual.property("role")) == (True, "")
+    empty.model.services.recordings.mkdir(parents=True)
+    (empty.model.services.recordings / "a.boat").touch()
+    empty.go(Page.RUNS)
+    empty.go(Page.LIVE)
+    assert (steps.trial.isVisible(), steps.virtual.property("role")) == (False, "primary")
+
+
+def test_quick_trial_runs_a_cycle_reads_it_and_calibrates(trial):
+    """One click: a cycle at 20 times real time that waits for readings, each read from the grid, then the analysis."""
+    model, session = trial.model, trial.model.session
+    plan, cycles = model.sequence.plan, model.sequence.plan.cycles
+    assert model.armed == [20.0, (1, {"wait_for_reading": True, "resume": False})]
+    assert session.calls == ["start_recording", "start"]
+    assert (model.sequence.plan, cycles) == (plan, 5)
+    session.marks = (StepMark(ASKED.step_id, 1, "unloading", 20.0, 10.0, 1),)
+    session.change(state=SessionState.RUNNING, waiting_for_reading=ASKED)
+    trial.refresh()
+    assert [(r.elongation_mm, r.source) for r in session.kept] == [(1.5, "simulated")]
+    session.change(waiting_for_reading=None, progress=RAMPING)
+    trial.refresh()
+    assert trial.live.reading.left.text() == "+1.50 taken"
+    session.change(state=SessionState.IDLE)
+    trial.refresh()
+    assert (trial.page, model.armed[-1]) == (Page.CALIBRATE, "analysed")
+    assert (model.run.trial.active, model.run.read_all) == (False, False)
+
+
+@pytest.mark.parametrize(
+    "ended", [{"state": SessionState.ABORTED}, {"state": SessionState.FAULT, "link": LinkState.LOST}]
+)
+def test_quick_trial_that_was_vented_or_unplugged_ends(trial, ended):
+    """Nothing is read or calibrated after it; the next run is the operator's."""
+    trial.refresh()
+    trial.model.session.change(**ended)
+    trial.refresh()
+    assert (trial.model.run.trial.active, trial.model.run.read_all, trial.page) == (False, False, Page.LIVE)
+    assert "analysed" not in trial.model.armed
+
+
+def test_quick_trial_is_refused_while_a_board_is_connected(live):
+    """Its pressure would be commanded; the reason is shown."""
+    live.model.notices.attempt(live.model.run.trial.start)
+    assert live.model.notices.current().cause == "a board is connected"
+    assert (live.model.run.trial.active, live.model.connection.board) == (False, None)

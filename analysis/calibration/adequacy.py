@@ -17,15 +17,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy import special, stats
 
 from analysis.arrays import FloatArray
+from analysis.calibration.curve_choice import DEGREES, SPLINE, curve_name
 from analysis.calibration.joint_fit import (
-    DEGREES,
     CurveBasis,
     JointFit,
     PolynomialBasis,
@@ -35,7 +35,6 @@ from analysis.calibration.joint_fit import (
 from analysis.calibration.monotone_spline import MonotoneSplineBasis
 from analysis.errors import DataError
 
-SPLINE: Final = "spline"
 DOUBTFUL, INADEQUATE = 0.01, 0.001  # chances of such a lack of fit for the right curve
 SUSPECTED = 0.2  # no evidence yet, but a deviation may hide in it: U then holds the preferred curve as well
 NOTICED_PERCENT = 0.25  # of full scale: a smaller remainder leaves a curve doubtful, however certain it is
@@ -159,11 +158,6 @@ class Adequacy:
                 for candidate in self.candidates
             ],
         }
-
-
-def curve_name(name: str) -> str:
-    """Return a candidate's name in a sentence."""
-    return "a monotone spline" if name == SPLINE else f"degree {name}"
 
 
 def curve_candidates(chosen: JointFit) -> tuple[Candidate, ...]:

@@ -92,7 +92,7 @@ def compare_fits(new: Mapping[str, Any], before: Mapping[str, Any]) -> Agreement
     if not low < high:
         raise DataError("the two calibrations share no range of elongation", "Compare runs of one plan.")
     if not all(fit["coefficients"] for fit in (new, before)):
-        raise DataError("a spline has no coefficients to compare", "Compare two polynomials: --degree 1 to 6.")
+        raise DataError("a spline has no coefficients to compare", "Compare two polynomials, of degree 1 to 6.")
     grid = np.linspace(low, high, POINTS)
     y, sd = _curve(new, grid)
     y_before, sd_before = _curve(before, grid)

@@ -106,7 +106,7 @@ class Inverse:
         if calibration.adequacy is not None and calibration.adequacy.refused:
             raise DataError(
                 f"the curve misses the readings by {calibration.adequacy.remainder_percent:.1f} % FSO (rms)",
-                "Fit the curve that predicts best: --degree auto.",
+                "Choose the curve by cross-validation (degree auto).",
             )
         noise = calibration.residual_sd if noise_sd is None else float(noise_sd)
         if calibration.spline is not None:

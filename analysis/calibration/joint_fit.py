@@ -30,7 +30,6 @@ from analysis.polynomial import LeastSquares, legendre_slopes
 ITERATIONS = 8
 LOOP_TERMS, MORE_LOOP_TERMS = 2, 5
 OTHER_SHAPE = 0.001  # chance of such a gain by more terms for a loop of the model's shape
-DEGREES = (1, 2, 3, 4, 5, 6)
 EXACT = 1e-10  # of the largest |y|: less is the rounding of the arithmetic
 WIDTH_POINTS = 101
 WIDTH_DRAWS = 512

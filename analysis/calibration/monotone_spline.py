@@ -47,9 +47,11 @@ class MonotoneSplineBasis:
         return np.concatenate([np.full(ORDER + 1, -1.0), self.knots, np.full(ORDER + 1, 1.0)])
 
     def design(self, z: npt.ArrayLike) -> FloatArray:
-        """Return the design matrix [points, coefficients]; z beyond -1..1 is taken for the end."""
+        """Return the design matrix [points, coefficients]; z beyond -1..1 is taken for the end, NaN gives NaN."""
         at = np.clip(np.atleast_1d(np.asarray(z, dtype=np.float64)), -1.0, 1.0)
-        return self._integrated(BSpline.design_matrix(at, self._whole_knots, ORDER).toarray())
+        rows = self._integrated(BSpline.design_matrix(np.nan_to_num(at), self._whole_knots, ORDER).toarray())
+        rows[np.isnan(at)] = np.nan
+        return rows
 
     def slope_design(self, z: npt.ArrayLike) -> FloatArray:
         """Return its derivative by z."""

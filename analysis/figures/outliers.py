@@ -64,7 +64,8 @@ def outlying(pressure_kpa: FloatArray, loading: BoolArray, elongation_mm: FloatA
 
 def wrong_readings(run: SegmentedRun) -> dict[int, tuple[str, ...]]:
     """Return the plateaus, counted from 0, whose reading is off, each with a text for every sensor that shows it."""
-    from analysis.calibration.fit import USUAL_DEGREE, fit_calibration
+    from analysis.calibration.curve_choice import USUAL_DEGREE
+    from analysis.calibration.fit import fit_calibration
     from analysis.calibration.robust_fit import leave_out
     from analysis.errors import AnalysisError
 

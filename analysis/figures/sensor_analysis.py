@@ -12,14 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from analysis.arrays import BoolArray, FloatArray
-from analysis.calibration.adequacy import SPLINE, Adequacy, CurveVerdict, judge_curve
+from analysis.calibration.adequacy import Adequacy, CurveVerdict, judge_curve
 from analysis.calibration.checks import fit_checks
-from analysis.calibration.fit import USUAL_DEGREE, Calibration, fit_by_branch
+from analysis.calibration.curve_choice import AUTO, SPLINE, USUAL_DEGREE, Degree
+from analysis.calibration.fit import Calibration, fit_by_branch
 from analysis.calibration.joint_fit import (
     JointFit,
     LoopEstimate,
@@ -59,8 +60,6 @@ OF_POINTS = (  # figures of the calibration's points; the others are those of th
 )  # fmt: skip
 
 
-AUTO: Final = "auto"
-Degree = int | Literal["auto", "spline"]
 ACTUATOR_DEGREE, ACTUATOR_LOOP_TERMS = 3, (2, 3, 4)
 
 
@@ -248,7 +247,7 @@ def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None 
     if run.loops.elongation_mm is not None:
         own = metrics.sensor_loop_width(run.loops, sensor, calibration, run.weights)
     loops_figures = _loop_figures(run, sensor, calibration, fso, (system, own), noise)
-    joint = adequacy.reference if adequacy is not None and loop_is_represented(adequacy.reference) else None
+    joint = _joint_loop(adequacy)
     if own is not None and joint is not None:
         estimate = greatest_loop_width(joint, np.random.default_rng((run.options.seed, 2)))
         figure = metrics.joint_hysteresis(estimate, own, fso, run.loops.n_cycles)
@@ -270,6 +269,28 @@ def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None 
         figures_by_cycle(run.loops, sensor, figures["fso_mv"].value, system, noise),
         _checks(calibration, cycle_of) if calibration is not None else None, joint,
     )  # fmt: skip
+
+
+def with_curve(run: AnalysedRun, sensor: int, degree: Degree) -> AnalysedRun:
+    """Return the run with another curve of a sensor; its figures stay those of the curve before.
+
+    Parameters
+    ----------
+    run : that was analysed. sensor : counted from 0. degree : of the other curve.
+
+    Raises
+    ------
+    DataError : the points do not carry it.
+    """
+    run, before = replace(run, options=replace(run.options, degree=degree)), run.sensors[sensor]
+    calibration = _calibrate(run, sensor, before.point_plateau.astype(np.int64))
+    changed = replace(before, calibration=calibration, joint_loop=_joint_loop(calibration.adequacy))
+    return replace(run, sensors=(*run.sensors[:sensor], changed, *run.sensors[sensor + 1 :]))
+
+
+def _joint_loop(adequacy: Adequacy | None) -> JointFit | None:
+    """Return the fit whose loop is that of the sensor; None where it does not represent the loop."""
+    return adequacy.reference if adequacy is not None and loop_is_represented(adequacy.reference) else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ it is traceable (`analysis.calibration.type_b`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,11 +22,12 @@ from scipy import stats
 from analysis.arrays import FloatArray
 from analysis.calibration.adequacy import expanded
 from analysis.calibration.compare import between_calibrations_mm
+from analysis.calibration.curve_choice import CURVES, CurveCandidate, degree_of
 from analysis.calibration.fit import Calibration
 from analysis.calibration.inverse import Fusion, Inverse
 from analysis.calibration.type_b import Traceability, not_assessed, traceability
 from analysis.errors import AnalysisError, DataError
-from analysis.figures.sensor_analysis import AnalysedRun
+from analysis.figures.sensor_analysis import AnalysedRun, with_curve
 from analysis.numbers import percent
 
 COVERAGE_FACTOR = 2.0
@@ -245,6 +246,33 @@ def middle_budgets(analysis: AnalysedRun, runs: Sequence[AnalysedRun] = ()) -> E
         return ElongationBudgets(x_mm, elongation_budget(analysis, x_mm, runs=runs))
     except AnalysisError as error:
         return ElongationBudgets(x_mm, (), error.cause)
+
+
+def curve_candidates_of(analysis: AnalysedRun, sensor: int, x_mm: float) -> tuple[CurveCandidate, ...]:
+    """Return what each curve would be for a sensor: its verdict, its error of prediction, U of an elongation.
+
+    Parameters
+    ----------
+    analysis : of a run. sensor : counted from 0; without a calibration it has no candidates.
+    x_mm : the elongation that U is of.
+    """
+    if analysis.sensors[sensor].calibration is None:
+        return ()
+    return tuple(_candidate(analysis, sensor, name, x_mm) for name in CURVES)
+
+
+def _candidate(analysis: AnalysedRun, sensor: int, name: str, x_mm: float) -> CurveCandidate:
+    found = CurveCandidate(name)
+    try:
+        run = with_curve(analysis, sensor, degree_of(name))
+        calibration = run.sensors[sensor].calibration
+        adequacy = calibration.adequacy if calibration is not None else None
+        if adequacy is not None:
+            own = next(one for one in adequacy.candidates if one.fit is adequacy.chosen)
+            found = CurveCandidate(name, str(adequacy.verdict), adequacy.sentence, own.prediction_rms)
+        return replace(found, expanded_mm=BudgetOfSensor.of(run, sensor).at(x_mm).expanded)
+    except AnalysisError as error:
+        return replace(found, void=error.cause)
 
 
 @dataclass(frozen=True, slots=True)

@@ -135,7 +135,11 @@ def _adequacy_warnings(adequacy: Adequacy) -> Iterator[Warning]:
     if adequacy.verdict is CurveVerdict.DOUBTFUL:
         yield Warning(WarningCode.DOUBTFUL_CURVE, "", f"doubtful: {adequacy.sentence}")
     if adequacy.verdict is CurveVerdict.INADEQUATE:
-        yield Warning(WarningCode.INADEQUATE_CURVE, "", f"inadequate: {adequacy.sentence}; give --degree auto")
+        yield Warning(
+            WarningCode.INADEQUATE_CURVE,
+            "",
+            f"inadequate: {adequacy.sentence}; choose the curve by cross-validation (degree auto)",
+        )
     if adequacy.refused:
         yield Warning(
             WarningCode.REFUSED_CURVE,

@@ -21,7 +21,7 @@ from matplotlib.ticker import AutoLocator, MaxNLocator
 
 from analysis import figure_style as style
 from analysis.arrays import FloatArray
-from analysis.calibration.adequacy import curve_name
+from analysis.calibration.curve_choice import curve_name
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
 from analysis.figures.uncertainty import Budget

@@ -12,6 +12,7 @@ import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show, show_table
 from boat_daq.commands.options import (
+    DegreeOption,
     FidelityOption,
     LeaveOutOption,
     LimitOption,
@@ -27,7 +28,6 @@ from boat_daq.commands.options import (
 
 if TYPE_CHECKING:
     from analysis.figures.pipeline import Analysis
-    from analysis.figures.sensor_analysis import Degree
 
 
 def analyze(
@@ -37,9 +37,7 @@ def analyze(
     rate: RateOption = None,
     seed: SeedOption = 0,
     no_mcmc: NoMcmcOption = False,
-    degree: Annotated[
-        str, typer.Option(metavar="N|auto|spline", help="Curve: degree 1 to 6, a monotone spline, or the best of them.")
-    ] = "3",
+    degree: DegreeOption = "3",
     x_resolution: Annotated[
         float | None, typer.Option(min=0.0, metavar="MM", help="Resolution of the readings; 0 = exact.")
     ] = None,
@@ -64,6 +62,7 @@ def analyze(
     Example: boat-daq analyze run.boat --elongation readings.csv --seed 1 --json
     """
     from analysis import Options, PlateauSettings, analyse, load_recording
+    from analysis.calibration.curve_choice import degree_of
     from analysis.figures.acceptance import conformity_json
     from analysis.figures.stored_results import store_analysis
     from boat_daq.commands.importing import column_map
@@ -73,14 +72,14 @@ def analyze(
     with progress_bar("Analysing") as advance:
         recording = load_recording(run, columns=column_map(mapping) or None, rate_hz=rate)
         options = Options(
-            _degree(degree),
+            degree_of(degree),
             seed=seed,
             mcmc=not no_mcmc,
             x_resolution_mm=x_resolution,
             plateau=PlateauSettings(tolerance, settling),
             fidelity=fidelity,
             leave_out=leave_out,
-            type_b=stated_contributions(recording.unit, type_b),
+            type_b=stated_contributions(recording, type_b),
         )
         analysis = analyse(recording, elongation, options=options, progress=advance)
     conformity = conformity_json(analysis, limits)
@@ -99,27 +98,6 @@ def analyze(
     _show(analysis, limits)
     if shadow is not None:
         _show_shadow(shadow)
-
-
-def _degree(text: str) -> Degree:
-    """Return the degree that an option names.
-
-    Raises
-    ------
-    typer.BadParameter : it is neither auto nor spline nor 1 to 6.
-    """
-    from analysis.calibration.adequacy import SPLINE
-    from analysis.calibration.joint_fit import DEGREES
-    from analysis.figures.sensor_analysis import AUTO
-
-    if text == AUTO:
-        return AUTO
-    if text == SPLINE:
-        return SPLINE
-    if text not in map(str, DEGREES):
-        known = f"{AUTO}, {SPLINE} nor {DEGREES[0]} to {DEGREES[-1]}"
-        raise typer.BadParameter(f"{text!r} is neither {known}", param_hint="--degree")
-    return int(text)
 
 
 def _show_shadow(shadow: Mapping[str, Any]) -> None:
@@ -220,6 +198,7 @@ def report(
     elongation: Annotated[
         list[Path] | None, typer.Option(help="CSV of elongation readings; repeat it for each run, in order.")
     ] = None,
+    degree: DegreeOption = "3",
     limit: LimitOption = None,
     type_b: TypeBOption = None,
     leave_out: LeaveOutOption = False,
@@ -238,19 +217,20 @@ def report(
     if elongation and len(elongation) not in (1, len(runs)):
         raise typer.BadParameter(f"{len(elongation)} files for {len(runs)} runs", param_hint="--elongation")
     from analysis import Options, analyse, load_recording, write_report
+    from analysis.calibration.curve_choice import degree_of
     from analysis.figures.acceptance import conformity_json
     from analysis.figures.against_shadow import against_shadow
     from analysis.progress import part_of
     from boat_daq.viewmodels.common.reference import stated_contributions
 
-    options = Options(seed=seed, mcmc=not no_mcmc, fidelity=fidelity, leave_out=leave_out)
+    options = Options(degree_of(degree), seed=seed, mcmc=not no_mcmc, fidelity=fidelity, leave_out=leave_out)
     limits = limits_of(limit)
     files: list[Path | None] = [*elongation] if elongation else [None]
     with progress_bar("Reporting") as advance:
         analyses = []
         for number, run in enumerate(runs):
             recording = load_recording(run)
-            stated = replace(options, type_b=stated_contributions(recording.unit, type_b))
+            stated = replace(options, type_b=stated_contributions(recording, type_b))
             part = part_of(advance, number, 1, len(runs) + 1)
             analyses.append(analyse(recording, files[number % len(files)], options=stated, progress=part))
         compared = len(analyses) == 1 and analyses[0].kind == "calibration" and not no_shadow

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from analysis.calibration.curve_choice import AUTO, CURVES
 from analysis.fidelity import LEVELS, Level
 
 
@@ -52,6 +53,14 @@ TypeBOption = Annotated[
         "--type-b",
         metavar="FILE.toml",
         help="Contributions of grid or photograph, parallax, pressure gauge, temperature.",
+    ),
+]
+DegreeOption = Annotated[
+    str,
+    typer.Option(
+        metavar="N|auto|spline",
+        callback=one_of(AUTO, *CURVES),
+        help="Curve: degree 1 to 6, a monotone spline, or the best of them.",
     ),
 ]
 LeaveOutOption = Annotated[

@@ -211,7 +211,7 @@ class MainWindow(QMainWindow):
         """Save the report of the run that is shown."""
         path = self.model.analysed_path(self.page)
         if path is not None:
-            make = partial(self.model.runs.report, [path])
+            make = partial(self.model.runs.report, [path], curve=self.model.analysed_curve(self.page))
             ask_save(self, self.model.services, f"{path.stem} report", "pdf html", make, done="")
 
     def copy_plot(self, card: PlotCard | ShadowPane) -> None:

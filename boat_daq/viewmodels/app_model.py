@@ -133,6 +133,10 @@ class AppModel:
             return Path(self.repeatability.result.path)
         return self.calibration.last_path
 
+    def analysed_curve(self, page: Page) -> str:
+        """Return the curve that was chosen for the result on a page; empty for none."""
+        return "" if page is Page.REPEAT else self.calibration.choice
+
     def choose_repeatability(self) -> None:
         """Take the plan of many cycles and show it."""
         self.sequence.choose("repeatability")

@@ -24,7 +24,16 @@ from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands, LoopSet, RunResult, SensorResult
-from boat_daq.viewmodels.results.calibration import ACCEPT, ANYWAY, CalibrationModel, NextStep, missing, warnings
+from boat_daq.viewmodels.results.calibration import (
+    ACCEPT,
+    ANYWAY,
+    CHOICES,
+    CURVE_HEADINGS,
+    CalibrationModel,
+    NextStep,
+    missing,
+    warnings,
+)
 from boat_daq.viewmodels.results.runs import ClosedRun
 
 SENSORS = 2
@@ -42,6 +51,12 @@ ANYWAY_TIP = "Store it with the unit, marked as out of tolerance, and use it liv
 NO_CYCLE = "A loop needs one complete cycle."
 NO_READINGS = "Elongation over pressure needs the readings of a complete cycle."
 BRANCHES = (("Loading", "Residual, loading", True), ("Unloading", "Residual, unloading", False))
+CHOICE_TIP = "The curve of all sensors; cross-validation takes for each the simplest that predicts best"
+CURVE_TIPS = {
+    1: "Whether the curve follows the readings within their scatter",
+    2: "Expanded uncertainty (k = 2) of an elongation in the middle of the range",
+    3: "Cross-validation: rms error of predicting each position from the others",
+}
 COMPARED = ("", "now", "previous", "E\u2099")
 
 
@@ -257,13 +272,23 @@ class CalibrationPage(QWidget):
         compared = widgets.column(style.GAP, self.comparison, (self.coefficients, 1), spacing=style.GAP)
         self.budget = FigureTable("Uncertainty of an elongation, and the published limits; sources as tooltips")
         uncertainty = widgets.inside(widgets.column((self.uncertainty, 2), (self.budget, 3), spacing=style.GAP))
-        compare = widgets.inside(compared), "Compare with previous"
-        pages = (self.table, "Figures"), (uncertainty, "Uncertainty"), compare
+        compare = widgets.inside(compared), "Previous"
+        pages = (self.table, "Figures"), (uncertainty, "Uncertainty"), (self._curve_tab(), "Curve"), compare
         self.tabs = widgets.tabs("Figures, and the comparison with the previous calibration", *pages)
         self.posterior = widgets.label("", "small", wrap=True)
         self.run_warnings = widgets.label("", "small", wrap=True)
         self.texts = TextArea(widgets.column(self.posterior, self.run_warnings))
         return widgets.card((self.tabs, 1), self.texts)[0]
+
+    def _curve_tab(self) -> QWidget:
+        self.choice = widgets.choice("Curve of the calibration", CHOICES, self._choose_curve, tip=CHOICE_TIP)
+        self.candidates = DataTable("What each curve would be", CURVE_HEADINGS, stretched=0, right=(2, 3))
+        self.candidates.explain(CURVE_TIPS)
+        line = widgets.row(widgets.label("Curve"), self.choice, None)
+        return widgets.inside(widgets.column(style.GAP, line, (self.candidates, 1), spacing=style.GAP))
+
+    def _choose_curve(self, name: str) -> None:
+        self.services.notices.attempt(lambda: self.model.choose_curve(name))
 
     def _again(self) -> None:
         path = self.model.last_path
@@ -289,7 +314,9 @@ class CalibrationPage(QWidget):
         widgets.set_state(self.verdict, state)
         self.headline.setText(self.model.headline())
         self._show_acceptance()
-        self.sample.setEnabled(result is not None and result.calibrated)
+        self.choice.setCurrentIndex(self.choice.findData(self.model.curve_shown))
+        widgets.allow(self.choice, "" if result is not None else "No run is analysed yet.")
+        self.sample.setEnabled(self.model.samples())
         self.report.setEnabled(result is not None)
         if result is None:
             self._clear()
@@ -315,6 +342,8 @@ class CalibrationPage(QWidget):
         self.uncertainty.show_uncertainty(result.u_elongation)
         self.table.show_rows(result.figures, labels)
         self.budget.show_rows(result.uncertainty, labels)
+        curves = self.model.curve_rows()
+        self.candidates.fill([cells for cells, _ in curves], [tip for _, tip in curves])
         self._show_texts(result)
 
     def _show_acceptance(self) -> None:
@@ -338,7 +367,8 @@ class CalibrationPage(QWidget):
             table.show_rows((), ())
         for label in (self.posterior, self.run_warnings, self.comparison):
             label.clear()
-        self.coefficients.setRowCount(0)
+        for rows in (self.coefficients, self.candidates):
+            rows.setRowCount(0)
         self.upper.setCurrentIndex(0)
         self.texts.fit()
 

@@ -326,7 +326,7 @@ class RunsPage(QWidget):
         self.compare_card.clear()
         self.compare_card.readout.setText(legend)
         for labels, curves in zip(self.numbers, lines, strict=False):
-            labels.set([(*spread(x, y, i, len(curves)), str(i + 1)) for i, (x, y) in enumerate(curves)])
+            labels.set([(*spread(x, y, i, len(curves)), str(i + 1)) for i, (x, y) in enumerate(curves) if x.size])
         for row, curves in zip(self.differences, lines, strict=False):
             for curve, (x, y) in zip(row, curves, strict=False):
                 curve.set(x, y)

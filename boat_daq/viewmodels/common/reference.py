@@ -1,6 +1,7 @@
-"""The reference of a calibration: contributions to its uncertainty that the file of a unit or of a rig states.
+"""What the file of a unit or of a rig states for an analysis: type B contributions, and the curve that was accepted.
 
-Rules: a rig's file has the same tables as a unit's, [type_b.scale] and so on, and counts before the unit's.
+Rules: a rig's file has the same tables as a unit's, [type_b.scale] and so on, and counts before the unit's. A simulated
+run takes both from the library of simulated units.
 """
 
 from __future__ import annotations
@@ -8,19 +9,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from boat_daq.engine.settings import UnitLibrary
+from boat_daq.engine.settings import Unit, UnitLibrary
 from boat_daq.engine.toml_values import BadValue, parse_toml, read_text
 
 if TYPE_CHECKING:
+    from analysis.calibration.curve_choice import Degree
     from analysis.calibration.type_b import TypeBContribution
+    from analysis.data.recording import Recording
 
 
-def stated_contributions(unit: str, rig: Path | None = None) -> tuple[TypeBContribution, ...]:
+def stated_contributions(recording: Recording, rig: Path | None = None) -> tuple[TypeBContribution, ...]:
     """Return the type B contributions that a rig's file states, or else the unit's; none where neither states any.
 
     Parameters
     ----------
-    unit : its name; empty for none.
+    recording : of the unit; it may name none.
     rig : file of the rig; None for none.
 
     Raises
@@ -34,5 +37,35 @@ def stated_contributions(unit: str, rig: Path | None = None) -> tuple[TypeBContr
         if not isinstance(table, dict):
             raise BadValue(str(rig), "type_b", "is missing", "write [type_b.scale] and its keys below it")
         return contributions(table)
-    library = UnitLibrary()
-    return contributions(library.load(unit).type_b) if unit in library.names() else ()
+    unit = _unit(recording)
+    return contributions(unit.type_b) if unit is not None else ()
+
+
+def chosen_curve(recording: Recording, choice: str = "") -> Degree:
+    """Return the curve of a calibration: as chosen, else as it was accepted with this recording, else the usual one.
+
+    Parameters
+    ----------
+    recording : of the unit; it may name none.
+    choice : as `degree_of` takes it; empty for none.
+
+    Raises
+    ------
+    OperatorError : the unit's file is refused. AnalysisError : there is no such curve.
+    """
+    from analysis.calibration.curve_choice import USUAL_DEGREE, degree_of
+
+    unit = None if choice else _unit(recording)
+    name = Path(recording.source).name
+    accepted = (
+        str(entry.content.get("curve", ""))
+        for entry in reversed(unit.history if unit is not None else ())
+        if entry.accepted and entry.recording == name
+    )
+    return degree_of(choice or next(accepted, "") or str(USUAL_DEGREE))
+
+
+def _unit(recording: Recording) -> Unit | None:
+    """Return the stored unit of a recording; None where it names none or none is stored."""
+    library = UnitLibrary(simulated=recording.simulated)
+    return library.load(recording.unit) if recording.unit in library.names() else None

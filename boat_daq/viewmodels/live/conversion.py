@@ -7,7 +7,7 @@ a helper thread: the analysis and its compiler take a moment to load, which must
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -58,6 +58,7 @@ def prepare(content: Mapping[str, Any]) -> Conversion:
 
 def _inverse(stored: Mapping[str, Any]) -> Inverse:
     """Return one sensor's inverse with the uncertainty of its run; of the residuals of the fit where none is stored."""
+    from analysis.calibration.curve_choice import SPLINE
     from analysis.calibration.fit import fit_by_branch, fit_calibration
     from analysis.calibration.inverse import Inverse
     from analysis.calibration.type_b import contributions
@@ -66,7 +67,8 @@ def _inverse(stored: Mapping[str, Any]) -> Inverse:
     reading_sd, positions = float(stored.get("reading_sd_mm") or 0.0), stored.get("positions")
     if stored.get("branches") is not None:
         branch = stored["branches"]
-        fit = fit_by_branch(*points, degree, positions=stored["positions"], branch=branch, reading_sd=reading_sd)
+        curve: int | Literal["spline"] = SPLINE if stored["fit"].get("curve") == SPLINE else degree
+        fit = fit_by_branch(*points, curve, positions=stored["positions"], branch=branch, reading_sd=reading_sd)
     else:  # accepted before the branches were stored
         fit = fit_calibration(*points, degree).with_reading(reading_sd, positions)
     type_b = contributions(stored.get("type_b") or {})

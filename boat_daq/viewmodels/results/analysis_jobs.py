@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from analysis.arrays import BoolArray, FloatArray, IntArray
+from analysis.calibration.curve_choice import CurveCandidate
 from analysis.fidelity import Level, fidelity
 from analysis.figures.figure import SENSOR_FIGURES, Figure
 from analysis.progress import Progress, part_of
 from analysis.warning import Warning
 from boat_daq.viewmodels.common.formatting import NOTHING, number, sensor_words
-from boat_daq.viewmodels.common.reference import stated_contributions
+from boat_daq.viewmodels.common.reference import chosen_curve, stated_contributions
 
 if TYPE_CHECKING:
     from analysis.figures.across_breaks import Break, Comparison
@@ -152,7 +153,8 @@ class RunResult:
     """All that a page shows of one run; of its `plateaus`, `read` have an elongation.
 
     `uncertainty` has a row for each component of the budget of an elongation, and for each published limit.
-    `u_elongation` has x and U of each sensor, [points, 2] mm, none where the curve gives no elongation.
+    `u_elongation` has x and U of each sensor, [points, 2] mm, none where the curve gives no elongation. `curve` is the
+    choice that was fitted; `candidates` are each sensor's curves, none where they were not compared.
     """
 
     path: str
@@ -171,6 +173,8 @@ class RunResult:
     read: int = 0
     uncertainty: tuple[tuple[Cell, ...], ...] = ()
     u_elongation: tuple[FloatArray, ...] = ()
+    curve: str = ""
+    candidates: tuple[tuple[CurveCandidate, ...], ...] = ()
 
     @property
     def unit_text(self) -> str:
@@ -183,13 +187,17 @@ class RunResult:
         return bool(self.sensors) and all(sensor.fit is not None for sensor in self.sensors)
 
 
-def analyse_run(path: str, *, level: Level = "normal", progress: Progress | None = None) -> RunResult:
+def analyse_run(
+    path: str, *, level: Level = "normal", curve: str = "", compare: bool = False, progress: Progress | None = None
+) -> RunResult:
     """Return all figures and curves of a recording, without the posterior.
 
     Parameters
     ----------
     path : of the recording.
     level : of fidelity.
+    curve : that is fitted, see `chosen_curve`.
+    compare : whether every curve is tried, which takes longer than the rest.
     progress : is called with the steps done and their number.
 
     Raises
@@ -199,12 +207,18 @@ def analyse_run(path: str, *, level: Level = "normal", progress: Progress | None
     from analysis.data.load import load_recording
     from analysis.figures.pipeline import analyse
     from analysis.figures.sensor_analysis import Options
+    from analysis.figures.uncertainty import curve_candidates_of
 
     recording = load_recording(Path(path))
     part_of(progress, 0, 1, 4)(1, 1)
-    type_b = stated_contributions(recording.unit)
-    options = Options(mcmc=False, fidelity=level, type_b=type_b)
-    found = analyse(recording, options=options, progress=part_of(progress, 1, 3, 4))
+    degree, type_b = chosen_curve(recording, curve), stated_contributions(recording)
+    options = Options(degree, mcmc=False, fidelity=level, type_b=type_b)
+    found = analyse(recording, options=options, progress=part_of(progress, 1, 1, 4))
+    candidates = []
+    if compare and found.budgets is not None:
+        for i in range(len(found.sensors)):
+            candidates.append(curve_candidates_of(found, i, found.budgets.x_mm))
+            part_of(progress, 2, 2, 4)(i + 1, len(found.sensors))
     loops = found.loops
     plateaus, read = _plateaus(found)
     return RunResult(
@@ -224,6 +238,8 @@ def analyse_run(path: str, *, level: Level = "normal", progress: Progress | None
         read=read,
         uncertainty=(*_expanded_rows(found), *_limit_rows(found), *_component_rows(found)),
         u_elongation=found.u_elongation,
+        curve=str(degree),
+        candidates=tuple(candidates),
     )
 
 
@@ -404,13 +420,14 @@ def export_run(path: Path, target: Path, *, progress: Progress | None = None) ->
     return export(load_recording(path), target, kind, progress=progress)
 
 
-def report_runs(paths: list[Path], target: Path, *, progress: Progress | None = None) -> str:
+def report_runs(paths: list[Path], target: Path, *, curve: str = "", progress: Progress | None = None) -> str:
     """Write the report of one or several recordings; returns its verdict.
 
     Parameters
     ----------
     paths : of the recordings.
     target : .html or .pdf.
+    curve : that is fitted, see `chosen_curve`.
     progress : is called with the parts that are analysed and set, and their number.
 
     Raises
@@ -423,7 +440,7 @@ def report_runs(paths: list[Path], target: Path, *, progress: Progress | None = 
     parts, analyses = len(paths) + WRITING, []
     for i, path in enumerate(paths):
         recording = load_recording(path)
-        options = Options(type_b=stated_contributions(recording.unit))
+        options = Options(chosen_curve(recording, curve), type_b=stated_contributions(recording))
         analyses.append(analyse(recording, options=options, progress=part_of(progress, i, 1, parts)))
     return write_report(analyses, target, progress=part_of(progress, len(paths), WRITING, parts)).verdict
 

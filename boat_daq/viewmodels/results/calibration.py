@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from analysis.calibration.compare import Agreement, Coefficient, compare_fits
+from analysis.calibration.curve_choice import AUTO, CURVES, SPLINE, USUAL_DEGREE, CurveCandidate
 from analysis.errors import AnalysisError
 from analysis.fidelity import Fidelity, fidelity
 from analysis.numbers import decimals_for, finite
@@ -37,6 +38,13 @@ LEAST_ELONGATIONS = 4  # of a cubic
 OF_A_READING = (WarningCode.OUTLIER, WarningCode.HIGH_LEVERAGE)
 TWO_ELONGATIONS = "one signal would stand for two elongations"
 BUSY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
+CHOICES = (
+    *((f"Degree {name}", name) for name in CURVES if name != SPLINE),
+    ("Monotone spline", SPLINE),
+    ("By cross-validation", AUTO),
+)
+"""The curves that can be chosen, as texts with their names."""
+CURVE_HEADINGS = ("Curve", "Verdict", "U, \u00b5m", "Error, mV")
 
 
 class NextStep(Enum):
@@ -96,6 +104,7 @@ class CalibrationModel:
         self.posterior: tuple[CurveBands, ...] = ()
         self.failure: Any = None
         self.last_path: Path | None = None
+        self.choice = ""  # that was chosen for the last recording; none: see `chosen_curve`
         self.accepted: StoredCalibration | None = None
         self.revision = 0
         self.units_revision = 0  # grows whenever a unit's calibration in force changes
@@ -128,12 +137,61 @@ class CalibrationModel:
         self.analyse(self.last_path)
 
     def analyse(self, path: Path) -> None:
-        """Analyse a recording in the background."""
-        self.last_path, self.result, self.posterior, self.failure, self.accepted = path, None, (), None, None
-        self.before, self.agreements = None, ()
+        """Analyse a recording in the background; another one than before by the curve that it was accepted with."""
+        self.choice = self.choice if path == self.last_path else ""
+        self.last_path, self.result, self.before, self.agreements = path, None, None, ()
+        self._start(path)
+
+    def follow_change(self) -> None:
+        """Analyse the recording again by what was changed; what is shown stays until then."""
+        if self.last_path is not None and self.result is not None:
+            self._start(self.last_path)
+
+    def _start(self, path: Path) -> None:
+        self.posterior, self.failure, self.accepted = (), None, None
         self.revision += 1
-        job = Job(f"Analysing {path.name}", analyse_run, str(path), level=self.fidelity.level)
+        level, curve = self.fidelity.level, self.choice
+        job = Job(f"Analysing {path.name}", analyse_run, str(path), level=level, curve=curve, compare=True)
         self.jobs.start("analysis", job, self._analysed)
+
+    @property
+    def curve_shown(self) -> str:
+        """Return the name of the curve that is chosen, else of the one that is shown."""
+        return self.choice or (self.result.curve if self.result is not None else "") or str(USUAL_DEGREE)
+
+    def choose_curve(self, name: str) -> None:
+        """Fit another curve, undoably.
+
+        Parameters
+        ----------
+        name : of `CHOICES`.
+
+        Raises
+        ------
+        OperatorError : there is no run.
+        """
+        path, before = self.last_path, self.choice
+        if path is None:
+            raise OperatorError("no run is analysed", "Analyse a run with readings first.")
+
+        def fit(curve: str) -> None:
+            if self.last_path == path:
+                self.choice = curve
+                self.follow_change()
+
+        if name != self.curve_shown:
+            self._services.undo.push(Change("the choice of a curve", partial(fit, name), partial(fit, before)))
+
+    def curve_rows(self) -> list[tuple[Cells, str]]:
+        """Return each sensor's curves as (name, verdict, U, error of prediction), with its tooltip."""
+        if self.result is None:
+            return []
+        rows: list[tuple[Cells, str]] = []
+        for sensor, candidates in zip(self.result.sensors, self.result.candidates, strict=False):
+            chosen = sensor.fit.content["fit"]["curve"] if sensor.fit is not None else ""
+            rows.append(((sensor.label, "", "", ""), ""))
+            rows += [_curve_row(one, chosen=one.name == chosen) for one in candidates]
+        return rows
 
     def _analysed(self, job: Job) -> None:
         self.failure = job.failure
@@ -167,11 +225,18 @@ class CalibrationModel:
         """
         if self.result is None or not self.result.calibrated:
             raise OperatorError("there is no calibration yet", "Analyse a run with readings first.")
+        if not self.samples():
+            raise OperatorError("a spline has no posterior", "Choose a degree for the curve.")
         contents = [s.fit.content for s in self.result.sensors if s.fit is not None]
         points = [(c["elongation_mm"], c["signal_mv"], int(c["fit"]["degree"]), c.get("positions")) for c in contents]
         steps, label = self.fidelity.posterior_steps, "Computing uncertainty bands"
         job = Job(label, sample_run, points, self.result.reading_sd_mm, max_steps=steps)
         self.jobs.start("posterior", job, self._sampled)
+
+    def samples(self) -> bool:
+        """Return whether the posterior of the curves that are shown can be sampled: a spline has none."""
+        fits = [s.fit for s in self.result.sensors] if self.result is not None else []
+        return bool(fits) and all(fit is not None and fit.content["fit"]["curve"] != SPLINE for fit in fits)
 
     def _sampled(self, job: Job) -> None:
         if job.state is JobState.DONE:
@@ -213,14 +278,16 @@ class CalibrationModel:
 
     def obstacle(self) -> Obstacle | None:
         """Return why the calibration cannot be accepted; None when it can."""
-        return obstacle_to(self.result)
+        return Obstacle("Analysing \u2026") if self.working else obstacle_to(self.result)
 
     def verdict(self) -> tuple[str, str]:
         """Return (state, text) for the top of the page."""
         if self.failure is not None:
             return "fault", f"\u25a0 {self.failure.cause}"
+        if self.working:
+            return "", "Analysing \u2026"
         if self.result is None:
-            return "", "Analysing \u2026" if self.working else ""
+            return "", ""
         missed = bool(self.out_of_tolerance())
         if self.accepted is not None:
             suffix = " out of tolerance" if missed else ""
@@ -308,6 +375,7 @@ class CalibrationModel:
             "sensors": [dict(s.fit.content) for s in self.result.sensors if s.fit is not None],
             "simulated": self.result.simulated,
             "cycles": self.result.cycles,
+            "curve": self.result.curve,
             "posterior": [dict(p.content) for p in self.posterior],
             "poor": list(self.out_of_tolerance()),
         }
@@ -409,6 +477,18 @@ def warnings(result: RunResult) -> tuple[str, ...]:
     """Return the warnings of a run as texts, first those of a reading, which can be corrected."""
     ordered = sorted(result.warnings, key=lambda warning: warning.code not in OF_A_READING)
     return tuple(f"{sensor_words(w.subject)}: {w.text}" if w.subject else w.text for w in ordered)
+
+
+def _curve_row(c: CurveCandidate, *, chosen: bool) -> tuple[Cells, str]:
+    name = "Spline" if c.name == SPLINE else f"Degree {c.name}"
+    sign = {"adequate": "\u25cf", "doubtful": "\u25d0", "inadequate": "\u25b2"}.get(c.verdict, "")
+    cells = (
+        f"\u25b8 {name}" if chosen else name,
+        f"{sign} {c.verdict}" if c.verdict else "not tested",
+        number(1000 * c.expanded_mm, 0),
+        number(c.prediction_rms_mv, 2),
+    )
+    return cells, "\n".join(filter(None, (c.sentence, f"no U: {c.void}" if c.void else "")))
 
 
 def _coefficient_row(label: str, c: Coefficient) -> tuple[Cells, str]:

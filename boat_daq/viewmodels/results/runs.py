@@ -33,7 +33,7 @@ from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Notices, Severity
-from boat_daq.viewmodels.results.analysis_jobs import RunResult, compare_runs, export_run, report_runs
+from boat_daq.viewmodels.results.analysis_jobs import CurveBands, RunResult, compare_runs, export_run, report_runs
 from protocol.errors import ProtocolError
 from protocol.recording import SUFFIX, RunEnd, open_recording, schema
 
@@ -351,12 +351,16 @@ class RunsModel:
         for i in range(len(runs[0].sensors)):
             fits = [run.sensors[i].fit for run in runs if i < len(run.sensors)]
             curves = [fit for fit in fits if fit is not None]
-            first = np.polynomial.Polynomial(curves[0].content["fit"]["coefficients"])
-            lines.append([(fit.grid, fit.curve - first(fit.grid)) for fit in curves])
+            lines.append([_less(fit, curves[0]) for fit in curves])
         return lines, "   ".join(f"{n}: {Path(run.path).stem}" for n, run in enumerate(runs, 1))
 
-    def report(self, paths: list[Path], target: Path) -> None:
+    def report(self, paths: list[Path], target: Path, *, curve: str = "") -> None:
         """Write the report of one or several recordings, HTML or PDF, in the background.
+
+        Parameters
+        ----------
+        paths, target : the recordings, and where the report is written.
+        curve : that is fitted; none: the one that a recording's calibration was accepted with.
 
         Raises
         ------
@@ -364,9 +368,8 @@ class RunsModel:
         """
         if not paths:
             raise OperatorError("no recording is chosen", "Choose one line or several.")
-        self.start(
-            "report", Job("Making the report", report_runs, paths, target), lambda _: self._notices.inform_saved(target)
-        )
+        job = Job("Making the report", report_runs, paths, target, curve=curve)
+        self.start("report", job, lambda _: self._notices.inform_saved(target))
 
     def start(self, name: str, job: Job, done: str | Callable[[Any], None]) -> None:
         """Run a job, and report a failure.
@@ -420,6 +423,13 @@ class RunsModel:
 def _sensitivities(entry: StoredCalibration) -> list[float | None]:
     """Return each sensor's sensitivity, mV/mm; None where it was not stored."""
     return [s.get("figures", {}).get("sensitivity_mv_per_mm") for s in entry.content.get("sensors", [])]
+
+
+def _less(curve: CurveBands, first: CurveBands) -> tuple[FloatArray, FloatArray]:
+    """Return a curve less the first one where both are: x (mm) and the difference (mV)."""
+    shared = (curve.grid >= first.grid[0]) & (curve.grid <= first.grid[-1])
+    x = curve.grid[shared]
+    return x, curve.curve[shared] - np.interp(x, first.grid, first.curve)
 
 
 def is_simulated(path: Path) -> bool | None:

@@ -14,6 +14,7 @@ from analysis.calibration.type_b import contributions
 from analysis.figures.uncertainty import (
     Component,
     combine,
+    curve_candidates_of,
     elongation_budget,
     elongation_reader,
     signal_parts,
@@ -166,6 +167,24 @@ def test_budget_states_whether_it_is_traceable(tmp_path: Path) -> None:
     zero = next(c for c in stated.components if c.name == "temperature")
     assert zero.assessed
     assert zero.contribution == 0.0
+
+
+def test_candidate_is_what_the_run_analysed_by_it_gives(tmp_path: Path) -> None:
+    """Verdict and U of another curve are those of an analysis with it; the chosen one's are those of the budget."""
+    stairs = Staircase(Plant(cubics=PAPER[:1], noise_mv=(1.0,), loop_mm=0.1), cycles=2)
+    stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
+    chosen, other = (
+        analyse(stairs.recording(), tmp_path / "e.csv", options=Options(degree, mcmc=False)) for degree in (3, 1)
+    )
+    assert chosen.budgets is not None
+    found = {one.name: one for one in curve_candidates_of(chosen, 0, chosen.budgets.x_mm)}
+    assert list(found) == ["1", "2", "3", "4", "5", "6", "spline"]
+    for analysis, name in ((chosen, "3"), (other, "1")):
+        calibration, budget = analysis.sensors[0].calibration, elongation_budget(analysis, chosen.budgets.x_mm)[0]
+        assert found[name].verdict == calibration.adequacy.verdict
+        assert found[name].expanded_mm == pytest.approx(budget.expanded, rel=1e-9)
+    assert found["1"].verdict != found["3"].verdict == "adequate"
+    assert found["3"].prediction_rms_mv < 0.2 * found["1"].prediction_rms_mv
 
 
 @pytest.mark.parametrize("leak", [0.0, 0.1])

@@ -10,11 +10,13 @@ from tests.boat_daq.commands.calls import call, exit_code
 
 
 def test_limit_decides_the_verdict(stairs: tuple[Path, Path], tmp_path: Path) -> None:
-    """A run within its limit passes."""
+    """A run within its limit passes; the curve is the one of the option."""
     boat, readings = stairs
     options = ("--elongation", readings, "--no-mcmc", "--no-shadow", "--limit", "snr=40")
-    assert "PASSES" in call("report", boat, "--out", tmp_path / "r.html", *options)["verdict"]
-    assert (tmp_path / "r.html").stat().st_size > 10_000
+    assert "PASSES" in call("report", boat, "--out", tmp_path / "r.html", *options, "--degree", "2")["verdict"]
+    written = (tmp_path / "r.html").read_text()
+    assert len(written) > 10_000
+    assert ">2</td>" in written.partition("Degree or curve")[2][:200]
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import pytest
 from PySide6.QtCore import QPoint, QRect
 from PySide6.QtWidgets import QApplication
 
+from analysis.calibration.curve_choice import CURVES, CurveCandidate
 from analysis.warning import Warning, WarningCode
 from boat_daq.engine.snapshot import LinkState
 from boat_daq.errors import OperatorError
@@ -283,6 +284,28 @@ def test_no_table_of_figures_scrolls_sideways(whole, width):
         assert table.isVisible()
         assert table.horizontalScrollBar().maximum() == 0
         assert whole.scrolls[name].horizontalScrollBar().maximum() == 0
+
+
+def test_curve_is_chosen_beside_what_each_would_be(live, monkeypatch):
+    """The choice shows the curve of the run and takes another; the table has a row a curve, and is cleared with it."""
+    live.go("Calibrate")
+    page, model, chosen = live.pages["Calibrate"], live.model.calibration, []
+    assert not page.choice.isEnabled()
+    of_sensor = tuple(CurveCandidate(name, "adequate", "", 0.4, 0.08) for name in CURVES)
+    model.show(dataclasses.replace(run_result(), curve="auto", candidates=(of_sensor, of_sensor)))
+    live.refresh()
+    assert page.choice.currentText() == "By cross-validation"
+    assert page.candidates.rowCount() == 2 * (1 + len(CURVES))
+    monkeypatch.setattr(model, "choose_curve", chosen.append)
+    page.choice.setCurrentIndex(page.choice.findText("Monotone spline"))
+    page.choice.activated.emit(page.choice.currentIndex())
+    assert chosen == ["spline"]
+    model.show(None)
+    model.failure = "a failure"
+    monkeypatch.setattr(model, "verdict", lambda: ("fault", ""))
+    monkeypatch.setattr(model, "headline", lambda: "")
+    live.refresh()
+    assert page.candidates.rowCount() == 0
 
 
 def test_new_analysis_clears_the_page(live):

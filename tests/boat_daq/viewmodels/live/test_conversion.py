@@ -6,7 +6,9 @@ import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
+from analysis.calibration.fit import fit_by_branch
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.viewmodels.common.jobs import Background
 from boat_daq.viewmodels.live.conversion import UnitInUse, prepare
@@ -53,6 +55,21 @@ def test_conversion_in_preparation_is_discarded_with_its_calibration():
     unit.use(None)
     assert not unit.preparation.pending
     unit.close()
+
+
+def test_spline_is_converted_as_a_spline(result):
+    """A calibration accepted with a spline was shown live by a cubic through its points."""
+    stored = dict(result.sensors[0].fit.content)
+    cubic, spline = (
+        prepare({"sensors": [stored | {"fit": stored["fit"] | {"curve": curve}}]}) for curve in ("3", "spline")
+    )
+    fit = fit_by_branch(
+        stored["elongation_mm"], stored["signal_mv"], "spline", positions=stored["positions"],
+        branch=stored["branches"], reading_sd=stored["reading_sd_mm"],
+    )  # fmt: skip
+    x = np.array([-1.0, 0.3, 2.0])
+    assert spline(fit.predict(x)[:, None]).mm == pytest.approx(x, abs=1e-4)
+    assert np.abs(cubic(fit.predict(x)[:, None]).mm - x).max() > 1e-3
 
 
 def test_range_end_is_read_and_marked_and_stated_contributions_widen_it(result):

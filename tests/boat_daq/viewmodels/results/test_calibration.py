@@ -7,11 +7,13 @@ import dataclasses
 import numpy as np
 import pytest
 
+from analysis.calibration.curve_choice import CurveCandidate
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.live.conversion import prepare
+from boat_daq.viewmodels.results import calibration
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands
 from boat_daq.viewmodels.results.calibration import CalibrationModel, measured
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, services_in
@@ -132,6 +134,46 @@ def test_curve_and_band_belong_together(tmp_path, result):
     model.posterior = (found,)
     assert model.curve(0) is found
     assert model.curve(1) is result.sensors[1].fit
+
+
+def test_choice_of_a_curve_is_fitted_undone_and_stored(tmp_path, result, monkeypatch):
+    """The run is analysed again by it, and by the one before on undo; what is accepted names it; a new run has none."""
+    model, started = model_on(tmp_path, result), []
+    monkeypatch.setattr(calibration, "Job", lambda label, job, path, **options: (path, options["curve"]))
+    monkeypatch.setattr(model.jobs, "start", lambda name, job, then: started.append(job))
+    with pytest.raises(OperatorError, match="no run"):
+        model.choose_curve("4")
+    model.last_path = tmp_path / "a.boat"
+    for act in (lambda: model.choose_curve("4"), model._services.undo.undo, model._services.undo.redo):
+        act()
+    assert [curve for _, curve in started] == ["4", "", "4"]
+    assert model.curve_shown == "4"
+    model.choose_curve("4")
+    assert len(started) == 3
+    model.show(dataclasses.replace(result, curve="4"))
+    model.accept()
+    assert model.accepted.content["curve"] == "4"
+    model.analyse(tmp_path / "b.boat")
+    model._services.undo.undo()  # the acceptance
+    model._services.undo.undo()  # of the run before: the one that is shown stays
+    assert started[3:] == [(str(tmp_path / "b.boat"), "")]
+
+
+def test_curves_are_compared_sensor_by_sensor(tmp_path, result):
+    """The chosen one is marked; a curve without U has a dash and its reason; a spline has no posterior."""
+    found = (CurveCandidate("3", "adequate", "it follows", 0.36, 0.0805), CurveCandidate("spline", void="it turns"))
+    model = model_on(tmp_path, dataclasses.replace(result, candidates=(found, ())))
+    rows = model.curve_rows()
+    assert [cells[0] for cells, _ in rows] == ["Sensor 1", "\u25b8 Degree 3", "Spline", "Sensor 2"]
+    assert rows[1] == (("\u25b8 Degree 3", "\u25cf adequate", "80", "0.36"), "it follows")
+    assert rows[2] == (("Spline", "not tested", "\u2013", "\u2013"), "no U: it turns")
+    assert model.samples()
+    content = result.sensors[0].fit.content
+    bent = dataclasses.replace(result.sensors[0].fit, content=content | {"fit": content["fit"] | {"curve": "spline"}})
+    model.show(dataclasses.replace(result, sensors=(dataclasses.replace(result.sensors[0], fit=bent),)))
+    assert not model.samples()
+    with pytest.raises(OperatorError, match="no posterior"):
+        model.sample()
 
 
 def test_curve_that_turns_is_not_accepted(tmp_path, result):

@@ -1,0 +1,58 @@
+"""The curves that a calibration can have: polynomials of degree 1 to 6, a monotone spline, or the best of them.
+
+Rules: a choice is a name in files, options and forms, `Degree` in the analysis. This module has no library of the fit,
+so that forms and options name the same curves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from analysis.errors import RequestError
+
+AUTO: Final = "auto"
+SPLINE: Final = "spline"
+DEGREES = (1, 2, 3, 4, 5, 6)
+USUAL_DEGREE = 3
+CURVES = (*map(str, DEGREES), SPLINE)
+Degree = int | Literal["auto", "spline"]
+
+
+def degree_of(name: str) -> Degree:
+    """Return the curve that a choice names: auto, spline, or a degree.
+
+    Raises
+    ------
+    RequestError : it names none.
+    """
+    found: dict[str, Degree] = {AUTO: AUTO, SPLINE: SPLINE, **{str(degree): degree for degree in DEGREES}}
+    if name not in found:
+        raise RequestError(f"{name!r:.40} is not a curve", f"Give one of {', '.join(found)}.")
+    return found[name]
+
+
+def curve_name(name: str) -> str:
+    """Return the name of a curve in a sentence."""
+    return "a monotone spline" if name == SPLINE else f"degree {name}"
+
+
+@dataclass(frozen=True, slots=True)
+class CurveCandidate:
+    """What one curve would be for a sensor.
+
+    Attributes
+    ----------
+    name : one of `CURVES`.
+    verdict, sentence : on its adequacy and why; empty where it could not be tested.
+    prediction_rms_mv : of each inner position from the others; NaN where that was not computed.
+    expanded_mm : U of an elongation in the middle of the range; NaN where it gives none.
+    void : why it gives none.
+    """
+
+    name: str
+    verdict: str = ""
+    sentence: str = ""
+    prediction_rms_mv: float = float("nan")
+    expanded_mm: float = float("nan")
+    void: str = ""

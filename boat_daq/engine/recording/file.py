@@ -28,7 +28,7 @@ from collections.abc import Iterable, Mapping
 from datetime import datetime
 from itertools import groupby
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from boat_daq import __version__
 from boat_daq.engine.file_names import check_file_name
@@ -46,6 +46,28 @@ if sys.platform == "win32":
             return False
         return True
 
+    def _is_locked(descriptor: int) -> bool:
+        return not _try_lock(descriptor)  # released with the descriptor
+
+elif sys.platform == "linux":
+    import fcntl
+    import struct
+
+    _FLOCK: Final = struct.Struct("@hhqqi4x")  # l_type, l_whence, l_start, l_len, l_pid
+    _WRITE_LOCK: Final = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)
+
+    def _try_lock(descriptor: int) -> bool:
+        try:
+            fcntl.fcntl(descriptor, fcntl.F_OFD_SETLK, _WRITE_LOCK)
+        except (BlockingIOError, PermissionError):
+            return False
+        return True
+
+    def _is_locked(descriptor: int) -> bool:
+        """Look without taking the lock: for a moment it would refuse a writer."""
+        found = fcntl.fcntl(descriptor, fcntl.F_OFD_GETLK, _WRITE_LOCK)
+        return bool(_FLOCK.unpack(found)[0] != fcntl.F_UNLCK)
+
 else:
     import fcntl
 
@@ -55,6 +77,9 @@ else:
         except BlockingIOError:
             return False
         return True
+
+    def _is_locked(descriptor: int) -> bool:
+        return not _try_lock(descriptor)  # released with the descriptor
 
 
 def lock_path(recording: Path) -> Path:
@@ -73,15 +98,33 @@ class WriterLock:
     def __init__(self, recording: Path) -> None:
         self._path = lock_path(recording)
         try:
-            self._descriptor: int | None = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
-            locked = _try_lock(self._descriptor)
+            descriptor = self._locked()
         except OSError as error:
             remedy = "Choose a local folder with write permission."
             raise StorageError(f"cannot write in {recording.parent}: {error.strerror}", remedy) from error
-        if not locked:
-            os.close(self._descriptor)
+        if descriptor is None:
             remedy = "Wait until that program has closed it."
             raise StorageError(f"{recording} is being written by another program", remedy)
+        self._descriptor: int | None = descriptor
+
+    def _locked(self) -> int | None:
+        """Return a descriptor of the locked file; None if another program has the lock.
+
+        The file may have been removed by its last owner between the opening and the lock, which then protects
+        nothing: another program could lock a new file of that name.
+        """
+        while True:
+            descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
+            try:
+                locked = _try_lock(descriptor)
+                if locked and os.fstat(descriptor).st_nlink > 0:
+                    return descriptor
+            except OSError:
+                os.close(descriptor)
+                raise
+            os.close(descriptor)
+            if not locked:
+                return None
 
     def close(self) -> None:
         """Release the lock; may be called twice."""
@@ -104,7 +147,7 @@ def is_being_written(recording: Path) -> bool:
     except OSError:
         return False
     try:
-        return not _try_lock(descriptor)
+        return _is_locked(descriptor)
     finally:
         os.close(descriptor)
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import sys
+
 import pytest
 
-from boat_daq.engine.recording.file import is_being_written, lock_path
+from boat_daq.engine.recording import file
+from boat_daq.engine.recording.file import WriterLock, is_being_written, lock_path
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.verify import verify_recording
@@ -63,6 +66,36 @@ def test_a_second_writer_is_refused_and_may_read(recorder, source, path):
     with pytest.raises(StorageError, match="being written"):
         recover(path)
     assert rows(path, "SELECT count(*) FROM chunk") == [(1,)]
+
+
+def test_lock_of_a_removed_file_is_no_lock(path, monkeypatch):
+    """A second writer opens the lock file, the first closes and removes it, a third locks a new one: not both."""
+    first, third = WriterLock(path), []
+    try_lock = file._try_lock
+
+    def late(descriptor):
+        if not third:
+            third.append(None)
+            first.close()
+            third[0] = WriterLock(path)
+        return try_lock(descriptor)
+
+    monkeypatch.setattr(file, "_try_lock", late)
+    with pytest.raises(StorageError, match="being written"):
+        WriterLock(path)
+    third[0].close()
+    assert not lock_path(path).exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a lock can only be tried, not looked at")
+def test_looking_for_a_writer_refuses_no_writer(path, monkeypatch):
+    """`is_being_written` never takes the lock, not even for a moment."""
+    lock = WriterLock(path)
+    monkeypatch.setattr(file, "_try_lock", lambda descriptor: pytest.fail("took the lock"))
+    assert is_being_written(path)
+    lock.close()
+    lock_path(path).touch()  # left by a program that was killed
+    assert not is_being_written(path)
 
 
 def test_a_reader_left_open_does_not_keep_a_recording_from_closing(recorder, source, path):

@@ -80,9 +80,9 @@ class Leaves(QWidget):
 
     def addWidget(self, leaf: QWidget) -> None:
         """Add a widget; the first one is shown."""
-        leaf.setVisible(not self._leaves)
-        self._leaves.append(leaf)
         self._inside.addWidget(leaf)
+        leaf.setVisible(not self._leaves)  # as a part of this one: alone it would be a window, which takes the keyboard
+        self._leaves.append(leaf)
 
     def currentWidget(self) -> QWidget:
         """Return the widget that is shown."""
@@ -209,7 +209,6 @@ class EmptyState(QWidget):
         self.title = widgets.label(title, "title", wrap=True)
         self.words = widgets.label(words, "muted", wrap=True)
         self.button = widgets.button(action, on_click, "primary")
-        self.button.setVisible(bool(action))
         frame, inside = widgets.card(self.title, self.words, widgets.row(self.button, None))
         frame.setFixedWidth(style.FORM_WIDTH)
         inside.setContentsMargins(*(6 * style.STEP,) * 4)
@@ -217,6 +216,7 @@ class EmptyState(QWidget):
         layout = widgets.column(frame, margins=NONE)
         layout.setAlignment(frame, Qt.AlignmentFlag.AlignCenter)
         self.setLayout(layout)
+        self.button.setVisible(bool(action))
 
     def say(self, title: str, words: str, action: str) -> None:
         """Say something else; without an action there is no button."""

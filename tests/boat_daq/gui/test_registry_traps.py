@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import product
 
 import pytest
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QEvent, QObject, QPoint, Qt
 from PySide6.QtGui import QGuiApplication, QKeySequence
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QDialog
+from PySide6.QtWidgets import QApplication, QDialog, QPushButton
 
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.viewmodels.common import jobs
 from boat_daq.viewmodels.common.services import Page, Panel
-from tests.boat_daq.gui.windows import PATIENCE_MS, RAMPING
+from tests.boat_daq.gui.windows import PATIENCE_MS, RAMPING, choose
 
 Key = Qt.Key
 NO, CTRL = Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.ControlModifier
@@ -111,7 +112,7 @@ def press_space(window) -> str:
     """Press Space; return what it should not have done."""
     following, page, focus = window.model.live.following, window.page, QApplication.focusWidget()
     running = len(window.model.jobs.running())
-    over = QApplication.activePopupWidget() or QApplication.activeWindow() is not window
+    over = is_open(window)
     typing = hasattr(focus, "isReadOnly") and not focus.isReadOnly()
     press(window, Key.Key_Space)
     froze = window.model.live.following is not following
@@ -159,6 +160,50 @@ def test_tab_reaches_the_buttons_of_the_run(front):
     assert (front.model.live.following, front.model.session.calls) == (False, [])
     press(front, Key.Key_Return)
     assert front.model.session.calls == ["pause"]
+
+
+class ShownWindows(QObject):
+    """Records the widgets that are shown as windows."""
+
+    def __init__(self):
+        super().__init__()
+        self.seen = []
+
+    def eventFilter(self, watched, event):
+        """Record; nothing is handled here."""
+        if event.type() is QEvent.Type.Show and watched.isWidgetType() and watched.isWindow():
+            self.seen.append(type(watched).__name__)
+        return False
+
+
+def test_space_presses_the_focused_button_of_other_pages_and_does_nothing_else(front):
+    """Each button of each page but Live is pressed once; the plots are not frozen, the board not commanded.
+
+    While a page was made, parts of it without a parent were windows for a moment, which took the keyboard from it.
+    """
+    shown = ShownWindows()
+    QApplication.instance().installEventFilter(shown)
+    for page in Page:
+        front.go(page)
+    QApplication.instance().removeEventFilter(shown)
+    assert (shown.seen, QApplication.activeWindow()) == ([], front)
+    pressed, wrong, calls = 0, [], front.model.session.calls
+    for page in (page for page in Page if page is not Page.LIVE):
+        front.go(page)
+        for button in front.pages[page].findChildren(QPushButton):
+            front.go(page)
+            if not (button.isVisible() and button.isEnabled()):
+                continue
+            clicked: list[str] = []
+            button.clicked.connect(partial(clicked.append, button.text()))
+            choose(front, button)
+            press(front, Key.Key_Space)
+            pressed += 1
+            if (clicked, calls, front.model.live.following) != ([button.text()], [], True):
+                wrong.append((page, button.text(), clicked, list(calls), front.model.live.following))
+            close_all(front)
+    assert wrong == []
+    assert pressed >= 8
 
 
 OPENED = {

@@ -8,7 +8,6 @@ canvas the margins are fixed, in inches.
 from __future__ import annotations
 
 import io
-import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -30,6 +29,7 @@ from analysis.reports.document import ReportDrawing
 from analysis.reports.text_metrics import families, printable
 
 CURVE_POINTS = 201
+BARS_SHARE = 0.76  # of the height of a group of bars
 TRACE_POINTS = 3000
 
 
@@ -264,28 +264,34 @@ def uncertainty_over_x(u_elongation: Sequence[FloatArray], ax: Axes) -> None:
     _legend(ax)
 
 
-def budget_pareto(budget: Budget, title: str, ax: Axes) -> None:
-    """The budget as bars of standard uncertainty, largest first, with the cumulated share of the variance.
+def budget_bars(budgets: Sequence[Budget], names: Sequence[str], title: str, ax: Axes) -> None:
+    """Components of the budgets as bars of standard uncertainty, a colour a sensor, with their shares of the variance.
 
     Parameters
     ----------
-    budget : of an elongation.
+    budgets : of an elongation, one a sensor.
+    names : of the components, from the top.
     title : of the drawing.
     ax : to draw onto.
     """
-    shares = budget.shares()
-    parts = {c.name: c.contribution for c in budget.components}
-    names = [name for name in shares if parts[name] > 0]
-    ax.barh(range(len(names)), [1000 * parts[n] for n in names], color=style.SENSORS[0], height=0.62)
+    thick, longest = BARS_SHARE / len(budgets), 0.0
     look: Any = {"textcoords": "offset points", "va": "center", "fontsize": 7.5, "color": style.SOFT}
-    for at, (name, total) in enumerate(zip(names, itertools.accumulate(shares[n] for n in names), strict=True)):
-        text = f"{percent(shares[name])}  (cumulative {percent(total)})"
-        ax.annotate(text, (1000 * parts[name], at), xytext=(4, 0), **look)
+    for i, budget in enumerate(budgets):
+        shares = budget.shares()
+        lengths = {c.name: 1000 * c.contribution for c in budget.components if c.assessed}
+        at = np.arange(len(names)) + (i - 0.5 * (len(budgets) - 1)) * thick
+        drawn = [lengths.get(name, 0.0) for name in names]
+        ax.barh(at, drawn, color=style.sensor_colour(i), height=0.9 * thick, label=f"sensor {i + 1}")
+        for y, name, length in zip(at, names, drawn, strict=True):
+            if length > 0:
+                ax.annotate(percent(shares[name], 1), (length, y), xytext=(4, 0), **look)
+        longest = max(longest, *drawn)
     ax.set_yticks(range(len(names)), names)
     ax.invert_yaxis()
     ax.grid(visible=False, axis="y")
-    ax.set_xlim(0, 2050 * max([parts[n] for n in names], default=1e-3))
+    ax.set_xlim(0, 1.15 * longest or 1.0)
     ax.set(xlabel="standard uncertainty, µm", title=title)
+    _legend(ax)
 
 
 def trace(analysis: Analysis, ax: Axes) -> None:

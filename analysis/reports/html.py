@@ -57,7 +57,7 @@ def _part(part: SectionPart) -> dict[str, Any]:
         return {"kind": "table", "table": shown, "sides": sides, "caption": typeset(shown.caption)}
     if isinstance(part, ReportDrawing):
         panels = [part] if part.ratios else [replace(part, draw=(one,)) for one in part.draw]
-        width = STACKED_INCH if part.ratios else WIDTH_INCH / len(panels)
+        width = min(STACKED_INCH, WIDTH_INCH / len(panels))
         svgs = [as_svg(panel, width) for panel in panels]
         drawn = [Markup(svg) for svg in svgs]  # noqa: S704 - matplotlib's own SVG
         return {"kind": "drawing", "panels": drawn, "caption": typeset(part.caption)}

@@ -40,8 +40,9 @@ ROW_INCH = 0.185
 KEPT_TOGETHER = 0.4  # of a page: a shorter table is not broken
 ORPHANS = 4  # rows of a table that stay together at its ends
 PAD_INCH = 0.16
+WRAPPED_INCH = 1.2  # a column of words is not narrower, the type is smaller instead
 LABEL_INCH = 1.0
-TEXT_PT, SMALL_PT, MIN_PT = 8.5, 7.5, 5.5
+TEXT_PT, SMALL_PT, WRAPPED_PT, MIN_PT = 8.5, 7.5, 7.5, 5.5
 
 
 def write_pdf(report: Report, path: Path, progress: Progress | None = None) -> None:
@@ -211,8 +212,10 @@ def _columns(table: ReportTable) -> tuple[float, list[float]]:
             if table.numeric and len(widths) > 1:  # the last column ends at the margin
                 return size, [w + spare / (len(widths) - 1) * (i > 0) for i, w in enumerate(widths)]
             return size, [*widths[:-1], widths[-1] + spare]
-        if size <= 7.0 if not table.numeric else size <= MIN_PT:
-            widest = int(np.argmax(widths))
-            widths[widest] = max(available - (sum(widths) - widths[widest]), 0.8)
+        widest = int(np.argmax(widths))
+        rest = available - (sum(widths) - widths[widest])
+        wraps = not right_aligned(table)[widest] and rest >= WRAPPED_INCH  # words wrap before they become small
+        if size <= (WRAPPED_PT if wraps else MIN_PT):
+            widths[widest] = max(rest, 0.8)
             return size, widths
         size -= 0.25

@@ -22,8 +22,11 @@ from analysis.figures.uncertainty import Budget, ElongationBudgets
 from analysis.numbers import NOTHING, percent, rounded, with_uncertainty
 from analysis.reports import drawings
 from analysis.reports.document import ReportDrawing, ReportTable, Section, SectionPart, cell, cells, p_value, power
+from analysis.reports.text_metrics import width_of
 from analysis.version import program_version
 
+LABEL_PT, LABEL_PAD_INCH = 8.0, 0.15  # names at an axis, with their tick
+BARS_FRAME_INCH, GROUP_INCH, BAR_INCH = 0.9, 0.09, 0.12  # of bars: title, legend and axis; between groups; one bar
 NEGLIGIBLE_LIFT = 0.02  # % FSO: less is not seen in a figure of two decimals
 
 
@@ -236,14 +239,24 @@ def budget(found: ElongationBudgets | None, of: str = "", u_elongation: Sequence
     title = f"Uncertainty of an elongation{f' with {of}' if of else ''}"
     if found.void:
         return [Section(title, (f"Not given: {found.void}.",))]
-    names = [f"Sensor {i} at {found.x_mm:+.2f} mm" for i in (1, 2)]
-    bars = tuple(partial(drawings.budget_pareto, b, name) for b, name in zip(found.budgets, names, strict=False))
-    caption = "Components, largest first, with their share of the variance."
-    parts: list[SectionPart] = [ReportDrawing(bars, caption, 2.6, left=1.15), _budget_table(found.budgets)]
+    parts: list[SectionPart] = [_budget_drawing(found), _budget_table(found.budgets)]
     if any(u.size for u in u_elongation):
         over_x = partial(drawings.uncertainty_over_x, u_elongation)
         parts.append(ReportDrawing((over_x,), "U of one reading of elongation by each sensor, over the range.", 2.4))
     return [Section(title, tuple(parts))]
+
+
+def _budget_drawing(found: ElongationBudgets) -> ReportDrawing:
+    """The components that contribute, largest first, in one drawing for all sensors; as high as their number needs."""
+    largest: dict[str, float] = {}
+    for c in (c for b in found.budgets for c in b.components if c.assessed and c.contribution > 0):
+        largest[c.name] = max(largest.get(c.name, 0.0), c.contribution)
+    names = sorted(largest, key=lambda name: -largest[name])
+    left = LABEL_PAD_INCH + max((width_of(name, LABEL_PT) for name in names), default=0.0)
+    height = BARS_FRAME_INCH + len(names) * (GROUP_INCH + BAR_INCH * len(found.budgets))
+    draw = partial(drawings.budget_bars, found.budgets, names, f"Components at {found.x_mm:+.2f} mm")
+    caption = "Components that contribute, with their share of the variance; the table has all."
+    return ReportDrawing((draw,), caption, height, left=left)
 
 
 def _dof(dof: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -13,10 +14,12 @@ from matplotlib.figure import Figure as Canvas
 
 from analysis import Analysis, analyse
 from analysis import figure_style as style
+from analysis.calibration.type_b import contributions
+from analysis.figures.uncertainty import middle_budgets
 from analysis.reports import drawings
 from analysis.reports.build import build_report, write_report
 from analysis.reports.document import ReportDrawing
-from analysis.reports.drawings import as_svg, set_drawing
+from analysis.reports.drawings import AXES_RIGHT, as_svg, set_drawing
 from tests.analysis.boat_builder import Plant, triangle
 
 
@@ -35,10 +38,13 @@ def test_a_continuous_run_whose_sensors_see_nothing_draws_without_a_warning(tmp_
     assert "<svg" in (tmp_path / "r.html").read_text(encoding="utf-8")
 
 
-def test_no_legend_covers_data(calibration: Analysis) -> None:
-    """Every drawing of a calibration report, at the widths of PDF and HTML: legends are above their axes."""
+def test_no_legend_covers_data_and_no_label_leaves_its_drawing(calibration: Analysis) -> None:
+    """Every drawing of a calibration report, at the widths of PDF and HTML: legends above, labels beside their axes."""
+    given = contributions({"scale": {"u_percent": 1.0}, "parallax": {"u_mm": 0.2}})
+    stated = replace(calibration, options=replace(calibration.options, type_b=given))
+    calibration = replace(calibration, budgets=middle_budgets(stated))
     drawn = [part for s in build_report([calibration]).sections for part in s.parts if isinstance(part, ReportDrawing)]
-    seen = 0
+    seen = labels = 0
     for drawing in drawn:
         for width in (6.8, 5.4):
             canvas = Canvas(figsize=(width, drawing.height))
@@ -47,6 +53,11 @@ def test_no_legend_covers_data(calibration: Analysis) -> None:
                 set_drawing(canvas, drawing, 0.0, 0.0, width)
                 canvas.draw_without_rendering()
             for ax in canvas.axes:
+                for label in (*ax.get_yticklabels(), *ax.texts):
+                    labels += bool(label.get_text())
+                    assert label.get_window_extent().x0 >= -1.0
+                    right = ax.get_window_extent().x1 + 72.0 * AXES_RIGHT if label in ax.texts else canvas.bbox.x1
+                    assert label.get_window_extent().x1 <= right + 1.0
                 legend = ax.get_legend()
                 if legend is not None:
                     seen += 1
@@ -55,3 +66,4 @@ def test_no_legend_covers_data(calibration: Analysis) -> None:
                     assert box.x1 <= canvas.bbox.x1 + 1.0
                     assert box.y1 <= ax._left_title.get_window_extent().y0 + 1.0  # type: ignore[attr-defined]
     assert seen >= 8
+    assert labels > 100

@@ -12,7 +12,8 @@ import pytest
 
 from analysis import Analysis
 from analysis.reports.build import WRITERS, build_report
-from analysis.reports.pdf import INNER, LEFT
+from analysis.reports.document import ReportTable
+from analysis.reports.pdf import INNER, LEFT, PAD_INCH, _columns
 from tests.analysis.reports.conftest import MARKUP
 
 
@@ -54,3 +55,16 @@ def test_same_report_same_bytes(calibration: Analysis, tmp_path: Path, sections:
         for path in paths:
             write(report, path)
         assert paths[0].read_bytes() == paths[1].read_bytes()
+
+
+def test_words_wrap_before_the_type_becomes_small() -> None:
+    """A budget with long sources keeps 7.5 points: its widest column is of words; a table of numbers alone shrinks."""
+    source = "u = 0.1 % of x, normal, certificate DKD-K-4711, glass scale in the photograph, compared by two operators"
+    budget = ReportTable(
+        ("Component", "sensor 1, \u00b5m", "share", "source"), (("parallax", "28.9", "34.0 %", source),) * 3
+    )
+    size, widths = _columns(budget)
+    assert size == 7.5
+    assert sum(widths) <= INNER + PAD_INCH + 1e-6
+    numbers = ReportTable(("no.", *["s, mV"] * 12), (("1", *["-1234.567 \u00b1 12.345"] * 12),) * 3)
+    assert _columns(numbers)[0] < 7.0

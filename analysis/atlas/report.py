@@ -94,6 +94,7 @@ def write_atlas(maps: Sequence[StudyMap], folder: Path) -> list[Path]:
             for kind in ("png", "svg"):
                 files.append(folder / f"{method}.{kind}")
                 figure.savefig(files[-1], dpi=DPI, metadata={"Date": None} if kind == "svg" else None)
+                figure.set_layout_engine("none")  # laid out once for both formats
             _reduce(folder / f"{method}.png")
     return files
 

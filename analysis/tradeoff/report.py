@@ -206,6 +206,7 @@ def write_report(results: Sequence[Measured], folder: Path, *, quick: bool) -> l
             for kind in ("png", "svg"):
                 files.append(folder / f"{name}.{kind}")
                 figure.savefig(files[-1], dpi=110, metadata=NO_DATE[kind])
+                figure.set_layout_engine("none")  # laid out once for both formats
     return files
 
 

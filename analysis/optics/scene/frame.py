@@ -97,12 +97,13 @@ def arc_surface(curve: ArcSpline, arc: int, u: float, span: tuple[float, float])
 
 def offset_of(curve: ArcSpline, points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return signed distance u and arc length s of each point's (n, 2) nearest foot; u is inf beyond the ends."""
-    xy, t, k = curve.nodes[:, :2], curve.nodes[:, 2:4], curve.curvature
-    q = points[:, None, :] - xy[None]
-    ahead = np.sum(q * t[None], axis=2)
+    (x, y, tx, ty, _), k = curve.nodes.T, curve.curvature
+    qx, qy = np.subtract.outer(points[:, 0], x), np.subtract.outer(points[:, 1], y)
+    ahead = qx * tx + qy * ty
     inside = (ahead[:, :-1] >= 0) & (ahead[:, 1:] < 0)
-    left = q[:, :-1, 1] * t[None, :-1, 0] - q[:, :-1, 0] * t[None, :-1, 1]
-    level = k / 2 * np.sum(q[:, :-1] ** 2, axis=2) - left
+    qx, qy = qx[:, :-1], qy[:, :-1]
+    left = qy * tx[:-1] - qx * ty[:-1]
+    level = k / 2 * (qx**2 + qy**2) - left
     root = np.sqrt(np.maximum(1 + 2 * k * level, 0.0))
     u = np.where(inside, -2 * level / (1 + root), np.inf)
     best = np.argmin(np.abs(u), axis=1)
@@ -288,10 +289,10 @@ def _check_apart(left: ArcSpline, right: ArcSpline, ends: FloatArray, half: floa
             raise DataError(
                 f"{name}: the two guides touch between their junctions", "bow them further apart or use a thinner guide"
             )
-        both = a.frame(s)[0]
-        apart = np.hypot(*(both[:, None, :] - both[None, ::8, :]).transpose(2, 0, 1))
-        far = np.abs(s[:, None] - s[None, ::8]) > 4 * half
-        if np.any(apart[far] < 2 * half):
+        x, y = a.frame(s)[0].T
+        squares = np.subtract.outer(x[::8], x) ** 2 + np.subtract.outer(y[::8], y) ** 2
+        far = np.abs(np.subtract.outer(s[::8], s)) > 4 * half
+        if np.any(far & (squares < (2 * half) ** 2)):
             raise DataError(f"{name}: guide {number + 1} runs into itself", "check the order of its points")
 
 

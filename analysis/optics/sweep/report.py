@@ -277,6 +277,7 @@ def write_sweep(result: SweepResult, folder: Path) -> list[Path]:
         for suffix in (".png", ".svg"):
             paths.append(folder / f"{name}{suffix}")
             save(figure, paths[-1])
+            figure.set_layout_engine("none")  # laid out once for both formats
     return paths
 
 

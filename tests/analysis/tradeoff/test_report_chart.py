@@ -24,7 +24,7 @@ def chart(decades: float):  # type: ignore[no-untyped-def]
     return figure.axes[0]
 
 
-@pytest.mark.parametrize("decades", [0.2, 0.6, 1.0, 4.0])
+@pytest.mark.parametrize("decades", [0.2, 4.0])
 def test_each_axis_has_at_least_two_numbered_ticks(decades: float) -> None:
     """A fifth of a decade to four: two numbers within the axis, or no distance can be read off."""
     axes = chart(decades)

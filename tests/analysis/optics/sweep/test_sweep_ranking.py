@@ -25,8 +25,8 @@ def test_a_study_compares_its_cases(tmp_path: object) -> None:
         "thickness 1.5 mm",
         "thickness 2.5 mm",
     ]
-    found = study(chosen[:3], paper_grid((5,))[::30])
+    found = study(chosen[:3], paper_grid((5,))[::60])
     assert found[0].rank_correlation == pytest.approx(1.0)
     assert found[1].noise < found[0].noise
-    assert all(1 <= case.paper_rank <= 9 for case in found)
+    assert all(1 <= case.paper_rank <= 5 for case in found)
     assert len(draw_convergence(found).axes) == 3

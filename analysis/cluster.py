@@ -30,7 +30,8 @@ def check_scheduler(address: str, *, allow_remote: bool) -> None:
     if not near:
         raise RequestError(
             f"the scheduler {address} is not on this computer, and the connection is neither encrypted nor protected",
-            "Add --allow-remote if the network and the cluster are yours.",
+            "Allow it if the network and the cluster are yours.",
+            command="--allow-remote",
         )
 
 

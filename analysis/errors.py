@@ -21,12 +21,14 @@ class AnalysisError(Exception):
     ----------
     cause : what happened, in the operator's terms.
     remedy : what to do about it; may be empty.
+    command : the remedy on the command line, which the window does not show; may be empty.
     """
 
-    def __init__(self, cause: str, remedy: str = "") -> None:
+    def __init__(self, cause: str, remedy: str = "", *, command: str = "") -> None:
         super().__init__(cause)
         self.cause = cause
         self.remedy = remedy
+        self.command = command
 
 
 class DataError(AnalysisError):

@@ -71,6 +71,7 @@ class WarningCode(StrEnum):
     NOT_A_NUMBER = "not_a_number"
     CLOCK_COLUMN = "clock_column"
     UNIT_GUESSED = "unit_guessed"
+    UNIT_UNKNOWN = "unit_unknown"
     TIME_GUESSED = "time_guessed"
     # of the full model
     COARSE_MESH = "coarse_mesh"

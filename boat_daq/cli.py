@@ -92,7 +92,8 @@ class Interruption:
 def explain(error: Exception) -> tuple[str, str]:
     """Return cause and remedy of an error; the traceback of an unexpected one is written to the log."""
     if (known := cause_and_remedy(error)) is not None:
-        return known
+        remedy, command = known[1], getattr(error, "command", "")
+        return known[0], f"{remedy.rstrip('.')}: {command}" if remedy and command else remedy or command
     if isinstance(error, OSError) and error.filename and error.strerror:
         return f"{error.filename}: {error.strerror}", "check the path, its permissions and the free space of the disk"
     from boat_daq.engine.log import note_failure, start_log, stop_log

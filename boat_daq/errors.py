@@ -16,12 +16,14 @@ class BoatDaqError(Exception):
     ----------
     cause : what happened, in the terms of the lab.
     remedy : what the user can do about it; may be empty.
+    command : the remedy on the command line, which the window does not show; may be empty.
     """
 
-    def __init__(self, cause: str, remedy: str = "") -> None:
+    def __init__(self, cause: str, remedy: str = "", *, command: str = "") -> None:
         super().__init__(cause)
         self.cause = cause
         self.remedy = remedy
+        self.command = command
 
 
 class OperatorError(BoatDaqError):

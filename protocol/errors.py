@@ -12,6 +12,8 @@ Damaged bytes are not errors: they are counted, and the stream continues.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 
 class ProtocolError(Exception):
     """Base of the family.
@@ -20,12 +22,14 @@ class ProtocolError(Exception):
     ----------
     cause : what happened, in the terms of the lab.
     remedy : what the user can do about it; may be empty.
+    command : the remedy on the command line, which the window does not show; may be empty.
     """
 
-    def __init__(self, cause: str, remedy: str = "") -> None:
+    def __init__(self, cause: str, remedy: str = "", *, command: str = "") -> None:
         super().__init__(cause)
         self.cause = cause
         self.remedy = remedy
+        self.command = command
 
 
 class LocalError(ProtocolError):
@@ -45,4 +49,9 @@ class RecordingError(ProtocolError):
 
 
 class DamagedRecordingError(RecordingError):
-    """A recording is damaged, and its rows may still be readable one by one; the remedy is `boat-daq recover`."""
+    """A recording is damaged, and its rows may still be readable one by one: it can be recovered."""
+
+
+def damaged(path: Path, what: str) -> DamagedRecordingError:
+    """Return the error for a recording that can be recovered."""
+    return DamagedRecordingError(f"{path} {what}", "Recover the recording.", command=f"boat-daq recover {path}")

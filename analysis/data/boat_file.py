@@ -51,7 +51,8 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
     try:
         yield db
     except DAMAGE as error:
-        raise FileError(f"{path.name} cannot be read to its end: {error}", f"boat-daq recover {path}") from error
+        cause = f"{path.name} cannot be read to its end: {error}"
+        raise FileError(cause, "Recover the recording.", command=f"boat-daq recover {path}") from error
     finally:
         db.close()
 
@@ -66,6 +67,7 @@ def read_boat_file(path: str | Path) -> Recording:
     path = Path(path)
     with opened(path) as db:
         meta = schema.read_session(db)
+        meta["note"] = schema.note_of(db, meta)
         schema.check_long_tables(path, db)
         samples, segment, damaged = _samples(db, meta, path.name)
         clock = _lay_end_to_end(db, samples["time_us"], segment, float(meta.get("rate_hz") or 0.0))
@@ -167,7 +169,8 @@ def _samples(db: sqlite3.Connection, meta: Mapping[str, Any], name: str) -> tupl
     if not blobs and damaged:
         raise FileError(
             f"{name} holds no readable samples: all of its {len(damaged)} blocks are damaged ({damaged[0]})",
-            f"boat-daq recover {name} names all that is damaged; a copy of the file may be whole.",
+            "Recover the recording; a copy of the file may be whole.",
+            command=f"boat-daq recover {name} names all that is damaged",
         )
     if not blobs:
         raise FileError(f"{name} holds no samples", "The session ended before the board sent any.")
@@ -248,11 +251,12 @@ def store_result(
     if schema.layout_version(path) < schema.SCHEMA_VERSION:
         raise RequestError(
             f"{path.name} has the layout of an older program, to which no result is added",
-            f"Run `boat-daq upgrade {path}` first: it keeps the original file beside it.",
+            "Upgrade the recording; the original file is kept beside it.",
+            command=f"boat-daq upgrade {path}",
         )
     with opened(path) as db:
         if schema.read_session(db).get("status") == "recording":
-            raise RequestError(f"{path.name} is being recorded", "Wait for its end, or `boat-daq recover` it.")
+            raise RequestError(f"{path.name} is being recorded", "Wait for its end, or recover it.")
         text = json.dumps(content, sort_keys=True, allow_nan=False)
         parameter_text = json.dumps(parameters, sort_keys=True)
         query = "SELECT 1 FROM result WHERE kind=? AND parameters=? AND content=? AND program_version=?"

@@ -195,7 +195,8 @@ def first_difference(path: str | Path) -> str:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "original.csv"
         file.write_bytes(original)
-        again = packed_samples(import_csv(file, columns=meta["import_map"], rate_hz=meta.get("import_rate_hz")))
+        options = {"rate_hz": meta.get("import_rate_hz"), "separator": meta.get("import_separator")}
+        again = packed_samples(import_csv(file, columns=meta["import_map"], **options))
     if again.dtype != kept.dtype or again.size != kept.size:
         return f"the file gives {again.size} samples where {kept.size} are kept"
     different = np.flatnonzero(again != kept)

@@ -56,8 +56,8 @@ class Dialect:
     columns: int
 
 
-def sniff(path: Path) -> Dialect:
-    """Find encoding, separator, decimal sign and header.
+def sniff(path: Path, separator: str | None = None) -> Dialect:
+    """Find encoding, decimal sign, header, and the separator where it is not given.
 
     Raises
     ------
@@ -73,16 +73,17 @@ def sniff(path: Path) -> Dialect:
     if "\x00" in text:
         raise FileError(f"{path.name} is a binary file, not text", "Export it as CSV.")
     lines = list(records(enumerate(_LINE_END.split(text)[:HEAD_LINES])))
-    scores = [_score([line for _, line in lines], *dialect) for dialect in DIALECTS]
-    (score, width), (separator, decimal) = max(scores), DIALECTS[scores.index(max(scores))]
+    dialects = [dialect for dialect in DIALECTS if separator in (None, dialect[0])]
+    scores = [_score([line for _, line in lines], *dialect) for dialect in dialects]
+    (score, width), (found, decimal) = max(scores), dialects[scores.index(max(scores))]
     if score <= 0:
         raise FileError(
             f"{path.name} holds no rows of numbers in columns",
-            "Look at its first lines with `boat-daq import --preview`.",
+            "Choose a table with at least two columns of numbers.",
         )
     if width > MAX_COLUMNS:
         raise FileError(f"{path.name} has {width} columns, more than {MAX_COLUMNS}", "Check that it is the right file.")
-    return _dialect(lines, encoding, separator, decimal, width)
+    return _dialect(lines, encoding, found, decimal, width)
 
 
 def number(cell: str, decimal: str) -> float | None:

@@ -60,14 +60,18 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class ColumnMap:
-    """Which column is what. Keys are our names: time_s, pressure_kpa, s1_mv, ... `warnings` name every guess."""
+    """Which column is what. Keys are our names: time_s, pressure_kpa, s1_mv, ... `warnings` name every guess.
+
+    `declined` are names that no column is to be mapped to.
+    """
 
     columns: Mapping[str, Column]
     warnings: tuple[Warning, ...]
+    declined: tuple[str, ...] = ()
 
     def as_profile(self, table: Table) -> dict[str, str]:
         """Return the map as NAME -> COLUMN:UNIT, the form that a profile keeps and `--map` takes."""
-        profile = {}
+        profile = dict.fromkeys(self.declined, "")
         for name, column in self.columns.items():
             title = table.names[column.position]
             unique = table.names.count(title) == 1 and ":" not in title
@@ -75,28 +79,48 @@ class ColumnMap:
         return profile
 
 
-def map_columns(table: Table, columns: Mapping[str, str] | None = None) -> ColumnMap:
-    """Map the columns: as `columns` gives them, else by title and unit."""
+def map_columns(table: Table, columns: Mapping[str, str] | None = None, *, tolerant: bool = False) -> ColumnMap:
+    """Map the columns: as `columns` gives them, else by title and unit.
+
+    Parameters
+    ----------
+    table : whose columns are mapped.
+    columns : as `import_csv` takes them; an empty text maps no column to that name.
+    tolerant : whether a column with an unknown unit is left out with a warning, not refused.
+
+    Raises
+    ------
+    RequestError : a column or unit does not exist.
+    """
     chosen: dict[str, Column] = {}
     warnings: list[Warning] = []
-    for name, text in (columns or {}).items():
-        chosen[_our_name(name)] = _mapped(table, _our_name(name), text)
+    given = {_our_name(name): text for name, text in (columns or {}).items()}
+    for name, text in given.items():
+        if text:
+            chosen[name] = _mapped(table, name, text)
     taken = {column.position for column in chosen.values()}
     mapped_signals = any(map(is_signal, chosen))
     for position, (title, unit) in enumerate(zip(table.names, table.units, strict=True)):
         seen = recognised(title)
-        if seen is None or position in taken or seen in chosen or position in table.text:
+        if seen is None or position in taken or seen in (*chosen, *given) or position in table.text:
             continue
         if mapped_signals and is_signal(seen):
             continue  # signals were mapped explicitly: no others are added
-        chosen[seen] = _with_unit(table, seen, position, unit or _unit_of_name(title), warnings)
+        try:
+            chosen[seen] = _with_unit(table, seen, position, unit or _unit_of_name(title), warnings)
+        except RequestError as error:
+            if not tolerant:
+                raise
+            warnings.append(Warning(WarningCode.UNIT_UNKNOWN, "", error.cause))
+            continue
         taken.add(position)
-    found = time_without_header(table) if columns and "time_s" not in chosen else None
+    found = time_without_header(table) if given and "time_s" not in {*chosen, *given} else None
     if found is not None and found not in taken:
         text = f"no header: column {found + 1} never falls, taken as time"
         warnings.append(Warning(WarningCode.TIME_GUESSED, "", text))
         chosen["time_s"] = _with_unit(table, "time_s", found, table.units[found], warnings)
-    return ColumnMap(dict(sorted(chosen.items(), key=lambda item: item[1].position)), tuple(warnings))
+    declined = tuple(name for name, text in given.items() if not text)
+    return ColumnMap(dict(sorted(chosen.items(), key=lambda item: item[1].position)), tuple(warnings), declined)
 
 
 def save_profile(path: str | Path, mapping: ColumnMap, table: Table) -> None:
@@ -152,6 +176,11 @@ def _our_name(name: str) -> str:
 
 def _kind(name: str) -> str:
     return "signal" if name.endswith("_mv") else name
+
+
+def units_of(name: str) -> tuple[str, ...]:
+    """Return the units that a column mapped to `name` may have, one spelling of each."""
+    return tuple({factor: unit for unit, factor in reversed(UNITS[_kind(name)].items())}.values())[::-1]
 
 
 def _mapped(table: Table, name: str, text: str) -> Column:
@@ -294,15 +323,17 @@ def import_csv(
     columns: Mapping[str, str] | None = None,
     profile: str | Path | None = None,
     rate_hz: float | None = None,
+    separator: str | None = None,
 ) -> Recording:
     """Import a CSV as a recording.
 
     Parameters
     ----------
     path : the file.
-    columns : NAME -> "COLUMN" or "COLUMN:UNIT"; COLUMN is a name or a number from 1.
+    columns : NAME -> "COLUMN" or "COLUMN:UNIT"; COLUMN is a name or a number from 1; "" for no column.
     profile : a saved map (`save_profile`); `columns` overrides it.
     rate_hz : where the file has no time.
+    separator : of the columns, " " for white space; found when None.
 
     Raises
     ------
@@ -311,22 +342,24 @@ def import_csv(
     DataError : time falls; the message names the line.
     """
     path = Path(path)
-    table = read_table(path)
+    table = read_table(path, separator)
     wanted = {**(load_profile(profile) if profile else {}), **(columns or {})}
-    return _recording(path, table, map_columns(table, wanted), rate_hz)
+    return _recording(path, table, map_columns(table, wanted), rate_hz, separator)
 
 
-def preview(path: str | Path, columns: Mapping[str, str] | None = None, rows: int = 5) -> dict[str, Any]:
+def preview(
+    path: str | Path, columns: Mapping[str, str] | None = None, rows: int = 5, *, separator: str | None = None
+) -> dict[str, Any]:
     """Return what the importer sees: dialect, columns, map, first rows, warnings; an incomplete map is no error.
 
     Parameters
     ----------
     path : the file.
-    columns : as `import_csv` takes them.
+    columns, separator : as `import_csv` takes them.
     rows : how many of the first rows to show.
     """
-    table = read_table(path)
-    mapping = map_columns(table, columns)
+    table = read_table(path, separator)
+    mapping = map_columns(table, columns, tolerant=True)
     by_position = {column.position: (name, column.unit) for name, column in mapping.columns.items()}
     return {
         "encoding": table.dialect.encoding,
@@ -357,11 +390,11 @@ def _missing(mapping: ColumnMap) -> list[str]:
     return missing if any(map(is_signal, mapping.columns)) else [*missing, "s1_mv"]
 
 
-def _recording(path: Path, table: Table, mapping: ColumnMap, rate_hz: float | None) -> Recording:
+def _recording(path: Path, table: Table, mapping: ColumnMap, rate_hz: float | None, separator: str | None) -> Recording:
     missing = [name for name in _missing(mapping) if name != "time_s" or rate_hz is None]
     if missing:
         raise unmapped(path.name, missing, mapping, table)
-    meta = _meta(table, mapping, path)
+    meta = _meta(table, mapping, path) | ({"import_separator": separator} if separator else {})
     if "time_s" not in mapping.columns:
         meta["import_rate_hz"] = rate_hz
     values = {name: table.columns[c.position] * c.factor for name, c in mapping.columns.items()}

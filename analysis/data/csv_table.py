@@ -87,8 +87,8 @@ class Table:
         raise RequestError(f"there is no column {wanted!r}", f"The columns are: {having}.")
 
 
-def read_table(path: str | Path) -> Table:
-    """Read a table of numbers.
+def read_table(path: str | Path, separator: str | None = None) -> Table:
+    """Read a table of numbers; the separator is found where it is not given.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def read_table(path: str | Path) -> Table:
     """
     path = Path(path)
     try:
-        dialect = sniff(path)
+        dialect = sniff(path, separator)
         frame = _fast(path, dialect)
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}", "Check name and permissions.") from error

@@ -368,7 +368,7 @@ def _percent(values: FloatArray, full_scale: float) -> tuple[float, ...]:
 
 def _calibrate(run: SegmentedRun, sensor: int, points: np.ndarray[Any, Any]) -> Calibration:
     if run.elongations is None:
-        raise DataError("no elongation was read", "Give a file with --elongation, or enter the readings.")
+        raise DataError("no elongation was read", "Enter the readings, or give a file of them.")
     if not points.size:
         raise DataError("no plateau of a complete cycle has an elongation", "Record at least one whole cycle.")
     y = np.asarray([run.plateaus[i].signal_mv[sensor] for i in points])

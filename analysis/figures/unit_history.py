@@ -185,7 +185,7 @@ def unit_history(analyses: Sequence[Analysis], sensor: int, *, check_point_mm: f
         if not calibration.x_range[0] <= check_point_mm <= calibration.x_range[1]:
             raise DataError(f"the check point {check_point_mm:g} mm is outside the calibration of {when}", "Move it.")
     if len({c.curve for _, c in ordered}) > 1 or ordered[0][1].spline is not None:
-        raise DataError("the calibrations are not polynomials of one degree", "Analyse them with one --degree N.")
+        raise DataError("the calibrations are not polynomials of one degree", "Analyse them with one degree.")
     values = np.asarray([float(c.predict(check_point_mm)) for _, c in ordered])
     errors = np.stack([c.std_errors_with_reading for _, c in ordered])
     expanded = np.asarray([2.0 * float(c.curve_u(check_point_mm)) for _, c in ordered])

@@ -45,7 +45,7 @@ def _run_texts(run: SegmentedRun) -> Iterator[tuple[WarningCode, str]]:
     for text in imported[:MOST_OF_AN_IMPORT]:
         yield WarningCode.IMPORT, str(text)
     if len(imported) > MOST_OF_AN_IMPORT:
-        yield WarningCode.IMPORT, f"and {len(imported) - MOST_OF_AN_IMPORT} more: see `boat-daq import --preview`"
+        yield WarningCode.IMPORT, f"and {len(imported) - MOST_OF_AN_IMPORT} more: see the preview of the import"
     if meta.get("crc_errors"):
         yield WarningCode.CRC_ERRORS, f"{meta['crc_errors']} frames failed their CRC; their samples count as lost"
     for name, count in recording.masked.items():

@@ -160,8 +160,8 @@ def calibration(window: MainWindow) -> list[Command]:
     app_model, model = window.model, window.model.calibration
     add, on_page = partial(Command, "Runs"), partial(_on_page, window, Page.CALIBRATE)
 
-    def open_recording() -> None:
-        ask_open(window, app_model.services, "Open a recording", "boat csv", model.analyse)
+    def open_file() -> None:
+        ask_open(window, app_model.services, "Open a file", "boat csv tsv txt dat toml", window.open_file)
 
     def acceptable() -> bool:
         return window.page is Page.CALIBRATE and not model.obstacle() and model.accepted is None
@@ -175,7 +175,7 @@ def calibration(window: MainWindow) -> list[Command]:
     bands = "Compute uncertainty bands (emcee)"
     return [
         add("Calibrate with the last run", "Ctrl+Shift+A", on_page(model.analyse_current)),
-        add("Open a recording …", "Ctrl+O", on_page(open_recording)),
+        add("Open a file …", "Ctrl+O", open_file, also="recording csv import table plan profile"),
         add(bands, "Ctrl+Shift+M", on_page(model.sample), has_result, also="mcmc posterior sample"),
         add("Accept the calibration", "Ctrl+Return", model.request_acceptance, acceptable),
         add("Report of the run shown …", "Ctrl+Shift+R", window.ask_report, has_report, also="pdf html print"),
@@ -203,6 +203,8 @@ def recordings(window: MainWindow) -> list[Command]:
         command("Calibrate with the selected recording", "Ctrl+Alt+C", "open", apart=True),
         command("Repeatability of the selected recording", "Ctrl+Alt+R", "repeat"),
         command("Correct its readings …", "Ctrl+Alt+E", "readings"),
+        command("Rename it …", "F2", "rename"),
+        command("Write a note on it …", "Ctrl+Alt+N", "note", also="comment"),
         command("Resume this run", "Ctrl+Alt+G", "resume"),
         command("Replay it in real time", "Ctrl+Alt+P", "replay"),
         command("Export it as CSV …", "Ctrl+Alt+X", "export"),

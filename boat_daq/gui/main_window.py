@@ -9,11 +9,12 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from time import monotonic
 from typing import Any
 
 from PySide6.QtCore import QByteArray, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QGuiApplication, QResizeEvent
+from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QGuiApplication, QResizeEvent
 from PySide6.QtWidgets import QApplication, QMainWindow, QStackedWidget, QWidget
 
 from boat_daq.gui import style
@@ -28,6 +29,7 @@ from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.registry import Registry, WindowKeys
 from boat_daq.gui.results.calibration_page import CalibrationPage
+from boat_daq.gui.results.import_panel import ImportPanel
 from boat_daq.gui.results.repeat_page import RepeatPage
 from boat_daq.gui.results.runs_page import RunsPage
 from boat_daq.gui.style import Theme
@@ -36,6 +38,7 @@ from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.gui.widgets.layouts import PageScroll
 from boat_daq.gui.widgets.panel_guard import PanelGuard
 from boat_daq.viewmodels.app_model import AppModel
+from boat_daq.viewmodels.common.files import FileKind, kind_of
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Page, Panel
 from boat_daq.viewmodels.live.recording_status import RecordingStatus
@@ -58,7 +61,8 @@ class MainWindow(QMainWindow):
         self.theme: Theme = style.system_theme()
         self._leave_until = 0.0
         self.guard = PanelGuard(model.notices)
-        model.services.show = self.show_place
+        model.services.show, model.services.open = self.show_place, self.open_file
+        self.setAcceptDrops(True)
         self.setMinimumSize(*style.WINDOW_MINIMUM)
         self.header = Header(model.connection, model.unit, RecordingStatus(model.run), self.vent, model.services)
         self.strip = Strip(model.notices, model.jobs)
@@ -71,6 +75,7 @@ class MainWindow(QMainWindow):
         self.live: LivePage = self.open_page(Page.LIVE)
         self._lay_out()
         self.connect_panel = ConnectPanel(self, model.connection, model.services)
+        self.import_panel = ImportPanel(self, model.csv_import, model.services)
         self.commands = Registry(self, model.notices)
         self.palette_ = Palette(self, self.commands)
         self.keys: ShortcutSheet | None = None
@@ -144,6 +149,7 @@ class MainWindow(QMainWindow):
         self.navigation.mark(Page.LIVE, "a reading is due" if due else "")
         self.guard.show(self.strip, "The messages", self.strip.refresh)
         self.guard.show(self.connect_panel, "The connection", lambda: self.connect_panel.refresh(snapshot))
+        self.guard.show(self.import_panel, "The import", self.import_panel.refresh)
         title = self.model.title()
         if title != self.windowTitle():
             self.setWindowTitle(title)
@@ -195,6 +201,37 @@ class MainWindow(QMainWindow):
             self.live.close_marker()
         else:
             self.vent()
+
+    def open_file(self, path: Path) -> None:
+        """Open a file by its kind: calibrate with a recording, import a table, load a plan or a profile.
+
+        Raises
+        ------
+        OperatorError : it is of another kind, or cannot be read.
+        """
+        kind = kind_of(path)
+        if kind is FileKind.RECORDING:
+            self.model.calibration.analyse(path)
+            self.go(Page.CALIBRATE)
+        elif kind is FileKind.TABLE:
+            self.import_panel.open_file(path)
+        elif kind is FileKind.PLAN:
+            self.live.plan.load(path)
+            self.live.show_plan()
+        else:
+            self.connect_panel.open_fresh()
+            self.connect_panel.profile.setPlainText(str(path))
+
+    def dragEnterEvent(self, event: QDragEnterEvent) -> None:
+        """Take files; why one cannot be opened is reported when it is dropped."""
+        if event.mimeData().hasUrls():
+            event.acceptProposedAction()
+
+    def dropEvent(self, event: QDropEvent) -> None:
+        """Open each file that is dropped."""
+        event.acceptProposedAction()
+        for url in event.mimeData().urls():
+            self.model.notices.attempt(partial(self.open_file, Path(url.toLocalFile() or url.toString())))
 
     def toggle_full_screen(self) -> None:
         """Toggle full screen."""

@@ -7,6 +7,7 @@ error ends the window.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from boat_daq.viewmodels.live.shadow_live import ShadowLive, ShadowMonitor
 from boat_daq.viewmodels.models.optics import OpticsModel
 from boat_daq.viewmodels.models.tradeoff import AtlasModel, TradeoffModel
 from boat_daq.viewmodels.results.calibration import CalibrationModel
+from boat_daq.viewmodels.results.csv_import import CsvImport
 from boat_daq.viewmodels.results.repeatability import RepeatabilityModel
 from boat_daq.viewmodels.results.runs import RunActions, RunsModel
 
@@ -59,7 +61,8 @@ class AppModel:
         self.sequence = SequenceModel(session, self.undo, self.preferences)
         self.readings = ReadingsModel(session, self.undo, self.shadow.nominal_at)
         self.unit = UnitInUse(self.units, self.connection, self.live)
-        self.runs = RunsModel(recordings, self.units, self.jobs, self.notices)
+        self.runs = RunsModel(recordings, self.units, self.jobs, self.notices, self.undo, self._renamed)
+        self.csv_import = CsvImport(recordings, self.jobs, self.preferences, self._imported)
         self.calibration = CalibrationModel(session, self.units, self.jobs, self.services, self.runs.newest)
         self.repeatability = RepeatabilityModel(self.jobs)
         self.optics = OpticsModel(self.jobs)
@@ -136,6 +139,18 @@ class AppModel:
     def analysed_curve(self, page: Page) -> str:
         """Return the curve that was chosen for the result on a page; empty for none."""
         return "" if page is Page.REPEAT else self.calibration.choice
+
+    def _renamed(self, old: Path, new: Path) -> None:
+        """Follow a renamed recording on the pages that show it."""
+        for page in (self.calibration, self.repeatability):
+            page.follow_rename(old, new)
+
+    def _imported(self, path: Path, noted: Sequence[str]) -> None:
+        """List an imported recording, chosen, and offer to calibrate with it."""
+        self.runs.select(path)
+        self.services.show(Page.RUNS)
+        offer = ("Calibrate", partial(self.services.open, path))
+        self.notices.add(Severity.INFORMATION, f"Imported as {path.name}", details="\n".join(noted), action=offer)
 
     def choose_repeatability(self) -> None:
         """Take the plan of many cycles and show it."""

@@ -16,7 +16,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from protocol.errors import DamagedRecordingError, RecordingError
+from protocol.errors import RecordingError, damaged
 
 Columns = Mapping[str, Mapping[str, tuple[str, bool]]]  # table -> column -> (declared type, whether it is required)
 
@@ -105,8 +105,7 @@ def check_layout(path: Path, connection: sqlite3.Connection, ours: Columns, may_
     """
     missing = set(ours) - refuse_active(path, connection)
     if missing:
-        remedy = f"boat-daq recover {path}"
-        raise DamagedRecordingError(f"{path} is an incomplete recording: it has no table {min(missing)!r}", remedy)
+        raise damaged(path, f"is an incomplete recording: it has no table {min(missing)!r}")
     theirs = columns_of(connection, tuple(ours))
     for table, columns in ours.items():
         absent = [name for name in columns if name not in theirs[table]]

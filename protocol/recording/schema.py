@@ -35,13 +35,14 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from protocol.arrays import FloatArray
-from protocol.errors import DamagedRecordingError, RecordingError
+from protocol.errors import RecordingError, damaged
 from protocol.recording import checks
 
 APPLICATION_ID = 0x424F4154  # "BOAT": SQLite's `application_id`, by which `file` and boat-daq identify a recording
 SCHEMA_VERSION = 2  # SQLite's `user_version`
 SCHEMA_BREAK = 100  # a version from here on is no longer additive: this program cannot read it
 SUFFIX = ".boat"
+NOTE_EVENT = "note"  # `event.kind` of a note on the whole recording, by the user; the newest counts
 
 SampleKind = Literal["counts", "signal"]
 
@@ -284,11 +285,11 @@ def _unreadable(path: Path, error: Exception) -> RecordingError:
     """Return the error for a recording that SQLite cannot read."""
     log, journal = (path.with_name(path.name + suffix) for suffix in ("-wal", "-journal"))
     if log.exists() and not os.access(path.parent, os.W_OK):
-        remedy = f"Copy it and {log.name} into a writable folder, and run boat-daq recover there."
-        return RecordingError(f"{path} was not closed, and its log cannot be read in a read-only folder", remedy)
+        cause = f"{path} was not closed, and its log cannot be read in a read-only folder"
+        return RecordingError(cause, f"Copy it and {log.name} into a writable folder, and recover it there.")
     if journal.exists():
-        return DamagedRecordingError(f"{path} was left in the middle of a change", f"boat-daq recover {path}")
-    return DamagedRecordingError(f"{path} cannot be read: {error}", f"boat-daq recover {path}")
+        return damaged(path, "was left in the middle of a change")
+    return damaged(path, f"cannot be read: {error}")
 
 
 @cache
@@ -327,8 +328,7 @@ def layout_version(path: Path) -> int:
     if not head:
         raise RecordingError(f"{path} is empty (0 bytes)", "Nothing was recorded in it.")
     if len(head) < _HEADER.size or not head.startswith(b"SQLite format 3\0"):
-        remedy = f"Recordings end in {SUFFIX} and are made by boat-daq record."
-        raise RecordingError(f"{path} is not a recording", remedy)
+        raise RecordingError(f"{path} is not a recording", f"Choose a recording of boat-daq ({SUFFIX}).")
     _, version, application = _HEADER.unpack(head)
     if application != APPLICATION_ID or version < 1:
         raise RecordingError(f"{path} is a database of another program, not a recording")
@@ -365,6 +365,13 @@ def breaks_of(meta: dict[str, Any]) -> list[dict[str, Any]]:
     if not checks.are_breaks(entries):
         raise RecordingError("the session's 'resumptions' are not a list of breaks", checks.FOREIGN)
     return list(entries)
+
+
+def note_of(connection: sqlite3.Connection, meta: Mapping[str, Any]) -> str | None:
+    """Return the note of a recording: the newest that was added after it was closed, else that of its start."""
+    sql = "SELECT text FROM event WHERE kind = ? AND source = 'user' ORDER BY id DESC LIMIT 1"
+    added = connection.execute(sql, (NOTE_EVENT,)).fetchone()
+    return meta.get("note") if added is None else str(added[0])
 
 
 def read_session(connection: sqlite3.Connection) -> dict[str, Any]:

@@ -214,7 +214,7 @@ def test_recover_rolls_back_a_killed_analysis(sound: Path, tmp_path: Path) -> No
     assert path.with_name("run.boat-journal").exists()
     with pytest.raises(RecordingError, match="middle of a change") as refusal:
         load_recording(path)
-    assert refusal.value.remedy == f"boat-daq recover {path}"
+    assert refusal.value.command == f"boat-daq recover {path}"
     assert recover(path).damaged == ()
     assert verify_recording(path).identical
     with closing(sqlite3.connect(path)) as db:

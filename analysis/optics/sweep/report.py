@@ -47,7 +47,7 @@ def save(figure: Figure, path: Path) -> None:
     FileError : the folder cannot be written to, or the suffix is unknown.
     """
     try:
-        with writing(path, "choose another --out"):
+        with writing(path, "choose another folder"):
             figure.savefig(path, dpi=DPI)
     except ValueError as error:
         raise FileError(f"{path}: its suffix names no picture", "name a file ending in .png, .svg or .pdf") from error

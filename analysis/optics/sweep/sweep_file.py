@@ -61,11 +61,11 @@ class SweepFile:
                 kept = dict(db.execute("select key, value from meta"))["parameters"]
         except (sqlite3.Error, UnicodeDecodeError, MemoryError, KeyError) as error:
             cause = f"{path} cannot be used as a sweep's results: {error}"
-            raise FileError(cause, "choose another --out folder") from error
+            raise FileError(cause, "choose another folder") from error
         if kept != text:
             raise RequestError(
                 f"{path} is of a sweep with other parameters",
-                "choose another --out folder, or remove the file to start over",
+                "choose another folder, or remove the file to start over",
             )
 
     @contextmanager

@@ -36,7 +36,7 @@ _REFUSALS: dict[int, str] = {
     AckStatus.NOT_SUPPORTED: "command not supported",
 }
 _NO_START: dict[int, str] = {
-    AckStatus.OUT_OF_LIMITS: "choose a lower rate, with --rate or in the settings",
+    AckStatus.OUT_OF_LIMITS: "choose a lower rate in the settings",
     AckStatus.FAULT_LATCHED: "clear the board's fault, by its own switch or by its supply, then try again",
     AckStatus.NOT_IN_THIS_STATE: "switch the board off and on, then try again",
 }

@@ -259,7 +259,7 @@ class Sequencer:
         text = f"{mark.target_kpa:g} kPa was not reached in time: {self._pressure_kpa:.1f} kPa"
         self._leave_cycle_out()
         self._watch = None
-        remedy = "check for a leak, and that the pump runs; for a slow pump choose a slower ramp (record --ramp)"
+        remedy = "check for a leak, and that the pump runs; for a slow pump choose a slower ramp"
         self._report(MessageKind.STEP_TIMEOUT, text, "error", remedy)
         self.abort(text, SessionState.ABORTED)
 

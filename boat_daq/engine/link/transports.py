@@ -345,8 +345,8 @@ class SocketTransport:
         host, port = _socket_address(url)
         if not allow_remote and not _is_loopback(host):
             cause = f"{host} is another machine, and the link is neither encrypted nor authenticated"
-            remedy = "Add --allow-remote, or allow remote ports in the settings, if the network is yours."
-            raise DeviceError(cause, remedy)
+            remedy = "Allow remote ports in the settings if the network is yours."
+            raise DeviceError(cause, remedy, command="--allow-remote")
         try:
             self._socket = socket.create_connection((host, port), timeout=2.0)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -413,16 +413,15 @@ def open_error(port: str, error: Exception) -> DeviceError:
     if number in {errno.EACCES, errno.EPERM} or "permission" in text or "access is denied" in text:
         remedy = "Close the other program that has it open, or check its driver."
         if sys.platform.startswith("linux"):
-            command = "sudo usermod -aG dialout $USER"
-            remedy = f"Add yourself to its group and log in again: {command} (or install a udev rule)."
+            remedy = "Add yourself to its group (dialout) and log in again, or install a udev rule."
         return DeviceError(f"no permission to open {port}", remedy)
     if number in {errno.ENOENT, errno.ENODEV, errno.ENXIO} or "filenotfound" in text:
         present = ", ".join(p.port for p in list_ports()) or "none"
         return DeviceError(f"there is no port {port}", f"Ports present: {present}")
     if number in {errno.ENOTTY, errno.EINVAL, errno.EISDIR}:
-        return DeviceError(f"{port} is not a serial port", "boat-daq ports lists the serial ports.")
+        return DeviceError(f"{port} is not a serial port", "Choose a port of the list.", command="boat-daq ports")
     reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    return DeviceError(f"{port} cannot be opened: {reason}", "boat-daq ports lists the serial ports.")
+    return DeviceError(f"{port} cannot be opened: {reason}", "Choose a port of the list.", command="boat-daq ports")
 
 
 def _gone_because(error: Exception) -> str:

@@ -304,7 +304,8 @@ class RecordingFile:
         try:
             checks = self._connection.execute("PRAGMA quick_check(1)").fetchall() if check else [("ok",)]
             if checks != [("ok",)]:
-                raise StorageError(f"{self.path} is damaged: {checks[0][0]}", f"boat-daq recover {self.path}")
+                cause = f"{self.path} is damaged: {checks[0][0]}"
+                raise StorageError(cause, "Recover the recording.", command=f"boat-daq recover {self.path}")
             self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
             mode = self._connection.execute("PRAGMA journal_mode=DELETE").fetchone()
             return bool(mode == ("delete",))

@@ -327,7 +327,7 @@ def append_reading(path: Path, reading: Reading) -> None:
     with closing(open_recording(path)) as db:
         known = db.execute("SELECT count(*) FROM step WHERE id = ?", (reading.step_id,)).fetchone()[0]
     if not known:
-        raise OperatorError(f"{path} has no step {reading.step_id}", "boat-daq info lists the steps of a recording.")
+        raise OperatorError(f"{path} has no step {reading.step_id}", "Choose a step of it.", command="boat-daq info")
     file = RecordingFile.reopen(path)
     try:
         file.commit([statement])

@@ -103,7 +103,9 @@ class BrokenRun:
             was, given = getattr(self.plan, key), getattr(plan, key)
             if was != given:
                 cause = f"the plan of {self.path.name} has {key} {was}, not {given}"
-                raise OperatorError(cause, "a broken run resumes with its own plan: omit --plan and its options")
+                raise OperatorError(
+                    cause, "a broken run resumes with its own plan", command="omit --plan and its options"
+                )
 
 
 def read_broken_run(path: Path) -> BrokenRun:
@@ -131,7 +133,8 @@ def read_broken_run(path: Path) -> BrokenRun:
     if complete >= plan.cycles:
         raise OperatorError(f"{path.name} has all its {plan.cycles} cycles", "begin a new recording")
     if schema.layout_version(path) < schema.SCHEMA_VERSION:
-        raise OperatorError(f"{path.name} has the layout of an older program", f"boat-daq upgrade {path}")
+        cause = f"{path.name} has the layout of an older program"
+        raise OperatorError(cause, "begin a new recording", command=f"boat-daq upgrade {path}")
     ended = schema.RunEnd.INTERRUPTED if meta["status"] == "recording" else meta["stop_reason"] or meta["status"]
     return BrokenRun(path, meta, plan, marks, readings, first_cycle, complete, str(ended))
 
@@ -149,8 +152,9 @@ def prepare_resumption(path: Path, *, progress: Callable[[float, float], None] |
     broken = read_broken_run(path)
     recovery = recover(path, progress=progress)
     if recovery.damaged or recovery.path != path:
-        cause = f"{path.name} is damaged: {recovery.damaged[0] if recovery.damaged else 'see boat-daq recover'}"
-        raise StorageError(cause, "begin a new recording; boat-daq recover saves what is readable")
+        cause = f"{path.name} is damaged: {recovery.damaged[0] if recovery.damaged else 'not all of it can be read'}"
+        remedy = "begin a new recording; recovering this one saves what is readable"
+        raise StorageError(cause, remedy, command=f"boat-daq recover {path}")
     upgrade(path)  # rows of the present layout would not fit an older one
     return replace(read_broken_run(path), cause=broken.cause)
 

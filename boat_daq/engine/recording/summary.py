@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from boat_daq.engine.recording.file import is_being_written
-from protocol.errors import DamagedRecordingError
+from protocol.errors import damaged
 from protocol.recording import schema
 from protocol.recording.checks import DAMAGE, bytes_of
 
@@ -104,7 +104,7 @@ def summarise(path: Path) -> Summary:
         try:
             return _summarise(path, db)
         except DAMAGE as error:
-            raise DamagedRecordingError(f"{path} cannot be read: {error}", f"boat-daq recover {path}") from error
+            raise damaged(path, f"cannot be read: {error}") from error
 
 
 def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
@@ -112,8 +112,7 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
     segments = tuple(_segments(db))
     samples = sum(segment.samples for segment in segments)
     if samples * schema.session_dtype(meta).itemsize > bytes_of(path):
-        cause = f"{path} claims {samples} samples, more samples than its size can hold"
-        raise DamagedRecordingError(cause, f"boat-daq recover {path}")
+        raise damaged(path, f"claims {samples} samples, more samples than its size can hold")
     duration_s = sum(segment.duration_s for segment in segments)
     gaps, lost = _one(db, "SELECT count(*), coalesce(sum(value), 0) FROM event WHERE kind = 'gap'")
     low, high = _one(db, "SELECT min(pressure_min_kpa), max(pressure_max_kpa) FROM overview")
@@ -121,11 +120,12 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
     status = meta["status"]
     if status == "recording" and not is_being_written(path):
         status = "interrupted"
-    stored = ("operator", "unit", "note", "port", "board_id", "program_version", "started_utc", "ended_utc")
+    stored = ("operator", "unit", "port", "board_id", "program_version", "started_utc", "ended_utc")
     return Summary(
         path=path,
         status=status,
         simulated=bool(meta["simulated"]),
+        note=schema.note_of(db, meta),
         **{key: meta[key] for key in (*stored, "stop_reason")},
         run_end=schema.run_end_of(meta),
         duration_s=duration_s,

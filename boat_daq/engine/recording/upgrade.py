@@ -57,7 +57,7 @@ def upgrade(path: Path) -> Upgrade:
         return Upgrade("current", path, version, version)
     with closing(WriterLock(path)):
         if status == "recording" or path.with_name(path.name + "-wal").exists():
-            raise OperatorError(f"{path} was not closed", f"boat-daq recover {path}")
+            raise OperatorError(f"{path} was not closed", "Recover the recording.", command=f"boat-daq recover {path}")
         try:
             return Upgrade("upgraded", path, version, SCHEMA_VERSION, _exchange(path, version))
         except (OSError, *DAMAGE) as error:
@@ -92,7 +92,8 @@ def _add_columns(path: Path, version: int) -> None:
         db.execute("COMMIT")
         checks = db.execute("PRAGMA integrity_check(1)").fetchall()
         if checks != [("ok",)]:
-            raise StorageError(f"{path.stem} is damaged: {checks[0][0]}", "Recover it first: boat-daq recover.")
+            cause = f"{path.stem} is damaged: {checks[0][0]}"
+            raise StorageError(cause, "Recover the recording first.", command="boat-daq recover")
 
 
 def _keep(path: Path, version: int) -> Path:

@@ -210,9 +210,15 @@ class PlanForm(QScrollArea):
 
     def open(self) -> None:
         """Open a plan from a file."""
-        ask_open(self, self.services, "Open a plan", "toml", self._opened)
+        ask_open(self, self.services, "Open a plan", "toml", self.load)
 
-    def _opened(self, path: Path) -> None:
+    def load(self, path: Path) -> None:
+        """Load a plan, and choose it.
+
+        Raises
+        ------
+        OperatorError : it cannot be read, or is invalid, by key.
+        """
         self.sequence.open(path)
         name = self.sequence.plan.name
         if self.choice.findData(name) < 0:

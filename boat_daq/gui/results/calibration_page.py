@@ -228,7 +228,7 @@ class CalibrationPage(QWidget):
         self.sample = widgets.button(BANDS, lambda: self.services.notices.attempt(self.model.sample), tip=BANDS_TIP)
         self.report = widgets.button("Report \u2026", partial(self.services.show, Panel.REPORT))
         self.accept = widgets.button(ACCEPT, self._accept, "primary", tip=ACCEPT_TIP)
-        ask = partial(ask_open, self, self.services, "Open a recording", "boat csv", self.model.analyse)
+        ask = partial(ask_open, self, self.services, "Open a recording or a table", "boat csv", self.services.open)
         opens = widgets.button("Open \u2026", ask)
         buttons = widgets.row(self.again, opens, self.sample, self.report, self.accept)
         self.head = widgets.row((widgets.column(self.verdict, self.headline, spacing=0), 1), buttons)
@@ -259,6 +259,8 @@ class CalibrationPage(QWidget):
         """Take the next step towards a missing curve."""
         if self._step is NextStep.ENTER_READINGS:
             self._edit_readings()
+        elif self._step is NextStep.CHOOSE_READINGS:
+            ask_open(self, self.services, "Choose the file of readings", "csv", self.model.take_readings)
         elif self._step is NextStep.SHOW_REPEATABILITY and self.model.result is not None:
             self.show_repeatability(self.model.result)
             self.services.show(Page.REPEAT)

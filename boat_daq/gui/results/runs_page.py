@@ -36,8 +36,10 @@ from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
-from boat_daq.gui.widgets.file_dialogs import ask_save, open_folder
+from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save, open_folder
 from boat_daq.gui.widgets.layouts import EmptyState, Leaves
+from boat_daq.gui.widgets.text_dialog import TextDialog
+from boat_daq.viewmodels.common.files import TABLES
 from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.results.runs import (
     HEADINGS,
@@ -57,7 +59,7 @@ LEAST_SPAN_MV = 0.1  # of a comparison, so that noise looks small
 RUN_ROLE = Qt.ItemDataRole.UserRole
 OPTIONAL = ("Readings", "Length", "Cycles")  # columns hidden in this order where the name of the file is cut
 USUAL_NAME = "20260101-000000_SA1.boat"  # what the program names a recording
-REPAIRS = ("resume", "recover")
+UNDER_LIST = ("rename", "note", "resume", "recover")  # buttons beside the details of the run
 NO_UNITS = "Calibrations accepted on the Calibrate page are listed here with their unit."
 HISTORY = "The sensitivity of the unit in use at each of its accepted calibrations."
 DIFFERENCE = "The curve of each run less the curve of the first one, over elongation."
@@ -150,7 +152,9 @@ class RunsPage(QWidget):
             "export": widgets.button("Export", lambda: None),
             "report": widgets.button("Report …", partial(self._ask_save, "pdf html", self.model.report)),
             "compare": widgets.button("Compare", self._compare, tip="Two to four runs of one unit"),
-            "recover": widgets.button("Recover", self._recover, tip="Close a recording left open by a killed session"),
+            "rename": widgets.button("Rename …", self._rename, tip="With the files beside it; its content stays"),
+            "note": widgets.button("Note …", self._note, tip="What is to be known of it; shown and searched"),
+            "recover": widgets.button("Recover", self._recover, tip="Close it, or save what a damaged one holds"),
         }
         for key, entries in (
             ("replay", [(f"{speed} times real time", partial(self._replay, speed)) for speed in SPEEDS]),
@@ -161,16 +165,19 @@ class RunsPage(QWidget):
                 menu.addAction(text, action)
             self.buttons[key].setMenu(menu)
         self.heading = widgets.label("Recordings", "subtitle")
-        repairs = [self.buttons[key] for key in REPAIRS]  # under the list, beside the details of the run
-        head = widgets.row(self.heading, None, *(b for b in self.buttons.values() if b not in repairs))
+        under = [self.buttons[key] for key in UNDER_LIST]
+        head = widgets.row(self.heading, None, *(b for b in self.buttons.values() if b not in under))
         self.search = widgets.field("Search the recordings", placeholder="Search: unit, date, note, file")
         self.search.textChanged.connect(self._list)
         place = partial(open_folder, self.model.folder, self.services)
         self.folder = widgets.button("Open folder", place, tip=f"Recordings are in {self.model.folder}")
         where = widgets.label(str(self.model.folder), "small", name="Folder of the recordings", elide=True)
-        self.details = widgets.label("", "small", name="Details of the chosen recordings", elide=True)
-        find = widgets.row((self.search, 1), (where, 1), self.folder)
-        frame, _ = widgets.card(head, find, (self.list, 1), widgets.row((self.details, 1), *repairs))
+        self.details = widgets.label("", "small", name="Details of the chosen recordings", wrap=True)
+        kinds = " ".join(ending[1:] for ending in TABLES)
+        ask = partial(ask_open, self, self.services, "Import a table", kinds, self.services.open)
+        self.import_ = widgets.button("Import CSV …", ask, tip="A table of another program, as a recording")
+        find = widgets.row((self.search, 1), (where, 1), self.folder, self.import_)
+        frame, _ = widgets.card(head, find, (self.list, 1), widgets.row((self.details, 1), *under))
         self.no_units = widgets.label(NO_UNITS, "muted", wrap=True)
         self.no_units.setAlignment(Qt.AlignmentFlag.AlignCenter)
         side, _ = widgets.card(widgets.label("Units", "subtitle"), (self.units, 1), (self.no_units, 1))
@@ -246,6 +253,20 @@ class RunsPage(QWidget):
         paths = self._paths()
         ask_save(self, self.services, paths[0].stem if paths else "run", kinds, partial(save, paths), done="")
 
+    def _rename(self) -> None:
+        run = self.selected()[0]
+        rename = partial(self.model.rename, run.path)
+        words = f"New name of {run.path.name}; the files that belong to it are renamed, too. Undo: Ctrl+Z."
+        attempt = self.services.notices.attempt
+        TextDialog(self, "Rename", words, run.path.stem, "Rename", lambda text: attempt(partial(rename, text)))
+
+    def _note(self) -> None:
+        run = self.selected()[0]
+        words = f"Note on {run.path.name}. It is added to the recording; the note before it stays in the file."
+        attempt = self.services.notices.attempt
+        add = partial(self.model.note, run)
+        TextDialog(self, "Note", words, run.note, "Save", lambda text: attempt(partial(add, text)))
+
     def _compare(self) -> None:
         self.services.notices.attempt(lambda: self.model.compare(self._paths()))
 
@@ -255,10 +276,10 @@ class RunsPage(QWidget):
 
     def _enable(self) -> None:
         chosen = self.selected()
-        for key in ("open", "repeat", "replay", "export", "readings", "report", "compare"):
+        for key in ("open", "repeat", "replay", "export", "readings", "report", "compare", "rename", "note"):
             widgets.allow(self.buttons[key], obstacle(key, chosen))
         self.buttons["resume"].setVisible(len(chosen) == 1 and chosen[0].resumable)
-        self.buttons["recover"].setVisible(any(run.interrupted for run in chosen))
+        self.buttons["recover"].setVisible(any(run.recoverable for run in chosen))
         self.details.setText(selection_text(chosen))
 
     def paint_theme(self, theme: Theme) -> None:
@@ -292,7 +313,10 @@ class RunsPage(QWidget):
         self.list.fill([run.cells for run in found], [run.tip for run in found])
         for row, run in enumerate(found):
             self.list.model().setData(self.list.model().index(row, 0), run, RUN_ROLE)
-        newest = found[:1] if self._untouched else []
+        wanted = [run for run in found if run.path == self.model.wanted]
+        if wanted:
+            chosen, self.model.wanted, self._untouched = set(), None, False
+        newest = wanted or (found[:1] if self._untouched else [])
         self._untouched = self._untouched and not newest
         self._choose([row for row, run in enumerate(found) if run.path in chosen or run in newest])
         self._enable()

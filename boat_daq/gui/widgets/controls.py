@@ -94,6 +94,7 @@ def field(
 ) -> QLineEdit:
     """Return a text field named for a screen reader."""
     widget = QLineEdit(text)
+    widget.setAcceptDrops(False)  # the window opens a file that is dropped on a field
     widget.setPlaceholderText(placeholder)
     if width:
         widget.setFixedWidth(width)

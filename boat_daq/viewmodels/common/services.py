@@ -81,6 +81,7 @@ class Services:
     undo : the window's undo history.
     recordings : folder of the recordings, where file dialogs start.
     show : shows a page or a panel; set by the window.
+    open : opens a file by its kind; set by the window.
     """
 
     notices: Notices
@@ -88,3 +89,4 @@ class Services:
     undo: UndoHistory
     recordings: Path
     show: Callable[[Page | Panel], None] = lambda _: None  # there is no window yet
+    open: Callable[[Path], None] = lambda _: None

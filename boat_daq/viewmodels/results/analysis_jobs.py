@@ -175,6 +175,7 @@ class RunResult:
     u_elongation: tuple[FloatArray, ...] = ()
     curve: str = ""
     candidates: tuple[tuple[CurveCandidate, ...], ...] = ()
+    stepped: bool = True  # whether the plateaus are steps of a plan, at which readings are typed
 
     @property
     def unit_text(self) -> str:
@@ -205,6 +206,7 @@ def analyse_run(
     AnalysisError : the recording cannot be read.
     """
     from analysis.data.load import load_recording
+    from analysis.figures.batch import readings_beside
     from analysis.figures.pipeline import analyse
     from analysis.figures.sensor_analysis import Options
     from analysis.figures.uncertainty import curve_candidates_of
@@ -213,7 +215,8 @@ def analyse_run(
     part_of(progress, 0, 1, 4)(1, 1)
     degree, type_b = chosen_curve(recording, curve), stated_contributions(recording)
     options = Options(degree, mcmc=False, fidelity=level, type_b=type_b)
-    found = analyse(recording, options=options, progress=part_of(progress, 1, 1, 4))
+    readings = readings_beside(Path(path))
+    found = analyse(recording, readings, options=options, progress=part_of(progress, 1, 1, 4))
     candidates = []
     if compare and found.budgets is not None:
         for i in range(len(found.sensors)):
@@ -240,6 +243,7 @@ def analyse_run(
         u_elongation=found.u_elongation,
         curve=str(degree),
         candidates=tuple(candidates),
+        stepped=bool(len(recording.steps)),
     )
 
 
@@ -420,6 +424,42 @@ def export_run(path: Path, target: Path, *, progress: Progress | None = None) ->
     return export(load_recording(path), target, kind, progress=progress)
 
 
+def preview_table(path: Path, separator: str | None) -> dict[str, Any]:
+    """Return what the importer sees in a CSV file, and the units that each quantity may have.
+
+    Raises
+    ------
+    AnalysisError : it is not a table of numbers.
+    """
+    from analysis.data.csv_import import preview, units_of
+
+    roles = ("time_s", "pressure_kpa", "target_kpa", *(f"s{n}_mv" for n in range(1, 5)))
+    return preview(path, separator=separator) | {"units": {role: units_of(role) for role in roles}}
+
+
+def import_table(
+    path: Path, target: Path, columns: Mapping[str, str], rate_hz: float | None, separator: str | None
+) -> list[str]:
+    """Write a CSV file as a recording; returns what the importer noted.
+
+    Parameters
+    ----------
+    path : of the CSV file.
+    target : the recording to write.
+    columns, rate_hz, separator : as `analysis.data.csv_import.import_csv` takes them.
+
+    Raises
+    ------
+    AnalysisError : it cannot be imported, or the target cannot be written.
+    """
+    from analysis.data.boat_writer import write_boat_file
+    from analysis.data.csv_import import import_csv
+
+    recording = import_csv(path, columns=columns, rate_hz=rate_hz, separator=separator)
+    write_boat_file(target, recording, original=path)
+    return [*recording.meta.get("import_notes", ()), *recording.meta.get("import_issues", ())]
+
+
 def report_runs(paths: list[Path], target: Path, *, curve: str = "", progress: Progress | None = None) -> str:
     """Write the report of one or several recordings; returns its verdict.
 
@@ -435,13 +475,15 @@ def report_runs(paths: list[Path], target: Path, *, curve: str = "", progress: P
     AnalysisError : one of them cannot be read, or the target cannot be written.
     """
     from analysis import Options, load_recording, write_report
+    from analysis.figures.batch import readings_beside
     from analysis.figures.pipeline import analyse
 
     parts, analyses = len(paths) + WRITING, []
     for i, path in enumerate(paths):
         recording = load_recording(path)
         options = Options(chosen_curve(recording, curve), type_b=stated_contributions(recording))
-        analyses.append(analyse(recording, options=options, progress=part_of(progress, i, 1, parts)))
+        readings = readings_beside(path)
+        analyses.append(analyse(recording, readings, options=options, progress=part_of(progress, i, 1, parts)))
     return write_report(analyses, target, progress=part_of(progress, len(paths), WRITING, parts)).verdict
 
 

@@ -8,7 +8,9 @@ read, of which some are in the curve.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from enum import Enum
 from functools import partial
 from pathlib import Path
@@ -22,6 +24,7 @@ from analysis.errors import AnalysisError
 from analysis.fidelity import Fidelity, fidelity
 from analysis.numbers import decimals_for, finite
 from analysis.warning import WarningCode
+from boat_daq.engine.recording.rename import companions
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionState
@@ -31,6 +34,7 @@ from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Change, Services
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands, RunResult, SensorResult, analyse_run, sample_run
+from protocol.recording.elongation_file import read_elongation_rows
 
 Cells = tuple[str, ...]
 ACCEPT, ANYWAY = "Accept", "Accept anyway"
@@ -54,6 +58,7 @@ class NextStep(Enum):
     SHOW_PLAN = "Show the plan"
     SHOW_REPEATABILITY = "Show it on Repeat"
     ENTER_READINGS = "Enter readings \u2026"
+    CHOOSE_READINGS = "Choose the file of readings \u2026"
 
 
 class Missing(NamedTuple):
@@ -192,6 +197,28 @@ class CalibrationModel:
             rows.append(((sensor.label, "", "", ""), ""))
             rows += [_curve_row(one, chosen=one.name == chosen) for one in candidates]
         return rows
+
+    def follow_rename(self, old: Path, new: Path) -> None:
+        """Keep the run that is shown under its new name."""
+        if self.last_path == old:
+            self.last_path = new
+        if self.result is not None and Path(self.result.path) == old:
+            self.result = replace(self.result, path=str(new))
+
+    def take_readings(self, file: Path) -> None:
+        """Keep a file of readings beside the recording, where every analysis finds it, and analyse again.
+
+        Raises
+        ------
+        LocalError : it is not a file of readings; names the line.
+        """
+        if self.last_path is None:
+            return
+        read_elongation_rows(file)
+        beside = companions(self.last_path)[0]
+        if file.resolve() != beside.resolve():
+            shutil.copyfile(file, beside)
+        self.analyse(self.last_path)
 
     def _analysed(self, job: Job) -> None:
         self.failure = job.failure
@@ -454,9 +481,9 @@ def missing(result: RunResult) -> Missing | None:
     read = f"Only {result.read}" if result.read else "None"
     title = f"{read} of {count(result.plateaus, 'plateau')} {'has' if result.read <= 1 else 'have'} a reading"
     least = f"A curve needs readings at {LEAST_ELONGATIONS} or more different elongations."
-    if Path(result.path).suffix != ".boat":
-        text = f"{least} For a CSV file they are given in a second file: boat-daq analyze RUN --elongation FILE."
-        return Missing(title, text)
+    if not result.stepped:
+        text = f"{least} Give them in a CSV file: pressure_kpa,elongation_mm, a row a plateau, in the order of the run."
+        return Missing(title, text, NextStep.CHOOSE_READINGS)
     text = f"{least} Type them from your notes or paste a column of a spreadsheet; the curve is then fitted again."
     return Missing(title, text, NextStep.ENTER_READINGS)
 

@@ -7,6 +7,7 @@ nothing is computed in two ways. Cycles are drawn in groups of one colour: a hun
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 
@@ -94,6 +95,11 @@ class RepeatabilityModel:
             + ([f"{result.partial} partial, left out"] if result.partial else [])
         )
         self.revision += 1
+
+    def follow_rename(self, old: Path, new: Path) -> None:
+        """Keep the run that is shown under its new name."""
+        if self.result is not None and Path(self.result.path) == old:
+            self.result = replace(self.result, path=str(new))
 
     def missing(self) -> tuple[str, str]:
         """Return title and text of what is missing; both empty where there is a cycle to show."""

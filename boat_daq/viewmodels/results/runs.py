@@ -24,7 +24,8 @@ from analysis.arrays import FloatArray
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.recorder import append_reading
-from boat_daq.engine.recording.recovery import find_interrupted, recover
+from boat_daq.engine.recording.recovery import Recovery, find_interrupted, recover
+from boat_daq.engine.recording.rename import add_note, rename
 from boat_daq.engine.recording.resumption import BrokenRun, prepare_resumption, read_broken_run
 from boat_daq.engine.recording.summary import Summary, summarise
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
@@ -33,8 +34,9 @@ from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Notices, Severity
+from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands, RunResult, compare_runs, export_run, report_runs
-from protocol.errors import ProtocolError
+from protocol.errors import DamagedRecordingError, ProtocolError
 from protocol.recording import SUFFIX, RunEnd, open_recording, schema
 
 HEADINGS = ("", "Unit", "Recorded", "Length", "Cycles", "Readings", "State", "File")
@@ -47,6 +49,7 @@ STATES = {
     "interrupted": "\u25b2 interrupted",
 }  # fmt: skip
 CHOOSE_ONE, CHOOSE_SOME = "Choose a recording in the list.", "Choose one or more recordings in the list."
+CHANGES = ("readings", "rename", "note")  # of a recording
 NONE_CHOSEN = "Choose a recording to calibrate, replay or export it, or two to four to compare them."
 
 
@@ -57,12 +60,13 @@ class RunEntry:
     path: Path
     summary: Summary | None
     problem: str = ""
+    damaged: bool = False  # whether it may be recovered, where it cannot be read
     outline: tuple[tuple[float, float, float], ...] = ()
 
     @property
-    def interrupted(self) -> bool:
-        """Whether a killed session left it open."""
-        return self.summary is not None and self.summary.status == "interrupted"
+    def recoverable(self) -> bool:
+        """Whether a killed session left it open, or it is damaged."""
+        return self.damaged or (self.summary is not None and self.summary.status == "interrupted")
 
     @property
     def closed(self) -> bool:
@@ -74,6 +78,11 @@ class RunEntry:
         """Whether its run ended early and can be resumed."""
         s = self.summary
         return s is not None and s.status != "recording" and s.run_end is not RunEnd.FINISHED and s.steps > 0
+
+    @property
+    def note(self) -> str:
+        """The operator's note."""
+        return (self.summary.note if self.summary is not None else None) or ""
 
     def matches(self, words: str) -> bool:
         """Whether every word is in its line or its tooltip, whatever its case."""
@@ -122,9 +131,9 @@ def read_run(path: Path) -> RunEntry:
     try:
         return RunEntry(path, summarise(path), outline=_outline(path))
     except (ProtocolError, BoatDaqError) as error:
-        return RunEntry(path, None, error.cause)
+        return RunEntry(path, None, error.cause, isinstance(error, DamagedRecordingError))
     except (OSError, sqlite3.Error, KeyError, ValueError) as error:
-        return RunEntry(path, None, f"cannot be read: {error}")
+        return RunEntry(path, None, f"cannot be read: {error}", isinstance(error, sqlite3.Error))
 
 
 def _outline(path: Path) -> tuple[tuple[float, float, float], ...]:
@@ -227,13 +236,25 @@ class RunsModel:
     units : the units and their calibrations.
     jobs : where exports and reports are made.
     notices : where it is reported how they end.
+    undo : takes new names and notes.
+    renamed : is called with the former and the new path of a recording.
     """
 
-    def __init__(self, folder: Path, units: UnitLibrary, jobs: JobRunner, notices: Notices) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        units: UnitLibrary,
+        jobs: JobRunner,
+        notices: Notices,
+        undo: UndoHistory,
+        renamed: Callable[[Path, Path], None] = lambda old, new: None,
+    ) -> None:
         self.folder, self.units, self.jobs, self._notices = folder, units, jobs, notices
+        self._undo, self._renamed = undo, renamed
         self.runs: list[RunEntry] = []
         self.units_read: list[UnitLine] = []
         self.comparison: tuple[RunResult, ...] = ()
+        self.wanted: Path | None = None  # is chosen once it is listed
         self.revision = 0
         self.simulated = False  # whether the board in use is, or was last
         self._kinds: tuple[bool, ...] = (False, True)  # of the units that are shown
@@ -241,6 +262,11 @@ class RunsModel:
         self._known: dict[tuple[Path, int, int], RunEntry] = {}
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="runs")
         self._future: Future[Listing] | None = None
+
+    def select(self, path: Path) -> None:
+        """Have a recording chosen as soon as it is listed."""
+        self.wanted = path
+        self.scan()
 
     def scan(self) -> None:
         """Read the folder again on the helper thread."""
@@ -302,8 +328,47 @@ class RunsModel:
         return find_interrupted(self.folder) if self.folder.is_dir() else []
 
     def recover(self, path: Path) -> None:
-        """Close a recording that a killed session left open, in the background."""
-        self.start("recover", Job(f"Recovering {path.name}", recover, path), f"{path.name} is recovered")
+        """Close a recording that a killed session left open, or save what a damaged one holds, in the background."""
+        self.start("recover", Job(f"Recovering {path.name}", recover, path), self._recovered)
+
+    def _recovered(self, recovery: Recovery) -> None:
+        damaged = "; ".join(recovery.damaged[:1])
+        text = f"{recovery.path.name} is recovered" + (f", without what cannot be read: {damaged}" if damaged else "")
+        self._notices.inform(text)
+        self.select(recovery.path)
+
+    def rename(self, path: Path, name: str) -> None:
+        """Rename a closed recording with its companions, undoably.
+
+        Raises
+        ------
+        OperatorError, StorageError, RecordingError : as `boat_daq.engine.recording.rename.rename`.
+        """
+        target = path.with_name(f"{name.strip().removesuffix(SUFFIX)}{SUFFIX}")
+        if target != path:
+            move = self._move
+            self._undo.push(Change("renaming", lambda: move(path, target.name), lambda: move(target, path.name)))
+
+    def _move(self, path: Path, name: str) -> None:
+        target = rename(path, name)
+        self._renamed(path, target)
+        self.select(target)
+
+    def note(self, run: RunEntry, text: str) -> None:
+        """Add a note to a closed recording, undoably: undo adds the one before again.
+
+        Raises
+        ------
+        OperatorError, StorageError, RecordingError : as `boat_daq.engine.recording.rename.add_note`.
+        """
+        before = run.note
+        if text != before:
+            add = self._add_note
+            self._undo.push(Change("note", lambda: add(run.path, text), lambda: add(run.path, before)))
+
+    def _add_note(self, path: Path, text: str) -> None:
+        add_note(path, text)
+        self.select(path)
 
     def resume(self, path: Path, then: Callable[[BrokenRun], None]) -> None:
         """Prepare the resumption of a run in the background; `then` is called with it.
@@ -464,6 +529,6 @@ def obstacle(button: str, chosen: Sequence[RunEntry]) -> str:
         and len({run.summary.simulated for run in chosen if run.summary is not None}) > 1
     ):
         return "Simulated and real recordings are chosen; they are not compared."
-    if button == "readings" and chosen[0].summary is not None and not chosen[0].closed:
-        return "Its readings can be corrected once the recording is closed or recovered."
+    if button in CHANGES and chosen[0].summary is not None and not chosen[0].closed:
+        return "It can be changed once the recording is closed or recovered."
     return next((f"{run.path.name}: {run.problem}." for run in chosen if run.summary is None), "")

@@ -56,7 +56,7 @@ def test_an_older_recording_is_not_added_to(tmp_path: Path, analysed: tuple[Reco
     before = run.read_bytes()
     message = store_analysis(run, analysed[1])
     assert "layout of an older program" in message
-    assert "boat-daq upgrade" in message
+    assert "Upgrade the recording" in message
     assert run.read_bytes() == before
     with closing(sqlite3.connect(run)) as db:
         db.execute("PRAGMA user_version = 2")

@@ -8,7 +8,10 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
+from analysis.errors import AnalysisError
 from boat_daq.engine.plan import built_in_plans
+from boat_daq.errors import cause_and_remedy
+from boat_daq.viewmodels.common.jobs import JobFailure, JobState
 from boat_daq.viewmodels.live.live_model import LiveElongation
 
 
@@ -18,6 +21,23 @@ def until(condition, timeout_s=60.0):
     while not condition():
         assert time.monotonic() < end, "waited in vain"
         time.sleep(0.02)
+
+
+class DirectJob:
+    """A job that is done in this process, at once: for tests of what is shown, not of the processes."""
+
+    def __init__(self, label, function, /, *args, **kwargs):
+        self.label, self.result, self.failure, self.fraction, self.permille = label, None, None, None, 0
+        try:
+            self.result, self.state = function(*args, **kwargs), JobState.DONE
+        except AnalysisError as error:
+            self.failure, self.state = JobFailure(*cause_and_remedy(error), ""), JobState.FAILED
+
+    def poll(self):
+        return self.state
+
+    def cancel(self):
+        """Do nothing: it has ended."""
 
 
 SAMPLE = Path(__file__).parents[3] / "recordings" / "simulated_SA1_two_cycles.boat"

@@ -19,9 +19,12 @@ from PySide6.QtWidgets import QApplication, QFileDialog
 
 from analysis import load_recording
 from boat_daq.gui.style import THUMBNAIL
+from boat_daq.gui.widgets.text_dialog import TextDialog
+from boat_daq.viewmodels.results import runs as runs_model
 from boat_daq.viewmodels.results.runs import HEADINGS, read_run
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import NARROW, PATIENCE_MS, SAMPLE, run_shortcut
+from tests.boat_daq.viewmodels.helpers import DirectJob
 
 
 @pytest.fixture
@@ -298,3 +301,58 @@ def test_search_lists_what_matches(runs, monkeypatch):
     monkeypatch.setattr(QDesktopServices, "openUrl", lambda url: opened.append(url.toLocalFile()) or True)
     page.folder.click()
     assert opened == [str(window.model.services.recordings)]
+
+
+def test_rename_and_note_are_undone(runs, qtbot):
+    """Both by their panels; the line keeps its choice, the search finds the note; undo restores name and note."""
+    window, page = runs
+    choose(page, 1)
+    page.buttons["note"].click()
+    dialog = window.findChild(TextDialog)
+    assert not dialog.isModal()
+    QTest.keyClicks(dialog.field, "tube replaced")
+    dialog.button.click()
+
+    def shown() -> tuple[str, str]:
+        return page.selected()[0].path.name, page.selected()[0].note
+
+    def until(wanted: tuple[str, str]) -> None:
+        qtbot.waitUntil(lambda: (window.refresh(), shown())[1] == wanted, timeout=PATIENCE_MS)
+
+    until(("first.boat", "tube replaced"))
+    assert "tube replaced" in page.details.text()
+    assert page.selected()[0].matches("TUBE")
+    page.buttons["rename"].click()
+    dialog = window.findChildren(TextDialog)[-1]
+    dialog.field.setText("second")
+    dialog.button.click()
+    assert dialog.isVisible()  # the name is in use: what was typed stays
+    assert "exists already" in window.model.notices.current().cause
+    dialog.field.setText("after the tube")
+    dialog.button.click()
+    until(("after the tube.boat", "tube replaced"))
+    run_shortcut(window, "Ctrl+Z")
+    until(("first.boat", "tube replaced"))
+    run_shortcut(window, "Ctrl+Z")
+    until(("first.boat", read_run(SAMPLE).note))
+
+
+def test_damaged_recording_is_recovered_by_a_button(live, qtbot, monkeypatch):
+    """It is listed with its cause, and the button saves what can be read into another file, which is then chosen."""
+    folder = live.model.services.recordings
+    folder.mkdir()
+    path = Path(shutil.copy(SAMPLE, folder / "torn.boat"))
+    content = bytearray(path.read_bytes())
+    content[8192:30000] = bytes(30000 - 8192)
+    path.write_bytes(content)
+    entry = read_run(path)
+    monkeypatch.setattr(runs_model, "Job", DirectJob)
+    live.go("Runs")
+    page = live.pages["Runs"]
+    qtbot.waitUntil(lambda: (live.refresh(), page.list.rowCount())[1] == 1, timeout=PATIENCE_MS)
+    assert (entry.summary, entry.damaged, page.offers("recover")) == (None, True, True)
+    assert entry.problem in page.details.text()
+    page.buttons["recover"].click()
+    qtbot.waitUntil(lambda: (live.refresh(), page.list.rowCount())[1] == 2, timeout=PATIENCE_MS)
+    assert [(run.path.name, run.closed) for run in page.selected()] == [("torn.salvaged.boat", True)]
+    assert "without what cannot be read" in live.model.notices.history[-1].cause

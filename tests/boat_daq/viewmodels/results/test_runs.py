@@ -13,6 +13,7 @@ from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.common.notices import Notices
+from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.results import analysis_jobs
 from boat_daq.viewmodels.results.runs import NONE_CHOSEN, RunEntry, RunsModel, obstacle, read_run, selection_text
 from protocol.recording import RunEnd
@@ -35,7 +36,7 @@ def test_entries_show_what_each_recording_is(recording, tmp_path):
 
 def test_list_arrives_by_polling(recording, tmp_path):
     """The folder is read in the background; a second reading without change is no change."""
-    model = RunsModel(recording.parent, UnitLibrary(tmp_path), JobRunner(), Notices())
+    model = RunsModel(recording.parent, UnitLibrary(tmp_path), JobRunner(), Notices(), UndoHistory())
     model.scan()
     until(lambda: (model.poll(), model.runs)[1])
     revision = model.revision
@@ -57,7 +58,7 @@ def test_file_deleted_during_a_scan_is_left_out(recording, tmp_path):
     """A recording that is gone between listing and reading ends neither the scan nor the choice of the newest."""
     (tmp_path / "whole.boat").symlink_to(recording)
     (tmp_path / "gone.boat").symlink_to(tmp_path / "nowhere")
-    model = RunsModel(tmp_path, UnitLibrary(tmp_path), JobRunner(), Notices())
+    model = RunsModel(tmp_path, UnitLibrary(tmp_path), JobRunner(), Notices(), UndoHistory())
     assert model.newest() == tmp_path / "whole.boat"
     model.scan()
     until(lambda: (model.poll(), model.runs)[1])
@@ -67,7 +68,8 @@ def test_file_deleted_during_a_scan_is_left_out(recording, tmp_path):
 
 def test_units_are_those_of_the_board_in_use(tmp_path):
     """Lines and control chart; both kinds are listed while no board is connected, the simulated ones marked."""
-    model, units = RunsModel(tmp_path, UnitLibrary(tmp_path), JobRunner(), Notices()), UnitLibrary(tmp_path)
+    model = RunsModel(tmp_path, UnitLibrary(tmp_path), JobRunner(), Notices(), UndoHistory())
+    units = UnitLibrary(tmp_path)
     for simulated, mv in ((False, 40.0), (True, 50.0)):
         content = {"simulated": simulated, "sensors": [{"figures": {"sensitivity_mv_per_mm": mv}}]}
         units.of(simulated=simulated).add_calibration("SA1", content)
@@ -88,7 +90,7 @@ def test_units_are_those_of_the_board_in_use(tmp_path):
 def test_newest_recording_is_of_the_kind_of_the_board(closed, tmp_path):
     """A file that cannot be read is neither a simulated nor a real recording."""
     (tmp_path / "z.boat").write_bytes(b"")
-    model = RunsModel(tmp_path, UnitLibrary(tmp_path), JobRunner(), Notices())
+    model = RunsModel(tmp_path, UnitLibrary(tmp_path), JobRunner(), Notices(), UndoHistory())
     assert model.newest(simulated=True) == closed
     assert model.newest(simulated=False) is None
     model.close()
@@ -103,7 +105,7 @@ def test_exports_read_back(recording, tmp_path):
 
 def test_run_compared_with_itself_has_no_difference(recording, tmp_path):
     """The difference of two equal runs is zero over the range."""
-    model = RunsModel(recording.parent, UnitLibrary(tmp_path), JobRunner(), Notices())
+    model = RunsModel(recording.parent, UnitLibrary(tmp_path), JobRunner(), Notices(), UndoHistory())
     model.comparison = analysis_jobs.compare_runs([recording, recording])
     lines, words = model.comparison_lines()
     assert len(lines) == 2

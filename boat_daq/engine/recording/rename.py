@@ -1,0 +1,76 @@
+"""Rename a closed recording with the files beside it that belong to it; note what the operator knows of it.
+
+Rules: nothing is overwritten. All files are renamed or none: what was renamed before an error gets its name back. A
+note is a newer event of the recording, so what was noted before stays, and the bytes and samples are not touched.
+"""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+
+from boat_daq.engine.file_names import path_in
+from boat_daq.engine.recording.file import RecordingFile, WriterLock, check_recording_name, storage_error
+from boat_daq.engine.recording.rows import INSERT_EVENT
+from boat_daq.errors import OperatorError
+from protocol.recording import NOTE_EVENT, open_recording, read_session
+
+BESIDE = (".elongation.csv",)  # what NAME.boat has beside it, after NAME
+NOTE_MOST = 2000  # letters
+
+
+def companions(path: Path) -> tuple[Path, ...]:
+    """Return the names of the files that belong to a recording, whether they exist or not."""
+    return tuple(path.with_name(path.stem + ending) for ending in BESIDE)
+
+
+def rename(path: Path, name: str) -> Path:
+    """Give a closed recording and its companions another name in the same folder; return its new path.
+
+    Raises
+    ------
+    OperatorError : the name cannot be used, or is in use; the recording is not closed.
+    StorageError : another program writes it, or the folder cannot be written. RecordingError : not a recording.
+    """
+    target = path_in(path.parent, name.strip())
+    check_recording_name(target)
+    with closing(open_recording(path)) as db:
+        status = read_session(db)["status"]
+    if status == "recording":
+        raise OperatorError(f"{path.name} is not closed", "Close or recover the recording first.")
+    pairs = [(path, target), *zip(companions(path), companions(target), strict=True)]
+    pairs = [(old, new) for old, new in pairs if old.exists()]
+    for old, new in pairs:
+        if new.exists() and not new.samefile(old):
+            raise OperatorError(f"{new.name} exists already", "Choose another name; no file is overwritten.")
+    done: list[tuple[Path, Path]] = []
+    with closing(WriterLock(path)):
+        try:
+            for old, new in pairs:
+                old.rename(new)
+                done.append((old, new))
+        except OSError as error:
+            for old, new in reversed(done):
+                new.rename(old)
+            raise storage_error(path, error) from error
+    return target
+
+
+def add_note(path: Path, text: str) -> None:
+    """Add a note to a closed recording; the newest one counts, an empty one withdraws it.
+
+    Raises
+    ------
+    OperatorError : it is too long. StorageError : the recording is in progress, or cannot be written.
+    RecordingError : not a recording.
+    """
+    if len(text) > NOTE_MOST:
+        raise OperatorError(f"the note is longer than {NOTE_MOST} letters", "Shorten it.")
+    with closing(open_recording(path)) as db:
+        number = db.execute("SELECT coalesce(max(id), 0) + 1 FROM event").fetchone()[0]
+        last_ns = db.execute("SELECT coalesce(max(host_ns), 0) FROM event").fetchone()[0]
+    file = RecordingFile.reopen(path)
+    try:
+        file.commit([(INSERT_EVENT, (number, last_ns, None, None, "user", NOTE_EVENT, None, text))])
+    finally:
+        file.abandon()

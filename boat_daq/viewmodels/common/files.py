@@ -1,0 +1,47 @@
+"""What kind of file the operator gives to the window: by its ending, a TOML file by its content."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+
+from boat_daq.engine.plan import KINDS
+from boat_daq.engine.toml_values import parse_toml, read_text
+from boat_daq.errors import OperatorError
+from protocol.recording import SUFFIX
+
+TABLES = (".csv", ".tsv", ".txt", ".dat")
+OPENED = "Open a recording (.boat), a table (.csv), or a plan or a profile (.toml)."
+
+
+class FileKind(Enum):
+    """What a file is opened as."""
+
+    RECORDING = "recording"
+    TABLE = "table"
+    PLAN = "plan"
+    PROFILE = "profile"
+
+
+def kind_of(path: Path) -> FileKind:
+    """Return what a file is opened as.
+
+    Raises
+    ------
+    OperatorError : it is none of these, or cannot be read.
+    """
+    if not path.is_file():
+        raise OperatorError(f"{path.name} is {'a folder' if path.is_dir() else 'not there'}", OPENED)
+    suffix = path.suffix.lower()
+    if suffix == SUFFIX:
+        return FileKind.RECORDING
+    if suffix in TABLES:
+        return FileKind.TABLE
+    if suffix == ".toml":
+        content = parse_toml(read_text(path), path.name)
+        if content.get("kind") in KINDS:
+            return FileKind.PLAN
+        if "device" in content:
+            return FileKind.PROFILE
+        raise OperatorError(f"{path.name} is neither a plan nor a profile", "A plan has a kind, a profile a [device].")
+    raise OperatorError(f"{path.name} cannot be opened here", OPENED)

@@ -1,0 +1,254 @@
+"""A CSV file before its import: which column is what, in which unit, the separator, the rate; and the import itself.
+
+Strategy: a helper process reads the file and proposes a map, from the titles; the operator changes what was taken
+wrongly. What was chosen is kept for files with the same columns, and proposed for the next one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from boat_daq.engine.file_names import path_in
+from boat_daq.engine.recording.file import check_recording_name
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.formatting import count, plain_number
+from boat_daq.viewmodels.common.jobs import Job, JobFailure, JobRunner
+from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.viewmodels.results.analysis_jobs import import_table, preview_table
+from protocol.recording import SUFFIX
+
+SENSORS_MOST = 4
+ROLES = {
+    "time_s": "Time", "pressure_kpa": "Pressure", "target_kpa": "Target pressure",
+    **{f"s{n}_mv": f"Sensor {n}" for n in range(1, SENSORS_MOST + 1)},
+}  # fmt: skip
+SIGNALS = tuple(role for role in ROLES if role.endswith("_mv"))
+SEPARATORS = (("found by itself", ""), ("comma", ","), ("semicolon", ";"), ("tab", "\t"), ("bar", "|"), ("space", " "))
+UNIT_TEXTS = {
+    "kpa": "kPa", "pa": "Pa", "mpa": "MPa", "hpa": "hPa", "mmhg": "mmHg", "mv": "mV", "v": "V",
+    "uv": "\u00b5V", "us": "\u00b5s",
+}  # fmt: skip
+KINDS_KEPT = 20  # kinds of files whose columns are remembered
+PREFERENCE = "csv columns"
+
+
+class Source(NamedTuple):
+    """The column that a quantity is read from, counted from 1, and its unit; column 0 is none."""
+
+    column: int
+    unit: str
+
+
+NONE = Source(0, "")
+
+
+@dataclass(frozen=True, slots=True)
+class FileColumn:
+    """A column of the file: its title, and its first values as texts."""
+
+    title: str
+    first: tuple[str, ...]
+
+
+class CsvImport:
+    """The file that is to be imported.
+
+    Parameters
+    ----------
+    folder : of the recordings.
+    jobs : where files are read.
+    preferences : keep the columns of each kind of file.
+    imported : is called with the new recording and what the importer noted.
+    """
+
+    def __init__(
+        self, folder: Path, jobs: JobRunner, preferences: Preferences, imported: Callable[[Path, Sequence[str]], None]
+    ) -> None:
+        self._folder, self._jobs, self._preferences, self._imported = folder, jobs, preferences, imported
+        self.path = Path()
+        self.separator = ""  # empty: found by itself
+        self.name, self.rate = "", ""
+        self.sources: dict[str, Source] = {}
+        self.failure: JobFailure | None = None
+        self.finished = False  # whether the file is imported
+        self.revision = 0
+        self._seen: Mapping[str, Any] = {}  # what the importer sees in the file
+        self._found: dict[str, Source] = {}  # by the titles
+
+    def open(self, path: Path) -> None:
+        """Read a file in the background; the columns are then proposed."""
+        self.path, self.separator, self.rate, self._seen = path, "", "", {}
+        self.name = self._free_name(path.stem)
+        self._read()
+
+    def separate(self, separator: str) -> None:
+        """Read the file again with another separator; empty: the one that is found."""
+        if separator != self.separator:
+            self.separator = separator
+            self._read()
+
+    def _read(self) -> None:
+        self.failure, self.sources, self._found, self.finished = None, {}, {}, False
+        self.revision += 1
+        job = Job(f"Reading {self.path.name}", preview_table, self.path, self.separator or None)
+        self._jobs.start("csv", job, self._take)
+
+    def _take(self, job: Job) -> None:
+        self.failure, self._seen = job.failure, job.result or {}
+        self.revision += 1
+        self._found = {c["taken_as"]: Source(c["number"], c["taken_unit"].lower()) for c in self._columns()}
+        self.sources = {role: self._found.get(role, NONE) for role in ROLES}
+        kept = self._kept().get(self._kind())
+        if kept is None or not self.columns:
+            return
+        if kept["separator"] != self.separator and not self.separator:
+            self.separate(kept["separator"])
+            return
+        self.sources |= {role: Source(*source) for role, source in kept["columns"].items() if role in ROLES}
+        self.rate = str(kept["rate"])
+
+    def _columns(self) -> Sequence[Mapping[str, Any]]:
+        columns: Sequence[Mapping[str, Any]] = self._seen.get("columns", ())
+        return columns
+
+    @property
+    def reading(self) -> bool:
+        """Whether the file is being read."""
+        return self._jobs.get("csv") is not None
+
+    @property
+    def columns(self) -> tuple[FileColumn, ...]:
+        """Return the columns of the file; none before it is read."""
+        return tuple(
+            FileColumn(
+                f"{c['name']} ({c['unit']})" if c["unit"] else str(c["name"]),
+                tuple(v if isinstance(v, str) else f"{v:.6g}" for v in c["first"]),
+            )
+            for c in self._columns()
+        )
+
+    def heading(self, column: int) -> str:
+        """Return what a column of the file, counted from 1, is imported as; empty where it is left out."""
+        return next((ROLES[role] for role, source in self.sources.items() if source.column == column), "")
+
+    def units(self, role: str) -> tuple[str, ...]:
+        """Return the units that a quantity may have, that of the file among them."""
+        usual, unit = tuple(self._seen.get("units", {}).get(role, ())), self.sources[role].unit
+        return usual if unit in usual or not unit else (*usual, unit)
+
+    def summary(self) -> str:
+        """Return how the file is written, in a line; why it cannot be read."""
+        seen = self._seen
+        if self.failure is not None:
+            return self.failure.text
+        if not seen:
+            return f"Reading {self.path.name} \u2026"
+        names = {value: name for name, value in SEPARATORS if value} | {"white space": "space"}
+        sign = {".": "point", ",": "comma"}[seen["decimal"]]
+        separator = names.get(seen["separator"], seen["separator"])
+        return (
+            f"{count(seen['rows'], 'row')}, {count(len(self.columns), 'column')}; separator {separator}, "
+            f"decimal {sign}, {seen['encoding']}"
+        )
+
+    def warnings(self) -> tuple[str, ...]:
+        """Return what the importer had to guess, or could not read."""
+        return (*self._seen.get("notes", ()), *self._seen.get("issues", ()))
+
+    def choose(self, role: str, source: Source) -> None:
+        """Read a quantity from another column, or in another unit; a column is read as one quantity only."""
+        if source.column:
+            taken = [other for other, at in self.sources.items() if at.column == source.column and other != role]
+            self.sources |= dict.fromkeys(taken, NONE)
+            source = source._replace(unit=source.unit or next(iter(self.units(role)), ""))
+        self.sources[role] = source
+        self.revision += 1
+
+    def obstacle(self) -> str:
+        """Return what is missing for an import; empty where nothing is."""
+        if not self.sources:
+            return "The file is not read yet."
+        if not self.sources["pressure_kpa"].column:
+            return "Choose the column of the pressure."
+        if not any(self.sources[role].column for role in SIGNALS):
+            return "Choose the column of at least one sensor."
+        if not self.sources["time_s"].column and self._rate_hz() is None:
+            return "Choose the column of the time, or type the sampling rate."
+        return ""
+
+    def _rate_hz(self) -> float | None:
+        try:
+            rate_hz = plain_number(self.rate)
+        except ValueError:
+            return None
+        return rate_hz if rate_hz > 0 else None
+
+    def map(self) -> dict[str, str]:
+        """Return the map for the importer: what differs from its own, and what is not in the file.
+
+        Where a signal differs, that is all signals: to signals that are given the importer adds no others.
+        """
+        changed = {role for role, source in self.sources.items() if source != self._found.get(role, NONE)}
+        if changed & set(SIGNALS):
+            changed |= {role for role in SIGNALS if self.sources[role].column}
+        wanted = {role: self._text(source) for role, source in self.sources.items()}
+        return {role: text for role, text in wanted.items() if role in changed or not text}
+
+    def _text(self, source: Source) -> str:
+        """Return a source as the importer takes it: by its title where that is unique, else by its number."""
+        if not source.column:
+            return ""
+        names = [str(c["name"]) for c in self._columns()]
+        title = names[source.column - 1]
+        column = title if names.count(title) == 1 and ":" not in title else str(source.column)
+        return f"{column}:{source.unit}" if source.unit else column
+
+    def start(self, name: str) -> None:
+        """Import the file in the background.
+
+        Raises
+        ------
+        OperatorError : something is missing, or the name cannot be used.
+        """
+        if obstacle := self.obstacle():
+            raise OperatorError(f"{self.path.name} cannot be imported yet", obstacle)
+        target = path_in(self._folder, f"{name.strip().removesuffix(SUFFIX)}{SUFFIX}")
+        check_recording_name(target)
+        if target.exists():
+            raise OperatorError(f"{target.name} exists already", "Choose another name; no recording is overwritten.")
+        self._remember()
+        self._folder.mkdir(parents=True, exist_ok=True)
+        rate_hz = None if self.sources["time_s"].column else self._rate_hz()
+        label = f"Importing {self.path.name}"
+        job = Job(label, import_table, self.path, target, self.map(), rate_hz, self.separator or None)
+        self._jobs.start("csv", job, lambda job: self._ended(job, target))
+        self.revision += 1
+
+    def _ended(self, job: Job, target: Path) -> None:
+        self.failure = job.failure
+        self.revision += 1
+        if job.failure is None and job.result is not None:
+            self.finished = True
+            self._imported(target, job.result)
+
+    def _free_name(self, stem: str) -> str:
+        taken = {path.stem for path in self._folder.glob(f"*{SUFFIX}")}
+        names = (stem, *(f"{stem}-{n}" for n in range(2, len(taken) + 3)))
+        return next(name for name in names if name not in taken)
+
+    def _kind(self) -> str:
+        """Return what files of one kind share: their titles and units."""
+        return "|".join(column.title for column in self.columns)[:1000]
+
+    def _kept(self) -> dict[str, Any]:
+        kept: dict[str, Any] = self._preferences.get(PREFERENCE, {})
+        return kept
+
+    def _remember(self) -> None:
+        others = {kind: entry for kind, entry in self._kept().items() if kind != self._kind()}
+        columns = {role: list(source) for role, source in self.sources.items()}
+        entry = {"columns": columns, "separator": self.separator, "rate": self.rate}
+        self._preferences.set(PREFERENCE, dict([*others.items(), (self._kind(), entry)][-KINDS_KEPT:]))

@@ -41,6 +41,11 @@ class Tolerance:
     is_absolute: bool = False
 
     @property
+    def symbol(self) -> str:
+        """The relation of a figure that keeps the limit: not less, or not more."""
+        return "\u2265" if self.is_lower else "\u2264"
+
+    @property
     def limits(self) -> tuple[float, float]:
         """Lower and upper limit, infinite where there is none."""
         if self.is_lower:

@@ -1,30 +1,76 @@
-"""The table of figures: name with unit, a value for each sensor; definition and interval as tooltip."""
+"""The table of figures: name over unit and limit, for each sensor the value over its interval; more as tooltip."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QHeaderView
+from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QSize, Qt
+from PySide6.QtGui import QColor, QPainter, QResizeEvent
+from PySide6.QtWidgets import QHeaderView, QStyledItemDelegate, QStyleOptionViewItem
 
 from boat_daq.gui import style
+from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.viewmodels.results.analysis_jobs import Cell
 
-SIDE = style.PANE_WIDTH_WIDE - 4 * style.STEP
+SIDE = style.PANE_WIDTH_WIDE + 6 * style.STEP
 """Width of the table beside the plots of a page."""
+Index = QModelIndex | QPersistentModelIndex
+
+
+class TwoLines(QStyledItemDelegate):
+    """Paints the second line of a text small and muted below the first."""
+
+    colour = QColor(style.LIGHT.muted)
+
+    def initStyleOption(self, option: QStyleOptionViewItem, index: Index) -> None:
+        """Leave the first line to Qt, in the upper part of the cell."""
+        super().initStyleOption(option, index)
+        option.text = str(index.data() or "").partition("\n")[0]
+        side = option.displayAlignment & Qt.AlignmentFlag.AlignHorizontal_Mask
+        option.displayAlignment = side | Qt.AlignmentFlag.AlignTop
+
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
+        """Paint the cell."""
+        super().paint(painter, option, index)
+        _, _, below = str(index.data() or "").partition("\n")
+        if below:
+            painter.save()
+            painter.setFont(style.small_font())
+            painter.setPen(self.colour)
+            side = Qt.AlignmentFlag(index.data(Qt.ItemDataRole.TextAlignmentRole)) & Qt.AlignmentFlag.AlignRight
+            inside = option.rect.adjusted(2 * style.STEP, 0, -2 * style.STEP, -style.STEP)
+            text = painter.fontMetrics().elidedText(below, Qt.TextElideMode.ElideRight, inside.width())
+            painter.drawText(inside, side | Qt.AlignmentFlag.AlignBottom, text)
+            painter.restore()
+
+    def sizeHint(self, option: QStyleOptionViewItem, index: Index) -> QSize:
+        """Return the size of both lines."""
+        hint = super().sizeHint(option, index)
+        _, _, below = str(index.data() or "").partition("\n")
+        if not below:
+            return hint
+        width = style.text_width(style.small_font(), below) + 5 * style.STEP
+        return QSize(max(hint.width(), width), hint.height() + style.small_font().pixelSize() + style.STEP)
 
 
 class FigureTable(DataTable):
     """Figures of all sensors."""
 
-    def __init__(self, name: str = "Figures with their units; definitions and intervals as tooltips") -> None:
+    def __init__(self, name: str = "Figures with units, intervals and limits; definitions as tooltips") -> None:
         super().__init__(name)
+        self.lines = TwoLines(self)
+        self.setItemDelegate(self.lines)
+
+    def paint_theme(self, theme: Theme) -> None:
+        """Take the colours of `theme`."""
+        self.lines.colour = QColor(theme.muted)
 
     def show_rows(self, rows: Sequence[Sequence[Cell]], sensors: Sequence[str]) -> None:
         """Show other figures, with a column for each sensor."""
         self.set_headings(["Figure", *sensors], stretched=0, right=range(1, 1 + len(sensors)))
         self.fill(rows)
+        self.resizeRowsToContents()
         self._share()
 
     def resizeEvent(self, event: QResizeEvent) -> None:

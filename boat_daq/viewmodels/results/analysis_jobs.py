@@ -24,6 +24,7 @@ from boat_daq.viewmodels.common.formatting import NOTHING, number, sensor_words
 from boat_daq.viewmodels.common.reference import chosen_curve, stated_contributions
 
 if TYPE_CHECKING:
+    from analysis.figures.acceptance import LimitStatement
     from analysis.figures.across_breaks import Break, Comparison
     from analysis.figures.pipeline import Analysis
     from analysis.figures.sensor_analysis import SensorAnalysis
@@ -35,26 +36,51 @@ GRID = 161
 WRITING = 2  # what a report takes to be set, in analyses of a run
 
 
-def figure_text(figure: Figure | None, decimals: int) -> Cell:
-    """Return a figure as text, with definition, interval and count as its tooltip; an en dash without a figure."""
+SHAPES = {"pass": "\u25cf", "conditional_pass": "\u25d0", "conditional_fail": "\u25b3", "fail": "\u25b2"}
+"""Marks of a statement of conformity beside a value; one that is undetermined has none."""
+MARKS = ", ".join(f"{shape} {statement.replace('_', ' ')}" for statement, shape in SHAPES.items())
+
+
+def figure_text(figure: Figure | None, decimals: int, stated: LimitStatement | None = None) -> Cell:
+    """Return a figure as text, its 95 % interval in a second line, with definition and count as its tooltip.
+
+    Parameters
+    ----------
+    figure : an en dash without one.
+    decimals : of the value and of its interval.
+    stated : its conformity with a limit, which marks the value.
+    """
     if figure is None:
         return NOTHING, "not computed for this run"
-    lines = [figure.definition] if figure.definition else []
+    text, lines = number(figure.value, decimals), [figure.definition] if figure.definition else []
+    if stated is not None:
+        text = f"{SHAPES.get(stated.conformity, '')} {text}".strip()
+        lines.append(f"{stated.conformity.label}: {stated.text}")
     if math.isfinite(figure.low) and math.isfinite(figure.high):
-        lines.append(f"95 %: {number(figure.low, decimals)} to {number(figure.high, decimals)} {figure.unit}")
+        text += f"\n{number(figure.low, decimals)} to {number(figure.high, decimals)}"
+        lines.append("second line: 95 % confidence interval")
     if figure.n:
         lines.append(f"n = {figure.n}")
     lines += [part for part in (figure.void, figure.note) if part]
-    return number(figure.value, decimals), "\n".join(lines)
+    return text, "\n".join(lines)
 
 
-def figure_rows(sensors: Sequence[Mapping[str, Figure]]) -> tuple[tuple[Cell, ...], ...]:
-    """Return the table of figures: the name with its unit, then every sensor; without figures that no sensor has."""
+def figure_rows(sensors: Sequence[SensorAnalysis]) -> tuple[tuple[Cell, ...], ...]:
+    """Return the table of figures: name over unit and published limit, then every sensor; none that no sensor has."""
+    from analysis.figures.acceptance import TOLERANCES, against_published
+
+    limits = {tolerance.key: tolerance for tolerance in TOLERANCES}
+    stated = [{one.tolerance.key: one for one in against_published(sensor)} for sensor in sensors]
     rows = []
     for d in SENSOR_FIGURES.values():
-        if any(d.key in figures for figures in sensors):
-            cells = [figure_text(figures.get(d.key), d.decimals) for figures in sensors]
-            rows.append(((d.label_with_unit, f"{d.label_with_unit}\n{cells[0][1]}"), *cells))
+        if any(d.key in sensor.figures for sensor in sensors):
+            pairs = zip(sensors, stated, strict=True)
+            cells = [figure_text(s.figures.get(d.key), d.decimals, known.get(d.key)) for s, known in pairs]
+            limit, tip = limits.get(d.key), f"{d.label_with_unit}\n{cells[0][1]}"
+            below = d.unit
+            if limit is not None:
+                below, tip = f"{d.unit}, limit {limit.symbol} {limit.limit:g}", f"{tip}\nlimit: {limit.source}; {MARKS}"
+            rows.append(((f"{d.label}\n{below}", tip), *cells))
     return tuple(rows)
 
 
@@ -232,7 +258,7 @@ def analyse_run(
         cycles=loops.n_cycles,
         partial=len(found.cycles.partial),
         sensors=tuple(_sensor(found, i) for i in range(len(found.sensors))),
-        figures=(*figure_rows([sensor.figures for sensor in found.sensors]), *verdict_rows(found.sensors)),
+        figures=(*figure_rows(found.sensors), *verdict_rows(found.sensors)),
         loops=LoopSet(loops.numbers, loops.pressure_kpa, loops.elongation_mm, loops.signal_mv),
         warnings=found.warnings,
         reading_sd_mm=found.reading_sd_mm,
@@ -287,8 +313,7 @@ def _limit_rows(found: Analysis) -> list[tuple[Cell, ...]]:
     rows = []
     for stated in zip(*(against_published(sensor) for sensor in found.sensors), strict=False):
         tolerance, definition = stated[0].tolerance, SENSOR_FIGURES[stated[0].tolerance.key]
-        sign = "\u2265" if tolerance.is_lower else "\u2264"
-        name = f"{definition.label} {sign} {tolerance.limit:g} {definition.unit}"
+        name = f"{definition.label} {tolerance.symbol} {tolerance.limit:g} {definition.unit}"
         cells = [(one.conformity.label, f"{one.text}\n{RULE}") for one in stated]
         rows.append(((name, tolerance.source), *cells))
     return rows

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from analysis.figures.acceptance import against_published
 from analysis.figures.figure import SENSOR_FIGURES, Figure, Reason
 from boat_daq.viewmodels.results.analysis_jobs import figure_text, report_runs, sample_run
 
@@ -23,8 +24,8 @@ def test_analysis_returns_what_the_page_draws(result):
         assert np.all(fit.band_95[0] <= fit.band_68[0])
         assert np.all(fit.band_68[0] <= fit.curve)
         assert fit.content["figures"]["sensitivity_mv_per_mm"] == pytest.approx(expected, rel=0.05)
-    labels = {name for (name, _), *_ in result.figures}
-    assert labels <= {definition.label_with_unit for definition in SENSOR_FIGURES.values()} | {"Curve"}
+    labels = {name.partition(", limit ")[0] for (name, _), *_ in result.figures}
+    assert labels <= {f"{d.label}\n{d.unit}" for d in SENSOR_FIGURES.values()} | {"Curve"}
     verdicts = next(cells for (name, _), *cells in result.figures if name == "Curve")
     assert {text for text, _ in verdicts} <= {"adequate", "doubtful", "inadequate"}
     assert all(u.shape == (41, 2) and (u[:, 1] > 0).all() for u in result.u_elongation)
@@ -43,12 +44,27 @@ def test_sampled_curve_lies_inside_its_bands(result):
         assert np.all((outer[0] <= inner[0]) & (inner[1] <= outer[1]))
 
 
-def test_figure_text_has_definition_and_interval():
-    """A figure's cell is its value; definition, interval, count and reason are on hover."""
-    cell = figure_text(Figure(39.31, "mV/mm", 5, 39.0, 39.6, definition="end to end"), 1)
-    assert cell == ("39.3", "end to end\n95 %: 39.0 to 39.6 mV/mm\nn = 5")
+def test_figure_text_has_value_interval_and_conformity():
+    """A figure's cell is its value, marked by its conformity, over its interval; definition, count, reason on hover."""
+    figure = Figure(39.31, "mV/mm", 5, 39.0, 39.6, definition="end to end")
+    text, tip = figure_text(figure, 1)
+    assert text == "39.3\n39.0 to 39.6"
+    assert tip == "end to end\nsecond line: 95 % confidence interval\nn = 5"
+    noise = Figure(44.0, "dB", 5, 43.5, 44.5)
+    sensor = SimpleNamespace(calibration=object(), name="s1", figures={"snr_db": noise})
+    (stated,) = against_published(sensor)
+    text, tip = figure_text(noise, 1, stated)
+    assert (text, tip.splitlines()[0][:5]) == ("\u25cf 44.0\n43.5 to 44.5", "pass:")
     assert figure_text(Figure.nothing("dB", Reason.NO_FULL_SCALE, "no span"), 1)[0] == "\u2013"
     assert figure_text(None, 1)[0] == "\u2013"
+
+
+def test_table_of_figures_names_unit_and_limit_below_each_figure(result):
+    """The intervals and limits are the product: they were on hover only."""
+    texts = {cells[0][0]: [text for text, _ in cells[1:]] for cells in result.figures}
+    hysteresis = texts["Hysteresis, system\n% FSO, limit \u2264 5"]
+    assert [" to " in text for text in hysteresis] == [True, True]
+    assert "Noise, rms\nmV" in texts
 
 
 def test_uncertainty_names_what_was_not_assessed_and_the_published_limits(result):

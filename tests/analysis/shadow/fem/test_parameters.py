@@ -56,6 +56,6 @@ def test_the_fit_finds_the_defaults_from_elsewhere() -> None:
 
 def test_an_impossible_fit_is_rejected_with_its_misfit() -> None:
     """A bladder that is nearly a straight tube does not meet both targets: the best misfit is shown."""
-    tube = ActuatorParameters(belly_radius_mm=4.3, neck_radius_mm=4.2, axial_elements=4, lattice_elements=2)
+    tube = ActuatorParameters(cells=2, belly_radius_mm=4.3, neck_radius_mm=4.2, axial_elements=4, lattice_elements=2)
     with pytest.raises(ConvergenceError, match="misfit"):
         fit_geometry(tube)

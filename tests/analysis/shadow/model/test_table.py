@@ -11,7 +11,7 @@ from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.reduced import TableSettings
 from analysis.shadow.model.table import build_table, load_table, read_table, table_digest, write_table
 
-SMALL = TableSettings(pressures=4, elongations=4, modes=6, held_out=8)
+SMALL = TableSettings(pressures=3, elongations=3, modes=4, held_out=4)
 
 
 def test_cache_is_used_rebuilt_or_skipped(short: ActuatorParameters, tmp_path: Path) -> None:

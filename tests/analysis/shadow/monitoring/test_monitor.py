@@ -31,8 +31,8 @@ def alarms_of(table: ReducedModel, run: Run) -> list[Alarm]:
 
 
 def test_healthy_actuator_raises_no_alarm(table: ReducedModel) -> None:
-    """Fifty continuous cycles, and twelve staircases."""
-    assert alarms_of(table, run_actuator(50, staircase=False)) == []
+    """Thirty continuous cycles, and twelve staircases."""
+    assert alarms_of(table, run_actuator(30, staircase=False)) == []
     assert alarms_of(table, run_actuator(12)) == []
 
 
@@ -57,9 +57,9 @@ def test_leak_of_two_percent_a_minute(table: ReducedModel) -> None:
 
 def test_leak_in_continuous_cycles(table: ReducedModel) -> None:
     """Found, as a leak, without a single hold; the drift that it brings comes later and names it."""
-    alarms = alarms_of(table, run_actuator(50, Fault(begins=30, leak_percent_per_min=2.0), staircase=False))
+    alarms = alarms_of(table, run_actuator(36, Fault(begins=20, leak_percent_per_min=2.0), staircase=False))
     assert alarms[0].fault == "leak"
-    assert 31 <= alarms[0].cycle <= 45
+    assert 21 <= alarms[0].cycle <= 35
     assert all("leak" in a.may_follow_from for a in alarms[1:])
 
 
@@ -84,11 +84,11 @@ def test_delays_of_a_leak(
 @pytest.mark.parametrize(("percent", "named"), [(5.0, "softening"), (-5.0, "stiffening")])
 def test_softening_of_five_percent_over_fifty_cycles(table: ReducedModel, percent: float, named: str) -> None:
     """Found within ten cycles of its beginning, when it is one per cent, and dated to within four."""
-    run = run_actuator(45, Fault(begins=30, softening_percent_in_50=percent), staircase=False)
+    run = run_actuator(32, Fault(begins=20, softening_percent_in_50=percent), staircase=False)
     first = alarms_of(table, run)[0]
     assert first.fault == named
-    assert 31 <= first.cycle <= 41
-    assert 28 <= first.since_cycle <= 35
+    assert 21 <= first.cycle <= 31
+    assert 18 <= first.since_cycle <= 25
     assert named in first.sentence
 
 

@@ -36,8 +36,8 @@ def test_replay_leaves_out_what_is_no_cycle(table: ReducedModel, softening: Run)
     """A cycle without elongation is named; arrays that do not belong together, or hold nothing, are refused."""
     blind = softening.elongations_mm.copy()
     blind[softening.cycles[3]] = np.nan
-    result = replay(table, softening.time_s, softening.pressure_kpa, blind, softening.cycles)
-    assert len(result.figures) == 39
+    result = replay(table, softening.time_s, softening.pressure_kpa, blind, softening.cycles[:10])
+    assert len(result.figures) == 9
     assert result.left_out[0].startswith("cycle 4")
     for x in (softening.elongations_mm[:-1], np.full(len(softening.time_s), np.nan)):
         with pytest.raises(DataError):

@@ -16,13 +16,18 @@ SANITIZERS = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recove
 
 
 def compile_host(folder: Path, name: str, *sources: str) -> Path:
-    """Return the program `name` made of the firmware and of `sources` from the folder c/."""
+    """Return the program `name` made of the firmware and of `sources` from the folder c/.
+
+    What is compiled in the folder already is not compiled again.
+    """
     compiler = shutil.which("gcc")
     if compiler is None:
         pytest.skip("gcc is not on this computer: the firmware cannot be compiled for it")
     objects = []
     for source in [*PORTABLE, *(HERE / "c" / source for source in sources)]:
-        objects.append(folder / f"{name}_{source.stem}.o")
+        objects.append(folder / f"{source.stem}.o")
+        if objects[-1].exists():
+            continue
         strict = WARNINGS if source in PORTABLE else [flag for flag in WARNINGS if flag != "-Wconversion"]
         command = [compiler, *strict, *SANITIZERS, f"-I{FIRMWARE}", "-c", str(source), "-o", str(objects[-1])]
         subprocess.run(command, check=True)

@@ -96,7 +96,7 @@ TURNED_BACK = frames((10, Start(100)), (0, SetPressure(30_000)), (200, SetLimits
 STARTED_TWICE = frames((10, Start(100)), (150, Start(100)), (10, SetPressure(20_000, 20_000)))
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=QUIET)
+@settings(max_examples=30, deadline=None, suppress_health_check=QUIET)
 @given(SCRIPTS, FAULTS)
 @example(STALLED, [make_fault("stall", 0.5, 10)])
 @example(STALLED, [make_fault("dropped", 8.65, 10)])

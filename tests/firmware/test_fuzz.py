@@ -13,10 +13,9 @@ TARGETS = {"fuzz_decoder": 20_000, "fuzz_board": 8_000}  # inputs a second that 
 
 
 @pytest.fixture(scope="module", params=TARGETS)
-def target(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+def target(request: pytest.FixtureRequest, firmware_folder: Path) -> tuple[str, Path]:
     """A fuzz target and its program."""
-    folder = tmp_path_factory.mktemp(request.param)
-    return request.param, compile_host(folder, request.param, "host.c", f"{request.param}.c", "fuzz_main.c")
+    return request.param, compile_host(firmware_folder, request.param, "host.c", f"{request.param}.c", "fuzz_main.c")
 
 
 def fuzz(program: Path, seconds: float, seed: int) -> int:
@@ -26,10 +25,10 @@ def fuzz(program: Path, seconds: float, seed: int) -> int:
     return int(run.stdout)
 
 
-def test_fuzzing_for_half_a_second_finds_nothing(target: tuple[str, Path]) -> None:
-    """The invariants of c/fuzz_decoder.c and c/fuzz_board.c hold in half a second of processor time."""
+def test_fuzzing_for_a_fifth_of_a_second_finds_nothing(target: tuple[str, Path]) -> None:
+    """The invariants of c/fuzz_decoder.c and c/fuzz_board.c hold in a fifth of a second of processor time."""
     name, program = target
-    assert fuzz(program, 0.5, seed=1) > TARGETS[name] / 8
+    assert fuzz(program, 0.2, seed=1) > TARGETS[name] / 20
 
 
 @pytest.mark.nightly

@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from analysis import load_recording
+from boat_daq.cli import app
 from protocol.link.messages import BoardEvent, EventCode
 from tests.firmware.board_pair import Messages, messages_of
 from tests.firmware.firmware_build import compile_host
@@ -44,9 +46,9 @@ class Session:
 
 
 @pytest.fixture(scope="module")
-def board_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def board_program(firmware_folder: Path) -> Path:
     """Return the program of the firmware on a pseudo-terminal."""
-    return compile_host(tmp_path_factory.mktemp("board"), "pty_board", "host.c", "pty_board.c")
+    return compile_host(firmware_folder, "pty_board", "host.c", "pty_board.c")
 
 
 def program(*arguments: str) -> dict[str, Any]:
@@ -85,7 +87,8 @@ def check(session: Session) -> None:
     np.testing.assert_array_equal(recording.lit, [s.lit for s in samples])
     np.testing.assert_array_equal(recording.dark, [s.dark for s in samples])
     np.testing.assert_array_equal(recording.state, [s.state for s in samples])
-    assert program("verify", str(session.run))["identical"] is True
+    verified = CliRunner().invoke(app, ["verify", str(session.run), "--json"])
+    assert json.loads(verified.stdout)["identical"] is True
 
 
 def test_short_plan_is_recorded_in_real_time(board_program: Path, tmp_path: Path) -> None:

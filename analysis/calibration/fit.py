@@ -117,6 +117,12 @@ class Calibration:
         return np.asarray(np.sqrt(np.diag(self.covariance_with_reading)))
 
     @property
+    def turns_inside(self) -> tuple[float, ...]:
+        """The turning points inside the range."""
+        low, high = self.x_range
+        return tuple(turn for turn in self.turning_points if low < turn < high)
+
+    @property
     def dof(self) -> int:
         """Degrees of freedom of the residuals; a constraint on the coefficients adds one."""
         return self.n - int(self.fit.basis_factor.shape[1])

@@ -55,6 +55,27 @@ class ElongationEstimate:
     disagreement: BoolArray
 
 
+def raise_without_inverse(calibration: Calibration, *, by_parts: bool = False) -> None:
+    """Raise a DataError where a curve gives no elongation.
+
+    Parameters
+    ----------
+    calibration : its curve.
+    by_parts : allow one that turns inside its range: it has an inverse on either side of the turn.
+    """
+    turns = calibration.turns_inside
+    if not calibration.monotone and not (by_parts and turns):
+        where = f"it turns at {', '.join(f'{turn:.3g}' for turn in turns)}" if turns else "it is flat"
+        raise DataError(
+            f"the calibration has no inverse over its range: {where}", "Calibrate over a range where it is monotone."
+        )
+    if calibration.adequacy is not None and calibration.adequacy.refused:
+        raise DataError(
+            f"the curve misses the readings by {calibration.adequacy.remainder_percent:.1f} % FSO (rms)",
+            "Choose the curve by cross-validation (degree auto).",
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class Inverse:
     """mV -> mm for one sensor. Make one with `Inverse.of(calibration)`; call it with an array of mV."""
@@ -96,18 +117,7 @@ class Inverse:
         low, high = calibration.x_range
         if calibration.reading is None:
             calibration = calibration.with_reading(reading_sd)
-        if not calibration.monotone:
-            inside = [f"{t:.3g}" for t in calibration.turning_points if low < t < high]
-            where = f"it turns at {', '.join(inside)}" if inside else "it is flat"
-            raise DataError(
-                f"the calibration has no inverse over its range: {where}",
-                "Calibrate over a range where it is monotone.",
-            )
-        if calibration.adequacy is not None and calibration.adequacy.refused:
-            raise DataError(
-                f"the curve misses the readings by {calibration.adequacy.remainder_percent:.1f} % FSO (rms)",
-                "Choose the curve by cross-validation (degree auto).",
-            )
+        raise_without_inverse(calibration)
         noise = calibration.residual_sd if noise_sd is None else float(noise_sd)
         if calibration.spline is not None:
             nodes = calibration.predict(np.linspace(low, high, SPLINE_NODES))

@@ -62,7 +62,8 @@ class Analysis(AnalysedRun):
     Attributes
     ----------
     budgets : of an elongation in the middle of the calibrated range; None without a calibration.
-    u_elongation : of each sensor [points, 2], x and U of an elongation there, mm; empty where there is none.
+    u_elongation : of each sensor [points, 2], x and U of an elongation there, mm, NaN where it is not known.
+    u_elongation_void : of each sensor, why U is not given everywhere in the range, or "".
     parts : of a run whose parts differ over a break; `sensors` are those of the largest.
     """
 
@@ -72,6 +73,7 @@ class Analysis(AnalysedRun):
     warnings: tuple[Warning, ...]
     budgets: ElongationBudgets | None
     u_elongation: tuple[FloatArray, ...]
+    u_elongation_void: tuple[str, ...]
     parts: tuple[Part, ...]
 
     @property
@@ -110,8 +112,8 @@ class Analysis(AnalysedRun):
             "excursions_left_out": len(self.cycles.excursions),
             "plateaus": len(self.plateaus),
             "sensors": [
-                {**sensor.as_json(), "u_elongation_mm": u.tolist()}
-                for sensor, u in zip(self.sensors, self.u_elongation, strict=True)
+                {**sensor.as_json(), "u_elongation_mm": u.tolist(), "u_elongation_void": why}
+                for sensor, u, why in zip(self.sensors, self.u_elongation, self.u_elongation_void, strict=True)
             ],
             "system_sensitivity_mv_per_mm": self.system_sensitivity.value,
             "actuator_hysteresis_percent": {
@@ -169,6 +171,7 @@ def analyse(
     count = recording.n_sensors
     sensors = [analyse_sensor(run, number, progress=part_of(progress, number, 1, count)) for number in range(count)]
     analysed = AnalysedRun(**_values(run), sensors=tuple(sensors))
+    over_x = [elongation_uncertainty(analysed, i) for i in range(len(sensors))]
     actuator, actuator_cycles = _actuator_hysteresis(run, sensors)
     return Analysis(
         **_values(analysed),
@@ -177,7 +180,8 @@ def analyse(
         actuator_hysteresis_per_cycle=actuator_cycles,
         warnings=(*left_out, *run_warnings(run, sensors)),
         budgets=middle_budgets(analysed),
-        u_elongation=tuple(elongation_uncertainty(analysed, i) for i in range(len(sensors))),
+        u_elongation=tuple(u for u, _ in over_x),
+        u_elongation_void=tuple(why for _, why in over_x),
         parts=tuple(_part(run, part) for part in parts) if len(parts) > 1 else (),
     )
 

@@ -24,8 +24,8 @@ from analysis.calibration.adequacy import expanded
 from analysis.calibration.compare import between_calibrations_mm
 from analysis.calibration.curve_choice import CURVES, CurveCandidate, degree_of
 from analysis.calibration.fit import Calibration
-from analysis.calibration.inverse import Fusion, Inverse
-from analysis.calibration.type_b import Traceability, not_assessed, traceability
+from analysis.calibration.inverse import Fusion, Inverse, raise_without_inverse
+from analysis.calibration.type_b import Traceability, TypeBContribution, not_assessed, traceability
 from analysis.errors import AnalysisError, DataError
 from analysis.figures.sensor_analysis import AnalysedRun, with_curve
 from analysis.numbers import percent
@@ -199,22 +199,39 @@ def elongation_budget(analysis: AnalysedRun, x_mm: float, *, runs: Sequence[Anal
     ------
     DataError : as `elongation_reader`. RequestError : as `between_calibrations_mm`.
     """
-    return tuple(BudgetOfSensor.of(analysis, i, runs).at(x_mm) for i in range(len(analysis.sensors)))
+    of_sensors = [BudgetOfSensor.of(analysis, i, runs) for i in range(len(analysis.sensors))]
+    for of_sensor in of_sensors:
+        raise_without_inverse(of_sensor.calibration)
+    return tuple(of_sensor.at(x_mm) for of_sensor in of_sensors)
 
 
-def elongation_uncertainty(analysis: AnalysedRun, sensor: int) -> FloatArray:
-    """Return U of an elongation over the calibrated range, [points, 2]: x and U, mm; empty where `void` budgets are.
+def elongation_uncertainty(analysis: AnalysedRun, sensor: int) -> tuple[FloatArray, str]:
+    """Return U of an elongation over the calibrated range, and why it is not given everywhere in it.
 
     Parameters
     ----------
     analysis : of a run. sensor : counted from 0.
+
+    Returns
+    -------
+    [points, 2] x and U, mm, and a reason. A curve that turns inside its range gives U on either side of the turn;
+    nearer to it than U the side is not known, and U is NaN. No points where the curve gives no elongation at all.
     """
     try:
         of_sensor = BudgetOfSensor.of(analysis, sensor)
-    except AnalysisError:
-        return np.empty((0, 2))
-    x = np.linspace(*of_sensor.inverse.calibration.x_range, CURVE_POINTS)
-    return np.column_stack([x, [of_sensor.at(float(at)).expanded for at in x]])
+        raise_without_inverse(of_sensor.calibration, by_parts=True)
+    except AnalysisError as error:
+        return np.empty((0, 2)), error.cause
+    calibration = of_sensor.calibration
+    x, turns = np.linspace(*calibration.x_range, CURVE_POINTS), np.asarray(calibration.turns_inside)
+    level = calibration.slope(x) == 0.0
+    u = np.asarray([np.nan if flat else of_sensor.at(float(at)).expanded for at, flat in zip(x, level, strict=True)])
+    if not turns.size:
+        return np.column_stack([x, u]), ""
+    u[np.abs(x[:, None] - turns).min(axis=1) <= u] = np.nan
+    where = ", ".join(f"{turn:.3g}" for turn in turns)
+    reason = f"the curve turns at {where} mm: U is for a reading whose side is known, and not given within U of a turn"
+    return (np.column_stack([x, u]) if np.isfinite(u).any() else np.empty((0, 2))), reason
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,7 +296,8 @@ def _candidate(analysis: AnalysedRun, sensor: int, name: str, x_mm: float) -> Cu
 class BudgetOfSensor:
     """The budgets of one sensor at any x: what they share is assessed once."""
 
-    inverse: Inverse
+    calibration: Calibration
+    type_b: tuple[TypeBContribution, ...]
     parts: SignalParts
     calibrations: tuple[Calibration, ...]
     cycles: int
@@ -296,17 +314,17 @@ class BudgetOfSensor:
 
         Raises
         ------
-        DataError : as `elongation_reader`.
+        DataError : the sensor is not calibrated.
         """
         found = [run.sensors[sensor].calibration for run in runs if sensor < len(run.sensors)]
         calibrations = tuple(c for c in found if c is not None) if len(runs) > 1 else ()
         counted = analysis.recording.lit is not None
-        inverse, parts = _inverse(analysis, sensor), signal_parts(analysis, sensor)
-        return cls(inverse, parts, calibrations, analysis.loops.n_cycles, counted)
+        calibration, parts = _calibration(analysis, sensor), signal_parts(analysis, sensor)
+        return cls(calibration, analysis.options.type_b, parts, calibrations, analysis.loops.n_cycles, counted)
 
     def at(self, x_mm: float) -> Budget:
         """Return the budget of an elongation of `x_mm`."""
-        calibration, parts = self.inverse.calibration, self.parts
+        calibration, parts = self.calibration, self.parts
         per_mv = 1.0 / abs(float(calibration.slope(x_mm)))
         cycles, no_counts = f"{self.cycles} cycles", "not assessed: the recording has no counts"
         of_counts = (parts.resolution, parts.ambient) if self.counted else (float("nan"), float("nan"))
@@ -331,18 +349,18 @@ class BudgetOfSensor:
             Component("fit", by_fit, per_mv, fit_dof, "covariance"),
         ]  # fmt: skip
         lack_of_fit = self._lack_of_fit(x_mm, per_mv, combine(components).u)
-        return combine([*components, lack_of_fit, *self._type_b(x_mm)], traceability(self.inverse.type_b))
+        return combine([*components, lack_of_fit, *self._type_b(x_mm)], traceability(self.type_b))
 
     def _type_b(self, x_mm: float) -> list[Component]:
         """Return the contributions that were stated, and those that are expected and were not."""
-        given = self.inverse.type_b
+        given = self.type_b
         stated = [Component(one.label, float(one.u_mm(x_mm)), 1.0, one.dof, one.statement) for one in given]
         source = "not assessed: not in the file of the unit or rig"
         return [*stated, *(Component(label, float("nan"), source=source) for label in not_assessed(given))]
 
     def _lack_of_fit(self, x_mm: float, per_mv: float, u_mm: float) -> Component:
         """Return what brings U to its coverage where the curve is known to miss: U about a deviation, GUM F.2.4.5."""
-        adequacy = self.inverse.calibration.adequacy
+        adequacy = self.calibration.adequacy
         if adequacy is None:
             return Component("lack of fit", float("nan"), source="not assessed: no positions")
         away = float(adequacy.deviation_in_x(x_mm))
@@ -353,12 +371,16 @@ class BudgetOfSensor:
         )
 
 
-def _inverse(analysis: AnalysedRun, sensor: int) -> Inverse:
+def _calibration(analysis: AnalysedRun, sensor: int) -> Calibration:
     calibration = analysis.sensors[sensor].calibration
     if calibration is None:
         reason = analysis.sensors[sensor].calibration_void
         raise DataError(f"{analysis.sensors[sensor].name} is not calibrated: {reason}", "Give its elongations.")
-    parts = signal_parts(analysis, sensor)
+    return calibration
+
+
+def _inverse(analysis: AnalysedRun, sensor: int) -> Inverse:
+    calibration, parts = _calibration(analysis, sensor), signal_parts(analysis, sensor)
     return Inverse.of(calibration, noise_sd=parts.independent, model_sd=parts.shared, type_b=analysis.options.type_b)
 
 

@@ -154,8 +154,8 @@ def _calibration_warnings(sensor: SensorAnalysis, run: SegmentedRun) -> Iterator
     if calibration is None:
         return
     if not calibration.monotone:
-        inside = [t for t in calibration.turning_points if calibration.x_range[0] < t < calibration.x_range[1]]
-        where = f"turns at {', '.join(f'{t:.2f}' for t in inside)} mm" if inside else "is flat"
+        turns = ", ".join(f"{turn:.2f}" for turn in calibration.turns_inside)
+        where = f"turns at {turns} mm" if turns else "is flat"
         yield Warning(WarningCode.NOT_MONOTONE, "", f"the curve {where}: it has no inverse")
     plateaus = [run.plateaus[int(i)] for i in sensor.point_plateau]
     readings = [f"the reading {x:+.2f} mm at {p.place}" for x, p in zip(calibration.x, plateaus, strict=True)]

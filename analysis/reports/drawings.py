@@ -254,7 +254,7 @@ def uncertainty_over_x(u_elongation: Sequence[FloatArray], ax: Axes) -> None:
 
     Parameters
     ----------
-    u_elongation : of each sensor [points, 2], x and U, mm; empty where there is none.
+    u_elongation : of each sensor [points, 2], x and U, mm; empty where there is none, NaN where it is not known.
     ax : to draw onto.
     """
     for i, u in enumerate(u_elongation):

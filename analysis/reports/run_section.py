@@ -11,7 +11,6 @@ from functools import partial
 import numpy as np
 
 from analysis import published
-from analysis.arrays import FloatArray
 from analysis.conformity import RULE
 from analysis.figures.acceptance import LIMITS, judge
 from analysis.figures.across_breaks import ALPHA, Break
@@ -225,24 +224,26 @@ def _single_cycles(number: int, sensor: SensorAnalysis) -> str:
     )
 
 
-def budget(found: ElongationBudgets | None, of: str = "", u_elongation: Sequence[FloatArray] = ()) -> list[Section]:
+def budget(found: ElongationBudgets | None, of: str = "", analysis: Analysis | None = None) -> list[Section]:
     """Return the section on the budget of an elongation; none without a calibration.
 
     Parameters
     ----------
     found : in the middle of the range.
     of : the unit.
-    u_elongation : of each sensor [points, 2], x and U over the range, mm.
+    analysis : of the run, for U over the range.
     """
     if found is None:
         return []
     title = f"Uncertainty of an elongation{f' with {of}' if of else ''}"
-    if found.void:
-        return [Section(title, (f"Not given: {found.void}.",))]
-    parts: list[SectionPart] = [_budget_drawing(found), _budget_table(found.budgets)]
-    if any(u.size for u in u_elongation):
-        over_x = partial(drawings.uncertainty_over_x, u_elongation)
-        parts.append(ReportDrawing((over_x,), "U of one reading of elongation by each sensor, over the range.", 2.4))
+    parts: list[SectionPart] = [f"Not given: {found.void}."] if found.void else []
+    if not found.void:
+        parts += [_budget_drawing(found), _budget_table(found.budgets)]
+    if analysis is not None and any(u.size for u in analysis.u_elongation):
+        over_x = partial(drawings.uncertainty_over_x, analysis.u_elongation)
+        why = (f" Sensor {i}: {reason}." for i, reason in enumerate(analysis.u_elongation_void, 1) if reason)
+        caption = "U of one reading of elongation by each sensor, over the range."
+        parts.append(ReportDrawing((over_x,), caption + "".join(why), 2.4))
     return [Section(title, tuple(parts))]
 
 

@@ -1,4 +1,4 @@
-"""Statements of conformity: the worked examples of JCGM 106, the zones of ILAC-G8, and how often a pass is false."""
+"""Statements of conformity: the probability of JCGM 106, the zones of ILAC-G8, and how often a pass is false."""
 
 from __future__ import annotations
 
@@ -8,24 +8,32 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
+from scipy import integrate, stats
 
 from analysis.conformity import Conformity, conformity_statement
 
 K = 1.959964
 
 
-def test_breakdown_voltage_of_jcgm_106() -> None:
-    """JCGM 106, 7.3.1: -5.47 V with u = 0.05 V, limit -5.40 V from above: p = Phi(1.40) = 0.92."""
-    found = conformity_statement(-5.47, (K * 0.05, K * 0.05), (-math.inf, -5.40))
-    assert found.probability == pytest.approx(0.92, abs=0.005)
-    assert found.conformity is Conformity.CONDITIONAL_PASS
+@pytest.mark.parametrize(
+    ("value", "u", "limits"),
+    [(9.0, 1.0, (-math.inf, 10.0)), (10.5, 1.0, (-math.inf, 10.0)), (-5.47, 0.05, (-math.inf, -5.4)),
+     (13.6, 1.8, (12.5, 16.3)), (12.0, 1.8, (12.5, 16.3)), (0.0, 3.0, (-0.5, 0.5))],
+)  # fmt: skip
+def test_probability_of_conformity_is_the_integral_of_the_normal_density(
+    value: float, u: float, limits: tuple[float, float]
+) -> None:
+    """One limit and two, inside and outside: the closed form by the error function, and the density by quadrature.
 
-
-def test_viscosity_of_jcgm_106() -> None:
-    """JCGM 106, 7.4: 13.6 mm2/s with u = 1.8 within 12.5 to 16.3: p = Phi(1.5) - Phi(-0.6) = 0.66."""
-    found = conformity_statement(13.6, (K * 1.8, K * 1.8), (12.5, 16.3))
-    assert found.probability == pytest.approx(0.66, abs=0.005)
+    JCGM 106:2012, 7.2 to 7.4: p = Phi((high - y) / u) - Phi((low - y) / u), the integral of the density of the
+    measurand between the limits.
+    """
+    found = conformity_statement(value, (K * u, K * u), limits).probability
+    low, high = (0.5 * (1.0 + math.erf((limit - value) / (u * math.sqrt(2.0)))) for limit in limits)
+    assert found == pytest.approx(high - low, abs=1e-6)
+    ends = np.clip(limits, value - 12.0 * u, value + 12.0 * u)
+    density = integrate.quad(lambda x: math.exp(-0.5 * ((x - value) / u) ** 2), *ends, epsabs=1e-12)[0]
+    assert found == pytest.approx(density / (u * math.sqrt(2.0 * math.pi)), abs=1e-6)
 
 
 @pytest.mark.parametrize(

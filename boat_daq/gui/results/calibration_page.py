@@ -142,7 +142,7 @@ class UncertaintyCard(PlotCard):
     def __init__(self) -> None:
         super().__init__("Uncertainty of an elongation", "U = 2 u of one reading by each sensor, over its range")
         self.plot = self.add("U, k = 2", "\u00b5m", x_title="Elongation", x_unit="mm")
-        self.lines = [self.plot.curve(f"Sensor {n}", sensor_colour(n)) for n in range(1, SENSORS + 1)]
+        self.lines = [self.plot.curve(f"Sensor {n}", sensor_colour(n), gaps=True) for n in range(1, SENSORS + 1)]
 
     def show_uncertainty(self, of_sensors: Sequence[FloatArray]) -> None:
         """Draw U of each sensor that gives an elongation."""

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from analysis import Options, Recording, analyse
+from analysis import AnalysisError, Options, Recording, analyse
 from analysis.calibration.type_b import contributions
 from analysis.figures.uncertainty import (
     Component,
@@ -207,3 +207,29 @@ def test_ambient_residual_is_what_the_subtraction_leaves(tmp_path: Path, leak: f
     found = signal_parts(analyse(counted, tmp_path / "e.csv", options=Options(mcmc=False)), 0)
     assert found.ambient == pytest.approx(leak * 40.0 * scale, rel=0.2)
     assert found.noise == pytest.approx(np.hypot(1.0, 3.0 * scale), rel=0.1)
+
+
+def test_a_curve_that_turns_gives_u_on_either_side_of_the_turn(tmp_path: Path) -> None:
+    """A cubic that turns at 2.5 mm inside its range: U to both sides, growing towards it, none within U, the reason.
+
+    The straight sensor beside it has U everywhere; the budget in the middle and the live reading are refused.
+    """
+    turning, straight = (1650.0, 50.0, -2.0, -40.0 / 18.75), (1650.0, 40.0, 0.0, 0.0)
+    stairs = Staircase(Plant(cubics=(turning, straight), noise_mv=(1.0, 1.0), loop_mm=0.1), cycles=2)
+    stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
+    analysis = analyse(stairs.recording(), tmp_path / "e.csv", options=Options(mcmc=False, x_resolution_mm=0.0))
+    (of_turning, why), (of_straight, none) = zip(analysis.u_elongation, analysis.u_elongation_void, strict=True)
+    assert "turns at 2.5 mm" in why
+    assert none == ""
+    assert np.isfinite(of_straight).all()
+    x, u = of_turning.T
+    away = np.abs(x - 2.5)
+    assert (away[np.isfinite(u)] > u[np.isfinite(u)]).all()
+    assert np.isnan(u[away.argmin()])
+    assert np.isfinite(u[[0, -1]]).all()
+    below = u[(x < 2.0) & (x > 0.0)]
+    assert (np.diff(below) > 0).all()
+    assert analysis.budgets is not None
+    assert "turns at" in analysis.budgets.void
+    with pytest.raises(AnalysisError, match=r"turns at 2\.5"):
+        elongation_reader(analysis)

@@ -3,12 +3,13 @@
 Strategy: the position means are tested against what scatter and reading allow (`analysis.calibration.joint_fit`, the
 loop in the design). Polynomials of degree 1 to 6 and a monotone spline are compared by the error of predicting each
 inner position from the others; the simplest within one standard error of the best is preferred. Where the test gives
-reason to suspect the curve and the preferred one is of a richer family, the distance between the two is a known
-deviation d(x) of the chosen curve: it is not corrected, and the expanded uncertainty is widened until it holds the
-truth as often as 2 u does without a deviation.
+reason to suspect the curve, the average of it and all richer ones, by Akaike's weights, is the reference: its distance
+is a known deviation d(x) of the chosen curve, and what the curves differ by is part of the reference's uncertainty. The
+deviation is not corrected: the expanded uncertainty is widened until it holds the truth as often as 2 u does without.
 
 Sources: Draper and Smith, Applied Regression Analysis (1998), 2.1; Hastie, Tibshirani, Friedman, The Elements of
-Statistical Learning (2009), 7.10 (one standard error); S. D. Phillips, K. R. Eberhardt, B. Parry, J. Res. NIST 102
+Statistical Learning (2009), 7.10 (one standard error); S. T. Buckland, K. P. Burnham, N. H. Augustin, Biometrics 53
+(1997) 603 (weights, and the uncertainty of an average); S. D. Phillips, K. R. Eberhardt, B. Parry, J. Res. NIST 102
 (1997) 577 (uncorrected bias); GUM (JCGM 100) F.2.4.5.
 """
 
@@ -26,6 +27,7 @@ from scipy import special, stats
 from analysis.arrays import FloatArray
 from analysis.calibration.curve_choice import DEGREES, SPLINE, curve_name
 from analysis.calibration.joint_fit import (
+    SUSPECTED,
     CurveBasis,
     JointFit,
     PolynomialBasis,
@@ -36,7 +38,6 @@ from analysis.calibration.monotone_spline import MonotoneSplineBasis
 from analysis.errors import DataError
 
 DOUBTFUL, INADEQUATE = 0.01, 0.001  # chances of such a lack of fit for the right curve
-SUSPECTED = 0.2  # no evidence yet, but a deviation may hide in it: U then holds the preferred curve as well
 NOTICED_PERCENT = 0.25  # of full scale: a smaller remainder leaves a curve doubtful, however certain it is
 REFUSED_PERCENT = 5.0  # of full scale: the bound of the published hysteresis; above it no elongation is given
 COVERAGE_FACTOR = 2.0
@@ -76,6 +77,7 @@ class Adequacy:
     verdict, p_value : of the lack of fit; p is NaN where nothing was left to test it by.
     chosen : the curve that was judged. preferred : the candidate that predicts best, or its simpler equal.
     candidates : all that the positions carry.
+    averaged : weights and curves of the average that the chosen one is measured by: itself alone without a suspicion.
     remainder : rms over the range by which the chosen curve misses; in the unit of y.
     remainder_percent : of the full scale.
     """
@@ -85,6 +87,7 @@ class Adequacy:
     chosen: JointFit
     preferred: Candidate
     candidates: tuple[Candidate, ...]
+    averaged: tuple[tuple[float, JointFit], ...]
     remainder: float
     remainder_percent: float
 
@@ -95,7 +98,7 @@ class Adequacy:
 
     @property
     def reference(self) -> JointFit:
-        """The fit to measure the curve by: the preferred one where a deviation is suspected, else itself."""
+        """The fit whose figures the curve's are held against: the preferred where one is suspected, else itself."""
         richer = self.preferred.fit.basis.complexity > self.chosen.basis.complexity
         return self.preferred.fit if richer and self.p_value < SUSPECTED else self.chosen
 
@@ -113,23 +116,25 @@ class Adequacy:
         size = f"{self.remainder:.2g} mV rms, {self.remainder_percent:.2g} % FSO"
         return f"the curve misses the position means by {size} beyond their scatter ({chance}){better}"
 
+    def average(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the average of the curves, mV."""
+        return np.asarray(sum(weight * fit.predict(x) for weight, fit in self.averaged), dtype=np.float64)
+
     def deviation(self, x: npt.ArrayLike) -> FloatArray:
-        """Return the chosen curve less the reference; zeros where they are one."""
-        if self.reference is self.chosen:
-            return np.zeros(np.shape(x))
-        return self.chosen.predict(x) - self.reference.predict(x)
+        """Return the chosen curve less the average; zeros where they are one."""
+        return self.chosen.predict(x) - self.average(x)
 
     def deviation_in_x(self, x: npt.ArrayLike) -> FloatArray:
-        """Return how far an x read from the chosen curve may be from the one read from the reference.
+        """Return how far an x read from the chosen curve may be from the one read from the average.
 
-        Where the reference is flat, one signal has many x: the farthest counts.
+        Where the average is flat, one signal has many x: the farthest counts.
         """
         at = np.asarray(x, dtype=np.float64)
-        if self.reference is self.chosen:
+        if len(self.averaged) == 1:
             return np.zeros(at.shape)
         low, high = self.chosen.ends
         grid = np.linspace(low, high, FINE_POINTS)
-        curve = self.reference.predict(grid)
+        curve = self.average(grid)
         sign = 1.0 if curve[-1] >= curve[0] else -1.0
         signal, same = sign * self.chosen.predict(at), SAME * abs(float(curve[-1] - curve[0]))
         never_falls = np.maximum.accumulate(sign * curve)
@@ -138,11 +143,15 @@ class Adequacy:
         last = grid[np.maximum(np.searchsorted(never_rises_back, signal + same, side="right") - 1, 0)]
         return np.maximum(np.abs(at - first), np.abs(at - last))
 
-    def reference_u(self, x: npt.ArrayLike) -> FloatArray:
-        """Return the standard uncertainty of the reference, what it misses between the positions included."""
-        if self.reference is self.chosen:
+    def average_u(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the standard uncertainty of the average: of its curves, and what they differ by."""
+        if len(self.averaged) == 1:
             return self.chosen.u(x)
-        return np.hypot(self.reference.u(x), self.reference.between_positions_sd())
+        middle, variance = self.average(x), np.zeros(np.shape(x))
+        for weight, fit in self.averaged:
+            between = 0.0 if fit is self.chosen else fit.between_positions_sd()
+            variance = variance + weight * (fit.u(x) ** 2 + between**2 + (fit.predict(x) - middle) ** 2)
+        return np.asarray(np.sqrt(variance), dtype=np.float64)
 
     def as_json(self) -> dict[str, Any]:
         """Return the object of `analyze --json`."""
@@ -218,7 +227,17 @@ def judge_curve(chosen: JointFit) -> Adequacy:
         verdict = CurveVerdict.INADEQUATE
     else:
         verdict = CurveVerdict.DOUBTFUL
-    return Adequacy(verdict, p_value, chosen, preferred, candidates, remainder, percent)
+    averaged = _averaged(chosen, candidates) if p_value < SUSPECTED else ((1.0, chosen),)
+    return Adequacy(verdict, p_value, chosen, preferred, candidates, averaged, remainder, percent)
+
+
+def _averaged(chosen: JointFit, candidates: Sequence[Candidate]) -> tuple[tuple[float, JointFit], ...]:
+    """Return the chosen curve and those richer than it, with Akaike's weights: exp(-chi^2 / 2 - coefficients)."""
+    among = [c for c in candidates if c.fit is chosen or c.fit.basis.complexity > chosen.basis.complexity]
+    variance = min(among, key=lambda candidate: float(candidate.squares.sum())).fit.variance
+    half = np.asarray([0.5 * float((c.fit.residuals**2 / variance).sum()) - c.fit.dof for c in among])
+    weights = np.exp(half.min() - half)
+    return tuple((float(w), c.fit) for w, c in zip(weights / weights.sum(), among, strict=True))
 
 
 def lack_of_fit_p(chosen: JointFit, richer: JointFit) -> float:

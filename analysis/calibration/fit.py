@@ -175,7 +175,7 @@ class Calibration:
         """Return U of y(x), `factor` standard uncertainties and what the curve is known to miss."""
         if self.adequacy is None:
             return factor * self.curve_u(x)
-        return expanded(self.adequacy.deviation(x), self.adequacy.reference_u(x), factor)
+        return expanded(self.adequacy.deviation(x), self.adequacy.average_u(x), factor)
 
     def curve_parts(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return u of y(x) by the scatter of the signals, and by the reading of x: together `curve_u` of a joint fit.
@@ -187,7 +187,7 @@ class Calibration:
             joint = self.joint
             by_reading = joint.slope_at**2 * joint.means.x_variance
             read = self._sd(x, joint.curve_covariance(by_reading))
-            whole = self.curve_u(x) if self.adequacy is None else self.adequacy.reference_u(x)
+            whole = self.curve_u(x) if self.adequacy is None else self.adequacy.average_u(x)
             return np.sqrt(np.maximum(whole**2 - read**2, 0.0)), np.minimum(read, whole)
         if self.reading is not None:
             return self.curve_sd(x), self._sd(x, self.reading.beyond_fit(self.fit))
@@ -214,7 +214,7 @@ class Calibration:
         level : of confidence, 0 to 1.
         new_reading : of one new reading instead of the curve.
         """
-        spread = self.curve_u(x) if self.adequacy is None else self.adequacy.reference_u(x)
+        spread = self.curve_u(x) if self.adequacy is None else self.adequacy.average_u(x)
         if new_reading:
             spread = np.hypot(spread, self.residual_sd)
         if self.joint is not None:

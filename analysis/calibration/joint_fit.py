@@ -5,7 +5,8 @@ with a variance s_p^2. With z = x mapped to -1..1 over the means at the end leve
     y_p = f(z_p) + B_p (1 - z_p^2) (c0 + c1 z_p) / 2 + e_p,    variance of e_p = s_p^2 + f'^2 u_p^2 + t^2.
 The loop is antisymmetric between the branches and closes at both ends: it belongs to the design, not to the error of
 the curve. Errors in x are adjusted for (each x_p moves along the curve by its share of the residual), so that scattered
-readings do not flatten the curve; t^2, the variance that misses the model, is its moment estimate.
+readings do not flatten the curve; t^2, the variance that misses the model, is its moment estimate where the means give
+reason to suspect one: by chance alone every second estimate is above zero, and every u would be too large.
 
 Rules: nothing here depends on sensors or pressures; a position without a partner on the other branch carries no loop.
 Sources: W. A. Fuller, Measurement Error Models (1987), 3.2 (adjusted x); R. DerSimonian, N. Laird, Controlled Clinical
@@ -30,6 +31,7 @@ from analysis.polynomial import LeastSquares, legendre_slopes
 ITERATIONS = 8
 LOOP_TERMS, MORE_LOOP_TERMS = 2, 5
 OTHER_SHAPE = 0.001  # chance of such a gain by more terms for a loop of the model's shape
+SUSPECTED = 0.2  # chance of such means for the right curve: no evidence yet, but a misfit may hide in it
 EXACT = 1e-10  # of the largest |y|: less is the rounding of the arithmetic
 WIDTH_POINTS = 101
 WIDTH_DRAWS = 512
@@ -344,6 +346,9 @@ def joint_fit(means: PositionMeans, basis: CurveBasis, loop_terms: int | None = 
         raise DataError(
             f"the positions do not carry {needed} coefficients", "Read more positions, or fit a lower degree."
         )
+    if means.dof > 0 and known.min() > floor and size > int(free.sum()):
+        ratio = float((residuals**2 / known).sum()) / (size - int(free.sum()))
+        misfit *= float(stats.f.sf(ratio, size - int(free.sum()), means.dof)) < SUSPECTED
     known = np.maximum(known, floor) if misfit == 0.0 else known
     split = basis.complexity
     return JointFit(

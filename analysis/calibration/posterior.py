@@ -154,6 +154,7 @@ def sample_posterior(
     seed: int = 0,
     walkers: int = WALKERS,
     max_steps: int = MAX_STEPS,
+    samples: int = ENOUGH_SAMPLES,
     start_sd: float = 1.0,
     progress: Progress | None = None,
 ) -> Posterior:
@@ -169,7 +170,8 @@ def sample_posterior(
     standard_uncertainty : [n] of y where the noise is unequal; only the ratios matter, their scale is sampled.
     monotone : leave out curves that turn inside the range.
     seed : same seed, same draws.
-    walkers, max_steps : of the ensemble; it stops before where it has converged.
+    walkers, max_steps : of the ensemble; it stops before where it has converged and has enough samples.
+    samples : effective, that are enough.
     start_sd : size of the ball that it starts in, standard errors.
     progress : called as progress(done, total); raising from it cancels.
 
@@ -196,7 +198,7 @@ def sample_posterior(
         with np.errstate(invalid="ignore"):  # a walker that has not moved yet has no autocorrelation
             tau = float(np.max(sampler.get_autocorr_time(discard=burn, tol=0)))
         tau = tau if np.isfinite(tau) else float("inf")
-        needed = 1.25 * tau * max(1.2 * REQUIRED_TAUS, ENOUGH_SAMPLES / walkers)  # of which a fifth is burn-in
+        needed = 1.25 * tau * max(1.2 * REQUIRED_TAUS, samples / walkers)  # of which a fifth is burn-in
         if progress is not None:
             progress(steps, min(max(needed, steps), max_steps))
         if steps >= needed:

@@ -108,7 +108,8 @@ class CurveDraws:
         if np.isnan(self.dof):
             return _figure(value, replicates, unit, self.n_cycles, definition)
         widen = stats.t.ppf(0.975, self.dof) / stats.norm.ppf(0.975)
-        low, high = (float(value + widen * (end - value)) for end in np.percentile(replicates, [2.5, 97.5]))
+        # the error of the value is distributed as the draws about it: what they are above, the truth is below
+        low, high = (float(value - widen * (end - value)) for end in np.percentile(replicates, [97.5, 2.5]))
         low = max(low, 0.0) if unit in NEVER_NEGATIVE else low
         low, high = min(low, value), max(high, value)  # a maximum can lie outside what its draws make of it
         return Figure(float(value), unit, self.n_cycles, low, high, definition=definition)

@@ -128,6 +128,15 @@ class Calibration:
         return self.n - int(self.fit.basis_factor.shape[1])
 
     @property
+    def r2_interval(self) -> tuple[float, float]:
+        """95 % interval of R2, from chi-square of the residual variance; by positions where these are gathered."""
+        if self.dof < 1 or not np.isfinite(self.r2):
+            return float("nan"), float("nan")
+        dof = self.dof if self.reading is None else max(self.reading.n - self.degree - 1, 1)
+        low, high = (1.0 - (1.0 - self.r2) * dof / stats.chi2.ppf(share, dof) for share in (0.025, 0.975))
+        return float(low), float(high)
+
+    @property
     def residuals(self) -> FloatArray:
         """[n] observed minus fitted."""
         return self.fit.residuals

@@ -72,10 +72,14 @@ class PositionMeans:
         low, high = self.ends
         return (self.x > low) & (self.x < high)
 
+    @property
+    def inner_pairs(self) -> int:
+        """Number of inner positions on the branch that has fewer of them."""
+        return min(int((self.inside & (self.branch == b)).sum()) for b in (-1, 1))
+
     def loop_terms(self) -> int:
-        """Return how many terms of the loop the positions carry: each takes an inner position on either branch."""
-        pairs = min(int((self.inside & (self.branch == b)).sum()) for b in (-1, 1))
-        return min(pairs, LOOP_TERMS)
+        """Return how many terms of the loop are fitted: each takes an inner position on either branch."""
+        return min(self.inner_pairs, LOOP_TERMS)
 
 
 def position_means(

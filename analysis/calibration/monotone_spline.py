@@ -43,21 +43,20 @@ class MonotoneSplineBasis:
         return len(self.knots) + ORDER + 1
 
     @property
-    def _whole_knots(self) -> FloatArray:
-        return np.concatenate([np.full(ORDER + 1, -1.0), self.knots, np.full(ORDER + 1, 1.0)])
+    def _splines(self) -> BSpline:
+        knots = np.concatenate([np.full(ORDER + 1, -1.0), self.knots, np.full(ORDER + 1, 1.0)])
+        return BSpline(knots, np.eye(self.complexity), ORDER)
+
+    def _within(self, z: npt.ArrayLike) -> FloatArray:
+        return np.clip(np.atleast_1d(np.asarray(z, dtype=np.float64)), -1.0, 1.0)
 
     def design(self, z: npt.ArrayLike) -> FloatArray:
         """Return the design matrix [points, coefficients]; z beyond -1..1 is taken for the end, NaN gives NaN."""
-        at = np.clip(np.atleast_1d(np.asarray(z, dtype=np.float64)), -1.0, 1.0)
-        rows = self._integrated(BSpline.design_matrix(np.nan_to_num(at), self._whole_knots, ORDER).toarray())
-        rows[np.isnan(at)] = np.nan
-        return rows
+        return self._integrated(np.asarray(self._splines(self._within(z))))
 
     def slope_design(self, z: npt.ArrayLike) -> FloatArray:
         """Return its derivative by z."""
-        at = np.clip(np.atleast_1d(np.asarray(z, dtype=np.float64)), -1.0, 1.0)
-        slopes = BSpline(self._whole_knots, np.eye(self.complexity), ORDER).derivative()(at)
-        return self._integrated(np.asarray(slopes))
+        return self._integrated(np.asarray(self._splines.derivative()(self._within(z))))
 
     def _integrated(self, rows: FloatArray) -> FloatArray:
         sums = np.cumsum(rows[:, ::-1], axis=1)[:, ::-1]

@@ -127,20 +127,39 @@ def out_of_tolerance(sensor: SensorAnalysis, reading_sd_mm: float) -> tuple[Warn
     if sensor.calibration is None:
         return ()
     found = []
-    least_r2, r2 = _least_r2(sensor.calibration, reading_sd_mm), sensor.calibration.r2
-    if r2 < least_r2:
-        grid = f" and what a grid of {np.sqrt(12.0) * reading_sd_mm:.2g} mm makes" if reading_sd_mm > 0 else ""
-        text = f"R² {r2:.4f} is below {least_r2:.4f} (twice the published residuals{grid})"
+    of_r2 = r2_statement(sensor.name, sensor.calibration, reading_sd_mm)
+    if _is_beyond(of_r2.statement):
+        text = f"R² {of_r2.figure.value:.4f} is below {of_r2.tolerance.limit:.4f} ({of_r2.tolerance.source})"
         found.append(Warning(WarningCode.OUT_OF_TOLERANCE, "r2", text))
     for stated in against_published(sensor):
         figure, tolerance = stated.figure, stated.tolerance
-        beyond = stated.conformity is Conformity.CONDITIONAL_FAIL and not np.isfinite(stated.statement.probability)
-        if stated.conformity is Conformity.FAIL or beyond:  # beyond the limit, with no uncertainty to reach back
+        if _is_beyond(stated.statement):
             side = "below" if tolerance.is_lower else "above"
             value = f"{SENSOR_FIGURES[tolerance.key].phrase} {figure.value:.1f} {figure.unit}"
             text = f"{value} is {side} {tolerance.limit:.1f} ({tolerance.source})"
             found.append(Warning(WarningCode.OUT_OF_TOLERANCE, tolerance.key, text))
     return tuple(found)
+
+
+def _is_beyond(statement: ConformityStatement) -> bool:
+    """Return whether a limit is failed, or exceeded with no uncertainty to reach back."""
+    unknown = statement.conformity is Conformity.CONDITIONAL_FAIL and not np.isfinite(statement.probability)
+    return unknown or statement.conformity is Conformity.FAIL
+
+
+def r2_statement(name: str, calibration: Calibration, reading_sd_mm: float) -> LimitStatement:
+    """State the conformity of R² with the published residuals and what the grid of the readings makes.
+
+    Parameters
+    ----------
+    name : of the sensor. calibration : of the sensor. reading_sd_mm : of a reading of x within its grid.
+    """
+    grid = f" and what a grid of {np.sqrt(12.0) * reading_sd_mm:.2g} mm makes" if reading_sd_mm > 0 else ""
+    source = f"twice the published residuals{grid}"
+    tolerance = Tolerance("r2", _least_r2(calibration, reading_sd_mm), source, is_lower=True)
+    value, (low, high) = calibration.r2, calibration.r2_interval
+    statement = conformity_statement(value, (value - low, high - value), tolerance.limits)
+    return LimitStatement("r2", name, Figure(value, "", calibration.n, low, high), tolerance, statement)
 
 
 def _least_r2(calibration: Calibration, reading_sd_mm: float) -> float:
@@ -192,6 +211,8 @@ def worst_conformity(statements: Sequence[LimitStatement]) -> Conformity:
 
 
 def conformity_json(analysis: Analysis, limits: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Return `conformity` of `analyze --json`: the limits that the user set, then the published ones."""
+    """Return `conformity` of `analyze --json`: the limits that the user set, then the published ones, R² last."""
     stated = [*judge(analysis.sensors, limits), *(one for s in analysis.sensors for one in against_published(s))]
+    fits = [(s.name, s.calibration) for s in analysis.sensors if s.calibration is not None]
+    stated += [r2_statement(name, calibration, analysis.reading_sd_mm) for name, calibration in fits]
     return [one.as_json() for one in stated]

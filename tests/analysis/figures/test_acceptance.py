@@ -7,10 +7,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from analysis import Options, analyse
 from analysis.calibration.fit import fit_calibration
-from analysis.figures.acceptance import LEAST_R2, TOLERANCES, judge, out_of_tolerance, worst_conformity
+from analysis.figures.acceptance import (
+    LEAST_R2,
+    TOLERANCES,
+    judge,
+    out_of_tolerance,
+    r2_statement,
+    worst_conformity,
+)
 from analysis.figures.figure import SENSOR_FIGURES, Figure
 from analysis.published import RANGE_MM, SENSORS
 from tests.analysis.boat_builder import Plant, Staircase
@@ -31,15 +39,29 @@ def scattered(r2):
 
 
 @pytest.mark.parametrize(
-    ("r2", "reading_sd", "out"),
-    [(0.99971, 0.0, False), (LEAST_R2 + 2e-4, 0.0, False), (LEAST_R2 - 2e-4, 0.0, True), (0.75, 0.0, True),
-     (0.994, 0.5 / math.sqrt(12), False), (0.95, 0.5 / math.sqrt(12), True)],
-)  # fmt: skip
-def test_r2_is_within_tolerance_up_to_four_times_the_published_residual_variance(r2, reading_sd, out):
-    """R2 on both sides of its bound; readings on a half-millimetre grid are allowed what the grid makes, not more."""
-    found = out_of_tolerance(sensor(scattered(r2)), reading_sd)
-    assert bool(found) is out
-    assert all(one.subject == "r2" and one.text.startswith("R² 0.") for one in found)
+    ("excess", "expected"), [(0.5, "pass"), (0.9, "conditional_pass"), (1.2, "conditional_fail"), (2.5, "fail")]
+)
+def test_r2_is_judged_with_the_chi_square_interval_of_its_residuals(excess, expected):
+    """1 - R2 at 0.5 to 2.5 times the allowed one, with 33 degrees of freedom: only a fail gives a warning.
+
+    The interval is (1 - R2) 33 / chi-square: 0.65 to 1.73 times, so 1 - R2 passes below 1 / 1.73 of the allowed one and
+    fails above 1 / 0.65 of it.
+    """
+    of_curve = sensor(scattered(1.0 - excess * (1.0 - LEAST_R2)))
+    stated = r2_statement("s1", of_curve.calibration, 0.0)
+    assert stated.conformity == expected
+    dof = X.size - 4
+    low, high = of_curve.calibration.r2_interval
+    assert (1.0 - low) / (1.0 - high) == pytest.approx(stats.chi2.ppf(0.975, dof) / stats.chi2.ppf(0.025, dof))
+    found = out_of_tolerance(of_curve, 0.0)
+    assert [one.subject for one in found] == (["r2"] if expected == "fail" else [])
+    assert all(one.text.startswith("R² 0.") for one in found)
+
+
+@pytest.mark.parametrize(("r2", "grid_mm", "out"), [(0.99971, 0.0, False), (0.994, 0.5, False), (0.95, 0.5, True)])
+def test_r2_is_allowed_what_the_grid_of_the_readings_makes(r2, grid_mm, out):
+    """Readings on a half-millimetre grid are allowed what the grid makes, not more."""
+    assert bool(out_of_tolerance(sensor(scattered(r2)), grid_mm / math.sqrt(12))) is out
 
 
 @pytest.mark.parametrize("tolerance", TOLERANCES, ids=lambda t: t.key)

@@ -15,6 +15,7 @@ Trials 7 (1986) 177 (t^2); GUM (JCGM 100) 5.1.2.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -397,6 +398,26 @@ def loop_is_represented(fit: JointFit) -> bool:
         return True
     ratio = max(before - after, 0.0) / gained / (after / more.dof)
     return bool(stats.f.sf(ratio, gained, more.dof) > OTHER_SHAPE)
+
+
+def fit_of_best_loop(means: PositionMeans, basis: CurveBasis, most_terms: int) -> JointFit | None:
+    """Return the fit with as many loop terms as lessen the variance of the residuals.
+
+    None where the positions carry no loop, or one of another shape. A term is kept where it takes more than its own
+    expectation off the sum of squares (H. Theil, Economic Forecasts and Policy, 1961, 6.3: F > 1).
+
+    Parameters
+    ----------
+    means : of the readings. basis : family of the curve. most_terms : of the loop.
+    """
+    fits: list[JointFit] = []
+    with suppress(DataError):  # as many as the positions carry
+        fits.extend(joint_fit(means, basis, terms) for terms in range(1, min(means.inner_pairs, most_terms) + 1))
+    represented = [fit for fit in fits if loop_is_represented(fit)]
+    if not represented:
+        return None
+    variance = fits[-1].variance
+    return min(represented, key=lambda fit: float((fit.residuals**2 / variance).sum()) + fit.loop.size)
 
 
 @dataclass(frozen=True, slots=True)

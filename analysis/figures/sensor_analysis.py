@@ -11,7 +11,6 @@ a figure is void, whatever could still be computed.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -27,6 +26,7 @@ from analysis.calibration.joint_fit import (
     LoopEstimate,
     PolynomialBasis,
     PositionMeans,
+    fit_of_best_loop,
     greatest_loop_width,
     joint_fit,
     loop_is_represented,
@@ -61,7 +61,7 @@ OF_POINTS = (  # figures of the calibration's points; the others are those of th
 )  # fmt: skip
 
 
-ACTUATOR_DEGREE, ACTUATOR_LOOP_TERMS = 3, (1, 2, 3, 4)
+ACTUATOR_DEGREE, ACTUATOR_LOOP_TERMS = 3, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -305,8 +305,7 @@ class ActuatorLoop:
 def actuator_loop(run: SegmentedRun, sensors: Sequence[SensorAnalysis]) -> ActuatorLoop | None:
     """Fit the actuator's loop, x over p, to the means of the positions that a calibration rests on.
 
-    The polygon through the plateaus misses the maximum between two of them; the loop of the fit does not. It has as
-    many terms as lessen the variance of the residuals (H. Theil, Economic Forecasts and Policy, 1961, 6.3). None where
+    The polygon through the plateaus misses the maximum between two of them; the loop of the fit does not. None where
     no calibration has a joint fit, or the positions do not carry the loop.
 
     Parameters
@@ -327,17 +326,16 @@ def actuator_loop(run: SegmentedRun, sensors: Sequence[SensorAnalysis]) -> Actua
     shared = common_variance(read.reading.reader_sd, read.reading.grid) if read.reading is not None else 0.0
     none = np.zeros(count.size)
     over_pressure = PositionMeans(pressure, means.x, means.branch, none, scatter / count + shared, means.dof)
-    fits: list[JointFit] = []
-    with suppress(DataError):  # as many terms as the positions carry
+    try:
         basis = judge_curve(joint_fit(over_pressure, PolynomialBasis(ACTUATOR_DEGREE))).preferred.fit.basis
-        carried = ACTUATOR_LOOP_TERMS[: over_pressure.inner_pairs]
-        fits.extend(joint_fit(over_pressure, basis, terms) for terms in carried)
-    represented = [fit for fit in fits if loop_is_represented(fit)]
-    if not represented:
+    except DataError:
         return None
-    variance = fits[-1].variance
-    fit = min(represented, key=lambda each: float((each.residuals**2 / variance).sum()) + each.loop.size)
-    return ActuatorLoop(fit, greatest_loop_width(fit, np.random.default_rng((run.options.seed, 3))))
+    fit = fit_of_best_loop(over_pressure, basis, ACTUATOR_LOOP_TERMS)
+    return (
+        None
+        if fit is None
+        else ActuatorLoop(fit, greatest_loop_width(fit, np.random.default_rng((run.options.seed, 3))))
+    )
 
 
 def _curve_figures(

@@ -11,6 +11,7 @@ from analysis.calibration.compare import compare_fits
 from analysis.calibration.joint_fit import (
     PolynomialBasis,
     PositionMeans,
+    fit_of_best_loop,
     greatest_loop_width,
     joint_fit,
     loop_is_represented,
@@ -143,6 +144,21 @@ def test_a_loop_of_another_shape_is_told_from_the_models() -> None:
             joint_fit(PositionMeans(means.x, means.y + noise, *_rest(means)), PolynomialBasis(3))
         )
     assert found == {"parabola": True, "skew": True, "at one end": False}
+
+
+@pytest.mark.parametrize(
+    ("shape", "terms"), [(lambda z: 5.0 + 0.0 * z, 1), (lambda z: 4.0 - 3.0 * z, 2), (lambda z: 4.0 + 3.0 * z**2, 3)]
+)
+def test_a_loop_has_as_many_terms_as_lessen_the_variance(shape: Callable[[np.ndarray], np.ndarray], terms: int) -> None:
+    """A parabola, a skew loop and one with two shoulders: 1, 2 and 3 terms, and the greatest width within its noise."""
+    means = exact_means(lambda z: (1 - z**2) * shape(z), variance=1e-4)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(18)
+    fit = fit_of_best_loop(PositionMeans(means.x, means.y + noise, *_rest(means)), PolynomialBasis(3), 4)
+    assert fit is not None
+    assert fit.loop.size == terms
+    z = np.linspace(-1.0, 1.0, 2001)
+    truth = float(np.abs((1 - z**2) * shape(z)).max())
+    assert greatest_loop_width(fit, np.random.default_rng(0)).width == pytest.approx(truth, abs=0.03)
 
 
 def _rest(means: PositionMeans) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:

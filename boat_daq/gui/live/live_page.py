@@ -66,6 +66,7 @@ class ValueDisplay(QWidget):
     def __init__(self, title: str, unit: str, example: str, notes: Notes = ((), ())) -> None:
         super().__init__()
         self.title, self.example, self.notes = title, example, notes
+        self._size = (0, False)
         self.swatch = QFrame()
         self.swatch.setFixedSize(style.STEP, 4 * style.STEP)
         self.name = widgets.label(title, "muted")
@@ -83,6 +84,9 @@ class ValueDisplay(QWidget):
 
     def resize_text(self, pixels: int, *, narrow: bool = False) -> None:
         """Set the size of the value, and a width for the longest one so that nothing moves."""
+        if (pixels, narrow) == self._size:
+            return
+        self._size = (pixels, narrow)
         font = style.font(pixels, QFont.Weight.DemiBold)
         self.value.setFont(font)
         self.value.setStyleSheet(f"font-size: {pixels}px; font-weight: 600;")

@@ -275,14 +275,13 @@ class LivePlots(PlotCard):
 
 
 class OverlayPlots(PlotCard):
-    """A plot for each sensor over the time in the cycle."""
+    """A plot over the time in the cycle for each sensor, made when it has something to show."""
 
     def __init__(self, model: OverlayModel) -> None:
         super().__init__("Last cycles overlaid")
         self.model = model
         self.curves: list[list[Curve]] = []
         self._shown = 0
-        self._arrange(2)
 
     def _arrange(self, sensors: int) -> None:
         """Show the plots of the sensors that the board has."""
@@ -301,8 +300,8 @@ class OverlayPlots(PlotCard):
     def draw(self) -> None:
         """Draw the cycles there are."""
         cycles = self.model.cycles()
-        text = f"{len(cycles)} of the last {CYCLES_KEPT} cycles" if cycles else "shown once a cycle has begun"
-        self.readout.setText(text)
+        self.readout.setText(f"{len(cycles)} of the last {CYCLES_KEPT} cycles" if cycles else "")
+        self.show_empty("" if cycles else "The cycles of a run are drawn here once the first has begun.")
         if not cycles:
             return
         names = sensor_names(cycles[-1][1])

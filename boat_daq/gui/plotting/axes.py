@@ -42,7 +42,7 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
     def __init__(self, orientation: str, *, time: bool = False, whole: bool = False) -> None:
         self.time, self.whole = time, whole
         super().__init__(orientation)
-        self.enableAutoSIPrefix(False)
+        self.autoSIPrefix = False
         self.setStyle(tickLength=-4, autoExpandTextSpace=False, hideOverlappingLabels=True)
         self.set_theme(style.LIGHT)
 
@@ -54,6 +54,9 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         self.setStyle(tickFont=self._font)
         self._theme = theme
         self.update()
+
+    def updateAutoSIPrefix(self) -> None:
+        """Do nothing: numbers are in the unit of the title, which pyqtgraph would lay out again at each call."""
 
     def set_title(self, title: str, unit: str) -> None:
         """Set what the axis measures; the unit of a time axis follows its labels."""

@@ -11,30 +11,35 @@ from pathlib import Path
 
 import pytest
 
-from boat_daq.engine.simulator.server import BoardSettings, serve
+from boat_daq.engine.simulator.server import BoardSettings
+from tests.boat_daq.commands.calls import program
+from tests.boat_daq.engine.served_board import serve_in_thread
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are needed")
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def refused(*arguments: str) -> str:
-    """Run boat-daq, check that it fails with a short message, and return it."""
-    command = [sys.executable, "-m", "boat_daq", *arguments]
-    env = {**os.environ, "COLUMNS": "400"}
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=ROOT, check=False, env=env)
-    assert done.returncode == 1, done.stderr
-    assert "Traceback" not in done.stderr
-    lines = [line for line in done.stderr.splitlines() if line.strip() and not line.startswith("SIMULATED")]
-    assert 1 <= len(lines) <= 3, done.stderr
+def refused(*arguments: str, own_process: bool = False) -> str:
+    """Run boat-daq here, or in a process of its own; check that it fails with a short message, and return it."""
+    if own_process:
+        command = [sys.executable, "-m", "boat_daq", *arguments]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=ROOT, check=False)
+        code, err = done.returncode, done.stderr
+    else:
+        code, _, err = program(*arguments)
+    assert code == 1, err
+    assert "Traceback" not in err
+    lines = [line for line in err.splitlines() if line.strip() and not line.startswith("SIMULATED")]
+    assert 1 <= len(lines) <= 3, err
     assert lines[0].startswith("error: ")
-    return done.stderr
+    return err
 
 
 @pytest.fixture(scope="module")
 def board() -> Iterator[str]:
     """A virtual board in real time: no test waits for it."""
-    with serve(BoardSettings()) as served:
+    with serve_in_thread(BoardSettings()) as served:
         yield served.url
 
 
@@ -60,7 +65,7 @@ def chatter() -> Iterator[str]:
 @pytest.mark.fault(13, how="`record` on a port that is not there", times=1)
 def test_missing_port_is_named(tmp_path: Path) -> None:
     """The port is named, and no recording is left behind."""
-    message = refused("record", "--port", "/dev/ttyNOWHERE", "--out", str(tmp_path / "a.boat"))
+    message = refused("record", "--port", "/dev/ttyNOWHERE", "--out", str(tmp_path / "a.boat"), own_process=True)
     assert "/dev/ttyNOWHERE" in message
     assert "try:" in message
     assert not list(tmp_path.iterdir())
@@ -88,7 +93,7 @@ def test_device_that_prints_text_is_refused(chatter: str, tmp_path: Path) -> Non
 @pytest.mark.fault(14, how="`record` on a board of protocol version 2", times=1)
 def test_other_protocol_version_is_refused(tmp_path: Path) -> None:
     """Both versions are named, and the board is not started."""
-    with serve(BoardSettings(faults=("wrong_protocol@0",))) as served:
+    with serve_in_thread(BoardSettings(faults=("wrong_protocol@0",))) as served:
         message = refused("record", "--port", served.url, "--plan", "calibration", "--out", str(tmp_path / "a.boat"))
     assert "version" in message
     assert "1" in message
@@ -141,5 +146,4 @@ def test_existing_recording_is_not_overwritten(board: str, tmp_path: Path) -> No
 
 def test_unknown_option_is_a_usage_error() -> None:
     """An option that does not exist is exit 2, not 1."""
-    command = [sys.executable, "-m", "boat_daq", "record", "--prt", "x"]
-    assert subprocess.run(command, capture_output=True, timeout=60, cwd=ROOT, check=False).returncode == 2
+    assert program("record", "--prt", "x").code == 2

@@ -2,12 +2,39 @@
 
 from __future__ import annotations
 
+import io
 import json
-from typing import Any
+import sys
+from contextlib import redirect_stderr, redirect_stdout
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+from unittest import mock
 
 from typer.testing import CliRunner
 
+from boat_daq import cli
 from boat_daq.cli import app
+
+
+class Ended(NamedTuple):
+    """Exit code and output of the program."""
+
+    code: int
+    out: str
+    err: str
+
+
+def program(*words: object) -> Ended:
+    """Run the program in this process, from its arguments to its exit code, without its handlers of signals."""
+    out, err, code = io.StringIO(), io.StringIO(), 0
+    uninterrupted = mock.patch.object(cli, "Interruption", lambda: SimpleNamespace(came=False))
+    typed = mock.patch.object(sys, "argv", ["boat-daq", *map(str, words)])
+    with uninterrupted, typed, redirect_stdout(out), redirect_stderr(err):
+        try:
+            cli.main()
+        except SystemExit as leaving:
+            code = int(leaving.code or 0)
+    return Ended(code, out.getvalue(), err.getvalue())
 
 
 def call(*words: object) -> Any:

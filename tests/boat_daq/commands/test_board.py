@@ -10,20 +10,18 @@ import sys
 
 import pytest
 
+from boat_daq.engine.simulator.server import BoardServer
 from protocol.simulator.faults import FAULTS
+from tests.boat_daq.commands.calls import program
 
 BOARD = [sys.executable, "-m", "boat_daq", "board"]
-
-
-def start(*arguments: str) -> subprocess.Popen[str]:
-    """Start a board as a process and return it."""
-    return subprocess.Popen([*BOARD, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT on Windows")
 def test_port_is_the_first_line_and_ctrl_c_ends_it():
     """The port accepts a connection, and Ctrl-C exits with 130 and without a traceback."""
-    board = start("--tcp", "127.0.0.1:0")
+    command, pipe = [*BOARD, "--tcp", "127.0.0.1:0"], subprocess.PIPE
+    board = subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True)
     url = board.stdout.readline().strip()
     host, _, port = url.removeprefix("socket://").rpartition(":")
     socket.create_connection((host, int(port)), timeout=5).close()
@@ -35,12 +33,10 @@ def test_port_is_the_first_line_and_ctrl_c_ends_it():
     assert "Traceback" not in messages
 
 
-def test_json_line_has_the_true_figures():
+def test_json_line_has_the_true_figures(monkeypatch):
     """One object: port, unit, and the unit's true figures."""
-    board = start("--tcp", "127.0.0.1:0", "--unit", "SA1", "--json")
-    printed = json.loads(board.stdout.readline())
-    board.kill()
-    board.communicate()
+    monkeypatch.setattr(BoardServer, "run", lambda *_: None)
+    printed = json.loads(program("board", "--tcp", "127.0.0.1:0", "--unit", "SA1", "--json").out)
     assert printed["port"].startswith("socket://127.0.0.1:")
     assert printed["truth"]["sensors"][0]["coefficients"][0] == 1651.9842
 
@@ -60,16 +56,16 @@ def test_json_line_has_the_true_figures():
 )
 def test_refusal_names_the_option(arguments, code, word):
     """Usage errors exit with 2, other failures with 1, both with a message and an empty standard output."""
-    done = subprocess.run([*BOARD, *arguments], capture_output=True, text=True, timeout=30)
-    assert done.returncode == code
-    assert word in done.stderr
-    assert "Traceback" not in done.stderr
-    assert done.stdout == ""
+    done = program("board", *arguments)
+    assert done.code == code
+    assert word in done.err
+    assert "Traceback" not in done.err
+    assert done.out == ""
 
 
 def test_faults_are_listed():
     """Each with its sentence, as text and as an object."""
-    text = subprocess.run([*BOARD, "--list-faults"], capture_output=True, text=True, timeout=30).stdout
-    table = json.loads(subprocess.run([*BOARD, "--list-faults", "--json"], capture_output=True, timeout=30).stdout)
+    text = program("board", "--list-faults").out
+    table = json.loads(program("board", "--list-faults", "--json").out)
     assert list(table) == list(FAULTS)
     assert all(kind.sentence in text for kind in FAULTS.values())

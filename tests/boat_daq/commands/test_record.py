@@ -3,35 +3,28 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
 
-from boat_daq.cli import main
 from boat_daq.commands.run_session import SessionRequest, run_session
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, Unit, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings
 from boat_daq.errors import BoatDaqError, OperatorError
+from tests.boat_daq.commands.calls import program
 from tests.boat_daq.engine.served_board import serve_in_thread
 
 RECORDING = Path(__file__).resolve().parents[3] / "recordings" / "simulated_SA1_two_cycles.boat"
 
 
-def test_refusal_with_json_is_an_object(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_refusal_with_json_is_an_object(tmp_path: Path) -> None:
     """Error, cause and remedy are on standard output and standard error; without --json standard output is empty."""
-    monkeypatch.setattr("boat_daq.cli.Interruption", lambda: None)
-    arguments = ["boat-daq", "record", "--port", str(tmp_path / "none"), "--out", str(tmp_path / "run.boat")]
+    arguments = ["record", "--port", tmp_path / "none", "--out", tmp_path / "run.boat"]
     for more in (["--json"], []):
-        monkeypatch.setattr(sys, "argv", [*arguments, *more])
-        with pytest.raises(SystemExit) as left:
-            main()
-        assert left.value.code == 1
-        out, err = capsys.readouterr()
+        code, out, err = program(*arguments, *more)
+        assert code == 1
         assert "there is no port" in err
         if more:
             printed = json.loads(out)

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from analysis import load_recording
+from tests.boat_daq.commands.calls import call
 from tests.system.independent_board import CUBICS
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are needed")
@@ -56,15 +57,6 @@ class Session:
     summary: dict[str, Any]
 
 
-def program(*arguments: str) -> dict[str, Any]:
-    """Run boat-daq with --json and return its object."""
-    command = [sys.executable, "-m", "boat_daq", *arguments, "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=ROOT, check=False)
-    assert done.returncode == 0, done.stderr
-    content: dict[str, Any] = json.loads(done.stdout)
-    return content
-
-
 def record(folder: Path, board: Sequence[str], plan: Sequence[str]) -> Session:
     """Start a board, record a plan from it, and stop it."""
     sent, truth, run = folder / "sent.bin", folder / "truth.csv", folder / "run.boat"
@@ -73,10 +65,12 @@ def record(folder: Path, board: Sequence[str], plan: Sequence[str]) -> Session:
         try:
             assert process.stdout is not None
             port = process.stdout.readline().strip()
-            summary = program("record", "--port", port, *plan, "--out", str(run))
+            program = [sys.executable, "-m", "boat_daq", "record", "--port", port, *plan, "--out", str(run), "--json"]
+            done = subprocess.run(program, capture_output=True, text=True, timeout=120, cwd=ROOT, check=False)
         finally:
             process.kill()
-    return Session(run, np.fromfile(sent, SENT), np.loadtxt(truth, delimiter=",", ndmin=2), summary)
+    assert done.returncode == 0, done.stderr
+    return Session(run, np.fromfile(sent, SENT), np.loadtxt(truth, delimiter=",", ndmin=2), json.loads(done.stdout))
 
 
 @pytest.fixture(scope="module", params=["rising", "falling"])
@@ -97,7 +91,7 @@ def check_every_sample(session: Session) -> None:
     np.testing.assert_array_equal(recording.lit, sent["lit_dark"][:, :, 0])
     np.testing.assert_array_equal(recording.dark, sent["lit_dark"][:, :, 1])
     np.testing.assert_array_equal(recording.state, sent["state"])
-    assert program("verify", str(session.run))["identical"] is True
+    assert call("verify", session.run)["identical"] is True
 
 
 def test_every_sample_sent_at_50x_is_in_the_file(fast: tuple[str, Session]) -> None:
@@ -132,8 +126,8 @@ def test_falling_calibrates_as_well_as_rising(fast: tuple[str, Session], tmp_pat
     polarity, session = fast
     readings = tmp_path / "readings.csv"
     write_readings(session, readings)
-    arguments = ["--elongation", str(readings), "--x-resolution", "0", "--no-mcmc"]
-    content = program("analyze", str(session.run), *arguments)
+    arguments = ["--elongation", readings, "--x-resolution", "0", "--no-mcmc"]
+    content = call("analyze", session.run, *arguments)
     assert content["cycles"]["complete"] == 2
     assert content["simulated"] is False
     for sensor, cubic in zip(content["sensors"], CUBICS[polarity], strict=True):

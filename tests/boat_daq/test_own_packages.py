@@ -21,6 +21,7 @@ PROGRAMS = {
 }
 HELPERS = """
 import sys
+import time
 from pathlib import Path
 from boat_daq.own_packages import prefer_own_packages
 prefer_own_packages()
@@ -31,7 +32,7 @@ with serve(BoardSettings()) as board:
     print("board at", board.url)
 work = Job("outline", load_recording, sys.argv[1])
 while work.poll() is JobState.RUNNING:
-    pass
+    time.sleep(0.05)
 print(work.failure, work.result.n)
 """
 
@@ -86,13 +87,22 @@ def distribution(folder: Path) -> Path:
 
 @pytest.mark.parametrize(
     ("program", "kind"),
-    [("boat-daq", "files"), *(("python -m boat_daq", kind) for kind in KINDS)],
+    [("boat-daq", "files"), ("python -m boat_daq", "packages"), ("python -m boat_daq", "folders")],
 )
 def test_program_imports_nothing_from_working_folder(tmp_path: Path, program: str, kind: str) -> None:
-    """Not `protocol` and `analysis`, nor a name of the standard library that the program imports later."""
+    """Neither `protocol` nor `analysis`."""
     KINDS[kind](tmp_path, ALARM)
+    done = run([*PROGRAMS[program], "info", str(RECORDING)], tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "SIMULATED" in done.stdout
+
+
+def test_program_imports_nothing_later_from_working_folder(tmp_path: Path) -> None:
+    """Nor a name of the standard library that the program imports when its command runs."""
+    as_files(tmp_path, ALARM)
     (tmp_path / "signal.py").write_text(ALARM)
-    done = run([*PROGRAMS[program], "export", str(RECORDING), "--format", "csv", "--out", "run.csv"], tmp_path)
+    export = ["export", str(RECORDING), "--format", "csv", "--out", "run.csv"]
+    done = run([*PROGRAMS["python -m boat_daq"], *export], tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "run.csv").stat().st_size > 10_000
 

@@ -11,27 +11,21 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import ROOT
+from tests.system.text_journeys import journeys
 
 LEAST_SENTENCES = 1500  # of the modules that the journeys import
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
-def test_scrambled_sentences_change_no_decision(tmp_path: Path) -> None:
+@pytest.mark.parametrize("extent", ["short", pytest.param("whole", marks=pytest.mark.nightly)])
+@pytest.mark.usefixtures("qapp")
+def test_scrambled_sentences_change_no_decision(tmp_path: Path, extent: str) -> None:
     """Runs under faults, a broken and a resumed run, an analysis and every page of the window end in the same codes."""
+    command = [sys.executable, "-m", "tests.system.text_journeys", str(tmp_path / "scrambled"), extent]
     env = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
-    commands = {
-        mode: [sys.executable, "-m", "tests.system.text_journeys", str(tmp_path / mode), mode]
-        for mode in ("plain", "scrambled")
-    }
-    running = {
-        mode: subprocess.Popen(command, cwd=ROOT, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        for mode, command in commands.items()
-    }
-    found = {}
-    for mode, process in running.items():
-        out, err = process.communicate(timeout=200)
-        assert process.returncode == 0, err[-3000:]
-        found[mode] = json.loads(out)
-    assert found["plain"].pop("sentences") == 0
-    assert found["scrambled"].pop("sentences") >= LEAST_SENTENCES
-    assert found["plain"] == found["scrambled"]
+    done = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, timeout=200)
+    assert done.returncode == 0, done.stderr[-3000:]
+    scrambled, plain = json.loads(done.stdout), json.loads(journeys(tmp_path / "plain", extent))
+    assert plain.pop("sentences") == 0
+    assert scrambled.pop("sentences") >= LEAST_SENTENCES
+    assert scrambled == plain

@@ -1,6 +1,7 @@
 """Journeys that end in codes and numbers, run by `test_scrambled_text.py` as they are and with scrambled sentences.
 
-`python -m tests.system.text_journeys FOLDER plain|scrambled` prints one JSON object.
+`python -m tests.system.text_journeys FOLDER short|whole` prints what came out of the scrambled ones. The short ones
+move the controller in steps of 0.1 s, sample no posterior and write one report.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ FAULTS = (
 )  # fmt: skip
 
 
-def controller() -> dict[str, Any]:
+def controller(*, whole: bool) -> dict[str, Any]:
     """A run under each fault: its state, how it ended, the kind of every message, whether pressure is forbidden."""
     from boat_daq.engine.snapshot import SessionState
     from tests.boat_daq.engine.controller_rig import QUICK, ControllerRig
@@ -38,7 +39,7 @@ def controller() -> dict[str, Any]:
             rig.run(
                 30.0,
                 lambda rig=rig: rig.state in (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT),
-                step_s=0.05,
+                step_s=0.05 if whole else 0.1,
             )
         ended[fault] = {
             "state": rig.state,
@@ -77,7 +78,7 @@ def recording(folder: Path) -> dict[str, Any]:
     }
 
 
-def analysis(folder: Path) -> dict[str, Any]:
+def analysis(folder: Path, *, whole: bool) -> dict[str, Any]:
     """Figures, reasons and warnings of a sound and of a clipped recording; the error of a table without a spread."""
     import numpy as np
 
@@ -89,9 +90,10 @@ def analysis(folder: Path) -> dict[str, Any]:
     )
     found = {}
     for name, run in (("sound", sound), ("clipped", clipped)):
-        result = analyse(run, mcmc=name == "sound")
+        result = analyse(run, mcmc=whole and name == "sound")
+        reported = whole or name == "sound"
         found[name] = {
-            "sections": len(write_report([result], folder / f"{name}.html").sections),
+            "sections": len(write_report([result], folder / f"{name}.html").sections) if reported else None,
             "warnings": [[warning.code, warning.subject] for warning in result.warnings],
             "figures": [
                 {key: [figure.value, figure.reason] for key, figure in sensor.figures.items()}
@@ -120,9 +122,11 @@ def window(folder: Path) -> dict[str, Any]:
     (folder / "recordings" / "torn.boat").write_bytes(SAMPLE.read_bytes()[:50_000])
     aborted = dataclasses.replace(connected(), state=SessionState.ABORTED, run_ended=RunEnding(RunEnd.ABORTED, "x"))
     offered: dict[str, Any] = {}
+    session = RecordedSession(idle(), filled_ring(30.0))
+    shown = window_on(session, folder)
+    shown.show()
     for name, snapshot in (("idle", idle()), ("connected", connected()), ("aborted", aborted)):
-        shown = window_on(RecordedSession(snapshot, filled_ring(30.0)), folder)
-        shown.show()
+        session.shown = snapshot
         for page in Page:
             shown.go(page)
             listed = time.monotonic() + 20.0
@@ -138,18 +142,23 @@ def window(folder: Path) -> dict[str, Any]:
                 "commands": {c.shortcut: [c.available(), bool(c.why())] for c in shown.commands.actions},
                 "buttons": [b.isEnabled() for b in buttons],
             }
-        shown.close()
-        shown.deleteLater()
+    shown.close()
     return offered
 
 
-if __name__ == "__main__":
-    target, mode = Path(sys.argv[1]), sys.argv[2]
-    if mode == "scrambled":
-        scrambled_text.install()
-    shutil.rmtree(target, ignore_errors=True)
-    target.mkdir(parents=True)
-    outcome: dict[str, Any] = {"controller": controller()}
-    outcome |= {journey.__name__: journey(target) for journey in (recording, analysis, window)}
+def journeys(folder: Path, extent: str) -> str:
+    """What came out of all of them, as JSON."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    whole = extent == "whole"
+    outcome: dict[str, Any] = {
+        "controller": controller(whole=whole), "recording": recording(folder),
+        "analysis": analysis(folder, whole=whole), "window": window(folder),
+    }  # fmt: skip
     outcome["sentences"] = scrambled_text.ScrambledLoader.total
-    print(json.dumps(outcome, default=str).replace("NaN", "null"))
+    return json.dumps(outcome, default=str).replace("NaN", "null")
+
+
+if __name__ == "__main__":
+    scrambled_text.install()
+    print(journeys(Path(sys.argv[1]), sys.argv[2]))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import signal
 import subprocess
 import sys
@@ -15,6 +14,7 @@ import numpy as np
 import pytest
 
 from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
+from tests.boat_daq.commands.calls import call, program
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are needed")
 
@@ -50,13 +50,6 @@ def start_under_pressure(board: ServedBoard, folder: Path) -> subprocess.Popen[s
     raise AssertionError("the unit was never pressurised")
 
 
-def info(path: Path) -> dict[str, Any]:
-    """Return the object that `boat-daq info` prints of a recording."""
-    command = [sys.executable, "-m", "boat_daq", "info", str(path), "--json"]
-    content: dict[str, Any] = json.loads(subprocess.run(command, capture_output=True, cwd=ROOT, check=True).stdout)
-    return content
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signal_vents_and_closes(number: int, board: ServedBoard, tmp_path: Path) -> None:
     """Exit 130, the unit vented, one closed file, identical to its bytes."""
@@ -66,9 +59,8 @@ def test_signal_vents_and_closes(number: int, board: ServedBoard, tmp_path: Path
     assert process.returncode == 130
     assert abs(truth(tmp_path)[-1]) < 1.0
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run.boat", "truth.csv"]
-    assert info(tmp_path / "run.boat")["status"] == "closed"
-    verify = [sys.executable, "-m", "boat_daq", "verify", str(tmp_path / "run.boat")]
-    assert subprocess.run(verify, cwd=ROOT, capture_output=True, check=False).returncode == 0
+    assert call("info", tmp_path / "run.boat")["status"] == "closed"
+    assert program("verify", tmp_path / "run.boat").code == 0
 
 
 @pytest.mark.fault(18, 30, how="`record` killed with -9 under pressure on a pseudo-terminal", times=1)
@@ -78,19 +70,16 @@ def test_killed_host_leaves_a_vented_board_and_a_recoverable_file(board: ServedB
     process.kill()
     process.communicate(timeout=60)
     run = tmp_path / "run.boat"
-    assert info(run)["status"] == "interrupted"
+    assert call("info", run)["status"] == "interrupted"
     time.sleep(1.6)  # 16 s of board time: its watchdog of 5 s, and the return to zero
     assert abs(truth(tmp_path)[-1]) < 1.0
     for command in ("recover", "verify"):
-        done = subprocess.run(
-            [sys.executable, "-m", "boat_daq", command, str(run)], cwd=ROOT, capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 0, done.stderr
-    after = info(run)
+        done = program(command, run)
+        assert done.code == 0, done.err
+    after = call("info", run)
     assert after["status"] == "recovered"
     assert after["samples"] > 0
-    next_run = [sys.executable, "-m", "boat_daq", "record", "--port", board.url, "--plan", "repeatability"]
-    next_run += ["--cycles", "1", "--ramp", "40", "--out", str(tmp_path / "next.boat")]
-    done = subprocess.run(next_run, cwd=ROOT, capture_output=True, text=True, check=False, timeout=120)
-    assert done.returncode == 0, done.stderr
-    assert "vented" in done.stderr
+    next_run = ["record", "--port", board.url, "--plan", "repeatability", "--cycles", "1", "--ramp", "40"]
+    done = program(*next_run, "--out", tmp_path / "next.boat")
+    assert done.code == 0, done.err
+    assert "vented" in done.err

@@ -156,8 +156,8 @@ class Scenario:
         self.note("run ended")
         return read
 
-    def calibrate(self) -> None:
-        """Analyse, sample, accept."""
+    def calibrate(self, *, sampled: bool) -> None:
+        """Analyse, sample where it is asked for, accept."""
         model = self.window.model
         self.click(self.window.navigation.buttons["Calibrate"])
         self.click("Analyse the last run")
@@ -167,10 +167,11 @@ class Scenario:
         self.note("analysed")
         page = self.window.pages["Calibrate"]
         QTest.qWait(300)
-        self.click(page.sample)
-        self.until(lambda: bool(model.calibration.posterior), "the posterior", 90)
-        self.note("sampled")
-        QTest.qWait(300)
+        if sampled:
+            self.click(page.sample)
+            self.until(lambda: bool(model.calibration.posterior), "the posterior", 90)
+            self.note("sampled")
+            QTest.qWait(300)
         self.keep("3-calibration")
         self.click(page.accept)
         self.until(lambda: model.live.inverse is not None, "the live elongation", 60)
@@ -192,14 +193,14 @@ class Scenario:
         return target
 
 
-def first_session(scenario: Scenario) -> None:
-    """From the first start to an accepted calibration, its live elongation and a report."""
+def first_session(scenario: Scenario, sampled: str = "") -> None:
+    """From the first start to an accepted calibration, its live elongation and a report; `sampled` as it is named."""
     assert scenario.window.live.first_steps.isVisible()
     scenario.keep("1-first-start")
     scenario.connect_virtual()
     scenario.choose_cycles(1)  # the nightly test by mouse runs two
     read = scenario.run_plan()
-    scenario.calibrate()
+    scenario.calibrate(sampled=bool(sampled))
     scenario.click(scenario.window.navigation.buttons["Live"])
     scenario.window.live.pane.setCurrentWidget(scenario.window.live.shadow)
     scenario.until(lambda: scenario.window.model.shadow.model is not None, "the shadow", 90)
@@ -401,6 +402,12 @@ SCENARIOS = {
     "by_mouse": by_mouse,
 }
 
+
+def play(name: str, folder: str, *theme: str) -> None:
+    """Play a scenario; `name` may end in a colon and its option."""
+    name, _, option = name.partition(":")
+    SCENARIOS[name](Scenario(Path(folder), *theme), *filter(None, [option]))
+
+
 if __name__ == "__main__":
-    name, _, option = sys.argv[1].partition(":")
-    SCENARIOS[name](Scenario(Path(sys.argv[2]), *sys.argv[3:]), *filter(None, [option]))
+    play(*sys.argv[1:])

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from analysis.calibration.curve_choice import CurveCandidate
+from analysis.fidelity import fidelity
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.jobs import JobRunner
+from boat_daq.viewmodels.common.jobs import JobRunner, JobState
 from boat_daq.viewmodels.live.conversion import prepare
 from boat_daq.viewmodels.results import calibration
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands
@@ -42,6 +43,31 @@ def test_accepted_calibration_is_stored_and_converts(tmp_path, result):
     assert conversion(signal).mm[0] == pytest.approx(1.0, abs=0.02)
     assert conversion.each(signal)[0] == pytest.approx([1.0, 1.0], abs=0.02)
     assert np.isnan(conversion(np.array([[0.0, 0.0]])).mm[0])
+
+
+def test_sampled_posterior_is_of_each_sensor(tmp_path, result, monkeypatch):
+    """The sampler gets the points and the order of each accepted fit, and its curve lies near the fit."""
+
+    class DoneJob:
+        state = JobState.DONE
+
+        def __init__(self, _label, function, *args, max_steps):
+            assert max_steps == fidelity().posterior_steps
+            self.result = function(*args, max_steps=100)
+
+        def poll(self):
+            return self.state
+
+    monkeypatch.setattr("boat_daq.viewmodels.results.calibration.Job", DoneJob)
+    model = model_on(tmp_path, result)
+    before = model.revision
+    model.sample()
+    model.jobs.poll()
+    assert model.revision == before + 1
+    for bands, sensor in zip(model.posterior, result.sensors, strict=True):
+        assert np.abs(np.interp(bands.grid, sensor.fit.grid, sensor.fit.curve) - bands.curve).max() < 5.0
+    with pytest.raises(OperatorError, match="no calibration yet"):
+        model_on(tmp_path).sample()
 
 
 def test_next_calibration_is_compared_with_the_previous(tmp_path, result):

@@ -105,6 +105,20 @@ class TypeBContribution:
         return table | {key: value for key in ("certificate", "source") if (value := getattr(self, key))}
 
 
+class ContributionError(RequestError):
+    """A contribution is refused.
+
+    Parameters
+    ----------
+    name : of the contribution. key : of its table, for what is refused; empty for the table itself.
+    cause, remedy : as of the family.
+    """
+
+    def __init__(self, name: str, key: str, cause: str, remedy: str) -> None:
+        super().__init__(f"type_b.{name:.60}: {cause}", remedy)
+        self.key = key
+
+
 def contributions(tables: Mapping[str, Any]) -> tuple[TypeBContribution, ...]:
     """Return the contributions of the tables of a file, by name.
 
@@ -113,28 +127,31 @@ def contributions(tables: Mapping[str, Any]) -> tuple[TypeBContribution, ...]:
 
     Raises
     ------
-    RequestError : a table is refused; names it and its key.
+    ContributionError : a table is refused; names it and its key.
     """
     return tuple(_contribution(name, table) for name, table in tables.items())
 
 
 def _contribution(name: str, table: Any) -> TypeBContribution:
     if not isinstance(table, Mapping):
-        raise _refused(name, "must be a table", "Write [type_b.NAME] and its keys below it.")
+        raise ContributionError(name, "", "must be a table", "Write [type_b.NAME] and its keys below it.")
     known = [f"{stated}_{unit}" for stated in _STATED for unit in _UNITS]
     unknown = [key for key in table if key not in known and key not in _PLAIN]
     if unknown:
-        raise _refused(name, f"{unknown[0]!r:.60} is not a known key", f"Known: {', '.join([*known, *_PLAIN])}.")
+        known_keys = f"Known: {', '.join([*known, *_PLAIN])}."
+        raise ContributionError(name, unknown[0], f"{unknown[0]!r:.60} is not a known key", known_keys)
     given = [key for key in known if key in table]
     if len(given) != 1:
         found = " and ".join(given) or "none of them"
-        raise _refused(name, f"gives {found}", "Give one of half_width_, expanded_ or u_ with its unit.")
+        remedy = "Give one of half_width_, expanded_ or u_ with its unit."
+        raise ContributionError(name, found, f"gives {found}", remedy)
     stated, _, unit = given[0].rpartition("_")
     value = _number(name, table, given[0], least=0.0)
     distribution = _distribution(name, table, stated)
     k = _number(name, table, "k", least=0.0) if "k" in table else math.nan
     if (stated == "expanded") != ("k" in table) or k == 0:
-        raise _refused(name, "'k' belongs to an expanded uncertainty, and is above 0", "Give expanded_UNIT with k.")
+        cause = "'k' belongs to an expanded uncertainty, and is above 0"
+        raise ContributionError(name, "k", cause, "Give expanded_UNIT with k.")
     sensitivity = 1.0
     if unit in ("kpa", "k"):
         sensitivity = abs(_number(name, table, f"sensitivity_mm_per_{unit}"))
@@ -152,9 +169,11 @@ def _distribution(name: str, table: Mapping[str, Any], stated: str) -> Distribut
         distribution = Distribution(text)
     except ValueError:
         known = ", ".join(Distribution)
-        raise _refused(name, f"'distribution' is {text!r:.40}", f"Give one of {known}.") from None
+        cause = f"'distribution' is {text!r:.40}"
+        raise ContributionError(name, "distribution", cause, f"Give one of {known}.") from None
     if stated == "half_width" and distribution is Distribution.NORMAL:
-        raise _refused(name, "a normal distribution has no half width", "Give u_ or expanded_ with k.")
+        cause = "a normal distribution has no half width"
+        raise ContributionError(name, "distribution", cause, "Give u_ or expanded_ with k.")
     return distribution
 
 
@@ -163,12 +182,8 @@ def _number(name: str, table: Mapping[str, Any], key: str, least: float = -math.
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or value < least:
         at_least = f" of at least {least:g}" if math.isfinite(least) else ""
         given = "is missing" if key not in table else f"is {value!r:.40}"
-        raise _refused(name, f"{key!r} {given}", f"Give a number{at_least}.")
+        raise ContributionError(name, key, f"{key!r} {given}", f"Give a number{at_least}.")
     return float(value)
-
-
-def _refused(name: str, cause: str, remedy: str) -> RequestError:
-    return RequestError(f"type_b.{name:.60}: {cause}", remedy)
 
 
 @dataclass(frozen=True, slots=True)

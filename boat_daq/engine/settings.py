@@ -203,17 +203,19 @@ class UnitLibrary:
         ------
         OperatorError : no usable name, or the file is refused, by key.
         """
-        unit = self._read(self._units, name)
+        unit = Unit(name)
+        unit = self._read(self._units, name) or unit
         history = _of_kind(unit.history, simulated=self.simulated, first=False)
-        if self.simulated:
-            history += _of_kind(self._read(self.folder, name).history, simulated=True, first=True)
+        own = self._read(self.folder, name) if self.simulated else None
+        if own is not None:  # limits and wiring are those of the real unit, the rest is its own
+            history += _of_kind(own.history, simulated=True, first=True)
+            unit = dataclasses.replace(unit, type_b=own.type_b)
         return dataclasses.replace(unit, history=history)
 
-    def _read(self, folder: Path, name: str) -> Unit:
-        """Return the unit of a folder's file with every entry of it; the defaults without a file."""
-        unit = Unit(name)
+    def _read(self, folder: Path, name: str) -> Unit | None:
+        """Return the unit of a folder's file with every entry of it; None without a file."""
         path = path_in(folder, f"{name}.toml")
-        return _read_whole(path, lambda text: self._parse(name, text, path)) or unit
+        return _read_whole(path, lambda text: self._parse(name, text, path))
 
     @staticmethod
     def _parse(name: str, text: str, path: Path) -> Unit:
@@ -246,7 +248,8 @@ class UnitLibrary:
         if unit.history[: len(stored.history)] != stored.history:
             remedy = "keep the entries of the stored history and add to them"
             raise OperatorError(f"unit {unit.name}: a stored calibration is missing", remedy)
-        kept, new = self._read(self.folder, unit.name).history, unit.history[len(stored.history) :]
+        own, new = self._read(self.folder, unit.name), unit.history[len(stored.history) :]
+        kept = own.history if own is not None else ()
         table = dataclasses.asdict(dataclasses.replace(unit, history=(*kept, *new)))
         table["history"] = [{**entry, "content": json.dumps(dict(entry["content"]))} for entry in table["history"]]
         write_whole(path_in(self.folder, f"{unit.name}.toml"), tomli_w.dumps(table))

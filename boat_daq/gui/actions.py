@@ -172,12 +172,16 @@ def calibration(window: MainWindow) -> list[Command]:
     def has_result() -> bool:
         return model.result is not None
 
+    def edit_contributions() -> None:
+        window.pages[Page.CALIBRATE].edit_contributions()
+
     bands = "Compute uncertainty bands (emcee)"
     return [
         add("Calibrate with the last run", "Ctrl+Shift+A", on_page(model.analyse_current)),
         add("Open a file …", "Ctrl+O", open_file, also="recording csv import table plan profile"),
         add(bands, "Ctrl+Shift+M", on_page(model.sample), has_result, also="mcmc posterior sample"),
         add("Accept the calibration", "Ctrl+Return", model.request_acceptance, acceptable),
+        add("Type B contributions …", "Ctrl+Alt+U", on_page(edit_contributions), has_result, also="uncertainty scale"),
         add("Report of the run shown …", "Ctrl+Shift+R", window.ask_report, has_report, also="pdf html print"),
     ]
 

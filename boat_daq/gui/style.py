@@ -98,6 +98,7 @@ REMARKS_MOST = 84  # words under the figures; more of them scroll
 FIGURES_LEAST = 280  # below it the table of figures scrolls
 ROW_LEAST = 56  # of a live plot; where not all are so high, a choice shows some
 FORM_WIDTH = 560
+FORM_HEIGHT = 640  # of a form with a list above it, where the screen has it
 QUESTION_LEAST = 240
 PANEL_SHARE = 0.9  # of the window, for a panel with a picture
 THUMBNAIL = (168, 44)

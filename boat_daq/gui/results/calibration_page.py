@@ -17,6 +17,7 @@ from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import ThemeColour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.closed_readings import ClosedReadings
+from boat_daq.gui.results.contributions_form import ContributionsForm
 from boat_daq.gui.results.figure_table import SIDE, FigureTable
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
@@ -51,6 +52,7 @@ ANYWAY_TIP = "Store it with the unit, marked as out of tolerance, and use it liv
 NO_CYCLE = "A loop needs one complete cycle."
 NO_READINGS = "Elongation over pressure needs the readings of a complete cycle."
 BRANCHES = (("Loading", "Residual, loading", True), ("Unloading", "Residual, unloading", False))
+CONTRIBUTIONS_TIP = "State what grid, parallax, pressure gauge and temperature add to the uncertainty"
 CHOICE_TIP = "The curve of all sensors; cross-validation takes for each the simplest that predicts best"
 CURVE_TIPS = {
     1: "Whether the curve follows the readings within their scatter",
@@ -255,6 +257,12 @@ class CalibrationPage(QWidget):
             lambda: ClosedReadings(self.window(), ClosedRun(path), self.model.analyse, self.services).show()
         )
 
+    def edit_contributions(self) -> None:
+        """Show the form of the unit's type B contributions in a panel beside the window."""
+        self.services.notices.attempt(
+            lambda: ContributionsForm(self.window(), self.model.contributions(), self.services).show()
+        )
+
     def _next_step(self) -> None:
         """Take the next step towards a missing curve."""
         if self._step is NextStep.ENTER_READINGS:
@@ -273,7 +281,11 @@ class CalibrationPage(QWidget):
         self.comparison.setAlignment(Qt.AlignmentFlag.AlignTop)
         compared = widgets.column(style.GAP, self.comparison, (self.coefficients, 1), spacing=style.GAP)
         self.budget = FigureTable("Uncertainty of an elongation, and the published limits; sources as tooltips")
-        uncertainty = widgets.inside(widgets.column((self.uncertainty, 2), (self.budget, 3), spacing=style.GAP))
+        self.traced = widgets.label("", "small", wrap=True, name="Whether an elongation is traceable")
+        self.contributions = widgets.button("Type B \u2026", self.edit_contributions, tip=CONTRIBUTIONS_TIP)
+        traced = widgets.row((self.traced, 1), self.contributions)
+        parts = (self.uncertainty, 2), traced, (self.budget, 3)
+        uncertainty = widgets.inside(widgets.column(*parts, spacing=style.GAP))
         compare = widgets.inside(compared), "Previous"
         pages = (self.table, "Figures"), (uncertainty, "Uncertainty"), (self._curve_tab(), "Curve"), compare
         self.tabs = widgets.tabs("Figures, and the comparison with the previous calibration", *pages)
@@ -318,6 +330,8 @@ class CalibrationPage(QWidget):
         self._show_acceptance()
         self.choice.setCurrentIndex(self.choice.findData(self.model.curve_shown))
         widgets.allow(self.choice, "" if result is not None else "No run is analysed yet.")
+        named = result is not None and bool(result.unit)
+        widgets.allow(self.contributions, "" if named else "No run of a unit is analysed yet.")
         self.sample.setEnabled(self.model.samples())
         self.report.setEnabled(result is not None)
         if result is None:
@@ -344,6 +358,7 @@ class CalibrationPage(QWidget):
         self.uncertainty.show_uncertainty(result.u_elongation)
         self.table.show_rows(result.figures, labels)
         self.budget.show_rows(result.uncertainty, labels)
+        self.traced.setText(self.model.traceability())
         curves = self.model.curve_rows()
         self.candidates.fill([cells for cells, _ in curves], [tip for _, tip in curves])
         self._show_texts(result)
@@ -367,7 +382,7 @@ class CalibrationPage(QWidget):
             card.show_empty("Nothing to show yet." if self.model.working else "Nothing to show.")
         for table in (self.table, self.budget):
             table.show_rows((), ())
-        for label in (self.posterior, self.run_warnings, self.comparison):
+        for label in (self.posterior, self.run_warnings, self.comparison, self.traced):
             label.clear()
         for rows in (self.coefficients, self.candidates):
             rows.setRowCount(0)

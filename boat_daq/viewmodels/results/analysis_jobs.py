@@ -16,6 +16,7 @@ import numpy as np
 
 from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.calibration.curve_choice import CurveCandidate
+from analysis.calibration.type_b import Traceability
 from analysis.fidelity import Level, fidelity
 from analysis.figures.figure import SENSOR_FIGURES, Figure
 from analysis.progress import Progress, part_of
@@ -179,8 +180,9 @@ class RunResult:
     """All that a page shows of one run; of its `plateaus`, `read` have an elongation.
 
     `uncertainty` has a row for each component of the budget of an elongation, and for each published limit.
-    `u_elongation` has x and U of each sensor, [points, 2] mm, none where the curve gives no elongation. `curve` is the
-    choice that was fitted; `candidates` are each sensor's curves, none where they were not compared.
+    `u_elongation` has x and U of each sensor, [points, 2] mm, none where the curve gives no elongation. `traceability`
+    is that of an elongation by every sensor. `curve` is the choice that was fitted; `candidates` are each sensor's
+    curves, none where they were not compared.
     """
 
     path: str
@@ -199,6 +201,7 @@ class RunResult:
     read: int = 0
     uncertainty: tuple[tuple[Cell, ...], ...] = ()
     u_elongation: tuple[FloatArray, ...] = ()
+    traceability: Traceability | None = None
     curve: str = ""
     candidates: tuple[tuple[CurveCandidate, ...], ...] = ()
     stepped: bool = True  # whether the plateaus are steps of a plan, at which readings are typed
@@ -248,7 +251,7 @@ def analyse_run(
         for i in range(len(found.sensors)):
             candidates.append(curve_candidates_of(found, i, found.budgets.x_mm))
             part_of(progress, 2, 2, 4)(i + 1, len(found.sensors))
-    loops = found.loops
+    loops, budgets = found.loops, found.budgets.budgets if found.budgets is not None else ()
     plateaus, read = _plateaus(found)
     return RunResult(
         path=path,
@@ -267,6 +270,7 @@ def analyse_run(
         read=read,
         uncertainty=(*_expanded_rows(found), *_limit_rows(found), *_component_rows(found)),
         u_elongation=found.u_elongation,
+        traceability=next((b.traceability for b in budgets), None),
         curve=str(degree),
         candidates=tuple(candidates),
         stepped=bool(len(recording.steps)),

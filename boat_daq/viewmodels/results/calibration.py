@@ -34,6 +34,7 @@ from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Change, Services
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands, RunResult, SensorResult, analyse_run, sample_run
+from boat_daq.viewmodels.results.contributions import ContributionsModel, traceability_text
 from protocol.recording.elongation_file import read_elongation_rows
 
 Cells = tuple[str, ...]
@@ -158,6 +159,27 @@ class CalibrationModel:
         level, curve = self.fidelity.level, self.choice
         job = Job(f"Analysing {path.name}", analyse_run, str(path), level=level, curve=curve, compare=True)
         self.jobs.start("analysis", job, self._analysed)
+
+    def contributions(self) -> ContributionsModel:
+        """Return the type B contributions of the unit of the run; the run is analysed again after each change.
+
+        Raises
+        ------
+        OperatorError : no run of a unit is analysed.
+        """
+        result = self.result
+        if result is None or not result.unit:
+            raise OperatorError("no run of a unit is analysed", "Analyse a run of the unit first.")
+
+        def changed() -> None:
+            if self.result is not None and (self.result.unit, self.result.simulated) == (result.unit, result.simulated):
+                self.follow_change()
+
+        return ContributionsModel(self._units_of(result), result.unit, self._services.undo, changed)
+
+    def traceability(self) -> str:
+        """Return whether an elongation is traceable, as a sentence; empty where none is given."""
+        return traceability_text(self.result.traceability if self.result is not None else None)
 
     @property
     def curve_shown(self) -> str:

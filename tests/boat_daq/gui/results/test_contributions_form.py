@@ -1,0 +1,50 @@
+"""The form of type B contributions, from the Calibrate page."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+
+from analysis.calibration.type_b import traceability
+from boat_daq.gui.results.contributions_form import ContributionsForm
+from tests.boat_daq.gui.results.run_results import run_result
+from tests.boat_daq.gui.windows import run_shortcut
+
+
+def test_contribution_is_stated_refused_at_its_field_and_undone(live, monkeypatch):
+    """From the page's button: a wrong k is refused beside it, a right one stored, the run analysed again; Ctrl+Z."""
+    model, again = live.model.calibration, []
+    live.go("Calibrate")
+    page = live.pages["Calibrate"]
+    page.tabs.setCurrentIndex(1)
+    assert not page.contributions.isEnabled()
+    model.show(dataclasses.replace(run_result(), traceability=traceability(())))
+    live.refresh()
+    assert page.traced.text().startswith("\u25b2 An elongation is not traceable: not assessed: scale")
+    monkeypatch.setattr(model, "follow_change", lambda: again.append(1))
+    page.contributions.click()
+    form = next(panel for panel in live.findChildren(ContributionsForm) if panel.isVisible())
+    assert [form.list.item(i, 1).text() for i in range(5)] == ["not assessed"] * 5
+    assert not form.refusals["value"].isVisible()  # nothing was entered yet
+    form.store.click()
+    assert form.refusals["value"].text() == "Give a number of at least 0."
+    QTest.keyClicks(form.texts["value"], "0.2")
+    form.texts["k"].setText("0")
+    assert form.refusals["k"].isVisible()
+    assert not form.refusals["value"].isVisible()
+    form.texts["k"].setText("2")
+    assert form.outcome.text() == "u = 0.1 % of x, normal"
+    QTest.keyClick(form.texts["value"], Qt.Key.Key_Return)
+    assert (form.list.item(0, 1).text(), again) == ("u = 0.1 % of x, normal", [1])
+    assert "the scale of grid or photograph has no certificate" in form.traced.text()
+    run_shortcut(live, "Ctrl+Z")
+    form.show_stated()
+    assert (form.list.item(0, 1).text(), again) == ("not assessed", [1, 1])
+    form.list.selectRow(5)
+    assert form.texts["name"].isVisible()
+    form.choices["unit"].setCurrentIndex(form.choices["unit"].findData("kpa"))
+    form.choices["unit"].activated.emit(form.choices["unit"].currentIndex())
+    assert form.texts["sensitivity"].isVisible()
+    form.close()

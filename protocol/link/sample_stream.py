@@ -234,11 +234,11 @@ class SampleStream:
         self._no_neighbour = False
         if elapsed.min() < 0 or elapsed.max() >= self._time_wrap // 2 or not neighbours.all():
             elapsed = _wrapped(elapsed, self._time_wrap)
-            for at in np.flatnonzero(steps > 1):
-                before = np.flatnonzero(neighbours[:at])
-                period = int(elapsed[before[-1]]) if len(before) else self._period
-                wraps = round((int(steps[at]) * period - int(elapsed[at])) / self._time_wrap)
-                elapsed[at] += max(wraps, 0) * self._time_wrap
+            gaps = np.flatnonzero(steps > 1)
+            before = np.maximum.accumulate(np.where(neighbours, np.arange(len(rows)), -1))[gaps]
+            periods = np.where(before >= 0, elapsed[before], self._period).astype(np.float64)
+            wraps = np.rint((steps[gaps] * periods - elapsed[gaps]) / self._time_wrap)
+            elapsed[gaps] += np.maximum(wraps, 0).astype(np.int64) * self._time_wrap
             rows["flags"][elapsed < 0] |= np.uint16(SampleFlag.IMPLAUSIBLE)
         rows["time_us"] = self._time + np.cumsum(elapsed)
         if neighbours.any():
@@ -249,12 +249,12 @@ class SampleStream:
     def _count(self, rows: Rows, steps: IntArray, events: list[LinkEvent]) -> None:
         steps[0] += self._lost_at_start
         self._lost_at_start = 0
-        if steps.max() > 1:
-            for at in np.flatnonzero(steps > 1):
-                lost = int(steps[at]) - 1
-                self.lost += lost
-                rows["flags"][at] |= SampleFlag.GAP_BEFORE
-                events.append(SampleGap(lost, int(rows["index"][at]), int(rows["time_us"][at])))
+        gaps = np.flatnonzero(steps > 1)
+        if len(gaps):
+            rows["flags"][gaps] |= np.uint16(SampleFlag.GAP_BEFORE)
+            lost = (steps[gaps] - 1).tolist()
+            self.lost += sum(lost)
+            events += map(SampleGap, lost, rows["index"][gaps].tolist(), rows["time_us"][gaps].tolist())
         self.samples += len(rows)
         if self._indexed:
             self._order = int(rows["index"][-1])

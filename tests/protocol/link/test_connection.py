@@ -53,7 +53,7 @@ def check_against_plain(data: bytes, chunks: list[bytes]) -> None:
 
 
 @given(troubled_streams(), st.lists(st.integers(0, 10_000), max_size=8))
-@settings(max_examples=250, deadline=None)
+@settings(max_examples=120, deadline=None)
 @example(hello_and(*[sample(i) for i in range(5)], *[sample(i, 50_000 + i * 10_000) for i in range(20)]), [60])
 def test_agrees_with_a_plain_decoder_for_any_chunks(data: bytes, places: list[int]) -> None:
     """Vectorised and chunked equals one frame at a time: samples, flags, gaps, counters."""
@@ -61,14 +61,14 @@ def test_agrees_with_a_plain_decoder_for_any_chunks(data: bytes, places: list[in
 
 
 @given(troubled_streams())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_byte_by_byte_equals_all_at_once(data: bytes) -> None:
     """One byte a call gives what one call gives."""
     check_against_plain(data, [data[i : i + 1] for i in range(len(data))])
 
 
 @given(troubled_streams(), st.lists(st.integers(0, 10_000), max_size=8))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_bulk_gives_the_same_samples_bit_for_bit(data: bytes, places: list[int]) -> None:
     """A whole recording decoded at once has the streaming path's samples, host times, gaps and counters."""
     chunks = [(1_000 * at, chunk) for at, chunk in enumerate(cut(data, places))]
@@ -83,7 +83,7 @@ def test_bulk_gives_the_same_samples_bit_for_bit(data: bytes, places: list[int])
 
 
 @given(troubled_streams(), st.integers(0, 10_000))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_link_continues_from_a_decoder_state(data: bytes, place: int) -> None:
     """A recording begun at any byte is derived again from its own bytes and the state kept with it."""
     place %= len(data) + 1

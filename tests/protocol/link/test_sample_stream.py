@@ -83,7 +83,7 @@ def test_a_repeated_answer_to_start_changes_nothing() -> None:
     assert rows_of(events)["index"].tolist() == [0, 1, 2]
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(
     indexed=st.booleans(),
     orders=st.lists(st.integers(0, 255), min_size=1, max_size=40),

@@ -320,7 +320,7 @@ def play(board: VirtualBoard, script: list, steps: itertools.cycle) -> bytes:
     return bytes(out + board.advance(0))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(SCRIPTS, FAULT_SETS, st.integers(0, 5), st.lists(st.integers(3_000, 400_000), min_size=1, max_size=4))
 def test_same_seed_and_bytes_give_the_same_bytes(script, faults, seed, steps):
     """However board time is cut up, and whatever goes wrong: the stream is the same, byte for byte."""
@@ -352,7 +352,7 @@ def test_received_garbage_changes_nothing(data):
     assert host.board.pressure_kpa == 0.0
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(SCRIPTS)
 def test_pressure_never_leaves_the_limits_on_command(script):
     """Whatever order of commands: the pressure stays within the hard limits and their 2 kPa."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from protocol.link.messages import Sample, encode_message
@@ -14,6 +14,7 @@ RARE_AND_PLAIN = st.one_of(st.sampled_from([0, 1, 255, 256]), st.integers(0, 65_
 
 
 @pytest.mark.parametrize("n_sensors", [1, 2, 3, 4])
+@settings(max_examples=30)
 @given(data=st.data())
 def test_every_frame_equals_the_plain_encoder(n_sensors, data):
     """Whatever the values, zeros above all, and wherever the sequence number wraps."""

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from analysis import Options, analyse
-from analysis.figures.repeatability import cycle_sensitivities, lift_of_maximum
+from analysis.figures.repeatability import cycle_sensitivities, figures_by_cycle, lift_of_maximum
+from analysis.segmentation.loops import Loops
 from tests.analysis.boat_builder import PAPER, Plant, Staircase, triangle
 
 QUICK = Options(mcmc=False, x_resolution_mm=0.0)
@@ -108,3 +110,28 @@ def test_two_cycles_have_no_warm_up() -> None:
         analyse(Plant(drift_mv_per_cycle=3.0).run(pressure, loading, cycle), options=QUICK).sensors[0].by_cycle.warm_up
         == 0
     )
+
+
+def test_snr_of_each_cycle_is_that_of_its_span_over_its_noise() -> None:
+    """A noise of 0.5 mV under spans of 255.6 and 189.9 mV: 54.2 and 51.6 dB in each of four cycles."""
+    found = analyse(Plant(noise_mv=(0.5, 0.5)).run(*triangle(4, 20)), options=QUICK)
+    for sensor, span in zip(found.sensors, SPANS, strict=True):
+        assert sensor.by_cycle.snr_db == pytest.approx(np.full(4, 20 * np.log10(span * 88 / 90 / 0.5)), abs=0.5)
+
+
+def test_one_cycle_in_370_of_a_steady_sensor_is_outside_three_sigma() -> None:
+    """A first cycle 2.5 robust sd away is scatter, one 3.5 away is warm-up; both are more than 0.1 % of full scale."""
+    level = np.linspace(0.0, 90.0, 10)
+    later = np.asarray([-1.0, 1.0, -0.6745, 0.6745, 0.0, -0.3, 0.3, 0.9, -0.9])  # of robust sd 1
+    for offset, warm_up in ((2.5, 0), (3.5, 1)):
+        common = np.concatenate([[offset], np.zeros(8), later / (1.4826 * np.median(np.abs(later)))])
+        signal = np.broadcast_to(level + common[:, None], (1, 2, common.size, level.size)).copy()
+        shape = signal.shape[1:]
+        loops = Loops(
+            level, np.broadcast_to(level, shape), None, signal, np.ones(shape, bool), tuple(range(1, common.size + 1)),
+            (), (0.0, 90.0), False,
+        )  # fmt: skip
+        found = figures_by_cycle(
+            loops, 0, 90.0, SimpleNamespace(per_cycle=np.zeros(common.size)), (np.empty(0), np.empty(0), np.empty(0))
+        )
+        assert found.warm_up == warm_up

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from boat_daq.engine.control.plateau_dwell import drift
 
@@ -71,3 +72,10 @@ def test_a_constant_is_steady_and_a_line_is_its_slope() -> None:
 def test_samples_of_one_instant_are_no_evidence() -> None:
     """A clock that does not advance gives no slope."""
     assert not drift(np.zeros(50), np.arange(50.0)).within(1e9)
+
+
+def test_a_channel_that_drifts_at_the_tolerance_passes_in_one_window_of_44() -> None:
+    """P(z < -2) = 2.3 %, by the normal distribution; 1.645 standard errors would let 5 % pass."""
+    rng = np.random.default_rng(5)
+    passed = np.mean([drift(T, T + 0.1 * rng.standard_normal(T.size)).within(1.0) for _ in range(3000)])
+    assert passed == pytest.approx(stats.norm.sf(2.0), abs=0.01)

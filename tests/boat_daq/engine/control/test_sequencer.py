@@ -256,6 +256,18 @@ def test_a_unit_that_does_not_vent_is_reported() -> None:
     assert list(rig.marks.values())[-1].status == "timeout"
 
 
+@pytest.mark.parametrize(("left_kpa", "state"), [(1.5, SessionState.IDLE), (2.5, SessionState.ABORTED)])
+def test_a_unit_is_vented_within_2_kpa(left_kpa: float, state: SessionState) -> None:
+    """A remainder of 2.5 kPa after the vent is pressure, and reported; 1.5 kPa is not."""
+    rig = Rig()
+    rig.run(8)
+    rig.sequencer.stop()
+    rig.take()
+    rig.target = left_kpa
+    rig.run(70)
+    assert rig.sequencer.state is state
+
+
 @pytest.mark.parametrize(
     ("state", "refused"),
     [

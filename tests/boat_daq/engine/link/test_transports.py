@@ -317,3 +317,11 @@ def test_a_replay_at_no_speed_is_refused(recording, tail, text):
     """The speed is a positive number or max."""
     with pytest.raises(DeviceError, match=text):
         open_transport(f"replay:{recording}{tail}")
+
+
+@pytest.mark.parametrize(("addresses", "near"), [(["127.0.0.1", "::1"], True), (["127.0.0.1", "192.0.2.7"], False)])
+def test_a_name_of_this_computer_and_another_is_another(monkeypatch, addresses, near):
+    """A name that resolves to a loopback address among others may lead elsewhere: it is refused like a remote one."""
+    found = [(socket.AF_INET, socket.SOCK_STREAM, 6, "", (address, 0)) for address in addresses]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_: found)
+    assert transports._is_loopback("board.lab") is near

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import shutil
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from boat_daq.engine.link.reader import Block
 from boat_daq.engine.recording import recorder as recorder_module
 from boat_daq.engine.recording.file import is_being_written
 from boat_daq.engine.recording.recorder import Recorder
@@ -137,3 +139,33 @@ def test_a_nearly_full_disk_is_reported_while_closing_is_possible(path, source, 
     recorder.close(RunEnd.ABORTED, "disk")
     assert ["MB left" in error.cause for error in errors] == [True]
     assert verify_recording(path).identical
+
+
+def test_a_disk_that_takes_nothing_is_waited_for_with_up_to_128_mib(path, source):
+    """Blocks of 1 MiB count twice: 63 of them wait (decision 0017), the 64th is refused with a message."""
+    errors = []
+    recorder = begin(path, source, on_error=errors.append)
+    limit_pages(recorder, 1)
+    block = Block(0, bytes(2**20))
+    for _ in range(63):
+        recorder(block)
+    assert recorder._refusing is None
+    recorder(block)
+    assert recorder._refusing.cause.endswith("is written too slowly")
+    with pytest.raises(StorageError):
+        recorder.close(RunEnd.ABORTED)
+
+
+@pytest.mark.parametrize(("free_mib", "reported"), [(33, False), (31, True)])
+def test_a_recording_ends_below_32_mib_of_free_disk(path, source, monkeypatch, free_mib, reported):
+    """The space that closing a recording may need."""
+    recorder = begin(path, source)
+    free = SimpleNamespace(free=free_mib * 2**20)
+    monkeypatch.setattr("boat_daq.engine.recording.file.shutil.disk_usage", lambda _: free)
+    if reported:
+        with pytest.raises(StorageError, match="MB left"):
+            recorder._file.check_place()
+    else:
+        recorder._file.check_place()
+    monkeypatch.undo()
+    recorder.close(RunEnd.FINISHED)

@@ -116,6 +116,7 @@ def test_snr_of_each_cycle_is_that_of_its_span_over_its_noise() -> None:
     """A noise of 0.5 mV under spans of 255.6 and 189.9 mV: 54.2 and 51.6 dB in each of four cycles."""
     found = analyse(Plant(noise_mv=(0.5, 0.5)).run(*triangle(4, 20)), options=QUICK)
     for sensor, span in zip(found.sensors, SPANS, strict=True):
+        assert sensor.figures["noise_mv"].value == pytest.approx(0.5, rel=0.02)  # 4 % more or less by wrong freedom
         assert sensor.by_cycle.snr_db == pytest.approx(np.full(4, 20 * np.log10(span * 88 / 90 / 0.5)), abs=0.5)
 
 

@@ -77,12 +77,16 @@ class ContributionsForm(QDialog):
             field.returnPressed.connect(self._state)
         self.per = widgets.label("", "muted")
         lines: tuple[tuple[str, str, tuple[widgets.Item, ...]], ...] = (
-            ("name", "Name", (self.name,)), ("value", "Stated as", (self.stated, (self.value, 1), self.unit)),
-            ("k", "Coverage factor k", (fields["k"],)), ("distribution", "Distribution", (self.distribution,)),
+            ("name", "Name", (self.name,)),
+            ("stated", "Stated as", (self.stated,)),
+            ("value", "Value", ((self.value, 1), self.unit)),
+            ("k", "Coverage factor k", (fields["k"],)),
+            ("distribution", "Distribution", (self.distribution,)),
             ("sensitivity", "Sensitivity", (fields["sensitivity"], self.per)),
-            ("dof", "Degrees of freedom", (fields["dof"],)), ("certificate", "Certificate", (fields["certificate"],)),
+            ("dof", "Degrees of freedom", (fields["dof"],)),
+            ("certificate", "Certificate", (fields["certificate"],)),
             ("source", "Note", (fields["source"],)),
-        )  # fmt: skip
+        )
         grid = QGridLayout()
         grid.setVerticalSpacing(style.STEP)
         grid.setColumnStretch(1, 1)

@@ -9,6 +9,7 @@ import struct
 import subprocess
 import sys
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
@@ -53,61 +54,71 @@ def repeated() -> str:
 
 ENTITIES = "".join(f"<!ENTITY {b} '{f'&{a};' * 10}'>" for a, b in zip("abcdefgh", "bcdefghi", strict=True))
 RAW = zlib.compress(bytes(101 * 100))
-HOSTILE = {
-    "bomb.png": png(60_000, 60_000, zlib.compress(bytes(60_000_000), 9)),
-    "giant.png": png(2**31 - 1, 2**31 - 1, b""),
-    "nothing.png": png(0, 0, zlib.compress(b"")),
-    "truncated.png": png(100, 100, RAW)[:60],
-    "cut.png": png(100, 100, RAW)[:-30],
-    "bomb.jpg": picture("jpeg", (20_000, 14_000)),
-    "truncated.jpg": picture("jpeg")[:300],
-    "head.jpg": b"\xff\xd8\xff\xe0" + bytes(100),
-    "bomb.tif": picture("tiff", (20_000, 14_000), compression="tiff_adobe_deflate"),
-    "truncated.tif": picture("tiff")[:60],
-    "empty.jpg": b"",
-    "text.png": b"this is no picture",
-    "gif.png": picture("gif"),
-    "plain svg.png": svg("<rect width='50' height='50'/>"),
-    "svg of a file.png": svg("<image xlink:href='file:///etc/passwd' width='50' height='50'/>"),
-    "svg of an address.png": svg("<image xlink:href='http://192.0.2.1/x.png' width='50' height='50'/>"),
-    "svg without end.png": svg(repeated()),
-    "svg of entities.png": svg("<text>&i;</text>", f"<!DOCTYPE s [<!ENTITY a 'aaaaaaaaaa'>{ENTITIES}]>"),
-    "packed svg.svgz": gzip.compress(svg("<rect width='50' height='50'/>") + b" " * 20_000_000),
-    "program.xpm": b'/* XPM */\nstatic char*x[]={"1 1 1 1","a c red","a"};\n',
+# Made when they are needed: every worker of the tests reads this file.
+HOSTILE: dict[str, Callable[[], bytes]] = {
+    "bomb.png": lambda: png(60_000, 60_000, zlib.compress(bytes(60_000_000), 9)),
+    "giant.png": lambda: png(2**31 - 1, 2**31 - 1, b""),
+    "nothing.png": lambda: png(0, 0, zlib.compress(b"")),
+    "truncated.png": lambda: png(100, 100, RAW)[:60],
+    "cut.png": lambda: png(100, 100, RAW)[:-30],
+    "bomb.jpg": lambda: picture("jpeg", (20_000, 14_000)),
+    "truncated.jpg": lambda: picture("jpeg")[:300],
+    "head.jpg": lambda: b"\xff\xd8\xff\xe0" + bytes(100),
+    "bomb.tif": lambda: picture("tiff", (20_000, 14_000), compression="tiff_adobe_deflate"),
+    "truncated.tif": lambda: picture("tiff")[:60],
+    "empty.jpg": lambda: b"",
+    "text.png": lambda: b"this is no picture",
+    "gif.png": lambda: picture("gif"),
+    "plain svg.png": lambda: svg("<rect width='50' height='50'/>"),
+    "svg of a file.png": lambda: svg("<image xlink:href='file:///etc/passwd' width='50' height='50'/>"),
+    "svg of an address.png": lambda: svg("<image xlink:href='http://192.0.2.1/x.png' width='50' height='50'/>"),
+    "svg without end.png": lambda: svg(repeated()),
+    "svg of entities.png": lambda: svg("<text>&i;</text>", f"<!DOCTYPE s [<!ENTITY a 'aaaaaaaaaa'>{ENTITIES}]>"),
+    "packed svg.svgz": lambda: gzip.compress(svg("<rect width='50' height='50'/>") + b" " * 20_000_000),
+    "program.xpm": lambda: b'/* XPM */\nstatic char*x[]={"1 1 1 1","a c red","a"};\n',
 }
-HARMLESS = {
-    "right.png": png(64, 48, zlib.compress(bytes(65 * 48))),
-    "a jpeg.png": picture("jpeg"),
-    "grey.tif": picture("tiff"),
-    "dots.bmp": picture("bmp"),
-    "text bomb.png": png(64, 48, zlib.compress(bytes(65 * 48)), chunk(b"zTXt", b"a\0\0" + zlib.compress(bytes(10**8)))),
-    "huge exif.jpg": picture("jpeg").replace(
+HARMLESS: dict[str, Callable[[], bytes]] = {
+    "right.png": lambda: png(64, 48, zlib.compress(bytes(65 * 48))),
+    "a jpeg.png": lambda: picture("jpeg"),
+    "grey.tif": lambda: picture("tiff"),
+    "dots.bmp": lambda: picture("bmp"),
+    "text bomb.png": lambda: png(
+        64, 48, zlib.compress(bytes(65 * 48)), chunk(b"zTXt", b"a\0\0" + zlib.compress(bytes(10**8)))
+    ),
+    "huge exif.jpg": lambda: picture("jpeg").replace(
         b"\xff\xd8", b"\xff\xd8" + 200 * (b"\xff\xe1\xff\xffExif\0\0" + bytes(65527)), 1
     ),
 }
 SHORT = 500 << 20  # what decoding may take beyond the program itself: 256 MB of pixels, and the same as a pixmap
 
 
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder of all these files."""
+    folder = tmp_path_factory.mktemp("pictures")
+    for name, content in (HOSTILE | HARMLESS).items():
+        (folder / name).write_bytes(content())
+    return folder
+
+
 @pytest.mark.fault(52, how="pictures that are bombs, torn, of other kinds, drawings that name files", times=20)
 @pytest.mark.parametrize("name", sorted(HOSTILE))
-def test_hostile_picture_is_refused(tmp_path: Path, qtbot: object, name: str) -> None:
+def test_hostile_picture_is_refused(pictures: Path, qtbot: object, name: str) -> None:
     """The photograph panel raises the error and keeps its picture."""
     parent = QWidget()
     panel = PhotographPanel(parent, cast("Any", None), cast("Any", None))
     before = panel.state
-    (tmp_path / name).write_bytes(HOSTILE[name])
     with pytest.raises(OperatorError, match="no picture") as refusal:
-        panel.load(tmp_path / name)
+        panel.load(pictures / name)
     assert refusal.value.remedy
     assert panel.state is before
     parent.deleteLater()
 
 
 @pytest.mark.parametrize("name", sorted(HARMLESS))
-def test_picture_is_recognised_by_its_content(tmp_path: Path, qtbot: object, name: str) -> None:
+def test_picture_is_recognised_by_its_content(pictures: Path, qtbot: object, name: str) -> None:
     """Wrong suffixes and giant comments are accepted."""
-    (tmp_path / name).write_bytes(HARMLESS[name])
-    shown = read_picture(tmp_path / name)
+    shown = read_picture(pictures / name)
     assert (shown.width(), shown.height()) == (64, 48)
 
 
@@ -132,7 +143,7 @@ def test_pipe_or_device_is_not_opened_as_a_picture(tmp_path: Path, qtbot: object
         case "folder":
             path.mkdir()
         case "hole":
-            path.write_bytes(HARMLESS["right.png"][:33])
+            path.write_bytes(HARMLESS["right.png"]()[:33])
             os.truncate(path, FILE_BYTES_MAX + 1)
     with pytest.raises(OperatorError, match="no picture"):
         read_picture(path)
@@ -158,11 +169,9 @@ for path in sorted(Path(sys.argv[1]).iterdir()):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="RLIMIT_AS is Linux's")
-def test_hostile_pictures_take_bounded_memory(tmp_path: Path) -> None:
+def test_hostile_pictures_take_bounded_memory(pictures: Path) -> None:
     """All of them in one process that may use 500 MB and one minute beyond the program itself."""
-    for name, content in (HOSTILE | HARMLESS).items():
-        (tmp_path / name).write_bytes(content)
-    command = [sys.executable, "-c", BOUNDED, str(tmp_path), str(SHORT)]
+    command = [sys.executable, "-c", BOUNDED, str(pictures), str(SHORT)]
     env = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=env, timeout=200)
     assert done.returncode == 0, done.stderr[-2000:]

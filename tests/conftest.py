@@ -22,12 +22,15 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[1]
 
+gc.disable()  # while tests are collected: what is imported stays
+
 
 def pytest_collection_finish() -> None:
-    """Exclude loaded modules from later garbage collections: full ones become cheap."""
+    """Collect garbage again, loaded modules excluded: full collections become cheap."""
     gc.collect()
     gc.freeze()
     gc.collect()  # counts what is left: next to nothing
+    gc.enable()
 
 
 @pytest.fixture(scope="session", autouse=True)

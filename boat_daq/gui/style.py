@@ -85,6 +85,7 @@ WIDE_FROM = 1600  # from this window width on the pane and the figures grow
 CONTROL_HEIGHT = 32
 VENT_WIDTH = 176
 VENT_HEIGHT = 44
+TITLE_HEIGHT = 20
 AXIS_WIDTH = 64
 AXIS_HEIGHT = 36
 POINT_SIZE = 8
@@ -97,6 +98,7 @@ HEADING_LEAST = 72
 REMARKS_MOST = 84  # words under the figures; more of them scroll
 FIGURES_LEAST = 280  # below it the table of figures scrolls
 ROW_LEAST = 56  # of a live plot; where not all are so high, a choice shows some
+ROW_LOW = 120  # the same in a low window, where few are read well
 FORM_WIDTH = 560
 FORM_HEIGHT = 640  # of a form with a list above it, where the screen has it
 QUESTION_LEAST = 240
@@ -115,7 +117,7 @@ FONT_MEASURED_WIDE = 48
 FAMILIES = ("Inter", "Segoe UI", "SF Pro Text", "Helvetica Neue", "Noto Sans", "Liberation Sans", "DejaVu Sans")
 
 VIRIDIS = ("#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725")
-VIRIDIS_USED = (0.22, 0.86)  # without the ends that a dark and a light ground would swallow
+VIRIDIS_USED = (0.32, 0.84)  # without the ends that a dark and a light ground would swallow
 
 # Ground and ink of what a method does in one place of its map; hatching and letter say it too.
 _OUTCOMES = {

@@ -117,7 +117,8 @@ class LivePlots(PlotCard):
         if names != [self.first_row.itemText(i) for i in range(self.first_row.count())]:
             self.first_row.clear()
             self.first_row.addItems(names)
-        fit = max(1, int(self.view.height() - style.AXIS_HEIGHT) // style.ROW_LEAST)
+        least = style.ROW_LOW if self.window().height() < style.LOW_BELOW else style.ROW_LEAST
+        fit = max(1, int(self.view.height() - style.AXIS_HEIGHT) // least)
         self.first_row.setVisible(fit < len(rows))
         first = min(self.first_row.currentIndex(), len(rows) - fit) if fit < len(rows) else 0
         return rows[first : first + fit]

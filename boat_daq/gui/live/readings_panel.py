@@ -55,8 +55,8 @@ class ReadingBar(QFrame):
         self.left = widgets.label("", "muted", name="Time left for the reading, or the value taken")
         self.left.setToolTip("The run continues without a reading when its time is over")
         self.left.setFixedWidth(style.text_width(self.left.font(), "0:00:00 left"))
-        answer = widgets.row(self.field, unit, self.left, None, self.simulated, self.all, self.photo, self.skip)
-        self.lines = widgets.row(self.question, (answer, 1))
+        self.answer = widgets.row(self.field, unit, self.left, None, self.simulated, self.all, self.photo, self.skip)
+        self.lines = widgets.row(self.question, (self.answer, 1))
         widgets.as_card(self, self.lines)
         self.hide()
 
@@ -118,7 +118,8 @@ class ReadingBar(QFrame):
             button.setEnabled(due)
 
     def fold(self, narrow: bool) -> None:
-        """Stack question and answer in a narrow window."""
+        """Stack question and answer in a narrow window, and put the parts of the answer closer."""
+        self.answer.setSpacing(style.STEP if narrow else style.GAP)
         way = QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
         self.lines.setDirection(way)
 

@@ -182,8 +182,7 @@ class PlanForm(QScrollArea):
         manual, _ = widgets.card(
             widgets.label("Manual pressure", "subtitle"),
             widgets.form((("Target", self.target, "kPa"), ("Ramp", self.ramp, "kPa/s"))),
-            self.limits,
-            widgets.row(None, self.set_button),
+            widgets.row((self.limits, 1), self.set_button),
         )
         layout = widgets.column(plan, manual, None, spacing=style.GAP)
         self.setWidget(widgets.holder(layout))

@@ -24,7 +24,7 @@ from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open
-from boat_daq.gui.widgets.layouts import ReflowingPage
+from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.models.optics import CAVITIES, CURVES, FACES, RAYS, STATES, STEPS_MM, OpticsModel, SweepSummary
 
@@ -307,12 +307,13 @@ class OpticsPage(ReflowingPage):
         self.first = self.slider
         head = self._head()
         states = widgets.row(widgets.label("compressed", "small"), self.slider, widgets.label("elongated", "small"))
-        left = widgets.column((self.scene, 5), states, (self.response, 4), spacing=style.GAP)
-        right = widgets.column((self.maps, 5), (self.pareto, 4), spacing=style.GAP)
-        across = widgets.row((left, 1), (right, 1))
+        keep, upper = services.preferences, widgets.holder(widgets.column((self.scene, 1), states, spacing=style.GAP))
+        left = Shares("rays", keep, (upper, 5), (self.response, 4))
+        right = Shares("maps", keep, (self.maps, 5), (self.pareto, 4))
+        across = Shares("optics", keep, (left, 1), (right, 1), beside=True)
         layout = widgets.page_layout(self)
         layout.addWidget(head)
-        layout.addLayout(across, 1)
+        layout.addWidget(across, 1)
         self.rows = (across, self.choices)
         self.tall = (self.scene, self.response, self.maps, self.pareto)
 

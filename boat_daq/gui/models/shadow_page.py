@@ -12,7 +12,7 @@ from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
-from boat_daq.gui.widgets.layouts import ReflowingPage
+from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live import axis
 from boat_daq.viewmodels.live.shadow_live import PRESSURES_KPA, SERIES, ShadowLive, ShadowMonitor
@@ -109,9 +109,10 @@ class ShadowPage(ReflowingPage):
         self.pane = ShadowPane(model, services)
         self.pane.setContentsMargins(0, -style.GAP, 0, 0)
         self.nominal, self.cycles = NominalCard(), CyclesCard(monitor)
-        right = widgets.column((self.nominal, 4), (self.cycles, 3), self._alarms(), spacing=style.GAP)
-        across = widgets.row((self.pane, 2), (right, 3))
-        widgets.page_layout(self).addLayout(across)
+        plots = Shares("shadow plots", services.preferences, (self.nominal, 4), (self.cycles, 3))
+        right = widgets.holder(widgets.column((plots, 1), self._alarms(), spacing=style.GAP))
+        across = Shares("shadow", services.preferences, (self.pane, 2), (right, 3), beside=True)
+        widgets.page_layout(self).addWidget(across)
         self.rows, self.tall = (across,), (self.pane.view, self.nominal, self.cycles)
         self.startTimer(FRAME_MS)
 

@@ -30,7 +30,7 @@ from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
-from boat_daq.gui.widgets.layouts import ReflowingPage
+from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
 from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.common.formatting import duration_text
 from boat_daq.viewmodels.common.preferences import Precision
@@ -398,20 +398,17 @@ class TradeoffPage(ReflowingPage):
 
     def _right(self) -> QVBoxLayout:
         self.table_card, _ = widgets.card((self.table, 1), self.explanation, self.measured)
-        upper = widgets.row((self.chart, 1), self.table_card)
-        self.upper = widgets.holder(upper)
-        self.rows, self.tall = (upper,), (self.chart, self.table_card)
+        keep = self.services.preferences
+        self.upper = Shares("settings", keep, (self.chart, 9), (self.table_card, 8), beside=True)
+        self.rows, self.tall = (self.upper,), (self.chart, self.table_card)
         self.reflow()
-        right = widgets.column((self.upper, 3), (self.atlas, 2), spacing=style.GAP)
+        right = widgets.column((Shares("trade-off", keep, (self.upper, 3), (self.atlas, 2)), 1), spacing=style.GAP)
         right.addStretch(0)  # takes the rest where only the small card of the maps is shown
         return right
 
     def reflow(self) -> None:
-        """Fix the width of the table where it is beside the chart."""
+        """Give chart and table their height where they are stacked."""
         super().reflow()
-        low, high = (0, NO_LIMIT) if self.narrow else (style.PANE_WIDTH_WIDE, style.PANE_WIDTH_WIDE)
-        self.table_card.setMinimumWidth(low)
-        self.table_card.setMaximumWidth(high)
         self.upper.setMinimumHeight(2 * style.STACKED_HEIGHT + style.GAP if self.narrow else 0)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:

@@ -20,9 +20,11 @@ from PySide6.QtWidgets import QFrame, QGraphicsItem, QGraphicsView, QMenu, QTool
 from boat_daq.errors import OperatorError
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Plot, make_item
+from boat_daq.gui.plotting.row_borders import UNIT, RowBorders
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common import tables
+from boat_daq.viewmodels.common.preferences import Preferences
 
 Columns = Mapping[str, Any]
 
@@ -55,6 +57,7 @@ class PlotCard(QFrame):
         self.view.ci.layout.setContentsMargins(0, style.STEP, style.STEP, 0)
         self.view.ci.layout.setSpacing(style.STEP)
         self.view.setAccessibleName(title)
+        self.borders = RowBorders(self.view, self.plots)
         self.heading = widgets.ElidedLabel(title if show_title else "")
         self.heading.setTextFormat(Qt.TextFormat.PlainText)
         self.heading.setProperty("role", "subtitle")
@@ -71,7 +74,7 @@ class PlotCard(QFrame):
         self.empty_text = widgets.label("", "muted", wrap=True)
         self.empty_text.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.empty_text.hide()
-        margins = (style.GAP, style.STEP, style.STEP, style.STEP)
+        margins = (style.CARD_PADDING, style.GAP, style.STEP, style.STEP)
         self.inside = widgets.column(self.bar, (self.view, 1), (self.empty_text, 1), spacing=0, margins=margins)
         self.setLayout(self.inside)
 
@@ -122,10 +125,12 @@ class PlotCard(QFrame):
         item = make_item(time=time, whole=bool(x_title) and not x_unit)
         at = 0 if beside else len(self.plots)
         self.view.addItem(item, row=at, col=len(self.plots) if beside else 0)
-        self.view.ci.layout.setRowStretchFactor(at, stretch)
         self.view.setMinimumSize(style.PLOT_MINIMUM[0], style.PLOT_MINIMUM[1] + at * style.PLOT_MORE)
         plot = Plot(item, title, unit, x_title=x_title, x_unit=x_unit)
         self.plots.append(plot)
+        if not beside:
+            self.borders.usual[len(self.plots) - 1] = UNIT * stretch
+        self.borders.apply()
         return plot
 
     def show_only(self, plots: list[Plot]) -> None:
@@ -137,6 +142,13 @@ class PlotCard(QFrame):
         for at, plot in enumerate(plots):
             plot.label_x(named.x_title if plot is plots[-1] else "", named.x_unit)
             self.view.ci.addItem(plot.item, row=at, col=0)
+        self.borders.apply()
+
+    def keep_heights(self, preferences: Preferences) -> None:
+        """Share the height among the plots as the operator did last, and keep what the operator changes."""
+        key = f"heights {self.title}"
+        self.borders.take(preferences.get(key, {}))
+        self.borders.changed.connect(lambda: preferences.set(key, {str(k): v for k, v in self.borders.shares.items()}))
 
     def link_x(self) -> None:
         """Link the horizontal ranges of all plots to the first one's."""
@@ -279,7 +291,7 @@ def export_button(title: str, tip: str, copy: Callable[[], object], save: Callab
     tool.setToolTip(tip)
     tool.setAccessibleName(f"Copy or save: {title}")
     tool.setProperty("role", "quiet")
-    tool.setFixedSize(style.CONTROL_HEIGHT, style.CONTROL_HEIGHT)
+    tool.setFixedSize(style.CONTROL_HEIGHT, style.TITLE_HEIGHT)  # no higher than a title: titles of cards are level
     tool.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
     menu = QMenu(tool)
     menu.addAction("Copy picture", copy)

@@ -10,7 +10,17 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QAction, QColor, QGuiApplication, QPainter, QPaintEvent, QPen, QPolygonF, QTransform
+from PySide6.QtGui import (
+    QAction,
+    QColor,
+    QGuiApplication,
+    QPainter,
+    QPaintEvent,
+    QPen,
+    QPolygonF,
+    QResizeEvent,
+    QTransform,
+)
 from PySide6.QtWidgets import QGridLayout, QToolButton, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
@@ -201,10 +211,16 @@ class ShadowPane(QWidget):
             grid.addWidget(name, i, 0)
             grid.addWidget(value, i, 1)
             value.setAlignment(Qt.AlignmentFlag.AlignRight)
-        head = widgets.row(widgets.label("Colour", "muted"), self.quantity, None, self._menu_button())
+        self.colour = widgets.label("Colour", "muted")
+        head = widgets.row(self.colour, self.quantity, None, self._menu_button())
         frame, _ = widgets.card(head, (self.view, 1), grid)
         self.setLayout(widgets.column(frame, margins=(0, style.GAP, 0, 0)))
         self._choose(model.quantity)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Leave out the name of the choice in a narrow pane: what is chosen is then shown whole."""
+        super().resizeEvent(event)
+        self.colour.setVisible(self.width() > style.PANE_WIDTH_NARROW + 4 * style.STEP)
 
     def _choose(self, quantity: str) -> None:
         self.model.quantity = quantity

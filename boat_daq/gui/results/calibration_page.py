@@ -22,7 +22,7 @@ from boat_daq.gui.results.figure_table import SIDE, FigureTable
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open
-from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves
+from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves, Shares
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands, LoopSet, RunResult, SensorResult
 from boat_daq.viewmodels.results.calibration import (
@@ -38,7 +38,7 @@ from boat_daq.viewmodels.results.calibration import (
 from boat_daq.viewmodels.results.runs import ClosedRun
 
 SENSORS = 2
-BANDS = "Compute uncertainty bands"
+BANDS = "Uncertainty bands"
 BANDS_TIP = (
     "Bands that include the uncertainty from the grid of the readings: samples the posterior of the coefficients with "
     "emcee, a Markov chain Monte Carlo; takes a while, in the background"
@@ -218,8 +218,9 @@ class CalibrationPage(QWidget):
         self.missing = EmptyState("", "", "Enter readings \u2026", self._next_step)
         self.upper = Leaves(widgets.holder(widgets.row(*((card, 1) for card in self.curves))), self.missing)
         widgets.grow(self.upper)
-        lower = widgets.row((self.loops, 1), (self.actuator, 1))
-        left = widgets.holder(widgets.column((self.upper, 5), (lower, 4), spacing=style.GAP))
+        keep = self.services.preferences
+        lower = Shares("loops", keep, (self.loops, 1), (self.actuator, 1), beside=True)
+        left = Shares("curves", keep, (self.upper, 5), (lower, 4))
         sides = Divided("calibration", self.services.preferences, left, self._side(), SIDE, stacks=True)
         return widgets.holder(widgets.column(self._head(), (sides, 1), spacing=style.GAP))
 

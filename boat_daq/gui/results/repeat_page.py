@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from PySide6.QtWidgets import QGridLayout, QWidget
+from PySide6.QtWidgets import QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
@@ -16,7 +16,7 @@ from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.figure_table import SIDE, FigureTable
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
-from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves
+from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves, Shares
 from boat_daq.viewmodels.common.services import Panel, Services
 from boat_daq.viewmodels.results.analysis_jobs import RunResult
 from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel
@@ -112,17 +112,18 @@ class RepeatPage(QWidget):
     def _filled(self) -> QWidget:
         report = widgets.button("Report \u2026", partial(self.services.show, Panel.REPORT))
         head, _ = widgets.card(widgets.row(self.headline, self.warm_up, None, report))
-        grid = QGridLayout()
-        grid.setSpacing(style.GAP)
-        first, second = self.loops
-        for i, card in enumerate((first, self.drift, self.hysteresis, second, self.sensitivity, self.snr)):
-            grid.addWidget(card, *divmod(i, 3))
-            grid.setRowStretch(i // 3, 1)
-            grid.setColumnStretch(i % 3, 3 if i % 3 else 4)
+        (first, second), keep = self.loops, self.services.preferences
+        upper, lower = (first, self.drift, self.hysteresis), (second, self.sensitivity, self.snr)
+        widths = (4, 3, 3)
+        rows = [
+            Shares(f"repeat {name}", keep, *zip(cards, widths, strict=True), beside=True)
+            for name, cards in (("upper", upper), ("lower", lower))
+        ]
+        left = Shares("repeat", keep, *((row, 1) for row in rows))
         self.tabs = widgets.tabs("Figures, and the interruptions of the run", (self.table, "Figures"))
         self.tabs.setTabBarAutoHide(True)
         side, _ = widgets.card(self.tabs)
-        sides = Divided("repeat", self.services.preferences, widgets.holder(grid), side, SIDE, stacks=True)
+        sides = Divided("repeat", self.services.preferences, left, side, SIDE, stacks=True)
         return widgets.holder(widgets.column(head, (sides, 1), spacing=style.GAP))
 
     def refresh(self, snapshot: SessionSnapshot) -> None:

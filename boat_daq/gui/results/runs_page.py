@@ -37,7 +37,7 @@ from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save, open_folder
-from boat_daq.gui.widgets.layouts import EmptyState, Leaves
+from boat_daq.gui.widgets.layouts import EmptyState, Leaves, Shares
 from boat_daq.gui.widgets.text_dialog import TextDialog
 from boat_daq.viewmodels.common.files import TABLES
 from boat_daq.viewmodels.common.services import Page, Services
@@ -181,11 +181,11 @@ class RunsPage(QWidget):
         self.no_units = widgets.label(NO_UNITS, "muted", wrap=True)
         self.no_units.setAlignment(Qt.AlignmentFlag.AlignCenter)
         side, _ = widgets.card(widgets.label("Units", "subtitle"), (self.units, 1), (self.no_units, 1))
-        self.sides = widgets.row((side, 1), (self.history, 1))
+        self.sides = Shares("units", self.services.preferences, (side, 1), (self.history, 1), beside=True)
         self.cards = (side, self.history, self.compare_card)
-        self.below = Leaves(widgets.holder(self.sides), self.compare_card)  # the latter in place of the units
+        self.below = Leaves(self.sides, self.compare_card)  # the latter in place of the units
         self.list.setMinimumHeight(style.STRIP_HEIGHT + LEAST_LINES * style.THUMBNAIL[1])
-        return widgets.holder(widgets.column((frame, 3), (self.below, 2), spacing=style.GAP))
+        return Shares("runs", self.services.preferences, (frame, 3), (self.below, 2))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Hide the heading on a narrow page, so that the buttons fit."""

@@ -114,7 +114,7 @@ class ReflowingPage(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.rows: Sequence[QBoxLayout] = ()
+        self.rows: Sequence[QBoxLayout | Shares] = ()
         self.tall: Sequence[QWidget] = ()
         self.narrow = False
         self._beside = 0  # least width of the sides side by side
@@ -199,6 +199,54 @@ class Divided(QSplitter):
         right = min(int(self._preferences.get(self._key, self._width)), available // 2)
         if available > 0 and self.sizes()[1] != right:
             self.setSizes([available - right, right])
+
+
+class Shares(QSplitter):
+    """Parts one below the other with movable borders; their shares of the length are kept between starts.
+
+    Parameters
+    ----------
+    name : key of the stored shares.
+    preferences : keep them.
+    parts : each with its share until the operator moves a border.
+    beside : whether they are side by side instead.
+    """
+
+    def __init__(
+        self, name: str, preferences: Preferences, *parts: tuple[QWidget, float], beside: bool = False
+    ) -> None:
+        super().__init__(Qt.Orientation.Horizontal if beside else Qt.Orientation.Vertical)
+        self._key, self._preferences, self._own = f"shares {name}", preferences, self.orientation()
+        kept = preferences.get(self._key, [])
+        known = len(kept) == len(parts) and all(isinstance(share, float) and share > 0 for share in kept)
+        self._shares: list[float] = kept if known else [share for _, share in parts]
+        self.setHandleWidth(style.GAP)
+        self.setChildrenCollapsible(False)
+        for i, (part, _) in enumerate(parts):
+            self.addWidget(part)
+            self.handle(i).setAccessibleName("Movable border")
+        self.splitterMoved.connect(lambda *_: self._store())
+
+    def setDirection(self, direction: QBoxLayout.Direction) -> None:
+        """Put the parts below or beside each other, as `QBoxLayout` does."""
+        below = direction is QBoxLayout.Direction.TopToBottom
+        self.setOrientation(Qt.Orientation.Vertical if below else Qt.Orientation.Horizontal)
+        self._share()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Keep the shares."""
+        super().resizeEvent(event)
+        self._share()
+
+    def _store(self) -> None:
+        if self.orientation() is self._own:  # not while they are stacked on a narrow page
+            sizes = self.sizes()
+            self._shares = [size / sum(sizes) for size in sizes]
+            self._preferences.set(self._key, self._shares)
+
+    def _share(self) -> None:
+        length = self.height() if self.orientation() is Qt.Orientation.Vertical else self.width()
+        self.setSizes([round(length * share / sum(self._shares)) for share in self._shares])
 
 
 class EmptyState(QWidget):

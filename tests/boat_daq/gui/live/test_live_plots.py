@@ -41,7 +41,7 @@ def test_low_window_shows_fewer_plots_and_a_choice(live):
     """Four plots of 20 px show nothing: some are shown, high enough, and the others are a choice away."""
     plots = live.live.plots
     live.resize(840, 500)
-    plots.view.setFixedHeight(style.ROW_LEAST * 2 + style.AXIS_HEIGHT)
+    plots.view.setFixedHeight(style.ROW_LOW * 2 + style.AXIS_HEIGHT)
     QApplication.processEvents()
     plots.arrange()
     live.draw()

@@ -1,9 +1,12 @@
-"""Empty states."""
+"""Empty states, and parts with movable borders."""
 
 from __future__ import annotations
 
 import pytest
+from PySide6.QtWidgets import QBoxLayout, QWidget
 
+from boat_daq.gui.widgets.layouts import Shares
+from boat_daq.viewmodels.common.preferences import Preferences
 from tests.boat_daq.gui.windows import PATIENCE_MS
 
 
@@ -17,3 +20,29 @@ def test_empty_page_never_scrolls(empty, qtbot, name):
     qtbot.waitUntil(lambda: scroll.verticalScrollBar().maximum() == 0, timeout=PATIENCE_MS)
     assert scroll.horizontalScrollBar().maximum() == 0
     assert empty.pages[name].stack.currentIndex() == 0
+
+
+def parts(preferences, width: int, height: int) -> Shares:
+    """Two parts with the shares 3 and 1, shown."""
+    made = Shares("test", preferences, (QWidget(), 3), (QWidget(), 1))
+    made.resize(width, height)
+    made.show()
+    return made
+
+
+def test_shares_are_moved_and_kept(qtbot, tmp_path):
+    """The border is dragged; another window has the same shares, whatever its size; stacked, nothing is stored."""
+    preferences = Preferences(tmp_path)
+    first = parts(preferences, 100, 408)
+    qtbot.addWidget(first)
+    assert first.sizes()[0] == pytest.approx(300, abs=4)
+    first.moveSplitter(200, 1)
+    second = parts(Preferences(tmp_path), 100, 808)
+    qtbot.addWidget(second)
+    assert second.sizes()[0] == pytest.approx(400, abs=4)
+    second.setDirection(QBoxLayout.Direction.LeftToRight)
+    second.resize(400, 100)
+    second.moveSplitter(100, 1)
+    assert Preferences(tmp_path).get("shares test")[0] == pytest.approx(0.5, abs=0.02)
+    preferences.set("shares test", [1.0, -2.0])
+    assert parts(preferences, 100, 408).sizes()[0] == pytest.approx(300, abs=4)

@@ -22,7 +22,7 @@ from boat_daq.viewmodels.common.services import Page, Panel
 from boat_daq.viewmodels.live.shadow_live import SCALES
 
 CONNECTED = "Disconnect the board first."
-NO_GRID = "No plateau of a virtual board of this window waits for its reading."
+NO_GRID = "No plateau of the virtual board waits for a reading."
 CONTENTS = {  # what an operator types to find a page
     Page.CALIBRATE: "fit curve hysteresis",
     Page.REPEAT: "repeatability drift hysteresis",

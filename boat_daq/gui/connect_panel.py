@@ -35,7 +35,7 @@ class ConnectPanel(QDialog):
         self.port.setAccessibleName("Port")
         hint = "a port, socket://HOST:PORT or replay:FILE"
         self.port.setLineEdit(widgets.field("Port", on_enter=self.connect_board, placeholder=hint))
-        self.unit = widgets.field("Unit on the bench", connection.bench_unit, width=3 * style.CONTROL_HEIGHT)
+        self.unit = widgets.field("Unit connected to the board", connection.bench_unit, width=3 * style.CONTROL_HEIGHT)
         last = str(services.preferences.get("profile", ""))  # empty for a board that speaks the BOAT protocol
         self.profile = QPlainTextEdit(last, tabChangesFocus=True, placeholderText=PROFILE_HINT)
         self.profile.setAccessibleName("Profile of another firmware")

@@ -128,7 +128,7 @@ class Header(QWidget):
         self.recording.refresh(snapshot)
         self._unit_text = self.unit_in_use.text(snapshot)
         self.link.setToolTip("\n".join((CHOOSE, words, *(figure for figure, _ in text.figures))))
-        self.unit.setToolTip(f"{self._unit_text}\nThe unit on the bench and its calibration")
+        self.unit.setToolTip(f"{self._unit_text}\nThe connected unit and its calibration")
         widths = ((len(figure), state) for figure, state in text.figures)
         lengths = (words, snapshot.simulated, self._unit_text, *self.recording.lengths(), *widths)
         if lengths != self._lengths:  # digits have one width: where no figure is longer, nothing is measured again

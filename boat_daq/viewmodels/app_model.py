@@ -160,15 +160,15 @@ class AppModel:
     def offer_recovery(self) -> None:
         """Offer to recover each recording that a killed session left open."""
         for path in self.runs.interrupted():
-            cause = f"{path.name} was not closed: its session was killed"
-            remedy = "Nothing that was recorded is lost; recovering closes the file properly."
+            cause = f"{path.name} was not closed: the program ended unexpectedly"
+            remedy = "Nothing recorded is lost. Recover closes the file."
             offer = ("Recover", partial(self.runs.recover, path))
             self.notices.add(Severity.WARNING, cause, remedy, action=offer)
 
     def save_bug_report(self, path: Path) -> None:
         """Pack log, settings, versions and the recording's summary, without names and notes, in the background."""
         job = Job("Packing the bug report", write_bug_report, path)
-        done = f"Saved {path.name}, without names and notes. Look at it before you send it"
+        done = f"Saved {path.name}, without names and notes. Check it before sending"
         self.runs.start("bug report", job, done)
 
     def close(self) -> None:

@@ -187,7 +187,7 @@ def test_run_is_resumed_in_a_connected_session(tmp_path: Path) -> None:
         assert [step.number for step in session.steps()] == [mark.number for mark in broken.marks]
         with pytest.raises(OperatorError, match="cycles 8, not 9"):
             session.arm(dataclasses.replace(plan, cycles=9), resume=True)
-        with pytest.raises(OperatorError, match="holds a broken run"):
+        with pytest.raises(OperatorError, match="holds an interrupted run"):
             session.arm(plan)
         session.arm(plan, resume=True)
         session.start()

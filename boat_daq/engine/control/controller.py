@@ -29,7 +29,7 @@ BOOT_S = 0.2  # after the first HELLO: a second one, with no sample yet, is a bo
 MANUAL_RAMP_KPA_PER_S = 10.0
 
 _EARLIER_FAULT = (
-    "the board had vented and latched a fault before it was connected: its host may have died under pressure"
+    "the board had vented and latched a fault before it was connected: its host may have failed under pressure"
 )
 _AT_REST = (BoardState.IDLE, BoardState.VENTED)
 _WATCHDOG_ARMED = int(SampleFlag.WATCHDOG_ARMED)  # a plain integer: compared for every block

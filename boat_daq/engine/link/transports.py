@@ -68,7 +68,7 @@ class ReplayTransport:
 
     def __init__(self, path: Path, speed: float = 1.0) -> None:
         if not speed > 0:
-            raise DeviceError(f"a replay at speed {speed:g} never moves", "Give a factor above 0, or max.")
+            raise DeviceError(f"a replay at speed {speed:g} does not advance", "Give a factor above 0, or max.")
         self.path = path
         self.description = f"replay of {path.name}"
         self._speed = speed

@@ -104,7 +104,7 @@ class BrokenRun:
             if was != given:
                 cause = f"the plan of {self.path.name} has {key} {was}, not {given}"
                 raise OperatorError(
-                    cause, "a broken run resumes with its own plan", command="omit --plan and its options"
+                    cause, "an interrupted run resumes with its own plan", command="omit --plan and its options"
                 )
 
 

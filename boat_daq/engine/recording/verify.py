@@ -103,7 +103,7 @@ def _resumed_link(meta: dict[str, Any], state: str | None, first: int) -> Link:
     try:
         return open_link(meta, None if state is None else json.loads(state))
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError, ProfileError) as error:
-        raise _Difference(f"what the decoder remembered before chunk {first} cannot be used: {error}") from error
+        raise _Difference(f"the decoder's state before chunk {first} cannot be used: {error}") from error
 
 
 def _verify_stream(db: sqlite3.Connection, tally: dict[str, int], progress: Progress | None) -> None:

@@ -236,7 +236,7 @@ class Session:
             if recorder is not None and broken is not None:
                 broken.check_plan(plan)
                 if not resume:
-                    cause = f"{broken.path.name} holds a broken run, which can only be resumed there"
+                    cause = f"{broken.path.name} holds an interrupted run, which can only be resumed there"
                     raise OperatorError(cause, "resume it, or begin a new recording")
             resume_at = resume_point(plan, control.sequencer.marks) if resume else (1, 0)
             if resume_at[1] >= plan.cycles:
@@ -411,7 +411,7 @@ class Session:
                 progress=control.sequencer.progress(),
                 waiting_for_reading=control.sequencer.waiting(),
                 latched=latched.cause if latched else "",
-                alarms=tuple(f"sensor {n} does not move" for n in control.flat_line.frozen),
+                alarms=tuple(f"the signal of sensor {n} is constant" for n in control.flat_line.frozen),
                 messages=tuple(self._journal.messages),
                 run_ended=control.sequencer.ended,
                 recording=recorder.path if recorder else None,

@@ -37,7 +37,7 @@ from boat_daq.viewmodels.live.run_model import RunModel
 KINDS: Final = ("png", "jpg", "jpeg", "bmp", "tif", "tiff")
 FILE_BYTES_MAX: Final = 200_000_000
 REMEDY: Final = "Copy or choose a PNG or JPEG of the millimetre grid."
-NO_PLATEAU = "Measured. No plateau needs a reading now: take it when one does, or type it."
+NO_PLATEAU = "Measured. No plateau needs a reading now: take it at the next one, or type it."
 MARKS = ("scale 1", "scale 2", "rest", "tip")
 
 
@@ -49,17 +49,17 @@ def read_picture(path: Path) -> QPixmap:
     OperatorError : it is no picture of these kinds, is incomplete, or is too large (256 MB decoded).
     """
     if not path.is_file():
-        raise OperatorError(f"{path.name} is no picture file", REMEDY)
+        raise OperatorError(f"{path.name} is not a picture", REMEDY)
     if path.stat().st_size > FILE_BYTES_MAX:
-        raise OperatorError(f"{path.name} is no picture of less than {FILE_BYTES_MAX // 1_000_000} MB", REMEDY)
+        raise OperatorError(f"{path.name} is larger than {FILE_BYTES_MAX // 1_000_000} MB", REMEDY)
     reader = QImageReader(str(path))
     reader.setDecideFormatFromContent(True)
     reader.setAutoTransform(True)
     if reader.format().toStdString() not in KINDS:
-        raise OperatorError(f"{path.name} is no picture of a kind that can be read", REMEDY)
+        raise OperatorError(f"{path.name} is a picture of an unsupported format", REMEDY)
     image = reader.read()
     if image.isNull():
-        raise OperatorError(f"{path.name} holds no picture that can be decoded: {reader.errorString()}", REMEDY)
+        raise OperatorError(f"{path.name} cannot be decoded: {reader.errorString()}", REMEDY)
     return QPixmap.fromImage(image)
 
 

@@ -43,12 +43,12 @@ SCENE = (
 RESPONSE = (
     "Points: how many of 250 rays reach the receiver in each state (NDR), with one standard deviation of counting. "
     "Line: the smooth cubic through them (aNDR). Range (\u0394): how much the line falls from compressed to elongated. "
-    "Rises (n_sign): how many of the 14 steps go up instead of down. Roughness (RMSE): how far the points lie off the "
-    "line. Merit: P = \u0394 / (rises \u00d7 roughness)."
+    "Rises (n_sign): how many of the 14 steps go up instead of down. Roughness (RMSE): the distance of the points "
+    "from the line. Merit: P = \u0394 / (rises \u00d7 roughness)."
 )
 MERIT = (
-    "P = range / (rises \u00d7 roughness) of each design, relative to the best: the signal of a bright design changes "
-    "much, steadily and smoothly over the stroke. Click a cell to show its design."
+    "P = range / (rises \u00d7 roughness) of each design, relative to the best: the signal of a good design changes "
+    "strongly, steadily and smoothly over the stroke. Click a cell to show its design."
 )
 FRONT = (
     "Each point is a design: up is a larger range, left is smoother. Filled points are Pareto-optimal: no other design "

@@ -297,7 +297,7 @@ class CalibrationPage(QWidget):
 
     def _curve_tab(self) -> QWidget:
         self.choice = widgets.choice("Curve of the calibration", CHOICES, self._choose_curve, tip=CHOICE_TIP)
-        self.candidates = DataTable("What each curve would be", CURVE_HEADINGS, stretched=0, right=(2, 3))
+        self.candidates = DataTable("Curves compared", CURVE_HEADINGS, stretched=0, right=(2, 3))
         self.candidates.explain(CURVE_TIPS)
         line = widgets.row(widgets.label("Curve"), self.choice, None)
         return widgets.inside(widgets.column(style.GAP, line, (self.candidates, 1), spacing=style.GAP))

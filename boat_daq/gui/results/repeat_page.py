@@ -23,7 +23,7 @@ from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel
 
 SENSORS = 2
 SYMBOLS = ("o", "s")
-NO_FIGURE = "No cycle of this run has this figure; the table's tooltip says why."
+NO_FIGURE = "No cycle has this figure; the tooltip in the table gives the reason."
 BREAK_HEADINGS = ("", "before", "after", "p (t)", "p (F)")
 BREAK_TIPS = {
     3: "Probability of means so far apart if nothing changed (t-test)",

@@ -148,13 +148,15 @@ class RunsPage(QWidget):
             "repeat": widgets.button("Repeatability", partial(run, other.repeat, Page.REPEAT)),
             "readings": widgets.button("Readings …", partial(run, self._edit), tip="Correct or add its readings"),
             "resume": widgets.button("Resume this run", partial(run, other.resume), tip=tip),
-            "replay": widgets.button("Replay", lambda: None, tip="Show it as if a board were sending it"),
+            "replay": widgets.button("Replay", lambda: None, tip="Play it back like live data"),
             "export": widgets.button("Export", lambda: None),
             "report": widgets.button("Report …", partial(self._ask_save, "pdf html", self.model.report)),
             "compare": widgets.button("Compare", self._compare, tip="Two to four runs of one unit"),
-            "rename": widgets.button("Rename …", self._rename, tip="With the files beside it; its content stays"),
-            "note": widgets.button("Note …", self._note, tip="What is to be known of it; shown and searched"),
-            "recover": widgets.button("Recover", self._recover, tip="Close it, or save what a damaged one holds"),
+            "rename": widgets.button("Rename …", self._rename, tip="Rename the recording and its companion files"),
+            "note": widgets.button("Note …", self._note, tip="Add a note; the search finds it"),
+            "recover": widgets.button(
+                "Recover", self._recover, tip="Close the file; save what is readable of a damaged one"
+            ),
         }
         for key, entries in (
             ("replay", [(f"{speed} times real time", partial(self._replay, speed)) for speed in SPEEDS]),

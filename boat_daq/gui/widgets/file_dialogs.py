@@ -48,7 +48,9 @@ def open_path(path: Path, notices: Notices) -> None:
     """Open a file in its program, or a folder in the file manager; where there is none, show the path."""
     if not QDesktopServices.openUrl(QUrl.fromLocalFile(str(path))):
         kind = "file manager" if path.is_dir() else "program"
-        notices.add(Severity.WARNING, f"no {kind} of this computer opens {path}", "Open it yourself.")
+        notices.add(
+            Severity.WARNING, f"no {kind} is installed to open {path}", "Open it from another computer or program."
+        )
 
 
 def ask_save(

@@ -107,7 +107,7 @@ class Job:
             except EOFError:
                 self._process.join(0.2)
                 details = f"exit code {self._process.exitcode}"
-                cause = f"{self.label}: the process ended before its result"
+                cause = f"{self.label}: the process ended without a result"
                 state, value = JobState.FAILED, JobFailure(cause, "Start it again.", details)
             if state is JobState.RUNNING:
                 self.fraction = value

@@ -136,7 +136,9 @@ class ResumeRun:
         elif self._offer is None:
             done = f"after {count(complete, 'whole cycle')}" if complete else "before its first cycle was complete"
             cause = f"the run was interrupted {done}"
-            remedy = f"Resume at cycle {first} in its recording, the break stays visible; or start over in another."
+            remedy = (
+                f"Resume at cycle {first} in the same recording, where the break is marked, or start over in a new one."
+            )
             offer = ("Resume", self.arm)
             self._offer = self._services.notices.add(Severity.INFORMATION, cause, remedy, action=offer)
 

@@ -284,7 +284,9 @@ class SequenceModel:
         try:
             target_kpa, ramp_kpa_per_s = plain_number(text), plain_number(ramp)
         except ValueError:
-            raise OperatorError(f"{text!r} kPa at {ramp!r} kPa/s are not two numbers", "Type e.g. 20 and 5.") from None
+            raise OperatorError(
+                f"{text!r} kPa at {ramp!r} kPa/s are not two numbers", "Type numbers, such as 20 and 5."
+            ) from None
         self.session.set_pressure(target_kpa, ramp_kpa_per_s)
 
 

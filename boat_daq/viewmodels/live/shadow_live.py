@@ -442,8 +442,8 @@ class ShadowMonitor:
         sizes = (("a leak", loss, "%/min"), ("softening", gain, "%"))
         known = [f"{what} from {number(size, 1)} {unit}" for what, size, unit in sizes if np.isfinite(size)]
         blind = [what for what, size, _ in sizes if not np.isfinite(size)]
-        parts = [f"would find {' and '.join(known)}"] * bool(known)
-        return ", ".join(parts + [f"too few cycles yet to find {' or '.join(blind)}"] * bool(blind))
+        parts = [f"would detect {' and '.join(known)}"] * bool(known)
+        return ", ".join(parts + [f"too few cycles yet to detect {' or '.join(blind)}"] * bool(blind))
 
     def rows(self) -> list[tuple[str, ...]]:
         """Return the alarms as text, the newest first: what, since when, found when, how sure, by which figure."""

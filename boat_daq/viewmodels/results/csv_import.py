@@ -26,7 +26,7 @@ ROLES = {
     **{f"s{n}_mv": f"Sensor {n}" for n in range(1, SENSORS_MOST + 1)},
 }  # fmt: skip
 SIGNALS = tuple(role for role in ROLES if role.endswith("_mv"))
-SEPARATORS = (("found by itself", ""), ("comma", ","), ("semicolon", ";"), ("tab", "\t"), ("bar", "|"), ("space", " "))
+SEPARATORS = (("automatic", ""), ("comma", ","), ("semicolon", ";"), ("tab", "\t"), ("bar", "|"), ("space", " "))
 UNIT_TEXTS = {
     "kpa": "kPa", "pa": "Pa", "mpa": "MPa", "hpa": "hPa", "mmhg": "mmHg", "mv": "mV", "v": "V",
     "uv": "\u00b5V", "us": "\u00b5s",
@@ -69,7 +69,7 @@ class CsvImport:
     ) -> None:
         self._folder, self._jobs, self._preferences, self._imported = folder, jobs, preferences, imported
         self.path = Path()
-        self.separator = ""  # empty: found by itself
+        self.separator = ""  # empty: automatic
         self.name, self.rate = "", ""
         self.sources: dict[str, Source] = {}
         self.failure: JobFailure | None = None

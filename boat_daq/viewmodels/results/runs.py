@@ -378,7 +378,7 @@ class RunsModel:
         OperatorError, StorageError, RecordingError : the run cannot be resumed, or not now.
         """
         read_broken_run(path)
-        self.start("resume", Job(f"Looking at {path.name}", prepare_resumption, path), then)
+        self.start("resume", Job(f"Checking {path.name}", prepare_resumption, path), then)
 
     def export(self, paths: list[Path], target: Path) -> None:
         """Write the samples of one recording as CSV or Parquet, by the suffix of `target`, in the background.

@@ -311,7 +311,8 @@ def test_a_fast_board_is_replayed_evenly(recording, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("tail", "text"), [("@0", "never moves"), ("@-1", "never moves"), ("@fast", "not a speed"), ("@nan", "never moves")]
+    ("tail", "text"),
+    [("@0", "does not advance"), ("@-1", "does not advance"), ("@fast", "not a speed"), ("@nan", "does not advance")],
 )
 def test_a_replay_at_no_speed_is_refused(recording, tail, text):
     """The speed is a positive number or max."""

@@ -66,7 +66,7 @@ def test_absence_of_alarms_is_reported(page, app_model):  # noqa: F811 - the fix
     page.monitor.revision += 1
     page.refresh(app_model.snapshot)
     healthy, rate = "\u25cf none in 12 cycles", "expected false alarms: 1 per 1\u2009000 healthy cycles"
-    assert page.verdict.text() == f"{healthy}; too few cycles yet to find a leak or softening; {rate}"
+    assert page.verdict.text() == f"{healthy}; too few cycles yet to detect a leak or softening; {rate}"
     assert not page.alarms.isVisible()
 
 

@@ -135,7 +135,7 @@ def test_turning_curve_shows_its_reason_and_its_readings(live):
     live.model.calibration.last_path = Path("run.boat")
     live.refresh()
     assert page.verdict.text().endswith("the curve turns inside its range")
-    assert "one signal would stand for two elongations" in page.warnings.text()
+    assert "one signal would give two elongations" in page.warnings.text()
     assert (page.warnings.isVisible(), page.readings.isVisible(), page.accept.isEnabled()) == (True, True, False)
     assert page.run_warnings.text().splitlines()[0].endswith("is off the curve")  # first: it can be corrected
 

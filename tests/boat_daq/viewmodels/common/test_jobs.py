@@ -45,7 +45,7 @@ def test_refusal_keeps_its_remedy_and_crash_is_reported():
     refused, crashed = Job("Refusing", refuse), Job("Crashing", leave)
     until(lambda: refused.poll() is not JobState.RUNNING and crashed.poll() is not JobState.RUNNING)
     assert (refused.failure.cause, refused.failure.remedy) == ("the run has no sensor", "Record one.")
-    assert "ended before its result" in crashed.failure.cause
+    assert "ended without a result" in crashed.failure.cause
 
 
 def test_cancelled_job_ends_and_frees_its_slot():

@@ -41,9 +41,9 @@ def test_each_whole_cycle_is_monitored_once(ring, model):
     cycles, deviation = monitor.series("deviation")
     assert cycles.tolist() == [1.0, 2.0, 3.0]
     assert np.ptp(deviation) < 0.05
-    assert monitor.sight() == "too few cycles yet to find a leak or softening"
+    assert monitor.sight() == "too few cycles yet to detect a leak or softening"
     monitor._sight = {"loss": 1.31, "gain": np.inf}
-    assert monitor.sight() == "would find a leak from 1.3 %/min, too few cycles yet to find softening"
+    assert monitor.sight() == "would detect a leak from 1.3 %/min, too few cycles yet to detect softening"
     assert monitor.sight() in monitor.verdict()
     monitor.follow(dataclasses.replace(snapshot, recording="b.boat", progress=None), Straight())
     assert monitor.series("deviation")[0].size == 0

@@ -197,7 +197,11 @@ def test_many_warnings_scroll_below_the_figures(live):
     [
         (without_readings(0), "None of 37 plateaus has a reading", "Enter readings \u2026"),
         (without_readings(3), "Only 3 of 37 plateaus have a reading", "Enter readings \u2026"),
-        (without_readings(3, path="run.csv"), "Only 3 of 37 plateaus have a reading", ""),
+        (
+            without_readings(3, stepped=False),
+            "Only 3 of 37 plateaus have a reading",
+            "Choose the file of readings \u2026",
+        ),
         (without_readings(0, cycles=0), "This run has no complete cycle", "Show the plan"),
         (dataclasses.replace(without_readings(0), plateaus=0), "This run has no plateaus", "Show it on Repeat"),
     ],

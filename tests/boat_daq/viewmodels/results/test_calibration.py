@@ -9,6 +9,7 @@ import pytest
 
 from analysis.calibration.curve_choice import CurveCandidate
 from analysis.fidelity import fidelity
+from analysis.figures.batch import readings_beside
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
@@ -17,6 +18,7 @@ from boat_daq.viewmodels.live.conversion import prepare
 from boat_daq.viewmodels.results import calibration
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands
 from boat_daq.viewmodels.results.calibration import CalibrationModel, measured
+from protocol.errors import LocalError
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, services_in
 from tests.boat_daq.gui.results.run_results import turning
 from tests.boat_daq.viewmodels.helpers import until
@@ -233,3 +235,18 @@ def test_damaged_file_is_reported_with_its_cause(tmp_path):
     state, words = model.verdict()
     assert state == "fault"
     assert "broken.boat" in words
+
+
+def test_file_of_readings_is_kept_beside_the_recording(tmp_path, monkeypatch):
+    """It is copied to where every analysis finds it, and the run is analysed again; what is no such file is refused."""
+    model, analysed = model_on(tmp_path), []
+    monkeypatch.setattr(model, "analyse", analysed.append)
+    model.last_path = tmp_path / "imported.boat"
+    file = tmp_path / "notes.csv"
+    file.write_text("pressure,mm\n1,2\n")
+    with pytest.raises(LocalError, match="no column"):
+        model.take_readings(file)
+    file.write_text("pressure_kpa,elongation_mm\n50,3.8\n")
+    model.take_readings(file)
+    assert readings_beside(model.last_path).read_text() == file.read_text()
+    assert analysed == [model.last_path]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -13,12 +13,28 @@ from boat_daq.commands.options import FidelityOption, one_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from analysis.arrays import FloatArray
+    from analysis.arrays import BoolArray, FloatArray
     from analysis.calibration.fit import Calibration
     from analysis.calibration.general_fit import GeneralFit
     from analysis.calibration.posterior import Posterior
+    from analysis.fidelity import Level
 
 BAND_POINTS = 101
+
+
+class _Points(NamedTuple):
+    """The columns of a fit, [n] each: u and positions None where none was named; and the number of incomplete rows."""
+
+    x: FloatArray
+    y: FloatArray
+    u: FloatArray | None
+    positions: NDArray[Any] | None
+    masked: int
+
+    def of(self, rows: BoolArray) -> _Points:
+        """Return the points of some rows, [n] True."""
+        u, positions = (None if part is None else part[rows] for part in (self.u, self.positions))
+        return _Points(self.x[rows], self.y[rows], u, positions, self.masked)
 
 
 def fit(
@@ -68,41 +84,25 @@ def fit(
 
     Example: boat-daq fit pontius.csv --x load --y deflection --degree 2 --json
     """
-    from analysis.calibration.checks import fit_checks
     from analysis.calibration.general_fit import FitOptions, general_fit
     from analysis.calibration.robust_fit import RobustMethod
 
     if x_resolution > 0 and (through_zero or robust == "huber"):
         raise typer.BadParameter("has no posterior through zero or by Huber's estimate", param_hint="--x-resolution")
-    (at, signal, *given), labels, masked = _readings(file, [x, y] if u is None else [x, y, u], position)
-    uncertainty = given[0] if given else None
+    read = _readings(file, x, y, u, position)
     options = FitOptions(through_zero, monotone, None if robust is None else RobustMethod(robust))
-    found = general_fit(at, signal, degree, standard_uncertainty=uncertainty, options=options)
-    at, signal = at[found.kept], signal[found.kept]
-    uncertainty, labels = (None if part is None else part[found.kept] for part in (uncertainty, labels))
+    found = general_fit(read.x, read.y, degree, standard_uncertainty=read.u, options=options)
+    read = read.of(found.kept)
     reading_sd = x_resolution / 12**0.5
-    calibration = found.calibration.with_reading(reading_sd, labels)
-    content: dict[str, Any] = found.as_json() | calibration.as_json() | {"residual_sd": found.residual_sd}
-    content |= {"masked": masked, "checks": fit_checks(calibration)}
-    warnings = found.warnings
-    content["notes"] = [warning.text for warning in warnings]
-    content["warnings"] = [warning.as_json() for warning in warnings]
+    calibration = found.calibration.with_reading(reading_sd, read.positions)
     posterior = None
     if x_resolution > 0:
-        from analysis.calibration.posterior import sample_posterior
-        from analysis.calibration.quantised_x import share_their_error
-        from analysis.fidelity import fidelity
-
-        posterior = sample_posterior(
-            at, signal, degree, reading_sd=reading_sd, positions=labels, standard_uncertainty=uncertainty,
-            monotone=monotone, seed=seed, max_steps=fidelity(level).posterior_steps,
-        )  # fmt: skip
-        content["posterior"] = posterior.as_json()
-        if labels is None and share_their_error(calibration.fit, calibration.x, calibration.y, reading_sd):
-            notify("signals at equal x scatter less than independent reading errors: one common error is assumed")
-        warnings = (*warnings, *posterior.warnings)
-    for warning in warnings:
+        posterior = _posterior(read, calibration, reading_sd, monotone=monotone, seed=seed, level=level)
+    for warning in (*found.warnings, *(posterior.warnings if posterior is not None else ())):
         notify(warning.text)
+    content = _content(found, calibration, read.masked)
+    if posterior is not None:
+        content["posterior"] = posterior.as_json()
     if bands:
         content["bands"] = _bands(calibration, posterior)
     terms = zip(calibration.coefficients, content["std_errors_with_reading"], strict=True)
@@ -114,6 +114,53 @@ def fit(
         *_tested(found),
         as_json=as_json,
     )
+
+
+def _content(found: GeneralFit, calibration: Calibration, masked: int) -> dict[str, Any]:
+    """Return the object of the fit without posterior and bands.
+
+    Parameters
+    ----------
+    found, calibration : the fit, and its calibration with the reading of x.
+    masked : number of incomplete rows.
+    """
+    from analysis.calibration.checks import fit_checks
+
+    return (
+        found.as_json()
+        | calibration.as_json()
+        | {
+            "residual_sd": found.residual_sd,
+            "masked": masked,
+            "checks": fit_checks(calibration),
+            "notes": [warning.text for warning in found.warnings],
+            "warnings": [warning.as_json() for warning in found.warnings],
+        }
+    )
+
+
+def _posterior(
+    read: _Points, calibration: Calibration, reading_sd: float, *, monotone: bool, seed: int, level: Level
+) -> Posterior:
+    """Sample the posterior of a fit whose x were read on a grid; notify where they share one error.
+
+    Parameters
+    ----------
+    read : what was fitted.
+    calibration, reading_sd : with the reading of x, and its standard deviation.
+    monotone, seed, level : options of the command.
+    """
+    from analysis.calibration.posterior import sample_posterior
+    from analysis.calibration.quantised_x import share_their_error
+    from analysis.fidelity import fidelity
+
+    found = sample_posterior(
+        read.x, read.y, calibration.degree, reading_sd=reading_sd, positions=read.positions,
+        standard_uncertainty=read.u, monotone=monotone, seed=seed, max_steps=fidelity(level).posterior_steps,
+    )  # fmt: skip
+    if read.positions is None and share_their_error(calibration.fit, calibration.x, calibration.y, reading_sd):
+        notify("signals at equal x scatter less than independent reading errors: one common error is assumed")
+    return found
 
 
 def _tested(found: GeneralFit) -> list[str]:
@@ -132,22 +179,28 @@ def _tested(found: GeneralFit) -> list[str]:
     return lines
 
 
-def _readings(file: Path, names: list[str], position: str | None) -> tuple[list[FloatArray], NDArray[Any] | None, int]:
-    """Return the complete rows of these columns, the positions they name, and the number of incomplete rows."""
+def _readings(file: Path, x: str, y: str, u: str | None, position: str | None) -> _Points:
+    """Return the complete rows of the columns.
+
+    Parameters
+    ----------
+    file : of the table.
+    x, y, u, position : names of the columns; None for one that was not named.
+    """
     import numpy as np
 
     from analysis.data.csv_table import read_table
 
     table = read_table(file)
-    columns = [table.columns[table.position(name)] for name in names]
-    known = np.isfinite(columns).all(axis=0)
+    columns = [table.columns[table.position(name)] for name in (x, y, u) if name is not None]
+    known = np.asarray(np.isfinite(columns).all(axis=0))
     masked = int((~known).sum()) + table.broken
     if masked:
         notify(f"{masked} rows omitted: a number is missing")
     for warning in table.warnings:
         notify(warning.text)
-    labels = np.asarray(table.labels(position))[known] if position is not None else None
-    return [column[known] for column in columns], labels, masked
+    labels = np.asarray(table.labels(position)) if position is not None else None
+    return _Points(columns[0], columns[1], columns[2] if u is not None else None, labels, masked).of(known)
 
 
 def _bands(calibration: Calibration, posterior: Posterior | None) -> dict[str, Any]:

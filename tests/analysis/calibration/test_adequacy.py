@@ -82,8 +82,8 @@ def test_expanded_uncertainty_holds_every_truth(name: str, grid: Grid) -> None:
 @pytest.mark.parametrize("name", TRUTHS)
 @pytest.mark.parametrize("grid", GRIDS)
 def test_expanded_uncertainty_holds_every_truth_at_its_rate(name: str, grid: Grid) -> None:
-    """The same over 80 sessions: 92 to 99 %, and 88 % or more on the coarsest grid, where a deviation may hide."""
-    assert (0.88 if grid == GRIDS[-1] else 0.92) <= share_held(name, fitted(name, grid, count=80)) <= 0.99
+    """The same over 80 sessions: 92 to 99 %, and 91 % or more on the coarsest grid, where a deviation may hide."""
+    assert (0.91 if grid == GRIDS[-1] else 0.92) <= share_held(name, fitted(name, grid, count=80)) <= 0.99
 
 
 def test_the_curve_that_predicts_best_is_the_simplest_of_equals() -> None:

@@ -16,7 +16,7 @@ from analysis.calibration.curve_choice import CURVES, CurveCandidate
 from analysis.warning import Warning, WarningCode
 from boat_daq.engine.snapshot import LinkState
 from boat_daq.errors import OperatorError
-from boat_daq.gui import style
+from boat_daq.gui import main_window, style
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands
 from tests.boat_daq.gui.results.run_results import (
@@ -291,7 +291,7 @@ def test_no_table_of_figures_scrolls_sideways(whole, width):
 
 
 def test_curve_is_chosen_beside_what_each_would_be(live, monkeypatch):
-    """The choice shows the curve of the run and takes another; the table has a row a curve, and is cleared with it."""
+    """The choice shows the curve of the run and takes another, for the report too; a row a curve, cleared with it."""
     live.go("Calibrate")
     page, model, chosen = live.pages["Calibrate"], live.model.calibration, []
     assert not page.choice.isEnabled()
@@ -304,6 +304,11 @@ def test_curve_is_chosen_beside_what_each_would_be(live, monkeypatch):
     page.choice.setCurrentIndex(page.choice.findText("Monotone spline"))
     page.choice.activated.emit(page.choice.currentIndex())
     assert chosen == ["spline"]
+    model.last_path, model.choice = Path("a.boat"), "spline"
+    monkeypatch.setattr(main_window, "ask_save", lambda _, services, name, kinds, make, done: make(Path("r.pdf")))
+    monkeypatch.setattr(live.model.runs, "report", lambda paths, target, curve: chosen.append((paths, curve)))
+    live.ask_report()
+    assert chosen[1:] == [([Path("a.boat")], "spline")]
     model.show(None)
     model.failure = "a failure"
     monkeypatch.setattr(model, "verdict", lambda: ("fault", ""))

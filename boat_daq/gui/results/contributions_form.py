@@ -21,6 +21,7 @@ from boat_daq.viewmodels.results.contributions import (
     ContributionsModel,
     Refusal,
     label,
+    traceability_text,
 )
 
 REFRESH_MS = 250
@@ -120,7 +121,7 @@ class ContributionsForm(QDialog):
         self.list.blockSignals(True)
         self.list.fill([row[1:] for row in rows] + [(ANOTHER, "")], [row[2] for row in rows] + [""])
         self.list.blockSignals(False)
-        self.traced.setText(self.model.traceability())
+        self.traced.setText(traceability_text(self.model.traceability()))
         names = [name for name, *_ in rows]
         self.list.selectRow(names.index(chosen) if chosen in names else len(names))
 

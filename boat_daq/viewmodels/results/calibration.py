@@ -173,9 +173,11 @@ class CalibrationModel:
 
         def changed() -> None:
             if self.result is not None and (self.result.unit, self.result.simulated) == (result.unit, result.simulated):
+                self.result = replace(self.result, traceability=stated.traceability())  # the rest follows
                 self.follow_change()
 
-        return ContributionsModel(self._units_of(result), result.unit, self._services.undo, changed)
+        stated = ContributionsModel(self._units_of(result), result.unit, self._services.undo, changed)
+        return stated
 
     def traceability(self) -> str:
         """Return whether an elongation is traceable, as a sentence; empty where none is given."""

@@ -126,9 +126,9 @@ class ContributionsModel:
         table = self.tables().get(name)
         return PRESETS.get(name, ContributionFields()) if table is None else ContributionFields.of(table)
 
-    def traceability(self) -> str:
+    def traceability(self) -> Traceability:
         """Return whether an elongation is traceable with what is stated, and why not."""
-        return traceability_text(traceability(contributions(self.tables())))
+        return traceability(contributions(self.tables()))
 
     def check(self, name: str, fields: ContributionFields, *, new: bool = False) -> TypeBContribution | Refusal:
         """Return the contribution that fields state, or why they state none.

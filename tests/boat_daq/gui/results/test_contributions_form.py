@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
 from analysis.calibration.type_b import traceability
 from boat_daq.gui.results.contributions_form import ContributionsForm
+from boat_daq.viewmodels.results import calibration
 from tests.boat_daq.gui.results.run_results import run_result
 from tests.boat_daq.gui.windows import run_shortcut
 
@@ -23,7 +25,9 @@ def test_contribution_is_stated_refused_at_its_field_and_undone(live, monkeypatc
     model.show(dataclasses.replace(run_result(), traceability=traceability(())))
     live.refresh()
     assert page.traced.text().startswith("\u25b2 An elongation is not traceable: not assessed: scale")
-    monkeypatch.setattr(model, "follow_change", lambda: again.append(1))
+    model.last_path = Path("run.boat")
+    monkeypatch.setattr(calibration, "Job", lambda *args, **options: None)
+    monkeypatch.setattr(model.jobs, "start", lambda *args: again.append(1))
     page.contributions.click()
     form = next(panel for panel in live.findChildren(ContributionsForm) if panel.isVisible())
     assert [form.list.item(i, 1).text() for i in range(5)] == ["not assessed"] * 5
@@ -39,6 +43,8 @@ def test_contribution_is_stated_refused_at_its_field_and_undone(live, monkeypatc
     QTest.keyClick(form.texts["value"], Qt.Key.Key_Return)
     assert (form.list.item(0, 1).text(), again) == ("u = 0.1 % of x, normal", [1])
     assert "the scale of grid or photograph has no certificate" in form.traced.text()
+    live.refresh()
+    assert page.traced.text() == form.traced.text()  # at once; the budget follows with the analysis
     run_shortcut(live, "Ctrl+Z")
     form.show_stated()
     assert (form.list.item(0, 1).text(), again) == ("not assessed", [1, 1])

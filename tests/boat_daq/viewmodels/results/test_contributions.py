@@ -51,7 +51,7 @@ def test_fields_are_a_table_and_back(table, fields):
 def test_stated_contribution_is_in_the_file_and_is_undone(model):
     """What is not stated is not assessed, zero is a statement; undo restores the file, and each change is followed."""
     assert [statement for _, _, statement in model.rows()] == ["not assessed"] * len(PRESETS)
-    assert "not assessed: scale of grid" in model.traceability()
+    assert "not assessed: scale of grid" in model.traceability().text
     model.state("parallax", PARALLAX)
     model.state("pressure_gauge", dataclasses.replace(PRESETS["pressure_gauge"], value="0", sensitivity="0"))
     stated = {name: statement for name, _, statement in model.rows()}

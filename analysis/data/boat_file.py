@@ -31,6 +31,7 @@ from analysis.errors import FileError, RequestError
 from analysis.version import program_version
 from protocol.recording import schema
 from protocol.recording.checks import DAMAGE, harden
+from protocol.regular_file import open_regular
 
 LATE_S = 0.5  # the counter is read a little before or after the samples that its row is laid to
 
@@ -40,7 +41,7 @@ LONGEST_US = 1 << 53  # 285 years: beyond, board times are damage, and their sum
 
 def is_boat_file(path: Path) -> bool:
     """True where the file starts as SQLite files do."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         return file.read(16) == SQLITE_MAGIC
 
 
@@ -170,7 +171,7 @@ def _samples(db: sqlite3.Connection, meta: Mapping[str, Any], name: str) -> tupl
         raise FileError(
             f"{name} holds no readable samples: all of its {len(damaged)} blocks are damaged ({damaged[0]})",
             "Recover the recording; a copy of the file may be whole.",
-            command=f"boat-daq recover {name} names all that is damaged",
+            command=f"boat-daq recover {name}",
         )
     if not blobs:
         raise FileError(f"{name} holds no samples", "The session ended before the board sent any.")

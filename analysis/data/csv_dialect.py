@@ -17,6 +17,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 from analysis.data.text_encoding import encoding_of
 from analysis.errors import FileError
@@ -62,9 +63,13 @@ def sniff(path: Path, separator: str | None = None) -> Dialect:
     Raises
     ------
     FileError : the file is empty, binary, holds an endless line, or no row of numbers.
+    OSError : missing, unreadable, or no regular file.
     """
-    _refuse_endless_lines(path)
+    if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would be waited for, a device never ends
+        raise FileError(f"{path} is not a regular file", "Choose a table of numbers.")
     with path.open("rb") as file:
+        _refuse_endless_lines(path.name, file)
+        file.seek(0)
         head = file.read(4 * MAX_LINE_BYTES)
     encoding = encoding_of(head, whole=len(head) < 4 * MAX_LINE_BYTES)
     text = head.decode(encoding, errors="replace")
@@ -127,15 +132,14 @@ def records(lines: Iterable[tuple[int, str]]) -> Iterator[tuple[int, str]]:
     yield from held
 
 
-def _refuse_endless_lines(path: Path) -> None:
-    longest = f"{path.name} has a line longer than {MAX_LINE_BYTES >> 20} MB"
+def _refuse_endless_lines(name: str, file: BinaryIO) -> None:
+    longest = f"{name} has a line longer than {MAX_LINE_BYTES >> 20} MB"
     rest = b""
-    with path.open("rb") as file:
-        while chunk := file.read(MAX_LINE_BYTES):
-            lines = (rest + chunk).replace(b"\r", b"\n").split(b"\n")
-            if max(map(len, lines)) > MAX_LINE_BYTES:
-                raise FileError(longest, "It is not a table of numbers.")
-            rest = lines[-1]
+    while chunk := file.read(MAX_LINE_BYTES):
+        lines = (rest + chunk).replace(b"\r", b"\n").split(b"\n")
+        if max(map(len, lines)) > MAX_LINE_BYTES:
+            raise FileError(longest, "It is not a table of numbers.")
+        rest = lines[-1]
 
 
 def cells_of(line: str, separator: str) -> list[str]:

@@ -26,6 +26,7 @@ from analysis.errors import DataError, FileError, RequestError
 from analysis.warning import Warning, WarningCode
 from protocol.pressure_units import KPA_PER_UNIT
 from protocol.recording import SampleFlag
+from protocol.regular_file import read_regular
 
 UNITS: dict[str, dict[str, float]] = {
     "time_s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0},
@@ -144,9 +145,7 @@ def load_profile(path: str | Path) -> dict[str, str]:
     FileError : not such a file.
     """
     try:
-        if Path(path).stat().st_size > MAX_PROFILE_BYTES:
-            raise ValueError(f"larger than {MAX_PROFILE_BYTES} bytes")
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        content = json.loads(read_regular(Path(path), MAX_PROFILE_BYTES).decode("utf-8"))
         columns = content["columns"]
         if content["boat_daq_import"] != 1 or not all(isinstance(v, str) for v in columns.values()):
             raise ValueError("unknown version or a column that is no text")

@@ -29,6 +29,7 @@ from analysis.warning import Warning, WarningCode
 
 MOST_WARNINGS = 10
 MAX_BAD_SHARE = 0.05  # more broken rows than this and the file was not understood
+MOST_BROKEN = 10_000  # and more of them than whole rows: the rest is not read
 DAY_S = 86_400.0
 SHOWN_WORDS = 100  # cells of a text column that are tried as grouped numbers
 # pandas 3 reads decimals to the nearest double by itself and deprecates the option that older ones need for it
@@ -194,8 +195,11 @@ def _slow(path: Path, dialect: Dialect) -> Table:
             cells = cells[:width]  # a separator at the end of the line
         if len(cells) != width:
             broken += 1
-            ragged = f"line {line_number}: {len(cells)} fields where the others have {width}"
-            warnings.append(Warning(WarningCode.RAGGED_ROW, "", ragged))
+            if len(warnings) < MOST_WARNINGS:
+                ragged = f"line {line_number}: {len(cells)} fields where the others have {width}"
+                warnings.append(Warning(WarningCode.RAGGED_ROW, "", ragged))
+            if broken > MOST_BROKEN and broken > len(rows):
+                break  # whatever follows, this is no table of so many columns
             continue
         values = [number(cell, dialect.decimal) for cell in cells]
         rows.append([math.nan if v is None else v for v in values])

@@ -35,6 +35,7 @@ import tomli_w
 from boat_daq.engine.file_names import is_device_name, path_in
 from boat_daq.engine.toml_values import MAX_BYTES, BadValue, build, parse_toml, read_text
 from boat_daq.errors import OperatorError, StorageError
+from protocol.regular_file import read_regular
 
 T = TypeVar("T")
 
@@ -383,12 +384,12 @@ def is_destroyed(path: Path) -> bool:
     Nothing at all, NUL bytes, or no UTF-8.
     """
     try:
-        content = path.read_bytes() if path.stat().st_size <= MAX_BYTES else b"x"
+        content = read_regular(path, MAX_BYTES)
         return not content.strip() or b"\0" in content or not content.decode("utf-8-sig").strip()
     except (FileNotFoundError, UnicodeDecodeError):
         return True
     except OSError:
-        return False  # present but unreadable: `read_text` raises the reason
+        return False  # present but unreadable or too large: `read_text` raises the reason
 
 
 def write_whole(path: Path, text: str) -> None:

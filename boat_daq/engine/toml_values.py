@@ -12,6 +12,7 @@ import math
 from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
 
 from boat_daq.errors import OperatorError
+from protocol.regular_file import read_regular
 from protocol.toml_text import read_toml
 
 if TYPE_CHECKING:
@@ -59,9 +60,7 @@ def read_text(path: Path, most_bytes: int = MAX_BYTES) -> str:
     OperatorError : missing, unreadable, too large, or not UTF-8.
     """
     try:
-        if path.stat().st_size > most_bytes:
-            raise OperatorError(f"{path} is larger than {most_bytes // 1000} kB", "choose the right file")
-        return path.read_text(encoding="utf-8-sig")
+        return read_regular(path, most_bytes).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except OSError as error:
         raise OperatorError(f"{path} cannot be read: {error.strerror}", "check the path and its permissions") from error
     except UnicodeDecodeError as error:

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from protocol.errors import LocalError
+from protocol.regular_file import read_regular
 
 MAX_BYTES = 4_000_000
 _SEPARATORS = ";\t|,"
@@ -61,11 +62,9 @@ def read_elongation_rows(path: Path) -> tuple[ElongationRow, ...]:
 
 def _text(path: Path) -> str:
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise LocalError(f"{path} is larger than {MAX_BYTES // 1_000_000} MB", "choose the file of elongations")
-        content = path.read_bytes()
+        content = read_regular(path, MAX_BYTES)
     except OSError as error:
-        raise LocalError(f"{path} cannot be read: {error.strerror}", "check the path and its permissions") from error
+        raise LocalError(f"{path} cannot be read: {error.strerror}", "choose the file of elongations") from error
     text = _decoded(content)
     if "\0" in text:
         raise LocalError(f"{path.name} is a binary file, not text", "export it as CSV")

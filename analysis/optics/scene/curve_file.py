@@ -31,7 +31,8 @@ _STATE = ("state", "frame", "step", "elongation_mm", "elongation", "pressure_kpa
 _GUIDE = ("guide", "waveguide", "curve", "side", "sensor", "boat")
 _FORM = "give CSV with x and z in mm, 7 points or more for each of the two guides, for 1 state or 15"
 _JUMP = 3.0
-_MAX_BYTES = 64 << 20  # 15 states of two guides with a thousand points take 2 MB
+_MAX_BYTES = 16_000_000  # 15 states of two guides with a thousand points take 2 MB
+_MAX_LINE = 10_000  # characters; a row has five cells
 _MIRROR_FLAT = 1e-6
 
 
@@ -67,8 +68,7 @@ def _natural(path: Path) -> tuple[list[int], str]:
 
 
 def _stack(states: list[list[FloatArray]], path: Path) -> FloatArray:
-    if len(states) not in (1, STATES):
-        raise FileError(f"{path} holds {len(states)} states", f"give one state, or {STATES}")
+    _check_states(len(states), path)
     lengths = {len(guide) for state in states for guide in state}
     if min(lengths) < POINTS:
         raise FileError(f"{path}: a guide has {min(lengths)} points", f"give {POINTS} points or more for each guide")
@@ -92,7 +92,7 @@ def _states(path: Path) -> list[list[FloatArray]]:
     head = [re.sub(r"\s*[\[(]\s*mm\s*[\])]$|_mm$", "", cell) if cell not in _STATE else cell for cell in head]
     _check_units(head, path)
     if {"x1", "z1", "x2", "z2"} <= set(head):
-        return _side_by_side(head, _table(body, path, len(head)))
+        return _side_by_side(head, _table(body, path, len(head)), path)
     if {"x", "z"} <= set(head):
         return _named(head, body, path)
     raise FileError(f"{path} has the columns {', '.join(head)}, but no x and z", _FORM)
@@ -101,13 +101,19 @@ def _states(path: Path) -> list[list[FloatArray]]:
 def _rows(path: Path) -> list[list[str]]:
     """Return the cells of every line; an empty list for a blank line."""
     try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for, a device never ends
+            raise FileError(f"{path} is not a regular file", "choose the file with the curves")
         if path.stat().st_size > _MAX_BYTES:
-            raise FileError(f"{path} is larger than {_MAX_BYTES >> 20} MB", "choose the file with the curves")
+            raise FileError(f"{path} is larger than {_MAX_BYTES // 1_000_000} MB", "choose the file with the curves")
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError as error:
         raise FileError(f"there is no curve file {path}", "check its name and folder") from error
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise FileError(f"{path} cannot be read: {error.strerror}", "choose the file with the curves") from error
+    except UnicodeDecodeError as error:
         raise FileError(f"{path} cannot be read as text: {error}", _FORM) from error
+    if max(map(len, text.splitlines()), default=0) > _MAX_LINE:
+        raise FileError(f"{path} has a line of more than {_MAX_LINE} characters", _FORM)
     lines = [line.split("#")[0].strip() for line in text.splitlines() if not line.lstrip().startswith("#")]
     full = [line for line in lines if line]
     separator = next((s for s in (";", "\t", ",") if full and all(s in line for line in full[:3])), None)
@@ -161,7 +167,9 @@ def _named(head: list[str], body: list[list[str]], path: Path) -> list[list[Floa
     labels = np.array([row[guide] if row and guide is not None else "" for row in body])
     if state is None and guide is None:
         return _plain(table, path)
-    states = [kept & (table[:, 2] == value) for value in np.unique(table[kept, 2])] if state is not None else [kept]
+    values = np.unique(table[kept, 2]) if state is not None else np.zeros(1)
+    _check_states(len(values), path)
+    states = [kept & (table[:, 2] == value) for value in values] if state is not None else [kept]
     if guide is None:
         return [_pair(_runs(table[rows, :2], path), path) for rows in states]
     return [[table[rows & (labels == label), :2] for label in _two(labels[rows], path)] for rows in states]
@@ -176,15 +184,22 @@ def _two(labels: np.ndarray[tuple[int], np.dtype[np.str_]], path: Path) -> list[
     return found
 
 
-def _side_by_side(head: list[str], table: FloatArray) -> list[list[FloatArray]]:
+def _side_by_side(head: list[str], table: FloatArray, path: Path) -> list[list[FloatArray]]:
     table = table[np.isfinite(table[:, 0])]
     columns = [[head.index(f"x{n}"), head.index(f"z{n}")] for n in (1, 2)]
     state = _column(head, _STATE)
     if state is None:
         groups = np.split(table, STATES if len(table) % STATES == 0 and len(table) >= STATES * POINTS else 1)
     else:
-        groups = [table[table[:, state] == value] for value in np.unique(table[:, state])]
+        values = np.unique(table[:, state])
+        _check_states(len(values), path)
+        groups = [table[table[:, state] == value] for value in values]
     return [[group[:, pair] for pair in columns] for group in groups]
+
+
+def _check_states(number: int, path: Path) -> None:
+    if number not in (1, STATES):
+        raise FileError(f"{path} holds {number} states", f"give one state, or {STATES}")
 
 
 def _plain(table: FloatArray, path: Path) -> list[list[FloatArray]]:

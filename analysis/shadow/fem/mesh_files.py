@@ -101,9 +101,9 @@ def read_mesh(path: Path) -> Mesh:
     """
     kind = {".vtu": "vtu", ".msh": "gmsh"}.get(path.suffix.lower())
     refusal = FileError(f"{path} is not a mesh that can be read here", "give a .vtu or .msh file")
-    if kind is None:
+    if kind is None or not path.is_file():  # a pipe would be waited for
         raise refusal
-    if path.is_file() and path.stat().st_size > MAX_BYTES:
+    if path.stat().st_size > MAX_BYTES:
         raise FileError(f"{path} is larger than {MAX_BYTES >> 20} MB", "give a coarser mesh")
     try:
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # meshio prints, and exits

@@ -144,11 +144,13 @@ def read_parameters(path: Path) -> ActuatorParameters:
         If a name is unknown or a value impossible.
     """
     try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for, a device never ends
+            raise FileError(f"{path} is not a regular file", "choose the file with the parameters")
         if path.stat().st_size > MAX_BYTES:
             raise FileError(f"{path} is larger than {MAX_BYTES // 1000} kB", "choose the file with the parameters")
         values = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise FileError(f"{path} cannot be read: {error.strerror}", "check the name") from error
+        raise FileError(f"{path} cannot be read: {error.strerror}", "choose the file with the parameters") from error
     except (ValueError, RecursionError) as error:  # no UTF-8, no TOML, a number of too many digits
         raise FileError(f"{path} is not a TOML file: {error}", "write lines like wall_mm = 2.2") from error
     known = {f.name: f.type for f in fields(ActuatorParameters)}

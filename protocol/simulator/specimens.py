@@ -4,7 +4,8 @@ SA1 has the paper's figures: its published cubics; elongation -2.70 mm at -40 kP
 range whose end-to-end slopes give its sensitivities; noise of FSO / 10^(SNR/20); and loops of signal against pressure
 of 4.95 and 4.46 % FSO over its continuous cycle. Most of a loop is actuator hysteresis (elongation against pressure),
 the rest sensor hysteresis. SA2 and SA3 differ by a typical unit-to-unit variability. "SA1-falling" is SA1 with a stage
-that does not invert: its voltage falls with elongation.
+that does not invert: its voltage falls with elongation. "SA1x1" to "SA1x4" have that many sensors: the first ones of
+SA1, then those of the others.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from protocol.link.messages import SIMULATED
 from protocol.simulator.hysteresis import PlaySum
 
 FALLING = "-falling"
+SENSOR_COUNTS = ("1", "2", "3", "4")
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,15 +111,20 @@ SPECIMEN_NAMES = (*RISING_NAMES, *(name + FALLING for name in RISING_NAMES))
 
 
 def find_specimen(name: str) -> Specimen:
-    """Return the specimen of that name; the ending `-falling` mirrors its sensors.
+    """Return the specimen of that name; `-falling` mirrors its sensors, `x1` to `x4` gives it that many.
 
     Raises
     ------
     LocalError : no such specimen.
     """
-    specimen = _SPECIMENS.get(name.removesuffix(FALLING))
-    if specimen is None:
-        raise LocalError(f"there is no virtual unit {name!r}", "use one of " + ", ".join(SPECIMEN_NAMES))
+    base, _, sensors = name.removesuffix(FALLING).partition("x")
+    specimen = _SPECIMENS.get(base)
+    if specimen is None or sensors not in ("", *(() if name.endswith(FALLING) else SENSOR_COUNTS)):
+        known = ", ".join(SPECIMEN_NAMES)
+        raise LocalError(f"there is no virtual unit {name!r}", f"use one of {known}, or e.g. SA1x3 for three sensors")
+    if sensors:
+        others = (sensor for other in _SPECIMENS.values() if other is not specimen for sensor in other.sensors)
+        return replace(specimen, name=name, sensors=(*specimen.sensors, *others)[: int(sensors)])
     if name.endswith(FALLING):
         return replace(specimen, name=name, sensors=tuple(sensor.falling() for sensor in specimen.sensors))
     return specimen

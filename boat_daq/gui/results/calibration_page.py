@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QBoxLayout, QFrame, QLayout, QScrollArea, QWidget
+from PySide6.QtWidgets import QBoxLayout, QFrame, QGridLayout, QLayout, QScrollArea, QWidget
 
 from analysis.arrays import FloatArray
 from analysis.calibration.compare import Agreement
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import ThemeColour, sensor_colour
+from boat_daq.gui.plotting.plot import Curve, ThemeColour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.results.contributions_form import ContributionsForm
@@ -37,7 +37,7 @@ from boat_daq.viewmodels.results.calibration import (
 )
 from boat_daq.viewmodels.results.runs import ClosedRun
 
-SENSORS = 2
+BESIDE = 2  # curves in a row
 BANDS = "Uncertainty bands"
 BANDS_TIP = (
     "Bands that include the uncertainty from the grid of the readings: samples the posterior of the coefficients with "
@@ -110,30 +110,38 @@ class CurveCard(PlotCard):
 
 
 class LoopCard(PlotCard):
-    """Quantities over pressure in all cycles, each in its plot.
+    """Quantities over pressure in all cycles, each in its plot, as many as a run has.
 
     Parameters
     ----------
     title : of the card.
     missing : is shown where there is no cycle.
-    ordinates : axis, unit, name and colour of each quantity.
+    ordinate : returns axis, unit, name and colour of a quantity by its number from 1.
     """
 
-    def __init__(self, title: str, missing: str, ordinates: Sequence[tuple[str, str, str, ThemeColour]]) -> None:
+    def __init__(self, title: str, missing: str, ordinate: Callable[[int], tuple[str, str, str, ThemeColour]]) -> None:
         super().__init__(title)
-        self.missing, self.curves = missing, []
-        for i, (axis, unit, name, colour) in enumerate(ordinates, 1):
-            plot = self.add(axis, unit, x_title="Pressure" if i == len(ordinates) else "", x_unit="kPa")
-            self.curves.append(plot.curve(name, colour, gaps=True))
-        self.link_x()
+        self.missing, self.ordinate = missing, ordinate
+        self.curves: list[Curve] = []
+        self._arrange(1)
 
-    def show_loops(self, loops: LoopSet, ordinates: Iterable[FloatArray]) -> None:
+    def _arrange(self, shown: int) -> None:
+        for number in range(len(self.plots) + 1, shown + 1):
+            axis, unit, name, colour = self.ordinate(number)
+            self.curves.append(self.add(axis, unit, x_title="Pressure", x_unit="kPa").curve(name, colour, gaps=True))
+        self.link_x()
+        self.show_only(self.plots[:shown])
+        self.paint_theme(self.theme)
+
+    def show_loops(self, loops: LoopSet, ordinates: Sequence[FloatArray]) -> None:
         """Draw all cycles of each quantity."""
-        drawn = list(zip(self.plots, self.curves, ordinates, strict=False)) if loops.numbers else []
-        if not drawn:
+        drawn = ordinates if loops.numbers else ()
+        if not len(drawn):
             self.clear()
             self.show_empty(self.missing)
-        for plot, curve, ordinate in drawn:
+            return
+        self._arrange(len(drawn))
+        for plot, curve, ordinate in zip(self.plots, self.curves, drawn, strict=False):
             curve.set(*loops.broken(loops.pressure_kpa, ordinate, np.arange(len(loops.numbers))))
             plot.fit()
 
@@ -144,7 +152,7 @@ class UncertaintyCard(PlotCard):
     def __init__(self) -> None:
         super().__init__("Uncertainty of an elongation", "U = 2 u of one reading by each sensor, over its range")
         self.plot = self.add("U, k = 2", "\u00b5m", x_title="Elongation", x_unit="mm")
-        self.lines = [self.plot.curve(f"Sensor {n}", sensor_colour(n), gaps=True) for n in range(1, SENSORS + 1)]
+        self.lines: list[Curve] = []
 
     def show_uncertainty(self, of_sensors: Sequence[FloatArray]) -> None:
         """Draw U of each sensor that gives an elongation."""
@@ -152,6 +160,10 @@ class UncertaintyCard(PlotCard):
             self.clear()
             self.show_empty("No curve gives an elongation.")
             return
+        for n in range(len(self.lines) + 1, len(of_sensors) + 1):
+            self.lines.append(self.plot.curve(f"Sensor {n}", sensor_colour(n), gaps=True))
+            self.lines[-1].paint(self.theme)
+        self.plot.clear()
         for line, u in zip(self.lines, of_sensors, strict=False):
             line.set(u[:, 0], 1000.0 * u[:, 1])
         self.plot.fit()
@@ -196,13 +208,16 @@ class CalibrationPage(QWidget):
         super().__init__()
         self.model, self.show_repeatability, self.services = model, show_repeatability, services
         self._revision, self._step = -1, NextStep.NONE
-        self.curves = [CurveCard(n) for n in range(1, SENSORS + 1)]
-        signals = [(f"Signal {n}", "mV", f"Sensor {n}", sensor_colour(n)) for n in range(1, SENSORS + 1)]
-        self.loops = LoopCard("Loops over pressure", NO_CYCLE, signals)
-        actuator = ("Elongation", "mm", "Elongation", lambda t: t.elongation)
-        self.actuator = LoopCard("Actuator hysteresis", NO_READINGS, [actuator])
+        self.curves: list[CurveCard] = []
+        self.curve_grid = QGridLayout()
+        self.curve_grid.setSpacing(style.GAP)
+        self._add_cards(BESIDE)
+        self.loops = LoopCard(
+            "Loops over pressure", NO_CYCLE, lambda n: (f"Signal {n}", "mV", f"Sensor {n}", sensor_colour(n))
+        )
+        elongation = ("Elongation", "mm", "Elongation", lambda t: t.elongation)
+        self.actuator = LoopCard("Actuator hysteresis", NO_READINGS, lambda _: elongation)
         self.uncertainty = UncertaintyCard()
-        self.plots = (*self.curves, self.loops, self.actuator, self.uncertainty)
         self.table = FigureTable()
         empty = EmptyState(
             "No run has been analysed yet",
@@ -214,9 +229,31 @@ class CalibrationPage(QWidget):
         self.stack = Leaves(empty, self._filled())
         widgets.page_layout(self).addWidget(self.stack)
 
+    @property
+    def plots(self) -> tuple[PlotCard, ...]:
+        """The cards with plots."""
+        return (*self.curves, self.loops, self.actuator, self.uncertainty)
+
+    def _add_cards(self, sensors: int) -> None:
+        """Add the cards that are missing, two in a row; a later one is copied and saved like the first."""
+        for i in range(len(self.curves), sensors):
+            card = CurveCard(i + 1)
+            self.curve_grid.addWidget(card, i // BESIDE, i % BESIDE)
+            self.curves.append(card)
+            if i >= BESIDE:
+                card.paint_theme(self.curves[0].theme)
+                card.copy_wanted.connect(self.curves[0].copy_wanted)
+                card.save_wanted.connect(self.curves[0].save_wanted)
+
+    def _show_sensors(self, sensors: int) -> None:
+        """Show a card for each sensor."""
+        self._add_cards(sensors)
+        for i, card in enumerate(self.curves):
+            card.setVisible(i < sensors)
+
     def _filled(self) -> QWidget:
         self.missing = EmptyState("", "", "Enter readings \u2026", self._next_step)
-        self.upper = Leaves(widgets.holder(widgets.row(*((card, 1) for card in self.curves))), self.missing)
+        self.upper = Leaves(widgets.holder(self.curve_grid), self.missing)
         widgets.grow(self.upper)
         keep = self.services.preferences
         lower = Shares("loops", keep, (self.loops, 1), (self.actuator, 1), beside=True)
@@ -338,6 +375,7 @@ class CalibrationPage(QWidget):
         if result is None:
             self._clear()
             return
+        self._show_sensors(len(result.sensors))
         for shown in self.plots:
             shown.show_empty("")
         for i, (card, sensor) in enumerate(zip(self.curves, result.sensors, strict=False)):
@@ -352,7 +390,7 @@ class CalibrationPage(QWidget):
         if lacking is not None:
             self._step = lacking.step
             self.missing.say(lacking.title, lacking.text, lacking.step.value)
-        self.loops.show_loops(result.loops, result.loops.signal_mv)
+        self.loops.show_loops(result.loops, list(result.loops.signal_mv))
         elongation = result.loops.elongation_mm
         self.actuator.show_loops(result.loops, () if elongation is None else (elongation,))
         labels = [sensor.label for sensor in result.sensors]

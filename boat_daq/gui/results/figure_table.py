@@ -15,6 +15,7 @@ from boat_daq.viewmodels.results.analysis_jobs import Cell
 
 SIDE = style.PANE_WIDTH_WIDE + 6 * style.STEP
 """Width of the table beside the plots of a page."""
+FEW_COLUMNS = 3  # names and two sensors
 Index = QModelIndex | QPersistentModelIndex
 
 
@@ -79,8 +80,8 @@ class FigureTable(DataTable):
         self._share()
 
     def _share(self) -> None:
-        """Cut names in a table that is a little too narrow; let a narrower one scroll."""
-        wide = self.viewport().width() >= style.FIGURES_LEAST
+        """Cut names in a table that is a little too narrow; let a narrower one, or one of many sensors, scroll."""
+        wide = self.viewport().width() >= style.FIGURES_LEAST and self.columnCount() <= FEW_COLUMNS
         mode = QHeaderView.ResizeMode.Stretch if wide else QHeaderView.ResizeMode.ResizeToContents
         if self.columnCount():
             self.horizontalHeader().setSectionResizeMode(0, mode)

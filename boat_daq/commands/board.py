@@ -18,7 +18,10 @@ def board(
     ] = None,
     speed: Annotated[float, typer.Option(min=1, max=1000, help="Board time over real time.")] = 1.0,
     unit: Annotated[
-        str, typer.Option(help="SA1, SA2 or SA3; with the ending -falling, the signal falls with elongation.")
+        str,
+        typer.Option(
+            help="SA1, SA2 or SA3; with the ending -falling, the signal falls with elongation; x1 to x4: sensors."
+        ),
     ] = "SA1",
     seed: Annotated[int, typer.Option(min=0, help="Seed of all noise.")] = 0,
     fault: Annotated[

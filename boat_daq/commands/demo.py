@@ -48,7 +48,7 @@ def gui(
 def demo(
     headless: Annotated[bool, typer.Option("--headless", help="No window, even with a screen.")] = False,
     out_dir: Annotated[Path, typer.Option("--out", help="Folder for recording and reports.")] = Path("out/demo"),
-    unit: Annotated[str, typer.Option(help="Virtual unit: SA1, SA2 or SA3, or one with the ending -falling.")] = "SA1",
+    unit: Annotated[str, typer.Option(help="Virtual unit: SA1, SA2, SA3; endings -falling, x1 to x4.")] = "SA1",
     seed: Annotated[int, typer.Option(min=0, help="Seed of the board, the readings and the posterior.")] = 0,
     speed: Annotated[float, typer.Option(min=1, max=100, help="Board time over real time.")] = 50.0,
     cycles: Annotated[int, typer.Option(min=1, help="Cycles of the calibration.")] = 5,

@@ -117,9 +117,9 @@ def find_specimen(name: str) -> Specimen:
     ------
     LocalError : no such specimen.
     """
-    base, _, sensors = name.removesuffix(FALLING).partition("x")
+    base, ending, sensors = name.removesuffix(FALLING).partition("x")
     specimen = _SPECIMENS.get(base)
-    if specimen is None or sensors not in ("", *(() if name.endswith(FALLING) else SENSOR_COUNTS)):
+    if specimen is None or (ending and (name.endswith(FALLING) or sensors not in SENSOR_COUNTS)):
         known = ", ".join(SPECIMEN_NAMES)
         raise LocalError(f"there is no virtual unit {name!r}", f"use one of {known}, or e.g. SA1x3 for three sensors")
     if sensors:

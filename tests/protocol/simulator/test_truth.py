@@ -113,3 +113,16 @@ def test_a_staircases_truth_is_that_of_its_holds():
     assert pressure == pytest.approx(run.pressure_kpa[np.searchsorted(run.time_s, run.arrivals_s + 3.9)], abs=0.02)
     assert elongation.shape == (len(run.arrivals_s),)
     assert signal.shape == (len(run.arrivals_s), 2)
+
+
+@pytest.mark.parametrize("sensors", [1, 2, 3, 4])
+def test_unit_has_as_many_sensors_as_its_ending(sensors):
+    """SA2x3 is SA2 with a third sensor; its name in HELLO is not cut. Five, or falling ones, are refused."""
+    unit = find_specimen(f"SA2x{sensors}")
+    own = find_specimen("SA2").sensors
+    assert (len(unit.sensors), unit.sensors[:2]) == (sensors, own[:sensors])
+    assert len(set(unit.sensors)) == sensors
+    assert len(unit.board_id) <= 16
+    for wrong in ("SA2x5", "SA2x", f"SA2x{sensors}-falling"):
+        with pytest.raises(LocalError, match=wrong):
+            find_specimen(wrong)

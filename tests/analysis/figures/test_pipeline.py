@@ -44,9 +44,8 @@ def true_hysteresis(cubic: tuple[float, ...]) -> tuple[float, float]:
     return 100 * apart.max() / fso, fso
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("sensors", [1, 2, 4])
-def test_a_staircase_gives_the_plants_truth(tmp_path: Path, sign: float, sensors: int) -> None:
+@pytest.mark.parametrize(("sensors", "sign"), [(1, -1.0), (2, 1.0), (4, -1.0)])
+def test_a_staircase_gives_the_plants_truth(tmp_path: Path, sensors: int, sign: float) -> None:
     """b0 within 1 mV, sensitivity within 1 %, R2 above 0.999, hysteresis within 0.5 % FSO, SNR within 0.5 dB."""
     cubics = tuple(tuple(sign * b for b in c) for c in (PAPER * 2)[:sensors])
     stairs = Staircase(Plant(cubics=cubics, noise_mv=(PAPER_NOISE * 2)[:sensors], loop_mm=LOOP))
@@ -68,7 +67,7 @@ def test_a_staircase_gives_the_plants_truth(tmp_path: Path, sign: float, sensors
 def test_continuous_cycles_give_the_systems_figures() -> None:
     """Hysteresis, SNR, span and drift of continuous cycles against the plant's closed form."""
     plant = Plant(loop_mm=LOOP, drift_mv_per_cycle=0.05)
-    analysis = analyse(plant.run(*triangle(30, 20)))
+    analysis = analyse(plant.run(*triangle(15, 20)))
     for sensor, cubic, noise in zip(analysis.sensors, PAPER, PAPER_NOISE, strict=True):
         hysteresis, fso = true_hysteresis(cubic)
         assert sensor.as_json()["hysteresis_percent_fso"]["abscissa"] == "pressure_kpa"
@@ -100,7 +99,7 @@ def test_intervals_hold_the_truth_at_their_stated_rate() -> None:
 
 def test_the_object_of_the_surface_is_complete_and_plain(tmp_path: Path) -> None:
     """Every key of the contract is there, and the whole is JSON without NaN."""
-    stairs = Staircase(cycles=2)
+    stairs = Staircase(Plant(cubics=PAPER[:1], noise_mv=PAPER_NOISE[:1]), cycles=2)
     options = Options(seed=1, x_resolution_mm=0.02)
     analysis = analyse(stairs.recording(), elongation_file(stairs, tmp_path), options=options)
     content = json.loads(json.dumps(finite(analysis.to_json()), allow_nan=False))

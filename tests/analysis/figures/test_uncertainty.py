@@ -52,9 +52,9 @@ def test_shares_add_up_and_name_what_halves() -> None:
 
 
 def test_stated_interval_of_an_elongation_holds_the_truth(tmp_path: Path) -> None:
-    """Over the samples of 6 runs with known x, x +- U (k = 2) holds the truth 93 to 97.5 % of the time."""
+    """Over the samples of 3 runs with known x, x +- U (k = 2) holds the truth 93 to 97.5 % of the time."""
     inside, count = 0, 0
-    for seed in range(6):
+    for seed in range(3):
         stairs = Staircase(Plant(seed=seed, loop_mm=0.25))
         path = tmp_path / f"{seed}.csv"
         stairs.elongations().to_csv(path, index=False)
@@ -100,11 +100,11 @@ def test_every_component_is_named_and_sourced(tmp_path: Path) -> None:
 
 
 def test_spread_between_runs_enters_the_budget(tmp_path: Path) -> None:
-    """Four calibrations whose b0 differ: the budget's reproducibility is the sd of y(x) over the slope, less the fit's.
+    """Three calibrations with other b0: the budget's reproducibility is the sd of y(x) over the slope, less the fit's.
 
     With one run it is not assessed.
     """
-    offsets, runs = (0.0, 3.0, -2.0, 1.0), []
+    offsets, runs = (3.0, -2.0, 1.0), []
     for seed, offset in enumerate(offsets):
         cubics = tuple((c[0] + offset, *c[1:]) for c in PAPER)
         stairs = Staircase(Plant(cubics=cubics, loop_mm=0.1, seed=seed), cycles=2)
@@ -115,7 +115,7 @@ def test_spread_between_runs_enters_the_budget(tmp_path: Path) -> None:
     found = next(c for c in among.components if c.name == "reproducibility")
     slope = float(np.polynomial.Polynomial(PAPER[0]).deriv()(0.5))
     assert found.contribution == pytest.approx(np.std(offsets, ddof=1) / slope, rel=0.05)
-    assert found.dof == 3
+    assert found.dof == 2
     assert among.u > alone.u
 
 

@@ -334,9 +334,9 @@ def joint_fit(means: PositionMeans, basis: CurveBasis, loop_terms: int | None = 
         z = (adjusted - centre) / half
         design = np.column_stack([basis.design(z), _loop_design(z, means.branch, terms)])
         target = y - slope * (x - adjusted)
-        solution, free = _solved(design * root[:, None], target * root, constrained)
+        solution, inverse, free = _solved(design * root[:, None], target * root, constrained)
         influence = np.zeros((needed, size))
-        influence[free] = np.linalg.pinv(design[:, free] * root[:, None]) * root
+        influence[free] = inverse * root
         hat = design @ influence
         left = np.eye(size) - hat
         residuals = target - design @ solution
@@ -362,13 +362,17 @@ def joint_fit(means: PositionMeans, basis: CurveBasis, loop_terms: int | None = 
     )  # fmt: skip
 
 
-def _solved(design: FloatArray, target: FloatArray, constrained: BoolArray | None) -> tuple[FloatArray, BoolArray]:
-    """Return the least-squares solution and which coefficients are free in it."""
+def _solved(
+    design: FloatArray, target: FloatArray, constrained: BoolArray | None
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return the least-squares solution, the pseudo-inverse for its free coefficients, and which are free."""
     if constrained is None:
-        return np.asarray(np.linalg.lstsq(design, target, rcond=None)[0]), np.ones(design.shape[1], dtype=bool)
+        inverse = np.asarray(np.linalg.pinv(design), dtype=np.float64)
+        return inverse @ target, inverse, np.ones(design.shape[1], dtype=bool)
     lower = np.where(constrained, 0.0, -np.inf)
     solution = optimize.lsq_linear(design, target, bounds=(lower, np.inf), method="bvls").x
-    return solution, ~(constrained & (np.abs(solution) <= 1e-9 * np.abs(solution).max()))
+    free = ~(constrained & (np.abs(solution) <= 1e-9 * np.abs(solution).max()))
+    return solution, np.asarray(np.linalg.pinv(design[:, free]), dtype=np.float64), np.asarray(free)
 
 
 def _loop_design(z: FloatArray, branch: FloatArray, terms: int) -> FloatArray:

@@ -281,17 +281,17 @@ def _void_reason(usable: int, losses: Losses, settings: PlateauSettings) -> str:
 
 def _with_step(plateau: Plateau, recording: Recording) -> Plateau:
     """Attach the sequencer's step that this hold overlaps most, among those that were to hold this pressure."""
-    steps = recording.steps
-    steps = steps[(steps["target_kpa"] - plateau.pressure_kpa).abs() <= NEAR_TARGET_KPA]
-    if steps.empty:
+    if recording.steps.empty:
         return plateau
-    ends = steps["ended_s"].to_numpy(dtype=float)
+    targets, starts, ends = (
+        recording.steps[name].to_numpy(dtype=float) for name in ("target_kpa", "started_s", "ended_s")
+    )
     ends = np.where(np.isfinite(ends), ends, recording.time_s[-1])
-    starts = steps["started_s"].to_numpy(dtype=float)
     overlap = np.minimum(plateau.end_s, ends) - np.maximum(plateau.start_s, starts)
+    overlap[~(np.abs(targets - plateau.pressure_kpa) <= NEAR_TARGET_KPA)] = -np.inf
     at = int(np.argmax(overlap))
     # a step ends with its hold: of two that touch, the later one only ramps here
-    return replace(plateau, step=int(steps["id"].iloc[at])) if overlap[at] > 0 else plateau
+    return replace(plateau, step=int(recording.steps["id"].iloc[at])) if overlap[at] > 0 else plateau
 
 
 def _one_for_each_step(plateaus: tuple[Plateau, ...]) -> tuple[Plateau, ...]:

@@ -26,9 +26,11 @@ def drop(empty, monkeypatch):
         data.setText("not to be typed into a field")
         buttons = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
         enter = QDragEnterEvent(QPoint(9, 9), Qt.DropAction.CopyAction, data, *buttons)
-        QApplication.sendEvent(empty, enter)
-        assert enter.isAccepted()
-        QApplication.sendEvent(empty, QDropEvent(QPointF(9, 9), Qt.DropAction.CopyAction, data, *buttons))
+        over = empty.live.reading.field  # neither a field nor a plot keeps it from the window
+        for widget in (empty.live.plots.view.viewport(), over):
+            QApplication.sendEvent(widget, enter)
+            assert enter.isAccepted()
+        QApplication.sendEvent(over, QDropEvent(QPointF(9, 9), Qt.DropAction.CopyAction, data, *buttons))
         empty.refresh()
         return empty
 

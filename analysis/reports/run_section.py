@@ -38,7 +38,15 @@ def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
     first = [ReportDrawing(draws, "Plateau means, fitted curve and its 95 % bands.", 2.45)] if draws else []
     undefined = void_sentences([(f"sensor {i}", s.figures) for i, s in enumerate(analysis.sensors, 1)])
     return Section(
-        "Key figures", (*tables, *([_conformity_table(analysis, limits)] if limits else []), *first, *undefined)
+        "Key figures",
+        (
+            *tables,
+            *_unit_table(analysis),
+            *([_conformity_table(analysis, limits)] if limits else []),
+            *first,
+            *_lost(analysis),
+            *undefined,
+        ),
     )
 
 
@@ -61,8 +69,7 @@ def _conformity_table(analysis: Analysis, limits: Mapping[str, float]) -> Report
 
 def _key_table(analysis: Analysis, limits: Mapping[str, float], chosen: range) -> ReportTable:
     sensors = [analysis.sensors[i] for i in chosen]
-    paper = analysis.recording.unit in ("", published.UNIT) and len(analysis.sensors) == len(published.SENSORS)
-    rows = []
+    paper, rows = _is_published(analysis), []
     for key, definition in SENSOR_FIGURES.items():
         parts = [s.figures.get(key) for s in sensors]
         if not any(parts):
@@ -71,17 +78,6 @@ def _key_table(analysis: Analysis, limits: Mapping[str, float], chosen: range) -
         known = [getattr(sensor, key, None) for sensor in published.SENSORS] if paper else []
         limit = next((f"{limits[name]:g}" for name, k in LIMITS.items() if k == key and name in limits), "")
         rows.append((definition.label_with_unit, *shown, " / ".join(f"{value:g}" for value in known if value), limit))
-    whole = {
-        "system_sensitivity_mv_per_mm": f"{published.SYSTEM_SENSITIVITY_MV_PER_MM:g}" if paper else "",
-        "actuator_hysteresis_percent": "",
-    }
-    blank = [""] * (2 * len(sensors) - 2)
-    for key, value in whole.items():
-        figure = analysis.system_figures[key]
-        if np.isfinite(figure.value) and chosen.start == 0:
-            rows.append((SYSTEM_FIGURES[key].label_with_unit, *cells(figure), *blank, value, ""))
-    lost = [text for s in sensors for text in _lost(s)]
-    rows += [("Samples lost or left out", *lost, "", "")] if any(lost) else []
     heads = [text for i in chosen for text in (f"Sensor {i + 1}", "95 % interval")]
     header = ("Figure", *heads, "Published", "Limit")
     keep = [i for i in range(len(header)) if i < len(header) - 2 or any(row[i] for row in rows)]
@@ -93,13 +89,33 @@ def _key_table(analysis: Analysis, limits: Mapping[str, float], chosen: range) -
     )
 
 
-def _lost(sensor: SensorAnalysis) -> tuple[str, str]:
-    """Share of the windows of a sensor's figures that was lost or left out, and by which reason."""
-    window = sensor.figures["system_hysteresis_percent_fso"].window
-    if window is None or not window.samples:
-        return "", ""
-    share = percent(window.share, 2) if window.damaged else "none"
-    return share, window.reasons() if window.damaged else f"of {window.samples}"
+def _is_published(analysis: Analysis) -> bool:
+    """Return whether the published figures are of such a unit."""
+    return analysis.recording.unit in ("", published.UNIT) and len(analysis.sensors) == len(published.SENSORS)
+
+
+def _unit_table(analysis: Analysis) -> list[ReportTable]:
+    """The figures of the unit as a whole; none where it has none."""
+    known = {"system_sensitivity_mv_per_mm": f"{published.SYSTEM_SENSITIVITY_MV_PER_MM:g}"}
+    known = known if _is_published(analysis) else {}
+    rows = [
+        (SYSTEM_FIGURES[key].label_with_unit, *cells(figure), *([known.get(key, "")] if known else []))
+        for key, figure in analysis.system_figures.items()
+        if np.isfinite(figure.value)
+    ]
+    header = ("Figure of the unit", "value", "95 % interval", *(["Published"] if known else []))
+    return [ReportTable(header, tuple(rows))] if rows else []
+
+
+def _lost(analysis: Analysis) -> list[str]:
+    """State which share of each sensor's windows was lost or left out, and by which reason."""
+    parts = []
+    for i, sensor in enumerate(analysis.sensors, 1):
+        window = sensor.figures["system_hysteresis_percent_fso"].window
+        if window is not None and window.samples:
+            share = f"{percent(window.share, 2)} ({window.reasons()})" if window.damaged else "none"
+            parts.append(f"sensor {i} {share} of {window.samples}")
+    return [f"Samples lost or left out: {', '.join(parts)}."] if parts else []
 
 
 def curves(analysis: Analysis) -> Section:

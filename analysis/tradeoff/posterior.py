@@ -1,4 +1,4 @@
-"""The posterior: walkers and steps, and the closed form, where elongations are read on a grid.
+"""The posterior: walkers, steps and effective samples, and the closed form, where elongations are read on a grid.
 
 The sampler's own warning is part of its result: a run that has not converged has no number, however near the truth it
 may happen to be, and its error is infinite.
@@ -15,7 +15,7 @@ from numpy.polynomial import Polynomial
 from analysis import published
 from analysis.arrays import FloatArray
 from analysis.calibration.fit import fit_calibration
-from analysis.calibration.posterior import MAX_STEPS, WALKERS, sample_posterior
+from analysis.calibration.posterior import ENOUGH_SAMPLES, MAX_STEPS, WALKERS, sample_posterior
 from analysis.fidelity import Fidelity
 from analysis.published import SENSORS
 from analysis.tradeoff.measure import Method, Setting
@@ -27,6 +27,9 @@ READING_MM = GRID_MM / 12**0.5
 RANGE_OF_READINGS_MM = (-2.5, 3.5)
 CYCLES = 5
 CLOSED = "closed form, reading error left out"
+SIZES = ((32, 2_000), (64, 4_000), (128, 32_000))
+"""Walkers and effective samples beside the default of 128 and 8,000; a converged chain is 60 autocorrelation times of
+each walker, so that fewer samples take fewer walkers."""
 
 
 @cache
@@ -52,7 +55,7 @@ def _read(x: FloatArray, seed: int) -> tuple[FloatArray, FloatArray]:
 
 
 def posterior_settings(quick: bool) -> list[Setting]:
-    """Return the closed form, then walkers and steps. One call is two posteriors: a usual run, and few readings.
+    """Return the closed form, then walkers, steps and samples. A call is two posteriors: a usual run, and few readings.
 
     The error is that of the width of the usual run's band, root mean square over its range.
     """
@@ -65,9 +68,11 @@ def posterior_settings(quick: bool) -> list[Setting]:
         return 100.0 * float(np.sqrt(np.mean((_widths(at, covariance) / truth - 1.0) ** 2)))
 
     steps = (500, MAX_STEPS) if quick else (250, 500, 1_000, MAX_STEPS)
-    pairs = [(WALKERS, n) for n in steps]
-    pairs += [] if quick else [(2 * WALKERS, MAX_STEPS)]
-    found = [Setting(_name(w, n), _sampler(w, n), error, work=2) for w, n in pairs]
+    found = [Setting(_name(WALKERS, n), _sampler(WALKERS, n), error, work=2) for n in steps]
+    found += [
+        Setting(f"{walkers} walkers, {samples} samples", _sampler(walkers, MAX_STEPS, samples), error, work=2)
+        for walkers, samples in (SIZES[:1] if quick else SIZES)
+    ]
     return [Setting(CLOSED, _closed_form, error), *found]
 
 
@@ -75,11 +80,18 @@ def _widths(at: FloatArray, covariance: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", at, covariance, at)))
 
 
-def _sampler(walkers: int, steps: int) -> Callable[[int], FloatArray | None]:
+def _sampler(walkers: int, steps: int, samples: int = ENOUGH_SAMPLES) -> Callable[[int], FloatArray | None]:
     def call(repeat: int) -> FloatArray | None:
         usual, few = (
             sample_posterior(
-                x, y, reading_sd=READING_MM, positions=np.arange(x.size), seed=repeat, walkers=walkers, max_steps=steps
+                x,
+                y,
+                reading_sd=READING_MM,
+                positions=np.arange(x.size),
+                seed=repeat,
+                walkers=walkers,
+                max_steps=steps,
+                samples=samples,
             )
             for x, y in (readings(), few_readings())
         )

@@ -280,3 +280,12 @@ def test_bands_of_a_curve_read_on_a_grid_have_their_stated_coverage(grid: float,
     print(f"{grid} mm, reader {reader}, {cycles} cycles: {rates[0]:.3f}, {rates[1]:.3f}")
     assert -0.07 < rates[0] - 0.68 < 0.12
     assert -0.04 < rates[1] - 0.95 < 0.05
+
+
+def test_fewer_samples_that_are_enough_take_fewer_steps() -> None:
+    """With 24 walkers the wanted samples decide: 4,000 take more steps than 1,500, and both runs are converged."""
+    few, many = (sample_posterior(X, noisy(0), seed=0, walkers=24, samples=samples) for samples in (1_500, 4_000))
+    assert few.converged
+    assert many.converged
+    assert few.steps < many.steps
+    assert few.n_eff >= 1_500

@@ -14,7 +14,7 @@ from tests.analysis.atlas.borders import REFUSES, WARNS, WORKS, check_point
         ("posterior-start", 10.0, 400.0, WORKS, ""),
         ("posterior-start", 1e3, 100.0, WARNS, "not converged"),
         ("posterior-start", 1.0, 20.0, WARNS, "not converged"),
-        ("posterior-reading", 0.02, 50.0, WORKS, ""),
+        pytest.param("posterior-reading", 0.02, 50.0, WORKS, "", marks=pytest.mark.nightly),
         ("posterior-reading", 0.7, 1.49, WORKS, ""),
         ("posterior-reading", 0.0, 1e-6, WORKS, ""),
         ("posterior-reading", 0.0, 0.0, REFUSES, "no noise to sample"),

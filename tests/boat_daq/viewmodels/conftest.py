@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import dataclasses
 import shutil
 from pathlib import Path
 
 import pytest
 
-from boat_daq.engine.plan import built_in_plans
 from boat_daq.viewmodels.results import analysis_jobs
 from tests.boat_daq.viewmodels.helpers import SAMPLE
 
 
 @pytest.fixture(scope="session")
 def recording(tmp_path_factory):
-    """Two cycles of SA1 on the virtual board, every plateau read."""
-    from boat_daq.commands.demo import record_on_virtual_board
-
-    path = tmp_path_factory.mktemp("runs") / "SA1.boat"
-    plan = dataclasses.replace(built_in_plans()["calibration"], cycles=2)
-    record_on_virtual_board(path, plan, unit="SA1", seed=0, speed=50.0)
-    return path
+    """Two cycles of SA1 on the virtual board, every plateau read, alone in its folder."""
+    return Path(shutil.copy(SAMPLE, tmp_path_factory.mktemp("runs") / "SA1.boat"))
 
 
 @pytest.fixture(scope="session")

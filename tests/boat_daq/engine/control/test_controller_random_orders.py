@@ -206,14 +206,14 @@ class Operators(RuleBasedStateMachine):
 
 
 ORDERS = settings(
-    max_examples=100,
+    max_examples=25,
     stateful_step_count=25,
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much, HealthCheck.data_too_large],
 )
 
 
-@pytest.mark.fault(24, how="random orders of actions, faults and timings", times=100)
+@pytest.mark.fault(24, how="random orders of actions, faults and timings", times=25)
 class TestRandomOrders(Operators.TestCase):  # type: ignore[misc, name-defined]
     """What every change must pass."""
 

@@ -82,11 +82,11 @@ def busy() -> float:
 NIGHTLY = [pytest.mark.nightly, pytest.mark.timeout(1800)]
 
 
-@pytest.mark.fault(30, how="a recorder killed with -9 at random instants", times=20)
+@pytest.mark.fault(30, how="a recorder killed with -9 at random instants", times=8)
 @pytest.mark.parametrize(
     ("times", "shared"),
     [
-        (20, True),
+        (8, True),
         pytest.param(
             200,
             False,
@@ -97,7 +97,7 @@ NIGHTLY = [pytest.mark.nightly, pytest.mark.timeout(1800)]
 def test_kill_9_at_any_time_loses_nothing_acknowledged(tmp_path, forks, times, shared):
     """Killed at random instants: it opens, all that was acknowledged is there, at most 0.2 s are missing.
 
-    The 200 kills have the machine to themselves and are held to 0.2 s itself. The 20 run beside other tests, on a
+    The 200 kills have the machine to themselves and are held to 0.2 s itself. The 8 run beside other tests, on a
     machine that is slower by so much; nothing acknowledged is lost there either.
     """
     instants = random.Random(times)

@@ -31,10 +31,10 @@ PROFILE = Path(protocol.__file__).parent / "profiles" / "delimited_lines.toml"
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory) -> Path:
-    """A hundred seconds with flipped bits, lost bytes and dropped samples."""
+    """A minute with flipped bits, lost bytes and dropped samples."""
     path = tmp_path_factory.mktemp("verify") / "run.boat"
     faults = [parse_fault(text) for text in ("bit_flips@2:0.0005", "index_gap@20:300")]
-    record_run(path, VirtualBoard(seed=4, faults=faults), 100.0, rate_hz=200)
+    record_run(path, VirtualBoard(seed=4, faults=faults), 60.0, rate_hz=200)
     return path
 
 

@@ -57,10 +57,19 @@ def save_as(window, target: Path) -> None:
     dialog.close()
 
 
-def wait(window, qtbot, name: str) -> None:
-    """Wait for a piece of work to end."""
-    qtbot.waitUntil(lambda: (window.refresh(), window.model.jobs.get(name))[1] is None, timeout=PATIENCE_MS)
+def wait(window, qtbot, name: str) -> list[int]:
+    """Wait for a piece of work to end; return the values that its bar showed, thousandths."""
+    shown = []
+
+    def ended() -> bool:
+        window.refresh()
+        if window.strip.bar.maximum() and window.strip.bar.value() not in shown[-1:]:
+            shown.append(window.strip.bar.value())
+        return window.model.jobs.get(name) is None
+
+    qtbot.waitUntil(ended, timeout=PATIENCE_MS)
     window.refresh()
+    return shown
 
 
 def forget_readings(path: Path) -> None:
@@ -70,7 +79,7 @@ def forget_readings(path: Path) -> None:
 
 
 def test_exports_and_report_are_made(runs, tmp_path, qtbot):
-    """Export as CSV, as Parquet, and the report: each requests a place, reports its completion, and has its content."""
+    """Export as CSV, as Parquet, and the report: each requests a place and has its content; the report's bar moves."""
     window, page = runs
     choose(page, 0)
     csv_action, parquet_action = page.buttons["export"].menu().actions()
@@ -88,7 +97,9 @@ def test_exports_and_report_are_made(runs, tmp_path, qtbot):
     forget_readings(window.model.runs.runs[0].path)
     page.buttons["report"].click()
     save_as(window, tmp_path / "run.html")
-    wait(window, qtbot, "report")
+    shown = wait(window, qtbot, "report")
+    assert len(shown) >= 3  # the parts of the report among them
+    assert shown == sorted(shown)
     assert "SIMULATED" in (tmp_path / "run.html").read_text(encoding="utf-8")
 
 

@@ -281,13 +281,13 @@ def curve_candidates_of(analysis: AnalysedRun, sensor: int, x_mm: float) -> tupl
 def _candidate(analysis: AnalysedRun, sensor: int, name: str, x_mm: float) -> CurveCandidate:
     found = CurveCandidate(name)
     try:
-        run = with_curve(analysis, sensor, degree_of(name))
-        calibration = run.sensors[sensor].calibration
-        adequacy = calibration.adequacy if calibration is not None else None
+        of_sensor = BudgetOfSensor.of(with_curve(analysis, sensor, degree_of(name)), sensor)
+        adequacy = of_sensor.calibration.adequacy
         if adequacy is not None:
             own = next(one for one in adequacy.candidates if one.fit is adequacy.chosen)
             found = CurveCandidate(name, str(adequacy.verdict), adequacy.sentence, own.prediction_rms)
-        return replace(found, expanded_mm=BudgetOfSensor.of(run, sensor).at(x_mm).expanded)
+        raise_without_inverse(of_sensor.calibration)
+        return replace(found, expanded_mm=of_sensor.at(x_mm).expanded)
     except AnalysisError as error:
         return replace(found, void=error.cause)
 

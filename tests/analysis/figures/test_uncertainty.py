@@ -170,20 +170,25 @@ def test_budget_states_whether_it_is_traceable(tmp_path: Path) -> None:
 
 
 def test_candidate_is_what_the_run_analysed_by_it_gives(tmp_path: Path) -> None:
-    """Verdict and U of another curve are those of an analysis with it; the chosen one's are those of the budget."""
-    stairs = Staircase(Plant(cubics=PAPER[:1], noise_mv=(1.0,), loop_mm=0.1), cycles=2)
+    """Verdict and U of another curve are those of an analysis with it; the chosen one's those of the budget.
+
+    The truth is a monotone cubic whose best parabola turns inside the range: that one gives no U.
+    """
+    stairs = Staircase(Plant(cubics=((1650.0, 40.0, -8.0, 0.6),), noise_mv=(1.0,), loop_mm=0.1), cycles=2)
     stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
     chosen, other = (
-        analyse(stairs.recording(), tmp_path / "e.csv", options=Options(degree, mcmc=False)) for degree in (3, 1)
+        analyse(stairs.recording(), tmp_path / "e.csv", options=Options(degree, mcmc=False)) for degree in (3, 5)
     )
     assert chosen.budgets is not None
     found = {one.name: one for one in curve_candidates_of(chosen, 0, chosen.budgets.x_mm)}
     assert list(found) == ["1", "2", "3", "4", "5", "6", "spline"]
-    for analysis, name in ((chosen, "3"), (other, "1")):
+    for analysis, name in ((chosen, "3"), (other, "5")):
         calibration, budget = analysis.sensors[0].calibration, elongation_budget(analysis, chosen.budgets.x_mm)[0]
         assert found[name].verdict == calibration.adequacy.verdict
         assert found[name].expanded_mm == pytest.approx(budget.expanded, rel=1e-9)
     assert found["1"].verdict != found["3"].verdict == "adequate"
+    assert np.isnan(found["2"].expanded_mm)
+    assert "it turns at" in found["2"].void
     assert found["3"].prediction_rms_mv < 0.2 * found["1"].prediction_rms_mv
 
 

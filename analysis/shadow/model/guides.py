@@ -93,18 +93,19 @@ def locate(mesh: Mesh, points: FloatArray) -> tuple[IntArray, FloatArray]:
     low, high = corners.min(axis=1), corners.max(axis=1)
     slack = 0.05 * (high - low)
     owner, values = np.full(len(points), -1), np.zeros((len(points), 8))
-    for i, point in enumerate(points):
-        near = np.flatnonzero(((point >= low - slack) & (point <= high + slack)).all(axis=1))
-        local = invert(corners[near], point)
-        inside = np.flatnonzero(np.abs(local).max(axis=1, initial=0.0) <= _INSIDE) if len(near) else near
-        if len(inside):
-            owner[i] = near[inside[0]]
-            values[i] = shape(local[inside[0], 0], local[inside[0], 1])[0][0]
+    near = (points[:, None] >= low - slack) & (points[:, None] <= high + slack)
+    point, element = np.nonzero(near.all(axis=2))
+    local = invert(corners[element], points[point])
+    inside = np.flatnonzero(np.abs(local).max(axis=1, initial=0.0) <= _INSIDE)
+    found, first = np.unique(point[inside], return_index=True)
+    chosen = inside[first]
+    owner[found] = element[chosen]
+    values[found] = shape(local[chosen, 0], local[chosen, 1])[0]
     return owner, values
 
 
 def invert(corners: FloatArray, point: FloatArray) -> FloatArray:
-    """Return the local coordinates of one point in each of several elements, shape (k, 2); 9 where there are none."""
+    """Return local coordinates of points (k, 2), or of one, in elements (k, 8, 2); 9 where there are none."""
     local = np.zeros((len(corners), 2))
     for _ in range(12):
         n, n_xi, n_eta = shape(local[:, 0], local[:, 1])

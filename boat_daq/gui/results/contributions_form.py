@@ -63,9 +63,8 @@ class ContributionsForm(QDialog):
         self.startTimer(REFRESH_MS)  # undo is a key of the window, not of this panel
 
     def _form(self) -> QGridLayout:
-        fields = {key: widgets.field(key.capitalize(), placeholder=hint) for key, hint in HINTS.items()}
-        self.name = widgets.field("Name of the contribution", placeholder="e.g. lens distortion")
-        self.value = widgets.field("Value")
+        fields = {key: widgets.field(key, placeholder=hint) for key, hint in HINTS.items()}
+        self.name, self.value = widgets.field("name", placeholder="e.g. lens distortion"), widgets.field("value")
         self.stated = widgets.choice("How it is stated", STATED, self._check)
         self.unit = widgets.choice("Unit", UNITS, self._check)
         self.distribution = widgets.choice("Distribution", DISTRIBUTIONS, self._check)
@@ -100,6 +99,8 @@ class ContributionsForm(QDialog):
             grid.addWidget(self.lines[key][1], 2 * i, 1)
             grid.addWidget(self.refusals[key], 2 * i + 1, 1)
             widgets.set_state(self.refusals[key], "fault")
+            if key in self.texts:
+                self.texts[key].setAccessibleName(text)
         return grid
 
     def timerEvent(self, event: QTimerEvent) -> None:

@@ -33,6 +33,7 @@ class DataTable(QTableWidget):
         super().__init__()
         dress(self, name)
         self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.setTabKeyNavigation(False)  # Tab goes to the next control, the arrows through the rows
         self.setWordWrap(False)
         self.horizontalHeader().setDefaultAlignment(LEFT)
         self.set_headings(headings, stretched=stretched, right=right)

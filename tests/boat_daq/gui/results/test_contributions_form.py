@@ -32,6 +32,9 @@ def test_contribution_is_stated_refused_at_its_field_and_undone(live, monkeypatc
     form = next(panel for panel in live.findChildren(ContributionsForm) if panel.isVisible())
     assert [form.list.item(i, 1).text() for i in range(5)] == ["not assessed"] * 5
     assert not form.refusals["value"].isVisible()  # nothing was entered yet
+    form.list.setFocus()
+    QTest.keyClick(form.list, Qt.Key.Key_Tab)  # it used to go from cell to cell, without an end
+    assert form.focusWidget() is form.stated
     form.store.click()
     assert form.refusals["value"].text() == "Give a number of at least 0."
     QTest.keyClicks(form.texts["value"], "0.2")

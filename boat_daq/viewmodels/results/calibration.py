@@ -315,7 +315,7 @@ class CalibrationModel:
 
     def out_of_tolerance(self) -> tuple[str, ...]:
         """Return the figures out of tolerance of a calibration that could be accepted, a sentence a sensor."""
-        if self.result is None or self.obstacle() is not None:
+        if self.result is None or obstacle_to(self.result) is not None:
             return ()
         return missed_bounds(self.result, self.posterior)
 
@@ -323,13 +323,13 @@ class CalibrationModel:
         """Return what prevents acceptance of the curves, then the figures out of tolerance."""
         if self.result is None or missing(self.result) is not None:
             return ()
-        obstacle = self.obstacle()
+        obstacle = obstacle_to(self.result)
         lines = missed_bounds(self.result, self.posterior)
         return lines if obstacle is None else (str(obstacle), *lines)
 
     def obstacle(self) -> Obstacle | None:
         """Return why the calibration cannot be accepted; None when it can."""
-        return Obstacle("Analysing \u2026") if self.working else obstacle_to(self.result)
+        return Obstacle("The run is being analysed") if self.working else obstacle_to(self.result)
 
     def verdict(self) -> tuple[str, str]:
         """Return (state, text) for the top of the page."""

@@ -204,6 +204,17 @@ def test_curves_are_compared_sensor_by_sensor(tmp_path, result):
         model.sample()
 
 
+def test_calibration_is_not_accepted_while_its_run_is_analysed_again(tmp_path, result, monkeypatch):
+    """What is shown stays, its warnings too; it is not of the new curve, so that it cannot be accepted."""
+    model = model_on(tmp_path, result)
+    before = model.acceptance_warnings(), model.out_of_tolerance()
+    monkeypatch.setattr(CalibrationModel, "working", True)
+    assert model.verdict() == ("", "Analysing \u2026")
+    assert (model.acceptance_warnings(), model.out_of_tolerance()) == before
+    with pytest.raises(OperatorError, match="being analysed"):
+        model.accept()
+
+
 def test_curve_that_turns_is_not_accepted(tmp_path, result):
     """A calibration without an inverse is refused with the sensor's name, and nothing is stored."""
     sensors = (turning(result.sensors[0]), result.sensors[1])

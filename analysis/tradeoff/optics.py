@@ -18,10 +18,10 @@ from analysis.arrays import FloatArray
 from analysis.optics.scene.curves import frames_of
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.geometry import pattern_of
-from analysis.optics.scene.parameters import PAPER_OPTIMUM, Light, Waveguide
+from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, Light, Waveguide
 from analysis.optics.sweep.figure_of_merit import merit, resolution
 from analysis.optics.sweep.sweep import common_of, paper_grid, run_item
-from analysis.optics.tracer.simulation import PAPER_RAYS, trace
+from analysis.optics.tracer.simulation import trace
 from analysis.optics.tracer.tally import DETECTED
 from analysis.tradeoff.measure import Method, Setting
 from analysis.tradeoff.references import load

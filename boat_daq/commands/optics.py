@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.optics.scene.parameters import Design, Light, Waveguide
+from analysis.optics.scene.parameters import PAPER_RAYS, Design, Light, Waveguide, phase_of
 from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, writing
 from boat_daq.commands.options import AllowRemoteOption, OptionalFidelity
 
@@ -32,10 +32,16 @@ State = Annotated[
 ]
 Rays = Annotated[int, typer.Option(help="Rays released.")]
 Secondary = Annotated[int, typer.Option(help="Budget of secondary (reflected) rays.")]
-PAPER_RAYS, PAPER_SECONDARY = 250, 100
+PAPER_SECONDARY = 100
 OptionalRays = Annotated[int | None, typer.Option(help="Rays released; default 250, or the fidelity's.")]
 OptionalSecondary = Annotated[
     int | None, typer.Option(help="Budget of secondary (reflected) rays; default 100, or in proportion to the rays.")
+]
+Phase = Annotated[
+    float | None,
+    typer.Option(
+        help="Turn of the fan in its own steps, -0.5 to 0.5; default 0 for 250 rays (the paper's), else 0.25."
+    ),
 ]
 Order = Annotated[str, typer.Option(help="Order in which the budget is spent: time, bounce or index.")]
 Index = Annotated[float, typer.Option(help="Refractive index of the resin.")]
@@ -70,6 +76,12 @@ def released_rays(
     number = rays or (PAPER_RAYS if level is None else of_level(fidelity(level)))
     in_proportion = PAPER_SECONDARY if level is None else round(PAPER_SECONDARY * number / PAPER_RAYS)
     return number if rays is None else rays, in_proportion if secondary is None else secondary
+
+
+def _light(rays: int, secondary: int, phase: float | None, order: str, emission: str) -> Light:
+    """Return the light of the options."""
+    turn = phase_of(rays) if phase is None else phase
+    return Light(rays=rays, secondary=secondary, phase=turn, order=order, emission=emission)  # type: ignore[arg-type]  # checked there
 
 
 def _curves(path: Path | None) -> FloatArray:
@@ -108,6 +120,7 @@ def trace(
     state: State = None,
     rays: OptionalRays = None,
     secondary: OptionalSecondary = None,
+    phase: Phase = None,
     order: Order = "time",
     index: Index = 1.50,
     curves: Curves = None,
@@ -129,7 +142,7 @@ def trace(
     design = Design(cavities, width, depth, spacing, face)  # type: ignore[arg-type]  # checked there
     guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
     released, budget = released_rays(rays, secondary, fidelity, lambda level: level.rays)
-    light = Light(rays=released, secondary=budget, order=order, emission=emission)  # type: ignore[arg-type]  # checked there
+    light = _light(released, budget, phase, order, emission)
     frame, number = _frame(_curves(curves), state, guide)
     outcome = trace_scene(frame, design, guide, light)
     if out is not None:
@@ -141,6 +154,7 @@ def trace(
         **asdict(design),
         "state": number,
         "rays": released,
+        "phase": light.phase,
         "ndr": outcome.ndr,
         "power": outcome.power,
         "ledger": outcome.ledger,
@@ -170,6 +184,7 @@ def scene(
     state: State = None,
     rays: Rays = 250,
     secondary: Secondary = 100,
+    phase: Phase = None,
     order: Order = "time",
     index: Index = 1.50,
     curves: Curves = None,
@@ -191,7 +206,7 @@ def scene(
 
     design = Design(cavities, width, depth, spacing, face)  # type: ignore[arg-type]  # checked there
     guide = Waveguide(thickness_mm=thickness, index=index, receiver_mm=receiver)
-    light = Light(rays=rays, secondary=secondary, order=order, emission=emission)  # type: ignore[arg-type]  # checked there
+    light = _light(rays, secondary, phase, order, emission)
     frame, number = _frame(_curves(curves), state, guide)
     name = f"BOAT n={cavities} w={width:g} d={depth:g} s={spacing:g} mm, state {number}"
     built = ray_optics_scene(frame, design, guide, light, name)
@@ -211,6 +226,7 @@ def sweep(
     cavities: Annotated[str, typer.Option(help="Numbers of cavities, as 3,5,7.")] = "3,5,7",
     rays: OptionalRays = None,
     secondary: OptionalSecondary = None,
+    phase: Phase = None,
     order: Order = "time",
     index: Index = 1.50,
     curves: Curves = None,
@@ -237,7 +253,7 @@ def sweep(
     designs = tuple(paper_grid(cavity_counts(cavities), face))  # type: ignore[arg-type]  # the design checks its face
     released, budget = released_rays(rays, secondary, fidelity, lambda level: level.ranking_rays)
     guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
-    light = Light(rays=released, secondary=budget, order=order, emission=emission)  # type: ignore[arg-type]  # checked there
+    light = _light(released, budget, phase, order, emission)
     request = SweepRequest(designs, guide, light, _curves(curves))
     if out is not None:
         with writing(out):

@@ -26,6 +26,7 @@ CORNER_A, CORNER_B, FREE = 1, 2, 4
 JUNCTION_START, JUNCTION_END, NO_CELL = -1, -2, -3
 _SAMPLES = 1500
 _TIGHTEST = 0.98
+_MIRRORED = 1e-6
 
 
 class SceneFrame(NamedTuple):
@@ -67,6 +68,15 @@ class SceneFrame(NamedTuple):
         """Return the longest centred row of cavities that fits both guides, mm."""
         middle = self.nodes[:, -1, 4] / 2
         return float(2 * np.min(np.minimum(middle - self.ends[:, 0], self.ends[:, 1] - middle)))
+
+    @property
+    def mirrored(self) -> bool:
+        """Return whether the two guides are mirror images in the middle of the fan; cavities do not change that."""
+        if len(self.nodes) != 2:
+            return False
+        x, y = self.emitter[2:]
+        left, right = (self.nodes[..., :2] - self.emitter[:2]) @ np.array([[x, -y], [y, x]])
+        return bool(np.allclose(left, right * [1.0, -1.0], rtol=0.0, atol=_MIRRORED * self.half_mm))
 
     def guide(self, number: int) -> ArcSpline:
         """Return the centreline of guide 0 or 1."""

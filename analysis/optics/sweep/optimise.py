@@ -26,10 +26,9 @@ from analysis.errors import RequestError
 from analysis.optics.scene.curves import frames_of
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.geometry import pattern_of
-from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Face, Light, Waveguide
+from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, Design, Face, Light, Waveguide
 from analysis.optics.sweep.figure_of_merit import merit, resolution
 from analysis.optics.sweep.sweep import common_of, paper_grid, run_item
-from analysis.optics.tracer.simulation import PAPER_RAYS
 from analysis.progress import Progress
 
 POPULATION = 16

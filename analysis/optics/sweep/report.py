@@ -85,7 +85,8 @@ def draw_scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light
         step = max(1, len(chosen) // _MOST_DRAWN)
         lines = [laid(frame, p.points) for p in chosen[::step]]
         strength = [min(_STRONG, max(_FAINT, _STRONG * float(p.power[-1]))) for p in chosen[::step]]
-        axes.add_collection(LineCollection(lines, colors=colour, linewidths=0.4, alpha=strength))
+        if lines:
+            axes.add_collection(LineCollection(lines, colors=colour, linewidths=0.4, alpha=strength))
     if np.isfinite(shape.receiver[0, 0]):
         axes.plot(*laid(frame, shape.receiver).T, color=GREEN, linewidth=3.0, solid_capstyle="butt", label="receiver")
     axes.plot([0], [0], "o", color=style.ELONGATION, markersize=4, label="emitter")
@@ -226,6 +227,7 @@ def sweep_json(result: SweepResult) -> dict[str, Any]:
         "seconds": result.seconds,
         "hits": result.hits,
         "rays": result.request.light.rays,
+        "phase": result.request.light.phase,
         "version": program_version(),
         "designs": designs,
         "best": designs[int(np.argmax(columns["p"]))],

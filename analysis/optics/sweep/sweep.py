@@ -19,17 +19,17 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.arrays import FloatArray, IntArray
+from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.cluster import check_scheduler, connect
 from analysis.errors import RequestError
 from analysis.optics.scene.curves import default_curves, frames_of
 from analysis.optics.scene.frame import SceneFrame, check_design
 from analysis.optics.scene.geometry import pattern_of
-from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Face, Light, Waveguide
+from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, Design, Face, Light, Waveguide
 from analysis.optics.sweep.figure_of_merit import Merit, Uncertainty, merit, resolution, uncertainty
 from analysis.optics.sweep.sweep_file import SweepFile
 from analysis.optics.tracer.rays import Fan, Rules, fan_of, rules_of
-from analysis.optics.tracer.simulation import PAPER_RAYS, simulate_many, stacked
+from analysis.optics.tracer.simulation import ndr_sd, simulate_many, stacked
 from analysis.optics.tracer.tally import COUNTS, DETECTED, ENERGIES, HITS
 from analysis.progress import Progress
 
@@ -81,6 +81,7 @@ class SweepResult:
     request : what was simulated.
     ndr, ndr_sd : (n, s) rays that reach the receiver scaled to 250, and their standard deviation.
     power : (n, s) detected power, emitted = 1.
+    mirrored : (s,) whether a state is its own mirror image.
     counts, energy : (n, s, 10) and (n, s, 4) ledgers, see `sweep_file.COUNT_NAMES` and `tally.ENERGY`.
     seconds, simulated : time taken by, and number of, the simulations of this run.
     """
@@ -89,6 +90,7 @@ class SweepResult:
     ndr: FloatArray
     ndr_sd: FloatArray
     power: FloatArray
+    mirrored: BoolArray
     counts: IntArray
     energy: FloatArray
     seconds: float
@@ -106,8 +108,10 @@ class SweepResult:
 
     @property
     def floor(self) -> float:
-        """Return the smallest RMSE that this number of rays resolves."""
-        return float(resolution(self.request.light.rays))
+        """Return the smallest RMSE that this fan resolves: its counts rise in twos where its halves are mirrored."""
+        light = self.request.light
+        in_pairs = (2 * light.phase) % 1 == 0 and bool(np.all(self.mirrored))
+        return float(resolution(light.rays)) * (2 if in_pairs else 1)
 
     def merit(self) -> Merit:
         """Return figures of merit of all designs on counted rays."""
@@ -195,7 +199,8 @@ def run_sweep(
         finished += len(designs)
         if progress is not None:
             progress(finished * len(frames), len(request.designs) * len(frames))
-    return _result(request, done, time.perf_counter() - started, len(todo) * len(frames))
+    mirrored = np.array([frame.mirrored for frame in frames])
+    return _result(request, mirrored, done, time.perf_counter() - started, len(todo) * len(frames))
 
 
 def check_designs(designs: Sequence[Design], frames: Sequence[SceneFrame]) -> None:
@@ -212,13 +217,13 @@ def check_designs(designs: Sequence[Design], frames: Sequence[SceneFrame]) -> No
         check_design(frames[tightest], design, f"state {tightest}")
 
 
-def _result(request: SweepRequest, done: dict[Design, Results], seconds: float, simulated: int) -> SweepResult:
+def _result(
+    request: SweepRequest, mirrored: BoolArray, done: dict[Design, Results], seconds: float, simulated: int
+) -> SweepResult:
     counts, energy, changes = map(np.stack, zip(*(done[d] for d in request.designs), strict=True))
-    rays = request.light.rays
-    scale = PAPER_RAYS / rays
-    sd = np.asarray(scale * np.sqrt(changes * rays / (2 * max(rays - 1, 1))), dtype=np.float64)
-    ndr = np.asarray(scale * counts[..., DETECTED], dtype=np.float64)
-    return SweepResult(request, ndr, sd, energy[..., 0], counts, energy, seconds, simulated)
+    ndr = np.asarray(PAPER_RAYS / request.light.rays * counts[..., DETECTED], dtype=np.float64)
+    sd = ndr_sd(changes, request.light, request.guide.thickness_mm, mirrored)
+    return SweepResult(request, ndr, sd, energy[..., 0], mirrored, counts, energy, seconds, simulated)
 
 
 def _work(

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray, IntArray
+from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.compiled import compiled, pointers
 from analysis.optics.scene.frame import NO_CELL, SceneFrame
 from analysis.optics.scene.geometry import Geometry, allocate, build, geometry_of
-from analysis.optics.scene.parameters import Design, Light, Waveguide
+from analysis.optics.scene.parameters import PAPER_RAYS, Design, Light, Waveguide
 from analysis.optics.tracer import budget as queues
 from analysis.optics.tracer import tally as ledger
 from analysis.optics.tracer.budget import Queue, new_queue
@@ -29,7 +29,8 @@ from analysis.optics.tracer.tracer import follow
 from analysis.progress import Progress
 
 BLOCK = 4096
-PAPER_RAYS = 250
+CORRELATION_DEG_PER_MM2 = 0.03
+"""Over this angle, times the thickness squared, neighbouring rays end alike: fitted to counts, see METHODS.md."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,7 @@ class TraceResult:
     hits : surfaces met.
     granted, refused : secondaries that were followed, and that were beyond the budget.
     ndr : rays that reach the receiver, secondaries included, scaled to 250 emitted.
-    ndr_sd : its standard deviation if the fan were turned at random (successive differences along the fan).
+    ndr_sd : its standard deviation, see `ndr_sd`; NaN for a single ray.
     power : detected power, emitted = 1.
     """
 
@@ -239,13 +240,35 @@ def trace(
     counts, energy = tally.counts.tolist(), (tally.energy / light.rays).tolist()
     ends = dict(zip(ledger.LEDGER, counts, strict=False)), dict(zip(ledger.ENERGY, energy, strict=True))
     secondaries = counts[ledger.GRANTED], counts[ledger.REFUSED]
-    ndr, sd = counts[DETECTED] * (PAPER_RAYS / light.rays), ndr_sd(changes_along_fan(by_root), light.rays)
-    return TraceResult(*ends, counts[ledger.HITS], *secondaries, ndr, sd, energy[0])
+    ndr = counts[DETECTED] * (PAPER_RAYS / light.rays)
+    sd = float(ndr_sd(np.array(changes_along_fan(by_root)), light, 2 * frame.half_mm, np.array(frame.mirrored)))
+    return TraceResult(*ends, counts[ledger.HITS], *secondaries, ndr, sd if light.rays > 1 else math.nan, energy[0])
 
 
-def ndr_sd(changes: float, rays: int) -> float:
-    """Return the standard deviation of NDR from `changes_along_fan`; NaN for a single ray."""
-    return PAPER_RAYS / rays * math.sqrt(rays * changes / (2 * (rays - 1))) if rays > 1 else math.nan
+def ndr_sd(changes: FloatArray, light: Light, thickness_mm: float, mirrored: BoolArray) -> FloatArray:
+    """Return the standard deviation of NDR of an evenly spaced fan that is turned at random.
+
+    Parameters
+    ----------
+    changes : (...) from `changes_along_fan`.
+    light, thickness_mm : the fan, and the guide.
+    mirrored : (...) whether the scene is its own mirror image, from `SceneFrame.mirrored`.
+
+    Notes
+    -----
+    Detections along the fan are a process with covariance exp(-angle / angle0). The sum of its samples a step apart
+    has variance coth(x / 2) - 2 / x a ray, x = step / angle0: 1 where neighbours are unrelated, x / 6 where each
+    change is resolved (systematic sampling: Cochran, Sampling Techniques, 3rd edition, 1977, chapter 8). In a
+    mirrored scene the other half of the fan is a second sample of the same process, shifted by twice the phase.
+    """
+    x, shift = light.cone_deg / light.rays / (CORRELATION_DEG_PER_MM2 * thickness_mm**2), (2 * light.phase) % 1
+
+    def shared(at: float) -> float:
+        """Return the sum of covariances with the samples at a shift of `at` steps, less that of their mean."""
+        return (math.exp(-at * x) + math.exp((at - 1) * x)) / -math.expm1(-x) - 2 / x
+
+    each = changes * light.rays / max(light.rays - 1, 1) / (-2 * math.expm1(-x))
+    return np.asarray(PAPER_RAYS / light.rays * np.sqrt(each * (shared(0.0) + mirrored * shared(shift))))
 
 
 @dataclass(frozen=True, slots=True)

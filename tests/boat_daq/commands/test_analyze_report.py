@@ -31,9 +31,9 @@ def test_wrong_option_is_a_usage_error(options: tuple[str, ...]) -> None:
 def test_limit_within_the_uncertainty_is_conditional(stairs: tuple[Path, Path], tmp_path: Path) -> None:
     """A limit at the value itself is neither passed nor failed; the JSON has guard band, probability and rule."""
     boat, readings = stairs
-    options = ("--elongation", readings, "--no-mcmc", "--no-shadow", "--out", tmp_path / "r.html")
-    value = call("report", boat, *options, "--limit", "snr=0")["conformity"][0]["value"]
-    found = call("report", boat, *options, "--limit", f"snr={value - 0.001}")
+    options = ("--elongation", readings, "--no-mcmc", "--no-shadow")
+    value = call("analyze", boat, *options, "--limit", "snr=0")["conformity"][0]["value"]
+    found = call("report", boat, *options, "--out", tmp_path / "r.html", "--limit", f"snr={value - 0.001}")
     first = found["conformity"][0]
     assert first["conformity"] == "conditional_pass"
     assert first["probability"] == pytest.approx(0.5, abs=0.02)

@@ -12,6 +12,8 @@ from tests.faults.drill import ROOT
 
 PRODUCT = [path for package in ("protocol", "analysis", "boat_daq") for path in sorted((ROOT / package).rglob("*.py"))]
 
+CALLS = {"extractall", "extract", "unpack_archive", "eval", "exec", "read_pickle", "system", "load"}
+
 
 @cache
 def sources() -> list[tuple[Path, str]]:
@@ -60,7 +62,7 @@ def test_no_input_is_evaluated() -> None:
             if isinstance(node, ast.ImportFrom):
                 names = {(node.module or "").split(".")[0]}
             assert not names & forbidden, path
-            if isinstance(node, ast.Call):
+            if isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) in CALLS:
                 called = ast.unparse(node.func)
                 assert not called.endswith((".extractall", ".extract", "unpack_archive")), path
                 assert called not in {"eval", "exec", "pd.read_pickle", "os.system"}, path

@@ -55,14 +55,18 @@ def chosen_curve(recording: Recording, choice: str = "") -> Degree:
     """
     from analysis.calibration.curve_choice import USUAL_DEGREE, degree_of
 
-    unit = None if choice else _unit(recording)
-    name = Path(recording.source).name
+    unit, own = None if choice else _unit(recording), identity(recording)
     accepted = (
         str(entry.content.get("curve", ""))
         for entry in reversed(unit.history if unit is not None else ())
-        if entry.accepted and entry.recording == name
+        if entry.accepted and entry.content.get("recording_id") == own
     )
     return degree_of(choice or next(accepted, "") or str(USUAL_DEGREE))
+
+
+def identity(recording: Recording) -> str:
+    """Return what names a recording whatever its file is called: its UUID, or else the name of the file."""
+    return str(recording.meta.get("uuid") or Path(recording.source).name)
 
 
 def _unit(recording: Recording) -> Unit | None:

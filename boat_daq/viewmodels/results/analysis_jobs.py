@@ -22,7 +22,7 @@ from analysis.figures.figure import SENSOR_FIGURES, Figure
 from analysis.progress import Progress, part_of
 from analysis.warning import Warning
 from boat_daq.viewmodels.common.formatting import NOTHING, number, sensor_words
-from boat_daq.viewmodels.common.reference import chosen_curve, stated_contributions
+from boat_daq.viewmodels.common.reference import chosen_curve, identity, stated_contributions
 
 if TYPE_CHECKING:
     from analysis.figures.acceptance import LimitStatement
@@ -181,8 +181,8 @@ class RunResult:
 
     `uncertainty` has a row for each component of the budget of an elongation, and for each published limit.
     `u_elongation` has x and U of each sensor, [points, 2] mm, none where the curve gives no elongation. `traceability`
-    is that of an elongation by every sensor. `curve` is the choice that was fitted; `candidates` are each sensor's
-    curves, none where they were not compared.
+    is that of an elongation by every sensor. `recording_id` is the `identity` of the recording. `curve` is the choice
+    that was fitted; `candidates` are each sensor's curves, none where they were not compared.
     """
 
     path: str
@@ -202,6 +202,7 @@ class RunResult:
     uncertainty: tuple[tuple[Cell, ...], ...] = ()
     u_elongation: tuple[FloatArray, ...] = ()
     traceability: Traceability | None = None
+    recording_id: str = ""
     curve: str = ""
     candidates: tuple[tuple[CurveCandidate, ...], ...] = ()
     stepped: bool = True  # whether the plateaus are steps of a plan, at which readings are typed
@@ -271,6 +272,7 @@ def analyse_run(
         uncertainty=(*_expanded_rows(found), *_limit_rows(found), *_component_rows(found)),
         u_elongation=found.u_elongation,
         traceability=next((b.traceability for b in budgets), None),
+        recording_id=identity(recording),
         curve=str(degree),
         candidates=tuple(candidates),
         stepped=bool(len(recording.steps)),

@@ -426,6 +426,7 @@ class CalibrationModel:
             "sensors": [dict(s.fit.content) for s in self.result.sensors if s.fit is not None],
             "simulated": self.result.simulated,
             "cycles": self.result.cycles,
+            "recording_id": self.result.recording_id,
             "curve": self.result.curve,
             "posterior": [dict(p.content) for p in self.posterior],
             "poor": list(self.out_of_tolerance()),

@@ -17,7 +17,7 @@ SCALE = {"scale": {"u_percent": 0.1, "certificate": "DKD 4711"}}
 
 def run_of(unit: str, *, simulated: bool = False) -> SimpleNamespace:
     """What of a recording names its unit."""
-    return SimpleNamespace(unit=unit, simulated=simulated, source="/runs/a.boat")
+    return SimpleNamespace(unit=unit, simulated=simulated, source="/runs/renamed.boat", meta={"uuid": "a"})
 
 
 def test_rig_counts_before_the_unit(tmp_path: Path) -> None:
@@ -34,8 +34,8 @@ def test_curve_is_the_chosen_one_or_that_of_the_accepted_calibration() -> None:
     """The choice; without one the curve accepted last with this recording, of its kind of board; else the usual one."""
     sensor = {"sensors": [], "simulated": True}
     library = UnitLibrary(simulated=True)
-    for name, curve in (("a.boat", "4"), ("a.boat", "auto"), ("b.boat", "2")):
-        library.add_calibration("ref-curve", sensor | {"curve": curve}, recording=name)
+    for uuid, curve in (("a", "4"), ("a", "auto"), ("b", "2")):
+        library.add_calibration("ref-curve", sensor | {"curve": curve, "recording_id": uuid})
     simulated = run_of("ref-curve", simulated=True)
     assert (chosen_curve(simulated, "spline"), chosen_curve(simulated)) == ("spline", "auto")
     assert chosen_curve(run_of("ref-curve")) == chosen_curve(run_of("")) == 3

@@ -196,9 +196,8 @@ class Strip(QWidget):
         self.notices, self.jobs = notices, jobs
         self._shown: Notice | None = None
         self.mark = widgets.label()
-        self.text = widgets.label(name="What needs attention")
+        self.text = widgets.label(name="What needs attention", elide=True)
         self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # the buttons are never cut
-        self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.act = widgets.button("", self.apply, name="Apply suggested action")
         self.more = widgets.button("Details", self._toggle_details, "link")
         self.open_file = widgets.button("Open", self._open_file, name="Open the saved file")
@@ -253,7 +252,6 @@ class Strip(QWidget):
         widgets.set_state(self.mark, severity if severity in ("warning", "fault") else "ok")
         self.mark.setText(TITLES[notice.severity] if notice else "")
         self.text.setText(notice.sentences if notice else "")
-        self.text.setToolTip(widgets.as_words(notice.text) if notice else "")
         self.act.setText(notice.action_text if notice else "")
         if self.messages.isChecked():
             self.details.setPlainText(self.notices.history_text())

@@ -53,6 +53,7 @@ LEAST_DECADES = 1.0  # so that timing noise looks small
 LABEL_MARGIN = 0.08  # of the height, over the highest point
 RING, SQUARE, MARK_WIDTH = 18, 26, 2
 AT_RIGHT = 0.99
+ONE_PLACE_DECADES = 0.05  # points nearer than this are labelled as one
 GAP = (math.nan, math.nan)  # between two strokes
 NOTHING = "Press Measure to plot each setting: time across, error up."
 SIDES = ("bottom", "left")
@@ -130,7 +131,7 @@ class TradeoffCard(PlotCard):
         self.spread.set(*spread_bars(points, chart.floor))
         self.notices.setValue(math.log10(chart.tolerance))
         self.sufficient.setValue(math.log10(chart.sufficient))
-        self.labels.set([(*at[p.number], f"{p.number} {', '.join(p.uses)}".strip()) for p in points])
+        self.labels.set(point_labels([(*at[p.number], f"{p.number} {', '.join(p.uses)}".strip()) for p in points]))
         self._frame(x, np.append(y, np.log10([chart.tolerance, chart.sufficient])))
         self.paint_theme(self.theme)
 
@@ -155,6 +156,19 @@ class TradeoffCard(PlotCard):
         names = ("setting", "processor time (s)", "spread (s)", *units, "marks")
         rows = [(p.setting, p.seconds, p.spread_s, p.error, p.error_spread, ", ".join(p.marks)) for p in chart.points]
         return tables.by_column(names, rows)
+
+
+def point_labels(points: Sequence[tuple[float, float, str]]) -> list[tuple[float, float, str]]:
+    """Return the labels (x, y, text) with those of points in one place joined: one over the other shows neither."""
+    joined: list[tuple[float, float, str]] = []
+    for x, y, text in points:
+        near = [i for i, (a, b, _) in enumerate(joined) if max(abs(a - x), abs(b - y)) < ONE_PLACE_DECADES]
+        if near:
+            a, b, others = joined[near[0]]
+            joined[near[0]] = (a, b, f"{others}, {text}")
+        else:
+            joined.append((x, y, text))
+    return joined
 
 
 def spread_bars(points: Sequence[TradeoffPoint], floor: float) -> tuple[FloatArray, FloatArray]:

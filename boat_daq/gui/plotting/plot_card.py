@@ -90,7 +90,7 @@ class PlotCard(QFrame):
         needed = self.bar.sizeHint().width() + margins.left() + margins.right()
         if self._readout_below:
             needed += self.readout.sizeHint().width() + self.bar.spacing()
-        below = needed > self.width()
+        below = needed + style.GAP > self.width()  # a label that is a pixel short would be cut
         if below is self._readout_below:
             return
         self._readout_below = below

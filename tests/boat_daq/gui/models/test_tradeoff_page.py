@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QApplication
 from analysis.fidelity import fidelity
 from boat_daq.gui import style
 from boat_daq.gui.models import tradeoff_jobs
-from boat_daq.gui.models.tradeoff_page import spread_bars
+from boat_daq.gui.models.tradeoff_page import point_labels, spread_bars
 from boat_daq.gui.plotting.axes import LogAxis, log_ticks
 from boat_daq.viewmodels.common.jobs import JobState
 from boat_daq.viewmodels.models import tradeoff
@@ -212,3 +212,9 @@ def test_method_that_is_not_measured_shows_what_will_be_there(whole):
     QApplication.processEvents()
     assert chart.empty_text.isVisible()
     assert chart.heading.geometry().bottom() < chart.height() / 4
+
+
+def test_points_in_one_place_share_a_label():
+    """Two settings of equal cost and error were labelled one over the other."""
+    labels = point_labels([(0.0, 0.0, "1"), (0.01, -0.02, "2 default"), (0.2, 0.0, "3")])
+    assert labels == [(0.0, 0.0, "1, 2 default"), (0.2, 0.0, "3")]

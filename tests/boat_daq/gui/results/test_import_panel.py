@@ -66,37 +66,28 @@ def test_dropped_csv_is_imported_by_its_columns(drop, tmp_path):
     assert (notice.cause, notice.action_text) == ("Imported as lab.boat", "Calibrate")
 
 
-def test_dropped_recording_is_analysed(drop, tmp_path, monkeypatch):
-    """A recording from anywhere is shown on the Calibrate page."""
-    analysed = []
-    path = shutil.copy(SAMPLE, tmp_path / "elsewhere.boat")
-    window = drop()
-    monkeypatch.setattr(window.model.calibration, "analyse", analysed.append)
-    drop(path)
-    assert (analysed, window.page) == ([path], "Calibrate")
-
-
-def test_dropped_plan_is_loaded(drop, tmp_path):
-    """A plan is chosen and shown; a profile goes into the connect panel."""
-    plan, profile = tmp_path / "mine.toml", tmp_path / "board.toml"
+def test_dropped_file_is_opened_by_its_kind(drop, tmp_path, monkeypatch):
+    """A recording is shown on the Calibrate page, a plan is chosen, a profile goes into the connect panel."""
+    plan, profile, analysed = tmp_path / "mine.toml", tmp_path / "board.toml", []
+    recording = shutil.copy(SAMPLE, tmp_path / "elsewhere.boat")
     plan.write_text(built_in_plans()["calibration"].to_toml().replace("cycles = 5", "cycles = 3"))
     profile.write_text('name = "x"\nkind = "lines"\n[device]\nn_sensors = 2\n')
-    window = drop(plan)
+    window = drop()
+    monkeypatch.setattr(window.model.calibration, "analyse", analysed.append)
+    drop(recording)
+    assert (analysed, window.page) == ([recording], "Calibrate")
+    drop(plan, profile)
     assert window.model.sequence.plan.cycles == 3
     assert window.live.pane.currentWidget() is window.live.plan
-    drop(profile)
     assert window.connect_panel.isVisible()
     assert window.connect_panel.profile.toPlainText() == str(profile)
 
 
-@pytest.mark.parametrize(
-    ("name", "words"), [("photo.heic", "cannot be opened"), ("notes.toml", "neither a plan"), ("", "folder")]
-)
-def test_other_files_are_refused_with_the_reason(drop, tmp_path, name, words):
+def test_other_files_are_refused_with_the_reason(drop, tmp_path):
     """What the window does not open is named, with what it does open."""
     (tmp_path / "notes.toml").write_text("x = 1\n")
     (tmp_path / "photo.heic").write_bytes(b"x")
-    window = drop(tmp_path / name)
-    notice = window.model.notices.current()
-    assert words in notice.cause
-    assert notice.remedy
+    for name, words in (("photo.heic", "cannot be opened"), ("notes.toml", "neither a plan"), ("", "is a folder")):
+        notice = drop(tmp_path / name).model.notices.history[-1]
+        assert words in notice.cause
+        assert notice.remedy

@@ -122,6 +122,17 @@ def test_session_by_mouse_takes_ten_clicks(run_scenario, capsys):
 
 
 @pytest.mark.nightly
+@pytest.mark.skipif(shutil.which("xdotool") is None, reason="xdotool is not installed: no mouse for the screen")
+def test_quick_trial_takes_fewer_than_five_clicks(run_scenario, capsys):
+    """From the first start to the PDF of a simulated calibration."""
+    seen = run_scenario("trial")
+    with capsys.disabled():
+        print(f"\nquick trial: {seen['clicks']} clicks: {seen['times']}")
+    assert seen["report"] == "%PDF-"
+    assert seen["clicks"] < 5
+
+
+@pytest.mark.nightly
 @pytest.mark.timeout(900)
 def test_hundred_cycles_are_shown_with_their_figures(run_scenario, capsys):
     """The page shows cycles during the run and all of them at its end, with figures near the specimen's."""

@@ -125,6 +125,20 @@ def by_mouse(scenario) -> None:
     )  # fmt: skip
 
 
+def trial(scenario) -> None:
+    """Press Quick trial, then make the report of what it shows: by mouse, on a machine without recordings."""
+    window, model, user = scenario.window, scenario.window.model, UserInput(scenario)
+    focus(window)
+    user.click("Quick trial")
+    scenario.until(lambda: model.calibration.result is not None, "the analysis", 120)
+    scenario.note("analysed")
+    user.click(window.pages["Calibrate"].report)
+    target = save_as(scenario, user, scenario.folder / "trial.pdf")
+    scenario.until(lambda: target.exists() and model.jobs.get("report") is None, "the report", 120)
+    scenario.note("PDF made")
+    scenario.done(clicks=user.clicks, report=target.read_bytes()[:5].decode("latin-1"))
+
+
 def save_as(scenario, user: UserInput, target: Path) -> Path:
     """Type a name into the file dialog and return its path."""
     dialog = scenario.window.findChild(QFileDialog)

@@ -23,7 +23,7 @@ from PySide6.QtWidgets import QAbstractButton, QApplication, QPushButton, QWidge
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.gui.app import make_application, make_window
 from boat_daq.gui.main_window import MainWindow
-from tests.system.window_driver import SPEED, RestartedBoard, by_mouse
+from tests.system.window_driver import SPEED, RestartedBoard, by_mouse, trial
 
 
 class Scenario:
@@ -400,6 +400,7 @@ SCENARIOS = {
     "recover": recover,
     "vent": vent,
     "by_mouse": by_mouse,
+    "trial": trial,
 }
 
 

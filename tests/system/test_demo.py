@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.boat_daq.commands.calls import call
 
 # |measured - truth|, by the end of the figure's name
 BOUNDS = {
@@ -25,10 +22,7 @@ SENSITIVITY = 0.01  # of the truth
 
 def demo(folder: Path, *arguments: str) -> dict[str, Any]:
     """Run the demo without a window and return its object."""
-    command = [sys.executable, "-m", "boat_daq", "demo", "--headless", "--json", "--out", str(folder), *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=240, cwd=ROOT, check=False)
-    assert done.returncode == 0, done.stderr
-    content: dict[str, Any] = json.loads(done.stdout)
+    content: dict[str, Any] = call("demo", "--headless", "--out", folder, *arguments)
     return content
 
 
@@ -58,14 +52,14 @@ def test_demo_agrees_with_the_truth_and_writes_reports(tmp_path: Path) -> None:
     assert content["shadow"]["largest_deviation_mm"] < 0.5
     for name in content["reports"]:
         assert Path(name).stat().st_size > 50_000
-    verify = [sys.executable, "-m", "boat_daq", "verify", content["recording"], "--json"]
-    verdict = json.loads(subprocess.run(verify, capture_output=True, cwd=ROOT, check=True).stdout)
+    verdict = call("verify", content["recording"])
     assert (verdict["identical"], verdict["results"]) == (True, 1)
     html = next(Path(name) for name in content["reports"] if name.endswith(".html"))
     assert "SIMULATED" in html.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("unit", ["SA2-falling", pytest.param("SA3", marks=pytest.mark.nightly)])
+@pytest.mark.nightly
+@pytest.mark.parametrize("unit", ["SA2-falling", "SA3"])
 def test_demo_agrees_for_other_specimens_and_polarity(unit: str, tmp_path: Path) -> None:
     """Specimens with other cubics, and one whose signal falls with elongation, within the same bounds."""
     content = demo(tmp_path, "--unit", unit, "--seed", "5", "--cycles", "2", "--no-mcmc", "--no-report")

@@ -62,14 +62,14 @@ def test_restored_window_fits_a_smaller_screen(live, monkeypatch):
     assert live.isMaximized()
 
 
-@pytest.mark.parametrize("width", [NARROW, 960, 1280])
-def test_models_pages_do_not_scroll_sideways(live, width):
+def test_models_pages_do_not_scroll_sideways(live):
     """Before, a page that required the width of both sides was never narrow enough to stack them."""
-    live.resize(width, 533)
-    for name in ("Optics", "Shadow", "Trade-off"):
-        live.model.optics.choose = lambda *_: None
-        live.go(name)
-        QApplication.processEvents()
-        QApplication.processEvents()
-        assert live.scrolls[name].horizontalScrollBar().maximum() == 0, name
-        assert live.pages[name].width() >= live.pages[name].layout().minimumSize().width(), name
+    for width in (NARROW, 960, 1280):
+        live.resize(width, 533)
+        for name in ("Optics", "Shadow", "Trade-off"):
+            live.model.optics.choose = lambda *_: None
+            live.go(name)
+            QApplication.processEvents()
+            QApplication.processEvents()
+            assert live.scrolls[name].horizontalScrollBar().maximum() == 0, name
+            assert live.pages[name].width() >= live.pages[name].layout().minimumSize().width(), name

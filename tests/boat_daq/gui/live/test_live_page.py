@@ -103,25 +103,29 @@ def test_frozen_plot_keeps_recording(live):
     assert live.model.live.span_s()[1] == pytest.approx(399.99)
 
 
-@pytest.mark.parametrize("size", [(853, 533), (1280, 800), (1920, 1080)])
-def test_readouts_keep_their_places(live, size):
+def test_readouts_keep_their_places(live):
     """A long note, a lost link, a value of another length: Pressure used to jump by 50 px."""
-    live.resize(*size)
-    places: set[tuple[tuple[int, int], ...]] = set()
-    for mm, apart, link in ((1.0, False, LinkState.UP), (-12.5, True, LinkState.UP), (np.nan, False, LinkState.LOST)):
-        live.model.live.inverse = lambda mv, mm=mm, apart=apart: LiveElongation(
-            np.full(len(mv), mm), np.full(len(mv), 0.1), np.full(len(mv), apart)
-        )
-        live.model.session.change(link=link)
-        live.refresh()
-        QApplication.processEvents()
-        figures = [figure for figure in live.live.figures.values() if figure.isVisible()]
-        places.add(tuple((figure.x(), figure.width()) for figure in figures))
-        assert all(f.note.width() >= f.note.sizeHint().width() for f in figures if f.note.text())
-    assert len(places) == 1
-    head = live.live.figure_line.geometry()
-    assert max(figure.geometry().right() for figure in figures) <= head.right()
-    assert live.scrolls["Live"].horizontalScrollBar().maximum() == 0
+    for size in ((853, 533), (1280, 800), (1920, 1080)):
+        live.resize(*size)
+        places: set[tuple[tuple[int, int], ...]] = set()
+        for mm, apart, link in (
+            (1.0, False, LinkState.UP),
+            (-12.5, True, LinkState.UP),
+            (np.nan, False, LinkState.LOST),
+        ):
+            live.model.live.inverse = lambda mv, mm=mm, apart=apart: LiveElongation(
+                np.full(len(mv), mm), np.full(len(mv), 0.1), np.full(len(mv), apart)
+            )
+            live.model.session.change(link=link)
+            live.refresh()
+            QApplication.processEvents()
+            figures = [figure for figure in live.live.figures.values() if figure.isVisible()]
+            places.add(tuple((figure.x(), figure.width()) for figure in figures))
+            assert all(f.note.width() >= f.note.sizeHint().width() for f in figures if f.note.text())
+        assert len(places) == 1
+        head = live.live.figure_line.geometry()
+        assert max(figure.geometry().right() for figure in figures) <= head.right()
+        assert live.scrolls["Live"].horizontalScrollBar().maximum() == 0
 
 
 def test_values_and_curves_of_a_lost_board_are_grey_with_their_age(live):

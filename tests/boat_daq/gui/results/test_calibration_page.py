@@ -192,9 +192,9 @@ def test_many_warnings_scroll_below_the_figures(live):
     assert all(whole_in_sight(live, widget) for widget in (page.accept, page.verdict, page.table, page.texts))
 
 
-@pytest.mark.parametrize(
-    ("run", "title", "action"),
-    [
+def test_missing_readings_are_shown_in_place_of_the_curves(live):
+    """Without readings, cycles or plateaus: what is missing and the next step, no empty axes."""
+    for run, title, action in (
         (without_readings(0), "None of 37 plateaus has a reading", "Enter readings \u2026"),
         (without_readings(3), "Only 3 of 37 plateaus have a reading", "Enter readings \u2026"),
         (
@@ -204,23 +204,20 @@ def test_many_warnings_scroll_below_the_figures(live):
         ),
         (without_readings(0, cycles=0), "This run has no complete cycle", "Show the plan"),
         (dataclasses.replace(without_readings(0), plateaus=0), "This run has no plateaus", "Show it on Repeat"),
-    ],
-)
-def test_missing_readings_are_shown_in_place_of_the_curves(live, run, title, action):
-    """Without readings, cycles or plateaus: what is missing and the next step, no empty axes."""
-    live.go("Calibrate")
-    page = live.pages["Calibrate"]
-    live.model.calibration.show(run)
-    live.refresh()
-    assert not any(card.isVisible() for card in page.curves)
-    assert not page.actuator.view.isVisible()
-    assert page.missing.isVisible()
-    assert page.missing.title.text() == title
-    assert (page.missing.button.text() if page.missing.button.isVisible() else "") == action
-    assert title in page.verdict.text()
-    live.model.calibration.show(run_result())
-    live.refresh()
-    assert all(card.isVisible() for card in page.curves)
+    ):
+        live.go("Calibrate")
+        page = live.pages["Calibrate"]
+        live.model.calibration.show(run)
+        live.refresh()
+        assert not any(card.isVisible() for card in page.curves)
+        assert not page.actuator.view.isVisible()
+        assert page.missing.isVisible()
+        assert page.missing.title.text() == title
+        assert (page.missing.button.text() if page.missing.button.isVisible() else "") == action
+        assert title in page.verdict.text()
+        live.model.calibration.show(run_result())
+        live.refresh()
+        assert all(card.isVisible() for card in page.curves)
 
 
 def test_run_without_plateaus_is_shown_on_the_repeat_page(live):

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import gc
 from typing import TYPE_CHECKING
 
 import pytest
-from PySide6.QtCore import QEvent
-from PySide6.QtWidgets import QApplication
 
 from boat_daq.engine.snapshot import SessionState
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring, idle, window_on
-from tests.boat_daq.gui.windows import RAMPING
+from tests.boat_daq.gui.windows import RAMPING, close_all
 
 if TYPE_CHECKING:
     from boat_daq.gui.main_window import MainWindow
@@ -33,12 +30,7 @@ def make(qtbot, tmp_path):
 
     windows: list[MainWindow] = []
     yield build
-    for window in windows:
-        window.close()
-        window.deleteLater()
-    QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)  # else each window slows the next one down
-    windows.clear()
-    gc.collect()  # here, not on a helper's thread later: a timer that ends on another thread than its own still fires
+    close_all(windows)
 
 
 @pytest.fixture

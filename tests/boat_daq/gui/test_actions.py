@@ -6,11 +6,10 @@ import zipfile
 from collections import Counter
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QAction, QKeySequence, QShortcut
+from PySide6.QtGui import QKeySequence
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QFileDialog,
-    QLabel,
 )
 
 from boat_daq.engine.plan import StepMark
@@ -18,35 +17,8 @@ from boat_daq.engine.snapshot import (
     ReadingRequest,
     SessionState,
 )
-from boat_daq.gui.palette import shown
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import run_shortcut
-
-
-def test_every_command_is_in_a_menu_the_palette_and_the_sheet(whole):
-    """Walk all actions of the menu bar: each is a command with a key, and the sheet names it with its key."""
-    actions = [
-        action for menu in whole.menuBar().actions() for action in menu.menu().actions() if not action.isSeparator()
-    ]
-    commands = whole.commands.actions
-    entries = [f"{c.text}\t{shown(c)}" for m in menus(whole) for c in commands if c.menu == m]
-    assert [a.text() for a in actions] == entries
-    assert {a for a in whole.findChildren(QAction) if a.shortcut().toString()} == set()
-    keys = {shortcut.key().toString() for shortcut in whole.findChildren(QShortcut)}
-    assert {QKeySequence(c.shortcut).toString() for c in commands} <= keys
-    whole.show_keys()
-    texts = {label.text() for label in whole.keys.findChildren(QLabel)}
-    assert {c.text for c in commands} | {shown(c) for c in commands} <= texts
-
-
-def menus(window):
-    return [action.text().removeprefix("&") for action in window.menuBar().actions()]
-
-
-def test_every_button_of_the_results_pages_is_a_command(whole):
-    """What a button of these pages does, a key does: as many commands as button actions."""
-    texts = {c.text for c in whole.commands.actions if c.menu == "Runs"}
-    assert len(texts) == 6 + len(whole.pages["Runs"].buttons) + 1  # exports are two kinds behind one button
 
 
 def test_unavailable_command_is_greyed_and_its_key_does_nothing(live):

@@ -11,15 +11,6 @@ from tests.boat_daq.gui.recorded_session import RecordedSession, connected, fill
 from tests.boat_daq.gui.windows import ASKED
 
 
-def test_every_page_opens(whole):
-    """Each page of the navigation can be gone to and refreshed."""
-    for name in Page:
-        whole.go(name)
-        whole.refresh()
-        assert whole.page == name
-        assert whole.navigation.buttons[name].isChecked()
-
-
 def test_no_dialog_is_modal(live):
     """No panel of the window stops the rest of it."""
     live.show_keys()
@@ -53,17 +44,6 @@ def test_window_restores_its_state(make, tmp_path):
     assert second.page == "Runs"
     assert second.model.live.window_s == 300.0
     assert second.theme is style.DARK
-
-
-def test_theme_repaints_without_an_error(whole):
-    """Light and dark can be changed at any time, with every page open."""
-    for name in Page:
-        whole.go(name)
-    whole.set_theme(style.DARK)
-    assert whole.styleSheet() == style.style_sheet(style.DARK)
-    assert whole.live.plots.theme is style.DARK
-    whole.set_theme(style.LIGHT)
-    assert whole.live.plots.theme is style.LIGHT
 
 
 @pytest.mark.fault(54, how="the window on the virtual board", times=1)

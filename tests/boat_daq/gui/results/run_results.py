@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+from PySide6.QtCore import QPoint, QRect
 
 from analysis.calibration.fit import fit_calibration
 from analysis.warning import Warning, WarningCode
@@ -60,3 +61,10 @@ def without_readings(read: int, **more) -> RunResult:
     whole = run_result()
     sensors = tuple(dataclasses.replace(s, x=nothing, y=nothing, fit=None, void="...") for s in whole.sensors)
     return dataclasses.replace(whole, sensors=sensors, plateaus=37, read=read, **more)
+
+
+def whole_in_sight(window, widget) -> bool:
+    """Whether all of a widget is inside the window's page without scrolling."""
+    viewport = window.scrolls["Calibrate"].viewport()
+    place = widget.mapTo(viewport, QPoint(0, 0))
+    return widget.isVisible() and viewport.rect().contains(QRect(place, widget.size()))

@@ -1,0 +1,107 @@
+"""A window with every page made: pages, themes, names of controls, commands."""
+
+from __future__ import annotations
+
+import pytest
+from PySide6.QtGui import QAction, QKeySequence, QShortcut
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QAbstractItemView,
+    QAbstractSlider,
+    QAbstractSpinBox,
+    QComboBox,
+    QLabel,
+    QLineEdit,
+    QPlainTextEdit,
+    QProgressBar,
+    QSpinBox,
+    QWidget,
+)
+
+from boat_daq.gui import style
+from boat_daq.gui.palette import shown
+from boat_daq.viewmodels.common.services import Page
+from tests.boat_daq.gui.windows import shared_window
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory, qapp):
+    """A window on a connected board with every page made; the module opens no other one, which would be slow."""
+    with shared_window(tmp_path_factory.mktemp("whole")) as window:
+        window.model.optics.choose = lambda *_: None  # no helper process traces
+        for name in Page:
+            window.open_page(name)
+        yield window
+
+
+def test_every_page_opens(whole):
+    """Each page of the navigation can be gone to and refreshed."""
+    for name in Page:
+        whole.go(name)
+        whole.refresh()
+        assert whole.page == name
+        assert whole.navigation.buttons[name].isChecked()
+
+
+def test_theme_repaints_without_an_error(whole):
+    """Light and dark can be changed at any time, with every page open."""
+    for name in Page:
+        whole.go(name)
+    whole.set_theme(style.DARK)
+    assert whole.styleSheet() == style.style_sheet(style.DARK)
+    assert whole.live.plots.theme is style.DARK
+    whole.set_theme(style.LIGHT)
+    assert whole.live.plots.theme is style.LIGHT
+
+
+def test_every_widget_that_shows_or_takes_has_a_name(whole):
+    """Tables, sliders, bars and text fields too: a screen reader can name each."""
+    kinds = (QAbstractItemView, QAbstractSlider, QPlainTextEdit, QProgressBar, QSpinBox)
+    nameless = [
+        f"{type(w).__name__} in {type(w.parent()).__name__}"
+        for w in whole.findChildren(QWidget)
+        if isinstance(w, kinds)
+        and not w.accessibleName()
+        and not w.objectName().startswith("qt_")
+        and type(w).__name__ not in ("QScrollBar", "QHeaderView", "QComboBoxListView", "QListView")
+    ]
+    assert nameless == []
+
+
+def test_every_control_has_an_accessible_name(whole):
+    """A screen reader can name every button, field and choice."""
+    nameless = [
+        f"{type(widget).__name__} {widget.toolTip()} in {widget.parent()}"
+        for widget in whole.findChildren(QWidget)
+        if isinstance(widget, QAbstractButton | QLineEdit | QComboBox)
+        and not isinstance(widget.parent(), QAbstractSpinBox)
+        and not (widget.accessibleName() or (isinstance(widget, QAbstractButton) and widget.text()))
+        and not widget.objectName().startswith("qt_")
+    ]
+    assert nameless == []
+
+
+def test_every_command_is_in_a_menu_the_palette_and_the_sheet(whole):
+    """Walk all actions of the menu bar: each is a command with a key, and the sheet names it with its key."""
+    actions = [
+        action for menu in whole.menuBar().actions() for action in menu.menu().actions() if not action.isSeparator()
+    ]
+    commands = whole.commands.actions
+    entries = [f"{c.text}\t{shown(c)}" for m in menus(whole) for c in commands if c.menu == m]
+    assert [a.text() for a in actions] == entries
+    assert {a for a in whole.findChildren(QAction) if a.shortcut().toString()} == set()
+    keys = {shortcut.key().toString() for shortcut in whole.findChildren(QShortcut)}
+    assert {QKeySequence(c.shortcut).toString() for c in commands} <= keys
+    whole.show_keys()
+    texts = {label.text() for label in whole.keys.findChildren(QLabel)}
+    assert {c.text for c in commands} | {shown(c) for c in commands} <= texts
+
+
+def menus(window):
+    return [action.text().removeprefix("&") for action in window.menuBar().actions()]
+
+
+def test_every_button_of_the_results_pages_is_a_command(whole):
+    """What a button of these pages does, a key does: as many commands as button actions."""
+    texts = {c.text for c in whole.commands.actions if c.menu == "Runs"}
+    assert len(texts) == 6 + len(whole.pages["Runs"].buttons) + 1  # exports are two kinds behind one button

@@ -23,6 +23,7 @@ from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from protocol.link.framing import FrameReader
 from protocol.link.messages import Command, decode_command
 from protocol.recording import open_recording
+from tests.boat_daq.engine.served_board import serve_in_thread
 
 needs_pty = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are needed")
 OVER = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
@@ -93,9 +94,24 @@ class Drill:
 
 @contextmanager
 def drill(
-    folder: Path, *faults: str, speed: float = 50.0, unit: Unit | None = None, home: Path | None = None
+    folder: Path,
+    *faults: str,
+    speed: float = 50.0,
+    unit: Unit | None = None,
+    home: Path | None = None,
+    own_process: bool = False,
 ) -> Iterator[Drill]:
-    """Serve a board with faults, connect, and begin a recording, in `home` if it is not to be in `folder`."""
+    """Serve a board with faults, connect, and begin a recording.
+
+    Parameters
+    ----------
+    folder : of the truth and the units.
+    faults : of the board.
+    speed : of the board over real time.
+    unit : that is connected.
+    home : folder of the recording, where it is not `folder`.
+    own_process : whether the board runs while this process is blocked.
+    """
     assert os.name == "posix"
     truth = folder / "truth.csv"
     units = UnitLibrary(folder / "units")
@@ -103,7 +119,8 @@ def drill(
         units.save(unit)
     session = Session(Settings(), units)
     try:
-        with serve(BoardSettings(speed=speed, faults=faults, truth=str(truth))) as board:
+        start = serve if own_process else serve_in_thread
+        with start(BoardSettings(speed=speed, faults=faults, truth=str(truth))) as board:
             session.connect(board.url, unit=unit.name if unit else "")
             session.wait_connected(15.0)
             found = Drill(home or folder, session, truth=truth)

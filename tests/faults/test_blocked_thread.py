@@ -39,7 +39,7 @@ def compute(seconds: float) -> int:
 )
 def test_reader_and_writer_continue_while_interpreter_is_busy(tmp_path: Path, seconds: float) -> None:
     """No sample is lost, and those of the blocked time are in the file."""
-    with drill(tmp_path, speed=20.0) as found:
+    with drill(tmp_path, speed=20.0, own_process=True) as found:
         found.wait(lambda s: s.recorded_s > 2)
         before = found.session.snapshot().recorded_s
         assert compute(seconds) > 0
@@ -58,7 +58,7 @@ def test_blocked_window_loses_no_sample(tmp_path: Path, qtbot: object) -> None:
     from boat_daq.viewmodels.app_model import AppModel
 
     make_application()
-    with drill(tmp_path, speed=20.0) as found:
+    with drill(tmp_path, speed=20.0, own_process=True) as found:
         model = AppModel(found.session, tmp_path / "config", tmp_path / "recordings", found.session.units)
         model.shadow.prepare = lambda: None  # type: ignore[method-assign]
         window = window_on(model)

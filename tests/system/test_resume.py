@@ -143,12 +143,12 @@ def test_unplugged_run_is_resumed_at_the_same_board_only(tmp_path: Path, capsys:
     assert f"record --resume {run}" in messages
     content = run.read_bytes()
     with (
-        serve(BoardSettings(speed=SPEED, unit="SA2")) as other,
+        serve_in_thread(BoardSettings(speed=SPEED, unit="SA2")) as other,
         pytest.raises(DeviceError, match="board SIMULATED-SA1"),
     ):
         record(port=other.url, resume=run)
     assert run.read_bytes() == content
-    with serve(BoardSettings(speed=SPEED, faults=("sensor_disagreement@0:20",))) as board:
+    with serve_in_thread(BoardSettings(speed=SPEED, faults=("sensor_disagreement@0:20",))) as board:
         content = resume(run, board.url, capsys, note="plugged in again")
     assert content["cycles"]["complete"] == CYCLES
     assert content["breaks"][0]["cause"].startswith("aborted")

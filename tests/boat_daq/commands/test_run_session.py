@@ -20,11 +20,12 @@ from boat_daq.commands.run_session import (
 )
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.session.session import Session
-from boat_daq.engine.simulator.server import BoardSettings, serve
+from boat_daq.engine.simulator.server import BoardSettings
 from boat_daq.engine.snapshot import LinkState, LinkWarning, LinkWarningCode, SessionSnapshot, SessionState
 from boat_daq.errors import OperatorError
 from protocol import Connection, Identify, SetLimits, SetPressure, Start
 from protocol.recording import BoardState
+from tests.boat_daq.engine.served_board import serve_in_thread
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 
@@ -35,14 +36,14 @@ PLAN = dataclasses.replace(built_in_plans()["repeatability"], cycles=1, ramp_kpa
 def test_pressed_e_stop_is_not_reported_as_cleared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With the e-stop pressed before the run it is refused, and no message reports a cleared fault."""
     pressed = BoardSettings(speed=5.0, faults=("estop@0:1000",))
-    with serve(pressed) as board, pytest.raises(OperatorError, match="e-stop is pressed"):
+    with serve_in_thread(pressed) as board, pytest.raises(OperatorError, match="e-stop is pressed"):
         run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN))
     assert "is cleared" not in capsys.readouterr().err
 
 
 def test_previous_fault_is_reported_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A fault latched before the session, its cause gone, is one warning; the run then ends without an error."""
-    with serve(BoardSettings(speed=5.0, faults=("estop@1:1",))) as board:
+    with serve_in_thread(BoardSettings(speed=5.0, faults=("estop@1:1",))) as board:
         time.sleep(1.0)  # pressed and released before the session; the fault remains latched
         _, failure = run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN))
     messages = capsys.readouterr().err
@@ -54,7 +55,7 @@ def test_previous_fault_is_reported_once(tmp_path: Path, capsys: pytest.CaptureF
 @pytest.mark.fault(9, how="`slow_rate` of 62 Hz, `record` in a terminal", times=1)
 def test_lasting_link_warning_is_printed_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """62 Hz in place of the requested 100 are reported once."""
-    with serve(BoardSettings(speed=5.0, faults=("slow_rate@0:62",))) as board:
+    with serve_in_thread(BoardSettings(speed=5.0, faults=("slow_rate@0:62",))) as board:
         run_session(SessionRequest(board.url, tmp_path / "run.boat", duration_s=10.0))
     assert capsys.readouterr().err.count("samples/s") == 1
 
@@ -79,7 +80,7 @@ def test_link_warning_is_printed_once_for_each_code(capsys: pytest.CaptureFixtur
 
 def test_cleared_fault_is_confirmed_by_a_sample(tmp_path: Path) -> None:
     """A plan armed before the next sample after CLEAR_FAULT would be refused for a unit that is not vented."""
-    with serve(BoardSettings(faults=("estop@0.2:0.2",))) as board:
+    with serve_in_thread(BoardSettings(faults=("estop@0.2:0.2",))) as board:
         time.sleep(0.6)
         session = Session()
         try:
@@ -101,7 +102,7 @@ def test_lost_link_is_reported_with_its_cause() -> None:
 
 def test_residual_pressure_is_vented_before_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Pressure left by a killed host is reported and vented before the run, which ends normally."""
-    with serve(BoardSettings(speed=5.0)) as board:
+    with serve_in_thread(BoardSettings(speed=5.0)) as board:
         port = serial.Serial(board.url, timeout=0.1)
         link = Connection()
         for command in (Identify(), SetLimits(-40_000, 50_000), Start(100), SetPressure(30_000, 0)):

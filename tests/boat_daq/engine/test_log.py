@@ -18,8 +18,9 @@ from boat_daq.commands.run_session import SessionRequest, run_session
 from boat_daq.engine import log
 from boat_daq.engine.bug_report import contents, write_bug_report
 from boat_daq.engine.settings import Settings, save_settings
-from boat_daq.engine.simulator.server import BoardSettings, serve
+from boat_daq.engine.simulator.server import BoardSettings
 from boat_daq.errors import OperatorError
+from tests.boat_daq.engine.served_board import serve_in_thread
 
 OPERATOR = "Ada Lovelace-Byron"
 NOTE = "unit of Mrs Somerville, room 12"
@@ -46,7 +47,7 @@ def test_a_session_is_logged_and_its_report_has_nothing_personal(place: Path, tm
     """
     save_settings(Settings(operator=OPERATOR, recordings=str(tmp_path / "home of Ada" / "runs")))
     run = tmp_path / "home of Ada" / "Ada 1.boat"
-    with serve(BoardSettings(speed=10.0)) as board:
+    with serve_in_thread(BoardSettings(speed=10.0)) as board:
         request = SessionRequest(board.url, run, duration_s=22.0, metadata={"operator": OPERATOR, "note": NOTE})
         run_session(request)
     log.note("error", f"{OPERATOR.split()[0]} saw that {run} cannot be written on {platform.node()}")

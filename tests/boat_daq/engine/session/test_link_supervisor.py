@@ -12,10 +12,11 @@ import pytest
 from boat_daq.engine.session.link_supervisor import TICK_S
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
-from boat_daq.engine.simulator.server import BoardSettings, serve
+from boat_daq.engine.simulator.server import BoardSettings
 from boat_daq.engine.snapshot import LinkState
 from protocol.link.messages import SetPressure, Start
 from tests.boat_daq.engine.other_devices import Chatter
+from tests.boat_daq.engine.served_board import serve_in_thread
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 
@@ -39,7 +40,7 @@ def port_of(kind: str) -> Iterator[str]:
         with closing(Chatter()) as device:
             yield device.url
     else:
-        with serve(BoardSettings(faults=(kind,))) as board:
+        with serve_in_thread(BoardSettings(faults=(kind,))) as board:
             yield board.url
 
 

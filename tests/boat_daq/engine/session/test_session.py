@@ -25,6 +25,7 @@ from boat_daq.engine.snapshot import LinkState, MessageKind, RunEnding, SessionS
 from boat_daq.errors import DeviceError, OperatorError, StorageError
 from protocol.recording import RunEnd
 from tests.boat_daq.engine.other_devices import Chatter
+from tests.boat_daq.engine.served_board import serve_in_thread
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 
@@ -121,7 +122,7 @@ def test_buttons_from_many_threads(session: Session, tmp_path: Path) -> None:
 
 def test_vent_does_not_wait_for_the_lock(session: Session) -> None:
     """While another thread holds the session's lock the vent leaves all the same."""
-    with serve(BoardSettings(speed=1.0)) as board:
+    with serve_in_thread(BoardSettings(speed=1.0)) as board:
         session.connect(board.url)
         session.wait_connected()
         session.set_pressure(30.0, 40.0)
@@ -142,7 +143,7 @@ def test_vent_does_not_wait_for_the_lock(session: Session) -> None:
 def test_unplugged_and_plugged_again(session: Session, tmp_path: Path) -> None:
     """The port goes under pressure: fault, data kept; the board comes back by its identity, and nothing moves."""
     path, link = tmp_path / "run.boat", tmp_path / "port"
-    with serve(BoardSettings(speed=5.0, faults=("unplug@15:10",), link=str(link))):
+    with serve_in_thread(BoardSettings(speed=5.0, faults=("unplug@15:10",), link=str(link))):
         begin(session, str(link), path, dataclasses.replace(PLAN, cycles=5))
         lost = session.wait(lambda s: s.link is LinkState.LOST, 10)
         assert (lost.link, lost.state) == (LinkState.LOST, SessionState.FAULT)
@@ -200,7 +201,7 @@ def test_readings_that_make_no_sense(session: Session) -> None:
 def test_the_unit_s_limits_hold(session: Session) -> None:
     """A unit that takes 20 kPa at most: plan and manual pressure are refused, naming the unit."""
     session.units.save(Unit("weak", min_kpa=-10.0, max_kpa=20.0))
-    with serve(BoardSettings(speed=20.0)) as board:
+    with serve_in_thread(BoardSettings(speed=20.0)) as board:
         session.connect(board.url, unit="weak")
         session.wait_connected()
         for action in (lambda: session.arm(PLAN), lambda: session.set_pressure(21.0)):
@@ -215,7 +216,7 @@ def test_the_unit_s_limits_hold(session: Session) -> None:
 )
 def test_what_is_no_board_is_refused(session: Session, fault: str, text: str) -> None:
     """Another version, silence: refused with the reason (how soon: `test_keeper`)."""
-    with serve(BoardSettings(faults=(fault,))) as board:
+    with serve_in_thread(BoardSettings(faults=(fault,))) as board:
         session.connect(board.url)
         with pytest.raises(DeviceError) as refusal:
             session.wait_connected()
@@ -331,7 +332,7 @@ def test_no_such_port_is_one_line(session: Session) -> None:
 @pytest.mark.fault(15, how="virtual board's `reset_on_open` on a pseudo-terminal", times=1)
 def test_a_board_that_boots_when_its_port_opens_is_connected(session: Session) -> None:
     """Opening resets it and it boots for a second: connected all the same."""
-    with serve(BoardSettings(faults=("reset_on_open@0:1",))) as board:
+    with serve_in_thread(BoardSettings(faults=("reset_on_open@0:1",))) as board:
         session.connect(board.url)
         assert session.wait_connected().link is LinkState.UP
 
@@ -340,7 +341,7 @@ def test_a_recording_needs_a_board_and_a_folder(session: Session, tmp_path: Path
     """Nothing connected, no such folder, one at a time: refused, each with its reason."""
     with pytest.raises(OperatorError, match="nothing to record"):
         session.start_recording(tmp_path / "a.boat")
-    with serve(BoardSettings(speed=20.0)) as board:
+    with serve_in_thread(BoardSettings(speed=20.0)) as board:
         session.connect(board.url)
         session.wait_connected()
         with pytest.raises(StorageError, match="no folder"):
@@ -353,7 +354,7 @@ def test_a_recording_needs_a_board_and_a_folder(session: Session, tmp_path: Path
 def test_a_recording_replayed_is_read_only(session: Session, tmp_path: Path) -> None:
     """The bytes of a recording give the same last sample again, and no pressure can be commanded."""
     path = tmp_path / "a.boat"
-    with serve(BoardSettings(speed=20.0)) as board:
+    with serve_in_thread(BoardSettings(speed=20.0)) as board:
         session.connect(board.url)
         session.wait_connected()
         session.start_recording(path)
@@ -374,7 +375,7 @@ def test_a_recording_replayed_is_read_only(session: Session, tmp_path: Path) -> 
 def test_a_replay_is_recorded_from_its_first_byte_to_its_last(session: Session, tmp_path: Path, speed: str) -> None:
     """At any speed, also finished before the first snapshot: every sample is in the new file, without a failure."""
     path, again = tmp_path / "a.boat", tmp_path / "b.boat"
-    with serve(BoardSettings(speed=20.0)) as board:
+    with serve_in_thread(BoardSettings(speed=20.0)) as board:
         session.connect(board.url, record_to=path)
         session.wait_connected()
         session.wait(lambda s: s.recorded_s > 5.0, 10)
@@ -391,7 +392,7 @@ def test_a_replay_is_recorded_from_its_first_byte_to_its_last(session: Session, 
 @pytest.mark.fault(28, how="a recorder that cannot write, in a run over a pseudo-terminal", times=1)
 def test_a_failing_disk_aborts_the_run(session: Session, tmp_path: Path) -> None:
     """The recorder cannot write: the run is aborted and vented, with the reason."""
-    with serve(BoardSettings(speed=5.0)) as board:
+    with serve_in_thread(BoardSettings(speed=5.0)) as board:
         begin(session, board.url, tmp_path / "a.boat")
         session._recording._storage_failed(StorageError("the disk is full", "free some space"))
         seen = session.wait(lambda s: s.state is SessionState.ABORTED, 5)
@@ -401,7 +402,7 @@ def test_a_failing_disk_aborts_the_run(session: Session, tmp_path: Path) -> None
 
 def test_connect_and_disconnect_many_times(session: Session) -> None:
     """Eight times: always up again, no thread left over."""
-    with serve(BoardSettings(speed=50.0)) as board:
+    with serve_in_thread(BoardSettings(speed=50.0)) as board:
         for _ in range(8):
             session.connect(board.url)
             assert session.wait_connected().link is LinkState.UP

@@ -30,19 +30,20 @@ def test_fit_meets_certified_digits_and_gives_bands(shared_data: Path, tmp_path:
     assert len(found["bands"]["curve_95"][0]) == len(found["bands"]["x"])
 
 
-@pytest.mark.parametrize("names", [("low", "mid", "up", "high"), ("1", "2", "3", "4")])
-def test_equal_positions_share_their_reading_error(tmp_path: Path, names: tuple[str, ...]) -> None:
+def test_equal_positions_share_their_reading_error(tmp_path: Path) -> None:
     """Four positions read twice, named by text or number: no row is omitted, and the shared error is not averaged."""
-    rows = [f"{x},{10 * x + 0.1 * (-1) ** (x + again)},{names[x]}" for again in (0, 1) for x in range(4)]
-    path = tmp_path / "positions.csv"
-    path.write_text("\n".join(["x,y,p", *rows]))
-    own = [f"{row},{number}" for number, row in enumerate(rows)]
-    (tmp_path / "own.csv").write_text("\n".join(["x,y,p,q", *own]))
-    options = ("--x", "x", "--y", "y", "--degree", 1, "--x-resolution", 1.0)
-    shared = call("fit", path, *options, "--position", "p")
-    each = call("fit", tmp_path / "own.csv", *options, "--position", "q")
-    assert (shared["n"], shared["masked"]) == (8, 0)
-    assert shared["std_errors_with_reading"][1] > 1.2 * each["std_errors_with_reading"][1]
+    words, path = ("low", "mid", "up", "high"), tmp_path / "positions.csv"
+    rows = [
+        f"{x},{10 * x + 0.1 * (-1) ** (x + again)},{words[x]},{x + 1},{4 * again + x}"
+        for again in (0, 1)
+        for x in range(4)
+    ]
+    path.write_text("\n".join(["x,y,text,number,own", *rows]))
+    options = ("--x", "x", "--y", "y", "--degree", 1, "--x-resolution", 1.0, "--position")
+    by_text, by_number, each = (call("fit", path, *options, name) for name in ("text", "number", "own"))
+    for shared in (by_text, by_number):
+        assert (shared["n"], shared["masked"]) == (8, 0)
+        assert shared["std_errors_with_reading"][1] > 1.2 * each["std_errors_with_reading"][1]
 
 
 def test_incomplete_rows_are_counted_and_impossible_fits_refused(tmp_path: Path) -> None:

@@ -207,7 +207,7 @@ def recordings(window: MainWindow) -> list[Command]:
         command("Calibrate with the selected recording", "Ctrl+Alt+C", "open", apart=True),
         command("Repeatability of the selected recording", "Ctrl+Alt+R", "repeat"),
         command("Correct its readings …", "Ctrl+Alt+E", "readings"),
-        command("Rename it …", "Ctrl+Alt+U", "rename"),
+        command("Rename it …", "Ctrl+Alt+F", "rename"),
         command("Write a note on it …", "Ctrl+Alt+N", "note", also="comment"),
         command("Resume this run", "Ctrl+Alt+G", "resume"),
         command("Replay it in real time", "Ctrl+Alt+P", "replay"),

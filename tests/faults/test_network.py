@@ -18,7 +18,7 @@ def test_remote_scheduler_needs_allow_remote(address: str) -> None:
     """Only loopback addresses are accepted without the option."""
     with pytest.raises(RequestError, match="not on this computer") as refusal:
         check_scheduler(address, allow_remote=False)
-    assert "--allow-remote" in refusal.value.remedy
+    assert "--allow-remote" in refusal.value.command
     check_scheduler(address, allow_remote=True)
 
 
@@ -34,7 +34,7 @@ def test_boards_are_local_by_default() -> None:
         open_transport("socket://192.0.2.1:7777")
     with pytest.raises(OperatorError) as board:
         TcpCarrier("0.0.0.0:0")
-    assert "--allow-remote" in host.value.remedy
+    assert "--allow-remote" in host.value.command
     assert "--allow-remote" in board.value.remedy
 
 

@@ -33,6 +33,7 @@ from protocol.recording import RunEnd
 AT_REST = (SessionState.IDLE, SessionState.ABORTED)
 ReadInterrupted = Callable[[Path, Callable[[BrokenRun], None]], None]
 TRIAL_SPEED = 20.0  # of the virtual board over real time
+ENDED_RUN = (*AT_REST, SessionState.FAULT)
 UNDER_WAY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 
 
@@ -212,7 +213,7 @@ class QuickTrial:
         if self._begun and run.calibration.open:
             self._end()
             run.calibration.take()
-        elif (self._begun and snapshot.state not in UNDER_WAY) or (not self._begun and self.possible()):
+        elif snapshot.state in ENDED_RUN if self._begun else self.possible():  # the board did not start, or was removed
             self._end()
         elif not self._begun and snapshot.link is LinkState.UP and snapshot.last is not None:
             self.active = False  # where it cannot begin

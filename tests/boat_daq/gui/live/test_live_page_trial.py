@@ -24,7 +24,7 @@ def trial(empty, monkeypatch):
 
     def start():
         model.session.calls.append("start")
-        model.session.change(state=SessionState.RUNNING)
+        model.session.change(state=SessionState.ARMED)  # until its first sample
 
     monkeypatch.setattr(model.session, "start", start, raising=False)
     model.armed = armed
@@ -71,6 +71,8 @@ def test_quick_trial_runs_a_cycle_reads_it_and_calibrates(trial):
 )
 def test_quick_trial_that_was_vented_or_unplugged_ends(trial, ended):
     """Nothing is read or calibrated after it; the next run is the operator's."""
+    trial.refresh()
+    trial.model.session.change(state=SessionState.RUNNING)
     trial.refresh()
     trial.model.session.change(**ended)
     trial.refresh()

@@ -98,7 +98,7 @@ class CurveDraws:
         return abs(float(high - low))
 
     def figure(
-        self, value: float, replicates: FloatArray, unit: str, definition: str, *, reflected: bool = True
+        self, value: float, replicates: FloatArray, unit: str, definition: str, *, either_way: bool = False
     ) -> Figure:
         """Return a figure of the curve, its interval from what the draws make of it.
 
@@ -106,13 +106,15 @@ class CurveDraws:
         ----------
         value, replicates : of the curve and of the draws, [draws].
         unit, definition : of the figure.
-        reflected : what the draws are above the value, the truth is below it; else their percentiles.
+        either_way : the wider, at each end, of the draws' percentiles and their reflection.
         """
         if np.isnan(self.dof):
             return _figure(value, replicates, unit, self.n_cycles, definition)
         widen = stats.t.ppf(0.975, self.dof) / stats.norm.ppf(0.975)
-        away = widen * (np.percentile(replicates, [2.5, 97.5]) - value)
-        low, high = (float(end) for end in value + (-away[::-1] if reflected else away))
+        below, above = widen * (np.percentile(replicates, [2.5, 97.5]) - value)
+        low, high = float(value - above), float(value - below)  # what the draws are above it, the truth is below
+        if either_way:
+            low, high = min(low, float(value + below)), max(high, float(value + above))
         low = max(low, 0.0) if unit in NEVER_NEGATIVE else low
         low, high = min(low, value), max(high, value)  # a maximum can lie outside what its draws make of it
         return Figure(float(value), unit, self.n_cycles, low, high, definition=definition)
@@ -393,8 +395,8 @@ def nonlinearity(curves: CurveDraws) -> Figure:
         apart = np.fmax(apart, np.abs(at_end))
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = 100.0 * apart / np.abs(curves.spans())
-    # reflected, the interval of this maximum held 90 % of true cubics on a grid of 0.5 mm, not reflected all
-    return curves.figure(value, shares, "% FSO", definition, reflected=False)
+    # the greatest distance moves between places: on 0.5 mm either half alone held 85 % of the values of true cubics
+    return curves.figure(value, shares, "% FSO", definition, either_way=True)
 
 
 def pressure_nonlinearity(loops: Loops, sensor: int, full_scale_value: float, weights: FloatArray) -> Figure:

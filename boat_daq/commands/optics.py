@@ -235,6 +235,10 @@ def sweep(
     face: Face = "outer",
     emission: Emission = "uniform",
     receiver: Receiver = None,
+    fans: Annotated[
+        int | None,
+        typer.Option(min=1, help="Turns of the fan whose ranks are compared; default 7 with 250 rays, else 1."),
+    ] = None,
     scheduler: Scheduler = None,
     allow_remote: AllowRemoteOption = False,
     out: Annotated[
@@ -247,6 +251,7 @@ def sweep(
 
     Example: boat-daq optics sweep --cavities 3,5,7 --rays 250 --out sweep
     """
+    from analysis.optics.sweep.fans import compare_fans, fans_of
     from analysis.optics.sweep.report import sweep_json, sweep_text, write_sweep
     from analysis.optics.sweep.sweep import FILE_NAME, SweepRequest, paper_grid, run_sweep
 
@@ -261,10 +266,15 @@ def sweep(
     file = None if out is None else out / FILE_NAME
     with progress_bar("sweep") as advance:
         result = run_sweep(request, file=file, scheduler=scheduler, allow_remote=allow_remote, progress=advance)
+    with progress_bar("turns of the fan") as advance:
+        number = fans or fans_of(released)
+        turned = compare_fans(
+            result, number, file=file, scheduler=scheduler, allow_remote=allow_remote, progress=advance
+        )
     if out is not None:
         for path in write_sweep(result, out):
             notify(f"wrote {path}")
-    present(sweep_json(result), sweep_text(result), as_json=as_json)
+    present(sweep_json(result, turned), sweep_text(result, turned), as_json=as_json)
 
 
 @app.command()

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.arrays import FloatArray
+from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.errors import DataError
 
 DEGREE = 3
@@ -135,6 +135,11 @@ def uncertainty(ndr: FloatArray, sd: FloatArray, floor: float, *, draws: int = D
     best = int(np.argmax(p))
     tied = np.mean(drawn >= drawn[:, best : best + 1], axis=0) >= _TIE
     return Uncertainty(np.stack([np.minimum(low, p), np.maximum(high, p)], axis=1), tied)
+
+
+def ranks_within(p: FloatArray, group: BoolArray) -> IntArray:
+    """Return the rank of each design (..., n) in a group (n,), 1 the best; equal P share the better rank."""
+    return np.asarray(1 + np.sum(p[..., None, group] > p[..., :, None], axis=-1))
 
 
 def pareto(delta: FloatArray, rmse: FloatArray, n_sign: FloatArray) -> FloatArray:

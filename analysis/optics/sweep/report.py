@@ -25,6 +25,7 @@ from analysis.errors import FileError, writing
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.outline import outline
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light, Waveguide
+from analysis.optics.sweep.fans import FanResult, compare_fans
 from analysis.optics.sweep.figure_of_merit import PARTING, Merit, pareto
 from analysis.optics.sweep.optimise import BETTER, PATIENCE, Optimum
 from analysis.optics.sweep.sweep import STEPS_MM, SweepResult
@@ -37,6 +38,8 @@ RING: Any = {"markerfacecolor": "none", "markeredgewidth": 1.6}
 DPI = 160
 _FAINT, _STRONG = 0.01, 0.22
 _MOST_DRAWN = 400
+_SHOWN = 3
+GROUPS = {"all": "designs", "same_cavities": "with as many cavities", "paper_map": "in its map"}
 
 
 def save(figure: Figure, path: Path) -> None:
@@ -211,9 +214,9 @@ def _columns(result: SweepResult) -> dict[str, Any]:
     }
 
 
-def sweep_json(result: SweepResult) -> dict[str, Any]:
-    """Return the object of `optics sweep --json`."""
-    columns = _columns(result)
+def sweep_json(result: SweepResult, fans: FanResult | None = None) -> dict[str, Any]:
+    """Return the object of `optics sweep --json`; `fans` are the same sweep with its fan turned."""
+    columns, found = _columns(result), fans or compare_fans(result, 1)
     designs = [
         {**asdict(d), **{name: column[i] for name, column in columns.items()}} for i, d in enumerate(result.designs)
     ]
@@ -221,6 +224,7 @@ def sweep_json(result: SweepResult) -> dict[str, Any]:
     if paper is not None:
         optimum = {name: designs[paper][name] for name in ("rank", "p", "p_ci", "tied")}
         optimum["rank_by_power"] = int(1 + np.sum(columns["p_power"] > columns["p_power"][paper]))
+        optimum["ranks"] = {name: asdict(rank) for name, rank in found.paper_ranks().items()}
     return {
         "simulations": result.ndr.size,
         "simulated_now": result.simulated,
@@ -233,6 +237,8 @@ def sweep_json(result: SweepResult) -> dict[str, Any]:
         "best": designs[int(np.argmax(columns["p"]))],
         "tied_with_best": [asdict(d) for d, tied in zip(result.designs, columns["tied"], strict=True) if tied],
         "paper_optimum": optimum,
+        "fans": len(found.p),
+        "winners": [{**asdict(design), "share": share} for design, share in found.winners()],
         "printed_and_repaired": PARTING,
     }
 
@@ -245,8 +251,9 @@ def _line(label: str, design: Design, merit: Merit, i: int) -> str:
     )
 
 
-def sweep_text(result: SweepResult) -> str:
+def sweep_text(result: SweepResult, fans: FanResult | None = None) -> str:
     """Return the same as a few lines of text."""
+    found = fans or compare_fans(result, 1)
     merit, spread = result.merit(), result.uncertainty()
     best, paper = int(np.argmax(merit.p)), result.find()
     lines = [
@@ -258,9 +265,26 @@ def sweep_text(result: SweepResult) -> str:
     if paper is not None:
         lines += [
             _line(f"paper's optimum, rank {result.ranks()[paper]}", result.designs[paper], merit, paper),
-            f"it is {'' if spread.tied[paper] else 'not '}equal to the best within noise",
+            f"it is {'' if spread.tied[paper] else 'not '}equal to the best within noise; its rank: {rank_text(found)}",
         ]
+    if len(found.p) > 1:
+        most = [f"{_label(d)} {share:.0%}".replace("%", " %") for d, share in found.winners()[:_SHOWN]]
+        number = f"{len(found.winners())} designs win one of {len(found.p)} turns of the fan"
+        lines.append(f"{number}; share of the leading ones: {', '.join(most)}")
     return "\n".join(lines)
+
+
+def _label(design: Design) -> str:
+    return f"({design.cavities}, {design.width_mm:g}, {design.depth_mm:g}, {design.spacing_mm:g})"
+
+
+def rank_text(fans: FanResult) -> str:
+    """Return the ranks of the paper's optimum in its groups, each with its range over the fans."""
+    parts = []
+    for name, rank in fans.paper_ranks().items():
+        turns = f" ({rank.low} to {rank.high})" if len(fans.p) > 1 else ""
+        parts.append(f"{rank.rank} of {rank.of} {GROUPS[name]}{turns}")
+    return ", ".join(parts)
 
 
 def write_sweep(result: SweepResult, folder: Path) -> list[Path]:

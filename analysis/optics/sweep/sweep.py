@@ -26,7 +26,7 @@ from analysis.optics.scene.curves import default_curves, frames_of
 from analysis.optics.scene.frame import SceneFrame, check_design
 from analysis.optics.scene.geometry import pattern_of
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, Design, Face, Light, Waveguide
-from analysis.optics.sweep.figure_of_merit import Merit, Uncertainty, merit, resolution, uncertainty
+from analysis.optics.sweep.figure_of_merit import Merit, Uncertainty, merit, ranks_within, resolution, uncertainty
 from analysis.optics.sweep.sweep_file import SweepFile
 from analysis.optics.tracer.rays import Fan, Rules, fan_of, rules_of
 from analysis.optics.tracer.simulation import ndr_sd, simulate_many, stacked
@@ -127,8 +127,7 @@ class SweepResult:
 
     def ranks(self) -> IntArray:
         """Return (n,) the rank of each design by P, 1 the best; equal P share the better rank."""
-        p = self.merit().p
-        return np.asarray(1 + np.sum(p[None, :] > p[:, None], axis=1))
+        return ranks_within(self.merit().p, np.ones(len(self.designs), dtype=bool))
 
     def find(self, design: Design = PAPER_OPTIMUM) -> int | None:
         """Return the index of a design, or None."""

@@ -17,7 +17,7 @@ import numpy as np
 from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.errors import DataError
 from analysis.fidelity import Fidelity, fidelity
-from analysis.progress import Progress
+from analysis.progress import Progress, part_of
 from boat_daq.viewmodels.common.formatting import count, number
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 
@@ -64,7 +64,15 @@ class DesignResult:
 
 @dataclass(frozen=True, slots=True)
 class SweepSummary:
-    """A sweep: `values` [n, 4] cavities, width, depth, spacing; the rest [n]."""
+    """A sweep.
+
+    Parameters
+    ----------
+    values : [n, 4] cavities, width, depth, spacing. merit, tied, front, ranks : of the designs, [n].
+    best, paper : index of the best design and of the paper's, -1 without it.
+    seconds, simulated, rays : taken by the sweep, its simulations, rays of each.
+    rank_text, winners, fans : ranks of the paper's optimum, and designs that win one of the turns of the fan.
+    """
 
     values: FloatArray
     merit: Merit
@@ -76,6 +84,9 @@ class SweepSummary:
     seconds: float
     simulated: int
     rays: int
+    rank_text: str = ""
+    winners: int = 0
+    fans: int = 1
 
     def grid(self, cavities: int, width_mm: float, steps: tuple[float, ...]) -> FloatArray:
         """Return P, best = 1, over [spacing, depth] for one number of cavities and one width; NaN where there is none.
@@ -191,18 +202,22 @@ def sweep(
     progress : is called with the designs done and their number.
     """
     from analysis.optics.scene.parameters import PAPER_OPTIMUM, Light
+    from analysis.optics.sweep.fans import compare_fans, fans_of
     from analysis.optics.sweep.figure_of_merit import pareto
+    from analysis.optics.sweep.report import rank_text
     from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
 
     request = SweepRequest(designs=tuple(paper_grid(cavities)), light=Light().with_rays(rays), curves=curves_of(curves))
-    result = run_sweep(request, progress=progress)
+    fans, size = fans_of(rays), len(request.designs) * len(request.curves)
+    result = run_sweep(request, progress=part_of(progress, 0, size, fans * size))
+    turned = compare_fans(result, fans, progress=part_of(progress, size, (fans - 1) * size, fans * size))
     found = result.merit()
     paper = result.find(PAPER_OPTIMUM)
     values = np.array([d.values[:4] for d in result.designs], dtype=float)
     front = np.asarray(pareto(found.delta, found.rmse, found.n_sign), dtype=bool)
     return SweepSummary(
         values, found, result.uncertainty().tied, front, int(np.argmax(found.p)), -1 if paper is None else paper,
-        result.ranks(), result.seconds, result.simulated, rays,
+        result.ranks(), result.seconds, result.simulated, rays, rank_text(turned), len(turned.winners()), fans,
     )  # fmt: skip
 
 
@@ -364,7 +379,8 @@ class OpticsModel:
         paper = ""
         if s.paper >= 0:
             merit = number(100 * float(s.merit.p_normalised[s.paper]), 0)
-            paper = f"   paper's optimum: rank {int(s.ranks[s.paper])}, {merit} % of the best merit"
+            turns = f"   {count(s.winners, 'design')} best in one of {s.fans} turns of the fan" if s.fans > 1 else ""
+            paper = f"   paper's optimum: rank {s.rank_text or s.ranks[s.paper]}, {merit} % of the best merit{turns}"
         return (
             f"{number(s.simulated, 0)} simulations of {number(s.rays, 0)} rays in {number(s.seconds, 1)} s   best: "
             f"{design_label(tuple(s.values[s.best]))}, {count(int(s.tied.sum()), 'design')} equal within noise{paper}"

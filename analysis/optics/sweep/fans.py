@@ -1,0 +1,104 @@
+"""The same sweep with its fan turned: how far ranks, and the winner, depend on where the rays happen to start.
+
+Strategy: a fan turned by another part of its step is another sample of the same light. The turns are multiples of the
+golden ratio, which fill the step evenly for any number of fans, and none is the mirror image of another. P is compared
+within three groups: all designs, those with the paper's number of cavities, and the paper's own map (figure 3D: five
+cavities 1.0 mm wide).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, Design, Light
+from analysis.optics.sweep.figure_of_merit import ranks_within
+from analysis.optics.sweep.sweep import SweepResult, run_sweep
+from analysis.progress import Progress, part_of
+
+PAPER_FANS = 7
+_GOLDEN = (5**0.5 - 1) / 2
+
+
+def fans_of(rays: int) -> int:
+    """Return how many fans a sweep compares if it is not told: several with the paper's rays, whose ranks scatter."""
+    return PAPER_FANS if rays == PAPER_RAYS else 1
+
+
+def turned(light: Light, fan: int) -> Light:
+    """Return a light with its fan turned; fan 0 is its own."""
+    return replace(light, phase=(light.phase + fan * _GOLDEN + 0.5) % 1 - 0.5)
+
+
+@dataclass(frozen=True, slots=True)
+class Rank:
+    """Rank of the paper's optimum in a group of `of` designs, least and greatest rank over the fans."""
+
+    rank: int
+    of: int
+    low: int
+    high: int
+
+
+@dataclass(frozen=True, slots=True)
+class FanResult:
+    """A sweep with several fans.
+
+    Parameters
+    ----------
+    designs : of the sweep. p : (fans, n), the first as in the sweep itself.
+    """
+
+    designs: tuple[Design, ...]
+    p: FloatArray
+
+    def paper_ranks(self) -> dict[str, Rank]:
+        """Return the ranks of the paper's optimum in each group; none if it was not simulated."""
+        if PAPER_OPTIMUM not in self.designs:
+            return {}
+        at, same = self.designs.index(PAPER_OPTIMUM), [d.cavities == PAPER_OPTIMUM.cavities for d in self.designs]
+        of_map = [each and d.width_mm == PAPER_OPTIMUM.width_mm for each, d in zip(same, self.designs, strict=True)]
+        groups = {"all": [True] * len(same), "same_cavities": same, "paper_map": of_map}
+        ranks = {name: ranks_within(self.p, np.array(group))[:, at].tolist() for name, group in groups.items()}
+        return {name: Rank(r[0], sum(groups[name]), min(r), max(r)) for name, r in ranks.items()}
+
+    def winners(self) -> list[tuple[Design, float]]:
+        """Return the designs with the largest P of a fan, and the part of the fans that each wins; most first."""
+        at, wins = np.unique(np.argmax(self.p, axis=1), return_counts=True)
+        order = np.argsort(-wins, kind="stable")
+        return [(self.designs[at[i]], float(wins[i] / len(self.p))) for i in order]
+
+
+def compare_fans(
+    result: SweepResult,
+    fans: int,
+    *,
+    file: Path | None = None,
+    scheduler: str | None = None,
+    allow_remote: bool = False,
+    progress: Progress | None = None,
+) -> FanResult:
+    """Repeat a sweep with its fan turned.
+
+    Parameters
+    ----------
+    result : the sweep. fans : how many, its own included.
+    file : its results file; each further fan has one beside it.
+    scheduler, allow_remote : as in `run_sweep`.
+    progress : called with (simulations done, all) of the further fans.
+
+    Raises
+    ------
+    RequestError, FileError : as `run_sweep`.
+    """
+    request, size, p = result.request, result.ndr.size, [result.merit().p]
+    for fan in range(1, fans):
+        other = replace(request, light=turned(request.light, fan))
+        beside = None if file is None else file.with_name(f"{file.stem}_fan_{fan}{file.suffix}")
+        part = part_of(progress, (fan - 1) * size, size, (fans - 1) * size)
+        swept = run_sweep(other, file=beside, scheduler=scheduler, allow_remote=allow_remote, progress=part)
+        p.append(swept.merit().p)
+    return FanResult(result.designs, np.array(p))

@@ -54,7 +54,7 @@ Curves = Annotated[
 ]
 Thickness = Annotated[float, typer.Option(help="Thickness of the guides, mm.")]
 Attenuation = Annotated[float, typer.Option(help="Attenuation of the resin, dB/cm.")]
-Face = Annotated[str, typer.Option(help="Face with the cavities: outer or inner.")]
+Face = Annotated[str, typer.Option(help="Place of the cavities: the outer or inner face, both, or midline (voids).")]
 Emission = Annotated[str, typer.Option(help="Emission: uniform (in angle) or lambertian.")]
 Receiver = Annotated[float | None, typer.Option(help="Width of the receiver, mm; default the whole end face.")]
 Scheduler = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, as tcp://HOST:8786.")]

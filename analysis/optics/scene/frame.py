@@ -389,10 +389,10 @@ def check_design(frame: SceneFrame, design: Design, name: str) -> None:
     RequestError : with the length that is free, or the guide's thickness.
     """
     thickness = 2 * frame.half_mm
-    if design.cavities and design.depth_mm >= thickness * (1 - 1e-6):
+    if design.cavities and design.cut_mm >= thickness * (1 - 1e-6):
         raise RequestError(
             f"a cavity of {design.depth_mm:g} mm depth cuts through the guide of {thickness:g} mm",
-            f"choose a depth below {thickness:g} mm or a thicker guide",
+            f"choose a depth below {thickness * design.depth_mm / design.cut_mm:g} mm or a thicker guide",
         )
     if design.row_mm >= frame.free_mm:
         raise RequestError(

@@ -3,7 +3,8 @@
 Strategy: a guide is a row of **cells** between straight cross-sections, cut at the joints of its arcs and at the
 cavities' walls. In a cell both edges are concentric arcs (or parallel lines), so that a ray inside meets one of two
 edges or enters the next cell: no search. A cavity is a run of cells with one edge moved inwards; its walls lie in the
-cross-sections. Rays in the air search a BVH over all surfaces.
+cross-sections. Beside a void inside the guide a stretch is two cells, left and right of it. Rays in the air search a
+BVH over all surfaces.
 
 Surfaces are numbered 4 c + 0, 1, 2, 3 for cell c's left edge, right edge, start wall and end wall (absent ones have
 kind 0), then the junctions' surfaces from `frame.py`, whose row of 16 numbers they share.
@@ -21,13 +22,17 @@ from analysis.compiled import compiled
 from analysis.optics.scene import frame as surface
 from analysis.optics.scene.bvh import build_bvh
 from analysis.optics.scene.frame import INTERFACE, NO_CELL, NOTHING, SceneFrame, check_design
-from analysis.optics.scene.parameters import Design
+from analysis.optics.scene.parameters import FACES, Design
 
 # columns of a cell: reference point and normal of its arc, curvature, levels of both edges, the two cross-sections
 # (point and tangent each), offsets of both edges, 1 / |grad f| on both
 C_LEVEL_L, C_LEVEL_R, C_START, C_END, C_LEFT, C_RIGHT, C_INVERSE_L, CELL_COLUMNS = 5, 6, 7, 11, 15, 16, 17, 19
 SURFACE_COLUMNS = 16
-# columns of a cell's links: cell before, cell after, wall before, wall after (0 or 1), arc it lies on
+# where cavities are cut: numbers of `parameters.FACES`, 0 and 1 being replaced by the side
+LEFT, RIGHT, BOTH, MIDLINE = range(4)
+# what bounds a cell before and after: nothing, a wall on one side, a void between this cell and the next two, two walls
+OPEN, WALL, FORK, WALLS = range(4)
+# columns of a cell's links: cell before, cell after, what bounds it before and after, arc it lies on
 BEFORE, AFTER, WALL_BEFORE, WALL_AFTER, ARC, LINK_COLUMNS = range(6)
 # columns of a cavity: its first and last cell, its side (0 left, 1 right), 1 if its mouth is free
 CAVITY_COLUMNS, NO_CAVITY = 4, -1
@@ -105,7 +110,7 @@ def _cut_guide(
     walls: FloatArray,
     half: float,
     deep: float,
-    on_left: bool,
+    side: int,
 ) -> int:
     """Fill cells from `first` on; return the number after the last one.
 
@@ -115,7 +120,7 @@ def _cut_guide(
     nodes, curvature, ends : of the guide, as in `SceneFrame`.
     walls : arc lengths of the cavities' walls, rising.
     half, deep : half the thickness and the cavities' depth, mm.
-    on_left : whether the cavities are cut into the left face.
+    side : of the cavities: LEFT, RIGHT, BOTH or MIDLINE.
     """
     cells, arc, wall, c, s, last = g.cells, 0, 0, first, ends[0], ends[1]
     while nodes[arc + 1, 4] <= s + _SLIVER:
@@ -128,13 +133,19 @@ def _cut_guide(
             stop = min(stop, walls[wall])
         if stop - s > _SLIVER:
             inside = wall % 2 == 1
-            left = half - deep if inside and on_left else half
-            right = -half + deep if inside and not on_left else -half
-            _write_cell(cells[c], nodes[arc], curvature[arc], left, right)
+            left = half - deep if inside and side in (LEFT, BOTH) else half
+            right = -half + deep if inside and side in (RIGHT, BOTH) else -half
+            void = inside and side == MIDLINE
+            _write_cell(cells[c], nodes[arc], curvature[arc], left, deep / 2 if void else right)
             g.links[c, ARC] = arc
             cells[c, C_START : C_START + 4] = section
             _section(nodes, curvature, arc, stop, section)
             cells[c, C_END : C_END + 4] = section
+            if void:  # the resin on the right of the void is the next cell
+                cells[c + 1] = cells[c]
+                _write_cell(cells[c + 1], nodes[arc], curvature[arc], -deep / 2, right)
+                g.links[c + 1, ARC] = arc
+                c += 1
             c += 1
             s = stop
         if wall < len(walls) and stop == walls[wall]:
@@ -168,7 +179,7 @@ def _wall(g: Geometry, cell: int, at_end: bool, low: float, high: float, kind: i
     row[8], row[9], row[10], row[11] = x - low * ty, y + low * tx, -ty, tx
     row[12], row[13], row[14], row[15] = x - high * ty, y + high * tx, -ty, tx
     g.kinds[number], g.corners[number] = kind, surface.CORNER_A | surface.CORNER_B
-    g.links[cell, WALL_AFTER if at_end else WALL_BEFORE] = 1
+    g.links[cell, WALL_AFTER if at_end else WALL_BEFORE] = WALL
 
 
 @compiled
@@ -185,7 +196,59 @@ def _step_in(g: Geometry, thick: int, thin: int, at_end: bool) -> None:
 
 
 @compiled
-def _link(g: Geometry, guide: int, first: int, after: int, joined: bool) -> None:
+def _step_in_both(g: Geometry, thick: int, thin: int, at_end: bool) -> None:
+    """Write the walls between a full cell and a neighbour cut from both sides; the right one takes the thin's place."""
+    cells, spare = g.cells, 4 * thin + (2 if at_end else 3)
+    _wall(g, thick, at_end, cells[thick, C_RIGHT], cells[thin, C_RIGHT], INTERFACE)
+    number = 4 * thick + (3 if at_end else 2)
+    g.surfaces[spare], g.kinds[spare], g.corners[spare] = g.surfaces[number], INTERFACE, g.corners[number]
+    _wall(g, thick, at_end, cells[thin, C_LEFT], cells[thick, C_LEFT], INTERFACE)
+    g.links[thick, WALL_AFTER if at_end else WALL_BEFORE] = WALLS
+    for side in range(2):
+        g.corners[4 * thick + side] |= surface.CORNER_B if at_end else surface.CORNER_A
+        g.corners[4 * thin + side] |= surface.CORNER_A if at_end else surface.CORNER_B
+
+
+@compiled
+def _fork(g: Geometry, full: int, left: int, at_end: bool) -> None:
+    """Write the wall between a full cell and a void, and link the full cell to the two cells beside the void.
+
+    Parameters
+    ----------
+    g : the scene. full : the cell before or after the void.
+    left : the cell on the left of the void; the one on its right is the next.
+    at_end : whether the void begins at the full cell's end.
+    """
+    _wall(g, full, at_end, g.cells[left + 1, C_LEFT], g.cells[left, C_RIGHT], INTERFACE)
+    g.links[full, WALL_AFTER if at_end else WALL_BEFORE] = FORK
+    g.links[full, AFTER if at_end else BEFORE] = left
+    g.links[left, BEFORE if at_end else AFTER] = full
+    g.links[left + 1, BEFORE if at_end else AFTER] = full
+    g.corners[4 * left + 1] |= surface.CORNER_A if at_end else surface.CORNER_B
+    g.corners[4 * left + 4] |= surface.CORNER_A if at_end else surface.CORNER_B
+
+
+@compiled
+def _link_voids(g: Geometry, first: int, after: int) -> None:
+    """Link the cells of a guide with voids: pairs of cells side by side between full ones."""
+    full = g.cells[first, C_RIGHT]
+    c = first
+    while c < after - 1:
+        if g.cells[c, C_RIGHT] == full:
+            if g.cells[c + 1, C_RIGHT] != full:
+                _fork(g, c, c + 1, True)
+            c += 1
+        else:
+            if g.cells[c + 2, C_RIGHT] == full:
+                _fork(g, c + 2, c, False)
+            else:
+                for beside in range(2):
+                    g.links[c + beside, AFTER], g.links[c + beside + 2, BEFORE] = c + beside + 2, c + beside
+            c += 2
+
+
+@compiled
+def _link(g: Geometry, guide: int, first: int, after: int, joined: bool, side_cut: int) -> None:
     """Write edges, walls and neighbours of the cells of one guide."""
     for c in range(first, after):
         for side in range(2):
@@ -195,10 +258,16 @@ def _link(g: Geometry, guide: int, first: int, after: int, joined: bool) -> None
     g.links[first, BEFORE], g.links[after - 1, AFTER] = (
         (surface.JUNCTION_START, surface.JUNCTION_END) if joined else (NO_CELL, NO_CELL)
     )
-    for c in range(first, after - 1):
+    if side_cut == MIDLINE:
+        _link_voids(g, first, after)
+    for c in range(first, after - 1 if side_cut != MIDLINE else first):
         now = g.cells[c, C_LEFT] - g.cells[c, C_RIGHT]
         then = g.cells[c + 1, C_LEFT] - g.cells[c + 1, C_RIGHT]
-        if then < now:
+        if then < now and side_cut == BOTH:
+            _step_in_both(g, c, c + 1, True)
+        elif then > now and side_cut == BOTH:
+            _step_in_both(g, c + 1, c, False)
+        elif then < now:
             _step_in(g, c, c + 1, True)
         elif then > now:
             _step_in(g, c + 1, c, False)
@@ -240,6 +309,15 @@ def _mark(g: Geometry, first: int, after: int, free: IntArray, cavity: int) -> N
 
 
 @compiled
+def _mark_faces(g: Geometry, first: int, after: int, free: IntArray, half: float) -> None:
+    """Mark the guide's own faces that are free; light leaving into a cavity or void searches all surfaces."""
+    for c in range(first, after):
+        for side in range(2):
+            own = g.cells[c, C_LEFT] == half if side == 0 else g.cells[c, C_RIGHT] == -half
+            g.corners[4 * c + side] |= surface.FREE if own and free[g.links[c, ARC], side] else 0
+
+
+@compiled
 def _mark_cavity(g: Geometry, start: int, end: int, free: IntArray, cavity: int) -> None:
     """Number the bottom and the walls of the cavity in cells `start` to `end`."""
     side = 0 if g.cells[start, C_LEFT] < g.cells[start - 1, C_LEFT] else 1
@@ -271,7 +349,7 @@ def _write_order(g: Geometry, first: IntArray) -> int:
 
 
 @compiled
-def allocate(guides: int, arcs: int, junction: int, most_cavities: int, source_cell: int) -> Geometry:
+def allocate(guides: int, arcs: int, junction: int, most_cavities: int, source_cell: int, face: int) -> Geometry:
     """Return unfilled arrays for guides of so many arcs with up to so many cavities each; `build` fills them.
 
     Parameters
@@ -280,8 +358,9 @@ def allocate(guides: int, arcs: int, junction: int, most_cavities: int, source_c
     junction : surfaces of the junctions.
     most_cavities : of one guide.
     source_cell : cell in which the rays start.
+    face : number of the face with the cavities; the largest of several.
     """
-    cells = guides * (arcs + 2 * most_cavities + 2)
+    cells = guides * (arcs + 2 * most_cavities + 2) * (2 if face == MIDLINE else 1)
     n = 4 * cells + junction
     return Geometry(
         np.empty((cells, CELL_COLUMNS)),
@@ -320,9 +399,9 @@ def build(g: Geometry, frame: SceneFrame, pattern: FloatArray) -> None:
     ----------
     g : from `allocate`; it is filled.
     frame : one state without its cavities.
-    pattern : cavities, width, depth, spacing (mm), +1 for the outer face or -1 for the inner one.
+    pattern : cavities, width, depth, spacing (mm), number of the face in `parameters.FACES`.
     """
-    guides, n = len(frame.nodes), int(pattern[0])
+    guides, n, face = len(frame.nodes), int(pattern[0]), int(pattern[4])
     g.kinds[:], g.corners[:], g.owners[:] = NOTHING, 0, NO_CAVITY
     g.links[:, WALL_BEFORE], g.links[:, WALL_AFTER] = 0, 0
     g.emitter[:], g.receiver_direction[:] = frame.emitter, frame.receiver_direction
@@ -330,11 +409,14 @@ def build(g: Geometry, frame: SceneFrame, pattern: FloatArray) -> None:
     for i in range(guides):
         nodes, curvature, ends = frame.nodes[i], frame.curvature[i], frame.ends[i]
         _place_walls(walls, nodes[-1, 4] / 2, pattern)
-        on_left = frame.outer[i] * pattern[4] > 0
+        side = face if face >= BOTH else LEFT if (frame.outer[i] > 0) == (face == 0) else RIGHT
         start = first[i]
-        after = _cut_guide(g, start, nodes, curvature, ends, walls, frame.half_mm, pattern[2], on_left)
-        _link(g, i, start, after, len(frame.surfaces) > 0)
-        _mark(g, start, after, frame.free[i], i * n)
+        after = _cut_guide(g, start, nodes, curvature, ends, walls, frame.half_mm, pattern[2], side)
+        _link(g, i, start, after, len(frame.surfaces) > 0, side)
+        if side >= BOTH:
+            _mark_faces(g, start, after, frame.free[i], frame.half_mm)
+        else:
+            _mark(g, start, after, frame.free[i], i * n)
         first[i + 1] = after
     base = 4 * len(g.cells)
     g.surfaces[base:], g.kinds[base:] = frame.surfaces, frame.kinds
@@ -351,11 +433,12 @@ def geometry_of(frame: SceneFrame, design: Design) -> Geometry:
     """
     check_design(frame, design, "this state")
     guides, arcs = frame.curvature.shape
-    g = allocate(guides, arcs, len(frame.surfaces), design.cavities, frame.source_cell)
-    build(g, frame, pattern_of(design))
+    pattern = pattern_of(design)
+    g = allocate(guides, arcs, len(frame.surfaces), design.cavities, frame.source_cell, int(pattern[4]))
+    build(g, frame, pattern)
     return g
 
 
 def pattern_of(design: Design) -> FloatArray:
     """Return a design as the five numbers that `build` reads."""
-    return np.array([*design.values, 1.0 if design.face == "outer" else -1.0])
+    return np.array([*design.values, float(FACES.index(design.face))])

@@ -12,7 +12,7 @@ from typing import Literal
 
 from analysis.errors import RequestError
 
-Face = Literal["outer", "inner"]
+Face = Literal["outer", "inner", "both", "midline"]
 Order = Literal["time", "bounce", "index"]
 Emission = Literal["uniform", "lambertian"]
 MOST_RAYS = 10_000_000
@@ -21,6 +21,7 @@ PAPER_RAYS = 250
 QUARTER_STEP = 0.25
 """Turn of the fan at which its two halves, mirrored into each other, interleave at half a step."""
 ORDERS: tuple[Order, ...] = ("time", "bounce", "index")
+FACES: tuple[Face, ...] = ("outer", "inner", "both", "midline")
 
 
 def _finite(name: str, value: float) -> None:
@@ -50,9 +51,10 @@ class Design:
     ----------
     cavities : how many, 0 (a plain guide) or more; the paper's are 3, 5 and 7.
     width_mm : along the centreline.
-    depth_mm : from the face inwards.
+    depth_mm : from the face inwards; of a void, its extent across the guide.
     spacing_mm : between neighbours, wall to wall along the centreline.
-    face : which face carries them, 'outer' (away from the other guide; default) or 'inner'.
+    face : which face carries them, 'outer' (away from the other guide; default), 'inner' or 'both' (opposite each
+        other); 'midline' makes them voids inside the guide, centred on its centreline.
     """
 
     cavities: int = 5
@@ -64,7 +66,7 @@ class Design:
     def __post_init__(self) -> None:
         if self.cavities != int(self.cavities) or not 0 <= self.cavities <= 99:
             raise RequestError(f"{self.cavities} cavities", "choose a whole number from 0 to 99")
-        _one_of("face", self.face, ("outer", "inner"))
+        _one_of("face", self.face, FACES)
         _between("cavity width", self.width_mm, 0.01, 50.0, " mm")
         _between("cavity depth", self.depth_mm, 0.001, 50.0, " mm")
         _finite("cavity spacing", self.spacing_mm)
@@ -73,6 +75,11 @@ class Design:
                 f"cavities overlap: a spacing of {self.spacing_mm:g} mm puts each into its neighbour",
                 "choose a spacing above 0 mm",
             )
+
+    @property
+    def cut_mm(self) -> float:
+        """Return the part of the thickness that a cavity, or two opposite ones, take away, mm."""
+        return self.depth_mm * (2 if self.face == "both" else 1)
 
     @property
     def row_mm(self) -> float:

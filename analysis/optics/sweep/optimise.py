@@ -96,7 +96,7 @@ class PowerMerit:
 
     def fits(self, design: Design) -> bool:
         """Return whether the design can be built in every state."""
-        return design.row_mm < self._free and design.depth_mm < self.thickness_mm * (1 - 1e-6)
+        return design.row_mm < self._free and design.cut_mm < self.thickness_mm * (1 - 1e-6)
 
     def power(self, design: Design) -> FloatArray:
         """Return the detected power over the states, emitted = 1."""
@@ -144,6 +144,8 @@ def optimise(
     """
     if not 0 < seconds < np.inf:
         raise RequestError(f"a search of {seconds:g} s", "allow more than 0 s, 50 s are enough")
+    if first_face not in ("outer", "inner"):
+        raise RequestError(f"a search of cavities in face '{first_face}'", "choose the outer or the inner face")
     began = time.perf_counter()
     frames = frames_of(curves, guide)
     pool = ThreadPoolExecutor(os.cpu_count() or 1)

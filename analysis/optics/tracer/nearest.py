@@ -209,9 +209,15 @@ def in_resin(g: Geometry, px: float, py: float, dx: float, dy: float, cell: int,
                     return t, 4 * cell + side
         link = table.LINK_COLUMNS * cell
         after = g.links[link + (table.AFTER if forward else table.BEFORE)]
-        if g.links[link + (table.WALL_AFTER if forward else table.WALL_BEFORE)] == 1:
+        bound = g.links[link + (table.WALL_AFTER if forward else table.WALL_BEFORE)]
+        if bound != table.OPEN:
             wall, n = 4 * cell + (3 if forward else 2), after * CELL_COLUMNS
             if after == NO_CELL or u >= g.cells[n + C_LEFT] * speed or u < g.cells[n + C_RIGHT] * speed:
+                if bound == table.FORK and u < g.cells[n + CELL_COLUMNS + C_LEFT] * speed:
+                    cell = after + 1
+                    continue
+                if bound == table.WALLS and u < g.cells[n + C_RIGHT] * speed:
+                    wall = 4 * after + (2 if forward else 3)
                 return (short / speed, wall) if short > 0.0 and wall != last else (math.inf, -1)
         cell = after
     return math.inf, -1

@@ -42,9 +42,11 @@ def ray_optics_scene(
     Raises
     ------
     DataError : the scene has no receiver to place a detector on.
-    RequestError : the cavities do not fit the guide.
+    RequestError : the cavities do not fit the guide, or are voids inside it.
     """
     shape = outline(frame, design)
+    if len(shape.contours) > 2:
+        raise RequestError("voids inside the guides cannot be written as one path", "choose cavities in a face")
     if np.isnan(shape.receiver[0, 0]):
         raise DataError("this scene has no receiver", "give the receiver a width above 0 mm")
     resin = {"refIndex": guide.index, "partialReflect": light.secondary > 0}

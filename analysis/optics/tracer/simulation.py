@@ -170,7 +170,8 @@ def simulate_many(
     """
     no_points, no_owners = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
     guides, arcs = frames.curvature[0].shape
-    g = allocate(guides, arcs, len(frames.surfaces[0]), int(np.max(patterns[:, 0])), frames.source_cell)
+    most, face = int(np.max(patterns[:, 0])), int(np.max(patterns[:, 4]))
+    g = allocate(guides, arcs, len(frames.surfaces[0]), most, frames.source_cell, face)
     q, later, by_root = new_queue(budget), new_queue(budget), np.empty(fan.rays, dtype=np.int64)
     for p in range(len(patterns)):
         for s in range(len(frames.nodes)):

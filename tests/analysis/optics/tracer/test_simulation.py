@@ -16,7 +16,7 @@ from analysis.optics.scene.curves import (
 )
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.outline import outline
-from analysis.optics.scene.parameters import ORDERS, Design, Light, Waveguide
+from analysis.optics.scene.parameters import FACES, ORDERS, Design, Light, Waveguide
 from analysis.optics.tracer.simulation import TraceResult, trace
 from tests.analysis.optics import plain_tracer as plain
 from tests.analysis.optics import second_tracer
@@ -30,6 +30,8 @@ from tests.analysis.optics import second_tracer
         (14, Design(3, 0.7, 0.7, 0.7)),
         (10, Design(5, 0.9, 0.8, 0.6, "inner")),
         (4, Design(cavities=0)),
+        (2, Design(5, 0.9, 0.7, 0.6, "both")),
+        (12, Design(3, 1.0, 0.5, 0.9, "midline")),
     ],
 )
 def test_a_second_tracer_counts_the_same(frames: list[SceneFrame], state: int, design: Design) -> None:
@@ -43,7 +45,14 @@ def test_a_second_tracer_counts_the_same(frames: list[SceneFrame], state: int, d
 
 @pytest.mark.parametrize(
     ("state", "design"),
-    [(0, Design()), (7, Design(7, 0.6, 1.0, 0.5)), (14, Design(3, 0.7, 0.7, 0.7, "inner")), (4, Design(cavities=0))],
+    [
+        (0, Design()),
+        (7, Design(7, 0.6, 1.0, 0.5)),
+        (14, Design(3, 0.7, 0.7, 0.7, "inner")),
+        (4, Design(cavities=0)),
+        (5, Design(7, 0.6, 0.5, 0.5, "both")),
+        (9, Design(7, 0.7, 1.0, 0.8, "midline")),
+    ],
 )
 def test_walking_the_cells_counts_as_searching_every_surface(
     frames: list[SceneFrame], state: int, design: Design
@@ -130,7 +139,7 @@ DESIGNS = st.builds(
     st.floats(0.1, 3.0),
     st.floats(0.05, 2.0),
     st.floats(0.05, 2.0),
-    st.sampled_from(["outer", "inner"]),
+    st.sampled_from(FACES),
 )
 LIGHTS = st.builds(
     Light,

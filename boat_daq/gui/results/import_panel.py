@@ -23,7 +23,7 @@ class ImportPanel(QDialog):
 
     def __init__(self, parent: QWidget, model: CsvImport, services: Services) -> None:
         super().__init__(parent)
-        self.model, self.services = model, services
+        self.over, self.model, self.services = parent, model, services
         self._revision = -1
         self.setModal(False)
         self.resize(style.WINDOW_MINIMUM[0], style.WINDOW_MINIMUM[1] + style.STRIP_HEIGHT)
@@ -71,6 +71,7 @@ class ImportPanel(QDialog):
         self.model.open(path)
         self.name.setText(self.model.name)
         self.setWindowTitle(f"Import {path.name}")
+        self.resize(self.size().boundedTo(self.over.size()))  # on a small screen
         self.show()
         self.raise_()
 

@@ -160,7 +160,7 @@ def stairs_from(start_kpa: float, ends: tuple[float, float], cycles: int) -> Rec
     return Plant().run(pressure, np.gradient(pressure) > 0, np.ones(pressure.size))
 
 
-@pytest.mark.parametrize("cycles", [1, 2, 5])
+@pytest.mark.parametrize("cycles", [1, 2, pytest.param(5, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("ends", [(50.0, -40.0), (-40.0, 50.0)])
 @pytest.mark.parametrize("start_kpa", [-35.0, -20.0, -5.0, 0.0, 5.0, 12.0, 25.0, 45.0])
 def test_recording_that_begins_inside_a_ramp_keeps_its_first_cycle(

@@ -34,7 +34,7 @@ TARGET_NOTES = ((), ("\u2192 +88.8",))
 SENSORS, BESIDE = 4, 2  # of a board at most; of those at most whose values are beside the others
 BAND = (
     "Expanded uncertainty, k = 2. Out of range: no elongation of the calibration gives these signals. Disagree: "
-    "each sensor gives another elongation, so the band does not hold."
+    "each sensor gives another elongation, so the band does not hold. End: within 2 u beyond the calibrated range."
 )
 TRIAL = (
     "One cycle of a simulated unit at 20 times real time, each plateau read automatically: a calibration in half a "

@@ -334,7 +334,7 @@ class LiveModel:
         if found.disagree[0]:  # the band does not hold then
             return elongation, "\u25b2 disagree", "\u25b2 differ"
         if found.beyond is not None and found.beyond[0]:
-            return elongation, f"{band} at the end", f"{band} end"
+            return elongation, f"{band} (end)", "\u25b2 end"
         return elongation, f"{band} (k = 2)", band
 
     def place(self, which: str) -> float:

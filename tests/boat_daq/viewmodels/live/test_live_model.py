@@ -164,7 +164,7 @@ def test_elongation_a_little_beyond_the_range_is_shown_and_marked(ring):
     )
     head = model.headline(connected())
     assert head.elongation == "+3.85"
-    assert head.band.endswith("\u00b10.10 at the end")
+    assert (head.band, head.band_short) == ("\u00b10.10 (end)", "\u25b2 end")
 
 
 @pytest.mark.parametrize(("at_s", "expected"), [(10.0, 5.0), (30.02, 12.5), (60.0, None)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -48,10 +48,12 @@ Index = Annotated[float, typer.Option(help="Refractive index of the resin.")]
 Curves = Annotated[
     Path | None,
     typer.Option(
-        metavar="FILE.csv|parametric|shadow",
-        help="Deformed guides: x and z in mm, sines, or solved now; default the shadow's 15 stored states.",
+        metavar="FILE.csv|parametric|shadow|paper",
+        help="Deformed guides: x and z in mm, sines, solved now, or solved for -50 to +50 kPa with a stiffer wall; "
+        "default the shadow's 15 stored states.",
     ),
 ]
+Faintest = Annotated[float, typer.Option(help="Power, in parts of a released ray, below which a ray is dropped.")]
 Thickness = Annotated[float, typer.Option(help="Thickness of the guides, mm.")]
 Attenuation = Annotated[float, typer.Option(help="Attenuation of the resin, dB/cm.")]
 Face = Annotated[str, typer.Option(help="Place of the cavities: the outer or inner face, both, or midline (voids).")]
@@ -90,6 +92,10 @@ def _curves(path: Path | None) -> FloatArray:
         from analysis.shadow.model.states import kept_states
 
         return kept_states().curves_mm
+    if str(path) == "paper":
+        from analysis.shadow.model.states import PAPER_LOWEST_KPA, STIFFER_WALL, kept_states
+
+        return kept_states(STIFFER_WALL, lowest_kpa=PAPER_LOWEST_KPA).curves_mm
     from analysis.optics.scene.curve_file import curves_named
 
     return curves_named(str(path or "default"))
@@ -128,6 +134,7 @@ def trace(
     attenuation: Attenuation = 0.0,
     face: Face = "outer",
     emission: Emission = "uniform",
+    faintest: Faintest = 1e-12,
     receiver: Receiver = None,
     out: Annotated[Path | None, typer.Option(help="Write an image of the rays: PNG or SVG.")] = None,
     fidelity: OptionalFidelity = None,
@@ -142,7 +149,7 @@ def trace(
     design = Design(cavities, width, depth, spacing, face)  # type: ignore[arg-type]  # checked there
     guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
     released, budget = released_rays(rays, secondary, fidelity, lambda level: level.rays)
-    light = _light(released, budget, phase, order, emission)
+    light = replace(_light(released, budget, phase, order, emission), faintest=faintest)
     frame, number = _frame(_curves(curves), state, guide)
     outcome = trace_scene(frame, design, guide, light)
     if out is not None:
@@ -166,9 +173,13 @@ def trace(
         "index": index,
     }
     spread = f" +- {outcome.ndr_sd:.1f}" if math.isfinite(outcome.ndr_sd) else ""  # a single ray has no spread
+    count = f"NDR {outcome.ndr:.1f}{spread} of 250"
+    if outcome.granted > released:
+        count = f"{outcome.ledger['detected']} detected rays"
+        notify("most rays are reflected parts with next to no power: their number is no measure, use the power")
     present(
         result,
-        f"state {number}: NDR {outcome.ndr:.1f}{spread} of 250, power {outcome.power:.4f}, {outcome.hits} hits",
+        f"state {number}: {count}, power {outcome.power:.4f}, {outcome.hits} hits",
         "rays: " + ", ".join(f"{name} {count}" for name, count in outcome.ledger.items()),
         "power: " + ", ".join(f"{name} {part:.4f}" for name, part in outcome.energy.items()),
         as_json=as_json,
@@ -234,6 +245,7 @@ def sweep(
     attenuation: Attenuation = 0.0,
     face: Face = "outer",
     emission: Emission = "uniform",
+    faintest: Faintest = 1e-12,
     receiver: Receiver = None,
     fans: Annotated[
         int | None,
@@ -258,7 +270,7 @@ def sweep(
     designs = tuple(paper_grid(cavity_counts(cavities), face))  # type: ignore[arg-type]  # the design checks its face
     released, budget = released_rays(rays, secondary, fidelity, lambda level: level.ranking_rays)
     guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
-    light = _light(released, budget, phase, order, emission)
+    light = replace(_light(released, budget, phase, order, emission), faintest=faintest)
     request = SweepRequest(designs, guide, light, _curves(curves))
     if out is not None:
         with writing(out):

@@ -13,9 +13,10 @@ import itertools
 import os
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -254,11 +255,24 @@ def _in_threads(common: Common, patterns: list[FloatArray], threads: int) -> Ite
 
 
 def _on_cluster(common: Common, patterns: list[FloatArray], address: str) -> Iterator[tuple[int, Results]]:
+    library = importlib.import_module("distributed")
     with connect(address) as client:
-        shared = client.scatter(common, broadcast=True)
-        futures = {client.submit(run_item, shared, p, pure=False): i for i, p in enumerate(patterns)}
+        if not client.scheduler_info()["workers"]:
+            raise _cluster_lost(f"the Dask scheduler at {address} has no worker")
+        futures: dict[Any, int] = {}
         try:
-            arriving = importlib.import_module("distributed").as_completed(list(futures))
-            yield from ((futures[future], future.result()) for future in arriving)
+            shared = client.scatter(common, broadcast=True)
+            futures |= {client.submit(run_item, shared, p, pure=False): i for i, p in enumerate(patterns)}
+            yield from ((futures[future], future.result()) for future in library.as_completed(list(futures)))
+        except (TimeoutError, OSError, CancelledError, library.CancelledError, library.KilledWorker) as error:
+            raise _cluster_lost(f"the Dask workers at {address} were lost") from error
         finally:
             client.cancel(list(futures))
+
+
+def _cluster_lost(cause: str) -> RequestError:
+    """Return the error of a cluster that computes no longer."""
+    remedy = (
+        "start one with `dask worker`, or repeat without --scheduler: with the same --out finished designs are kept"
+    )
+    return RequestError(cause, remedy)

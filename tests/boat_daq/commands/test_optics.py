@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from analysis.fidelity import Level
+from boat_daq.cli import app
 from boat_daq.commands.optics import released_rays
 from tests.boat_daq.commands.calls import call, exit_code, refusal
 
@@ -34,6 +36,26 @@ def test_trace_prints_the_documented_keys() -> None:
     assert isinstance(ledger, dict)
     assert set(ledger) == LEDGER
     assert ledger["released"] == 250 == sum(ledger[k] for k in LEDGER - {"released"})
+
+
+def test_trace_turns_the_fan_and_drops_the_faintest() -> None:
+    """The phase is the paper's 0 for 250 rays and else a quarter; rays that are dropped early are not followed."""
+    plain, turned = call("optics", "trace"), call("optics", "trace", "--phase", "0.25")
+    assert (plain["phase"], turned["phase"]) == (0.0, 0.25)
+    assert plain["power"] != turned["power"]
+    assert call("optics", "trace", "--rays", "100")["phase"] == 0.25
+    every = [call("optics", "trace", "--rays", "10", "--secondary", "5000", "--faintest", p) for p in ("1e-2", "1e-5")]
+    followed = [each["secondaries"]["followed"] for each in every]  # type: ignore[index]
+    assert followed[0] < followed[1]
+    assert every[0]["power"] == pytest.approx(every[1]["power"], abs=0.05)
+
+
+def test_a_count_of_reflected_parts_is_not_given_as_rays_of_250() -> None:
+    """With more secondaries than rays the text gives power, and why the count is no measure."""
+    result = CliRunner().invoke(app, ["optics", "trace", "--rays", "10", "--secondary", "5000"])
+    assert "of 250" not in result.stdout
+    assert "detected rays, power" in result.stdout
+    assert "use the power" in result.stderr
 
 
 def test_trace_reads_a_curve_file(tmp_path: Path, curves: np.ndarray) -> None:

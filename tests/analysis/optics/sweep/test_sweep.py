@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -81,3 +83,27 @@ def test_an_absent_scheduler_is_rejected_with_a_remedy(
     with pytest.raises(RequestError, match="no Dask scheduler") as refused:
         run_sweep(small_request, scheduler="tcp://127.0.0.1:9")
     assert "dask scheduler" in refused.value.remedy
+
+
+def test_lost_workers_are_named_and_the_sweep_resumes_here(
+    small_request: SweepRequest, small_result: SweepResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a worker, and when the last is lost, cause and remedy are given; the sweep resumes here bit for bit."""
+    distributed = pytest.importorskip("distributed")
+    file = tmp_path / "sweep.sqlite"
+
+    def lost(common: object, patterns: object) -> None:
+        raise TimeoutError("no answer")
+
+    with distributed.LocalCluster(
+        n_workers=0, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None, silence_logs=50
+    ) as cluster:
+        with pytest.raises(RequestError, match="no worker"):
+            run_sweep(small_request, scheduler=cluster.scheduler_address, file=file)
+        cluster.scale(1)
+        cluster.wait_for_workers(1)
+        with monkeypatch.context() as patch, pytest.raises(RequestError, match="were lost") as refused:
+            patch.setattr("analysis.optics.sweep.sweep.run_item", lost)
+            run_sweep(small_request, scheduler=cluster.scheduler_address, file=file)
+    assert "--out" in refused.value.remedy
+    assert same(run_sweep(small_request, file=file), small_result)

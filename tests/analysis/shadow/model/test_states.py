@@ -13,7 +13,14 @@ from analysis.optics.scene.curve_file import read_curves
 from analysis.optics.scene.curves import checked_curves, default_curves, elongations
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.full import FullModel
-from analysis.shadow.model.states import GuideStates, guide_states, kept_states, write_states
+from analysis.shadow.model.states import (
+    PAPER_LOWEST_KPA,
+    STIFFER_WALL,
+    GuideStates,
+    guide_states,
+    kept_states,
+    write_states,
+)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +48,7 @@ def test_states_are_kept_by_parameters(states: GuideStates, tmp_path: Path, monk
     """The second time they come from the cache, bit for bit; a damaged cache is made anew, as for other parameters."""
     solved = []
 
-    def solve(model: FullModel) -> GuideStates:
+    def solve(model: FullModel, *, lowest_kpa: float) -> GuideStates:
         solved.append(model.parameters.digest)
         return states
 
@@ -52,8 +59,21 @@ def test_states_are_kept_by_parameters(states: GuideStates, tmp_path: Path, monk
     next(tmp_path.iterdir()).write_bytes(b"PK not a table")
     kept_states(folder=tmp_path)
     kept_states(replace(ActuatorParameters(), wall_modulus_kpa=300.0), folder=tmp_path)
-    assert len(solved) == 3
+    kept_states(lowest_kpa=-30.0, folder=tmp_path)
+    assert len(solved) == 4
     assert len(set(solved)) == 2
+
+
+@pytest.mark.nightly
+def test_stiffer_wall_reaches_the_pressures_that_the_paper_simulated() -> None:
+    """-50 to +50 kPa are solved without buckling; -40 and +50 kPa give the elongations of the default wall."""
+    model = FullModel(STIFFER_WALL)
+    assert model.vacuum_limit.pressure_kpa < PAPER_LOWEST_KPA - 5.0
+    states = guide_states(model, lowest_kpa=PAPER_LOWEST_KPA)
+    np.testing.assert_allclose(states.pressure_kpa[[0, 14]], [-50.0, 50.0])
+    assert model.solve(pressure_kpa=-40.0).elongation_mm == pytest.approx(-2.7, abs=1e-3)
+    assert states.elongation_mm[14] == pytest.approx(3.8, abs=1e-3)
+    assert states.elongation_mm[0] < -3.0
 
 
 def test_guides_straighten_as_the_actuator_lengthens(states: GuideStates) -> None:

@@ -58,7 +58,7 @@ class MainWindow(QMainWindow):
     def __init__(self, model: AppModel) -> None:
         super().__init__()
         self.model = model
-        self.theme: Theme = style.system_theme()
+        self.follow_theme()  # before there is a widget: each is styled once, where it is shown
         self._leave_until = 0.0
         self.guard = PanelGuard(model.notices)
         model.services.show, model.services.open = self.show_place, self.open_file
@@ -83,7 +83,6 @@ class MainWindow(QMainWindow):
         application().focusWindowChanged.connect(self.window_keys.watch)
         application().focusChanged.connect(self.window_keys.follow_focus)
         QGuiApplication.styleHints().colorSchemeChanged.connect(self.follow_theme)
-        self.follow_theme()
         self._restore()
         model.offer_recovery()
         self._start_timers()

@@ -89,6 +89,7 @@ HARMLESS: dict[str, Callable[[], bytes]] = {
         b"\xff\xd8", b"\xff\xd8" + 200 * (b"\xff\xe1\xff\xffExif\0\0" + bytes(65527)), 1
     ),
 }
+REFUSED = "is not a picture|larger than|unsupported format|cannot be decoded"
 SHORT = 500 << 20  # what decoding may take beyond the program itself: 256 MB of pixels, and the same as a pixmap
 
 
@@ -108,7 +109,7 @@ def test_hostile_picture_is_refused(pictures: Path, qtbot: object, name: str) ->
     parent = QWidget()
     panel = PhotographPanel(parent, cast("Any", None), cast("Any", None))
     before = panel.state
-    with pytest.raises(OperatorError, match="no picture") as refusal:
+    with pytest.raises(OperatorError, match=REFUSED) as refusal:
         panel.load(pictures / name)
     assert refusal.value.remedy
     assert panel.state is before
@@ -145,7 +146,7 @@ def test_pipe_or_device_is_not_opened_as_a_picture(tmp_path: Path, qtbot: object
         case "hole":
             path.write_bytes(HARMLESS["right.png"]()[:33])
             os.truncate(path, FILE_BYTES_MAX + 1)
-    with pytest.raises(OperatorError, match="no picture"):
+    with pytest.raises(OperatorError, match=REFUSED):
         read_picture(path)
 
 

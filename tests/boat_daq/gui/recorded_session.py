@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.plan import StepMark
@@ -24,6 +26,14 @@ RATE_HZ = 100
 
 def filled_ring(seconds: float, *, seed: int = 1, sensors: int = 2) -> RingBuffer:
     """A ring with a triangle of pressure and signals that follow it, with noise; sensors 3 and 4 as 1 and 2."""
+    ring = RingBuffer(sensors, mv_per_count=1.0)
+    ring.target_kpa = 30.0
+    ring.append(_samples(seconds, seed, sensors))
+    return ring
+
+
+@functools.cache
+def _samples(seconds: float, seed: int, sensors: int) -> NDArray[np.void]:
     n = round(seconds * RATE_HZ)
     generator = np.random.default_rng(seed)
     time_s = np.arange(n) / RATE_HZ
@@ -37,10 +47,7 @@ def filled_ring(seconds: float, *, seed: int = 1, sensors: int = 2) -> RingBuffe
     first = 1652 + 46.4 * x - 2.7 * x**2 + generator.normal(0, 1.5, n)
     second = 1624 + 33.4 * x - 2.3 * x**2 + generator.normal(0, 1.0, n)
     samples["signal_mv"] = np.column_stack([(first, second)[i % 2] for i in range(sensors)])
-    ring = RingBuffer(sensors, mv_per_count=1.0)
-    ring.target_kpa = 30.0
-    ring.append(samples)
-    return ring
+    return samples
 
 
 class RecordedSession:

@@ -132,29 +132,33 @@ class CalibrationModel:
         snapshot = self.session.snapshot()
         if snapshot.state in BUSY:
             raise OperatorError("a run is in progress", "Wait for its end, or stop it: complete cycles are analysed.")
+        path = self.last_path
         if snapshot.recording is not None:
-            self.last_path = self.session.stop_recording() or snapshot.recording
+            path = self.session.stop_recording() or snapshot.recording
         elif snapshot.link is LinkState.UP and self.result and self.result.simulated is not snapshot.simulated:
-            self.last_path = None
+            path = None
         simulated = snapshot.simulated if snapshot.link is LinkState.UP else None
-        self.last_path = self.last_path or self._newest(simulated)
-        if self.last_path is None:
+        path = path or self._newest(simulated)
+        if path is None:
             raise OperatorError("there is no recording yet", "Run a plan, or open a recording on the Runs page.")
-        self.analyse(self.last_path)
+        self.analyse(path)
 
     def analyse(self, path: Path) -> None:
-        """Analyse a recording in the background; another one than before by the curve that it was accepted with."""
-        self.choice = self.choice if path == self.last_path else ""
-        self.last_path, self.result, self.before, self.agreements = path, None, None, ()
+        """Analyse a recording in the background; another one than before by the curve that it was accepted with.
+
+        What is shown of the same recording stays until then, and where the analysis is cancelled.
+        """
+        if path != self.last_path:
+            self.last_path, self.choice, self.result = path, "", None
         self._start(path)
 
     def follow_change(self) -> None:
-        """Analyse the recording again by what was changed; what is shown stays until then."""
+        """Analyse the recording again by what was changed."""
         if self.last_path is not None and self.result is not None:
             self._start(self.last_path)
 
     def _start(self, path: Path) -> None:
-        self.posterior, self.failure, self.accepted = (), None, None
+        self.failure = None
         self.revision += 1
         level, curve = self.fidelity.level, self.choice
         job = Job(f"Analysing {path.name}", analyse_run, str(path), level=level, curve=curve, compare=True)
@@ -245,6 +249,10 @@ class CalibrationModel:
         self.analyse(self.last_path)
 
     def _analysed(self, job: Job) -> None:
+        if job.state is JobState.CANCELLED:
+            self.choice = self.result.curve if self.result is not None else self.choice
+            self.revision += 1
+            return
         self.failure = job.failure
         self.show(job.result)
 
@@ -255,7 +263,8 @@ class CalibrationModel:
         ------
         OperatorError : the unit's file cannot be read.
         """
-        self.result = result
+        self.jobs.cancel("posterior")  # of the curve before
+        self.result, self.agreements, self.posterior, self.accepted = result, (), (), None
         self.revision += 1
         self.before = (
             self._units_of(result).load(result.unit).calibration if result is not None and result.unit else None

@@ -204,6 +204,46 @@ def test_curves_are_compared_sensor_by_sensor(tmp_path, result):
         model.sample()
 
 
+def test_cancelled_analysis_keeps_what_was_shown(tmp_path, result, monkeypatch):
+    """Result, bands, acceptance and comparison stay, with the curve that they are of; another run leaves none."""
+
+    class CancelledJob:
+        state = JobState.CANCELLED
+
+        def __init__(self, *args, **options):
+            self.options = options
+
+        def poll(self):
+            return self.state
+
+    monkeypatch.setattr(calibration, "Job", CancelledJob)
+    model = model_on(tmp_path)
+    model.last_path = tmp_path / "a.boat"
+    model.show(dataclasses.replace(result, curve="3"))
+    model.accept()
+    model.posterior = (result.sensors[0].fit,)
+    shown = [getattr(model, name) for name in ("result", "before", "agreements", "posterior", "accepted")]
+    for start in (lambda: model.choose_curve("4"), lambda: model.analyse(tmp_path / "a.boat")):
+        start()
+        assert model.working
+        model.jobs.poll()
+        kept = [getattr(model, name) for name in ("result", "before", "agreements", "posterior", "accepted")]
+        assert all(one is other for one, other in zip(kept, shown, strict=True))
+        assert (model.curve_shown, model.verdict()[0]) == ("3", "ok")
+    model.analyse(tmp_path / "b.boat")
+    model.jobs.poll()
+    assert (model.result, model.choice, model.verdict()) == (None, "", ("", ""))
+
+
+def test_result_ends_the_sampling_of_the_curve_before(tmp_path, result, monkeypatch):
+    """Bands of another curve are never shown about the one that was fitted meanwhile."""
+    model, cancelled = model_on(tmp_path, result), []
+    model.posterior = (result.sensors[0].fit,)
+    monkeypatch.setattr(model.jobs, "cancel", cancelled.append)
+    model.show(dataclasses.replace(result, curve="4"))
+    assert (cancelled, model.posterior) == (["posterior"], ())
+
+
 def test_calibration_is_not_accepted_while_its_run_is_analysed_again(tmp_path, result, monkeypatch):
     """What is shown stays, its warnings too; it is not of the new curve, so that it cannot be accepted."""
     model = model_on(tmp_path, result)

@@ -9,12 +9,11 @@ from __future__ import annotations
 import datetime
 import itertools
 import json
-import os
 import sqlite3
 import tempfile
 import uuid
 import zlib
-from contextlib import closing, suppress
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ import numpy.typing as npt
 from analysis.data.boat_file import opened
 from analysis.data.csv_import import import_csv
 from analysis.data.recording import Recording
-from analysis.errors import FileError
+from analysis.errors import FileError, written_whole
 from analysis.version import program_version
 from protocol.errors import RecordingError
 from protocol.recording import schema
@@ -57,17 +56,13 @@ def write_boat_file(path: str | Path, recording: Recording, *, original: str | P
     path = Path(path)
     if path.exists():
         raise FileError(f"{path} exists already", "Choose another name: a recording is never overwritten.")
-    unfinished = path.with_name(path.name + ".part")
     try:
-        unfinished.unlink(missing_ok=True)
-        with closing(sqlite3.connect(unfinished)) as db, db:
-            _write(db, recording, Path(original))
-        os.replace(unfinished, path)  # noqa: PTH105 - one atomic call
+        with written_whole(path) as part:
+            part.unlink(missing_ok=True)  # of an import that was killed
+            with closing(sqlite3.connect(part)) as db, db:
+                _write(db, recording, Path(original))
     except (sqlite3.Error, OSError) as error:
         raise FileError(f"{path} cannot be written: {error}", "Choose another folder.") from error
-    finally:
-        with suppress(OSError):  # a folder that is none
-            unfinished.unlink(missing_ok=True)
 
 
 def _write(db: sqlite3.Connection, recording: Recording, original: Path) -> None:

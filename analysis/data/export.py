@@ -2,7 +2,8 @@
 
 Rules: every column's name carries its unit; numbers are written so that reading them gives the same number; text that
 a spreadsheet would take for a formula is neutralised; a simulated run is marked SIMULATED in the file itself. What is
-written is read again by `analysis.data.csv_import` without a map.
+written is read again by `analysis.data.csv_import` without a map. An export that is cancelled leaves no file, and the
+one before as it was.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.data.recording import META_KEYS, Recording
-from analysis.errors import RequestError, writing
+from analysis.errors import RequestError, writing, written_whole
 from analysis.progress import Progress
 
 Format = Literal["csv", "parquet"]
@@ -60,9 +61,12 @@ def export(recording: Recording, path: str | Path, format: Format, *, progress: 
         raise RequestError(f"format {format!r} is not one of csv, parquet", "Give --format csv or --format parquet.")
     with writing(path, "Choose another folder."):
         if format == "parquet":
-            return [_write_parquet(recording, path)]
-        _write_csv(recording, path, progress)
+            with written_whole(path) as part:
+                _write_parquet(recording, part)
+            return [path]
         sidecar = path.with_suffix(".json")
+        with written_whole(path) as part:
+            _write_csv(recording, part, progress)
         sidecar.write_text(json.dumps(_description(recording), indent=2, default=str) + "\n", encoding="utf-8")
         return [path, sidecar]
 
@@ -86,7 +90,7 @@ def _comment(text: str) -> str:
     return "# " + " ".join(text.replace(",", ";").split()) + "\n"
 
 
-def _write_parquet(recording: Recording, path: Path) -> Path:
+def _write_parquet(recording: Recording, path: Path) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -95,7 +99,6 @@ def _write_parquet(recording: Recording, path: Path) -> Path:
     if recording.simulated:
         description["SIMULATED"] = "recorded from the virtual board"
     pq.write_table(table.replace_schema_metadata({**(table.schema.metadata or {}), **description}), path)
-    return path
 
 
 def _description(recording: Recording) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from multiprocessing.connection import Connection
+from pathlib import Path
 from time import monotonic
 from typing import Any, Generic, ParamSpec, TypeVar
 
@@ -89,6 +90,7 @@ class Job:
         self.fraction: float | None = None
         self.result: Any = None
         self.failure: JobFailure | None = None
+        self.unfinished: Path | None = None  # that it writes: removed where it is cancelled
         self._pipe, child = _SPAWN.Pipe(duplex=False)
         self._process = _SPAWN.Process(target=_run, args=(child, function, args, kwargs), daemon=True)
         self._process.start()
@@ -121,6 +123,9 @@ class Job:
         if self.state is JobState.RUNNING:
             self._process.terminate()
             self._finish(JobState.CANCELLED)
+            if self.unfinished is not None:
+                with suppress(OSError):  # a folder that is none
+                    self.unfinished.unlink(missing_ok=True)
 
     def _finish(self, state: JobState) -> None:
         self.state = state

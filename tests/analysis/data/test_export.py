@@ -61,3 +61,19 @@ def test_exported_comments_begin_with_a_hash_and_hold_no_cell(tmp_path: Path) ->
     assert line.startswith("# note")
     assert "," not in line
     assert line.count("\n") == 1
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_cancelled_export_leaves_the_one_before(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It used to leave the first samples under the name that was chosen, and the export before was gone."""
+    target, recording = tmp_path / f"r.{suffix}", Plant().run(*triangle(2, 5))
+    target.write_text("the export before")
+
+    def cancelled(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pyarrow.parquet.write_table", cancelled)
+    with pytest.raises(KeyboardInterrupt):
+        export(recording, target, "csv" if suffix == "csv" else "parquet", progress=cancelled)
+    assert [file.name for file in tmp_path.iterdir()] == [target.name]
+    assert target.read_text() == "the export before"

@@ -48,11 +48,14 @@ def test_refusal_keeps_its_remedy_and_crash_is_reported():
     assert "ended without a result" in crashed.failure.cause
 
 
-def test_cancelled_job_ends_and_frees_its_slot():
-    """A cancelled job ends at once, and its slot in the runner is free."""
+def test_cancelled_job_ends_and_frees_its_slot(tmp_path):
+    """A cancelled job ends at once, and its slot in the runner is free; what it has begun to write is removed."""
     runner, ended = JobRunner(), []
     job = runner.start("long", Job("Sleeping", pause, 60), ended.append)
+    job.unfinished = tmp_path / "r.csv.part"
+    job.unfinished.write_text("index,")
     runner.cancel("long")
+    assert list(tmp_path.iterdir()) == []
     runner.poll()
     assert job.state is JobState.CANCELLED
     assert ended == [job]

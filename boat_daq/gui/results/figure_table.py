@@ -13,7 +13,7 @@ from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.viewmodels.results.analysis_jobs import Cell
 
-SIDE = style.PANE_WIDTH_WIDE + 6 * style.STEP
+SIDE = style.PANE_WIDTH_WIDE + 10 * style.STEP
 """Width of the table beside the plots of a page."""
 FEW_COLUMNS = 3  # names and two sensors
 Index = QModelIndex | QPersistentModelIndex
@@ -25,11 +25,12 @@ class TwoLines(QStyledItemDelegate):
     colour = QColor(style.LIGHT.muted)
 
     def initStyleOption(self, option: QStyleOptionViewItem, index: Index) -> None:
-        """Leave the first line to Qt, in the upper part of the cell."""
+        """Leave the first line to Qt, in the upper part of the cells of a row that has two."""
         super().initStyleOption(option, index)
         option.text = str(index.data() or "").partition("\n")[0]
-        side = option.displayAlignment & Qt.AlignmentFlag.AlignHorizontal_Mask
-        option.displayAlignment = side | Qt.AlignmentFlag.AlignTop
+        if "\n" in str(index.sibling(index.row(), 0).data()):
+            side = option.displayAlignment & Qt.AlignmentFlag.AlignHorizontal_Mask
+            option.displayAlignment = side | Qt.AlignmentFlag.AlignTop
 
     def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
         """Paint the cell."""
@@ -40,7 +41,7 @@ class TwoLines(QStyledItemDelegate):
             painter.setFont(style.small_font())
             painter.setPen(self.colour)
             side = Qt.AlignmentFlag(index.data(Qt.ItemDataRole.TextAlignmentRole)) & Qt.AlignmentFlag.AlignRight
-            inside = option.rect.adjusted(2 * style.STEP, 0, -2 * style.STEP, -style.STEP)
+            inside = option.rect.adjusted(2 * style.STEP, 0, -2 * style.STEP, -style.STEP // 2)
             text = painter.fontMetrics().elidedText(below, Qt.TextElideMode.ElideRight, inside.width())
             painter.drawText(inside, side | Qt.AlignmentFlag.AlignBottom, text)
             painter.restore()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView, QTableWidget, QTableWidgetItem
 
 from boat_daq.gui import style
@@ -49,6 +50,12 @@ class DataTable(QTableWidget):
         header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         if headings:
             header.setSectionResizeMode(stretched % len(headings), QHeaderView.ResizeMode.Stretch)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Keep the chosen row in sight."""
+        super().resizeEvent(event)
+        for index in self.selectedIndexes()[:1]:
+            self.scrollTo(index)
 
     def explain(self, tips: dict[int, str]) -> None:
         """Set the tooltips of headings, by column."""

@@ -25,6 +25,7 @@ from boat_daq.viewmodels.common.formatting import NOTHING, number, sensor_words
 from boat_daq.viewmodels.common.reference import chosen_curve, identity, stated_contributions
 
 if TYPE_CHECKING:
+    from analysis.conformity import Conformity
     from analysis.figures.acceptance import LimitStatement
     from analysis.figures.across_breaks import Break, Comparison
     from analysis.figures.pipeline import Analysis
@@ -319,10 +320,16 @@ def _limit_rows(found: Analysis) -> list[tuple[Cell, ...]]:
     rows = []
     for stated in zip(*(against_published(sensor) for sensor in found.sensors), strict=False):
         tolerance, definition = stated[0].tolerance, SENSOR_FIGURES[stated[0].tolerance.key]
-        name = f"{definition.label} {tolerance.symbol} {tolerance.limit:g} {definition.unit}"
-        cells = [(one.conformity.label, f"{one.text}\n{RULE}") for one in stated]
+        name = f"{definition.label}\n{tolerance.symbol} {tolerance.limit:g} {definition.unit}"
+        cells = [(_conformity_text(one.conformity), f"{one.text}\n{RULE}") for one in stated]
         rows.append(((name, tolerance.source), *cells))
     return rows
+
+
+def _conformity_text(conformity: Conformity) -> str:
+    """Return a statement with its mark, a condition in a second line: two of them leave names their width."""
+    condition, _, stated = conformity.label.rpartition(" ")
+    return f"{SHAPES.get(conformity, '')} {stated}\n{condition}".strip()
 
 
 def _plateaus(found: Analysis) -> tuple[int, int]:

@@ -374,7 +374,7 @@ def chain(
     Example: boat-daq shadow chain --rays 1000 --out curves.csv
     """
     from analysis.optics.scene.curves import parametric_curves
-    from analysis.optics.scene.parameters import Light
+    from analysis.optics.scene.parameters import Light, phase_of
     from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
     from analysis.shadow.model.states import guide_states, write_states
 
@@ -386,7 +386,8 @@ def chain(
     found: dict[str, Any] = {}
     for name, curves in (("shadow", states.curves_mm), ("parametric", parametric_curves())):
         with progress_bar(f"sweep over the {name} curves") as progress:
-            result = run_sweep(SweepRequest(designs, light=Light(rays=rays), curves=curves), progress=progress)
+            light = Light(rays=rays, phase=phase_of(rays))
+            result = run_sweep(SweepRequest(designs, light=light, curves=curves), progress=progress)
         found[name] = _outcome(result)
     found["bow_mm"], found["curvature_per_mm"] = states.bow_mm(), states.curvature_per_mm()
     found["elongation_mm"] = states.elongation_mm

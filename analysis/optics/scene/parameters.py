@@ -18,6 +18,7 @@ Emission = Literal["uniform", "lambertian"]
 MOST_RAYS = 10_000_000
 """More costs memory, 8 bytes each and thread, and changes no figure."""
 PAPER_RAYS = 250
+WAVELENGTH_MM = 860e-6
 QUARTER_STEP = 0.25
 """Turn of the fan at which its two halves, mirrored into each other, interleave at half a step."""
 ORDERS: tuple[Order, ...] = ("time", "bounce", "index")
@@ -74,6 +75,11 @@ class Design:
             raise RequestError(
                 f"cavities overlap: a spacing of {self.spacing_mm:g} mm puts each into its neighbour",
                 "choose a spacing above 0 mm",
+            )
+        if self.spacing_mm < WAVELENGTH_MM and self.cavities > 1:
+            raise RequestError(
+                f"a spacing of {self.spacing_mm:g} mm is below the wavelength of the light, where rays mean nothing",
+                f"choose a spacing above {WAVELENGTH_MM:g} mm",
             )
 
     @property

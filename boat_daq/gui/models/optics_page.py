@@ -26,7 +26,17 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.models.optics import CAVITIES, CURVES, FACES, RAYS, STATES, STEPS_MM, OpticsModel, SweepSummary
+from boat_daq.viewmodels.models.optics import (
+    CAVITIES,
+    CURVES,
+    FACES,
+    MAPPED_FACE,
+    RAYS,
+    STATES,
+    STEPS_MM,
+    OpticsModel,
+    SweepSummary,
+)
 
 COLUMNS = 3  # of maps
 SHADES = 64
@@ -148,7 +158,7 @@ class MeritMap:
         marked = [(sweep.values[sweep.best], "star", 12)]
         if sweep.paper >= 0:
             marked.append((sweep.values[sweep.paper], "o", 12))
-        if self.model.face == FACES[0]:
+        if self.model.face == MAPPED_FACE:
             marked.append((np.array(self.model.values), "s", 17))
         places = [(self._place(cavities, values), symbol, size) for values, symbol, size in marked]
         self.marks.setData([{"pos": at, "symbol": symbol, "size": size} for at, symbol, size in places if at])
@@ -256,7 +266,7 @@ class ParetoCard(PlotCard):
             at = spots[0].pos()
             nearest = int(np.argmin((s.merit.rmse - at.x()) ** 2 + (s.merit.delta - at.y()) ** 2))
             n, width, depth, spacing = (float(v) for v in s.values[nearest])
-            self.model.choose((int(n), width, depth, spacing), FACES[0])
+            self.model.choose((int(n), width, depth, spacing), MAPPED_FACE)
 
     def show_sweep(self) -> None:
         """Draw the sweep."""
@@ -323,7 +333,8 @@ class OpticsPage(ReflowingPage):
         self.fields = {"cavities": widgets.choice("Number of cavities", counts, self._choose)}
         for name in ("width", "depth", "spacing"):
             self.fields[name] = widgets.choice(f"{name.capitalize()} in mm", steps, self._choose)
-        faces, tip = [(f"{face} face", face) for face in FACES], "The wall of the light guide with the cavities"
+        faces = [(words, face) for face, words in FACES.items()]
+        tip = "The wall of the light guide with the cavities, or voids on its midline"
         self.face = widgets.choice("Face with the cavities", faces, self._choose, tip=tip)
         curves = [*((words, name) for name, words in CURVES.items()), ("From a file \u2026", FROM_FILE)]
         tip = "Shape of the actuator's wall in each state: computed, by a formula, or measured"

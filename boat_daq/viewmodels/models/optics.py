@@ -36,7 +36,9 @@ PAPER: Values = (5, 1.0, 0.5, 0.9)
 STATES = 15
 BY_FIDELITY = 0
 RAYS = (BY_FIDELITY, 250, 1000, 2500, 10_000)
-FACES = ("outer", "inner")
+FACES = {"outer": "Outer face", "inner": "Inner face", "both": "Both faces", "midline": "Voids inside"}
+MAPPED_FACE = next(iter(FACES))
+"""Face of the designs that a sweep maps."""
 CURVES = {"default": "Shape from the shadow", "parametric": "Shape by formula"}
 SEARCH_S = 50.0
 KEPT = 12
@@ -251,7 +253,7 @@ class OpticsModel:
     def __init__(self, jobs: JobRunner) -> None:
         self.jobs = jobs
         self.values: Values = PAPER
-        self.face = FACES[0]
+        self.face = MAPPED_FACE
         self.curves = next(iter(CURVES))
         self.state = STATES // 2
         self.rays = BY_FIDELITY
@@ -372,7 +374,7 @@ class OpticsModel:
         self.revision += 1
 
     def sweep_text(self) -> str:
-        """Return the result of the sweep in a line."""
+        """Return the result of the sweep in two lines: the best design, and the paper's."""
         s = self.sweep
         if s is None:
             return ""
@@ -380,7 +382,7 @@ class OpticsModel:
         if s.paper >= 0:
             merit = number(100 * float(s.merit.p_normalised[s.paper]), 0)
             turns = f"   {count(s.winners, 'design')} best in one of {s.fans} turns of the fan" if s.fans > 1 else ""
-            paper = f"   paper's optimum: rank {s.rank_text or s.ranks[s.paper]}, {merit} % of the best merit{turns}"
+            paper = f"\npaper's optimum: rank {s.rank_text or s.ranks[s.paper]}, {merit} % of the best merit{turns}"
         return (
             f"{number(s.simulated, 0)} simulations of {number(s.rays, 0)} rays in {number(s.seconds, 1)} s   best: "
             f"{design_label(tuple(s.values[s.best]))}, {count(int(s.tied.sum()), 'design')} equal within noise{paper}"
@@ -396,7 +398,7 @@ class OpticsModel:
         """
         i, k = int(column), int(row)
         if 0 <= i < len(STEPS_MM) and 0 <= k < len(STEPS_MM):
-            self.choose((cavities, width_mm, STEPS_MM[k], STEPS_MM[i]), FACES[0])
+            self.choose((cavities, width_mm, STEPS_MM[k], STEPS_MM[i]), MAPPED_FACE)
 
     def optimum_text(self) -> str:
         """Return the gain of the search in a line."""

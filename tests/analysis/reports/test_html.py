@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from analysis import figure_style as style
 from tests.analysis.reports.conftest import MARKUP
 
 
@@ -33,3 +34,12 @@ def test_no_table_is_wider_than_a_telephone(written: Path) -> None:
     cells = re.findall(r"<td [^>]*>", html)
     assert cells
     assert all('data-head="' in cell for cell in cells)
+
+
+def test_labels_of_drawings_are_read_on_a_telephone(written: Path) -> None:
+    """A drawing shrinks to the 358 px of a telephone of 390: ticks of 8 pt stay above 7 pt; they were 5.5 pt."""
+    html = (written / "r.html").read_text(encoding="utf-8")
+    widths_pt = [float(width) for width in re.findall(r'<svg[^>]*? width="([\d.]+)pt"', html)]
+    assert len(widths_pt) == html.count("<svg")
+    px_per_pt, tick_pt = 4 / 3, style.RC["xtick.labelsize"]
+    assert min(tick_pt * 358 / (px_per_pt * width) for width in widths_pt) > 7.0

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
 
 from analysis.calibration.type_b import traceability
 from boat_daq.gui.results.contributions_form import ContributionsForm
@@ -56,4 +57,7 @@ def test_contribution_is_stated_refused_at_its_field_and_undone(live, monkeypatc
     form.choices["unit"].setCurrentIndex(form.choices["unit"].findData("kpa"))
     form.choices["unit"].activated.emit(form.choices["unit"].currentIndex())
     assert form.texts["sensitivity"].isVisible()
+    form.resize(form.width(), 533)  # a small screen at 150 %: the chosen row stays in sight
+    QApplication.processEvents()
+    assert form.list.viewport().rect().contains(form.list.visualItemRect(form.list.item(5, 0)))
     form.close()

@@ -12,6 +12,7 @@ from analysis.optics.scene.curves import default_curves, frame_of
 from analysis.optics.scene.parameters import Design, Light, Waveguide
 from analysis.optics.sweep.sweep import SweepRequest, run_sweep
 from analysis.optics.tracer.simulation import trace
+from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.frames import Shadow
 from tests.outside_writes import temporary_home
 
@@ -25,8 +26,8 @@ def optics() -> None:
 
 
 def shadow() -> None:
-    """Compute a frame of the shadow by its table and by the full model, and the energy."""
-    actuator = Shadow()
+    """Compute a frame of a small shadow by its table and by the full model, and the energy."""
+    actuator = Shadow(ActuatorParameters(cells=2, axial_elements=6, wall_elements=1, lattice_elements=3))
     problem = actuator.model.problem
     actuator.state(pressure_kpa=20.0, elongation_mm=1.0)
     full = actuator.state(pressure_kpa=10.0, model="full")

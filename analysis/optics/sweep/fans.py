@@ -16,7 +16,7 @@ import numpy as np
 from analysis.arrays import FloatArray
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, Design, Light
 from analysis.optics.sweep.figure_of_merit import ranks_within
-from analysis.optics.sweep.sweep import SweepResult, run_sweep
+from analysis.optics.sweep.sweep import SweepResult, find_design, run_sweep
 from analysis.progress import Progress, part_of
 
 PAPER_FANS = 7
@@ -57,9 +57,10 @@ class FanResult:
 
     def paper_ranks(self) -> dict[str, Rank]:
         """Return the ranks of the paper's optimum in each group; none if it was not simulated."""
-        if PAPER_OPTIMUM not in self.designs:
+        at = find_design(self.designs)
+        if at is None:
             return {}
-        at, same = self.designs.index(PAPER_OPTIMUM), [d.cavities == PAPER_OPTIMUM.cavities for d in self.designs]
+        same = [d.cavities == PAPER_OPTIMUM.cavities for d in self.designs]
         of_map = [each and d.width_mm == PAPER_OPTIMUM.width_mm for each, d in zip(same, self.designs, strict=True)]
         groups = {"all": [True] * len(same), "same_cavities": same, "paper_map": of_map}
         ranks = {name: ranks_within(self.p, np.array(group))[:, at].tolist() for name, group in groups.items()}

@@ -131,8 +131,13 @@ class SweepResult:
         return ranks_within(self.merit().p, np.ones(len(self.designs), dtype=bool))
 
     def find(self, design: Design = PAPER_OPTIMUM) -> int | None:
-        """Return the index of a design, or None."""
-        return self.designs.index(design) if design in self.designs else None
+        """Return the index of a design in whichever face it is cut, or None."""
+        return find_design(self.designs, design)
+
+
+def find_design(designs: Sequence[Design], design: Design = PAPER_OPTIMUM) -> int | None:
+    """Return the index of the first design with the same cavities, in whichever face, or None."""
+    return next((i for i, each in enumerate(designs) if each.values == design.values), None)
 
 
 def common_of(frames: Sequence[SceneFrame], guide: Waveguide, light: Light) -> Common:

@@ -35,6 +35,8 @@ def test_paper_is_ranked_among_all_its_count_and_its_map_over_the_fans() -> None
     assert (
         rank_text(found) == "3 of 4 designs (1 to 3), 2 of 3 with as many cavities (1 to 2), 2 of 2 in its map (1 to 2)"
     )
+    voids = tuple(replace(design, face="midline") for design in DESIGNS)
+    assert FanResult(voids, found.p).paper_ranks() == found.paper_ranks()
     assert FanResult(DESIGNS[1:], found.p[:, 1:]).paper_ranks() == {}
 
 

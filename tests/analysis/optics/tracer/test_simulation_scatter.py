@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.optics.scene.curves import default_curves, frames_of, parametric_curves
+from analysis.optics.scene.curves import default_curves, frame_of, frames_of, parametric_curves
 from analysis.optics.scene.parameters import QUARTER_STEP, Design, Light, Waveguide, phase_of
 from analysis.optics.sweep.sweep import STEPS_MM
 from analysis.optics.tracer.simulation import ndr_sd, trace
@@ -52,10 +52,10 @@ def test_stated_standard_deviation_covers_95_percent_of_a_thousand_scenes() -> N
 
 def test_mirrored_scenes_are_recognised() -> None:
     """Both sets of states are their own mirror images; a guide that bows more than the other is not."""
-    curves = parametric_curves()
-    assert all(frame.mirrored for states in (curves, default_curves()) for frame in frames_of(states, Waveguide()))
+    curves, guide = parametric_curves(), Waveguide()
+    assert all(frame_of(states, 0, guide).mirrored for states in (curves, default_curves()))
     curves[:, 1, :, 0] *= 1.1
-    assert not any(frame.mirrored for frame in frames_of(curves, Waveguide()))
+    assert not frame_of(curves, 0, guide).mirrored
 
 
 def test_standard_deviation_has_its_limits() -> None:

@@ -267,7 +267,10 @@ def sweep(
     from analysis.optics.sweep.report import sweep_json, sweep_text, write_sweep
     from analysis.optics.sweep.sweep import FILE_NAME, SweepRequest, paper_grid, run_sweep
 
-    designs = tuple(paper_grid(cavity_counts(cavities), face))  # type: ignore[arg-type]  # the design checks its face
+    grid = paper_grid(cavity_counts(cavities), face)  # type: ignore[arg-type]  # the design checks its face
+    designs = tuple(design for design in grid if face != "both" or design.cut_mm < thickness)
+    if len(designs) < len(grid):
+        notify(f"{len(grid) - len(designs)} designs whose opposite cavities would meet are left out")
     released, budget = released_rays(rays, secondary, fidelity, lambda level: level.ranking_rays)
     guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
     light = replace(_light(released, budget, phase, order, emission), faintest=faintest)

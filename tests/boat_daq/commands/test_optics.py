@@ -92,6 +92,15 @@ def test_sweep_prints_all_designs(tmp_path: Path) -> None:
     assert call("optics", "sweep", "--cavities", "5", "--rays", "50", "--out", str(tmp_path))["simulated_now"] == 0
 
 
+@pytest.mark.nightly
+def test_sweep_of_both_faces_leaves_out_cavities_that_would_meet() -> None:
+    """Two opposite cavities 1 mm deep would cut the 2 mm guide: 36 of 216 designs."""
+    out = call("optics", "sweep", "--cavities", "3", "--rays", "2", "--face", "both")
+    assert isinstance(out["designs"], list)
+    assert len(out["designs"]) == 180
+    assert max(design["depth_mm"] for design in out["designs"]) == 0.9
+
+
 @pytest.mark.parametrize(
     ("words", "cause"),
     [

@@ -57,9 +57,9 @@ def write_boat_file(path: str | Path, recording: Recording, *, original: str | P
     if path.exists():
         raise FileError(f"{path} exists already", "Choose another name: a recording is never overwritten.")
     try:
-        with written_whole(path) as part:
-            part.unlink(missing_ok=True)  # of an import that was killed
-            with closing(sqlite3.connect(part)) as db, db:
+        with written_whole(path) as unfinished:
+            unfinished.unlink(missing_ok=True)  # of an import that was killed
+            with closing(sqlite3.connect(unfinished)) as db, db:
                 _write(db, recording, Path(original))
     except (sqlite3.Error, OSError) as error:
         raise FileError(f"{path} cannot be written: {error}", "Choose another folder.") from error

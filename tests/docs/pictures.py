@@ -12,6 +12,7 @@ from pathlib import Path
 
 from PySide6.QtTest import QTest
 
+from boat_daq.viewmodels.common.services import Page
 from tests.docs.pages import ROOT
 from tests.system.window_scenarios import Scenario
 
@@ -35,20 +36,20 @@ def main(folder: Path) -> None:
     scenario.keep("plan")
     scenario.choose_cycles(2)
     scenario.run_plan()
-    scenario.calibrate()
-    scenario.click(window.navigation.buttons["Runs"])
-    runs = window.pages["Runs"]
+    scenario.calibrate(sampled=True)
+    scenario.click(window.navigation.buttons[Page.RUNS])
+    runs = window.pages[Page.RUNS]
     scenario.until(lambda: runs.list.rowCount() > 0, "the list of runs")
     runs.list.selectRow(0)
     scenario.keep("runs")
-    scenario.click(window.navigation.buttons["Live"])
+    scenario.click(window.navigation.buttons[Page.LIVE])
     window.live.pane.setCurrentWidget(window.live.shadow)
     scenario.until(lambda: model.shadow.model is not None, "the shadow", 120)
     model.session.set_pressure(30.0, 10.0)
     QTest.qWait(2500)
     scenario.keep("live")
     model.session.vent()
-    scenario.click(window.navigation.buttons["Optics"])
+    scenario.click(window.navigation.buttons[Page.OPTICS])
     QTest.qWait(500)
     model.optics.set_rays(250)  # the paper's; more take minutes
     scenario.click("Sweep all designs")

@@ -277,7 +277,5 @@ def _on_cluster(common: Common, patterns: list[FloatArray], address: str) -> Ite
 
 def _cluster_lost(cause: str) -> RequestError:
     """Return the error of a cluster that computes no longer."""
-    remedy = (
-        "start one with `dask worker`, or repeat without --scheduler: with the same --out finished designs are kept"
-    )
-    return RequestError(cause, remedy)
+    remedy = "start a worker, or repeat the sweep on this computer into the same folder: finished designs are kept"
+    return RequestError(cause, remedy, command="dask worker, or omit --scheduler and keep --out")

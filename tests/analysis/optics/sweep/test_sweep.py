@@ -105,5 +105,5 @@ def test_lost_workers_are_named_and_the_sweep_resumes_here(
         with monkeypatch.context() as patch, pytest.raises(RequestError, match="were lost") as refused:
             patch.setattr("analysis.optics.sweep.sweep.run_item", lost)
             run_sweep(small_request, scheduler=cluster.scheduler_address, file=file)
-    assert "--out" in refused.value.remedy
+    assert "--out" in refused.value.command
     assert same(run_sweep(small_request, file=file), small_result)

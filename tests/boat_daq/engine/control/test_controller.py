@@ -221,7 +221,7 @@ def test_the_next_start_reports_what_happened() -> None:
     later.replug()
     later.run(1.0)
     assert later.control.interlock.latched is not None
-    assert "host may have died" in later.control.interlock.latched.cause
+    assert "host may have failed" in later.control.interlock.latched.cause
     later.do(later.control.clear_fault)
     later.run(10.0)
     assert later.state is SessionState.IDLE

@@ -155,7 +155,7 @@ class ReadingsModel:
         """Return the reading that is due, or the next one of this run; empty without a run."""
         waiting, progress = snapshot.waiting_for_reading, snapshot.progress
         if waiting is not None:
-            return f"Elongation at {place(waiting)}"
+            return f"At {place(waiting)}"
         if snapshot.state is SessionState.RUNNING and progress is not None:
             return f"Next: {place(progress)}"
         return "Next: elongation, once the run is resumed" if snapshot.state is SessionState.PAUSED else ""

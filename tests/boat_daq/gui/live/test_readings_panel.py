@@ -30,7 +30,7 @@ def test_reading_bar_keeps_its_place_during_a_run(running, qtbot):
     running.model.session.change(waiting_for_reading=ASKED)
     running.refresh()
     QApplication.processEvents()
-    assert (bar.question.text(), bar.field.isReadOnly()) == ("Elongation at +20 kPa, unloading, cycle 1", False)
+    assert (bar.question.text(), bar.field.isReadOnly()) == ("At +20 kPa, unloading, cycle 1", False)
     assert plots.size() == before
 
 

@@ -112,7 +112,7 @@ def test_prompt_names_the_plateau():
         connected(), waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.1)))  # fmt: skip
     session.marks = plateaus(1)
     model = ReadingsModel(session, UndoHistory())
-    assert model.question(session.snapshot()) == "Elongation at +30 kPa, unloading, cycle 1"
+    assert model.question(session.snapshot()) == "At +30 kPa, unloading, cycle 1"
     assert [row.step.number for row in model.rows(session.snapshot()) if row.current] == [3]
 
 

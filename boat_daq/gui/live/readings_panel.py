@@ -40,8 +40,7 @@ class ReadingBar(QFrame):
         self.step_id: int | None = None
         self._due = ""  # the question of the plateau
         self.question = widgets.label("", "set", name="Reading that is due", elide=True, least=style.QUESTION_LEAST)
-        width = 3 * style.CONTROL_HEIGHT
-        self.field = widgets.field("Elongation in mm", on_enter=self.enter, placeholder="elongation", width=width)
+        self.field = widgets.field("Elongation in mm", on_enter=self.enter, width=3 * style.CONTROL_HEIGHT)
         self.field.setProperty("role", "reading")
         show = partial(services.show, Panel.PHOTOGRAPH)
         self.photo = widgets.button("Photograph …", show, tip="Read it from a picture of the grid (Ctrl+P)")

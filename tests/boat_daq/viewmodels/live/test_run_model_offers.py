@@ -32,6 +32,16 @@ def marks(plan, cycles):
     return tuple(StepMark(i, c, "unloading", 0.0, 10.0, i, status=s) for i, (c, s) in enumerate(whole, 1))
 
 
+def vented_run(tmp_path, cycles):
+    """Return a session whose run the operator vented after so many cycles."""
+    plan = built_in_plans()["calibration"]
+    session = RecordedSession(connected())
+    session.marks = marks(plan, cycles)
+    ended = RunEnding(RunEnd.ABORTED, "vented by the operator")
+    session.change(plan=plan, recording=tmp_path / "x.boat", run_ended=ended, state=SessionState.ABORTED)
+    return session
+
+
 def test_run_interrupted_by_an_unplugged_board_is_offered(tmp_path):
     """Once the fault is cleared and the board is there, the strip offers it; nothing moves before it is taken."""
     plan = built_in_plans()["calibration"]
@@ -63,11 +73,7 @@ def test_run_interrupted_by_an_unplugged_board_is_offered(tmp_path):
 
 def test_offer_survives_a_vent_while_armed(tmp_path):
     """Esc before Start withdrew the offer; the run is broken until it has run."""
-    plan = built_in_plans()["calibration"]
-    session = RecordedSession(connected())
-    session.marks = marks(plan, 0)
-    ended = RunEnding(RunEnd.ABORTED, "vented by the operator")
-    session.change(plan=plan, recording=tmp_path / "x.boat", run_ended=ended, state=SessionState.ABORTED)
+    session = vented_run(tmp_path, 0)
     model, notices = resumption(tmp_path, session)
     model.follow(session.shown)
     assert (model.first_cycle, "before its first cycle" in notices.current().cause) == (2, True)
@@ -85,11 +91,7 @@ def test_offer_survives_a_vent_while_armed(tmp_path):
 
 def test_whole_plan_armed_anew_names_no_cycle(tmp_path):
     """Start over arms from the first cycle: its Start names none."""
-    plan = built_in_plans()["calibration"]
-    session = RecordedSession(connected())
-    session.marks = marks(plan, 2)
-    ended = RunEnding(RunEnd.ABORTED, "vented by the operator")
-    session.change(plan=plan, recording=tmp_path / "x.boat", run_ended=ended, state=SessionState.ABORTED)
+    session = vented_run(tmp_path, 2)
     model, _ = resumption(tmp_path, session)
     model.follow(session.shown)
     session.change(state=SessionState.ARMED, recording=None)

@@ -112,7 +112,8 @@ def build_report(
     names = {"calibration": "Calibration report", "staircase": "Staircase report"}
     title = names.get(analysis.kind, "Repeatability report")
     about = title, analysis.recording.unit or "unit not named", analysis.recording.simulated
-    return Report(*about, _verdict(analysis, limits), _facts(analysis), tuple(filled), _footer(analysis))
+    date = analysis.recording.started_utc
+    return Report(*about, _verdict(analysis, limits), _facts(analysis), tuple(filled), _footer(analysis), date)
 
 
 def _several(compared: RunComparison, limits: Mapping[str, float]) -> Report:
@@ -138,7 +139,7 @@ def _several(compared: RunComparison, limits: Mapping[str, float]) -> Report:
     about = "Comparison of runs", ", ".join(names), any(a.recording.simulated for a in analyses)
     program = f"boat-daq {program_version()}"
     facts = ("Runs", str(len(analyses))), ("Units", ", ".join(names)), ("Program", program)
-    return Report(*about, verdict, facts, tuple(filled), program)
+    return Report(*about, verdict, facts, tuple(filled), program, max(a.recording.started_utc for a in analyses))
 
 
 def _verdict(analysis: Analysis, limits: Mapping[str, float]) -> str:

@@ -55,8 +55,27 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True)
+class Attachment:
+    """A file within a PDF: its name, content, media type and what it is."""
+
+    name: str
+    text: str
+    mime_type: str
+    description: str
+
+
+@dataclass(frozen=True, slots=True)
 class Report:
-    """A whole report. `facts` are the lines of its head: who, what, when."""
+    """A whole report.
+
+    Attributes
+    ----------
+    facts : the lines of its head: who, what, when.
+    date : ISO 8601, of the document; "" where it is not known.
+    marks : across the head of every page, beside SIMULATED.
+    author : who issues it.
+    attachments : files within the PDF.
+    """
 
     title: str
     subject: str
@@ -65,6 +84,10 @@ class Report:
     facts: tuple[tuple[str, str], ...]
     sections: tuple[Section, ...]
     footer: str
+    date: str = ""
+    marks: tuple[str, ...] = ()
+    author: str = "boat-daq"
+    attachments: tuple[Attachment, ...] = ()
 
 
 def right_aligned(table: ReportTable) -> tuple[bool, ...]:

@@ -414,13 +414,20 @@ def _boxes(drawing: ReportDrawing, x: float, y: float, width: float) -> list[tup
     ]
 
 
-def as_svg(drawing: ReportDrawing, width: float) -> str:
-    """Return the SVG element alone."""
-    with mpl.rc_context(style.RC):
+def as_svg(drawing: ReportDrawing, width: float, *, text: bool = False) -> str:
+    """Return the SVG element alone.
+
+    Parameters
+    ----------
+    drawing : to set.
+    width : inches.
+    text : keep text as text, for a page whose fonts are known; outlines of its letters else.
+    """
+    with mpl.rc_context({**style.RC, "svg.fonttype": "none" if text else "path"}):
         canvas = Canvas(figsize=(width, drawing.height))
         FigureCanvasSVG(canvas)
         set_drawing(canvas, drawing, 0.0, 0.0, width)
-        text = io.StringIO()
-        canvas.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-    svg = text.getvalue()
+        written = io.StringIO()
+        canvas.savefig(written, format="svg", metadata={"Date": None, "Creator": None})
+    svg = written.getvalue()
     return svg[svg.index("<svg") :]

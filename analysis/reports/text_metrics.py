@@ -1,14 +1,16 @@
-"""Fonts that hold a text's characters, how wide it is, and where its lines end; in inches and points.
+"""Fonts that hold a text's characters, what of it can be printed, and how wide it is, in inches and points.
 
 Names of people and units are written in any script: the report's own font is used where it has all characters, with
-the fonts of other scripts on this computer behind it; a character that no font has is set as the replacement character.
-Widths are measured with the font itself.
+the fonts of other scripts on this computer behind it; a character that no font has, or that PDF/A forbids, is set as
+the replacement character. Widths are measured with the font itself.
 """
 
 from __future__ import annotations
 
-import textwrap
+import re
+import unicodedata
 from functools import cache, lru_cache
+from pathlib import Path
 
 from matplotlib import font_manager
 from matplotlib.font_manager import FontProperties
@@ -16,34 +18,61 @@ from matplotlib.ft2font import FT2Font
 from matplotlib.textpath import TextToPath
 
 from analysis import figure_style as style
-from analysis.reports.document import DIGIT_SPACE, PAIR, POINT_SPACE
 
 REPLACEMENT = "\ufffd"
+FORBIDDEN = ("Cc", "Cn", "Co", "Cs")  # categories: controls, unassigned, private use, halves of surrogates
+_DIRECTIONS = dict.fromkeys(map(ord, "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"))
+_WORD, _BREAK = re.compile(r"\S{30}(?=\S)"), "\u200b"
 
 
 @cache
-def _fonts() -> tuple[tuple[str, FT2Font], ...]:
+def _fonts() -> tuple[tuple[str, FT2Font, Path], ...]:
     installed = set(font_manager.get_font_names())
     names = (style.FONT, *(name for name in style.OTHER_SCRIPTS if name in installed))
-    return tuple((name, font_manager.get_font(font_manager.findfont(name))) for name in names)
+    paths = [Path(font_manager.findfont(name)) for name in names]
+    return tuple((name, font_manager.get_font(path), path) for name, path in zip(names, paths, strict=True))
 
 
 @cache
 def _font_of(character: str) -> str | None:
-    return next((name for name, font in _fonts() if font.get_char_index(ord(character))), None)
+    return next((name for name, font, _ in _fonts() if font.get_char_index(ord(character))), None)
+
+
+def fonts() -> list[str]:
+    """Return the names of the fonts, the report's own first."""
+    return [name for name, _, _ in _fonts()]
+
+
+def font_folders() -> list[str]:
+    """Return the folders that hold the fonts."""
+    return list(dict.fromkeys(str(path.parent) for _, _, path in _fonts()))
 
 
 @cache
 def families(text: str) -> tuple[str, ...]:
     """Return the fonts that `printable(text)` needs, the report's own first."""
     needed = {_font_of(character) for character in text} - {None, style.FONT}
-    return (style.FONT, *(name for name, _ in _fonts() if name in needed))
+    return (style.FONT, *(name for name in fonts() if name in needed))
 
 
 @cache
 def printable(text: str) -> str:
-    """Return the text with what no font here has as the replacement character."""
-    return "".join(c if c.isspace() or _font_of(c) else REPLACEMENT for c in text)
+    """Return the text with what no font here has as the replacement character, on one line.
+
+    A change of direction that is written as a character is left out: it would turn what follows it around; letters that
+    are written from right to left need none. A word that is longer than a line may be broken.
+    """
+    text = "".join(map(_printable, text.translate(_DIRECTIONS)))
+    return _WORD.sub(lambda word: word[0] + _BREAK, text)
+
+
+@cache
+def _printable(character: str) -> str:
+    if character.isspace():
+        return character if unicodedata.category(character) == "Zs" else " "
+    if unicodedata.category(character) in FORBIDDEN or _font_of(character) is None:
+        return REPLACEMENT
+    return character
 
 
 @lru_cache(maxsize=20_000)
@@ -56,44 +85,6 @@ def width_of(text: str, size: float, weight: str = "normal") -> float:
     size : points.
     weight : of the font.
     """
-    fonts = families(text)
-    font = FontProperties(family=list(fonts), size=size, weight=weight if len(fonts) == 1 else "normal")
+    needed = families(text)
+    font = FontProperties(family=list(needed), size=size, weight=weight if len(needed) == 1 else "normal")
     return float(TextToPath().get_text_width_height_descent(printable(text), font, ismath=False)[0]) / 72.0
-
-
-def wrapped(text: str, width: float, size: float, weight: str = "normal") -> list[str]:
-    """Break text into lines that fit; a number, or a pair of them, is never broken.
-
-    Parameters
-    ----------
-    text : to break.
-    width : inches.
-    size : points.
-    weight : of the font.
-    """
-    if PAIR.match(text.replace(DIGIT_SPACE, "").replace(POINT_SPACE, "")) or _fits(text, width, size, weight):
-        return [text] if text else []
-    text = " ".join(text.split(" "))
-    letters = max(8, int(1.3 * width / (width_of(text, size, weight) / len(text))))
-    while True:
-        lines = textwrap.wrap(text, letters, break_long_words=True)
-        if letters <= 8 or all(_fits(line, width, size, weight) for line in lines):
-            return lines
-        letters -= 1
-
-
-def _fits(text: str, width: float, size: float, weight: str) -> bool:
-    return "\n" not in text and width_of(text, size, weight) <= width + 1e-6
-
-
-def shortened(text: str, width: float, size: float) -> str:
-    """Return the text, or its beginning with an ellipsis, on one line.
-
-    Parameters
-    ----------
-    text : to shorten.
-    width : inches.
-    size : points.
-    """
-    lines = wrapped(text, width, size)
-    return lines[0] + (" …" if len(lines) > 1 else "") if lines else ""

@@ -57,6 +57,7 @@ def build(content: dict[str, Any]) -> Report:
             Section("Versions", (versions, f"SHA-256 over the program's {known['files']} files: {known['sha256']}")),
         ),
         f"boat-daq {content['versions']['boat-daq']}, qualification of {begun[:10]}",
+        begun,
     )
 
 

@@ -3,11 +3,6 @@
 from __future__ import annotations
 
 from analysis.reports.document import ReportTable, aligned, right_aligned, typeset
-from analysis.reports.pages import PageBlock
-
-
-def row(height: float, head: PageBlock | None = None, **how: bool) -> PageBlock:
-    return PageBlock(height, head=head, **how)
 
 
 def test_columns_meet_at_the_decimal_point() -> None:

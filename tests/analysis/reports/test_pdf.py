@@ -11,9 +11,10 @@ from pathlib import Path
 import pytest
 
 from analysis import Analysis
+from analysis import figure_style as style
 from analysis.reports.build import WRITERS, build_report
-from analysis.reports.document import ReportTable
-from analysis.reports.pdf import INNER, LEFT, PAD_INCH, _columns
+from analysis.reports.document import Report, ReportTable, Section
+from analysis.reports.pdf import INNER, render_pages, write_pdf
 from tests.analysis.reports.conftest import MARKUP
 
 
@@ -29,6 +30,8 @@ def test_pdf_has_embedded_fonts_and_numbered_pages(written: Path) -> None:
     text = subprocess.run(["pdftotext", written / "r.pdf", "-"], capture_output=True, text=True, check=True).stdout
     assert all(f"page {k} of {pages}" in text for k in range(1, pages + 1))
     assert text.count("SIMULATED\n") >= pages
+    assert re.search(r"Tagged:\s+yes", info)
+    assert b"<pdfaid:part>3</pdfaid:part>" in (written / "r.pdf").read_bytes()
     assert MARKUP in " ".join(text.split())
 
 
@@ -41,7 +44,7 @@ def test_a_long_verdict_stays_within_the_margins(calibration: Analysis, tmp_path
     boxes = subprocess.run(["pdftotext", "-bbox", path, "-"], capture_output=True, text=True, check=True).stdout
     ends = [float(x) for x in re.findall(r'xMax="([0-9.]+)" yMax="[0-9.]+">[^<]+</word>', boxes)]
     assert len(ends) > 60
-    assert max(ends) <= 72.0 * (LEFT + INNER) + 0.5
+    assert max(ends) <= 72.0 * (style.MARGIN_INCH + INNER) + 0.5
 
 
 @pytest.mark.fault(44, how="one report written twice", times=2)
@@ -57,14 +60,53 @@ def test_same_report_same_bytes(calibration: Analysis, tmp_path: Path, sections:
         assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
-def test_words_wrap_before_the_type_becomes_small() -> None:
+def words_of(path: Path) -> list[tuple[float, float, float, str]]:
+    """Left, right, height and text of each word, points."""
+    boxes = subprocess.run(["pdftotext", "-bbox", path, "-"], capture_output=True, text=True, check=True).stdout
+    word = r'<word xMin="([\d.]+)" yMin="([\d.]+)" xMax="([\d.]+)" yMax="([\d.]+)">([^<]*)</word>'
+    return [(float(x0), float(x1), float(y1) - float(y0), text) for x0, y0, x1, y1, text in re.findall(word, boxes)]
+
+
+def of_tables(*tables: ReportTable) -> Report:
+    return Report("T", "", False, "", (), (Section("S", tables),), "")
+
+
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="poppler's tools are not installed")
+def test_words_wrap_before_the_type_becomes_small(tmp_path: Path) -> None:
     """A budget with long sources keeps 7.5 points: its widest column is of words; a table of numbers alone shrinks."""
     source = "u = 0.1 % of x, normal, certificate DKD-K-4711, glass scale in the photograph, compared by two operators"
     budget = ReportTable(
         ("Component", "sensor 1, \u00b5m", "share", "source"), (("parallax", "28.9", "34.0 %", source),) * 3
     )
-    size, widths = _columns(budget)
-    assert size == 7.5
-    assert sum(widths) <= INNER + PAD_INCH + 1e-6
     numbers = ReportTable(("no.", *["s, mV"] * 12), (("1", *["-1234.567 \u00b1 12.345"] * 12),) * 3)
-    assert _columns(numbers)[0] < 7.0
+    write_pdf(of_tables(budget, numbers), tmp_path / "t.pdf")
+    words = words_of(tmp_path / "t.pdf")
+    heights = {name: next(h for _, _, h, text in words if text.startswith(name)) for name in ("parallax", "\u22121234")}
+    assert heights["\u22121234"] < 7.0 / 7.5 * heights["parallax"]
+    assert max(right for _, right, _, _ in words) <= 72.0 * (style.MARGIN_INCH + INNER) + 0.5
+
+
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="poppler's tools are not installed")
+def test_any_text_stays_on_its_pages(tmp_path: Path) -> None:
+    """Ten thousand letters without a space, private and unpaired characters, a reversal of direction, markup."""
+    markup, shalom = "#panic() *b* $x$ @r <l>", "\u05e9\u05dc\u05d5\u05dd"
+    texts = ("x" * 10_000, "a\ue000b\ud800c\x00d\x0be", "\u202eevil", markup, shalom)
+    facts = tuple((f"fact {k}", text) for k, text in enumerate(texts))
+    rows = tuple((text, "1") for text in texts)
+    section = Section(markup, (*texts, ReportTable(("a", "b"), rows)))
+    report = Report(markup, shalom, False, texts[0], facts, (section,), "")
+    write_pdf(report, tmp_path / "t.pdf")
+    words = words_of(tmp_path / "t.pdf")
+    assert min(left for left, *_ in words) >= 72.0 * style.MARGIN_INCH - 0.5
+    assert max(right for _, right, _, _ in words) <= 72.0 * (style.MARGIN_INCH + INNER) + 0.5
+    text = subprocess.run(["pdftotext", tmp_path / "t.pdf", "-"], capture_output=True, text=True, check=True).stdout
+    assert markup in text
+    assert text.count("x") > 40_000
+    assert "\u202e" not in text
+
+
+def test_pages_are_images() -> None:
+    """The window shows each page as a picture."""
+    pages = render_pages(of_tables(ReportTable(("no.",), tuple((str(k),) for k in range(90)))), 40.0)
+    assert len(pages) == 2
+    assert all(page.startswith(b"\x89PNG") for page in pages)

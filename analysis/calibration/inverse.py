@@ -1,9 +1,11 @@
 """From mV to mm: the inverse of a calibration, with its uncertainty, for one sensor or several.
 
-Strategy: on its calibrated range a monotone curve has one inverse. A table of 257 nodes gives the start, Newton's
-method in the scaled variable, kept inside its bracket by bisection, gives the value to the last digits, compiled and
-vectorised. Sensors are fused by their variances; that their residuals are correlated (they share the reading of x) is
-taken into the uncertainty.
+Strategy: on its calibrated range a monotone curve has one inverse. The curve is kept as powers of the scaled variable,
+a polynomial in one piece, a spline in one piece between two knots. A table of 257 nodes gives the start, Newton's
+method, kept inside its bracket by bisection, gives the value to the last digits, compiled and vectorised. The
+uncertainty over the range is kept at 129 nodes and interpolated. These arrays are all of an inverse: what is written to
+a file, or as code for another machine (`analysis.artefact`), gives the same values. Sensors are fused by their
+variances; that their residuals are correlated (they share the reading of x) is taken into the uncertainty.
 
 Rules: outside the range there is no value: NaN and a mark, or the end of the range where a caller requests it. Noise
 carries half the signals of the range's own end beyond it, and that end was read to half a division of the grid: up to
@@ -19,17 +21,17 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numpy.polynomial import legendre
+from numpy.polynomial import legendre, polynomial
 
 from analysis.arrays import BoolArray, FloatArray
 from analysis.calibration.adequacy import COVERAGE_FACTOR, expanded
 from analysis.calibration.fit import Calibration
-from analysis.calibration.type_b import TypeBContribution, type_b_u_mm
+from analysis.calibration.type_b import TypeBContribution, reference_terms
 from analysis.compiled import compiled
 from analysis.errors import DataError, RequestError
 
 NODES = 257
-SPLINE_NODES = 16385  # interpolated between: 1e-7 of the range
+U_NODES = 129
 DISAGREEMENT_SIGMA = 4.0
 BEYOND_SIGMA = 2.0  # standard uncertainties beyond an end of the range, as it was read, that a value is given for
 
@@ -78,14 +80,30 @@ def raise_without_inverse(calibration: Calibration, *, by_parts: bool = False) -
 
 @dataclass(frozen=True, slots=True)
 class Inverse:
-    """mV -> mm for one sensor. Make one with `Inverse.of(calibration)`; call it with an array of mV."""
+    """mV -> mm for one sensor. Make one with `Inverse.of(calibration)`; call it with an array of mV.
 
-    calibration: Calibration
-    power_coefficients: FloatArray
+    Attributes
+    ----------
+    x_range : mm, that u = -1..1 spans.
+    starts : [pieces + 1] ends of the pieces in u, from -1 to 1.
+    powers : [pieces, degree + 1] coefficients of the signal, mV, in powers of u less the middle of the piece.
+    nodes : [NODES] signal at equally spaced u.
+    noise_mm, shared_mm : [U_NODES] standard uncertainty at equally spaced u: of the noise of one signal, and of what
+        the sensors of one unit share in part (curve, reading, model). No more than the width of the range.
+    half_division_mm : of the grid that the ends of the range were read on.
+    reference : of the type B contributions: a constant, mm, and a share of x, which add in squares.
+    calibration : that it is from; None where it was read from a file.
+    """
+
+    x_range: tuple[float, float]
+    starts: FloatArray
+    powers: FloatArray
     nodes: FloatArray
-    noise_sd: float
-    model_sd: float
-    type_b: tuple[TypeBContribution, ...] = ()
+    noise_mm: FloatArray
+    shared_mm: FloatArray
+    half_division_mm: float = 0.0
+    reference: tuple[float, float] = (0.0, 0.0)
+    calibration: Calibration | None = None
 
     @classmethod
     def of(
@@ -114,19 +132,17 @@ class Inverse:
         DataError : the curve is not monotone over its range, and the message names where it turns; or it is refused
             for its lack of fit.
         """
-        low, high = calibration.x_range
         if calibration.reading is None:
             calibration = calibration.with_reading(reading_sd)
         raise_without_inverse(calibration)
+        starts, powers = _pieces(calibration)
         noise = calibration.residual_sd if noise_sd is None else float(noise_sd)
-        if calibration.spline is not None:
-            nodes = calibration.predict(np.linspace(low, high, SPLINE_NODES))
-            return cls(calibration, np.empty(0), nodes, noise, model_sd, type_b)
-        # over the range itself, so that u = -1 and 1 are its ends
-        u = np.linspace(-1.0, 1.0, NODES)
-        powers = np.asarray(legendre.leg2poly(calibration.fit.basis_coefficients), dtype=np.float64)
-        nodes = np.asarray(np.polynomial.polynomial.polyval(u, powers), dtype=np.float64)
-        return cls(calibration, powers, nodes, noise, model_sd, type_b)
+        x = np.linspace(*calibration.x_range, U_NODES)
+        parts = _uncertainty(calibration, x, noise, model_sd)
+        half_division = calibration.reading.grid / 2.0 if calibration.reading is not None else 0.0
+        nodes = signal_at(np.linspace(-1.0, 1.0, NODES), starts, powers)
+        terms = reference_terms(type_b)
+        return cls(calibration.x_range, starts, powers, nodes, *parts, half_division, terms, calibration)
 
     def __call__(self, signal: npt.ArrayLike, *, clamp: bool = False) -> FloatArray:
         """Return x for every signal; NaN outside the range, or its end with `clamp`.
@@ -136,30 +152,36 @@ class Inverse:
         signal : any shape, in the unit of y.
         """
         values = np.asarray(signal, dtype=np.float64)
-        if self.calibration.spline is not None:
-            sign = 1.0 if self.calibration.rises else -1.0
-            x = np.linspace(*self.calibration.x_range, self.nodes.size)
-            outside = {} if clamp else {"left": np.nan, "right": np.nan}
-            return np.asarray(np.interp(sign * values, sign * self.nodes, x, **outside), dtype=np.float64)
-        u = _invert(np.ascontiguousarray(values).ravel(), self.power_coefficients, self.nodes, clamp)
-        basis = self.calibration.fit.basis
-        return np.asarray(basis.centre + basis.half_width * u.reshape(values.shape), dtype=np.float64)
+        u = _invert(np.ascontiguousarray(values).ravel(), self.starts, self.powers, self.nodes, clamp)
+        low, half_width = self.x_range[0], 0.5 * (self.x_range[1] - self.x_range[0])
+        return np.asarray(low + half_width + half_width * u.reshape(values.shape), dtype=np.float64)
+
+    @property
+    def end_slopes(self) -> tuple[float, float]:
+        """dy/dx at the two ends of the range, mV/mm."""
+        half_width = 0.5 * (self.x_range[1] - self.x_range[0])
+        low, high = (
+            float(polynomial.polyval(side * 0.5 * width, polynomial.polyder(powers))) / half_width
+            for side, width, powers in zip(
+                (-1.0, 1.0), np.diff(self.starts)[[0, -1]], self.powers[[0, -1]], strict=True
+            )
+        )
+        return low, high
 
     def standard_uncertainty(self, x: npt.ArrayLike) -> FloatArray:
         """Return u(x) of one new reading: noise, curve and reference, half of U where the curve misses."""
         noise, shared = self.parts(x)
-        return np.asarray(np.sqrt(noise**2 + shared**2 + type_b_u_mm(self.type_b, x) ** 2), dtype=np.float64)
+        return np.asarray(np.sqrt(noise**2 + shared**2 + self.reference_u(x) ** 2), dtype=np.float64)
 
     def parts(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return u(x) of the noise alone, and of what sensors of one unit share in part: model, curve and reading."""
-        slope = np.abs(self.calibration.slope(x))
-        by_fit, by_reading = self.calibration.curve_parts(x)
-        noise, shared = self.noise_sd / slope, np.sqrt(self.model_sd**2 + by_fit**2 + by_reading**2) / slope
-        away = self.calibration.deviation_in_x(x)
-        if np.any(away):
-            whole = expanded(away, np.hypot(shared, noise)) / COVERAGE_FACTOR
-            shared = np.sqrt(np.maximum(whole**2 - noise**2, 0.0))
-        return noise, np.asarray(shared, dtype=np.float64)
+        at, grid = np.asarray(x, dtype=np.float64), np.linspace(*self.x_range, U_NODES)
+        return np.asarray(np.interp(at, grid, self.noise_mm)), np.asarray(np.interp(at, grid, self.shared_mm))
+
+    def reference_u(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the standard uncertainty of the reference: fully correlated, so that no weighing reduces it."""
+        constant, relative = self.reference
+        return np.asarray(np.hypot(constant, relative * np.asarray(x, dtype=np.float64)), dtype=np.float64)
 
     def evaluate(self, signal: npt.ArrayLike, *, clamp: bool = False) -> ElongationEstimate:
         """Return x with its uncertainty, and where it is outside the range or a little beyond its end."""
@@ -167,14 +189,65 @@ class Inverse:
         inside, end = self(values), self(values, clamp=True)
         uncertainty = self.standard_uncertainty(end)
         past = np.isnan(inside) & ~np.isnan(values)
-        half_division = self.calibration.reading.grid / 2.0 if self.calibration.reading is not None else 0.0
+        at_low = end == self.x_range[0]
         with np.errstate(divide="ignore", invalid="ignore"):  # the tangent may be level
-            tangent = (values - self.calibration.predict(end)) / self.calibration.slope(end)
-            beyond = np.asarray(past & (np.abs(tangent) <= BEYOND_SIGMA * uncertainty + half_division), dtype=bool)
+            away = values - np.where(at_low, self.nodes[0], self.nodes[-1])
+            tangent = away / np.where(at_low, *self.end_slopes)
+            reach = BEYOND_SIGMA * uncertainty + self.half_division_mm
+            beyond = np.asarray(past & (np.abs(tangent) <= reach), dtype=bool)
         outside = np.asarray(past & ~beyond, dtype=bool)
         x = np.where(beyond, end + tangent, end if clamp else inside)
         none = np.zeros(x.shape, dtype=bool)
         return ElongationEstimate(x, np.where(np.isnan(x), np.nan, uncertainty), outside, beyond, none)
+
+
+def signal_at(u: FloatArray, starts: FloatArray, powers: FloatArray) -> FloatArray:
+    """Return the signal of a curve in pieces.
+
+    Parameters
+    ----------
+    u : [n] scaled variable, -1 to 1.
+    starts, powers : as of `Inverse`.
+    """
+    piece = np.clip(np.searchsorted(starts, u, side="right") - 1, 0, len(powers) - 1)
+    middle = 0.5 * (starts[piece] + starts[piece + 1])
+    return np.asarray(polynomial.polyval(u - middle, powers[piece].T, tensor=False), dtype=np.float64)
+
+
+def _pieces(calibration: Calibration) -> tuple[FloatArray, FloatArray]:
+    """Return `starts` and `powers` of an inverse; u = -1 and 1 are the ends of the range itself."""
+    if calibration.spline is None:
+        powers = np.asarray(legendre.leg2poly(calibration.fit.basis_coefficients), dtype=np.float64)
+        return np.asarray([-1.0, 1.0]), powers[None, :]
+    starts = np.asarray([-1.0, *calibration.spline.knots, 1.0])
+    middle, half = 0.5 * (starts[1:] + starts[:-1]), 0.5 * np.diff(starts)
+    at = np.cos(np.pi * (np.arange(4) + 0.5) / 4)  # a cubic is known by its values at four points
+    low, high = calibration.x_range
+    signal = calibration.predict(0.5 * (low + high) + 0.5 * (high - low) * (middle[:, None] + half[:, None] * at))
+    scaled = np.linalg.solve(np.vander(at, increasing=True), signal.T).T
+    return starts, np.ascontiguousarray(scaled / half[:, None] ** np.arange(4))
+
+
+def _uncertainty(
+    calibration: Calibration, x: FloatArray, noise_sd: float, model_sd: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return `noise_mm` and `shared_mm` of an inverse at x.
+
+    Parameters
+    ----------
+    calibration : its curve. x : mm.
+    noise_sd, model_sd : as `Inverse.of` takes them.
+    """
+    with np.errstate(divide="ignore"):  # a curve may be level at its very end
+        per_mv = 1.0 / np.abs(calibration.slope(x))
+    by_fit, by_reading = calibration.curve_parts(x)
+    noise, shared = noise_sd * per_mv, np.sqrt(model_sd**2 + by_fit**2 + by_reading**2) * per_mv
+    away = calibration.deviation_in_x(x)
+    if np.any(away):
+        whole = expanded(away, np.hypot(shared, noise)) / COVERAGE_FACTOR
+        shared = np.sqrt(np.maximum(whole**2 - noise**2, 0.0))
+    width = calibration.x_range[1] - calibration.x_range[0]
+    return np.minimum(noise, width), np.minimum(shared, width)
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,13 +271,13 @@ class Fusion:
         if not sensors:
             raise RequestError("there is no calibrated sensor", "Calibrate at least one.")
         inverses = tuple(s if isinstance(s, Inverse) else Inverse.of(s) for s in sensors)
-        calibrations = [inverse.calibration for inverse in inverses]
-        same = all(np.array_equal(c.x, calibrations[0].x) for c in calibrations)
+        calibrations = [inverse.calibration for inverse in inverses if inverse.calibration is not None]
+        same = len(calibrations) == len(inverses) and all(np.array_equal(c.x, calibrations[0].x) for c in calibrations)
         signs = np.asarray([1.0 if c.rises else -1.0 for c in calibrations])
         if same and len(calibrations) > 1 and all(c.residual_sd > 0 for c in calibrations):
             correlation = np.corrcoef(np.stack([c.residuals for c in calibrations]) * signs[:, None])
         else:
-            correlation = np.eye(len(calibrations))
+            correlation = np.eye(len(inverses))
         return cls(inverses, np.atleast_2d(correlation))
 
     def evaluate(self, signal_mv: npt.ArrayLike, *, clamp: bool = False) -> ElongationEstimate:
@@ -228,10 +301,10 @@ class Fusion:
         total = weight.sum(axis=-1)
         with np.errstate(invalid="ignore", divide="ignore"):
             fused = (weight * np.where(known, x, 0.0)).sum(axis=-1) / total
-            parts = [inv.parts(np.clip(x[..., i], *inv.calibration.x_range)) for i, inv in enumerate(self.inverses)]
+            parts = [inverse.parts(x[..., i]) for i, inverse in enumerate(self.inverses)]
             noise, shared = (weight * np.where(known, np.stack([p[j] for p in parts], axis=-1), 0.0) for j in (0, 1))
             common = np.einsum("...i,ij,...j->...", shared, self.correlation, shared)
-            spread = np.sqrt(((noise**2).sum(axis=-1) + common) / total**2 + self._reference_u(fused) ** 2)
+            spread = np.sqrt(((noise**2).sum(axis=-1) + common) / total**2 + self.inverses[0].reference_u(fused) ** 2)
         none = ~known.any(axis=-1)
         outside = np.asarray(none & np.isfinite(signal).any(axis=-1), dtype=bool)
         if clamp and none.any():
@@ -239,10 +312,6 @@ class Fusion:
             fused = np.where(outside, ends[..., 0], fused)
         beyond = np.asarray(np.stack([p.beyond for p in each], axis=-1).any(axis=-1), dtype=bool)
         return ElongationEstimate(fused, spread, outside, beyond, self._disagreement(x, u))
-
-    def _reference_u(self, x: FloatArray) -> FloatArray:
-        """Standard uncertainty of the reference, mm: fully correlated, so that no weighing reduces it."""
-        return type_b_u_mm(self.inverses[0].type_b, x)
 
     def _disagreement(self, x: FloatArray, u: FloatArray) -> BoolArray:
         found = np.zeros(x.shape[:-1], dtype=bool)
@@ -255,15 +324,14 @@ class Fusion:
 
 
 @compiled
-def _invert(signal: Any, powers: Any, nodes: Any, clamp: bool) -> Any:  # pragma: no cover - compiled
+def _invert(signal: Any, starts: Any, powers: Any, nodes: Any, clamp: bool) -> Any:  # pragma: no cover - compiled
     """Solve p(u) = signal on -1..1 for every signal; `nodes` are p at equally spaced u, monotone."""
     out = np.empty_like(signal)
-    count = nodes.size
+    count, pieces, degree = nodes.size, powers.shape[0], powers.shape[1] - 1
     step = 2.0 / (count - 1)
     sign = 1.0 if nodes[-1] > nodes[0] else -1.0
     first, last = sign * nodes[0], sign * nodes[-1]
     rounding = 1e-13 * (last - first + abs(first))  # the ends themselves are inside, however they were computed
-    degree = powers.size - 1
     for i in range(signal.size):
         y = sign * signal[i]
         if not first - rounding <= y <= last + rounding:
@@ -283,10 +351,14 @@ def _invert(signal: Any, powers: Any, nodes: Any, clamp: bool) -> Any:  # pragma
         a, b = -1.0 + low * step, -1.0 + high * step
         u = a + step * (y - sign * nodes[low]) / (sign * (nodes[high] - nodes[low]))
         for _ in range(60):
-            value, slope = powers[degree], 0.0
+            k = 0
+            while k + 1 < pieces and u >= starts[k + 1]:
+                k += 1
+            t = u - 0.5 * (starts[k] + starts[k + 1])
+            value, slope = powers[k, degree], 0.0
             for j in range(degree - 1, -1, -1):
-                slope = slope * u + value
-                value = value * u + powers[j]
+                slope = slope * t + value
+                value = value * t + powers[k, j]
             error = sign * value - y
             if error > 0.0:
                 b = u

@@ -212,7 +212,7 @@ def traceability(given: Sequence[TypeBContribution]) -> Traceability:
     return Traceability(True, f"traceable to {certificates[0]}")
 
 
-def type_b_u_mm(given: Sequence[TypeBContribution], x_mm: npt.ArrayLike) -> FloatArray:
-    """Return the standard uncertainty of all contributions together at each elongation, mm."""
-    x = np.asarray(x_mm, dtype=np.float64)
-    return np.asarray(np.sqrt(sum((one.u_mm(x) ** 2 for one in given), np.zeros(x.shape))), dtype=np.float64)
+def reference_terms(given: Sequence[TypeBContribution]) -> tuple[float, float]:
+    """Return the standard uncertainty of all contributions together: a constant, mm, and a share of the elongation."""
+    relative = math.sqrt(sum((one.u / 100.0) ** 2 for one in given if one.unit == "percent"))
+    return math.sqrt(sum((one.u * one.sensitivity) ** 2 for one in given if one.unit != "percent")), relative

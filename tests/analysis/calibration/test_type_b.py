@@ -12,8 +12,8 @@ from analysis.calibration.type_b import (
     TypeBContribution,
     contributions,
     not_assessed,
+    reference_terms,
     traceability,
-    type_b_u_mm,
 )
 from analysis.errors import RequestError
 
@@ -62,9 +62,10 @@ def test_a_relative_contribution_is_of_the_elongation() -> None:
     scale, _, _, temperature = contributions(FULL)
     np.testing.assert_allclose(scale.u_mm([0.0, -4.0]), [0.0, 0.004])
     np.testing.assert_allclose(temperature.u_mm([0.0, -4.0]), 2.0 / math.sqrt(2.0) * 0.01)
-    together = type_b_u_mm(contributions(FULL), 3.0)
+    constant, relative = reference_terms(contributions(FULL))
+    together = math.hypot(constant, relative * 3.0)
     assert float(together) == pytest.approx(math.sqrt(sum(float(c.u_mm(3.0)) ** 2 for c in contributions(FULL))))
-    assert float(type_b_u_mm((), 3.0)) == 0.0
+    assert reference_terms(()) == (0.0, 0.0)
 
 
 def test_a_table_is_read_again_as_it_was_written() -> None:

@@ -57,7 +57,7 @@ COMMANDS = (  # in the order of --help; each is a function in the module named, 
     ("demo.gui", "demo", "board.ports", "board.board", "record", "importing.importing"),
     ("recordings.recover", "recordings.upgrade", "recordings.verify", "recordings.info", "analyze", "analyze.report"),
     ("folders.batch", "folders.history", "analyze.strokes", "methods.tradeoff", "methods.atlas"),
-    ("importing.export", "fit", "qualify", "bugreport"),
+    ("importing.export", "calibration", "fit", "qualify", "bugreport"),
 )
 for command in chain.from_iterable(COMMANDS):
     module, _, function = command.rpartition(".")

@@ -1,0 +1,1 @@
+"""A calibration as data and as code: what other programs and controllers convert signals with."""

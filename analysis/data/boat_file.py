@@ -29,7 +29,7 @@ from analysis.arrays import FloatArray, IntArray
 from analysis.data.recording import READING_COLUMNS, STEP_COLUMNS, Gap, Recording
 from analysis.errors import FileError, RequestError
 from analysis.version import program_version
-from protocol.recording import schema
+from protocol.recording import metadata_of, schema
 from protocol.recording.checks import DAMAGE, harden
 from protocol.regular_file import open_regular
 
@@ -68,7 +68,7 @@ def read_boat_file(path: str | Path) -> Recording:
     path = Path(path)
     with opened(path) as db:
         meta = schema.read_session(db)
-        meta["note"] = schema.note_of(db, meta)
+        meta |= metadata_of(db, meta).as_json()
         schema.check_long_tables(path, db)
         samples, segment, damaged = _samples(db, meta, path.name)
         clock = _lay_end_to_end(db, samples["time_us"], segment, float(meta.get("rate_hz") or 0.0))

@@ -131,6 +131,7 @@ def _session(recording: Recording, samples: npt.NDArray[np.void]) -> dict[str, A
         "sample_dtype": schema.describe_dtype(samples.dtype),
         "rate_hz": recording.meta.get("rate_hz") or (1.0 / recording.interval_s if recording.n > 1 else 0.0),
         "settings": {}, **{key: str(recording.meta.get(key) or "") for key in ("operator", "unit", "note")},
+        "metadata": recording.metadata.as_json(),
     }  # fmt: skip
     try:
         check_session(values)

@@ -20,7 +20,7 @@ import pandas as pd
 
 from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.errors import DataError
-from protocol.recording import NOT_FOR_FIGURES, SampleFlag
+from protocol.recording import NOT_FOR_FIGURES, Metadata, SampleFlag
 
 GAP_FACTOR = 4.5  # without a running index, a hole is an interval longer than this many median intervals
 
@@ -30,6 +30,7 @@ STEP_COLUMNS = (
 )  # fmt: skip
 META_KEYS = (  # of the session, in the comments of an exported CSV
     "simulated", "unit", "operator", "note", "rate_hz", "vref_mv", "adc_bits", "board_id", "started_utc", "polarity",
+    "customer", "item", "serial_number", "ambient_temperature_c", "ambient_humidity_percent",
 )  # fmt: skip
 READING_COLUMNS = ("id", "utc", "step", "elongation_mm", "resolution_mm", "source", "reader", "note")
 
@@ -117,6 +118,19 @@ class Recording:
     def started_utc(self) -> str:
         """When it was recorded, ISO 8601, "" where it is not known."""
         return str(self.meta.get("started_utc") or "")
+
+    @property
+    def metadata(self) -> Metadata:
+        """What people stated about it.
+
+        Raises
+        ------
+        DataError : a comment line of a table states what cannot be.
+        """
+        try:
+            return Metadata.of(self.meta)
+        except ValueError as error:
+            raise DataError(f"of its metadata {error}", "Correct the comment lines of the file.") from error
 
     @property
     def duration_s(self) -> float:

@@ -66,12 +66,27 @@ DegreeOption = Annotated[
 LeaveOutOption = Annotated[
     bool, typer.Option("--leave-out", help="Leave out readings that are off the curve; each is named.")
 ]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Metadata: customer, item, serial_number, ...; may be repeated."),
+]
+TemplateOption = Annotated[
+    str, typer.Option(metavar="NAME|FILE.toml", help="Metadata of a template, where none are stated.")
+]
 PlotOption = Annotated[Path | None, typer.Option(help="Also write a plot: PNG, SVG or PDF.")]
 
 
 def limits_of(texts: list[str] | None) -> dict[str, float]:
     """Return the limits of `--limit`, by name."""
     return dict(_limit(text) for text in texts or ())
+
+
+def values_of(texts: list[str] | None) -> dict[str, str]:
+    """Return the values of `--set`, by key."""
+    for text in texts or ():
+        if "=" not in text:
+            raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint="--set")
+    return {key.strip(): value for key, _, value in (text.partition("=") for text in texts or ())}
 
 
 def _limit(text: str) -> tuple[str, float]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar
+from boat_daq.commands.options import SetOption, TemplateOption
 from boat_daq.engine.file_names import path_in
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ def record(
     operator: Annotated[str, typer.Option(help="Name of the operator.")] = "",
     unit: Annotated[str, typer.Option(help="Name of the unit: SA1 ...")] = "",
     note: Annotated[str, typer.Option(help="Note to store in the recording.")] = "",
+    set_values: SetOption = None,
+    template: TemplateOption = "",
     rate: Annotated[int | None, typer.Option(help="Samples per second; default as in the settings.", min=1)] = None,
     duration: Annotated[float | None, typer.Option(help="Without a plan: seconds to record.", min=0)] = None,
     resume: Annotated[
@@ -63,7 +66,7 @@ def record(
         rate_hz=rate,
         unit=unit,
         duration_s=duration,
-        metadata={"operator": operator, "unit": unit, "note": note},
+        metadata={"operator": operator, "unit": unit, "note": note, **stated(set_values, template)},
         allow_remote=allow_remote,
     )
     if resume is not None:
@@ -80,6 +83,19 @@ def record(
     _report(summary, failure, request)
     if failure:
         raise typer.Exit(1)
+
+
+def stated(values: list[str] | None, template: str) -> dict[str, Any]:
+    """Return the metadata that were given, as `session.metadata`; none where none were: the unit's file states them.
+
+    Parameters
+    ----------
+    values : of `--set`. template : of `--template`.
+    """
+    from boat_daq.commands.metadata import with_stated
+    from protocol.recording import Metadata
+
+    return {"metadata": with_stated(Metadata(), values, template).as_json()} if values or template else {}
 
 
 def resumed(request: SessionRequest, broken: BrokenRun) -> SessionRequest:

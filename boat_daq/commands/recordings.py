@@ -112,7 +112,7 @@ def info(run: RecordingArgument, as_json: JsonOption = False) -> None:
 
     summary = summarise(run)
     # no text of a file controls the terminal
-    lines = (f"{name:<12}" + "".join(c if c.isprintable() else "?" for c in value) for name, value in _lines(summary))
+    lines = (f"{name:<11} " + "".join(c if c.isprintable() else "?" for c in value) for name, value in _lines(summary))
     present(summary, *lines, as_json=as_json)
 
 
@@ -125,8 +125,7 @@ def _lines(summary: Summary) -> Iterator[tuple[str, str]]:
     yield "status", status + ("   (boat-daq recover closes it)" if summary.status == "interrupted" else "")
     yield "operator", summary.operator or "-"
     yield "unit", f"{summary.unit or '-'} on board {summary.board_id or '-'} at {summary.port or '-'}"
-    if summary.note:
-        yield "note", summary.note
+    yield from ((name.lower(), text) for name, text in summary.metadata.lines() if name != "Operator")
     yield "started", summary.started_utc
     yield "ended", summary.ended_utc or "-"
     rate = "-" if summary.rate_hz is None else f"{summary.rate_hz:.2f} Hz"

@@ -14,7 +14,7 @@ import platform
 import re
 import zipfile
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from boat_daq.engine.settings import home
 from boat_daq.engine.snapshot import MessageKind
 from boat_daq.errors import BoatDaqError, OperatorError, StorageError
 from protocol.errors import ProtocolError
+from protocol.recording import Metadata
 
 LOGS = 5
 LOG_BYTES = 2_000_000  # of each, the newest end
@@ -162,7 +163,7 @@ def _user() -> str:
 
 def _summary(path: Path) -> dict[str, Any]:
     try:
-        return asdict(summarise(path))
+        return asdict(replace(summarise(path), metadata=Metadata()))  # for whom is nobody else's
     except (BoatDaqError, ProtocolError, OSError) as error:
         return {"path": str(path), "unreadable": str(error)}
 

@@ -107,7 +107,8 @@ class Unit:
     Its limits, how its stage is wired, and its calibrations, oldest first.
 
     `polarity` is +1 where the board's voltage rises with light, -1 where its stage inverts. `type_b` are tables of
-    contributions to the uncertainty of an elongation, as `analysis.calibration.type_b` reads them.
+    contributions to the uncertainty of an elongation, as `analysis.calibration.type_b` reads them. `metadata` are those
+    that its next recording states, too (`protocol.recording.Metadata`).
     """
 
     name: str
@@ -117,6 +118,7 @@ class Unit:
     note: str = ""
     version: int = VERSION
     type_b: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    metadata: Mapping[str, Any] = field(default_factory=dict)
     history: tuple[StoredCalibration, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -208,6 +210,8 @@ class UnitLibrary:
         unit = self._read(self._units, name) or unit
         history = _of_kind(unit.history, simulated=self.simulated, first=False)
         own = self._read(self.folder, name) if self.simulated else None
+        if self.simulated:
+            unit = dataclasses.replace(unit, metadata=own.metadata if own is not None else {})
         if own is not None:  # limits and wiring are those of the real unit, the rest is its own
             history += _of_kind(own.history, simulated=True, first=True)
             unit = dataclasses.replace(unit, type_b=own.type_b)
@@ -228,11 +232,14 @@ class UnitLibrary:
         type_b = table.pop("type_b", {})
         if not isinstance(type_b, dict) or not all(isinstance(entry, dict) for entry in type_b.values()):
             raise BadValue(str(path), "type_b", "must hold tables", "write [type_b.scale] and its keys below it")
+        metadata = table.pop("metadata", {})
+        if not isinstance(metadata, dict):
+            raise BadValue(str(path), "metadata", "must be a table")
         for key in _UNIT_KEYS:  # no default replaces a limit
             if key not in table:
                 raise BadValue(str(path), key, "is missing")
         history = tuple(_entry(entry, str(path)) for entry in entries)
-        found = build(Unit, table, str(path), history=history, type_b=type_b)
+        found = build(Unit, table, str(path), history=history, type_b=type_b, metadata=metadata)
         if found.name != name:
             raise BadValue(str(path), "name", f"is {found.name!r}, the file's is {name!r}")
         return found
@@ -299,7 +306,7 @@ def _of_kind(history: tuple[StoredCalibration, ...], *, simulated: bool, first: 
     return tuple(found)
 
 
-_UNIT_KEYS = tuple(f.name for f in dataclasses.fields(Unit) if f.name not in ("history", "type_b"))
+_UNIT_KEYS = tuple(f.name for f in dataclasses.fields(Unit) if f.name not in ("history", "type_b", "metadata"))
 
 
 def _entry(table: dict[str, Any], where: str) -> StoredCalibration:

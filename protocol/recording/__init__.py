@@ -3,6 +3,7 @@
 `from protocol.recording import ...` is the public interface of this package: what is imported here.
 """
 
+from protocol.recording.metadata import METADATA_EVENT, Metadata, metadata_of
 from protocol.recording.schema import (
     ADDED,
     APPLICATION_ID,

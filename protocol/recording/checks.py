@@ -274,6 +274,7 @@ SESSION_VALUES: dict[str, Check] = {
     "plan": _of(dict),  # snapshot of the plan, or null
     "run_end": _among("finished", "stopped", "aborted", "fault", "interrupted"),  # the code of stop_reason; newer files
     "resumptions": are_breaks,  # of a resumed run
+    "metadata": _of(dict),  # as stated when it began, see `protocol.recording.metadata`; newer files
 }
 
 

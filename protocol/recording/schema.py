@@ -171,7 +171,7 @@ def session_dtype(meta: Mapping[str, Any]) -> np.dtype[np.void]:
 
 
 # of every recording
-SESSION_KEYS = tuple(key for key in checks.SESSION_VALUES if key not in ("run_end", "resumptions"))
+SESSION_KEYS = tuple(key for key in checks.SESSION_VALUES if key not in ("run_end", "resumptions", "metadata"))
 # Beside `stop_reason`, for people, its code "run_end" (`RunEnd`), for programs; files before November 2026 lack it.
 # Only in a resumed run: "resumptions", a list in order, one object for each break: utc and host_ns of the resumption,
 # cause ("interrupted", "stopped", "aborted: ..."), break_s, the first segment, chunk, step and cycle after it,

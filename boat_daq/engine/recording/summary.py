@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import sqlite3
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from boat_daq.engine.recording.file import is_being_written
 from protocol.errors import damaged
-from protocol.recording import schema
+from protocol.recording import Metadata, metadata_of, schema
 from protocol.recording.checks import DAMAGE, bytes_of
 
 
@@ -91,6 +91,7 @@ class Summary:
     size_bytes: int
     layout: int  # version of the file's tables
     breaks: tuple[BreakSummary, ...] = ()
+    metadata: Metadata = field(default_factory=Metadata)
 
 
 def summarise(path: Path) -> Summary:
@@ -120,12 +121,15 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
     status = meta["status"]
     if status == "recording" and not is_being_written(path):
         status = "interrupted"
-    stored = ("operator", "unit", "port", "board_id", "program_version", "started_utc", "ended_utc")
+    stated = metadata_of(db, meta)
+    stored = ("unit", "port", "board_id", "program_version", "started_utc", "ended_utc")
     return Summary(
         path=path,
         status=status,
         simulated=bool(meta["simulated"]),
-        note=schema.note_of(db, meta),
+        operator=stated.operator or meta["operator"],
+        note=stated.note or schema.note_of(db, meta),
+        metadata=stated,
         **{key: meta[key] for key in (*stored, "stop_reason")},
         run_end=schema.run_end_of(meta),
         duration_s=duration_s,

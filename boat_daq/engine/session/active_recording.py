@@ -15,6 +15,7 @@ from boat_daq.engine.control.board_commands import Check
 from boat_daq.engine.control.controller import Controller
 from boat_daq.engine.log import RECORDING, note
 from boat_daq.engine.recording.file import check_space
+from boat_daq.engine.recording.metadata import remembered
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.session.journal import Journal
@@ -71,6 +72,9 @@ class ActiveRecording:
         """
         polarity = self._units.load(self.unit).polarity if self.unit else -1
         with self._acting() as control:
+            simulated = self._link.simulated(control.hello)
+        stated = {"metadata": remembered(self._units.of(simulated=simulated), self.unit).as_json()}
+        with self._acting() as control:
             reader = self._link.reader
             if reader is None or not (control.up or control.hold_samples):
                 raise OperatorError("there is nothing to record yet", "connect a board first")
@@ -78,7 +82,7 @@ class ActiveRecording:
                 raise OperatorError(f"{self._journal.recorder.path} is being recorded", "stop that recording first")
             if control.sequencer.state in (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING):
                 raise OperatorError("a recording begins before its run", "stop the run first")
-            meta = {"polarity": polarity, **self._describe(control), **(metadata or {})}
+            meta = {"polarity": polarity, **stated, **self._describe(control), **(metadata or {})}
         if broken is not None:
             broken.check_same(meta, can_command=control.board.can_command)
         recorder = Recorder(path, meta, health=self._link.health_now, on_error=self._storage_failed, resumes=broken)

@@ -337,7 +337,7 @@ class RunModel:
         folder.mkdir(parents=True, exist_ok=True)
         stamp = datetime.now(UTC).astimezone().strftime("%Y-%m-%d_%H%M%S")
         path = path_in(folder, f"{unit}_{stamp}.boat")
-        self.session.start_recording(path, {"unit": unit, "operator": ""})
+        self.session.start_recording(path, {"unit": unit})
         return path
 
     def toggle_recording(self) -> None:

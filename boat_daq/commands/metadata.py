@@ -1,0 +1,62 @@
+"""`boat-daq metadata`: what is stated about a recording: customer, item, ambient conditions, fields of one's own."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from boat_daq.commands.console import JsonOption, emit_json, notify, show
+from boat_daq.commands.options import RecordingArgument, SetOption, TemplateOption, values_of
+
+if TYPE_CHECKING:
+    from protocol.recording import Metadata
+
+
+def metadata(
+    run: RecordingArgument,
+    values: SetOption = None,
+    template: TemplateOption = "",
+    save_template: Annotated[
+        str, typer.Option("--save-template", metavar="NAME", help="Store the metadata as a template.")
+    ] = "",
+    as_json: JsonOption = False,
+) -> None:
+    """Show the metadata of a recording, or state them; the unit's next recording states customer and item, too.
+
+    Keys: operator, customer, item, serial_number, note, ambient_temperature_c, ambient_humidity_percent; any other key
+    names a field of your own. What was stated before stays in the file.
+
+    Example: boat-daq metadata SA1.boat --set customer="Soft Robotics Lab" --set serial_number=0042
+    """
+    from boat_daq.engine.recording.metadata import read_metadata, remember, state_metadata
+    from boat_daq.engine.recording.metadata import save_template as store
+    from boat_daq.engine.recording.summary import summarise
+    from boat_daq.engine.settings import UnitLibrary
+
+    stated = read_metadata(run)
+    if values or template:
+        stated = with_stated(stated, values, template)
+        state_metadata(run, stated)
+        summary = summarise(run)
+        remember(UnitLibrary(simulated=summary.simulated), summary.unit or "", stated)
+    if save_template:
+        notify(f"wrote {store(save_template, stated)}")
+    if as_json:
+        emit_json(stated.as_json())
+        return
+    for label, text in stated.lines() or (("metadata", "none stated"),):
+        show(f"{label.lower():<20} " + "".join(c if c.isprintable() else " " for c in text))
+
+
+def with_stated(stated: Metadata, values: list[str] | None, template: str) -> Metadata:
+    """Return metadata with the values of `--set`, and what is then not stated from a template.
+
+    Parameters
+    ----------
+    stated : before. values : texts KEY=VALUE. template : name or file; empty for none.
+    """
+    from boat_daq.engine.recording.metadata import load_template
+
+    changed = stated.changed(values_of(values))
+    return changed.filled_from(load_template(template)) if template else changed

@@ -1,0 +1,136 @@
+"""State the metadata of a closed recording, remember them for its unit, keep templates of them.
+
+Rules: what is stated is a newer event of the recording, so what was stated before stays, and samples are not touched.
+A unit's file remembers what stays the same (customer, item, serial number, free fields) for its next recording; ambient
+conditions and notes are of one recording. A template is a small TOML file with the same keys.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from boat_daq.engine.file_names import path_in
+from boat_daq.engine.recording.file import RecordingFile
+from boat_daq.engine.recording.rows import INSERT_EVENT
+from boat_daq.engine.settings import UnitLibrary, home, write_whole
+from boat_daq.engine.toml_values import BadValue, parse_toml, read_text
+from boat_daq.errors import OperatorError
+from protocol.recording import METADATA_EVENT, NOTE_EVENT, Metadata, metadata_of, open_recording, read_session
+
+
+def read_metadata(path: Path) -> Metadata:
+    """Return the metadata of a recording.
+
+    Raises
+    ------
+    RecordingError : it cannot be read.
+    """
+    with closing(open_recording(path)) as db:
+        return metadata_of(db, read_session(db))
+
+
+def state_metadata(path: Path, metadata: Metadata) -> None:
+    """Add metadata to a closed recording; the newest count.
+
+    Raises
+    ------
+    StorageError : the recording is in progress, or cannot be written. RecordingError : not a recording.
+    """
+    with closing(open_recording(path)) as db:
+        before = metadata_of(db, read_session(db))
+        number, last_ns = db.execute("SELECT coalesce(max(id), 0) + 1, coalesce(max(host_ns), 0) FROM event").fetchone()
+    texts = {METADATA_EVENT: event_text(metadata)} if dataclasses.replace(metadata, note=before.note) != before else {}
+    texts |= {NOTE_EVENT: metadata.note} if metadata.note != before.note else {}
+    if not texts:
+        return
+    file = RecordingFile.reopen(path)
+    try:
+        rows = enumerate(texts.items(), number)
+        file.commit([(INSERT_EVENT, (k, last_ns, None, None, "user", kind, None, text)) for k, (kind, text) in rows])
+    finally:
+        file.abandon()
+
+
+def event_text(metadata: Metadata) -> str:
+    """Return the text of the event that states metadata; the note is an event of its own."""
+    return json.dumps({key: value for key, value in metadata.as_json().items() if key != "note"}, ensure_ascii=False)
+
+
+def remembered(units: UnitLibrary, unit: str) -> Metadata:
+    """Return what a unit's file remembers for its next recording; nothing where none is named.
+
+    Raises
+    ------
+    OperatorError : the file is refused, by key.
+    """
+    return _checked(units.load(unit).metadata, f"unit {unit}") if unit else Metadata()
+
+
+def remember(units: UnitLibrary, unit: str, metadata: Metadata) -> None:
+    """Keep in a unit's file what its next recording states, too.
+
+    Raises
+    ------
+    OperatorError : the file is refused. StorageError : it cannot be written.
+    """
+    kept, stored = _stated(metadata.of_unit()), units.load(unit) if unit else None
+    if stored is not None and kept != stored.metadata:
+        units.save(dataclasses.replace(stored, metadata=kept))
+
+
+def template_names(folder: Path | None = None) -> list[str]:
+    """Return the names of the templates, sorted."""
+    return sorted(path.stem for path in _templates(folder).glob("[!.]*.toml"))
+
+
+def load_template(name: str, folder: Path | None = None) -> Metadata:
+    """Return the metadata of a template: the name of a stored one, or the path of a TOML file.
+
+    Raises
+    ------
+    OperatorError : there is none of that name, or the file is refused, by key.
+    """
+    path = Path(name) if name.endswith(".toml") else path_in(_templates(folder), f"{name}.toml")
+    if not path.exists():
+        known = ", ".join(template_names(folder)) or "none"
+        raise OperatorError(f"there is no template {name!r:.60}", f"Templates: {known}.")
+    return _checked(parse_toml(read_text(path), str(path)), str(path))
+
+
+def save_template(name: str, metadata: Metadata, folder: Path | None = None) -> Path:
+    """Store metadata as a template, without note and ambient conditions; return its file.
+
+    Raises
+    ------
+    OperatorError : the name cannot be used. StorageError : it cannot be written.
+    """
+    path = path_in(_templates(folder), f"{name}.toml")
+    write_whole(path, tomli_w.dumps(_stated(metadata.of_unit()) | _stated(Metadata(operator=metadata.operator))))
+    return path
+
+
+def _templates(folder: Path | None) -> Path:
+    return (folder or home()) / "templates"
+
+
+def _stated(metadata: Metadata) -> dict[str, Any]:
+    return {key: value for key, value in metadata.as_json().items() if value not in ("", None, {})}
+
+
+def _checked(table: Mapping[str, Any], where: str) -> Metadata:
+    known = [field.name for field in dataclasses.fields(Metadata)]
+    for key in table:
+        if key not in known:
+            remedy = f"Known: {', '.join(known)}; others belong into [fields]."
+            raise BadValue(where, key, "is not a known key", remedy)
+    try:
+        return Metadata.of(table)
+    except ValueError as error:
+        raise OperatorError(f"{where}: {error}", "Correct the value.") from error

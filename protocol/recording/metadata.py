@@ -1,0 +1,161 @@
+"""What people state about a recording: operator, customer, item, note, ambient conditions, and fields of their own.
+
+It is stored with the session when a recording begins. What is stated later is a newer event of the recording: the
+newest counts, what was stated before stays, and the samples are not touched.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sqlite3
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from protocol.errors import LocalError, RecordingError
+from protocol.recording.checks import FOREIGN
+from protocol.recording.schema import note_of
+
+METADATA_EVENT = "metadata"  # `event.kind` of metadata, as JSON; the newest counts
+MOST = 20_000  # letters of one text
+TEXTS = ("operator", "customer", "item", "serial_number", "note")
+RANGES = {"ambient_temperature_c": (-90.0, 200.0), "ambient_humidity_percent": (0.0, 100.0)}
+OF_A_UNIT = ("customer", "item", "serial_number")
+"""The keys that stay the same from recording to recording of a unit; its free fields do, too."""
+
+
+@dataclass(frozen=True, slots=True)
+class Metadata:
+    """Metadata of a recording; an empty text and None are not stated.
+
+    Attributes
+    ----------
+    operator, customer, item, serial_number, note : texts.
+    ambient_temperature_c, ambient_humidity_percent : of the room, while it was recorded.
+    fields : free ones, by name.
+    """
+
+    operator: str = ""
+    customer: str = ""
+    item: str = ""
+    serial_number: str = ""
+    note: str = ""
+    ambient_temperature_c: float | None = None
+    ambient_humidity_percent: float | None = None
+    fields: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Metadata:
+        """Return the metadata of stored values; other keys are left out.
+
+        Raises
+        ------
+        ValueError : a value is of another type or outside its range; names it.
+        """
+        texts: dict[str, Any] = {key: values.get(key) or "" for key in TEXTS}
+        numbers: dict[str, Any] = {key: values.get(key) for key in RANGES}
+        fields = values.get("fields") or {}
+        for key, text in texts.items():
+            if not isinstance(text, str) or len(text) > MOST:
+                raise ValueError(f"{key} is no text of at most {MOST} letters")
+        for key, number in numbers.items():
+            low, high = RANGES[key]
+            usual = isinstance(number, int | float) and not isinstance(number, bool) and low <= number <= high
+            if number is not None and not usual:
+                raise ValueError(f"{key} is no number from {low:g} to {high:g}")
+        if not isinstance(fields, dict) or not all(isinstance(text, str) for text in (*fields, *fields.values())):
+            raise ValueError("fields is no table of texts")
+        if sum(map(len, (*fields, *fields.values()))) > MOST:
+            raise ValueError(f"fields is longer than {MOST} letters")
+        return cls(**texts, **numbers, fields=dict(fields))
+
+    def changed(self, values: Mapping[str, str]) -> Metadata:
+        """Return the metadata with values that were typed; an empty one is not stated any more.
+
+        Parameters
+        ----------
+        values : by key; a key that is none of the attributes names a free field.
+
+        Raises
+        ------
+        LocalError : a value cannot be used; names its key.
+        """
+        known: dict[str, str | float | None] = {}
+        fields = dict(self.fields)
+        for key, text in values.items():
+            if key in RANGES:
+                known[key] = _number(key, text.strip())
+            elif key in TEXTS:
+                known[key] = text.strip()
+            elif key.strip():
+                fields[key.strip()] = text.strip()
+        stated = {key: text for key, text in fields.items() if text}
+        try:
+            return Metadata.of({**asdict(replace(self, fields=stated)), **known})
+        except ValueError as error:
+            raise LocalError(str(error), "Correct the value.") from error
+
+    def filled_from(self, other: Metadata) -> Metadata:
+        """Return the metadata with what it does not state taken from another one."""
+        empty = {key: value for key, value in asdict(other).items() if getattr(self, key) in ("", None)}
+        return replace(self, **empty, fields={**other.fields, **self.fields})
+
+    def of_unit(self) -> Metadata:
+        """Return what the next recording of the same unit states, too: neither its note nor its ambient conditions."""
+        return Metadata(**{key: getattr(self, key) for key in OF_A_UNIT}, fields=self.fields)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the metadata as a dictionary that `of` reads again."""
+        return asdict(self)
+
+    def lines(self) -> tuple[tuple[str, str], ...]:
+        """Return label and text of what is stated, in the order of a form."""
+        stated: Iterable[tuple[str, Any, str]] = (
+            ("Operator", self.operator, ""),
+            ("Customer", self.customer, ""),
+            ("Item", self.item, ""),
+            ("Serial no.", self.serial_number, ""),
+            ("Ambient temperature", self.ambient_temperature_c, " °C"),
+            ("Relative humidity", self.ambient_humidity_percent, " %"),
+            *((name, text, "") for name, text in self.fields.items()),
+            ("Note", self.note, ""),
+        )
+        return tuple(
+            (label, f"{value:g}{unit}" if isinstance(value, float | int) else value)
+            for label, value, unit in stated
+            if value not in ("", None)
+        )
+
+
+def _number(key: str, text: str) -> float | None:
+    if not text:
+        return None
+    try:
+        number = float(text.replace(",", "."))
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise LocalError(f"{key} is {text!r:.40}, no number", "Give a number without its unit.")
+    return number
+
+
+def metadata_of(connection: sqlite3.Connection, meta: Mapping[str, Any]) -> Metadata:
+    """Return the metadata of a recording: those that were stated last, with its newest note.
+
+    Parameters
+    ----------
+    connection : to the recording. meta : its session.
+
+    Raises
+    ------
+    RecordingError : they are unusable.
+    """
+    sql = "SELECT text FROM event WHERE kind = ? AND source = 'user' ORDER BY id DESC LIMIT 1"
+    added = connection.execute(sql, (METADATA_EVENT,)).fetchone()
+    stated = meta.get("metadata") or {}
+    try:
+        stated = stated if added is None else json.loads(str(added[0]))
+        return Metadata.of({"operator": meta.get("operator"), **stated, "note": note_of(connection, meta)})
+    except (ValueError, TypeError, RecursionError) as error:
+        raise RecordingError(f"the recording's metadata cannot be read: {error}", FOREIGN) from error

@@ -1,0 +1,37 @@
+"""What people state about a recording: typed values, what stays with a unit, foreign files."""
+
+from __future__ import annotations
+
+import pytest
+
+from protocol.errors import LocalError
+from protocol.recording import Metadata
+
+
+def test_typed_values_become_metadata_and_other_keys_are_free_fields() -> None:
+    stated = Metadata(customer="A", fields={"rig": "1"}).changed(
+        {"ambient_temperature_c": "21,5", "customer": " B ", "rig": "", "batch": "7", "": "x"}
+    )
+    assert stated == Metadata(customer="B", ambient_temperature_c=21.5, fields={"batch": "7"})
+    assert Metadata.of(stated.as_json()) == stated
+    assert stated.lines()[1] == ("Ambient temperature", "21.5 °C")
+
+
+@pytest.mark.parametrize("text", ["warm", "nan", "1e400", "500"])
+def test_no_temperature_is_refused_by_its_key(text: str) -> None:
+    with pytest.raises(LocalError, match="ambient_temperature_c"):
+        Metadata().changed({"ambient_temperature_c": text})
+
+
+@pytest.mark.parametrize("values", [{"customer": 1}, {"fields": {"a": 1}}, {"fields": [1]}, {"note": "x" * 30_000}])
+def test_foreign_values_are_refused(values: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match="no t"):
+        Metadata.of(values)
+
+
+def test_a_unit_keeps_its_item_but_neither_note_nor_ambient_conditions() -> None:
+    stated = Metadata("Eve", "A", "I", "7", "wet", 21.0, 40.0, {"batch": "7"})
+    assert stated.of_unit() == Metadata(customer="A", item="I", serial_number="7", fields={"batch": "7"})
+    assert Metadata(item="J").filled_from(stated.of_unit()) == Metadata(
+        customer="A", item="J", serial_number="7", fields={"batch": "7"}
+    )

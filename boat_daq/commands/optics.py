@@ -11,9 +11,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.optics.scene.parameters import PAPER_RAYS, Design, Light, Waveguide, phase_of
+from analysis.optics.scene.parameters import (
+    ALL,
+    BYS,
+    FULL_FAINTEST,
+    PAPER_RAYS,
+    PAPER_SECONDARY,
+    Design,
+    Light,
+    Waveguide,
+    phase_of,
+)
 from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, writing
-from boat_daq.commands.options import AllowRemoteOption, OptionalFidelity
+from boat_daq.commands.options import AllowRemoteOption, OptionalFidelity, one_of
 
 if TYPE_CHECKING:
     from analysis.arrays import FloatArray
@@ -32,10 +42,17 @@ State = Annotated[
 ]
 Rays = Annotated[int, typer.Option(help="Rays released.")]
 Secondary = Annotated[int, typer.Option(help="Budget of secondary (reflected) rays.")]
-PAPER_SECONDARY = 100
 OptionalRays = Annotated[int | None, typer.Option(help="Rays released; default 250, or the fidelity's.")]
 OptionalSecondary = Annotated[
-    int | None, typer.Option(help="Budget of secondary (reflected) rays; default 100, or in proportion to the rays.")
+    int | None,
+    typer.Option(help="Budget of secondary (reflected) rays, -1 for all; default 100, or in proportion to the rays."),
+]
+By = Annotated[
+    str,
+    typer.Option(
+        callback=one_of(*BYS),
+        help="Rank by the count of detected rays, or by detected power with all secondaries followed.",
+    ),
 ]
 Phase = Annotated[
     float | None,
@@ -53,7 +70,13 @@ Curves = Annotated[
         "default the shadow's 15 stored states.",
     ),
 ]
-Faintest = Annotated[float, typer.Option(help="Power, in parts of a released ray, below which a ray is dropped.")]
+Faintest = Annotated[
+    float | None,
+    typer.Option(
+        help="Power, in parts of a released ray, below which a ray is dropped; default 1e-12, or 0.001 where all "
+        "secondaries are followed."
+    ),
+]
 Thickness = Annotated[float, typer.Option(help="Thickness of the guides, mm.")]
 Attenuation = Annotated[float, typer.Option(help="Attenuation of the resin, dB/cm.")]
 Face = Annotated[str, typer.Option(help="Place of the cavities: the outer or inner face, both, or midline (voids).")]
@@ -80,10 +103,14 @@ def released_rays(
     return number if rays is None else rays, in_proportion if secondary is None else secondary
 
 
-def _light(rays: int, secondary: int, phase: float | None, order: str, emission: str) -> Light:
+def _light(
+    rays: int, secondary: int, phase: float | None, order: str, emission: str, faintest: float | None = None
+) -> Light:
     """Return the light of the options."""
     turn = phase_of(rays) if phase is None else phase
-    return Light(rays=rays, secondary=secondary, phase=turn, order=order, emission=emission)  # type: ignore[arg-type]  # checked there
+    light = Light(rays=rays, secondary=secondary, phase=turn, order=order, emission=emission)  # type: ignore[arg-type]  # checked there
+    least = FULL_FAINTEST if secondary == ALL and faintest is None else faintest
+    return light if least is None else replace(light, faintest=least)
 
 
 def _curves(path: Path | None) -> FloatArray:
@@ -134,7 +161,7 @@ def trace(
     attenuation: Attenuation = 0.0,
     face: Face = "outer",
     emission: Emission = "uniform",
-    faintest: Faintest = 1e-12,
+    faintest: Faintest = None,
     receiver: Receiver = None,
     out: Annotated[Path | None, typer.Option(help="Write an image of the rays: PNG or SVG.")] = None,
     fidelity: OptionalFidelity = None,
@@ -149,7 +176,7 @@ def trace(
     design = Design(cavities, width, depth, spacing, face)  # type: ignore[arg-type]  # checked there
     guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
     released, budget = released_rays(rays, secondary, fidelity, lambda level: level.rays)
-    light = replace(_light(released, budget, phase, order, emission), faintest=faintest)
+    light = _light(released, budget, phase, order, emission, faintest)
     frame, number = _frame(_curves(curves), state, guide)
     outcome = trace_scene(frame, design, guide, light)
     if out is not None:
@@ -164,6 +191,7 @@ def trace(
         "phase": light.phase,
         "ndr": outcome.ndr,
         "power": outcome.power,
+        "power_sd": outcome.power_sd,
         "ledger": outcome.ledger,
         "hits": outcome.hits,
         "ndr_sd": outcome.ndr_sd,
@@ -235,6 +263,7 @@ def scene(
 @app.command()
 def sweep(
     cavities: Annotated[str, typer.Option(help="Numbers of cavities, as 3,5,7.")] = "3,5,7",
+    by: By = "count",
     rays: OptionalRays = None,
     secondary: OptionalSecondary = None,
     phase: Phase = None,
@@ -245,7 +274,7 @@ def sweep(
     attenuation: Attenuation = 0.0,
     face: Face = "outer",
     emission: Emission = "uniform",
-    faintest: Faintest = 1e-12,
+    faintest: Faintest = None,
     receiver: Receiver = None,
     fans: Annotated[
         int | None,
@@ -273,8 +302,9 @@ def sweep(
         notify(f"{len(grid) - len(designs)} designs whose opposite cavities would meet are left out")
     released, budget = released_rays(rays, secondary, fidelity, lambda level: level.ranking_rays)
     guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
-    light = replace(_light(released, budget, phase, order, emission), faintest=faintest)
-    request = SweepRequest(designs, guide, light, _curves(curves))
+    budget = ALL if by == "power" and secondary is None else budget
+    light = _light(released, budget, phase, order, emission, faintest)
+    request = SweepRequest(designs, guide, light, _curves(curves), by)  # type: ignore[arg-type]  # checked above
     if out is not None:
         with writing(out):
             out.mkdir(parents=True, exist_ok=True)
@@ -295,6 +325,7 @@ def sweep(
 @app.command()
 def optimise(
     rays: Annotated[int, typer.Option(help="Rays of each evaluation.")] = 2_000,
+    by: By = "power",
     seconds: Annotated[float, typer.Option(help="Time limit, s.")] = 50.0,
     index: Index = 1.50,
     curves: Curves = None,
@@ -305,7 +336,7 @@ def optimise(
     out: Annotated[Path | None, typer.Option(help="Folder for the result as JSON.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Search width, depth, spacing, count and face continuously, from the grid's best, by converged power.
+    """Search width, depth, spacing, count and face continuously, from the grid's best.
 
     Example: boat-daq optics optimise --seconds 50
     """
@@ -320,7 +351,14 @@ def optimise(
     first = Design(5, 1.0, 0.5, 0.9, face).face  # type: ignore[arg-type]  # checked there
     with progress_bar("search") as advance:
         found = search(
-            guide, _curves(curves), rays=rays, seconds=seconds, first_face=first, seed=seed, progress=advance
+            guide,
+            _curves(curves),
+            rays=rays,
+            seconds=seconds,
+            first_face=first,
+            by=by,  # type: ignore[arg-type]  # checked above
+            seed=seed,
+            progress=advance,
         )
     result = optimum_json(found)
     if out is not None:

@@ -15,6 +15,7 @@ from analysis.errors import RequestError
 Face = Literal["outer", "inner", "both", "midline"]
 Order = Literal["time", "bounce", "index"]
 Emission = Literal["uniform", "lambertian"]
+By = Literal["count", "power"]
 MOST_RAYS = 10_000_000
 """More costs memory, 8 bytes each and thread, and changes no figure."""
 PAPER_RAYS = 250
@@ -23,6 +24,12 @@ QUARTER_STEP = 0.25
 """Turn of the fan at which its two halves, mirrored into each other, interleave at half a step."""
 ORDERS: tuple[Order, ...] = ("time", "bounce", "index")
 FACES: tuple[Face, ...] = ("outer", "inner", "both", "midline")
+BYS: tuple[By, ...] = ("count", "power")
+PAPER_SECONDARY = 100
+ALL = -1
+"""Budget under which every reflected part above the faintest power is followed."""
+FULL_FAINTEST = 1e-3
+"""Faintest power where all reflected parts are followed; what is missing of the power is in METHODS.md."""
 
 
 def _finite(name: str, value: float) -> None:
@@ -153,7 +160,7 @@ class Light:
     rays : released by the emitter, 250 (paper).
     cone_deg : full aperture of the fan, 120 (paper).
     emission : 'uniform' in angle, or 'lambertian' (as many rays in each equal step of sine).
-    secondary : budget of reflected rays for the whole simulation, 100 (paper).
+    secondary : budget of reflected rays for the whole simulation, 100 (paper); `ALL` follows every one.
     order : in which secondaries are followed: by 'time' of flight, by 'bounce' or by 'index' of the released ray.
     path_cap_mm : a ray is given up after this path length, 1000.
     faintest : a ray whose power falls below this part of a released one's is dropped, 1e-12.
@@ -163,7 +170,7 @@ class Light:
     rays: int = PAPER_RAYS
     cone_deg: float = 120.0
     emission: Emission = "uniform"
-    secondary: int = 100
+    secondary: int = PAPER_SECONDARY
     order: Order = "time"
     path_cap_mm: float = 1000.0
     faintest: float = 1e-12
@@ -174,8 +181,9 @@ class Light:
             raise RequestError(f"{self.rays} rays", f"choose 1 to {MOST_RAYS:,} rays".replace(",", " "))
         _between("cone", self.cone_deg, 0.001, 179.9, " degrees")
         _one_of("emission", self.emission, ("uniform", "lambertian"))
-        if not 0 <= self.secondary <= 10_000_000:
-            raise RequestError(f"a budget of {self.secondary} secondary rays", "choose 0 to 10 000 000")
+        if not ALL <= self.secondary <= 10_000_000:
+            remedy = f"choose 0 to 10 000 000, or {ALL} for all"
+            raise RequestError(f"a budget of {self.secondary} secondary rays", remedy)
         _one_of("order", self.order, ORDERS)
         _between("path cap", self.path_cap_mm, 1.0, 1e7, " mm")
         _between("faintest power", self.faintest, 0.0, 0.1)
@@ -185,4 +193,22 @@ class Light:
         """Return the same model sampled by other rays: secondaries in proportion, the fan turned by `phase_of`."""
         if rays == self.rays:
             return self
-        return replace(self, rays=rays, secondary=round(self.secondary * rays / self.rays), phase=phase_of(rays))
+        budget = ALL if self.secondary == ALL else round(self.secondary * rays / self.rays)
+        return replace(self, rays=rays, secondary=budget, phase=phase_of(rays))
+
+
+def light_by(by: By, rays: int) -> Light:
+    """Return the light by which designs are ranked: the paper's budget in proportion to the rays, or all reflections.
+
+    Parameters
+    ----------
+    by : 'count' of detected rays, or their 'power', of which secondaries beyond the budget would be missing.
+    rays : released.
+
+    Raises
+    ------
+    RequestError : there is no such ranking, or the number of rays cannot be traced.
+    """
+    _one_of("ranking", by, BYS)
+    light = Light() if by == "count" else Light(secondary=ALL, faintest=FULL_FAINTEST)
+    return light.with_rays(rays)

@@ -1,11 +1,11 @@
-"""Beyond the grid: width, depth, spacing, count and face searched together, on detected power.
+"""Beyond the grid: width, depth, spacing, count and face searched together, on detected power or counted rays.
 
-Strategy: power converges where a count of rays does not, so the search uses power with practically every reflection
-followed. The grid is scanned with half of the rays; its best designs, evaluated again, are the first population of
-scipy's differential evolution (count and face as integers), each generation's candidates running side by side. The
-search has converged when eight generations in a row have improved by less than a hundredth. The best of the grid and
-of the search are then evaluated alike with ten times the rays, and both winners again with the fan turned twice, so
-that chance at few rays is not reported as gain.
+Strategy: power converges where a count of rays does not, so the search uses power with every reflection followed,
+unless it is told to count. The grid is scanned with half of the rays; its best designs, evaluated again, are the first
+population of scipy's differential evolution (count and face as integers), each generation's candidates running side by
+side. The search has converged when eight generations in a row have improved by less than a hundredth. The best of the
+grid and of the search are then evaluated alike with ten times the rays, and both winners again with the fan turned
+twice, so that chance at few rays is not reported as gain.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import os
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -26,22 +26,20 @@ from analysis.errors import RequestError
 from analysis.optics.scene.curves import frames_of
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.geometry import pattern_of
-from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, Design, Face, Light, Waveguide
+from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, By, Design, Face, Light, Waveguide, light_by
+from analysis.optics.sweep.fans import turned
 from analysis.optics.sweep.figure_of_merit import merit, resolution
-from analysis.optics.sweep.sweep import common_of, paper_grid, run_item
+from analysis.optics.sweep.sweep import SweepRequest, SweepResult, common_of, paper_grid, result_of, run_item
 from analysis.progress import Progress
 
 POPULATION = 16
-FOLLOWED = 4
-"""Budget of secondaries for each released ray: with this many practically none is refused."""
-FAINTEST = 1e-3
 FLOOR = float(resolution(PAPER_RAYS))
 """RMSE below what the paper's 250 rays resolve counts as this."""
 BOUNDS = ((1.0, 9.0), (0.3, 2.0), (0.2, 1.6), (0.3, 2.0), (0.0, 1.0))
 PATIENCE, BETTER = 8, 0.01
 """Generations without a design better by that part, after which the search has converged."""
-PHASES = (-0.31, 0.27)
-"""Turns of the fan, in its own steps, at which the winners are evaluated again."""
+TURNS = 2
+"""How many other turns of the fan the winners are evaluated at."""
 _CHECK, _SCAN, _FINALISTS, _FEW = 10, 2, 6, 2
 _SCAN_PART, _SEARCH_PART = 0.45, 0.8
 """Parts of the time after which the scan of the grid and the search are stopped."""
@@ -51,12 +49,21 @@ Scored = tuple[float, Design]
 
 @dataclass(frozen=True, slots=True)
 class Winner:
-    """A design with its P on power, least and greatest P over three turns of the fan, detected power (15,)."""
+    """A design of a search.
+
+    Parameters
+    ----------
+    p, p_range : its P, least and greatest P over three turns of the fan.
+    power, power_sd : (15,) detected power, emitted = 1, and its standard deviation.
+    given_up : the largest power that was not followed to an end in a state.
+    """
 
     design: Design
     p: float
     p_range: tuple[float, float]
     power: FloatArray
+    power_sd: FloatArray
+    given_up: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +75,7 @@ class Optimum:
     start, best : the grid's best design and the one found; paper_p : P of the paper's; all at `checked_rays`.
     evaluations, seconds : its cost; rays, checked_rays : released in the search and in the final evaluation.
     finished : False if the time ran out before the search converged.
+    by : what P is computed from.
     """
 
     start: Winner
@@ -78,6 +86,7 @@ class Optimum:
     rays: int
     checked_rays: int
     finished: bool
+    by: By
 
     @property
     def gain(self) -> float:
@@ -85,27 +94,38 @@ class Optimum:
         return self.best.p / self.start.p
 
 
-class PowerMerit:
-    """P on detected power of designs over the given states; safe to call from several threads."""
+class DesignMerit:
+    """P of designs over the given states; safe to call from several threads.
 
-    def __init__(self, frames: Sequence[SceneFrame], guide: Waveguide, rays: int, phase: float = 0.0) -> None:
-        light = Light(rays=rays, secondary=FOLLOWED * rays, faintest=FAINTEST, order="index", phase=phase)
-        self.thickness_mm = guide.thickness_mm
+    Parameters
+    ----------
+    frames, guide : of the states. light : released.
+    by : what P is computed from.
+    """
+
+    def __init__(self, frames: Sequence[SceneFrame], guide: Waveguide, light: Light, by: By) -> None:
+        self.request = SweepRequest((), guide, light, by=by)
         self._common = common_of(frames, guide, light)
         self._free = min(f.free_mm for f in frames)
+        self._mirrored = np.array([f.mirrored for f in frames])
 
     def fits(self, design: Design) -> bool:
         """Return whether the design can be built in every state."""
-        return design.row_mm < self._free and design.cut_mm < self.thickness_mm * (1 - 1e-6)
+        return design.row_mm < self._free and design.cut_mm < self.request.guide.thickness_mm * (1 - 1e-6)
 
-    def power(self, design: Design) -> FloatArray:
-        """Return the detected power over the states, emitted = 1."""
-        _, energy, _ = run_item(self._common, pattern_of(design)[None])
-        return np.asarray(energy[0, :, 0])
+    def result(self, design: Design) -> SweepResult:
+        """Return the sweep of one design."""
+        results = run_item(self._common, pattern_of(design)[None])
+        return result_of(replace(self.request, designs=(design,)), self._mirrored, results)
 
     def p(self, design: Design) -> float:
-        """Return P on power scaled to 250 rays; -inf for a design that cannot be built."""
-        return float(merit(PAPER_RAYS * self.power(design), FLOOR).p) if self.fits(design) else -np.inf
+        """Return P of 250 rays, or of their power; -inf for a design that cannot be built."""
+        return p_of(self.result(design)) if self.fits(design) else -np.inf
+
+
+def p_of(result: SweepResult) -> float:
+    """Return P of a single design, its RMSE no smaller than the paper's rays resolve."""
+    return float(merit(result.response[0], FLOOR).p[0])
 
 
 def design_at(x: FloatArray) -> Design:
@@ -125,6 +145,7 @@ def optimise(
     rays: int = 2_000,
     seconds: float = 50.0,
     first_face: Face = "outer",
+    by: By = "power",
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Optimum:
@@ -135,7 +156,8 @@ def optimise(
     guide, curves : the guide and the states.
     rays : released in each evaluation, ten times as many in the final one.
     seconds : time after which the search stops; it is repeatable if it converges before.
-    first_face : face of the grid from which the search starts. seed : of its random numbers.
+    first_face : face of the grid from which the search starts.
+    by : what P is computed from. seed : of the random numbers.
     progress : called with (seconds gone, seconds allowed); raising from it cancels.
 
     Raises
@@ -150,7 +172,7 @@ def optimise(
     frames = frames_of(curves, guide)
     pool = ThreadPoolExecutor(os.cpu_count() or 1)
     try:
-        search = _Search(frames, guide, rays, pool, _watch(began, seconds, progress))
+        search = _Search(frames, guide, light_by(by, rays), by, pool, _watch(began, seconds, progress))
         ranked = search.scan_grid(first_face, seed)
         found = search.evolve([design for _, design in ranked[:POPULATION]], seed)
         return _evaluated(search, ranked, found, began)
@@ -172,11 +194,12 @@ def _watch(began: float, allowed: float, progress: Progress | None) -> Callable[
 
 @dataclass
 class _Search:
-    """What the two stages share: frames, rays, threads, the clock, and the designs evaluated."""
+    """What the two stages share: frames, light, threads, the clock, and the designs evaluated."""
 
     frames: Sequence[SceneFrame]
     guide: Waveguide
-    rays: int
+    light: Light
+    by: By
     pool: ThreadPoolExecutor
     late: Callable[[float], bool]
     seen: dict[Design, float] = field(default_factory=dict)
@@ -184,11 +207,15 @@ class _Search:
     finished: bool = False
 
     @cached_property
-    def merit(self) -> PowerMerit:
+    def merit(self) -> DesignMerit:
         """P at the rays of the search."""
-        return PowerMerit(self.frames, self.guide, self.rays)
+        return self.merit_with(self.light)
 
-    def scored(self, merit_of: PowerMerit, designs: Sequence[Design]) -> list[Scored]:
+    def merit_with(self, light: Light) -> DesignMerit:
+        """Return P with another light."""
+        return DesignMerit(self.frames, self.guide, light, self.by)
+
+    def scored(self, merit_of: DesignMerit, designs: Sequence[Design]) -> list[Scored]:
         """Return P and design of some designs, evaluated side by side."""
         self.evaluations += len(designs)
         return list(zip(self.pool.map(merit_of.p, designs), designs, strict=True))
@@ -199,7 +226,7 @@ class _Search:
         if not every:
             raise RequestError("no design of the grid fits these states", "use longer or thicker guides")
         grid = [every[i] for i in np.random.default_rng(seed).permutation(len(every))]
-        coarse = PowerMerit(self.frames, self.guide, max(self.rays // _SCAN, 50))
+        coarse = self.merit_with(light_by(self.by, max(self.light.rays // _SCAN, 50)))
         rough: list[Scored] = []
         for first in range(0, len(grid), 2 * POPULATION):
             rough += self.scored(coarse, grid[first : first + 2 * POPULATION])
@@ -210,7 +237,7 @@ class _Search:
     def evolve(self, first: Sequence[Design], seed: int) -> OptimizeResult:
         """Run differential evolution from some designs, until it converges or the time is over."""
         low, high = np.array(BOUNDS).T
-        high[2] = min(BOUNDS[2][1], 0.9 * self.merit.thickness_mm)
+        high[2] = min(BOUNDS[2][1], 0.9 * self.guide.thickness_mm)
         population = np.array([_point(design) for design in first])
         if len(population) < 5:
             population = np.concatenate([population, low + (high - low) * np.random.default_rng(seed).random((5, 5))])
@@ -256,23 +283,24 @@ def _best(scored: Sequence[Scored]) -> list[Scored]:
 
 def _evaluated(search: _Search, grid: Sequence[Scored], found: OptimizeResult, began: float) -> Optimum:
     """Return both winners with ten times the rays, and again with the fan turned; fewer finalists if it is late."""
-    rays, most = _CHECK * search.rays, _FEW if search.late(1.0) else _FINALISTS
+    light, most = light_by(search.by, _CHECK * search.light.rays), _FEW if search.late(1.0) else _FINALISTS
     grid = grid[:most]
-    final = PowerMerit(search.frames, search.guide, rays)
+    final = search.merit_with(light)
     searched = _best([(p, design) for design, p in list(search.seen.items())])[:most]
     last = design_at(found.x)
     finalists = dict.fromkeys([*(d for _, d in grid), *(d for _, d in searched), last, PAPER_OPTIMUM])
     able = [design for design in finalists if final.fits(design)]
-    power = dict(zip(able, search.pool.map(final.power, able), strict=True))
-    p = {design: float(merit(PAPER_RAYS * each, FLOOR).p) for design, each in power.items()}
+    results = dict(zip(able, search.pool.map(final.result, able), strict=True))
+    p = {design: p_of(result) for design, result in results.items()}
     start = max((design for _, design in grid), key=lambda design: p[design])
     best = max((design for design in able if design != PAPER_OPTIMUM or design == start), key=lambda design: p[design])
-    turned = [PowerMerit(search.frames, search.guide, rays, phase) for phase in PHASES]
+    others = [search.merit_with(turned(light, turn)) for turn in range(1, TURNS + 1)]
 
     def winner(design: Design) -> Winner:
-        over_turns = [p[design], *search.pool.map(lambda turn: turn.p(design), turned)]
-        return Winner(design, p[design], (min(over_turns), max(over_turns)), power[design])
+        over_turns, own = [p[design], *search.pool.map(lambda turn: turn.p(design), others)], results[design]
+        spread = min(over_turns), max(over_turns)
+        return Winner(design, p[design], spread, own.power[0], own.power_sd[0], float(np.max(own.given_up)))
 
     winners, paper_p = (winner(start), winner(best)), p.get(PAPER_OPTIMUM, np.nan)
-    seconds = time.perf_counter() - began
-    return Optimum(*winners, paper_p, search.evaluations, seconds, search.rays, rays, search.finished)
+    seconds, rays = time.perf_counter() - began, (search.light.rays, light.rays)
+    return Optimum(*winners, paper_p, search.evaluations, seconds, *rays, search.finished, search.by)

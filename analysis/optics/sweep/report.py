@@ -39,6 +39,7 @@ DPI = 160
 _FAINT, _STRONG = 0.01, 0.22
 _MOST_DRAWN = 400
 _SHOWN = 3
+UNITS = {"count": "rays of 250", "power": "power of 250 rays"}
 GROUPS = {"all": "designs", "same_cavities": "with as many cavities", "paper_map": "in its map"}
 
 
@@ -117,18 +118,19 @@ def draw_response(result: SweepResult, chosen: Sequence[Design]) -> Figure:
     """Draw NDR with its standard deviation, and aNDR, over the states, as in the paper's figure 3B."""
     figure = _figure(5.6, 3.6)
     axes = figure.add_subplot()
-    merit, states = result.merit(), np.arange(result.ndr.shape[1])
+    merit, states, (value, sd) = result.merit(), np.arange(result.ndr.shape[1]), result.response
     for design, colour in zip(chosen, (BLUE, VERMILLION), strict=False):
         i = result.designs.index(design)
         name = (
             f"{design.cavities} x {design.width_mm:g} x {design.depth_mm:g}, spacing {design.spacing_mm:g} mm: "
             f"P {merit.p[i]:.2f}"
         )
-        axes.errorbar(
-            states, result.ndr[i], yerr=result.ndr_sd[i], fmt="o", markersize=3.5, linewidth=0.7, color=colour
-        )
+        axes.errorbar(states, value[i], yerr=sd[i], fmt="o", markersize=3.5, linewidth=0.7, color=colour)
         axes.plot(states, merit.andr[i], color=colour, label=name)
-    axes.set(xlabel=f"state: 0 most compressed to {len(states) - 1} most elongated", ylabel="detected rays of 250")
+    axes.set(
+        xlabel=f"state: 0 most compressed to {len(states) - 1} most elongated",
+        ylabel=f"detected {UNITS[result.request.by]}",
+    )
     axes.legend()
     return figure
 
@@ -187,12 +189,13 @@ def draw_pareto(result: SweepResult) -> Figure:
         if i is not None:
             axes.plot(merit.rmse[i], merit.delta[i], "D", markersize=8, markeredgecolor=colour, label=name, **RING)
     figure.colorbar(dots).set_label("n_sign: steps in which NDR rises")
-    axes.set(xlabel="RMSE about aNDR, rays of 250", ylabel="Delta, rays of 250")
+    unit = UNITS[result.request.by]
+    axes.set(xlabel=f"RMSE about aNDR, {unit}", ylabel=f"Delta, {unit}")
     axes.legend()
     return figure
 
 
-OF_SEARCH = ("gain", "paper_p", "evaluations", "seconds", "rays", "checked_rays", "finished")
+OF_SEARCH = ("gain", "paper_p", "evaluations", "seconds", "rays", "checked_rays", "finished", "by")
 TABLE = (
     "rank", "tied", "p", "p_low", "p_high", "p_printed", "delta", "n_sign", "rmse", "monotone", "rmse_floored",
 )  # fmt: skip
@@ -210,6 +213,7 @@ def _columns(result: SweepResult) -> dict[str, Any]:
         "rank": result.ranks(),
         "tied": spread.tied,
         "power": result.power,
+        "power_sd": result.power_sd,
         "p_power": result.merit_of_power().p,
     }
 
@@ -232,6 +236,8 @@ def sweep_json(result: SweepResult, fans: FanResult | None = None) -> dict[str, 
         "hits": result.hits,
         "rays": result.request.light.rays,
         "phase": result.request.light.phase,
+        "by": result.request.by,
+        "not_followed": _not_followed(result),
         "version": program_version(),
         "designs": designs,
         "best": designs[int(np.argmax(columns["p"]))],
@@ -241,6 +247,20 @@ def sweep_json(result: SweepResult, fans: FanResult | None = None) -> dict[str, 
         "winners": [{**asdict(design), "share": share} for design, share in found.winners()],
         "printed_and_repaired": PARTING,
     }
+
+
+def _not_followed(result: SweepResult) -> dict[str, float]:
+    """Return median and maximum of the power that was not followed to an end, emitted = 1."""
+    return {"median": float(np.median(result.given_up)), "greatest": float(np.max(result.given_up))}
+
+
+def power_text(result: SweepResult) -> str:
+    """Return the errors of the detected power in a line: of the number of rays, and of reflections not followed."""
+    sd, lost = 100 * float(np.median(result.power_sd)), {k: 100 * v for k, v in _not_followed(result).items()}
+    return (
+        f"by power: of the light of a state, {sd:.2g} % standard deviation, {lost['median']:.2g} % not followed "
+        f"(at most {lost['greatest']:.2g} %)"
+    )
 
 
 def _line(label: str, design: Design, merit: Merit, i: int) -> str:
@@ -262,6 +282,8 @@ def sweep_text(result: SweepResult, fans: FanResult | None = None) -> str:
         f"95 % interval of its P: {spread.p_ci[best, 0]:.3f} to {spread.p_ci[best, 1]:.3f}; "
         f"{int(spread.tied.sum())} of {len(result.designs)} designs equal within noise",
     ]
+    if result.request.by == "power":
+        lines.append(power_text(result))
     if paper is not None:
         lines += [
             _line(f"paper's optimum, rank {result.ranks()[paper]}", result.designs[paper], merit, paper),
@@ -315,7 +337,7 @@ def _write_table(result: SweepResult, path: Path) -> None:
     shown = {name: columns[name] for name in TABLE} | states
     with path.open("w", newline="", encoding="utf-8") as file:
         parameters = json.dumps(result.request.described(), sort_keys=True)
-        file.write(f"# boat-daq {program_version()}, parameters {parameters}\n")
+        file.write(f"# boat-daq {program_version()}, ranked by {result.request.by}, parameters {parameters}\n")
         rows = csv.writer(file)
         rows.writerow([*asdict(result.designs[0]), *shown])
         for i, design in enumerate(result.designs):
@@ -326,9 +348,13 @@ def optimum_json(found: Optimum) -> dict[str, Any]:
     """Return the object of `optics optimise --json`."""
     winners = {"start": found.start, "best": found.best}
     return {
-        **{name: {**asdict(w.design), "p": w.p, "p_range": list(w.p_range)} for name, w in winners.items()},
+        **{
+            name: {**asdict(w.design), "p": w.p, "p_range": list(w.p_range), "not_followed": w.given_up}
+            for name, w in winners.items()
+        },
         **{name: getattr(found, name) for name in OF_SEARCH},
         **{f"{name}_power": w.power.tolist() for name, w in winners.items()},
+        **{f"{name}_power_sd": w.power_sd.tolist() for name, w in winners.items()},
     }
 
 
@@ -336,14 +362,20 @@ def optimum_text(found: Optimum) -> str:
     """Return the same as a few lines of text."""
     lines = [
         f"{label}: {d.cavities} cavities in the {d.face} face, width {d.width_mm:.3f}, depth {d.depth_mm:.3f}, "
-        f"spacing {d.spacing_mm:.3f} mm: P {w.p:.3f} on power, {w.p_range[0]:.3f} to {w.p_range[1]:.3f} with the fan "
-        "turned"
+        f"spacing {d.spacing_mm:.3f} mm: P {w.p:.3f} by {found.by}, {w.p_range[0]:.3f} to {w.p_range[1]:.3f} with "
+        "the fan turned"
         for label, w, d in (("grid's best", found.start, found.start.design), ("found", found.best, found.best.design))
     ]
     lines.append(
         f"gain {found.gain:.2f} times at {found.checked_rays} rays; {found.evaluations} designs in "
         f"{found.seconds:.1f} s; the paper's optimum has P {found.paper_p:.3f} here"
     )
+    if found.by == "power":
+        sd = 100 * float(np.max(found.best.power_sd))
+        lines.append(
+            f"errors of its power: standard deviation {sd:.2g} % of the light at most, and at most "
+            f"{100 * found.best.given_up:.2g} % was not followed"
+        )
     if found.finished:
         lines.append(f"converged: {PATIENCE} generations in a row improved by less than {100 * BETTER:g} %")
     else:

@@ -14,7 +14,7 @@ import os
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor, as_completed
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +26,12 @@ from analysis.errors import RequestError
 from analysis.optics.scene.curves import default_curves, frames_of
 from analysis.optics.scene.frame import SceneFrame, check_design
 from analysis.optics.scene.geometry import pattern_of
-from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, Design, Face, Light, Waveguide
+from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, By, Design, Face, Light, Waveguide
 from analysis.optics.sweep.figure_of_merit import Merit, Uncertainty, merit, ranks_within, resolution, uncertainty
 from analysis.optics.sweep.sweep_file import SweepFile
 from analysis.optics.tracer.rays import Fan, Rules, fan_of, rules_of
-from analysis.optics.tracer.simulation import ndr_sd, simulate_many, stacked
-from analysis.optics.tracer.tally import COUNTS, DETECTED, ENERGIES, HITS
+from analysis.optics.tracer.simulation import fan_sd, simulate_many, stacked
+from analysis.optics.tracer.tally import COUNTS, DETECTED, E_CUT, E_DETECTED, ENERGIES, HITS
 from analysis.progress import Progress
 
 Results = tuple[IntArray, FloatArray, FloatArray]
@@ -55,15 +55,17 @@ class SweepRequest:
     designs : are simulated.
     guide, light : see `parameters.py`.
     curves : (15, 2, points, 2) in mm; the shadow's states by default.
+    by : what designs are ranked by, the number of detected rays or their power; see `parameters.light_by`.
     """
 
     designs: tuple[Design, ...] = field(default_factory=lambda: tuple(paper_grid()))
     guide: Waveguide = field(default_factory=Waveguide)
     light: Light = field(default_factory=Light)
     curves: FloatArray = field(default_factory=default_curves)
+    by: By = "count"
 
     def described(self) -> dict[str, object]:
-        """Return what a results file records and compares: all but the designs."""
+        """Return what a results file records and compares: all that determines a simulation but its design."""
         shape = np.ascontiguousarray(self.curves)
         return {
             "guide": asdict(self.guide),
@@ -81,7 +83,7 @@ class SweepResult:
     ----------
     request : what was simulated.
     ndr, ndr_sd : (n, s) rays that reach the receiver scaled to 250, and their standard deviation.
-    power : (n, s) detected power, emitted = 1.
+    power, power_sd : (n, s) detected power, emitted = 1, and its standard deviation.
     mirrored : (s,) whether a state is its own mirror image.
     counts, energy : (n, s, 10) and (n, s, 4) ledgers, see `sweep_file.COUNT_NAMES` and `tally.ENERGY`.
     seconds, simulated : time taken by, and number of, the simulations of this run.
@@ -91,6 +93,7 @@ class SweepResult:
     ndr: FloatArray
     ndr_sd: FloatArray
     power: FloatArray
+    power_sd: FloatArray
     mirrored: BoolArray
     counts: IntArray
     energy: FloatArray
@@ -114,17 +117,28 @@ class SweepResult:
         in_pairs = (2 * light.phase) % 1 == 0 and bool(np.all(self.mirrored))
         return float(resolution(light.rays)) * (2 if in_pairs else 1)
 
+    @property
+    def response(self) -> tuple[FloatArray, FloatArray]:
+        """Return (n, s) what designs are ranked by and its standard deviation: counts, or power of 250 emitted."""
+        by_count = self.request.by == "count"
+        return (self.ndr, self.ndr_sd) if by_count else (PAPER_RAYS * self.power, PAPER_RAYS * self.power_sd)
+
+    @property
+    def given_up(self) -> FloatArray:
+        """Return (n, s) the power that was not followed to an end: the detected power misses no more."""
+        return np.asarray(self.energy[..., E_CUT])
+
     def merit(self) -> Merit:
-        """Return figures of merit of all designs on counted rays."""
-        return merit(self.ndr, self.floor)
+        """Return figures of merit of all designs."""
+        return merit(self.response[0], self.floor)
 
     def merit_of_power(self) -> Merit:
-        """Return the same on detected power, scaled to 250 rays of power 1."""
-        return merit(PAPER_RAYS * self.power, self.floor)
+        """Return the same on detected power, whatever the designs are ranked by."""
+        return replace(self, request=replace(self.request, by="power")).merit()
 
     def uncertainty(self) -> Uncertainty:
         """Return intervals of P and the designs that tie with the best."""
-        return uncertainty(self.ndr, self.ndr_sd, self.floor)
+        return uncertainty(*self.response, self.floor)
 
     def ranks(self) -> IntArray:
         """Return (n,) the rank of each design by P, 1 the best; equal P share the better rank."""
@@ -154,12 +168,12 @@ def run_item(common: Common, patterns: FloatArray) -> Results:
 
     Returns
     -------
-    counts (p, s, 10), energy (p, s, 4), changes (p, s) along the fan.
+    counts (p, s, 10), energy (p, s, 4), changes (p, s, 2) along the fan, in number and in power.
     """
     frames, rules, fan, budget = common
     shape = (len(patterns), len(frames.nodes))
     counts = np.zeros((*shape, COUNTS), dtype=np.int64)
-    energy, changes = np.zeros((*shape, ENERGIES)), np.zeros(shape)
+    energy, changes = np.zeros((*shape, ENERGIES)), np.zeros((*shape, 2))
     simulate_many(frames, patterns, rules, fan, budget, counts, energy, changes)
     return counts, energy, changes
 
@@ -205,7 +219,9 @@ def run_sweep(
         if progress is not None:
             progress(finished * len(frames), len(request.designs) * len(frames))
     mirrored = np.array([frame.mirrored for frame in frames])
-    return _result(request, mirrored, done, time.perf_counter() - started, len(todo) * len(frames))
+    counts, energy, changes = map(np.stack, zip(*(done[d] for d in request.designs), strict=True))
+    seconds, simulated = time.perf_counter() - started, len(todo) * len(frames)
+    return result_of(request, mirrored, (counts, energy, changes), seconds, simulated)
 
 
 def check_designs(designs: Sequence[Design], frames: Sequence[SceneFrame]) -> None:
@@ -222,13 +238,21 @@ def check_designs(designs: Sequence[Design], frames: Sequence[SceneFrame]) -> No
         check_design(frames[tightest], design, f"state {tightest}")
 
 
-def _result(
-    request: SweepRequest, mirrored: BoolArray, done: dict[Design, Results], seconds: float, simulated: int
+def result_of(
+    request: SweepRequest, mirrored: BoolArray, results: Results, seconds: float = 0.0, simulated: int = 0
 ) -> SweepResult:
-    counts, energy, changes = map(np.stack, zip(*(done[d] for d in request.designs), strict=True))
+    """Return the result of simulations.
+
+    Parameters
+    ----------
+    request : what was simulated. mirrored : as in `SweepResult`.
+    results : of `run_item`, for all designs. seconds, simulated : as in `SweepResult`.
+    """
+    counts, energy, changes = results
     ndr = np.asarray(PAPER_RAYS / request.light.rays * counts[..., DETECTED], dtype=np.float64)
-    sd = ndr_sd(changes, request.light, request.guide.thickness_mm, mirrored)
-    return SweepResult(request, ndr, sd, energy[..., 0], mirrored, counts, energy, seconds, simulated)
+    sd, power_sd = fan_sd(np.moveaxis(changes, -1, 0), request.light, request.guide.thickness_mm, mirrored)
+    power = energy[..., E_DETECTED], power_sd / PAPER_RAYS
+    return SweepResult(request, ndr, sd, *power, mirrored, counts, energy, seconds, simulated)
 
 
 def _work(

@@ -1,8 +1,8 @@
 """The results of a sweep in one SQLite file, written as they arrive, so that a stopped sweep resumes where it was.
 
 Schema (additive only): `meta(key, value)` has the parameters as JSON, the program's version and the start time;
-`simulation` has one row per design and state, from which every figure can be derived again. A file belongs to one
-set of parameters; another set is rejected.
+`simulation` has one row per design and state, from which every figure can be derived again. Rows of a version without
+the changes of power along the fan are simulated again. A file belongs to one set of parameters; another is rejected.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ from analysis.version import program_version
 USER_VERSION = 1
 COUNT_NAMES = (*LEDGER, "hits", "secondaries", "refused")
 _KEYS = ("cavities", "width_mm", "depth_mm", "spacing_mm", "face", "state")
-_COLUMNS = (*_KEYS, *COUNT_NAMES, *(f"{name}_power" for name in ENERGY), "changes")
-_INSERT = f"insert or ignore into simulation values ({','.join('?' * len(_COLUMNS))})"  # noqa: S608
+_ADDED = "power_changes"
+_COLUMNS = (*_KEYS, *COUNT_NAMES, *(f"{name}_power" for name in ENERGY), "changes", _ADDED)
+_INSERT = f"insert or replace into simulation values ({','.join('?' * len(_COLUMNS))})"  # noqa: S608
 _SCHEMA = f"""
 create table meta (key text primary key, value text not null);
 create table simulation ({", ".join(f"{c} not null" for c in _COLUMNS)}, primary key ({", ".join(_KEYS)}));
@@ -59,6 +60,8 @@ class SweepFile:
                     about = {"parameters": text, "version": program_version(), "began": began}
                     db.executemany("insert into meta values (?, ?)", about.items())
                 kept = dict(db.execute("select key, value from meta"))["parameters"]
+                if _ADDED not in {row[1] for row in db.execute("pragma table_info(simulation)")}:
+                    db.execute(f"alter table simulation add column {_ADDED}")
         except (sqlite3.Error, UnicodeDecodeError, MemoryError, KeyError) as error:
             cause = f"{path} cannot be used as a sweep's results: {error}"
             raise FileError(cause, "choose another folder") from error
@@ -86,10 +89,10 @@ class SweepFile:
 
         Parameters
         ----------
-        designs : (d,). counts, energy, changes : (d, s, 10), (d, s, 4) and (d, s).
+        designs : (d,). counts, energy, changes : (d, s, 10), (d, s, 4) and (d, s, 2).
         """
         rows = [
-            (*asdict(d).values(), s, *counts[i, s].tolist(), *energy[i, s].tolist(), float(changes[i, s]))
+            (*asdict(d).values(), s, *counts[i, s].tolist(), *energy[i, s].tolist(), *changes[i, s].tolist())
             for i, d in enumerate(designs)
             for s in range(counts.shape[1])
         ]
@@ -97,13 +100,13 @@ class SweepFile:
             db.executemany(_INSERT, rows)
 
     def read(self, states: int) -> dict[Design, tuple[IntArray, FloatArray, FloatArray]]:
-        """Return every design that has all its states: counts (s, 10), energy (s, 4), changes (s,).
+        """Return every design that has all its states: counts (s, 10), energy (s, 4), changes (s, 2).
 
         Raises
         ------
         FileError : the file is damaged. RequestError : it has an impossible design.
         """
-        sql = f"select {', '.join(_COLUMNS)} from simulation order by {', '.join(_KEYS)}"  # noqa: S608
+        sql = f"select {', '.join(_COLUMNS)} from simulation where {_ADDED} is not null order by {', '.join(_KEYS)}"  # noqa: S608
         try:
             with self._open() as db:
                 rows = db.execute(sql).fetchall()
@@ -117,4 +120,4 @@ class SweepFile:
 
 def _arrays(rows: list[tuple[float, ...]]) -> tuple[IntArray, FloatArray, FloatArray]:
     table = np.array(rows, dtype=float)
-    return table[:, :COUNTS].astype(np.int64), table[:, COUNTS:-1], table[:, -1]
+    return table[:, :COUNTS].astype(np.int64), table[:, COUNTS:-2], table[:, -2:]

@@ -7,6 +7,9 @@ one comparison. Then the collection becomes a heap, and the first in rank is fol
 empty. This is exact: a secondary's key is never below its parent's, so one that is refused could never have been
 reached.
 
+Where every secondary is followed, rank does not matter: those of a released ray are followed directly after it, the
+latest first, so that few wait at a time. Their powers sum to one ray's at most, which bounds how many.
+
 Rules: births are counted from the number of the block's first ray times 2^20, so that a later block's secondaries
 are born later on any number of threads.
 """
@@ -20,13 +23,15 @@ import numpy as np
 
 from analysis.arrays import FloatArray, IntArray
 from analysis.compiled import compiled, inner
+from analysis.optics.scene.parameters import ALL
 from analysis.optics.tracer.rays import Ray
 from analysis.optics.tracer.tally import E_CUT, REFUSED, Tally
 
 NUMBERS, LABELS = 8, 6
 _KEY, _ROOT, _BIRTH = 7, 3, 5
 _N, LEFT, _NEXT, _HEAP, _TOUCHED, STATES = range(6)
-_BIRTHS_A_RAY = 1 << 20
+_BIRTHS_A_RAY, _NO_LIMIT = 1 << 20, 1 << 62
+MOST_WAITING = 100_000
 
 
 class Queue(NamedTuple):
@@ -51,9 +56,11 @@ class Queue(NamedTuple):
 
 
 @compiled
-def new_queue(budget: int) -> Queue:
-    """Return a queue for `budget` secondaries, to be opened before use."""
+def new_queue(budget: int, faintest: float) -> Queue:
+    """Return a queue for `budget` secondaries of `faintest` power or more, to be opened before use."""
     slots = 2 * budget + 16 if budget > 0 else 0
+    if budget == ALL:
+        slots = int(min(1.0 / max(faintest, 1.0 / MOST_WAITING), MOST_WAITING)) + 1
     return Queue(
         np.empty((slots, NUMBERS)),
         np.empty((slots, LABELS), dtype=np.int64),
@@ -67,7 +74,8 @@ def new_queue(budget: int) -> Queue:
 @compiled
 def open_queue(q: Queue, budget: int, first: int) -> None:
     """Empty the queue for a block that begins with released ray `first`."""
-    q.state[_N], q.state[LEFT], q.state[_NEXT] = 0, budget, first * _BIRTHS_A_RAY
+    q.state[_N], q.state[_NEXT] = 0, first * _BIRTHS_A_RAY
+    q.state[LEFT] = budget if budget != ALL else _NO_LIMIT
     q.state[_HEAP], q.state[_TOUCHED] = 0, 0
     q.limit[0], q.limit[1] = math.inf, math.inf
 
@@ -168,6 +176,10 @@ def _put(q: Queue, ray: Ray, key: float, birth: int, tally: Tally) -> None:
         if q.state[_HEAP] == 1:
             _heap(q)
     n = q.state[_N]
+    if n == q.slots:  # of all that are followed, more wait than there is memory for
+        tally.counts[REFUSED] += 1
+        tally.energy[E_CUT] += ray.power
+        return
     if n == q.state[_TOUCHED]:
         q.rank[n], q.state[_TOUCHED] = n, n + 1
     slot = q.rank[n]
@@ -241,3 +253,11 @@ def next_secondary(q: Queue) -> Ray:
     q.state[LEFT] -= 1
     _sink(q, 0)
     return ray
+
+
+@compiled
+def latest_secondary(q: Queue) -> Ray:
+    """Take the latest out of a queue whose every secondary is followed."""
+    n = q.state[_N] - 1
+    q.state[_N] = n
+    return _read(q, q.rank[n])

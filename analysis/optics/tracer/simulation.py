@@ -19,11 +19,11 @@ from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.compiled import compiled, pointers
 from analysis.optics.scene.frame import NO_CELL, SceneFrame
 from analysis.optics.scene.geometry import Geometry, allocate, build, geometry_of
-from analysis.optics.scene.parameters import PAPER_RAYS, Design, Light, Waveguide
+from analysis.optics.scene.parameters import ALL, PAPER_RAYS, Design, Light, Waveguide
 from analysis.optics.tracer import budget as queues
 from analysis.optics.tracer import tally as ledger
 from analysis.optics.tracer.budget import Queue, new_queue
-from analysis.optics.tracer.rays import Fan, Rules, fan_of, released, rules_of
+from analysis.optics.tracer.rays import Fan, Ray, Rules, fan_of, released, rules_of
 from analysis.optics.tracer.tally import COUNTS, DETECTED, Tally, add_tally, new_tally
 from analysis.optics.tracer.tracer import follow
 from analysis.progress import Progress
@@ -44,8 +44,8 @@ class TraceResult:
     hits : surfaces met.
     granted, refused : secondaries that were followed, and that were beyond the budget.
     ndr : rays that reach the receiver, secondaries included, scaled to 250 emitted.
-    ndr_sd : its standard deviation, see `ndr_sd`; NaN for a single ray.
-    power : detected power, emitted = 1.
+    ndr_sd : its standard deviation, see `fan_sd`; NaN for a single ray.
+    power, power_sd : detected power, emitted = 1, and its standard deviation.
     """
 
     ledger: dict[str, int]
@@ -56,11 +56,12 @@ class TraceResult:
     ndr: float
     ndr_sd: float
     power: float
+    power_sd: float
 
 
 @compiled
 def follow_block(g: Geometry, rules: Rules, fan: Fan, first: int, budget: int, q: Queue, tally: Tally) -> None:
-    """Follow one block of released rays; secondaries within the budget are left in the queue.
+    """Follow one block of released rays; secondaries within a budget are left in the queue, all others follow them.
 
     Parameters
     ----------
@@ -75,6 +76,16 @@ def follow_block(g: Geometry, rules: Rules, fan: Fan, first: int, budget: int, q
     tally.counts[ledger.RELEASED] += last - first
     for i in range(first, last):
         follow(tables, rules, released(tables, fan, i), queue, counts, i)
+        while budget == ALL and queues.has_secondary(queue):
+            _follow_secondary(tables, rules, queues.latest_secondary(queue), queue, counts, fan.rays)
+
+
+@compiled
+def _follow_secondary(g: Geometry, rules: Rules, ray: Ray, q: Queue, tally: Tally, rays: int) -> None:
+    """Follow a secondary and count it; all tables are pointers."""
+    tally.counts[ledger.RELEASED] += 1
+    tally.counts[ledger.GRANTED] += 1
+    follow(g, rules, ray, q, tally, rays + tally.counts[ledger.GRANTED] - 1)
 
 
 @compiled
@@ -95,10 +106,7 @@ def follow_secondaries(g: Geometry, rules: Rules, rays: int, q: Queue, tally: Ta
     tables, queue, counts = pointers(g), pointers(q), pointers(tally)
     queues.begin_secondaries(queue, rays, counts)
     while queues.has_secondary(queue):
-        ray = queues.next_secondary(queue)
-        tally.counts[ledger.RELEASED] += 1
-        tally.counts[ledger.GRANTED] += 1
-        follow(tables, rules, ray, queue, counts, rays + tally.counts[ledger.GRANTED] - 1)
+        _follow_secondary(tables, rules, queues.next_secondary(queue), queue, counts, rays)
     queues.prune(queue, counts)
 
 
@@ -121,11 +129,12 @@ def simulate(g: Geometry, rules: Rules, fan: Fan, budget: int, q: Queue, later: 
 
 
 @compiled
-def changes_along_fan(by_root: IntArray) -> float:
-    """Return the sum of squared differences between neighbouring rays of the fan."""
-    total = 0.0
+def changes_along_fan(by_root: FloatArray) -> FloatArray:
+    """Return the sums (2,) of squared differences between neighbouring rays of the fan, in number and in power."""
+    total = np.zeros(2)
     for i in range(1, len(by_root)):
-        total += float(by_root[i] - by_root[i - 1]) ** 2
+        for kind in range(2):
+            total[kind] += (by_root[i, kind] - by_root[i - 1, kind]) ** 2
     return total
 
 
@@ -166,17 +175,18 @@ def simulate_many(
     ----------
     frames : from `stacked`. patterns : (p, 5) from `pattern_of`.
     rules, fan, budget : as in `follow_block`.
-    counts, energy, changes : (p, s, 10), (p, s, 4) and (p, s) are filled.
+    counts, energy, changes : (p, s, 10), (p, s, 4) and (p, s, 2) are filled.
     """
     no_points, no_owners = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
     guides, arcs = frames.curvature[0].shape
     most, face = int(np.max(patterns[:, 0])), int(np.max(patterns[:, 4]))
     g = allocate(guides, arcs, len(frames.surfaces[0]), most, frames.source_cell, face)
-    q, later, by_root = new_queue(budget), new_queue(budget), np.empty(fan.rays, dtype=np.int64)
+    q, later = new_queue(budget, rules.faintest), new_queue(budget, rules.faintest)
+    by_root = np.empty((fan.rays, 2))
     for p in range(len(patterns)):
         for s in range(len(frames.nodes)):
             build(g, _frame_at(frames, s), patterns[p])
-            by_root[:] = 0
+            by_root[:] = 0.0
             tally = new_tally(by_root, no_points, no_owners)
             simulate(g, rules, fan, budget, q, later, tally)
             counts[p, s] = tally.counts[:COUNTS]
@@ -222,11 +232,11 @@ def trace(
     RequestError : the cavities do not fit the guide.
     """
     g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)
-    by_root = np.zeros(light.rays, dtype=np.int64)
+    by_root = np.zeros((light.rays, 2))
     nothing = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
 
     def one(first: int) -> tuple[Tally, Queue]:
-        tally, q = new_tally(by_root, *nothing), new_queue(light.secondary)
+        tally, q = new_tally(by_root, *nothing), new_queue(light.secondary, light.faintest)
         follow_block(g, rules, fan, first, light.secondary, q, tally)
         return tally, q
 
@@ -242,16 +252,19 @@ def trace(
     ends = dict(zip(ledger.LEDGER, counts, strict=False)), dict(zip(ledger.ENERGY, energy, strict=True))
     secondaries = counts[ledger.GRANTED], counts[ledger.REFUSED]
     ndr = counts[DETECTED] * (PAPER_RAYS / light.rays)
-    sd = float(ndr_sd(np.array(changes_along_fan(by_root)), light, 2 * frame.half_mm, np.array(frame.mirrored)))
-    return TraceResult(*ends, counts[ledger.HITS], *secondaries, ndr, sd if light.rays > 1 else math.nan, energy[0])
+    changes = changes_along_fan(by_root) if light.rays > 1 else np.full(2, math.nan)
+    sd = fan_sd(changes, light, 2 * frame.half_mm, np.array(frame.mirrored))
+    return TraceResult(
+        *ends, counts[ledger.HITS], *secondaries, ndr, float(sd[0]), energy[0], float(sd[1]) / PAPER_RAYS
+    )
 
 
-def ndr_sd(changes: FloatArray, light: Light, thickness_mm: float, mirrored: BoolArray) -> FloatArray:
-    """Return the standard deviation of NDR of an evenly spaced fan that is turned at random.
+def fan_sd(changes: FloatArray, light: Light, thickness_mm: float, mirrored: BoolArray) -> FloatArray:
+    """Return the standard deviation of what an even fan, turned at random, delivers, scaled to 250 rays.
 
     Parameters
     ----------
-    changes : (...) from `changes_along_fan`.
+    changes : (...) from `changes_along_fan`, in number or in power.
     light, thickness_mm : the fan, and the guide.
     mirrored : (...) whether the scene is its own mirror image, from `SceneFrame.mirrored`.
 
@@ -305,8 +318,9 @@ def ray_paths(
     """
     g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)
     drawn, by = np.empty((most, 3)), np.empty((most, 2), dtype=np.int64)
-    tally, q = new_tally(np.zeros(light.rays, dtype=np.int64), drawn, by), new_queue(light.secondary)
-    simulate(g, rules, fan, light.secondary, q, new_queue(light.secondary), tally)
+    tally = new_tally(np.zeros((light.rays, 2)), drawn, by)
+    q, later = (new_queue(light.secondary, light.faintest) for _ in range(2))
+    simulate(g, rules, fan, light.secondary, q, later, tally)
     n = int(tally.counts[COUNTS])
     cuts = np.flatnonzero(np.diff(by[:n, 0])) + 1
     return [

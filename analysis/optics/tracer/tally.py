@@ -25,22 +25,22 @@ class Tally(NamedTuple):
     ----------
     counts : (11,) by the constants above; the last one is the number of drawn points.
     energy : (4,) powers by their end.
-    by_root : (rays,) detections by the released ray that they stem from.
+    by_root : (rays, 2) detections, and detected power, by the released ray that they stem from.
     drawn, drawn_by : (capacity, 3) position and power of drawn points; (capacity, 2) ray and medium of each.
     capacity : most points that are drawn.
     """
 
     counts: IntArray
     energy: FloatArray
-    by_root: IntArray
+    by_root: FloatArray
     drawn: FloatArray
     drawn_by: IntArray
     capacity: int
 
 
 @compiled
-def new_tally(by_root: IntArray, drawn: FloatArray, drawn_by: IntArray) -> Tally:
-    """Return an empty tally over a shared count by released ray."""
+def new_tally(by_root: FloatArray, drawn: FloatArray, drawn_by: IntArray) -> Tally:
+    """Return an empty tally over a shared account by released ray."""
     return Tally(np.zeros(COUNTS + 1, dtype=np.int64), np.zeros(ENERGIES), by_root, drawn, drawn_by, len(drawn))
 
 

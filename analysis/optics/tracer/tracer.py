@@ -149,7 +149,8 @@ def follow(g: Geometry, rules: Rules, ray: Ray, q: Queue, tally: Tally, number: 
     end = ledger.CUT if end < 0 else end
     tally.counts[end] += 1
     if end == DETECTED:
-        tally.by_root[ray.root] += 1
+        tally.by_root[2 * ray.root] += 1.0
+        tally.by_root[2 * ray.root + 1] += ray.power
     tally.energy[
         ledger.E_DETECTED if end == DETECTED else ledger.E_ESCAPED if end == ledger.ESCAPED else ledger.E_CUT
     ] += ray.power

@@ -31,6 +31,7 @@ from boat_daq.viewmodels.models.optics import (
     CURVES,
     FACES,
     MAPPED_FACE,
+    RANKINGS,
     RAYS,
     STATES,
     STEPS_MM,
@@ -51,7 +52,8 @@ SCENE = (
     "secondary rays; those that reach the receiver at the right are counted."
 )
 RESPONSE = (
-    "Points: how many of 250 rays reach the receiver in each state (NDR), with one standard deviation of counting. "
+    "Points: how many of 250 rays reach the receiver in each state (NDR), or the power of 250 rays, with one standard "
+    "deviation. "
     "Line: the smooth cubic through them (aNDR). Range (\u0394): how much the line falls from compressed to elongated. "
     "Rises (n_sign): how many of the 14 steps go up instead of down. Roughness (RMSE): the distance of the points "
     "from the line. Merit: P = \u0394 / (rises \u00d7 roughness)."
@@ -342,10 +344,13 @@ class OpticsPage(ReflowingPage):
         rays = [(f"{n} rays" if n else "Rays: automatic", n) for n in RAYS]
         tip = "Automatic: by the precision that is chosen in the Models menu"
         self.rays = widgets.choice("Rays", rays, self.model.set_rays, tip=tip)
+        rankings = [(words, by) for by, words in RANKINGS.items()]
+        tip = "Detected rays are counted as in the paper; power includes every reflection and takes five times as long"
+        self.by = widgets.choice("Ranking", rankings, self.model.set_by, tip=tip)
         design = (widgets.label(text, "muted") for text in ("Cavities", "Width, depth, spacing, mm"))
         cavities, *lengths = self.fields.values()
         left = widgets.row(next(design), cavities, next(design), *lengths, self.face, None)
-        self.choices = widgets.row((left, 1), widgets.row(self.curves, self.rays, None))
+        self.choices = widgets.row((left, 1), widgets.row(self.curves, self.rays, self.by, None))
         return widgets.card(self.choices, self._actions())[0]
 
     def _actions(self) -> QHBoxLayout:
@@ -385,6 +390,7 @@ class OpticsPage(ReflowingPage):
         select(self.face, self.model.face, self.model.face)
         select(self.curves, self.model.curves, CURVES.get(self.model.curves) or Path(self.model.curves).name)
         self.rays.setCurrentIndex(self.rays.findData(self.model.rays))
+        self.by.setCurrentIndex(self.by.findData(self.model.by))
 
     def refresh(self, snapshot: SessionSnapshot | None = None) -> None:
         """Show design, sweep and search where they have changed; the first call traces the paper's design."""

@@ -23,7 +23,7 @@ from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 
 if TYPE_CHECKING:
     from analysis.optics.scene.frame import SceneFrame
-    from analysis.optics.scene.parameters import Design, Light, Waveguide
+    from analysis.optics.scene.parameters import By, Design, Light, Waveguide
     from analysis.optics.sweep.figure_of_merit import Merit
     from analysis.optics.sweep.optimise import Optimum
 
@@ -39,6 +39,7 @@ RAYS = (BY_FIDELITY, 250, 1000, 2500, 10_000)
 FACES = {"outer": "Outer face", "inner": "Inner face", "both": "Both faces", "midline": "Voids inside"}
 MAPPED_FACE = next(iter(FACES))
 """Face of the designs that a sweep maps."""
+RANKINGS: dict[By, str] = {"count": "By detected rays", "power": "By detected power"}
 CURVES = {"default": "Shape from the shadow", "parametric": "Shape by formula"}
 SEARCH_S = 50.0
 KEPT = 12
@@ -55,7 +56,7 @@ class StateScene(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class DesignResult:
-    """One design in all states."""
+    """One design in all states; `ndr` counts rays of 250, or is the power of 250 rays."""
 
     scenes: tuple[StateScene, ...]
     elongation_mm: FloatArray
@@ -74,6 +75,7 @@ class SweepSummary:
     best, paper : index of the best design and of the paper's, -1 without it.
     seconds, simulated, rays : taken by the sweep, its simulations, rays of each.
     rank_text, winners, fans : ranks of the paper's optimum, and designs that win one of the turns of the fan.
+    power_text : errors of the power, where designs are ranked by it.
     """
 
     values: FloatArray
@@ -89,6 +91,7 @@ class SweepSummary:
     rank_text: str = ""
     winners: int = 0
     fans: int = 1
+    power_text: str = ""
 
     def grid(self, cavities: int, width_mm: float, steps: tuple[float, ...]) -> FloatArray:
         """Return P, best = 1, over [spacing, depth] for one number of cavities and one width; NaN where there is none.
@@ -136,17 +139,19 @@ def trace_design(
     rays: int,
     curves: str = "default",
     face: str = "outer",
+    by: By = "count",
     *,
     progress: Progress | None = None,
 ) -> DesignResult:
-    """Return a design's rays, NDR and power in every state.
+    """Return a design's rays and response in every state.
 
     Parameters
     ----------
     values : cavities, width, depth, spacing (mm).
     rays : released in each state.
     curves : name of the states, see `curves_of`.
-    face : outer or inner.
+    face : of the cavities.
+    by : the response: counted rays, or power.
     progress : is called with the states done and their number.
 
     Raises
@@ -154,19 +159,20 @@ def trace_design(
     AnalysisError : the design does not fit, or the curves cannot be read.
     """
     from analysis.optics.scene.curves import frames_of
-    from analysis.optics.scene.parameters import Design, Light, Waveguide
+    from analysis.optics.scene.parameters import PAPER_RAYS, Design, Waveguide, light_by
     from analysis.optics.sweep.figure_of_merit import merit, resolution
     from analysis.optics.tracer.simulation import trace
 
     design = Design(*values, face)  # type: ignore[arg-type]  # Design checks the face
-    guide, light = Waveguide(), Light().with_rays(rays)
+    guide, light = Waveguide(), light_by(by, rays)
     states = curves_of(curves)
     frames = frames_of(states, guide)
     scenes, detected = [], []
     for done, frame in enumerate(frames, 1):
         scenes.append(_scene(frame, design, guide, light))
         outcome = trace(frame, design, guide, light)
-        detected.append((outcome.ndr, outcome.ndr_sd))
+        power = PAPER_RAYS * outcome.power, PAPER_RAYS * outcome.power_sd
+        detected.append((outcome.ndr, outcome.ndr_sd) if by == "count" else power)
         if progress is not None:
             progress(done, len(frames))
     ndr, ndr_sd = np.array(detected).T
@@ -192,7 +198,12 @@ def _joined(lines: Sequence[FloatArray]) -> FloatArray:
 
 
 def sweep(
-    cavities: tuple[int, ...], rays: int, curves: str = "default", *, progress: Progress | None = None
+    cavities: tuple[int, ...],
+    rays: int,
+    curves: str = "default",
+    by: By = "count",
+    *,
+    progress: Progress | None = None,
 ) -> SweepSummary:
     """Return the sweep of the paper's grid of designs.
 
@@ -201,15 +212,17 @@ def sweep(
     cavities : numbers of cavities.
     rays : released in each simulation.
     curves : name of the states, see `curves_of`.
+    by : what designs are ranked by.
     progress : is called with the designs done and their number.
     """
-    from analysis.optics.scene.parameters import PAPER_OPTIMUM, Light
+    from analysis.optics.scene.parameters import PAPER_OPTIMUM, light_by
     from analysis.optics.sweep.fans import compare_fans, fans_of
     from analysis.optics.sweep.figure_of_merit import pareto
-    from analysis.optics.sweep.report import rank_text
+    from analysis.optics.sweep.report import power_text, rank_text
     from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
 
-    request = SweepRequest(designs=tuple(paper_grid(cavities)), light=Light().with_rays(rays), curves=curves_of(curves))
+    light, designs = light_by(by, rays), tuple(paper_grid(cavities))
+    request = SweepRequest(designs, light=light, curves=curves_of(curves), by=by)
     fans, size = fans_of(rays), len(request.designs) * len(request.curves)
     result = run_sweep(request, progress=part_of(progress, 0, size, fans * size))
     turned = compare_fans(result, fans, progress=part_of(progress, size, (fans - 1) * size, fans * size))
@@ -220,6 +233,7 @@ def sweep(
     return SweepSummary(
         values, found, result.uncertainty().tied, front, int(np.argmax(found.p)), -1 if paper is None else paper,
         result.ranks(), result.seconds, result.simulated, rays, rank_text(turned), len(turned.winners()), fans,
+        power_text(result) if by == "power" else "",
     )  # fmt: skip
 
 
@@ -257,12 +271,13 @@ class OpticsModel:
         self.curves = next(iter(CURVES))
         self.state = STATES // 2
         self.rays = BY_FIDELITY
+        self.by: By = "count"
         self.fidelity: Fidelity = fidelity()
         self.result: DesignResult | None = None
         self.problem = ""
         self.revision = 0
-        self._kept: dict[tuple[Values, str, int, str], DesignResult] = {}
-        self._sweeps: dict[str, SweepSummary] = {}
+        self._kept: dict[tuple[Values, str, int, str, By], DesignResult] = {}
+        self._sweeps: dict[tuple[str, By], SweepSummary] = {}
         self._optima: dict[str, Optimum] = {}
 
     def running(self, name: str) -> bool:
@@ -271,8 +286,8 @@ class OpticsModel:
 
     @property
     def sweep(self) -> SweepSummary | None:
-        """The sweep with the chosen deformation curves."""
-        return self._sweeps.get(self.curves)
+        """The sweep with the chosen deformation curves and ranking."""
+        return self._sweeps.get((self.curves, self.by))
 
     @property
     def optimum(self) -> Optimum | None:
@@ -288,11 +303,11 @@ class OpticsModel:
         self.result = self._kept.get(key)
         self.revision += 1
         if self.result is None:
-            job = Job("Tracing rays", trace_design, values, self.traced_rays, self.curves, self.face)
+            job = Job("Tracing rays", trace_design, values, self.traced_rays, self.curves, self.face, self.by)
             self.jobs.start("optics", job, lambda job: self._ended(job, self._kept, key))
 
-    def _key(self) -> tuple[Values, str, int, str]:
-        return self.values, self.face, self.traced_rays, self.curves
+    def _key(self) -> tuple[Values, str, int, str, By]:
+        return self.values, self.face, self.traced_rays, self.curves, self.by
 
     @property
     def traced_rays(self) -> int:
@@ -307,6 +322,11 @@ class OpticsModel:
     def set_rays(self, rays: int) -> None:
         """Trace with another number of rays; `BY_FIDELITY` leaves it to the fidelity."""
         self.rays = rays
+        self.choose(self.values)
+
+    def set_by(self, by: By) -> None:
+        """Rank designs by counted rays or by power."""
+        self.by = by
         self.choose(self.values)
 
     def set_fidelity(self, level: Fidelity) -> None:
@@ -341,7 +361,11 @@ class OpticsModel:
         if self.result is None:
             return text
         x = number(float(self.result.elongation_mm[self.state]), 2, sign=True)
-        return f"{text}: {x} mm   {number(float(self.result.ndr[self.state]), 0)} of 250 rays detected"
+        value = float(self.result.ndr[self.state])
+        detected = (
+            f"{number(value, 0)} of 250 rays" if self.by == "count" else f"{number(value / 2.5, 1)} % of the light"
+        )
+        return f"{text}: {x} mm   {detected} detected"
 
     def design_text(self) -> str:
         """Return the design's figures in a line."""
@@ -358,23 +382,23 @@ class OpticsModel:
 
     def toggle_sweep(self) -> None:
         """Start a sweep over all designs, or stop the running one."""
-        job = Job("Sweeping 9 720 simulations", sweep, CAVITIES, self.swept_rays, self.curves)
-        self._toggle("sweep", self._sweeps, job)
+        job = Job("Sweeping 9 720 simulations", sweep, CAVITIES, self.swept_rays, self.curves, self.by)
+        self._toggle("sweep", self._sweeps, (self.curves, self.by), job)
 
     def toggle_search(self) -> None:
         """Start the search beyond the grid, or stop the running one."""
-        self._toggle("optimise", self._optima, Job("Searching beyond the grid", search, self.curves, SEARCH_S))
+        job = Job("Searching beyond the grid", search, self.curves, SEARCH_S)
+        self._toggle("optimise", self._optima, self.curves, job)
 
-    def _toggle(self, name: str, results: dict[str, Any], job: Job) -> None:
+    def _toggle(self, name: str, results: dict[Any, Any], key: object, job: Job) -> None:
         if self.running(name):
             self.jobs.cancel(name)
             return
-        curves = self.curves
-        self.jobs.start(name, job, lambda job: self._ended(job, results, curves))
+        self.jobs.start(name, job, lambda job: self._ended(job, results, key))
         self.revision += 1
 
     def sweep_text(self) -> str:
-        """Return the result of the sweep in two lines: the best design, and the paper's."""
+        """Return the result of the sweep in lines: the best design, the paper's, and the errors of power."""
         s = self.sweep
         if s is None:
             return ""
@@ -383,9 +407,11 @@ class OpticsModel:
             merit = number(100 * float(s.merit.p_normalised[s.paper]), 0)
             turns = f"   {count(s.winners, 'design')} best in one of {s.fans} turns of the fan" if s.fans > 1 else ""
             paper = f"\npaper's optimum: rank {s.rank_text or s.ranks[s.paper]}, {merit} % of the best merit{turns}"
+        equal = f"{count(int(s.tied.sum()), 'design')} equal within noise"
+        errors = f"\n{s.power_text}" if s.power_text else ""
         return (
             f"{number(s.simulated, 0)} simulations of {number(s.rays, 0)} rays in {number(s.seconds, 1)} s   best: "
-            f"{design_label(tuple(s.values[s.best]))}, {count(int(s.tied.sum()), 'design')} equal within noise{paper}"
+            f"{design_label(tuple(s.values[s.best]))}, {equal}{paper}{errors}"
         )
 
     def pick(self, cavities: int, width_mm: float, column: float, row: float) -> None:

@@ -25,5 +25,6 @@ def small_result(small_request: SweepRequest) -> SweepResult:
 def same(a: SweepResult, b: SweepResult) -> bool:
     """Return whether every number of two results is the same, to the last bit."""
     return all(
-        np.array_equal(getattr(a, name), getattr(b, name)) for name in ("ndr", "ndr_sd", "power", "counts", "energy")
+        np.array_equal(getattr(a, name), getattr(b, name))
+        for name in ("ndr", "ndr_sd", "power", "power_sd", "counts", "energy")
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 
 from analysis.errors import RequestError
 from analysis.optics.scene.curves import frame_of
-from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light, Waveguide
+from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light, Waveguide, light_by
+from analysis.optics.sweep.report import sweep_json, sweep_text
 from analysis.optics.sweep.sweep import SweepRequest, SweepResult, paper_grid, run_sweep
 from analysis.optics.tracer.simulation import trace
 from tests.analysis.optics.sweep.conftest import same
@@ -30,7 +32,24 @@ def test_a_sweeps_simulation_is_the_traced_one(small_result: SweepResult) -> Non
             out = trace(frame, small_result.designs[i], Waveguide(), Light(rays=100))
             assert out.ndr == small_result.ndr[i, state]
             assert out.power == small_result.power[i, state]
+            assert out.power_sd == pytest.approx(small_result.power_sd[i, state], rel=1e-12)
             assert out.ndr_sd == pytest.approx(small_result.ndr_sd[i, state], rel=1e-12)
+
+
+def test_power_ranks_with_every_reflection_followed() -> None:
+    """By power the figures are of detected power, larger than with 100 secondaries; what is missing is bounded."""
+    designs = (PAPER_OPTIMUM, Design(7, 1.0, 0.5, 0.6))
+    few = run_sweep(SweepRequest(designs, light=light_by("count", 100)))
+    found = run_sweep(SweepRequest(designs, light=light_by("power", 100), by="power"))
+    np.testing.assert_array_equal(found.merit().p, found.merit_of_power().p)
+    assert not np.array_equal(found.merit().p, replace(found, request=replace(found.request, by="count")).merit().p)
+    assert np.max(found.given_up) < 0.05 < np.min(few.given_up)
+    assert np.mean(found.power) > 1.02 * np.mean(few.power)
+    finer = run_sweep(SweepRequest(designs, light=replace(light_by("power", 100), faintest=1e-4), by="power"))
+    assert np.all(np.abs(finer.power - found.power) <= found.given_up)
+    assert np.all(found.counts[..., -1] == 0)
+    assert "not followed" in sweep_text(found)
+    assert sweep_json(found)["not_followed"]["greatest"] == np.max(found.given_up)
 
 
 def test_threads_and_their_number_change_no_bit(small_request: SweepRequest, small_result: SweepResult) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -45,3 +47,17 @@ def test_a_results_file_keeps_to_its_parameters(small_request: SweepRequest, tmp
     with pytest.raises(FileError) as refused:
         run_sweep(small_request, file=tmp_path / "text")
     assert refused.value.remedy
+
+
+def test_rows_of_a_version_without_changes_of_power_are_simulated_again(
+    small_request: SweepRequest, small_result: SweepResult, tmp_path: Path
+) -> None:
+    """A file written before the column existed is taken on; its designs get the same bits and the new column."""
+    file = tmp_path / "sweep.sqlite"
+    run_sweep(small_request, file=file)
+    with closing(sqlite3.connect(file)) as db, db:
+        db.execute("alter table simulation drop column power_changes")
+    again = run_sweep(small_request, file=file)
+    assert again.simulated == again.ndr.size
+    assert same(again, small_result)
+    assert run_sweep(small_request, file=file).simulated == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from analysis.optics.scene.curves import (
 )
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.outline import outline
-from analysis.optics.scene.parameters import FACES, ORDERS, Design, Light, Waveguide
+from analysis.optics.scene.parameters import ALL, FACES, ORDERS, Design, Light, Waveguide
 from analysis.optics.tracer.simulation import TraceResult, trace
 from tests.analysis.optics import plain_tracer as plain
 from tests.analysis.optics import second_tracer
@@ -258,3 +259,16 @@ def test_a_wider_receiver_sees_more(curves: np.ndarray) -> None:
     ]
     assert found == sorted(found)
     assert found[-1] > found[2]
+
+
+def test_all_secondaries_are_those_of_a_budget_that_refuses_none(curves: np.ndarray) -> None:
+    """Followed directly after their ray or by rank, the same rays end the same way, in several blocks too."""
+    frame, guide = frame_of(curves, 3, Waveguide()), Waveguide()
+    for rays in (60, 4_200):
+        every = Light(rays=rays, secondary=ALL, faintest=0.01, phase=0.1)
+        out = [trace(frame, Design(), guide, light) for light in (every, replace(every, secondary=20 * rays))]
+        assert out[0].ledger == out[1].ledger
+        assert (out[0].granted, out[0].refused, out[1].refused) == (out[1].granted, 0, 0)
+        assert out[0].power == pytest.approx(out[1].power, rel=1e-12)
+        assert out[0].power_sd == pytest.approx(out[1].power_sd, rel=1e-9)
+        assert sum(out[0].energy.values()) == pytest.approx(1.0, abs=1e-12)

@@ -10,7 +10,7 @@ import pytest
 from analysis.optics.scene.curves import default_curves, frame_of, frames_of, parametric_curves
 from analysis.optics.scene.parameters import QUARTER_STEP, Design, Light, Waveguide, phase_of
 from analysis.optics.sweep.sweep import STEPS_MM
-from analysis.optics.tracer.simulation import ndr_sd, trace
+from analysis.optics.tracer.simulation import fan_sd, trace
 
 COVERAGE = (0.93, 0.97)
 
@@ -63,12 +63,12 @@ def test_standard_deviation_has_its_limits() -> None:
     changes, yes, no = np.array(100.0), np.array(True), np.array(False)
     few, many = Light(rays=2), Light(rays=1_000_000)
     binomial = 125 * np.sqrt(100.0 * 2 / 2)
-    assert ndr_sd(changes, few, 2.0, no) == pytest.approx(binomial, rel=0.01)
-    assert ndr_sd(changes, few, 2.0, yes) == pytest.approx(binomial * np.sqrt(2), rel=0.01)
+    assert fan_sd(changes, few, 2.0, no) == pytest.approx(binomial, rel=0.01)
+    assert fan_sd(changes, few, 2.0, yes) == pytest.approx(binomial * np.sqrt(2), rel=0.01)
     step = 250 / 1_000_000 * np.sqrt(100 / 12)
-    assert ndr_sd(changes, many, 2.0, no) == pytest.approx(step, rel=1e-3)
-    assert ndr_sd(changes, many, 2.0, yes) == pytest.approx(2 * step / np.sqrt(2), rel=1e-3)
-    quarter = ndr_sd(changes, replace(many, phase=QUARTER_STEP), 2.0, yes)
+    assert fan_sd(changes, many, 2.0, no) == pytest.approx(step, rel=1e-3)
+    assert fan_sd(changes, many, 2.0, yes) == pytest.approx(2 * step / np.sqrt(2), rel=1e-3)
+    quarter = fan_sd(changes, replace(many, phase=QUARTER_STEP), 2.0, yes)
     assert quarter == pytest.approx(step / np.sqrt(2), rel=1e-3)
 
 

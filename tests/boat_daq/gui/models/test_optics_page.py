@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import ClassVar
 
 import numpy as np
@@ -95,13 +96,13 @@ def test_search_starts_stops_and_reports_its_gain(page):
     assert (page.search_button.text(), page.model.optimum) == ("Optimise", None)
     page.search_button.click()
     best, start = Design(7, 1.234, 0.61, 0.55, "inner"), Design(5, 1.0, 0.5, 0.9)
-    winners = [Winner(design, p, (p, p), np.zeros(15)) for design, p in ((start, 2.5), (best, 3.0))]
-    found = Optimum(*winners, 2.0, 9, 1.0, 250, 2500, True)
+    winners = [Winner(design, p, (p, p), np.zeros(15), np.zeros(15), 0.01) for design, p in ((start, 2.5), (best, 3.0))]
+    found = Optimum(*winners, 2.0, 9, 1.0, 250, 2500, True, "power")
     FakeJob.made[-1].bring(found)
     update(page)
     assert "1.20 times the merit of the grid's best (P on power: 3.00 against 2.50)" in page.outcome.text()
     page.show_button.click()
-    assert FakeJob.made[-1].args == ((7, 1.234, 0.61, 0.55), NORMAL.rays, "default", "inner")
+    assert FakeJob.made[-1].args == ((7, 1.234, 0.61, 0.55), NORMAL.rays, "default", "inner", "count")
     update(page)
     assert (page.fields["width"].currentText(), page.fields["width"].count()) == ("1.23", 7)
     assert page.face.currentData() == "inner"
@@ -122,7 +123,7 @@ def test_value_not_offered_is_listed_last_while_selected(page):
 
 def test_results_are_kept_for_each_file_of_curves(page, tmp_path):
     """The file's name is shown, the trace requests it, and a sweep of other curves is not shown as if it were its."""
-    page.model._sweeps["default"] = swept()
+    page.model._sweeps["default", "count"] = swept()
     page.take_file(tmp_path / "mine.csv")
     update(page)
     assert page.curves.currentText() == "mine.csv"
@@ -153,7 +154,7 @@ def test_late_trace_is_not_shown_for_another_design(page):
 def test_click_on_map_or_front_shows_the_design(page):
     """The cell under the mouse in the map of its width; the nearest design in the plot of the front."""
     page.sweep_button.click()
-    assert FakeJob.made[-1].args == ((3, 5, 7), NORMAL.ranking_rays, "default")
+    assert FakeJob.made[-1].args == ((3, 5, 7), NORMAL.ranking_rays, "default", "count")
     FakeJob.made[-1].bring(swept())
     update(page)
     marked = {spot.symbol(): spot.pos().toTuple() for spot in page.maps.maps[5].marks.points()}
@@ -175,6 +176,27 @@ def test_click_on_map_or_front_shows_the_design(page):
     page.pareto._clicked(None, [Spot()])
     assert page.model.values == PAPER
     assert page.pareto.columns()["on the front"].tolist() == [1, 0]
+
+
+def test_ranking_by_power_is_another_sweep_and_another_trace(page):
+    """The choice traces the design's power; the sweep by counts is kept, that by power is made and gives its errors."""
+    page.model._sweeps["default", "count"] = swept()
+    page.by.setCurrentIndex(page.by.findData("power"))
+    page.by.activated.emit(page.by.currentIndex())
+    assert FakeJob.made[-1].args[-1] == "power"
+    FakeJob.made[-1].bring(traced())
+    update(page)
+    assert "40.0 % of the light detected" in page.scene.readout.text()
+    assert page.model.sweep is None
+    page.sweep_button.click()
+    assert FakeJob.made[-1].args[-1] == "power"
+    FakeJob.made[-1].bring(dataclasses.replace(swept(), power_text="by power: 2 % not followed"))
+    update(page)
+    assert "2 % not followed" in page.outcome.text()
+    page.model.set_by("count")
+    update(page)
+    assert page.model.sweep is not None
+    assert "not followed" not in page.outcome.text()
 
 
 def test_slider_selects_states_without_tracing(page):

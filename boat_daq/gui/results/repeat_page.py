@@ -21,8 +21,8 @@ from boat_daq.viewmodels.common.services import Panel, Services
 from boat_daq.viewmodels.results.analysis_jobs import RunResult
 from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel
 
-SENSORS = 2
-SYMBOLS = ("o", "s")
+SYMBOLS = ("o", "s", "t1", "d")  # by sensor, up to four
+FILLED, OPEN = "\u25cf\u25a0\u25b2\u25c6", "\u25cb\u25a1\u25b3\u25c7"  # the same as text
 NO_FIGURE = "No cycle has this figure; the tooltip in the table gives the reason."
 BREAK_HEADINGS = ("", "before", "after", "p (t)", "p (F)")
 BREAK_TIPS = {
@@ -54,13 +54,12 @@ class LoopsByCycle(PlotCard):
 
 
 class CycleFigureCard(PlotCard):
-    """A figure of every cycle over its number, both sensors."""
+    """A figure of every cycle over its number, all sensors."""
 
     def __init__(self, title: str, axis: str, unit: str) -> None:
         super().__init__(title)
         self.plot = self.add(axis, unit, x_title="Cycle")
         self.sensors = self.points("Sensor {}")
-        self.readout.setText("\u25cf 1  \u25a0 2")
 
     def points(self, name: str, *, filled: bool = True) -> list[Points]:
         """Add points for each sensor; its number is put into `name`."""
@@ -69,10 +68,26 @@ class CycleFigureCard(PlotCard):
             for n, symbol in enumerate(SYMBOLS, 1)
         ]
 
+    def explain_symbols(self, sensors: int) -> None:
+        """Name the symbols of so many sensors."""
+        self.readout.setText("  ".join(f"{symbol} {n}" for n, symbol in enumerate(FILLED[:sensors], 1)))
+
     def frame(self) -> None:
         """Show all points, or that no cycle has this figure."""
         self.show_empty("" if any(layer.y.size for layer in self.plot.layers) else NO_FIGURE)
         self.plot.fit()
+
+
+class DriftCard(CycleFigureCard):
+    """The change of the signal at the highest and at the lowest level of every cycle."""
+
+    def __init__(self) -> None:
+        super().__init__("Drift", "Change", "mV")
+        self.low_ends = self.points("Sensor {}, lowest", filled=False)
+
+    def explain_symbols(self, sensors: int) -> None:
+        """Name the symbols of the two levels; the colours are those of the other cards."""
+        self.readout.setText(f"{FILLED[:sensors]} high  {OPEN[:sensors]} low")
 
 
 class RepeatPage(QWidget):
@@ -91,10 +106,8 @@ class RepeatPage(QWidget):
         self._revision = -1
         self.headline = widgets.label("", "subtitle", elide=True)
         self.warm_up = widgets.label("", "muted")
-        self.loops = [LoopsByCycle(n) for n in range(1, SENSORS + 1)]
-        self.drift = CycleFigureCard("Drift", "Change", "mV")
-        self.low_ends = self.drift.points("Sensor {}, lowest", filled=False)
-        self.drift.readout.setText("\u25cf\u25a0 high  \u25cb\u25a1 low")
+        self.loops = [LoopsByCycle(n) for n in range(1, len(SYMBOLS) + 1)]
+        self.drift = DriftCard()
         self.hysteresis = CycleFigureCard("Hysteresis", "Per cycle", "% FSO")
         self.sensitivity = CycleFigureCard("Sensitivity", "Per cycle", "mV/mm")
         self.snr = CycleFigureCard("SNR", "Per cycle", "dB")
@@ -112,14 +125,11 @@ class RepeatPage(QWidget):
     def _filled(self) -> QWidget:
         report = widgets.button("Report \u2026", partial(self.services.show, Panel.REPORT))
         head, _ = widgets.card(widgets.row(self.headline, self.warm_up, None, report))
-        (first, second), keep = self.loops, self.services.preferences
-        upper, lower = (first, self.drift, self.hysteresis), (second, self.sensitivity, self.snr)
-        widths = (4, 3, 3)
-        rows = [
-            Shares(f"repeat {name}", keep, *zip(cards, widths, strict=True), beside=True)
-            for name, cards in (("upper", upper), ("lower", lower))
-        ]
-        left = Shares("repeat", keep, *((row, 1) for row in rows))
+        keep = self.services.preferences
+        columns = (self.loops, (self.drift, self.sensitivity), (self.hysteresis, self.snr))
+        parts = [Shares(f"repeat {i}", keep, *((card, 1) for card in cards)) for i, cards in enumerate(columns)]
+        self.loop_column = parts[0]
+        left = Shares("repeat", keep, *zip(parts, (4, 3, 3), strict=True), beside=True)
         self.tabs = widgets.tabs("Figures, and the interruptions of the run", (self.table, "Figures"))
         self.tabs.setTabBarAutoHide(True)
         side, _ = widgets.card(self.tabs)
@@ -141,14 +151,18 @@ class RepeatPage(QWidget):
         self.warm_up.setText(model.warm_up())
         if result is None or not result.cycles:
             return
-        for card in self.loops[: len(result.sensors)]:
+        sensors = len(result.sensors)
+        self.loop_column.show_first(sensors)
+        for shown in self.figures:
+            shown.plot.clear()
+            shown.explain_symbols(sensors)
+        for i, (card, sensor) in enumerate(zip(self.loops, result.sensors, strict=False)):
             card.show_groups(model)
-        for i in range(min(SENSORS, len(result.sensors))):
             numbers, top, bottom = model.extremes(i)
-            each = result.sensors[i].cycles
+            each = sensor.cycles
             for points, values in (
                 (self.drift.sensors[i], top),
-                (self.low_ends[i], bottom),
+                (self.drift.low_ends[i], bottom),
                 (self.hysteresis.sensors[i], each.hysteresis_percent_fso),
                 (self.sensitivity.sensors[i], each.sensitivity),
                 (self.snr.sensors[i], each.snr_db),

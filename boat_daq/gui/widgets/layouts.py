@@ -222,7 +222,8 @@ class Shares(QSplitter):
         self._shares: list[float] = kept if known else [share for _, share in parts]
         self.setHandleWidth(style.GAP)
         self.setChildrenCollapsible(False)
-        for i, (part, _) in enumerate(parts):
+        self._parts = [part for part, _ in parts]
+        for i, part in enumerate(self._parts):
             self.addWidget(part)
             self.handle(i).setAccessibleName("Movable border")
         self.splitterMoved.connect(lambda *_: self._store())
@@ -233,6 +234,12 @@ class Shares(QSplitter):
         self.setOrientation(Qt.Orientation.Vertical if below else Qt.Orientation.Horizontal)
         self._share()
 
+    def show_first(self, parts: int) -> None:
+        """Show only so many parts."""
+        for i, part in enumerate(self._parts):
+            part.setVisible(i < parts)
+        self._share()
+
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Keep the shares."""
         super().resizeEvent(event)
@@ -240,8 +247,10 @@ class Shares(QSplitter):
 
     def _store(self) -> None:
         if self.orientation() is self._own:  # not while they are stacked on a narrow page
-            sizes = self.sizes()
-            self._shares = [size / sum(sizes) for size in sizes]
+            whole, parts = sum(self._shares), list(zip(self._shares, self.sizes(), strict=True))
+            shown = sum(share for share, size in parts if size) / whole  # a hidden part has no size and keeps its share
+            shown_px = max(1, sum(self.sizes()))
+            self._shares = [shown * size / shown_px if size else share / whole for share, size in parts]
             self._preferences.set(self._key, self._shares)
 
     def _share(self) -> None:

@@ -6,6 +6,7 @@ import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from boat_daq.viewmodels.common.jobs import JobFailure, JobState
 from boat_daq.viewmodels.results.analysis_jobs import BreakResult
@@ -30,6 +31,22 @@ def test_every_cycle_and_interruption_is_drawn(live):
     live.model.repeatability.show(dataclasses.replace(broken, breaks=()))
     live.refresh()
     assert (page.break_lines, page.tabs.count()) == ([], 1)
+
+
+@pytest.mark.parametrize("sensors", [1, 3, 4])
+def test_every_sensor_is_drawn(live, sensors):
+    """One to four sensors: a loop card and a symbol each; those of the run before are gone."""
+    whole = run_result()
+    live.go("Repeat")
+    page, (first, *_) = live.pages["Repeat"], whole.sensors
+    live.model.repeatability.show(whole)
+    live.refresh()
+    loops = dataclasses.replace(whole.loops, signal_mv=(whole.loops.signal_mv[0],) * sensors)
+    live.model.repeatability.show(dataclasses.replace(whole, sensors=(first,) * sensors, loops=loops))
+    live.refresh()
+    assert [card.isVisible() for card in page.loops] == [n < sensors for n in range(4)]
+    assert [points.x.size for points in page.snr.sensors] == [CYCLES * (n < sensors) for n in range(4)]
+    assert page.snr.readout.text().split() == ["●", "1", "■", "2", "▲", "3", "◆", "4"][: 2 * sensors]
 
 
 def test_missing_cycles_are_shown_in_place_of_the_plots(live):

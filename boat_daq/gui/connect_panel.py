@@ -11,9 +11,10 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.notices import Notice
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.live.connection import VIRTUAL_UNITS, ConnectionModel
+from boat_daq.viewmodels.live.connection import VIRTUAL_SENSORS, VIRTUAL_UNITS, ConnectionModel
 
 SPEEDS = [("real time", 1.0), ("5 times faster", 5.0), ("20 times faster", 20.0)]
+SENSORS = [(f"{n} sensor{'s' * (n != '1')}", ending) for n, ending in VIRTUAL_SENSORS.items()]
 PROFILE_HINT = (
     "Empty for a BOAT board. Otherwise paste an RX8 line of Bridge Control Panel, or a profile: its TOML text, or the "
     "path of its file."
@@ -41,6 +42,7 @@ class ConnectPanel(QDialog):
         self.profile.setAccessibleName("Profile of another firmware")
         self.profile.setProperty("role", "paste")  # its height is set in the style sheet
         self.virtual_unit = widgets.choice("Unit of the virtual board", [(u, u) for u in VIRTUAL_UNITS])
+        self.sensors = widgets.choice("Number of sensors of the virtual board", SENSORS)
         self.speed = widgets.choice("Speed of the virtual board", SPEEDS)
         self.setLayout(widgets.column(self._board(), self._virtual(), spacing=style.CARD_PADDING))
 
@@ -76,7 +78,7 @@ class ConnectPanel(QDialog):
         return widgets.card(
             widgets.label("The virtual board", "subtitle"),
             widgets.label(explanation, "muted", wrap=True),
-            widgets.row(self.virtual_unit, self.speed, None, self.virtual_button),
+            widgets.row(self.virtual_unit, self.sensors, self.speed, None, self.virtual_button),
         )[0]
 
     def open_fresh(self) -> None:
@@ -138,7 +140,8 @@ class ConnectPanel(QDialog):
 
     def start_virtual(self) -> None:
         """Start a virtual board and connect to it."""
-        unit, speed = str(self.virtual_unit.currentData()), float(self.speed.currentData())
+        unit = f"{self.virtual_unit.currentData()}{self.sensors.currentData()}"
+        speed = float(self.speed.currentData())
         if self.services.notices.attempt(lambda: self.connection.start_virtual_board(unit, speed)):
             self.hide()
 

@@ -26,13 +26,14 @@ from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, duration, number
 from boat_daq.viewmodels.common.jobs import Background
 from boat_daq.viewmodels.common.preferences import Preferences
-from protocol.simulator.specimens import RISING_NAMES
+from protocol.simulator.specimens import RISING_NAMES, SENSOR_COUNTS
 from protocol.text.profile import load_profile
 from protocol.text.readers import parse_format
 
 LONGEST_PORT = 28
 ENDED = (LinkState.CLOSED, LinkState.FAILED)  # a link that another one may replace
 VIRTUAL_UNITS = RISING_NAMES
+VIRTUAL_SENSORS = {"2": "", **{n: f"x{n}" for n in SENSOR_COUNTS if n != "2"}}  # -> ending of the unit's name
 _SENSOR = re.compile(r"(?:s|sensor|ch)_?([1-4])(?:_?(signal|lit|dark|on|off))?", re.IGNORECASE)
 _PARTS = {None: "signal", "signal": "signal", "lit": "lit", "on": "lit", "dark": "dark", "off": "dark"}
 _OTHERS = (

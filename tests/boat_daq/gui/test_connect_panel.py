@@ -72,3 +72,13 @@ def test_profile_field_keeps_its_height(live):
     QApplication.processEvents()
     assert live.connect_panel.profile.height() >= 3 * live.connect_panel.profile.fontMetrics().lineSpacing()
     live.connect_panel.close()
+
+
+def test_virtual_board_has_the_chosen_number_of_sensors(live, monkeypatch):
+    """Two sensors keep the unit's name; another number is its ending."""
+    panel, started = live.connect_panel, []
+    monkeypatch.setattr(panel.connection, "start_virtual_board", lambda unit, speed: started.append(unit))
+    for text in ("2 sensors", "1 sensor", "4 sensors"):
+        panel.sensors.setCurrentText(text)
+        panel.start_virtual()
+    assert started == ["SA1", "SA1x1", "SA1x4"]

@@ -10,7 +10,7 @@ import base64
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from time import monotonic
+from time import monotonic, thread_time
 from typing import Any
 
 from PySide6.QtCore import QByteArray, QSize, Qt, QTimer, Signal
@@ -45,6 +45,7 @@ from boat_daq.viewmodels.live.recording_status import RecordingStatus
 from boat_daq.viewmodels.live.run_model import UNDER_WAY
 
 CALM_MS = 150
+FRAMES_MEAN = 0.1  # weight of the newest frame in their mean cost
 LEAVE_S = 10.0  # two requests to close within it stop a run
 FRAME = 48  # of the system around a window, at most
 THEMES = {"system": None, "light": style.LIGHT, "dark": style.DARK}
@@ -60,6 +61,7 @@ class MainWindow(QMainWindow):
         self.model = model
         self.follow_theme()  # before there is a widget: each is styled once, where it is shown
         self._leave_until = 0.0
+        self._used_s, self._frame_ms = thread_time(), 0.0  # processor time of this thread; of a frame, smoothed
         self.guard = PanelGuard(model.notices)
         model.services.show, model.services.open = self.show_place, self.open_file
         self.setAcceptDrops(True)
@@ -134,8 +136,11 @@ class MainWindow(QMainWindow):
         live = self.page is Page.LIVE
         if live and not self.isMinimized():
             self.live.draw()
-        width = self.live.plots.view.width()
-        wanted = self.model.live.frame_interval_ms(width, connected=self.model.connected() and live)
+        used_s, before_s = thread_time(), self._used_s
+        self._used_s = used_s
+        self._frame_ms += FRAMES_MEAN * (1000 * (used_s - before_s) - self._frame_ms)  # what Qt paints is in it
+        width, connected = self.live.plots.view.width(), self.model.connected() and live
+        wanted = self.model.live.frame_interval_ms(width, self._frame_ms, connected=connected)
         if self.frame_timer.interval() != wanted:
             self.frame_timer.setInterval(wanted)
 

@@ -213,6 +213,13 @@ class RingBuffer:
         """Return how many samples are kept one by one."""
         return self._pyramid.base.end - self._pyramid.base.oldest
 
+    @property
+    def newest_s(self) -> float:
+        """Time of the newest sample; NaN without one."""
+        base = self._pyramid.base
+        newest = base.copy(base.end - 1, base.end)[0]
+        return float(newest[0]) if newest.size else math.nan
+
     def __call__(self, block: Block) -> None:
         """Take the samples of a block."""
         for event in block.events:

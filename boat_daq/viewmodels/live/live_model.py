@@ -8,7 +8,7 @@ until data leave them. Elongation is shown only while a calibration is in use, a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,6 +28,7 @@ HEADLINE_S = 0.2  # a value is the mean over this time, so that it is legible
 HOLE_S = 1.0  # without a sample: a disconnected board, not a lost frame
 PIXELS_A_FRAME = 0.6  # a smaller motion need not be drawn
 FASTEST_MS, CALM_MS, REST_MS = 16, 40, 250
+FRAMES_SHARE = 0.2  # of a core, that frames may take: where each costs more, fewer are drawn
 CYCLES_KEPT, CYCLE_POINTS = 5, 1200  # of the overlay
 
 
@@ -116,7 +117,7 @@ HEADINGS_SHORT = ("mean", "sd", "min", "max", "B \u2212 A", "slope/s", "SNR, dB"
 HEADINGS = ("", "mean", "sd", "min", "max", "B \u2212 A", "slope per s", "SNR (mean / sd)")
 
 
-def sensor_names(columns: Mapping[str, object]) -> list[str]:
+def sensor_names(columns: Iterable[str]) -> list[str]:
     """Return the names of the signal columns, in order of their sensor."""
     return sorted(name for name in columns if name.startswith("s") and name.endswith("_mv"))
 
@@ -171,13 +172,12 @@ class LiveModel:
     def sensors(self) -> int:
         """Return the number of sensors of the board; 0 before its first sample."""
         ring = self.ring()
-        return len(sensor_names(ring.view(last=1))) if ring is not None else 0
+        return len(sensor_names(ring.names)) if ring is not None else 0
 
     def now_s(self) -> float:
         """Return the ring's time of the newest sample, s; NaN without one."""
         ring = self.ring()
-        newest = ring.view(last=1)["time_s"] if ring is not None else np.zeros(0)
-        return float(newest[-1]) if newest.size else math.nan
+        return ring.newest_s if ring is not None else math.nan
 
     def time_of(self, time_us: int) -> float | None:
         """Return the ring's time of an instant of board time; None where the ring does not hold it."""
@@ -255,13 +255,20 @@ class LiveModel:
         elongation = self.inverse(signals(columns)) if self.inverse is not None else None
         return PlotFrame(width, low_s, high_s, columns, elongation)
 
-    def frame_interval_ms(self, width: int, *, connected: bool) -> int:
-        """Return the time between frames: no frame is drawn whose change is invisible."""
+    def frame_interval_ms(self, width: int, cost_ms: float, *, connected: bool) -> int:
+        """Return the time between frames: none is drawn whose change is invisible, and all take a share of a core.
+
+        Parameters
+        ----------
+        width : of the plots in pixels.
+        cost_ms : processor time of a frame.
+        connected : whether samples arrive.
+        """
         if not connected:
             return REST_MS
         low, high = self.span_s()
         moves_ms = 1000 * PIXELS_A_FRAME * (high - low) / max(width, 1)
-        return int(min(CALM_MS, max(FASTEST_MS, moves_ms)))
+        return int(min(CALM_MS, max(FASTEST_MS, moves_ms, cost_ms / FRAMES_SHARE)))
 
     def ranges(self, frame: PlotFrame, now_s: float) -> dict[str, tuple[float, float]]:
         """Return the vertical range of each column; constant while the data stay inside."""

@@ -147,11 +147,17 @@ def test_elongation_outside_the_range_is_not_shown(ring):
     assert (head.elongation, head.band) == ("\u2013", "\u25b2 out of range")
 
 
-@given(st.floats(1.0, 3600.0), st.integers(200, 3000))
-def test_frame_interval_follows_the_visible_motion(window_s, width):
+@given(st.floats(1.0, 3600.0), st.integers(200, 3000), st.floats(0.0, 100.0))
+def test_frame_interval_follows_the_visible_motion(window_s, width, cost_ms):
     """The frame interval is at least 60 a second and never slower than a byte may take to its pixel."""
-    interval = LiveModel(lambda: None, window_s=window_s).frame_interval_ms(width, connected=True)
+    interval = LiveModel(lambda: None, window_s=window_s).frame_interval_ms(width, cost_ms, connected=True)
     assert 16 <= interval <= 45
+
+
+def test_expensive_frames_are_fewer(ring):
+    """Frames of 2 ms are drawn as the picture moves, at 60 a second; of 6 ms only as a fifth of a core allows."""
+    model = LiveModel(lambda: ring, window_s=10.0)
+    assert [model.frame_interval_ms(800, cost_ms, connected=True) for cost_ms in (2.0, 6.0)] == [16, 30]
 
 
 def test_elongation_a_little_beyond_the_range_is_shown_and_marked(ring):

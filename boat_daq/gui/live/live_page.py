@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QFont, QResizeEvent, QShowEvent
+from PySide6.QtGui import QFont, QFontMetrics, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QBoxLayout, QFrame, QGridLayout, QScrollArea, QTabWidget, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
@@ -95,7 +95,8 @@ class ValueDisplay(QWidget):
             chrome = small = unit = style.font(style.FONT_NARROW)
         for label, shown in ((self.name, chrome), (self.note, small), (self.unit, unit)):
             label.setStyleSheet(f"font-size: {shown.pixelSize()}px;")
-        self.value.setFixedWidth(style.text_width(font, self.example) + style.STEP)
+        # width and height: a text that changes several times a second has nothing to be laid out again
+        self.value.setFixedSize(style.text_width(font, self.example) + style.STEP, QFontMetrics(font).height())
         head = self.swatch.width() + SPACING + style.text_width(chrome, self.title)
         if notes := self.notes[narrow]:
             head += SPACING + max(style.text_width(small, note) for note in notes)

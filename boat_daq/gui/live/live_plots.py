@@ -57,8 +57,9 @@ class LivePlots(PlotCard):
         self.read = self.length.points("Readings", lambda t: t.text, filled=False)
         self.mm = self.length.curve("Elongation", lambda t: t.elongation, gaps=True)
         self.kpa = self.pressure.curve("Pressure", lambda t: t.pressure, gaps=True)
-        self.target = self.pressure.curve("Target", lambda t: t.target, gaps=True, dashed=True)
-        self.limits = [self.pressure.line(lambda t: t.fault, style_=Qt.PenStyle.DotLine) for _ in range(2)]
+        self.target = self.pressure.curve("Target", lambda t: t.target, gaps=True, pen_style=Qt.PenStyle.DashLine)
+        self.limits = self.pressure.curve("Limits", lambda t: t.fault, gaps=True, pen_style=Qt.PenStyle.DotLine)
+        self.limits_kpa: list[float] = []
         self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)  # the live page never scrolls
         self.rows: list[Plot] = []
         self._arranged = (False, 0)  # whether all signals are in the first plot, number of sensors
@@ -154,6 +155,9 @@ class LivePlots(PlotCard):
             curve.set(time_s, values)
         if frame.elongation is not None:
             self.band.fill(*frame.elongation.band(time_s))
+        ends = [frame.low_s, frame.high_s, frame.high_s]
+        kpa = [value for limit in self.limits_kpa for value in (limit, limit, math.nan)]
+        self.limits.set(np.array(ends * len(self.limits_kpa)), np.array(kpa))
         self.x_range(frame.low_s, frame.high_s)
         self._ranges(frame)
 
@@ -175,11 +179,8 @@ class LivePlots(PlotCard):
                 plot.y_range(*ranges[name])
 
     def show_limits(self, low_kpa: float | None, high_kpa: float | None) -> None:
-        """Draw the pressure limits in force."""
-        for line, value in zip(self.limits, (low_kpa, high_kpa), strict=True):
-            line.setVisible(value is not None)
-            if value is not None:
-                line.setValue(value)
+        """Draw the pressure limits in force from the next whole frame on."""
+        self.limits_kpa = [limit for limit in (low_kpa, high_kpa) if limit is not None]
 
     def show_readings(self, points: list[tuple[float, float]]) -> None:
         """Mark the plateaus' readings (s, mm) on the elongation."""

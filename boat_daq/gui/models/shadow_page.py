@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from PySide6.QtCore import QTimerEvent
+from PySide6.QtCore import Qt, QTimerEvent
 from PySide6.QtWidgets import QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
@@ -37,7 +37,7 @@ class NominalCard(PlotCard):
         super().__init__("Elongation over pressure", NOMINAL)
         self.plot = self.add("Elongation", "mm", x_title="Pressure", x_unit="kPa")
         self.band = self.plot.band("Nominal band", lambda t: t.target)
-        self.nominal = self.plot.curve("Nominal", lambda t: t.target, dashed=True)
+        self.nominal = self.plot.curve("Nominal", lambda t: t.target, pen_style=Qt.PenStyle.DashLine)
         self.trace = self.plot.curve("Measured", lambda t: t.elongation, gaps=True)
         self.plot.x_range(*PRESSURES_KPA)
         self.plot.y_range(-5.0, 5.0)

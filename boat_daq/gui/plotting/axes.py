@@ -1,9 +1,10 @@
 """Axes of the plots: ticks at 1-2-5, clock divisions or decades, a typographic minus, the grid behind the data.
 
 pyqtgraph's own axis makes pens, points and boxes for each range and replays them from a QPicture: half the time of a
-scrolling frame. Here lines and labels are drawn directly, and laid-out labels are cached. The lower axis is painted in
-each frame of a scrolling plot and paints the whole grid; the left one paints its labels alone, cached as pixels. The
-grid is opaque: translucent lines take three times as long.
+scrolling frame. Here lines and labels are drawn directly, and laid-out labels are cached. The grid is one path for each
+axis, in the units of the plot and longer than what is shown: Qt moves it with the data, and no Python runs while it is
+painted. An axis without labels, and the left one, are cached as pixels; only the lower one with labels is painted in
+each frame of a scrolling plot. The grid is opaque: translucent lines take three times as long.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ from typing import Any
 
 import pyqtgraph as pg
 from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QPainter, QPen, QStaticText
+from PySide6.QtGui import QColor, QPainter, QPainterPath, QPen, QStaticText
+from PySide6.QtWidgets import QGraphicsItem, QGraphicsPathItem
 
 from boat_daq.gui import style
 from boat_daq.gui.style import Theme
@@ -25,6 +27,7 @@ CACHED_LABELS = 500
 OVER = 0.1  # of a label's height, which may be outside the axis above and below it, as in pyqtgraph
 ON_TICK = 1e-9  # of a step
 LOG_LABELS = 7
+GRID_BEYOND, GRID_LONGEST = 2.0, 50.0  # of what is shown: lines of the grid are longer on either side; at most so long
 CORNER = 2  # pixels between the axis and a title in the corner of the plot
 LOG_DIGITS = (1, 2, 5)
 FEW_DECADES = 1.6  # over fewer, the 2 and the 5 between are labelled too
@@ -34,8 +37,10 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
     """A left or lower axis; the lower one shows numbers, whole numbers, or a time."""
 
     _around: tuple[object, QRectF] | None = None
-    _across: TickAxis | None = None
-    _drawn_by: TickAxis | None = None
+    _grid: QGraphicsPathItem | None = None
+    _grid_shown: object = None  # ticks, length and theme of the grid as it is
+    _grid_reach = (0.0, 0.0)  # where its lines begin and end
+    _across: TickAxis | None = None  # whose lines lie along this axis
     _title = ""
     _clock = "min:s"  # what the labels of a time axis show
 
@@ -54,6 +59,7 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         self.setStyle(tickFont=self._font)
         self._theme = theme
         self.update()
+        self._lay_grid()
 
     def updateAutoSIPrefix(self) -> None:
         """Do nothing: numbers are in the unit of the title, which pyqtgraph would lay out again at each call."""
@@ -63,6 +69,7 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         self._title = title
         text = named(title, self._clock if self.time else unit) if title else ""
         self.setLabel(text, **label_style(self._theme))
+        self.label.setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)
         self.resizeEvent()  # else it is centred with the width of the label before it
 
     def resizeEvent(self, ev: Any = None) -> None:
@@ -75,6 +82,7 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         super().resizeEvent(ev)
         if not fits:
             self.label.setPos(self.size().width() + CORNER, 1)
+        self._lay_grid()
 
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
         """Return one level of ticks: the multiples of its step in the range, ends included."""
@@ -91,55 +99,76 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
             return [axis.clock(value, spacing, self._clock) for value in values]
         return [str(text).replace("-", "\u2212") for text in super().tickStrings(values, scale, spacing)]
 
-    def draw_grid_of(self, other: TickAxis) -> None:
-        """Draw the grid of the perpendicular axis, too."""
-        self._across, other._drawn_by = other, self
-
     def setRange(self, mn: float, mx: float) -> None:
-        """Set the range; the axis that draws the grid is repainted."""
-        super().setRange(mn, mx)
+        """Set the range, and lay the grid where other ticks are in it; what has no labels is not painted again."""
+        self.range = [mn, mx]
+        if self.style["showValues"]:
+            self.update()
         clock = axis.clock_unit(mn, mx)
         if self.time and clock != self._clock:
             self._clock = clock
             if self._title:
                 self.set_title(self._title, "")
-        if self._drawn_by is not None:
-            self._drawn_by.update()
+        self._lay_grid()
+        if self._across is not None and not self._across._reaches(mn, mx):
+            self._across._lay_grid()
 
     def boundingRect(self) -> QRectF:
-        """Return the area of the axis and of the grid that it draws; computed once for each arrangement."""
-        view = None if self._drawn_by is not None else self.linkedView()
-        arrangement = (self.geometry(), None if view is None else view.geometry())
-        if self._around is None or self._around[0] != arrangement:
-            area = self._area()
-            self._around = (arrangement, area if view is None else area | self._field())
+        """Return the area of the axis; computed once for each arrangement."""
+        if self._around is None or self._around[0] != self.geometry():
+            self._around = (self.geometry(), self._area())
         return QRectF(self._around[1])
 
     def paint(self, painter: QPainter, option: Any, widget: Any) -> None:
-        """Draw line, grid and labels."""
+        """Draw line and labels."""
         painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
         area = self._area()
         self._draw_line(painter, area)
-        step, values, places = self._ticks()
-        if self._drawn_by is None:
-            field_ = self._field()
-            left, bottom = field_.left(), field_.bottom()
-            lines = [QLineF(left + x, field_.top(), left + x, area.top()) for x in places]
-            self._draw_grid(painter, lines, area.width())
-            if self._across is not None:
-                heights = self._across._ticks()[2]
-                lines = [QLineF(left, bottom - y, field_.right(), bottom - y) for y in heights]
-                self._draw_grid(painter, lines, field_.height())
         if self.style["showValues"]:
+            step, values, places = self._ticks()
             self._draw_labels(painter, area, places, self.tickStrings(values, 1.0, step))
+
+    def add_grid(self, plot: Any, across: TickAxis) -> None:
+        """Draw a grid in a pyqtgraph plot, behind its data; its lines lie along the axis `across`."""
+        across._across = self
+        self._grid = QGraphicsPathItem()
+        self._grid.setZValue(-1000)
+        plot.addItem(self._grid, ignoreBounds=True)
+        self._lay_grid()
+
+    def _reaches(self, begin: float, end: float) -> bool:
+        """Return whether the lines of the grid go through a range along them, and are not much longer."""
+        low, high = self._grid_reach
+        return low <= begin and end <= high and high - low < GRID_LONGEST * (end - begin)
+
+    def _lay_grid(self) -> None:
+        """Lay a line of the grid through each tick, where these have changed or the lines end inside the plot."""
+        (low, high), upright = self.range, self.orientation == "bottom"  # its lines are
+        length = self.size().width() if upright else self.size().height()
+        if self._grid is None or length <= 0 or high <= low:
+            return
+        ticks, (begin, end) = self.tickValues(low, high, length)[0][1], self.linkedView().viewRange()[upright]
+        shown = (ticks, round(length), self._theme)
+        if shown == self._grid_shown and self._reaches(begin, end):
+            return
+        self._grid_shown, margin = shown, GRID_BEYOND * (end - begin)
+        begin, end = self._grid_reach = begin - margin, end + margin
+        path = QPainterPath()
+        for at in ticks:
+            path.moveTo(*((at, begin) if upright else (begin, at)))
+            path.lineTo(*((at, end) if upright else (end, at)))
+        self._grid.setPath(path)
+        self._grid.setPen(QPen(self._grid_colour(len(ticks), length), 0))
+
+    def _grid_colour(self, lines: int, length: float) -> QColor:
+        """Return the colour of so many lines over a length in pixels; a dense grid is faint."""
+        share = min(1.0, 0.05 * length / (lines + 1))
+        tick, ground = self._line.color(), self.background
+        pairs = ((tick.red(), ground.red()), (tick.green(), ground.green()), (tick.blue(), ground.blue()))
+        return QColor(*(round(there + (here - there) * share) for here, there in pairs))
 
     def _area(self) -> QRectF:
         return QRectF(self.mapRectFromParent(self.geometry()))
-
-    def _field(self) -> QRectF:
-        """Return the area of the data."""
-        view = self.linkedView()
-        return self._area() if view is None else QRectF(view.mapRectToItem(self, view.rect()))
 
     def _ticks(self) -> tuple[float, list[float], list[float]]:
         """Return the step, the ticks' values, and how far along the axis each is, in pixels."""
@@ -156,15 +185,6 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
             painter.drawLine(QLineF(area.right() - 1, area.top() - 1, area.right() - 1, area.bottom() + 1))
         else:
             painter.drawLine(QLineF(area.left() - 1, area.top() + 1, area.right() + 1, area.top() + 1))
-
-    def _draw_grid(self, painter: QPainter, lines: list[QLineF], length: float) -> None:
-        """Draw lines of the grid; a dense one is faint."""
-        share = min(1.0, 0.05 * length / (len(lines) + 1))
-        tick, ground = self._line.color(), self.background
-        pairs = ((tick.red(), ground.red()), (tick.green(), ground.green()), (tick.blue(), ground.blue()))
-        mixed = (round(there + (here - there) * share) for here, there in pairs)
-        painter.setPen(QPen(QColor(*mixed), 0))
-        painter.drawLines(lines)
 
     def _label(self, text: str) -> QStaticText:
         """Return a laid-out label; it is kept."""

@@ -213,20 +213,24 @@ class Plot:
         self._labels: list[PointLabels] = []
         item.hideButtons()
         item.setMenuEnabled(False)
-        item.getViewBox().disableAutoRange()
+        box = item.getViewBox()
+        box.disableAutoRange()
+        reports = QGraphicsItem.GraphicsItemFlag.ItemSendsGeometryChanges
+        box.childGroup.setFlag(reports, False)  # they would come to Python in each frame
         self.left, self.bottom = item.getAxis("left"), item.getAxis("bottom")
         self.left.setWidth(style.AXIS_WIDTH)
         self.left.setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)  # changes rarely
-        self.bottom.draw_grid_of(self.left)
         self.label_x(x_title, x_unit)
-        self.bottom.setZValue(-1000)  # the grid is behind the data
-        self.left.setZValue(-999)  # its title, in the corner of a low plot, hides no data
+        for ruler, across in ((self.bottom, self.left), (self.left, self.bottom)):
+            ruler.add_grid(item, across)
+            ruler.setZValue(-999)  # its title, in the corner of a low plot, hides no data
         for side in ("right", "top"):
             item.getAxis(side).unlinkFromView()  # hidden, they would still be updated in every frame
 
-    def curve(self, name: str, colour: ThemeColour, *, gaps: bool = False, dashed: bool = False) -> Curve:
-        """Add a curve; `dashed` for a value that is set, not measured."""
-        pen_style = Qt.PenStyle.DashLine if dashed else Qt.PenStyle.SolidLine
+    def curve(
+        self, name: str, colour: ThemeColour, *, gaps: bool = False, pen_style: Qt.PenStyle = Qt.PenStyle.SolidLine
+    ) -> Curve:
+        """Add a curve; dashed for a value that is set, not measured."""
         layer = Curve(name, PathItem(), colour, lambda it, value: it.set_line_colour(value, pen_style))
         layer.gaps = gaps
         return self._add(layer)
@@ -359,6 +363,8 @@ class Plot:
         self._x_shown = (title, unit)
         self.bottom.setStyle(showValues=bool(title))
         self.bottom.setHeight(style.AXIS_HEIGHT if title else style.STEP)
+        changes = QGraphicsItem.CacheMode.NoCache if title else QGraphicsItem.CacheMode.DeviceCoordinateCache
+        self.bottom.setCacheMode(changes)  # without labels it never changes
 
     def _write_titles(self) -> None:
         self.left.set_title(self.title, self.unit)

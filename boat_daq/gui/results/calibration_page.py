@@ -74,9 +74,12 @@ class CurveCard(PlotCard):
         self.link_x()
         self.wide = self.top.band("Band of a new reading, 95 %", colour, alpha=style.BAND_ALPHA_WIDE)
         self.bands = [self.top.band(f"Band of the curve, {p} %", colour) for p in (95, 68)]
-        self.previous = self.top.curve("Previous calibration", lambda t: t.target, dashed=True)
+        dashed = Qt.PenStyle.DashLine
+        self.previous = self.top.curve("Previous calibration", lambda t: t.target, pen_style=dashed)
         self.curve = self.top.curve("Calibration", colour)
-        self.difference = self.bottom.curve("Previous calibration less this one", lambda t: t.target, dashed=True)
+        self.difference = self.bottom.curve(
+            "Previous calibration less this one", lambda t: t.target, pen_style=Qt.PenStyle.DashLine
+        )
         self.residual_bands = [self.bottom.band(f"Band of the curve about itself, {p} %", colour) for p in (95, 68)]
         self.bottom.line(lambda t: t.muted, style_=Qt.PenStyle.SolidLine)
         self.branches = [

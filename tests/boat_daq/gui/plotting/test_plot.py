@@ -99,8 +99,9 @@ def test_grid_lines_are_at_the_ticks(view):
     view.addItem(item)
     plot = Plot(item, "Signal", "mV", x_title="Time", x_unit="s")
     plot.paint(style.LIGHT)
-    plot.x_range(0.0, 70.0)
+    plot.x_range(-1070.0, -1000.0)
     plot.y_range(0.0, 7.0)
+    plot.x_range(0.0, 70.0)  # scrolled to: the lines that were laid far off end before
     view.setBackground(style.LIGHT.surface)
     view.viewport().repaint()
     picture, box = view.grab().toImage(), item.getViewBox()

@@ -7,6 +7,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from analysis.errors import RequestError
+from analysis.optional import optional
 
 CONNECT_S = 10.0
 
@@ -42,11 +43,7 @@ def connect(address: str) -> Any:
     ------
     RequestError : Dask is not installed, or no scheduler answers.
     """
-    try:
-        import distributed
-    except ImportError as error:
-        raise RequestError("Dask is not installed", 'Install it with: pip install "boat-daq[cluster]"') from error
-    library: Any = distributed  # it comes without types
+    library = optional("distributed")
     try:
         return library.Client(address, timeout=CONNECT_S)
     except (OSError, TimeoutError, ValueError) as error:

@@ -10,7 +10,7 @@ AnalysisError
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 
@@ -45,26 +45,6 @@ class FileError(AnalysisError):
 
 class ConvergenceError(AnalysisError):
     """The method did not reach its own criterion."""
-
-
-def unfinished(path: Path) -> Path:
-    """Return the name that a file has beside `path` while it is written."""
-    return path.with_name(f"{path.name}.part")
-
-
-@contextmanager
-def written_whole(path: Path) -> Iterator[Path]:
-    """Give the name to write to, which becomes `path` once all is written; else it is removed."""
-    if path.exists() and not path.is_file():  # a pipe cannot be replaced
-        yield path
-        return
-    part = unfinished(path)
-    try:
-        yield part
-        part.replace(path)
-    finally:
-        with suppress(OSError):  # a folder that is none
-            part.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -7,7 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
-from typing import Any, ParamSpec, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+from protocol.whole_file import written_whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Arguments = ParamSpec("Arguments")
 Drawn = TypeVar("Drawn")
@@ -70,6 +76,17 @@ RC: Any = {  # matplotlib types the keys of rc_context one by one
 def sensor_colour(number: int) -> str:
     """Return the colour of a sensor, counted from 0."""
     return SENSORS[number % len(SENSORS)]
+
+
+def save_picture(figure: Figure, path: Path, **options: Any) -> None:
+    """Write a figure whole, in the format of the file's suffix.
+
+    Raises
+    ------
+    OSError : the file cannot be written. ValueError : the suffix names no format.
+    """
+    with written_whole(path) as part:
+        figure.savefig(part, format=path.suffix[1:], **options)
 
 
 def styled(draw: Callable[Arguments, Drawn]) -> Callable[Arguments, Drawn]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,10 +19,12 @@ from analysis.shadow.fem.mesh import Mesh, check_quality, structured_quads
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.pressure import volume_gradient
 from analysis.shadow.fem.problem import make_problem
-from analysis.shadow.fem.scikit_fem import ScikitFemProblem, make_scikit_fem_problem
 from analysis.shadow.fem.solver import Solution, Solver
 from analysis.shadow.model.frames import Shadow
 from analysis.shadow.model.full import FullModel
+
+if TYPE_CHECKING:
+    from analysis.shadow.fem.scikit_fem import ScikitFemProblem
 
 INNER_MM, OUTER_MM, MODULUS_KPA, LOAD_KPA = 3.0, 9.0, 1000.0, 0.1
 SIDE = 4
@@ -68,6 +71,8 @@ def actuator(**values: float) -> FullModel:
 @lru_cache(maxsize=16)
 def in_scikit_fem(model: FullModel) -> ScikitFemProblem:
     """Return the same mesh in scikit-fem, cached."""
+    from analysis.shadow.fem.scikit_fem import make_scikit_fem_problem
+
     return make_scikit_fem_problem(model.problem)
 
 
@@ -132,7 +137,7 @@ STUDIES = (
         "fem-limit", "full-fem", "Vacuum and pressure, to the limit of stability", "balance of forces by scikit-fem",
         "of the forces", 1e-6,
         Axis("pressure", "kPa", (-150.0, -80.0, -60.0, -45.0, -40.0, -30.0, -10.0, 10.0, 50.0, 100.0, 150.0)),
-        Axis("wall", "mm", (1.6, 1.8, 2.0, 2.2, 2.6)), limit,
+        Axis("wall", "mm", (1.6, 1.8, 2.0, 2.2, 2.6)), limit, "skfem",
     ),
     Study(
         "fem-coarse", "full-fem", "Too coarse a mesh", "a mesh of 16 x (4 + 8)", "mm", 0.05,

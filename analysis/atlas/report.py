@@ -20,6 +20,7 @@ from PIL import Image
 from analysis import figure_style as style
 from analysis.atlas.sweep import CellOutcome, StudyMap
 from analysis.machine import machine
+from protocol.whole_file import write_whole, written_whole
 
 LOOK: dict[CellOutcome, tuple[str, str, str, str]] = {
     CellOutcome.WORKS: ("#9AD0F0", "", "", "works: within its tolerance"),
@@ -87,13 +88,13 @@ def write_atlas(maps: Sequence[StudyMap], folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / "atlas.json"]
     text = json.dumps(atlas_json(maps), indent=1, ensure_ascii=False, allow_nan=False)
-    files[0].write_text(text + "\n", encoding="utf-8")
+    write_whole(files[0], text + "\n")
     with mpl.rc_context(style.RC | HATCH):
         for method in dict.fromkeys(m.study.method for m in maps):
             figure = method_atlas([m for m in maps if m.study.method == method])
             for kind in ("png", "svg"):
                 files.append(folder / f"{method}.{kind}")
-                figure.savefig(files[-1], dpi=DPI, metadata={"Date": None} if kind == "svg" else None)
+                style.save_picture(figure, files[-1], dpi=DPI, metadata={"Date": None} if kind == "svg" else None)
                 figure.set_layout_engine("none")  # laid out once for both formats
             _reduce(folder / f"{method}.png")
     return files
@@ -102,4 +103,5 @@ def write_atlas(maps: Sequence[StudyMap], folder: Path) -> list[Path]:
 def _reduce(picture: Path) -> None:
     with Image.open(picture) as full:
         small = full.convert("RGB").quantize(COLOURS)
-    small.save(picture, optimize=True)
+    with written_whole(picture) as part:
+        small.save(part, "PNG", optimize=True)

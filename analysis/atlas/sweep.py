@@ -22,6 +22,7 @@ from enum import StrEnum
 from typing import Any
 
 from analysis.errors import AnalysisError
+from analysis.optional import optional
 from analysis.progress import Progress, part_of
 
 
@@ -112,6 +113,7 @@ class Study:
     unit, tolerance : of the error; beyond the tolerance a number is wrong.
     x, y : the two parameters.
     run : calls the method at (x, y); an error of the analysis is a refusal.
+    library : module of an optional library that the truth comes from; may be empty.
     """
 
     name: str
@@ -123,6 +125,17 @@ class Study:
     x: Axis
     y: Axis
     run: Callable[[float, float], StudyResult]
+    library: str = ""
+
+    def check_library(self) -> None:
+        """Refuse a study whose library is not installed: at a point that would count as the method's refusal.
+
+        Raises
+        ------
+        RequestError : names the extra that brings it.
+        """
+        if self.library:
+            optional(self.library)
 
     @property
     def size(self) -> int:
@@ -191,7 +204,14 @@ def sweep(study: Study, progress: Progress | None = None) -> StudyMap:
 
 
 def sweep_all(studies: Sequence[Study], progress: Progress | None = None) -> list[StudyMap]:
-    """Sweep several studies; `progress` is called with (points done, points) of all."""
+    """Sweep several studies; `progress` is called with (points done, points) of all.
+
+    Raises
+    ------
+    RequestError : a library that one of them needs is not installed.
+    """
+    for study in studies:
+        study.check_library()
     sizes = [study.size for study in studies]
     return [sweep(study, part_of(progress, sum(sizes[:i]), study.size, sum(sizes))) for i, study in enumerate(studies)]
 

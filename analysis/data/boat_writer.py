@@ -23,11 +23,12 @@ import numpy.typing as npt
 from analysis.data.boat_file import opened
 from analysis.data.csv_import import import_csv
 from analysis.data.recording import Recording
-from analysis.errors import FileError, written_whole
+from analysis.errors import FileError
 from analysis.version import program_version
 from protocol.errors import RecordingError
 from protocol.recording import schema
 from protocol.recording.checks import check_session
+from protocol.whole_file import written_whole
 
 CHUNK_BYTES = 1 << 20
 CHUNK = "id, host_ns, direction, raw, crc32"
@@ -57,10 +58,8 @@ def write_boat_file(path: str | Path, recording: Recording, *, original: str | P
     if path.exists():
         raise FileError(f"{path} exists already", "Choose another name: a recording is never overwritten.")
     try:
-        with written_whole(path) as unfinished:
-            unfinished.unlink(missing_ok=True)  # of an import that was killed
-            with closing(sqlite3.connect(unfinished)) as db, db:
-                _write(db, recording, Path(original))
+        with written_whole(path) as unfinished, closing(sqlite3.connect(unfinished)) as db, db:
+            _write(db, recording, Path(original))
     except (sqlite3.Error, OSError) as error:
         raise FileError(f"{path} cannot be written: {error}", "Choose another folder.") from error
 

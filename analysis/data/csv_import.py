@@ -27,6 +27,7 @@ from analysis.warning import Warning, WarningCode
 from protocol.pressure_units import KPA_PER_UNIT
 from protocol.recording import SampleFlag
 from protocol.regular_file import read_regular
+from protocol.whole_file import write_whole
 
 UNITS: dict[str, dict[str, float]] = {
     "time_s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0},
@@ -134,7 +135,7 @@ def save_profile(path: str | Path, mapping: ColumnMap, table: Table) -> None:
     table : that the mapping is of.
     """
     text = json.dumps({"boat_daq_import": 1, "columns": mapping.as_profile(table)}, indent=2, ensure_ascii=False)
-    Path(path).write_text(text + "\n", encoding="utf-8")
+    write_whole(Path(path), text + "\n")
 
 
 def load_profile(path: str | Path) -> dict[str, str]:

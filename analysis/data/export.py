@@ -17,8 +17,10 @@ import numpy as np
 import pandas as pd
 
 from analysis.data.recording import META_KEYS, Recording
-from analysis.errors import RequestError, writing, written_whole
+from analysis.errors import RequestError, writing
+from analysis.optional import optional
 from analysis.progress import Progress
+from protocol.whole_file import write_whole, written_whole
 
 Format = Literal["csv", "parquet"]
 
@@ -54,7 +56,7 @@ def export(recording: Recording, path: str | Path, format: Format, *, progress: 
 
     Raises
     ------
-    RequestError : another format. FileError : the folder is not there or cannot be written.
+    RequestError : another format, or Parquet without pyarrow. FileError : the folder is not there or cannot be written.
     """
     path = Path(path)
     if format not in ("csv", "parquet"):
@@ -67,7 +69,7 @@ def export(recording: Recording, path: str | Path, format: Format, *, progress: 
         sidecar = path.with_suffix(".json")
         with written_whole(path) as part:
             _write_csv(recording, part, progress)
-        sidecar.write_text(json.dumps(_description(recording), indent=2, default=str) + "\n", encoding="utf-8")
+        write_whole(sidecar, json.dumps(_description(recording), indent=2, default=str) + "\n")
         return [path, sidecar]
 
 
@@ -91,9 +93,7 @@ def _comment(text: str) -> str:
 
 
 def _write_parquet(recording: Recording, path: Path) -> None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
+    pa, pq = optional("pyarrow"), optional("pyarrow.parquet")
     table = pa.Table.from_pandas(samples_frame(recording), preserve_index=False)
     description = {"boat_daq": json.dumps(_description(recording), default=str)}
     if recording.simulated:

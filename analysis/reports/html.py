@@ -17,6 +17,7 @@ from analysis import figure_style as style
 from analysis.progress import Progress
 from analysis.reports.document import Report, ReportDrawing, ReportTable, SectionPart, aligned, right_aligned, typeset
 from analysis.reports.drawings import as_svg
+from protocol.whole_file import write_whole
 
 WIDTH_INCH = 7.4
 STACKED_INCH = 4.0  # its labels are read on a telephone; the template gives it the scale of two side by side
@@ -30,7 +31,7 @@ def write_html(report: Report, path: Path, progress: Progress | None = None) -> 
     report, path : what is written, and where.
     progress : is called with the sections that are set and their number.
     """
-    path.write_text(render_html(report, progress), encoding="utf-8", errors="replace")  # a name may be no UTF-8
+    write_whole(path, render_html(report, progress))
 
 
 def render_html(report: Report, progress: Progress | None = None) -> str:

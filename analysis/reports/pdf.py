@@ -22,6 +22,7 @@ from analysis.progress import Progress
 from analysis.reports.document import Report, ReportDrawing, ReportTable, SectionPart, aligned, right_aligned, typeset
 from analysis.reports.drawings import as_svg
 from analysis.reports.text_metrics import font_folders, fonts, printable
+from protocol.whole_file import write_whole
 
 WIDTH, HEIGHT = style.A4_INCH
 INNER = WIDTH - 2 * style.MARGIN_INCH
@@ -41,7 +42,7 @@ def write_pdf(report: Report, path: Path, progress: Progress | None = None) -> N
     report, path : what is written, and where.
     progress : is called with the sections that are set and their number.
     """
-    path.write_bytes(render_pdf(report, progress))
+    write_whole(path, render_pdf(report, progress))
 
 
 def render_pdf(report: Report, progress: Progress | None = None) -> bytes:

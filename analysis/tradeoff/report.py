@@ -26,6 +26,7 @@ from analysis import figure_style as style
 from analysis.fidelity import LEVELS, MARGINS
 from analysis.machine import machine
 from analysis.tradeoff.measure import MARGIN, CostPoint, Measured
+from protocol.whole_file import write_whole, written_whole
 
 DATA, DEFAULT, CHOSEN, REFUSED = style.SENSORS[0], style.SENSORS[1], style.PRESSURE, style.SOFT
 COLUMNS = 3
@@ -196,7 +197,7 @@ def write_report(results: Sequence[Measured], folder: Path, *, quick: bool) -> l
     folder.mkdir(parents=True, exist_ok=True)
     content = report_json(results, quick=quick)
     files = [folder / "tradeoff.json", folder / "tradeoff.csv"]
-    files[0].write_text(json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False), encoding="utf-8")
+    write_whole(files[0], json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False))
     _write_csv(content, files[1])
     where = "{processor}, {cores} cores, Python {python}, {date_utc}".format(**content["machine"])
     with mpl.rc_context(style.RC):
@@ -205,13 +206,13 @@ def write_report(results: Sequence[Measured], folder: Path, *, quick: bool) -> l
         for name, figure in charts.items():
             for kind in ("png", "svg"):
                 files.append(folder / f"{name}.{kind}")
-                figure.savefig(files[-1], dpi=110, metadata=NO_DATE[kind])
+                style.save_picture(figure, files[-1], dpi=110, metadata=NO_DATE[kind])
                 figure.set_layout_engine("none")  # laid out once for both formats
     return files
 
 
 def _write_csv(content: dict[str, Any], path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with written_whole(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         columns = [column.name for column in fields(CostPoint)]
         table.writerow(["method", *columns, "unit", "tolerance", "on_front", "default", "chosen"])

@@ -139,6 +139,15 @@ def notify(text: str) -> None:
     err.print(text, soft_wrap=True)
 
 
+def notify_shortcomings() -> None:
+    """Print what of this installation is slower than it could be, on standard error."""
+    from boat_daq.engine.installation import shortcomings
+
+    for found in shortcomings():
+        notify(f"note: {found.cause}")
+        notify(f"  try: {found.remedy}: {found.command}")
+
+
 @contextmanager
 def progress_bar(label: str) -> Iterator[Advance]:
     """Show a bar on standard error for work of more than a second; yields ``advance(done, total)``."""

@@ -24,6 +24,7 @@ from analysis.optics.scene.parameters import (
 )
 from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, writing
 from boat_daq.commands.options import AllowRemoteOption, OptionalFidelity, one_of
+from protocol.whole_file import write_whole
 
 if TYPE_CHECKING:
     from analysis.arrays import FloatArray
@@ -254,7 +255,7 @@ def scene(
         return
     path = out or Path("scene.json")
     with writing(path):
-        path.write_text(json.dumps(built, indent=1), encoding="utf-8")
+        write_whole(path, json.dumps(built, indent=1))
     content = {**asdict(design), "state": number, "file": str(path), "objects": len(built["objs"])}
     text = f"wrote {path}: open it in ray-optics (https://phydemo.app/ray-optics/simulator/)"
     present(content, text, as_json=as_json)
@@ -364,7 +365,7 @@ def optimise(
     if out is not None:
         file = out / "optimum.json"
         with writing(file):
-            file.write_text(json.dumps(result, indent=1), encoding="utf-8")
+            write_whole(file, json.dumps(result, indent=1))
         notify(f"wrote {file}")
     present(result, optimum_text(found), as_json=as_json)
 

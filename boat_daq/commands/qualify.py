@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, writing
+from boat_daq.commands.console import JsonOption, emit_json, notify, notify_shortcomings, progress_bar, writing
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,6 +38,7 @@ def qualify(
     from boat_daq.engine.qualification.result import qualification
 
     start_log("qualify")
+    notify_shortcomings()
     drills = _chosen(available(), only)
     begun = datetime.now().astimezone()
     work = out / f"qualification_{begun:%Y-%m-%d_%H%M%S}"

@@ -10,6 +10,7 @@ from analysis.numbers import finite
 from analysis.reports.document import Report, ReportTable, Section
 from analysis.reports.html import write_html
 from analysis.reports.pdf import write_pdf
+from protocol.whole_file import write_whole
 
 SCOPE = (
     "I have read this report. It tests program, computer, disk and port with a virtual board; it does not cover the "
@@ -23,7 +24,7 @@ def write_reports(content: dict[str, Any], folder: Path) -> list[Path]:
     paths = [folder / f"qualification{suffix}" for suffix in (".html", ".pdf", ".json")]
     write_html(report, paths[0])
     write_pdf(report, paths[1])
-    paths[2].write_text(json.dumps(finite(content), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_whole(paths[2], json.dumps(finite(content), indent=1, ensure_ascii=False) + "\n")
     return paths
 
 
@@ -76,6 +77,7 @@ def _installation(content: dict[str, Any]) -> tuple[tuple[str, str], ...]:
         ("Program", f"boat-daq {program['version']}, files {program['sha256'][:16]}, in {program['folder']}"),
         ("Computer", f"{machine['name']}: {machine['processor']}, {machine['memory']}"),
         ("System", f"{machine['system']}, Python {content['versions']['Python']}"),
+        *(("Shortcoming", "{cause}. {remedy}: {command}".format(**found)) for found in content["shortcomings"]),
         ("Folder", disk["folder"]),
         ("Disk", "{file_system} on {device}, {free_gb:g} of {size_gb:g} GB free".format(**disk)),
     )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, present, progress_bar
+from boat_daq.commands.console import JsonOption, notify_shortcomings, present, progress_bar
 from boat_daq.commands.options import RecordingArgument
 
 if TYPE_CHECKING:
@@ -108,12 +108,16 @@ def info(run: RecordingArgument, as_json: JsonOption = False) -> None:
 
     Example: boat-daq info recordings/run.boat
     """
+    from analysis.numbers import finite
+    from boat_daq.engine.installation import shortcomings
     from boat_daq.engine.recording.summary import summarise
 
     summary = summarise(run)
     # no text of a file controls the terminal
     lines = (f"{name:<11} " + "".join(c if c.isprintable() else "?" for c in value) for name, value in _lines(summary))
-    present(summary, *lines, as_json=as_json)
+    content = {**finite(summary), "shortcomings": [finite(found) for found in shortcomings()]}
+    present(content, *lines, as_json=as_json)
+    notify_shortcomings()
 
 
 def _lines(summary: Summary) -> Iterator[tuple[str, str]]:

@@ -78,8 +78,10 @@ def chosen_shadow(parameters: Path | None, level: Level = "normal") -> Shadow:
 
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure in the format of its suffix."""
+    from analysis.figure_style import save_picture
+
     with writing(path):
-        figure.savefig(path, dpi=144)
+        save_picture(figure, path, dpi=144)
     notify(f"wrote {path}")
 
 

@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from boat_daq import __version__
-from boat_daq.engine.log import RECORDING, library_versions, log_folder
+from boat_daq.engine.installation import library_versions, shortcomings
+from boat_daq.engine.log import RECORDING, log_folder
 from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.settings import home
@@ -27,10 +28,22 @@ from boat_daq.engine.snapshot import MessageKind
 from boat_daq.errors import BoatDaqError, OperatorError, StorageError
 from protocol.errors import ProtocolError
 from protocol.recording import Metadata
+from protocol.whole_file import written_whole
 
 LOGS = 5
 LOG_BYTES = 2_000_000  # of each, the newest end
-_PACKAGES = ("numpy", "scipy", "pandas", "pyserial", "PySide6-Essentials", "pyqtgraph", "numba", "typer", "matplotlib")
+_PACKAGES = (
+    "numpy",
+    "scipy",
+    "pandas",
+    "pyserial",
+    "cobs",
+    "PySide6-Essentials",
+    "pyqtgraph",
+    "numba",
+    "typer",
+    "matplotlib",
+)
 _PERSONAL_KEYS = ("operator", "note", "recordings", "profile", "reader")
 _OPERATOR, _NOTE = "[operator]", "[note]"
 _PATH = re.compile(r"(?:\b[A-Za-z]:)?(?:[\\/]{1,2}[^\\/\s'\"`,;:()<>|]+)+")
@@ -60,16 +73,16 @@ def write_bug_report(out: Path, *, personal: bool = False, recording: Path | Non
     ------
     OperatorError : a file of that name exists. StorageError : it cannot be written.
     """
+    if out.exists():
+        raise OperatorError(f"{out} exists already", "choose another name")
     texts = collect(recording)
     if not personal:
         hide = Redaction(texts)
         texts = {name: hide(text) for name, text in texts.items()}
     try:
-        with zipfile.ZipFile(out, "x", zipfile.ZIP_DEFLATED) as archive:
+        with written_whole(out) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
             for name, text in texts.items():
                 archive.writestr(name, text)
-    except FileExistsError:
-        raise OperatorError(f"{out} exists already", "choose another name") from None
     except OSError as error:
         raise StorageError(f"{out} cannot be written: {error.strerror}", "choose another folder") from error
     return out
@@ -91,6 +104,7 @@ def collect(recording: Path | None = None) -> dict[str, str]:
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
         "packages": library_versions(_PACKAGES),
+        "shortcomings": [found.text for found in shortcomings()],
     }
     texts = {"versions.json": _json(versions), "settings.toml": _tail(home() / "settings.toml")}
     if found is not None:

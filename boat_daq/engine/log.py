@@ -10,16 +10,13 @@ script that never calls it, every note is discarded.
 from __future__ import annotations
 
 import atexit
-import contextlib
 import logging
 import os
 import platform
 import queue
 import threading
 import time
-from collections.abc import Iterable
 from datetime import UTC, datetime
-from importlib import metadata
 from logging.handlers import QueueHandler, QueueListener, RotatingFileHandler
 from pathlib import Path
 
@@ -173,12 +170,3 @@ def memory_mb() -> float | None:
         return None
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / 1e6  # bytes on macOS, the one system left
-
-
-def library_versions(names: Iterable[str]) -> dict[str, str]:
-    """Return the versions of those libraries that are installed."""
-    found: dict[str, str] = {}
-    for name in names:
-        with contextlib.suppress(metadata.PackageNotFoundError):
-            found[name] = metadata.version(name)
-    return found

@@ -36,6 +36,7 @@ from boat_daq.engine.file_names import is_device_name, path_in
 from boat_daq.engine.toml_values import MAX_BYTES, BadValue, build, parse_toml, read_text
 from boat_daq.errors import OperatorError, StorageError
 from protocol.regular_file import read_regular
+from protocol.whole_file import write_whole, written_whole
 
 T = TypeVar("T")
 
@@ -172,7 +173,7 @@ def save_settings(settings: Settings, folder: Path | None = None) -> None:
     ------
     StorageError : the folder cannot be written.
     """
-    write_whole((folder or home()) / "settings.toml", tomli_w.dumps(dataclasses.asdict(settings)))
+    _replace((folder or home()) / "settings.toml", tomli_w.dumps(dataclasses.asdict(settings)))
 
 
 class UnitLibrary:
@@ -260,7 +261,7 @@ class UnitLibrary:
         kept = own.history if own is not None else ()
         table = dataclasses.asdict(dataclasses.replace(unit, history=(*kept, *new)))
         table["history"] = [{**entry, "content": json.dumps(dict(entry["content"]))} for entry in table["history"]]
-        write_whole(path_in(self.folder, f"{unit.name}.toml"), tomli_w.dumps(table))
+        _replace(path_in(self.folder, f"{unit.name}.toml"), tomli_w.dumps(table))
 
     def add_calibration(self, name: str, content: Mapping[str, Any], *, accepted: bool = True, **more: str) -> Unit:
         """Add a calibration to a unit's history, store it, and return the unit.
@@ -399,28 +400,18 @@ def is_destroyed(path: Path) -> bool:
         return False  # present but unreadable or too large: `read_text` raises the reason
 
 
-def write_whole(path: Path, text: str) -> None:
+def _replace(path: Path, text: str) -> None:
     """Replace a file at once, the one before kept as `.bak`.
-
-    After a crash the old or the new is there, and a backup.
 
     Raises
     ------
     StorageError : the folder or the file cannot be written.
     """
-    new = path.with_name(f".{path.name}.{os.getpid()}.new")
-    kept = path.with_name(f".{path.name}.{os.getpid()}.old")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with new.open("w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
         if not is_destroyed(path):  # else the backup is the better one
-            shutil.copy2(path, kept)
-            kept.replace(path.with_name(path.name + BACKUP))
-        new.replace(path)
+            with written_whole(path.with_name(path.name + BACKUP)) as kept:
+                shutil.copy2(path, kept)
+        write_whole(path, text)
     except OSError as error:
-        for unfinished in (new, kept):
-            unfinished.unlink(missing_ok=True)
         raise StorageError(f"{path} cannot be written: {error.strerror}", "check the folder and the disk") from error

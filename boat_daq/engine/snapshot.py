@@ -100,6 +100,7 @@ class MessageKind(enum.StrEnum):
     REPLAY_ENDED = "replay_ended"
     STORAGE = "storage"
     BACKUP_USED = "backup_used"
+    SLOW = "slow"
     SINK_FAILED = "sink_failed"
     MARK = "mark"
 

@@ -12,6 +12,7 @@ The link carries `COBS(body) 00`, body = type, seq, payload, CRC-32 little-endia
 from __future__ import annotations
 
 from dataclasses import dataclass
+from inspect import isbuiltin
 from itertools import accumulate, compress
 from typing import Any
 from zlib import crc32
@@ -24,6 +25,11 @@ BODY_MIN = 6  # type, seq, CRC
 BODY_MAX = 200
 COLLECT_MAX = 210  # bytes without a 00 that a receiver keeps
 RESIDUE = 0x2144DF1C  # CRC-32 of anything followed by its own CRC-32
+
+
+def is_compiled() -> bool:
+    """Return whether cobs has its compiled part; without it frames are decoded in Python, a tenth as fast."""
+    return isbuiltin(cobs.decode)
 
 
 @dataclass(frozen=True, slots=True)

@@ -111,7 +111,7 @@ def test_failed_upgrade_leaves_the_original(
     with pytest.raises(StorageError, match="full"):
         upgrade(path)
     assert path.read_bytes() == content
-    assert not list(tmp_path.glob("*.upgrade"))
+    assert not list(tmp_path.glob("*.part"))
     assert not list(tmp_path.glob("*-lock"))
 
 

@@ -69,3 +69,31 @@ def test_no_input_is_evaluated() -> None:
                 if called in {"np.load", "numpy.load"}:
                     options = {key.arg: ast.unparse(key.value) for key in node.keywords}
                     assert options.get("allow_pickle") == "False", path
+
+
+WRITES = {"write_text", "write_bytes", "savefig", "savez"}
+NOT_WHOLE = {  # function: why it writes on its own
+    "_open_truth": "the true values of a virtual board grow while it runs",
+    "_keep": "a copy under a name that nothing had, flushed there",
+    "analysed_with": "in a temporary folder",
+    "first_difference": "in a temporary folder",
+    "_write_csv": "into the part that `export` gives it",
+    "as_svg": "in memory",
+}
+
+
+def writes(call: ast.Call) -> bool:
+    """Whether a call writes a file: by a method of a path or a figure, or by one opened for it."""
+    name = getattr(call.func, "attr", "")
+    modes = [value.value for value in call.args if isinstance(value, ast.Constant) and isinstance(value.value, str)]
+    return name in WRITES or (name in {"open", "ZipFile"} and any(mode[:1] in "wx" for mode in modes if mode))
+
+
+def test_files_are_written_whole() -> None:
+    """Every function that writes a file does so by `protocol.whole_file`, or is named above."""
+    candidates = (*WRITES, "open(", "ZipFile(")
+    trees = [ast.parse(source) for _, source in sources() if any(name in source for name in candidates)]
+    functions = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    writers = [f for f in functions if any(isinstance(n, ast.Call) and writes(n) for n in ast.walk(f))]
+    assert len(writers) > len(NOT_WHOLE)
+    assert {f.name for f in writers if "written_whole(" not in ast.unparse(f)} == set(NOT_WHOLE)

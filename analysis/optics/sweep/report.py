@@ -31,6 +31,7 @@ from analysis.optics.sweep.optimise import BETTER, PATIENCE, Optimum
 from analysis.optics.sweep.sweep import STEPS_MM, SweepResult
 from analysis.optics.tracer.simulation import ray_paths
 from analysis.version import program_version
+from protocol.whole_file import written_whole
 
 BLUE, VERMILLION = style.SENSORS[:2]
 RESIN, GREEN = "#E3EDF5", style.PRESSURE
@@ -52,7 +53,7 @@ def save(figure: Figure, path: Path) -> None:
     """
     try:
         with writing(path, "choose another folder"):
-            figure.savefig(path, dpi=DPI)
+            style.save_picture(figure, path, dpi=DPI)
     except ValueError as error:
         raise FileError(f"{path}: its suffix names no picture", "name a file ending in .png, .svg or .pdf") from error
 
@@ -335,7 +336,7 @@ def _write_table(result: SweepResult, path: Path) -> None:
     columns["p_low"], columns["p_high"] = columns["p_ci"].T
     states = {f"{name}_{s}": column for name in ("ndr", "power") for s, column in enumerate(columns[name].T)}
     shown = {name: columns[name] for name in TABLE} | states
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with written_whole(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         parameters = json.dumps(result.request.described(), sort_keys=True)
         file.write(f"# boat-daq {program_version()}, ranked by {result.request.by}, parameters {parameters}\n")
         rows = csv.writer(file)

@@ -24,6 +24,7 @@ from analysis.shadow.fem.element import EDGES
 from analysis.shadow.fem.mesh import LATTICE, WALL, Mesh, check_quality
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution
+from protocol.whole_file import written_whole
 
 MAX_BYTES = 128 << 20  # a hundred thousand elements take 20 MB
 PARTS = {"lattice": 1, "wall": 2, "cavity": 3, "base": 4, "tip": 5}
@@ -51,13 +52,13 @@ def write_state(path: Path, file_format: str, parameters: ActuatorParameters, me
     """
     if file_format not in ("vtu", "msh", "inp"):
         raise RequestError(f"'{file_format}' is not a mesh format of this program", "choose vtu, msh or inp")
-    with writing(path):
+    with writing(path), written_whole(path) as part:
         if file_format == "inp":
-            path.write_text(calculix_deck(parameters, mesh, solution.pressure_kpa), encoding="ascii")
+            part.write_text(calculix_deck(parameters, mesh, solution.pressure_kpa), encoding="ascii")
         elif file_format == "msh":
-            meshio.write(path, to_meshio(mesh, named=True), file_format="gmsh22", binary=False)
+            meshio.write(part, to_meshio(mesh, named=True), file_format="gmsh22", binary=False)
         else:
-            meshio.write(path, to_meshio(mesh, solution.displacement_mm), file_format="vtu")
+            meshio.write(part, to_meshio(mesh, solution.displacement_mm), file_format="vtu")
 
 
 def to_meshio(mesh: Mesh, displacement_mm: FloatArray | None = None, *, named: bool = False) -> meshio.Mesh:

@@ -23,8 +23,9 @@ from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.guides import both_guides
-from analysis.shadow.model.table import cache_folder, keep_arrays, load_arrays
+from analysis.shadow.model.table import cache_folder, keep_arrays, load_arrays, write_arrays
 from analysis.version import program_version
+from protocol.whole_file import write_whole
 
 FORMAT = 1
 STEPS = 7
@@ -142,10 +143,9 @@ def write_states(states: GuideStates, path: Path) -> None:
     """
     with writing(path):
         if path.suffix.lower() == ".npz":
-            with path.open("wb") as file:
-                np.savez(file, **states.arrays)
+            write_arrays(path, states.arrays)
         else:
-            path.write_text("\n".join([*_origin(states), HEADER, *_lines(states)]) + "\n", encoding="utf-8")
+            write_whole(path, "\n".join([*_origin(states), HEADER, *_lines(states)]) + "\n")
 
 
 def _origin(states: GuideStates) -> list[str]:

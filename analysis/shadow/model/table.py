@@ -9,9 +9,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-import os
 import struct
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
@@ -31,6 +29,7 @@ from analysis.shadow.fem.solver import Solution, Solver
 from analysis.shadow.model import chebyshev
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.reduced import ReducedModel, TableSettings
+from protocol.whole_file import written_whole
 
 # what zipfile, zlib and numpy raise of a damaged cache: other versions, other methods, passwords, sizes beyond memory
 UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, RuntimeError, MemoryError, zlib.error, struct.error,
@@ -53,10 +52,13 @@ def keep_arrays(path: Path, arrays: dict[str, Any]) -> None:
     """Write arrays, where the folder can be written, so that a reader sees all of them or nothing."""
     with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, **arrays)
-        Path(part).replace(path)
+        write_arrays(path, arrays)
+
+
+def write_arrays(path: Path, arrays: dict[str, Any]) -> None:
+    """Write arrays by their names, whole or not at all."""
+    with written_whole(path) as part, part.open("wb") as file:
+        np.savez(file, **arrays)
 
 
 FORMAT = 1

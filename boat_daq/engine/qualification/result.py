@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from boat_daq import __version__
-from boat_daq.engine.log import library_versions
+from boat_daq.engine.installation import library_versions, shortcomings
 from boat_daq.engine.qualification.drills import DrillResult
 
 _ROOT = Path(__file__).resolve().parents[3]
@@ -116,6 +116,7 @@ def qualification(results: Sequence[DrillResult], begun: datetime, *, whole: boo
         "machine": machine(),
         "disk": disk(folder),
         "versions": {"boat-daq": __version__, "Python": platform.python_version(), **library_versions(_LIBRARIES)},
+        "shortcomings": [asdict(found) for found in shortcomings()],
         "drills": [_drill(result) for result in results],
     }
 

@@ -21,6 +21,7 @@ from boat_daq.engine.recording.file import WriterLock, storage_error
 from boat_daq.errors import OperatorError, StorageError
 from protocol.recording import ADDED, SCHEMA_VERSION, layout_version, open_recording, read_session, refuse_newer
 from protocol.recording.checks import DAMAGE, columns_of, harden
+from protocol.whole_file import written_whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,17 +67,11 @@ def upgrade(path: Path) -> Upgrade:
 
 def _exchange(path: Path, version: int) -> Path:
     """Put an upgraded copy in the file's place, and return where the file went."""
-    copy = path.with_name(f"{path.name}.upgrade")
-    try:
+    with written_whole(path) as copy:
         shutil.copyfile(path, copy)
         _add_columns(copy, version)
         open_recording(copy).close()
-        backup = _keep(path, version)
-        copy.replace(path)
-    finally:
-        copy.unlink(missing_ok=True)
-    _flush(path.parent)
-    return backup
+        return _keep(path, version)
 
 
 def _add_columns(path: Path, version: int) -> None:
@@ -113,18 +108,3 @@ def _keep(path: Path, version: int) -> Path:
                 os.fsync(second.fileno())
         return backup
     raise OperatorError(f"there are a thousand backups of {path.name} already", "Remove some of them.")
-
-
-def _flush(folder: Path) -> None:
-    """Have the new names on the disk.
-
-    Systems that cannot flush a folder do it by themselves.
-    """
-    try:
-        descriptor = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

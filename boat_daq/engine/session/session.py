@@ -26,6 +26,7 @@ import numpy as np
 from boat_daq.engine.control.board_commands import Check, Send
 from boat_daq.engine.control.controller import MANUAL_RAMP_KPA_PER_S, Controller
 from boat_daq.engine.display.ring_buffer import RingBuffer
+from boat_daq.engine.installation import shortcomings
 from boat_daq.engine.link.reader import Block
 from boat_daq.engine.log import note
 from boat_daq.engine.plan import Plan, StepMark, resume_point
@@ -76,6 +77,7 @@ class Session:
         self._recording = ActiveRecording(self._acting, self._journal, self._link, self.settings, self.units)
         self._health_log = HealthLog(self._health_line)
         self._report_backups()
+        self._report_shortcomings()
 
     # ---- the link --------------------------------------------------------------------------------------------------
 
@@ -487,3 +489,8 @@ class Session:
         with self._lock:
             for cause, remedy in take_warnings():
                 self._journal.tell(MessageKind.BACKUP_USED, "warning", cause, remedy)
+
+    def _report_shortcomings(self) -> None:
+        """Name what is slower here than it could be."""
+        for found in shortcomings():
+            self._journal.tell(MessageKind.SLOW, "info", found.cause, found.remedy)

@@ -25,6 +25,7 @@ from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.common.preferences import Preferences
+from protocol.whole_file import written_whole
 
 Columns = Mapping[str, Any]
 
@@ -258,22 +259,24 @@ def save_export(
     """
     if path.suffix == ".csv":
         tables.save_csv(path, columns())
-    elif path.suffix == ".svg":
-        generator = QSvgGenerator()
-        generator.setFileName(str(path))
-        generator.setSize(view.size())
-        generator.setViewBox(view.rect())
-        generator.setTitle(title)
-        painter = QPainter(generator)
-        if not painter.isActive():
+        return
+    with written_whole(path) as part:
+        if path.suffix == ".svg":
+            generator = QSvgGenerator()
+            generator.setFileName(str(part))
+            generator.setSize(view.size())
+            generator.setViewBox(view.rect())
+            generator.setTitle(title)
+            painter = QPainter(generator)
+            if not painter.isActive():
+                raise OSError(f"{path} cannot be written")
+            if isinstance(view, QGraphicsView):
+                view.render(painter)
+            else:
+                view.render(painter, QPoint(0, 0))
+            painter.end()
+        elif not picture().save(str(part), "PNG"):
             raise OSError(f"{path} cannot be written")
-        if isinstance(view, QGraphicsView):
-            view.render(painter)
-        else:
-            view.render(painter, QPoint(0, 0))
-        painter.end()
-    elif not picture().save(str(path), "PNG"):
-        raise OSError(f"{path} cannot be written")
 
 
 def export_button(title: str, tip: str, copy: Callable[[], object], save: Callable[[str], object]) -> QToolButton:

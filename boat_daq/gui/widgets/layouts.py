@@ -190,7 +190,7 @@ class Divided(QSplitter):
 
     def _store(self) -> None:
         if not self.stacked:
-            self._preferences.set(self._key, self.sizes()[1])
+            self._preferences.set_later(self._key, self.sizes()[1])
 
     def _share(self) -> None:
         if self.stacked:
@@ -251,7 +251,7 @@ class Shares(QSplitter):
             shown = sum(share for share, size in parts if size) / whole  # a hidden part has no size and keeps its share
             shown_px = max(1, sum(self.sizes()))
             self._shares = [shown * size / shown_px if size else share / whole for share, size in parts]
-            self._preferences.set(self._key, self._shares)
+            self._preferences.set_later(self._key, self._shares)
 
     def _share(self) -> None:
         length = self.height() if self.orientation() is Qt.Orientation.Vertical else self.width()

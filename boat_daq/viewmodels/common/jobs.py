@@ -22,6 +22,7 @@ from time import monotonic
 from typing import Any, Generic, ParamSpec, TypeVar
 
 from boat_daq.errors import cause_and_remedy
+from protocol.whole_file import remove_unfinished
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -90,7 +91,7 @@ class Job:
         self.fraction: float | None = None
         self.result: Any = None
         self.failure: JobFailure | None = None
-        self.unfinished: Path | None = None  # that it writes: removed where it is cancelled
+        self.target: Path | None = None  # that it writes: no part of it is left where it is cancelled
         self._pipe, child = _SPAWN.Pipe(duplex=False)
         self._process = _SPAWN.Process(target=_run, args=(child, function, args, kwargs), daemon=True)
         self._process.start()
@@ -123,9 +124,8 @@ class Job:
         if self.state is JobState.RUNNING:
             self._process.terminate()
             self._finish(JobState.CANCELLED)
-            if self.unfinished is not None:
-                with suppress(OSError):  # a folder that is none
-                    self.unfinished.unlink(missing_ok=True)
+            if self.target is not None:
+                remove_unfinished(self.target)
 
     def _finish(self, state: JobState) -> None:
         self.state = state

@@ -10,6 +10,7 @@ from typing import Any
 from boat_daq.engine.toml_values import read_json
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
+from protocol.whole_file import write_whole
 
 MAX_BYTES = 4_000_000  # a hundred times the largest
 
@@ -96,7 +97,7 @@ class MeasuredResult(ABC):
             self.problem = f"the {self.noun} could not be stored for the next start: {error.strerror}"
 
     def _write_json(self, path: Path) -> None:
-        path.write_text(json.dumps(self.content, indent=1, ensure_ascii=False), encoding="utf-8")
+        write_whole(path, json.dumps(self.content, indent=1, ensure_ascii=False))
 
     def _progress_text(self, what: str = "") -> str:
         """Return the progress of the job, or the problem; empty without either."""

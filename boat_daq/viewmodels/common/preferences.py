@@ -13,6 +13,7 @@ from typing import Any
 from analysis.fidelity import LEVELS, Fidelity, Level, fidelity
 from boat_daq.engine.toml_values import read_json
 from boat_daq.errors import OperatorError
+from protocol.whole_file import write_whole
 
 NAME = "window.json"
 DEFAULT: Level = "normal"
@@ -31,6 +32,7 @@ class Preferences:
         self.path = folder / NAME
         self._report: Callable[[str, str], object] | None = report
         self._values: dict[str, Any] = self._load()
+        self._waits = False
 
     def get(self, key: str, default: Any = None) -> Any:
         """Return the value of `key`; `default` if it is missing or of another type."""
@@ -39,9 +41,14 @@ class Preferences:
 
     def set(self, key: str, value: Any) -> None:
         """Store a JSON value."""
-        if self._values.get(key) != value:
+        if self._waits or self._values.get(key) != value:
             self._values[key] = value
             self._save()
+
+    def set_later(self, key: str, value: Any) -> None:
+        """Store a JSON value that changes with every movement of the mouse: the next `set` writes it to the disk."""
+        self._values[key] = value
+        self._waits = True
 
     def _load(self) -> dict[str, Any]:
         try:
@@ -51,11 +58,10 @@ class Preferences:
         return values if isinstance(values, dict) else {}
 
     def _save(self) -> None:
-        beside = self.path.with_suffix(".new")
+        self._waits = False
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            beside.write_text(json.dumps(self._values, indent=1), encoding="utf-8")
-            beside.replace(self.path)
+            write_whole(self.path, json.dumps(self._values, indent=1))
         except OSError as error:
             if self._report is not None:
                 report, self._report = self._report, None

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from analysis.numbers import neutral
+from protocol.whole_file import write_whole
 
 
 def cell(value: Any) -> str:
@@ -45,4 +46,4 @@ def save_csv(path: Path, columns: Mapping[str, Sequence[Any]]) -> None:
     ------
     OSError : the path cannot be written.
     """
-    path.write_text(csv_text(columns), encoding="utf-8", newline="")
+    write_whole(path, csv_text(columns))

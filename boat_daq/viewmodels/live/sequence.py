@@ -23,6 +23,7 @@ from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.viewmodels.common.formatting import duration, number, plain_number, target
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Change, UndoHistory
+from protocol.whole_file import write_whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +189,7 @@ class SequenceModel:
 
     def save(self, path: Path) -> None:
         """Write the plan as TOML."""
-        path.write_text(self.plan.to_toml(), encoding="utf-8")
+        write_whole(path, self.plan.to_toml())
 
     def edit(self, key: str, text: str) -> str:
         """Set one field from text; return why it is invalid, or an empty string.

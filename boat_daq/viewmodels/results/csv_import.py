@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from analysis.errors import unfinished
 from boat_daq.engine.file_names import path_in
 from boat_daq.engine.recording.file import check_recording_name
 from boat_daq.errors import OperatorError
@@ -225,7 +224,7 @@ class CsvImport:
         rate_hz = None if self.sources["time_s"].column else self._rate_hz()
         label = f"Importing {self.path.name}"
         job = Job(label, import_table, self.path, target, self.map(), rate_hz, self.separator or None)
-        job.unfinished = unfinished(target)
+        job.target = target
         self._jobs.start("csv", job, lambda job: self._ended(job, target))
         self.revision += 1
 

@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 
 from analysis.arrays import FloatArray
-from analysis.errors import unfinished
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.recorder import append_reading
@@ -391,7 +390,7 @@ class RunsModel:
         if len(paths) != 1:
             raise OperatorError("one recording is exported at a time", "Choose one line.")
         job = Job(f"Exporting {paths[0].name}", export_run, paths[0], target)
-        job.unfinished = unfinished(target)
+        job.target = target
         self.start("export", job, lambda _: self._notices.inform_saved(target))
 
     def compare(self, paths: list[Path]) -> None:

@@ -37,6 +37,7 @@ def test_shares_are_moved_and_kept(qtbot, tmp_path):
     qtbot.addWidget(first)
     assert first.sizes()[0] == pytest.approx(300, abs=4)
     first.moveSplitter(200, 1)
+    preferences.set("geometry", "as the window closes")
     second = parts(Preferences(tmp_path), 100, 808)
     qtbot.addWidget(second)
     assert second.sizes()[0] == pytest.approx(400, abs=4)

@@ -52,8 +52,8 @@ def test_cancelled_job_ends_and_frees_its_slot(tmp_path):
     """A cancelled job ends at once, and its slot in the runner is free; what it has begun to write is removed."""
     runner, ended = JobRunner(), []
     job = runner.start("long", Job("Sleeping", pause, 60), ended.append)
-    job.unfinished = tmp_path / "r.csv.part"
-    job.unfinished.write_text("index,")
+    job.target = tmp_path / "r.csv"
+    (tmp_path / "r.csv.123-1.part").write_text("index,")
     runner.cancel("long")
     assert list(tmp_path.iterdir()) == []
     runner.poll()

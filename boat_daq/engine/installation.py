@@ -1,0 +1,55 @@
+"""What is installed: the versions of libraries, and whether the compiled part is there that makes one of them fast.
+
+The library cobs is compiled while it is installed; on a computer without a C compiler it is installed all the same, and
+decodes frames in Python. That loses nothing at the rates of a board, and takes a share of a core that others may need.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib import metadata
+
+from protocol.link.framing import is_compiled
+
+
+@dataclass(frozen=True, slots=True)
+class Shortcoming:
+    """Something of this installation that is slower than it could be.
+
+    Parameters
+    ----------
+    cause, remedy : sentences without their full stop.
+    command : the remedy on the command line, which the window does not show.
+    """
+
+    cause: str
+    remedy: str
+    command: str
+
+    @property
+    def text(self) -> str:
+        """Return all of it in one line."""
+        return f"{self.cause}. {self.remedy}: {self.command}"
+
+
+SLOW_DECODER = Shortcoming(
+    "frames of the board are decoded by Python, a tenth as fast: the compiled part of the library cobs is missing",
+    "Install a C compiler and the headers of Python (on Debian gcc and python3-dev), then the library cobs once more",
+    "pip install --force-reinstall --no-cache-dir --no-binary cobs cobs",
+)
+
+
+def shortcomings() -> tuple[Shortcoming, ...]:
+    """Return what is slower than it could be; empty on a complete installation."""
+    return () if is_compiled() else (SLOW_DECODER,)
+
+
+def library_versions(names: Iterable[str]) -> dict[str, str]:
+    """Return the versions of those libraries that are installed."""
+    found: dict[str, str] = {}
+    for name in names:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found

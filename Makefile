@@ -10,7 +10,7 @@ OUT    ?= out/demo
 QT_PACKAGES   := libegl1 libgl1 libxkbcommon-x11-0 libdbus-1-3 libfontconfig1 libglib2.0-0 libxcb-cursor0 \
                  libxcb-icccm4 libxcb-image0 libxcb-keysyms1 libxcb-randr0 libxcb-render-util0 libxcb-shape0 \
                  libxcb-xkb1 fonts-dejavu-core
-TEST_PACKAGES := xvfb xdotool poppler-utils gcc libc6-dev
+TEST_PACKAGES := xvfb xdotool poppler-utils gcc libc6-dev python3-dev
 NIGHTLY_PACKAGES := calculix-ccx chromium gcc-arm-none-eabi
 
 SECONDS ?= 600
@@ -101,7 +101,7 @@ $(VENV)/.installed: pyproject.toml | system $(BIN)/python
 	@touch $@
 
 $(VENV)/.installed-test: pyproject.toml | system-test $(BIN)/python
-	$(BIN)/python -m pip install -q --disable-pip-version-check --editable ".[cluster]" --group dev
+	$(BIN)/python -m pip install -q --disable-pip-version-check --editable ".[all]" --group dev
 	@touch $@ $(VENV)/.installed
 
 clean:           ## remove what the two commands made

@@ -17,6 +17,7 @@ from boat_daq.commands.options import (
     TypeBOption,
     one_of,
 )
+from protocol.whole_file import write_whole
 
 if TYPE_CHECKING:
     from analysis.artefact.calibration_file import CalibrationFile
@@ -76,10 +77,8 @@ def calibration(
     if to is None:
         typer.echo(text, nl=False)
         return
-    from analysis.errors import written_whole
-
-    with writing(to), written_whole(to) as part:
-        part.write_text(text, encoding="utf-8")
+    with writing(to):
+        write_whole(to, text)
     if as_json:
         head = {"file": to, "format": format, "simulated": found.head["simulated"], "unit": found.head["unit"]}
         emit_json(head | {"sensors": len(found.sensors), "void": found.void, "notes": found.remarks})

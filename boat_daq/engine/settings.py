@@ -173,7 +173,7 @@ def save_settings(settings: Settings, folder: Path | None = None) -> None:
     ------
     StorageError : the folder cannot be written.
     """
-    _replace((folder or home()) / "settings.toml", tomli_w.dumps(dataclasses.asdict(settings)))
+    write_stored((folder or home()) / "settings.toml", tomli_w.dumps(dataclasses.asdict(settings)))
 
 
 class UnitLibrary:
@@ -261,7 +261,7 @@ class UnitLibrary:
         kept = own.history if own is not None else ()
         table = dataclasses.asdict(dataclasses.replace(unit, history=(*kept, *new)))
         table["history"] = [{**entry, "content": json.dumps(dict(entry["content"]))} for entry in table["history"]]
-        _replace(path_in(self.folder, f"{unit.name}.toml"), tomli_w.dumps(table))
+        write_stored(path_in(self.folder, f"{unit.name}.toml"), tomli_w.dumps(table))
 
     def add_calibration(self, name: str, content: Mapping[str, Any], *, accepted: bool = True, **more: str) -> Unit:
         """Add a calibration to a unit's history, store it, and return the unit.
@@ -400,7 +400,7 @@ def is_destroyed(path: Path) -> bool:
         return False  # present but unreadable or too large: `read_text` raises the reason
 
 
-def _replace(path: Path, text: str) -> None:
+def write_stored(path: Path, text: str) -> None:
     """Replace a file at once, the one before kept as `.bak`.
 
     Raises

@@ -19,7 +19,7 @@ import tomli_w
 from boat_daq.engine.file_names import path_in
 from boat_daq.engine.recording.file import RecordingFile
 from boat_daq.engine.recording.rows import INSERT_EVENT
-from boat_daq.engine.settings import UnitLibrary, home, write_whole
+from boat_daq.engine.settings import UnitLibrary, home, write_stored
 from boat_daq.engine.toml_values import BadValue, parse_toml, read_text
 from boat_daq.errors import OperatorError
 from protocol.recording import METADATA_EVENT, NOTE_EVENT, Metadata, metadata_of, open_recording, read_session
@@ -112,7 +112,7 @@ def save_template(name: str, metadata: Metadata, folder: Path | None = None) -> 
     OperatorError : the name cannot be used. StorageError : it cannot be written.
     """
     path = path_in(_templates(folder), f"{name}.toml")
-    write_whole(path, tomli_w.dumps(_stated(metadata.of_unit()) | _stated(Metadata(operator=metadata.operator))))
+    write_stored(path, tomli_w.dumps(_stated(metadata.of_unit()) | _stated(Metadata(operator=metadata.operator))))
     return path
 
 

@@ -365,7 +365,7 @@ def replay(
 
 @app.command()
 def chain(
-    rays: Annotated[int, typer.Option(help="Rays of each simulation.", min=1)] = 250,
+    rays: Annotated[int, typer.Option(help="Rays of each simulation.", min=1)] = 5_000,
     cavities: Annotated[str, typer.Option(help="Numbers of cavities, as 3,5,7.")] = "3,5,7",
     parameters: ParametersOption = None,
     out: Annotated[Path | None, typer.Option(help="Write the shadow's curves into this CSV.")] = None,
@@ -373,10 +373,13 @@ def chain(
 ) -> None:
     """Compute pressure, guides, detected light and the best pattern, and compare with the parametric curves.
 
-    Example: boat-daq shadow chain --rays 1000 --out curves.csv
+    The light of the paper's design is compared with the published calibrations, by the best gain and offset.
+
+    Example: boat-daq shadow chain --out curves.csv
     """
     from analysis.optics.scene.curves import parametric_curves
     from analysis.optics.scene.parameters import Light, phase_of
+    from analysis.optics.sweep.signal import SIGNAL_RAYS, chain_signal
     from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
     from analysis.shadow.model.states import guide_states, write_states
 
@@ -394,6 +397,13 @@ def chain(
     found["bow_mm"], found["curvature_per_mm"] = states.bow_mm(), states.curvature_per_mm()
     found["elongation_mm"] = states.elongation_mm
     found["same_best"] = found["shadow"]["best"] == found["parametric"]["best"]
+    signal = chain_signal(states.curves_mm, states.elongation_mm, rays)
+    found["signal"] = asdict(signal) | {
+        "light_change_percent": signal.light_change_percent,
+        "inverted": signal.inverted,
+    }
+    if rays < SIGNAL_RAYS:
+        notify(f"with fewer than {SIGNAL_RAYS} rays the light scatters more than it changes between two states")
     if as_json:
         emit_json(found)
         return
@@ -405,6 +415,18 @@ def chain(
             f"NDR {one['ndr'][0]:.0f} compressed, {one['ndr'][7]:.0f} at rest, {one['ndr'][-1]:.0f} elongated; "
             f"the paper's optimum has rank {one['paper_optimum_rank']}"
         )
+    show(
+        f"light of the paper's design, all reflections followed: {signal.light_change_percent:+.1f} % from "
+        f"{signal.elongation_mm[0]:+.2f} to {signal.elongation_mm[-1]:+.2f} mm"
+    )
+    for number, fit in enumerate(signal.sensors, start=1):
+        show(
+            f"published signal of sensor {number}: {fit.signal_change_percent:+.1f} %; gain "
+            f"{fit.gain_mv_per_percent:+.1f} mV per percent of light, R2 {fit.r2:.3f}, "
+            f"rms {fit.rms_percent_fso:.1f} % FSO"
+        )
+    if signal.inverted:
+        show("negative gains: the front end inverts, or in the real guides light rises where it falls here")
     straighter = found["curvature_per_mm"][-1] < found["curvature_per_mm"][0]
     show(f"the shadow's guides get {'straighter' if straighter else 'more bent'} as the actuator lengthens")
 

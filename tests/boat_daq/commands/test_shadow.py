@@ -10,8 +10,10 @@ from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from analysis.errors import AnalysisError
+from analysis.optics.scene.curves import default_curves, elongations
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.reduced import ReducedModel, TableSettings
+from analysis.shadow.model.states import GuideStates
 from analysis.shadow.model.table import table_digest, write_table
 from boat_daq.cli import app
 from boat_daq.commands.shadow import save_figure
@@ -148,3 +150,17 @@ def test_unstable_equilibrium_has_a_warning() -> None:
         result = call("shadow", "solve", "--pressure", "-44", "--elongation", elongation)
         assert (result["lowest_eigenvalue"] < 0) == bool(notes)
         assert [n.split(":")[0] for n in result["notes"]] == notes
+
+
+def test_chain_compares_light_with_the_published_signals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The light of the paper's design falls over the states, so both gains are negative; few rays are noted."""
+    solved = GuideStates(default_curves(), np.zeros(15), elongations(), "stored")
+    monkeypatch.setattr("analysis.shadow.model.states.guide_states", lambda model: solved)
+    out = call("shadow", "chain", "--cavities", "3", "--rays", "4")
+    signal = out["signal"]
+    assert isinstance(signal, dict)
+    assert signal["inverted"] == all(fit["gain_mv_per_percent"] < 0 for fit in signal["sensors"])
+    assert len(signal["light_percent"]) == len(signal["light_sd_percent"]) == 15
+    result = CliRunner().invoke(app, ["shadow", "chain", "--cavities", "3", "--rays", "4"])
+    assert "published signal of sensor 2: +12.5 %" in result.stdout
+    assert "scatters more than it changes" in result.stderr

@@ -37,7 +37,7 @@ def rounded(value: float, uncertainty: float) -> str:
     if math.isinf(value):
         return "∞" if value > 0 else "-∞"
     places = decimals_for(uncertainty)
-    return f"{round(value, places):.{max(places, 0)}f}"
+    return f"{round(value, places) + 0.0:.{max(places, 0)}f}"  # no -0.00
 
 
 def percent(share: float, places: int = 0) -> str:

@@ -56,7 +56,7 @@ def start(
 COMMANDS = (  # in the order of --help; each is a function in the module named, or of its own name
     ("demo.gui", "demo", "board.ports", "board.board", "record", "importing.importing"),
     ("recordings.recover", "recordings.upgrade", "recordings.verify", "recordings.info", "metadata"),
-    ("analyze", "analyze.report"),
+    ("analyze", "analyze.report", "certificate"),
     ("folders.batch", "folders.history", "analyze.strokes", "methods.tradeoff", "methods.atlas"),
     ("importing.export", "calibration", "fit", "qualify", "bugreport"),
 )

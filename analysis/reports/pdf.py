@@ -28,6 +28,7 @@ WIDTH, HEIGHT = style.A4_INCH
 INNER = WIDTH - 2 * style.MARGIN_INCH
 PAD_INCH = 0.16
 SHORT = 44  # characters of a fact that leaves place for another beside it
+SHORT_WORD = 28
 HEAD = 120  # characters of a running head
 STANDARD = "a-3a"
 SIMULATED = "SIMULATED"
@@ -93,8 +94,8 @@ def _data(report: Report, progress: Progress | None) -> dict[str, Any]:
         "footer": printable(report.footer),
         "mark": printable(mark),
         "verdict": printable(typeset(report.verdict)),
-        "short": [fact for fact in facts if len(fact[1]) <= SHORT],
-        "long": [fact for fact in facts if len(fact[1]) > SHORT],
+        "short": [fact for fact in facts if _is_short(fact[1])],
+        "long": [fact for fact in facts if not _is_short(fact[1])],
         "sections": sections,
         "attachments": [dataclasses.asdict(file) for file in report.attachments],
         "style": {
@@ -102,6 +103,10 @@ def _data(report: Report, progress: Progress | None) -> dict[str, Any]:
             "accent": style.SENSORS[0], "margin": style.MARGIN_INCH, "width": WIDTH, "height": HEIGHT, "pad": PAD_INCH,
         },
     }  # fmt: skip
+
+
+def _is_short(text: str) -> bool:
+    return len(text) <= SHORT and max(map(len, text.split()), default=0) <= SHORT_WORD
 
 
 def _part(part: SectionPart) -> dict[str, Any]:

@@ -55,14 +55,13 @@ TypeBOption = Annotated[
         help="Contributions of grid or photograph, parallax, pressure gauge, temperature.",
     ),
 ]
-DegreeOption = Annotated[
-    str,
-    typer.Option(
-        metavar="N|auto|spline",
-        callback=one_of(AUTO, *CURVES),
-        help="Curve: degree 1 to 6, a monotone spline, or the best of them.",
-    ),
-]
+_DEGREE = typer.Option(
+    metavar="N|auto|spline",
+    callback=one_of(AUTO, *CURVES),
+    help="Curve: degree 1 to 6, a monotone spline, or the best of them.",
+)
+DegreeOption = Annotated[str, _DEGREE]
+OptionalDegree = Annotated[str | None, _DEGREE]
 LeaveOutOption = Annotated[
     bool, typer.Option("--leave-out", help="Leave out readings that are off the curve; each is named.")
 ]

@@ -53,6 +53,8 @@ CASES = [
     ("info RUN", ["info", "RUN"]),
     ("strokes RUN", ["strokes", "RUN"]),
     ("fit FILE.csv --x COL --y COL --bands", ["fit", "TABLE", "--x", "x", "--y", "y", "--bands"]),
+    ("metadata RUN", ["metadata", "RUN"]),
+    pytest.param("certificate RUN --out FILE", ["certificate", "RUN", "--out", "FILE"], marks=pytest.mark.nightly),
     pytest.param("analyze RUN", ["analyze", "RUN", "--no-store"], marks=pytest.mark.nightly),
     pytest.param("verify RUN", ["verify", "RUN"], marks=pytest.mark.nightly),
     pytest.param("optics trace", ["optics", "trace"], marks=pytest.mark.nightly),
@@ -65,7 +67,7 @@ CASES = [
 def test_every_promised_key_is_printed(heading: str, call: list[str], tmp_path: Path) -> None:
     table = tmp_path / "table.csv"
     table.write_text("x,y\n-2,1549\n-1,1603\n0,1652\n1,1695\n2,1731\n3,1757\n", encoding="utf-8")
-    files = {"RUN": str(EXAMPLE), "TABLE": str(table)}
+    files = {"RUN": str(EXAMPLE), "TABLE": str(table), "FILE": str(tmp_path / "c.xml")}
     done = CliRunner().invoke(app, [*(files.get(word, word) for word in call), "--json"])
     assert done.exit_code == 0, done.output
     names = set(printed(json.loads(done.stdout)))

@@ -1,0 +1,456 @@
+"""What a calibration certificate states (ISO/IEC 17025:2017, 7.8.2 and 7.8.4), gathered once for every form of it.
+
+Strategy: a certificate has items; each is a unit with its recording, its metadata and its sensors; each sensor has its
+curve and a level for every plateau position, loading and unloading apart. PDF, XML and JSON are written from this value
+alone, so that their numbers are equal.
+
+Rules: nothing is estimated anew: an uncertainty is that of the run's budget (`analysis.figures.uncertainty`). A sensor
+whose curve gives no elongation has no results, and the reason; a run without any is refused. A curve that is known to
+miss the readings marks every page. A simulated run is never certified: number, pages and XML carry SIMULATED, and what
+was not stated of it is named as such.
+"""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from analysis.calibration.adequacy import CurveVerdict
+from analysis.calibration.compare import Agreement, compare_fits
+from analysis.calibration.fit import Calibration
+from analysis.calibration.inverse import Inverse, raise_without_inverse
+from analysis.calibration.type_b import Traceability, TypeBContribution, not_assessed, traceability
+from analysis.conformity import RULE
+from analysis.errors import AnalysisError, DataError, RequestError
+from analysis.figures.acceptance import LimitStatement, judge
+from analysis.figures.figure import SENSOR_FIGURES
+from analysis.figures.pipeline import Analysis
+from analysis.figures.uncertainty import COVERAGE_FACTOR, BudgetOfSensor
+from analysis.figures.unit_history import refuse_mixture
+from analysis.numbers import finite
+from analysis.version import program_version
+from protocol.recording import Metadata
+
+SIMULATED = "SIMULATED"
+NOT_STATED = "not stated"
+NO_CERTIFICATE = "NO CERTIFICATE"
+NOT_ADEQUATE = "CURVE NOT ADEQUATE"
+UNKNOWN_COUNTRY = "ZZ"  # ISO 3166 leaves it to users
+RELATES = "This certificate relates only to the item calibrated."
+WHOLE = "It shall not be reproduced except in full without the approval of the laboratory."
+UNCERTAINTY = (
+    "The expanded uncertainty U is the standard uncertainty of an elongation that is read from one signal, multiplied "
+    "by the coverage factor k = 2 (GUM, JCGM 100:2008); for a normal distribution it covers about 95 %."
+)
+METHOD = (
+    "The actuator is driven through a staircase of pressures, up and down, for several cycles. At each plateau the "
+    "elongation is read from a reference scale and each sensor's signal is averaged after settling. The calibration "
+    "function is fitted to the means of the positions, loading and unloading jointly (analysis/METHODS.md of boat-daq)."
+)
+ADJUSTMENT = "No adjustment or repair was made: the results apply to the item as found and as left."
+FIGURES = ("sensitivity_mv_per_mm", "fso_mv", "sensor_hysteresis_percent_fso", "repeatability_percent_fso", "snr_db")
+
+
+@dataclass(frozen=True, slots=True)
+class Laboratory:
+    """The laboratory that issues a certificate.
+
+    Attributes
+    ----------
+    name : is required; what else is empty is not stated.
+    country_code : two letters, ISO 3166-1.
+    accreditation : its number or code.
+    procedure : of the calibration, as the laboratory names it.
+    signatory : who authorises the certificate.
+    """
+
+    name: str
+    street: str = ""
+    post_code: str = ""
+    city: str = ""
+    country_code: str = ""
+    email: str = ""
+    phone: str = ""
+    accreditation: str = ""
+    procedure: str = ""
+    signatory: str = ""
+
+    def __post_init__(self) -> None:
+        code = self.country_code
+        if code and not (len(code) == 2 and code.isascii() and code.isalpha() and code.isupper()):
+            raise RequestError(f"the laboratory's country_code is {code!r:.20}", "Give two capital letters, as in DE.")
+
+    @property
+    def address(self) -> str:
+        """The address on one line."""
+        town = " ".join(filter(None, (self.post_code, self.city)))
+        return ", ".join(filter(None, (self.street, town, self.country_code)))
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """One position of the staircase: means over the cycles.
+
+    Attributes
+    ----------
+    branch : loading, unloading, or end: the end levels belong to both.
+    elongation_mm, signal_mv : as read, and as measured there.
+    indicated_mm : the elongation that the curve gives for the signal.
+    expanded_mm : U of such an elongation, k = 2, covering `coverage`.
+    n : readings.
+    """
+
+    branch: str
+    pressure_kpa: float
+    elongation_mm: float
+    signal_mv: float
+    indicated_mm: float
+    expanded_mm: float
+    coverage: float
+    n: int
+
+    @property
+    def deviation_mm(self) -> float:
+        """Indicated less read."""
+        return self.indicated_mm - self.elongation_mm
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the level as a dictionary."""
+        return {
+            "branch": self.branch,
+            "pressure_kpa": self.pressure_kpa,
+            "elongation_mm": self.elongation_mm,
+            "signal_mv": self.signal_mv,
+            "indicated_mm": self.indicated_mm,
+            "deviation_mm": self.deviation_mm,
+            "expanded_uncertainty_mm": self.expanded_mm,
+            "coverage_factor": COVERAGE_FACTOR,
+            "coverage_probability": self.coverage,
+            "n": self.n,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class CalibratedSensor:
+    """One sensor of an item; without results where `void` gives the reason.
+
+    Attributes
+    ----------
+    figures : value by name, of `FIGURES`.
+    statements : conformity with the limits of the customer.
+    as_found : the curve that was in force before against this one; None where there was none to compare.
+    """
+
+    name: str
+    void: str
+    calibration: Calibration | None = None
+    levels: tuple[Level, ...] = ()
+    figures: Mapping[str, float] = field(default_factory=dict)
+    statements: tuple[LimitStatement, ...] = ()
+    as_found: Agreement | None = None
+
+    @property
+    def inadequate(self) -> bool:
+        """Whether the curve is known to miss the readings."""
+        adequacy = self.calibration.adequacy if self.calibration is not None else None
+        return adequacy is not None and adequacy.verdict is CurveVerdict.INADEQUATE
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the sensor as a dictionary."""
+        found = self.as_found
+        before = None
+        if found is not None:
+            before = {
+                "difference_mm": float(found.difference_mm[found.worst]),
+                "elongation_mm": float(found.grid[found.worst]),
+                "e_n": float(found.e_n[found.worst]),
+                "agrees": found.agrees,
+            }
+        adequacy = self.calibration.adequacy if self.calibration is not None else None
+        return {
+            "name": self.name,
+            "void": self.void,
+            "calibration": self.calibration.as_json() if self.calibration is not None else None,
+            "verdict": None if adequacy is None else str(adequacy.verdict),
+            "levels": [level.as_json() for level in self.levels],
+            "figures": dict(self.figures),
+            "conformity": [statement.as_json() for statement in self.statements],
+            "as_found": before,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class CalibratedItem:
+    """One unit that was calibrated: its identity, its conditions, its sensors.
+
+    Attributes
+    ----------
+    name : of the item, for the customer; unit : for the program.
+    begun, ended : dates of the calibration, ISO 8601.
+    previous : when the calibration in force before was made, ISO 8601; "" without one.
+    """
+
+    name: str
+    unit: str
+    metadata: Metadata
+    recording_id: str
+    begun: str
+    ended: str
+    board: str
+    sensors: tuple[CalibratedSensor, ...]
+    type_b: tuple[TypeBContribution, ...]
+    warnings: tuple[str, ...]
+    previous: str = ""
+
+    @property
+    def traceability(self) -> Traceability:
+        """Whether its elongations are metrologically traceable, and to what."""
+        return traceability(self.type_b)
+
+    @property
+    def not_assessed(self) -> tuple[str, ...]:
+        """The contributions that nobody stated."""
+        return not_assessed(self.type_b)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the item as a dictionary."""
+        traced = self.traceability
+        return {
+            "item": self.name,
+            "unit": self.unit,
+            "metadata": self.metadata.as_json(),
+            "recording": self.recording_id,
+            "calibrated_from": self.begun,
+            "calibrated_to": self.ended,
+            "board": self.board,
+            "traceable": traced.traceable,
+            "traceability": traced.text,
+            "standards": {one.name: one.statement for one in self.type_b},
+            "not_assessed": list(self.not_assessed),
+            "previous": self.previous or None,
+            "warnings": list(self.warnings),
+            "sensors": [sensor.as_json() for sensor in self.sensors],
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """A certificate of one item, or of several that are compared.
+
+    Attributes
+    ----------
+    number : unique: of the first recording and of all that is stated; it changes with any of it.
+    issued : date, ISO 8601.
+    """
+
+    number: str
+    issued: str
+    simulated: bool
+    laboratory: Laboratory
+    customer: str
+    items: tuple[CalibratedItem, ...]
+
+    @property
+    def title(self) -> str:
+        """The title of the document."""
+        return "Calibration of a simulated unit" if self.simulated else "Calibration certificate"
+
+    @property
+    def marks(self) -> tuple[str, ...]:
+        """What is written across every page, beside SIMULATED."""
+        inadequate = any(sensor.inadequate for item in self.items for sensor in item.sensors)
+        return (*([NO_CERTIFICATE] if self.simulated else []), *([NOT_ADEQUATE] if inadequate else []))
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the object of `certificate --json`; NaN are left for the writer to turn into null."""
+        return {
+            "number": self.number,
+            "title": self.title,
+            "issued": self.issued,
+            "simulated": self.simulated,
+            "marks": [*([SIMULATED] if self.simulated else []), *self.marks],
+            "program_version": program_version(),
+            "laboratory": asdict(self.laboratory),
+            "customer": self.customer,
+            "decision_rule": RULE,
+            "items": [item.as_json() for item in self.items],
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What a certificate states that no run shows.
+
+    Attributes
+    ----------
+    laboratory : None where it is not known.
+    customer : overrides that of the metadata.
+    items : names in the order of the runs; overrides those of the metadata.
+    limits : of the customer, see `analysis.figures.acceptance.LIMITS`.
+    issued : date, ISO 8601; today where it is empty.
+    number : of the laboratory; made from the content where it is empty.
+    previous : of each run the stored content of the calibration in force before, with its date as `utc`; or None.
+    """
+
+    laboratory: Laboratory | None = None
+    customer: str = ""
+    items: tuple[str, ...] = ()
+    limits: Mapping[str, float] = field(default_factory=dict)
+    issued: str = ""
+    number: str = ""
+    previous: tuple[Mapping[str, Any] | None, ...] = ()
+
+
+def missing(analyses: Sequence[Analysis], request: Request) -> tuple[str, ...]:
+    """Return what a certificate must state and nobody has stated: laboratory, customer, item.
+
+    Parameters
+    ----------
+    analyses : of the runs. request : what is stated besides.
+    """
+    stated = [analysis.recording.metadata for analysis in analyses]
+    named = [*request.items, *[""] * len(analyses)]
+    found = {
+        "laboratory": request.laboratory is not None,
+        "customer": bool(request.customer) or all(one.customer for one in stated),
+        "item": all(name or one.item or one.serial_number for name, one in zip(named, stated, strict=False)),
+    }
+    return tuple(name for name, known in found.items() if not known)
+
+
+def certificate_of(analyses: Sequence[Analysis], request: Request) -> Certificate:
+    """Return the certificate of one calibration, or of several that are compared.
+
+    Parameters
+    ----------
+    analyses : of calibration runs, simulated or real ones. request : what no run shows.
+
+    Raises
+    ------
+    RequestError : nothing to certify; simulated and real runs; a date that is none; what it must state is missing.
+    DataError : a run has no calibration that gives an elongation; an item has no identity.
+    """
+    if not analyses:
+        raise RequestError("there is no run to certify", "Give the recording of a calibration.")
+    refuse_mixture(analysis.recording.simulated for analysis in analyses)
+    simulated = analyses[0].recording.simulated
+    needed = missing(analyses, request)
+    if needed and not simulated:
+        command = " ".join(f"--{name} {'FILE.toml' if name == 'laboratory' else 'TEXT'}" for name in needed)
+        raise RequestError(f"the certificate lacks: {', '.join(needed)}", "State what is missing.", command=command)
+    issued = request.issued or datetime.datetime.now().astimezone().date().isoformat()
+    try:
+        datetime.date.fromisoformat(issued)
+    except ValueError:
+        raise RequestError(f"{issued!r:.40} is no date", "Give it as 2026-01-31.") from None
+    names, before = [*request.items, *[""] * len(analyses)], [*request.previous, *[None] * len(analyses)]
+    items = tuple(_item(analysis, names[k], before[k], request.limits, issued) for k, analysis in enumerate(analyses))
+    laboratory = request.laboratory or Laboratory(f"{NOT_STATED} (simulated run)")
+    customers = dict.fromkeys(filter(None, (item.metadata.customer for item in items)))
+    customer = request.customer or ", ".join(customers) or f"{NOT_STATED} (simulated run)"
+    made = Certificate(request.number, issued, simulated, laboratory, customer, items)
+    return made if request.number and not simulated else replace(made, number=_number(made))
+
+
+def _number(certificate: Certificate) -> str:
+    """Return a number made from the first recording and a digest of all that is stated."""
+    text = json.dumps(finite(certificate.as_json()), sort_keys=True)
+    digest = hashlib.sha256(text.encode("utf-8", "backslashreplace")).hexdigest()[:8].upper()
+    parts = [SIMULATED] if certificate.simulated else []
+    own = certificate.number or certificate.items[0].recording_id[:8].upper()
+    return "-".join([*parts, own, digest])
+
+
+def _item(
+    analysis: Analysis, name: str, previous: Mapping[str, Any] | None, limits: Mapping[str, float], issued: str
+) -> CalibratedItem:
+    recording, stated = analysis.recording, analysis.recording.metadata
+    name = name or stated.item or recording.unit
+    if not (name or stated.serial_number):
+        cause = f"{recording.source or 'the run'} names no unit, so the item has no identity"
+        raise DataError(cause, "State the item.", command="--item TEXT")
+    content = previous or {}
+    before = content.get("sensors", [])
+    sensors = []
+    for index in range(len(analysis.sensors)):
+        fits = before[index].get("fit") if index < len(before) else None
+        sensors.append(_sensor(analysis, index, fits, limits))
+    if all(sensor.void for sensor in sensors):
+        cause = f"{recording.source or 'the run'} has no calibration to certify: {sensors[0].void}"
+        raise DataError(cause, "Calibrate the unit, or choose another curve.")
+    begun, ended = (str(recording.meta.get(key) or "")[:10] for key in ("started_utc", "ended_utc"))
+    if recording.meta.get("imported_from") is not None:
+        ended = begun  # the end of an imported file is its import
+    begun, own = begun or issued, str(recording.meta.get("uuid") or Path(recording.source).stem)
+    return CalibratedItem(
+        name=name or NOT_STATED,
+        unit=recording.unit,
+        metadata=stated,
+        recording_id=own,
+        begun=begun,
+        ended=max(ended, begun),
+        board=str(recording.meta.get("board_id") or ""),
+        sensors=tuple(sensors),
+        type_b=analysis.options.type_b,
+        warnings=tuple(warning.sentence for warning in analysis.warnings),
+        previous=str(content.get("utc", "")),
+    )
+
+
+def _sensor(
+    analysis: Analysis, index: int, before: Mapping[str, Any] | None, limits: Mapping[str, float]
+) -> CalibratedSensor:
+    sensor = analysis.sensors[index]
+    calibration = sensor.calibration
+    if calibration is None:
+        return CalibratedSensor(sensor.name, f"not calibrated: {sensor.calibration_void}")
+    try:
+        raise_without_inverse(calibration)
+    except AnalysisError as error:
+        return CalibratedSensor(sensor.name, error.cause)
+    found = None
+    if before is not None:
+        try:
+            found = compare_fits(calibration.as_json(), before)
+        except (AnalysisError, KeyError):
+            found = None  # another range or a spline: nothing to compare
+    values = {key: sensor.figures[key].value for key in FIGURES if key in sensor.figures}
+    return CalibratedSensor(
+        sensor.name, "", calibration, _levels(analysis, index), values, tuple(judge([sensor], limits)), found
+    )
+
+
+def _levels(analysis: Analysis, index: int) -> tuple[Level, ...]:
+    """Return the positions of a sensor's points: unloading from the highest pressure, then loading from the lowest."""
+    sensor = analysis.sensors[index]
+    calibration = sensor.calibration
+    assert calibration is not None
+    points = sensor.point_plateau.astype(np.int64)
+    labels, of_point = np.unique(analysis.position_of(points), return_inverse=True)
+    branch = analysis.branch_of(points)
+    pressure = np.asarray([analysis.plateaus[i].pressure_kpa for i in points])
+    inverse, budget = Inverse.of(calibration, type_b=analysis.options.type_b), BudgetOfSensor.of(analysis, index)
+    found = []
+    for k in range(labels.size):
+        own = of_point == k
+        x, y = float(calibration.x[own].mean()), float(calibration.y[own].mean())
+        stated = budget.at(float(np.clip(x, *calibration.x_range)))
+        name = {1.0: "loading", -1.0: "unloading"}.get(float(branch[own][0]), "end")
+        indicated = float(inverse.evaluate(y).elongation_mm)
+        p = float(pressure[own].mean())
+        found.append(Level(name, p, x, y, indicated, stated.expanded, stated.coverage, int(own.sum())))
+    falling = [level for level in found if level.branch != "loading"]
+    rising = [level for level in found if level.branch == "loading"]
+    return (*sorted(falling, key=lambda one: -one.pressure_kpa), *sorted(rising, key=lambda one: one.pressure_kpa))
+
+
+def figure_label(key: str) -> str:
+    """Return the label of a figure with its unit."""
+    return SENSOR_FIGURES[key].label_with_unit

@@ -1,0 +1,361 @@
+"""A certificate as a Digital Calibration Certificate: XML after the schema 3.2.1 of the PTB, units after D-SI 2.1.
+
+Rules: values are written with all their digits, so that they are those of the JSON; the document rounds. Texts hold any
+characters: what XML 1.0 forbids becomes the replacement character. There is no signature: whoever authorises the
+certificate adds one. A simulated run is named so in number, item, results, a statement and a comment.
+Sources: Hackel et al., The Digital Calibration Certificate, PTB-Mitteilungen 127 (2017) 4; dcc.ptb.de; GP_DCC.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.calibration.fit import Calibration
+from analysis.certificates.certificate import (
+    ADJUSTMENT,
+    METHOD,
+    NO_CERTIFICATE,
+    NOT_ADEQUATE,
+    NOT_STATED,
+    RELATES,
+    SIMULATED,
+    UNCERTAINTY,
+    UNKNOWN_COUNTRY,
+    WHOLE,
+    CalibratedItem,
+    CalibratedSensor,
+    Certificate,
+    Laboratory,
+    figure_label,
+)
+from analysis.conformity import RULE, Conformity
+from analysis.figures.figure import SENSOR_FIGURES
+from analysis.figures.uncertainty import COVERAGE_FACTOR
+from analysis.version import program_version
+
+SCHEMA_VERSION = "3.2.1"
+DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
+MIME_TYPE = "application/xml"
+CURVE_POINTS = 41  # of a spline, which has no coefficients
+MM, MV, KPA, ONE = r"\milli\metre", r"\milli\volt", r"\kilo\pascal", r"\one"
+_UNITS = {"mV/mm": rf"{MV}\per{MM}", "mV": MV, "% FSO": r"\percent", "dB": r"\decibel"}
+_CONFORMITY = {
+    Conformity.PASS: "pass",
+    Conformity.FAIL: "fail",
+    Conformity.CONDITIONAL_PASS: "conditionalPass",
+    Conformity.CONDITIONAL_FAIL: "conditionalFail",
+}
+_FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+for _prefix, _uri in (("dcc", DCC), ("si", SI), ("xsi", XSI)):
+    ET.register_namespace(_prefix, _uri)
+
+
+def dcc_xml(certificate: Certificate) -> str:
+    """Return the certificate as XML."""
+    root = ET.Element(f"{{{DCC}}}digitalCalibrationCertificate", {"schemaVersion": SCHEMA_VERSION})
+    root.set(f"{{{XSI}}}schemaLocation", f"{DCC} {DCC}/v{SCHEMA_VERSION}/dcc.xsd")
+    _administrative(_add(root, "administrativeData"), certificate)
+    results = _add(root, "measurementResults")
+    for number, item in enumerate(certificate.items, 1):
+        _measurement(_add(results, "measurementResult", refId=f"item{number}"), certificate, item)
+    if certificate.simulated:
+        mark = f"{SIMULATED}: {NO_CERTIFICATE}. The data are those of a virtual board."
+        root.insert(0, ET.Comment(mark))
+        _add(_add(root, "comment"), "simulated", mark)
+    ET.indent(root, " ")
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _add(parent: ET.Element, name: str, text: str | None = None, *, space: str = DCC, **attributes: str) -> ET.Element:
+    """Add an element; `text` may hold any characters."""
+    child = ET.SubElement(parent, f"{{{space}}}{name}", attributes)
+    if text is not None:
+        child.text = _FORBIDDEN.sub("\ufffd", text)
+    return child
+
+
+def _name(parent: ET.Element, text: str, name: str = "name") -> ET.Element:
+    """Add a name or a description: an element with a content in English."""
+    child = _add(parent, name)
+    _add(child, "content", text, lang="en")
+    return child
+
+
+def _word(parent: ET.Element, name: str, text: str) -> None:
+    """Add a text that the schema wants neither empty nor with white around it."""
+    _add(parent, name, " ".join(_FORBIDDEN.sub("\ufffd", text).split()) or NOT_STATED)
+
+
+def _administrative(parent: ET.Element, certificate: Certificate) -> None:
+    software = _add(_add(parent, "dccSoftware"), "software")
+    _name(software, "boat-daq")
+    _word(software, "release", program_version())
+    laboratory = certificate.laboratory
+    core = _add(parent, "coreData")
+    _add(core, "countryCodeISO3166_1", laboratory.country_code or UNKNOWN_COUNTRY)
+    _add(core, "usedLangCodeISO639_1", "en")
+    _add(core, "mandatoryLangCodeISO639_1", "en")
+    _word(core, "uniqueIdentifier", certificate.number)
+    _add(core, "beginPerformanceDate", min(item.begun for item in certificate.items))
+    _add(core, "endPerformanceDate", max(item.ended for item in certificate.items))
+    _add(core, "performanceLocation", "laboratory")
+    _add(core, "issueDate", certificate.issued)
+    items = _add(parent, "items")
+    for number, item in enumerate(certificate.items, 1):
+        _item(_add(items, "item", id=f"item{number}"), item, simulated=certificate.simulated)
+    _laboratory(_add(parent, "calibrationLaboratory"), laboratory)
+    person = _add(_add(parent, "respPersons"), "respPerson")
+    _name(_add(person, "person"), laboratory.signatory or NOT_STATED)
+    _add(person, "mainSigner", "true")
+    customer = _add(parent, "customer")
+    _name(customer, certificate.customer)
+    _name(_add(customer, "location"), NOT_STATED, "further")
+    _statements(_add(parent, "statements"), certificate)
+
+
+def _item(parent: ET.Element, item: CalibratedItem, *, simulated: bool) -> None:
+    _name(parent, f"{SIMULATED} {item.name}" if simulated else item.name)
+    if item.metadata.note:
+        _name(parent, item.metadata.note, "description")
+    known = (
+        ("manufacturer", "Serial no.", item.metadata.serial_number),
+        ("calibrationLaboratory", "Unit", item.unit),
+        ("calibrationLaboratory", "Recording", item.recording_id),
+        ("calibrationLaboratory", "Board", item.board),
+        *(("other", name, text) for name, text in item.metadata.fields.items()),
+    )
+    identifications = _add(parent, "identifications")
+    for issuer, name, text in known:
+        if text:
+            one = _add(identifications, "identification")
+            _add(one, "issuer", issuer)
+            _word(one, "value", text)
+            _name(one, name)
+
+
+def _laboratory(parent: ET.Element, laboratory: Laboratory) -> None:
+    if laboratory.accreditation:
+        _word(parent, "calibrationLaboratoryCode", laboratory.accreditation)
+    contact = _add(parent, "contact")
+    _name(contact, laboratory.name)
+    for name, text in (("eMail", laboratory.email), ("phone", laboratory.phone)):
+        if text:
+            _word(contact, name, text)
+    place = _add(contact, "location")
+    parts = (
+        ("city", laboratory.city),
+        ("countryCode", laboratory.country_code),
+        ("postCode", laboratory.post_code),
+        ("street", laboratory.street),
+    )
+    for name, text in parts:
+        if text:
+            _word(place, name, text)
+    if not any(text for _, text in parts):
+        _name(place, NOT_STATED, "further")
+
+
+def _statements(parent: ET.Element, certificate: Certificate) -> None:
+    if certificate.simulated:
+        _statement(parent, f"{SIMULATED}: {NO_CERTIFICATE}. No unit was calibrated.", name=SIMULATED)
+    for mark in certificate.marks:
+        if mark == NOT_ADEQUATE:
+            _statement(parent, "A calibration function misses its readings by more than they allow.", name=mark)
+    _statement(parent, f"{RELATES} {WHOLE}", norm="ISO/IEC 17025:2017", reference="7.8.2.1")
+    _statement(parent, ADJUSTMENT, norm="ISO/IEC 17025:2017", reference="7.8.4.1")
+    for item in certificate.items:
+        traced = item.traceability
+        _statement(parent, f"{item.name}: an elongation is {traced.text}.", traceable=traced.traceable)
+        if item.previous:
+            _statement(parent, f"{item.name}: the calibration before is of {item.previous[:10]}.", name="As found")
+    if any(sensor.statements for item in certificate.items for sensor in item.sensors):
+        _statement(parent, f"Decision rule: {RULE}.", norm="ILAC-G8:09/2019", reference="4.2.3")
+
+
+def _statement(
+    parent: ET.Element, text: str, *, name: str = "", norm: str = "", reference: str = "", traceable: bool | None = None
+) -> None:
+    """Add a statement; see the schema's `statementMetaDataType` for its parts and their order."""
+    one = _add(parent, "statement")
+    if name:
+        _name(one, name)
+    if traceable is not None:
+        _add(one, "traceable", str(traceable).lower())
+    for key, value in (("norm", norm), ("reference", reference)):
+        if value:
+            _add(one, key, value)
+    _name(one, text, "declaration")
+
+
+def _measurement(parent: ET.Element, certificate: Certificate, item: CalibratedItem) -> None:
+    mark = f"{SIMULATED} " if certificate.simulated else ""
+    _name(parent, f"{mark}{item.name}: calibration of signal against elongation")
+    methods = _add(parent, "usedMethods")
+    method = _add(methods, "usedMethod")
+    _name(method, certificate.laboratory.procedure or "Staircase calibration")
+    _name(method, METHOD, "description")
+    uncertainty = _add(methods, "usedMethod", refType="basic_uncertainty")
+    _name(uncertainty, "Expanded uncertainty")
+    _name(uncertainty, UNCERTAINTY, "description")
+    _add(uncertainty, "norm", "JCGM 100:2008")
+    if item.type_b:
+        equipment = _add(parent, "measuringEquipments")
+        for one in item.type_b:
+            used = _add(equipment, "measuringEquipment", refType="basic_normalUsed")
+            _name(used, one.label)
+            _name(used, one.statement, "description")
+            if one.certificate:
+                identification = _add(_add(used, "identifications"), "identification")
+                _add(identification, "issuer", "other")
+                _word(identification, "value", one.certificate)
+    _conditions(parent, item)
+    results = _add(parent, "results")
+    for sensor in item.sensors:
+        _sensor(results, sensor, f"{mark}{item.name}, {sensor.name}")
+
+
+def _conditions(parent: ET.Element, item: CalibratedItem) -> None:
+    stated = (
+        ("Ambient temperature", "basic_temperature", item.metadata.ambient_temperature_c, r"\degreecelsius"),
+        ("Relative humidity", "basic_humidityRelative", item.metadata.ambient_humidity_percent, r"\percent"),
+    )
+    if all(value is None for _, _, value, _ in stated):
+        return
+    conditions = _add(parent, "influenceConditions")
+    for name, ref_type, value, unit in stated:
+        if value is not None:
+            one = _add(conditions, "influenceCondition", refType=ref_type)
+            _name(one, name)
+            _real(_add(one, "data"), name, value, unit)
+
+
+def _sensor(results: ET.Element, sensor: CalibratedSensor, name: str) -> None:
+    if sensor.calibration is None:
+        void = _add(results, "result")
+        _name(void, f"{name}: no result")
+        _name(_add(void, "data"), f"No result: {sensor.void}.", "text")
+        return
+    levels = _add(results, "result", refType="gp_measuringResult1")
+    _name(levels, f"{name}: levels")
+    table = _add(_add(levels, "data"), "list", refType="gp_table1")
+    branches = _add(table, "quantity")
+    _name(branches, "Branch")
+    _add(branches, "charsXMLList", " ".join(level.branch for level in sensor.levels))
+    rows = sensor.levels
+    _list(table, "Pressure", [row.pressure_kpa for row in rows], KPA)
+    _list(table, "Elongation", [row.elongation_mm for row in rows], MM, ref_type="basic_referenceValue")
+    _list(table, "Signal", [row.signal_mv for row in rows], MV)
+    indicated = [row.indicated_mm for row in rows]
+    expanded = [row.expanded_mm for row in rows], [row.coverage for row in rows]
+    if np.isfinite(indicated).all():
+        _list(table, "Indicated elongation", indicated, MM, ref_type="basic_measuredValue")
+        deviations = [row.deviation_mm for row in rows]
+        _list(table, "Deviation", deviations, MM, expanded, ref_type="basic_measurementError")
+    function = _add(results, "result")
+    _name(function, f"{name}: calibration function")
+    _function(_add(function, "data"), sensor.calibration)
+    if sensor.figures:
+        figures = _add(results, "result")
+        _name(figures, f"{name}: figures")
+        data = _add(figures, "data")
+        for key, value in sensor.figures.items():
+            if math.isfinite(value):
+                _real(data, figure_label(key), value, _UNITS[SENSOR_FIGURES[key].unit])
+    if sensor.statements:
+        _conformity(_add(results, "result"), sensor, name)
+
+
+def _function(data: ET.Element, calibration: Calibration) -> None:
+    low, high = calibration.x_range
+    _list(data, "Range", [low, high], MM)
+    if calibration.spline is not None:
+        _name(data, "A monotone cubic spline; points of it.", "text")
+        x = np.linspace(low, high, CURVE_POINTS)
+        _list(data, "Elongation", x, MM)
+        _list(data, "Signal", calibration.predict(x), MV)
+        return
+    terms = "+".join(f"b_{k} x^{k}" for k in range(calibration.degree + 1))
+    _add(_add(data, "formula"), "latex", f"y = {terms}")
+    units = [_per_mm(1, k) for k in range(calibration.degree + 1)]
+    _list(data, "Coefficients b0, b1, ...", calibration.coefficients, units)
+    _list(data, "Standard uncertainties of the coefficients", calibration.std_errors_with_reading, units)
+    for k, row in enumerate(calibration.covariance_with_reading):
+        _list(data, f"Covariance of b{k}", row, [_per_mm(2, k + j) for j in range(row.size)])
+
+
+def _per_mm(power: int, of_x: int) -> str:
+    signal = MV if power == 1 else rf"{MV}\tothe{{{power}}}"
+    return signal if of_x == 0 else rf"{signal}{MM}\tothe{{-{of_x}}}"
+
+
+def _conformity(result: ET.Element, sensor: CalibratedSensor, name: str) -> None:
+    _name(result, f"{name}: conformity with the limits of the customer")
+    data = _add(result, "data")
+    for one in sensor.statements:
+        if not math.isfinite(one.figure.value):
+            _name(data, f"{one.name}: undetermined", "text")
+            continue
+        label, unit = figure_label(one.tolerance.key), _UNITS[one.figure.unit]
+        quantity = _real(data, label, one.figure.value, unit)
+        meta = _add(_add(quantity, "measurementMetaData"), "metaData", refType="basic_conformity")
+        _name(meta, f"{RULE}; limit {one.tolerance.symbol} {one.tolerance.limit:g} {one.figure.unit}", "declaration")
+        _add(meta, "conformity", _CONFORMITY[one.conformity])
+        side = "Lower" if one.tolerance.is_lower else "Upper"
+        limit = _real(_add(meta, "data"), f"{side} limit", one.tolerance.limit, unit)
+        limit.set("refType", f"basic_acceptanceLimit{side}")
+
+
+def _real(parent: ET.Element, name: str, value: float, unit: str) -> ET.Element:
+    quantity = _add(parent, "quantity")
+    _name(quantity, name)
+    real = _add(quantity, "real", space=SI)
+    _add(real, "value", _text(value), space=SI)
+    _add(real, "unit", unit, space=SI)
+    return quantity
+
+
+def _list(
+    parent: ET.Element,
+    name: str,
+    values: Sequence[float] | FloatArray,
+    units: str | Sequence[str],
+    expanded: tuple[Sequence[float], Sequence[float]] | None = None,
+    *,
+    ref_type: str = "",
+) -> None:
+    """Add a quantity of several values.
+
+    Parameters
+    ----------
+    parent : list or data. name : of the quantity.
+    values : [n]. units : one for all, or [n].
+    expanded : U and its coverage probability, [n] each; k = 2.
+    ref_type : what the quantity is in a calibration.
+    """
+    quantity = _add(parent, "quantity", **({"refType": ref_type} if ref_type else {}))
+    _name(quantity, name)
+    numbers = _add(quantity, "realListXMLList", space=SI)
+    _add(numbers, "valueXMLList", _texts(values), space=SI)
+    _add(numbers, "unitXMLList", units if isinstance(units, str) else " ".join(units), space=SI)
+    if expanded is not None:
+        stated = _add(numbers, "expandedUncXMLList", space=SI)
+        _add(stated, "uncertaintyXMLList", _texts(expanded[0]), space=SI)
+        _add(stated, "coverageFactorXMLList", _texts([COVERAGE_FACTOR]), space=SI)
+        _add(stated, "coverageProbabilityXMLList", _texts(expanded[1]), space=SI)
+
+
+def _texts(values: Sequence[float] | FloatArray) -> str:
+    return " ".join(_text(value) for value in values)
+
+
+def _text(value: Any) -> str:
+    """Return a number with the digits that make it the same again."""
+    return repr(float(value))

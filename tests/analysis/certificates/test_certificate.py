@@ -1,0 +1,88 @@
+"""What a certificate states, what it refuses, and what marks it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis import Analysis
+from analysis.calibration.adequacy import CurveVerdict
+from analysis.certificates.certificate import Request, certificate_of, missing
+from analysis.errors import AnalysisError, DataError, RequestError
+from tests.analysis.certificates.conftest import REQUEST, with_meta
+
+
+def test_levels_are_the_means_of_both_branches_with_the_budgets_uncertainty(calibration: Analysis) -> None:
+    """Nine inner levels twice, the ends once; U of the budget at that elongation; deviation within it."""
+    levels = certificate_of([calibration], REQUEST).items[0].sensors[0].levels
+    branches = [level.branch for level in levels]
+    inner = branches.count("loading")
+    assert (branches.count("unloading"), branches.count("end"), len(levels)) == (inner, 2, 2 * inner + 2)
+    of_run = calibration.u_elongation[0]
+    for level in levels:
+        assert level.expanded_mm == pytest.approx(np.interp(level.elongation_mm, *of_run.T), rel=0.01)
+        assert abs(level.deviation_mm) < 2.0 * level.expanded_mm
+    assert sum(level.n for level in levels) == calibration.sensors[0].calibration.n
+
+
+def test_number_is_of_all_that_is_stated(calibration: Analysis) -> None:
+    """The same statement has the same number; one letter more has another."""
+    numbers = [
+        certificate_of([calibration], request).number
+        for request in (REQUEST, REQUEST, replace(REQUEST, customer="B"), replace(REQUEST, number="K-7"))
+    ]
+    assert numbers[0] == numbers[1] != numbers[2]
+    assert numbers[3] == "K-7"
+
+
+def test_missing_statements_are_named_together(calibration: Analysis) -> None:
+    bare = with_meta(calibration, item="", serial_number="", customer="")
+    assert missing([bare], Request()) == ("laboratory", "customer", "item")
+    with pytest.raises(RequestError, match="laboratory, customer, item") as refused:
+        certificate_of([bare], Request())
+    assert refused.value.command == "--laboratory FILE.toml --customer TEXT --item TEXT"
+    nameless = with_meta(bare, simulated=True, unit="")
+    with pytest.raises(DataError, match="no identity"):
+        certificate_of([nameless], Request())
+
+
+def test_run_without_calibration_is_refused(calibration: Analysis) -> None:
+    sensors = tuple(replace(one, calibration=None, calibration_void="no readings") for one in calibration.sensors)
+    with pytest.raises(DataError, match="no calibration to certify: not calibrated: no readings"):
+        certificate_of([replace(calibration, sensors=sensors)], REQUEST)
+
+
+@pytest.mark.parametrize("request_", [replace(REQUEST, issued="soon"), replace(REQUEST, limits={"beauty": 1.0})])
+def test_unusable_request_is_refused(calibration: Analysis, request_: Request) -> None:
+    with pytest.raises(AnalysisError):
+        certificate_of([calibration], request_)
+
+
+def test_simulated_and_inadequate_are_marked(calibration: Analysis) -> None:
+    """A simulated run is no certificate, whatever number is asked for; an inadequate curve marks every page."""
+    simulated = certificate_of([with_meta(calibration, simulated=True)], replace(REQUEST, number="K-7"))
+    assert simulated.marks == ("NO CERTIFICATE",)
+    assert simulated.number.startswith("SIMULATED-K-7-")
+    assert "certificate" not in simulated.title.lower()
+    sensor = calibration.sensors[0]
+    adequacy = replace(sensor.calibration.adequacy, verdict=CurveVerdict.INADEQUATE)
+    sensor = replace(sensor, calibration=replace(sensor.calibration, adequacy=adequacy))
+    marked = certificate_of([replace(calibration, sensors=(sensor,))], REQUEST)
+    assert marked.marks == ("CURVE NOT ADEQUATE",)
+    refused = replace(
+        sensor, calibration=replace(sensor.calibration, adequacy=replace(adequacy, remainder_percent=9.0))
+    )
+    with pytest.raises(DataError, match="misses the readings"):
+        certificate_of([replace(calibration, sensors=(refused,))], REQUEST)
+
+
+def test_calibration_before_is_compared_as_found(calibration: Analysis) -> None:
+    fit = calibration.sensors[0].calibration.as_json()
+    shifted = {**fit, "coefficients": [fit["coefficients"][0] + 5.0, *fit["coefficients"][1:]]}
+    before = {"sensors": [{"fit": shifted}], "utc": "2025-01-01T00:00:00+00:00"}
+    item = certificate_of([calibration], replace(REQUEST, previous=(before,))).items[0]
+    assert item.previous.startswith("2025-01-01")
+    assert item.sensors[0].as_found.difference_mv == pytest.approx(-5.0)
+    assert item.sensors[0].as_json()["as_found"]["agrees"] is False

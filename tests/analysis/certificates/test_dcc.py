@@ -1,0 +1,101 @@
+"""The XML of a certificate: valid, and with the numbers of the JSON when another reader reads it."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from typing import Any
+
+from analysis import Analysis
+from analysis.certificates.certificate import Certificate, certificate_of
+from analysis.certificates.dcc import dcc_xml
+from tests.analysis.certificates.conftest import REQUEST, with_meta
+
+DCC, SI = "{https://ptb.de/dcc}", "{https://ptb.de/si}"
+
+
+def quantities(xml: str) -> dict[str, dict[str, list[float]]]:
+    """Return the numbers of a certificate by the names of their result and quantity."""
+    found: dict[str, dict[str, list[float]]] = {}
+    for result in ET.fromstring(xml).iter(f"{DCC}result"):
+        name = "".join(result.find(f"{DCC}name").itertext()).strip()
+        for quantity in result.iter(f"{DCC}quantity"):
+            label = "".join(quantity.find(f"{DCC}name").itertext()).strip()
+            for element in quantity:
+                values = element.find(f"{SI}valueXMLList") if "realList" in element.tag else element.find(f"{SI}value")
+                if values is not None:
+                    found.setdefault(name, {})[label] = [float(word) for word in values.text.split()]
+                expanded = element.find(f".//{SI}uncertaintyXMLList")
+                if expanded is not None:
+                    found[name][f"U of {label}"] = [float(word) for word in expanded.text.split()]
+    return found
+
+
+def check_numbers(certificate: Certificate, xml: str) -> int:
+    """Compare every number of the XML with the JSON; return how many there are."""
+    read, count = quantities(xml), 0
+    for item, stated in zip(certificate.items, certificate.as_json()["items"], strict=True):
+        for sensor in stated["sensors"]:
+            own = f"{item.name}, {sensor['name']}: "
+            found = {name.removeprefix(own): table for name, table in read.items() if name.startswith(own)}
+            levels, fit = sensor["levels"], sensor["calibration"]
+            expected = {
+                "Pressure": [one["pressure_kpa"] for one in levels],
+                "Elongation": [one["elongation_mm"] for one in levels],
+                "Signal": [one["signal_mv"] for one in levels],
+                "Indicated elongation": [one["indicated_mm"] for one in levels],
+                "Deviation": [one["deviation_mm"] for one in levels],
+                "U of Deviation": [one["expanded_uncertainty_mm"] for one in levels],
+            }
+            assert found["levels"] == expected
+            function = found["calibration function"]
+            assert function.pop("Range") == fit["range"]
+            assert function.pop("Coefficients b0, b1, ...") == fit["coefficients"]
+            assert function.pop("Standard uncertainties of the coefficients") == fit["std_errors_with_reading"]
+            assert list(function.values()) == fit["covariance_with_reading"]
+            figures = [value for value in sensor["figures"].values() if math.isfinite(value)]
+            assert [values[0] for values in found["figures"].values()] == figures
+            count += sum(map(len, (*expected.values(), *function.values())))
+    return count
+
+
+def test_dcc_is_valid_and_every_number_is_that_of_the_json(calibration: Analysis, schema: Any) -> None:
+    """Names of markup, right-to-left letters, forbidden characters and a note of 10,000: still valid, all there."""
+    certificate = certificate_of([with_meta(calibration, item="SA1 <b>")], REQUEST)
+    xml = dcc_xml(certificate)
+    assert [error.reason for error in schema.iter_errors(xml)] == []
+    assert check_numbers(certificate, xml) > 100
+    root = ET.fromstring(xml)
+    core = root.find(f".//{DCC}coreData")
+    dates = [core.find(f"{DCC}{name}").text for name in ("beginPerformanceDate", "endPerformanceDate", "issueDate")]
+    assert dates == ["2026-01-31", "2026-02-01", "2026-02-02"]
+    assert core.find(f"{DCC}uniqueIdentifier").text == certificate.number
+    assert "x" * 10_000 in xml
+    assert [element.text for element in root.iter(f"{DCC}conformity")] == ["pass", "fail"]
+    assert "SIMULATED" not in xml
+    assert root.find("{http://www.w3.org/2000/09/xmldsig#}Signature") is None
+
+
+def test_dcc_of_a_comparison_of_three_units(calibration: Analysis, schema: Any) -> None:
+    """Three items, each with its results that refer to it."""
+    units = ("SA1", "SA2", "SA3")
+    runs = [with_meta(calibration, unit=unit, item="", uuid=unit, note="") for unit in units]
+    certificate = certificate_of(runs, REQUEST)
+    xml = dcc_xml(certificate)
+    assert [error.reason for error in schema.iter_errors(xml)] == []
+    assert check_numbers(certificate, xml) > 300
+    root = ET.fromstring(xml)
+    ids = [element.get("id") for element in root.iter(f"{DCC}item")]
+    assert [element.get("refId") for element in root.iter(f"{DCC}measurementResult")] == ids == [
+        "item1", "item2", "item3"
+    ]  # fmt: skip
+
+
+def test_simulated_run_is_named_so_in_number_item_results_and_statement(calibration: Analysis, schema: Any) -> None:
+    xml = dcc_xml(certificate_of([with_meta(calibration, simulated=True, note="")], REQUEST))
+    assert [error.reason for error in schema.iter_errors(xml)] == []
+    root = ET.fromstring(xml)
+    assert root.find(f".//{DCC}uniqueIdentifier").text.startswith("SIMULATED-")
+    for path in (f".//{DCC}item/{DCC}name", f".//{DCC}statement/{DCC}name", f".//{DCC}result/{DCC}name"):
+        assert all("SIMULATED" in "".join(found.itertext()) for found in root.findall(path))
+        assert root.findall(path)

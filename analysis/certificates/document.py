@@ -45,6 +45,7 @@ from analysis.reports.document import (
     power,
 )
 from analysis.reports.pdf import render_pages, write_pdf
+from protocol.whole_file import write_whole
 
 CURVE_POINTS = 101
 PREVIEW_PPI = 96.0
@@ -68,7 +69,7 @@ def write_certificate(certificate: Certificate, path: str | Path) -> Path:
     with writing(path, "Choose another folder."):
         path.parent.stat()
         if kind == ".xml":
-            path.write_text(dcc_xml(certificate), encoding="utf-8")
+            write_whole(path, dcc_xml(certificate))
         else:
             write_pdf(certificate_document(certificate), path)
     return path

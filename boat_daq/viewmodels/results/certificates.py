@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import tomli_w
 
 from analysis.progress import Progress, part_of
-from boat_daq.engine.settings import UnitLibrary, home, write_whole
+from boat_daq.engine.settings import UnitLibrary, home, write_stored
 from boat_daq.engine.toml_values import build, parse_toml, read_text
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.reference import chosen_curve, identity, stated_contributions
@@ -88,7 +88,7 @@ def store_laboratory(laboratory: Laboratory, folder: Path | None = None) -> None
     StorageError : the folder cannot be written.
     """
     stated = {key: value for key, value in dataclasses.asdict(laboratory).items() if value}
-    write_whole((folder or home()) / LABORATORY_FILE, tomli_w.dumps(stated))
+    write_stored((folder or home()) / LABORATORY_FILE, tomli_w.dumps(stated))
 
 
 def certificate_for(order: CertificateOrder, progress: Progress | None = None) -> Certificate:

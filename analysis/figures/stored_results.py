@@ -14,14 +14,15 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from analysis.calibration.curve_choice import degree_of
 from analysis.calibration.type_b import contributions
-from analysis.data.boat_file import is_boat_file, opened, store_result
-from analysis.errors import AnalysisError
+from analysis.data.boat_file import is_boat_file, store_result
+from analysis.errors import AnalysisError, FileError
+from analysis.fidelity import fidelity
 from analysis.figures.pipeline import Analysis, analyse
 from analysis.figures.sensor_analysis import Options
 from analysis.numbers import finite
 from analysis.segmentation.plateaus import PlateauSettings
-from protocol.recording import breaks_of, read_session
 
 _COMPUTING = (".", "data", "segmentation", "calibration", "figures")
 
@@ -72,36 +73,42 @@ def code_state() -> str:
     return digest.hexdigest()[:12]
 
 
-def reproduce(run: str | Path, result_id: int, parameters: Mapping[str, Any]) -> dict[str, Any] | None:
+def reproduce(run: str | Path, parameters: Mapping[str, Any]) -> dict[str, Any] | None:
     """Compute a stored analysis again, with the options that it was made with.
 
     Parameters
     ----------
     run : the recording.
-    result_id : of the stored result.
     parameters : that it was stored with.
 
     Returns
     -------
     Its content as `store_analysis` would keep it; None where it rests on more than the recording holds (a file of
-    elongations), a reading was corrected since, or the run was resumed since.
+    elongations).
+
+    Raises
+    ------
+    FileError : the parameters are not those of an analysis.
     """
-    if "elongation" in parameters or _corrected_since(Path(run), result_id) or _resumed_since(Path(run), result_id):
+    if "elongation" in parameters:
         return None
-    stored = dict(parameters["options"])
-    read = {"plateau": PlateauSettings(**stored["plateau"]), "type_b": contributions(stored.get("type_b") or {})}
-    options = Options(**{**stored, **read})
+    try:
+        options = _stored_options(parameters["options"])
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        cause = f"the parameters of a stored result of {Path(run).name} cannot be used: {error!r:.100}"
+        raise FileError(cause, "The file is damaged, or was made by another program.") from error
     content: dict[str, Any] = finite(analyse(run, options=options).to_json())
     return content
 
 
-def _corrected_since(run: Path, result_id: int) -> bool:
-    with opened(run) as db:
-        # as instants, to the millisecond: readings are in local time with its offset, results in UTC
-        query = "SELECT count(*) FROM reading WHERE julianday(utc) > (SELECT julianday(utc) FROM result WHERE id = ?)"
-        return bool(db.execute(query, (result_id,)).fetchone()[0])
-
-
-def _resumed_since(run: Path, result_id: int) -> bool:
-    with opened(run) as db:
-        return any(entry["last_result"] >= result_id for entry in breaks_of(read_session(db)))
+def _stored_options(stored: Mapping[str, Any]) -> Options:
+    table = {**asdict(Options()), **stored}  # an older program had fewer
+    plateau = PlateauSettings(**table["plateau"])
+    numbers = (table["seed"], table["x_resolution_mm"] or 0, *asdict(plateau).values())
+    if not all(isinstance(number, int | float) and number >= 0 for number in numbers):
+        raise ValueError(f"no number, or a negative one, among {numbers}")
+    read = {
+        "degree": degree_of(str(table["degree"])), "seed": int(table["seed"]), "plateau": plateau,
+        "fidelity": fidelity(str(table["fidelity"])).level, "type_b": contributions(table["type_b"] or {}),
+    }  # fmt: skip
+    return Options(**{**table, **read})

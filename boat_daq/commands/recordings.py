@@ -87,7 +87,7 @@ def reanalyse(run: Path, stored: StoredResult) -> dict[str, Any] | None:
     """Return a stored analysis computed anew; None for other kinds, and for those that used other files."""
     from analysis.figures.stored_results import reproduce
 
-    return reproduce(run, stored.id, stored.parameters) if stored.kind == "analysis" else None
+    return reproduce(run, stored.parameters) if stored.kind == "analysis" else None
 
 
 def verify_import(run: Path) -> Verification:

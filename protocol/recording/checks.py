@@ -25,6 +25,7 @@ DAMAGE = (sqlite3.Error, UnicodeDecodeError, MemoryError)
 MAX_VALUE_BYTES = 64 * 2**20  # far above every text or blob of a recording; a larger one is refused by SQLite itself
 MAX_TEXT = 8 * 2**20  # bytes; as JSON it may take 25 times as many
 FOREIGN = "The file is damaged, or was not made by boat-daq."
+MAX_ROWS = {"segment": 200_000, "step": 200_000, "reading": 200_000, "result": 10_000}  # a plan has 100,000 steps
 _STEPS_A_CALL = 10_000  # of SQLite's virtual machine
 _BYTES_A_CALL = 300  # a row of 15 columns takes some 150 steps, and no less than 5 bytes of the file
 _FEWEST_CALLS = 100
@@ -119,7 +120,7 @@ def check_layout(path: Path, connection: sqlite3.Connection, ours: Columns, may_
 
 
 def check_values(path: Path, connection: sqlite3.Connection, columns: Columns) -> None:
-    """Refuse rows with a value of another type than its column is declared with, or out of all bounds.
+    """Refuse rows with a value of another type than its column is declared with, or out of all bounds, or too many.
 
     Reading is aborted after more steps than a file of that size can need: the pages of a forged file may be linked in a
     ring, and a scan of it would never end. Nor may texts and blobs be longer together than the file: in a forged one
@@ -133,7 +134,7 @@ def check_values(path: Path, connection: sqlite3.Connection, columns: Columns) -
 
     Raises
     ------
-    RecordingError : there is such a value; names table and column.
+    RecordingError : there is such a value, named by table and column; or a table has more rows than any session makes.
     sqlite3.Error : the rows cannot be read.
     """
     size = bytes_of(path)
@@ -147,10 +148,17 @@ def check_values(path: Path, connection: sqlite3.Connection, columns: Columns) -
     connection.set_progress_handler(give_up, _STEPS_A_CALL)
     try:
         for table, kinds in columns.items():
+            _check_number(path, connection, table)
             _check_table(path, connection, table, kinds)
             _check_lengths(path, connection, table, kinds, size)
     finally:
         connection.set_progress_handler(None, 0)
+
+
+def _check_number(path: Path, connection: sqlite3.Connection, table: str) -> None:
+    most = MAX_ROWS.get(table)
+    if most is not None and connection.execute(f"SELECT 1 FROM {table} LIMIT 1 OFFSET {most}").fetchone():  # noqa: S608
+        raise RecordingError(f"{path}: table {table!r} has more than {most} rows", FOREIGN)
 
 
 def bytes_of(path: Path) -> int:

@@ -51,7 +51,8 @@ from protocol.link import messages
 from protocol.link.messages import Command
 from protocol.pressure_units import KPA_PER_UNIT
 from protocol.recording import SampleKind
-from protocol.text.readers import LineFormat, PacketFormat, parse_format
+from protocol.regular_file import read_regular
+from protocol.text.readers import LINE_MAX, LineFormat, PacketFormat, parse_format
 from protocol.toml_text import read_toml
 
 PA_PER_UNIT = {unit: 1000 * KPA_PER_UNIT[unit.lower()] for unit in ("Pa", "hPa", "mbar", "kPa", "bar", "psi")}
@@ -139,7 +140,9 @@ def _check(key: str, text: str, values: Values) -> None:
 
 _US_PER_UNIT = {"s": 1e6, "ms": 1e3, "us": 1.0}
 _SENSOR = re.compile(r"s([1-9])_(lit|dark|signal)")
-_FILE_MAX = 100_000  # characters
+_FILE_MAX = 100_000  # bytes of a file, characters of a text
+_FIELDS_MAX = LINE_MAX // 2  # a longer line is none
+_COMMENTS_MAX = 20
 _NUMBER = int | float
 
 Rules = dict[str, Any]  # key -> its type, where it is required (with None: may be left out); else its default
@@ -200,6 +203,8 @@ def load_profile(source: str | Path) -> TextProfile:
     ProfileError : the file cannot be read, is not TOML, or holds something that is not allowed; names the key.
     """
     text = source if isinstance(source, str) and "\n" in source else _read(Path(source))
+    if len(text) > _FILE_MAX:
+        raise ProfileError(f"the profile has more than {_FILE_MAX} characters", "shorten it")
     try:
         content = read_toml(text)
     except ValueError as error:
@@ -233,13 +238,9 @@ def load_profile(source: str | Path) -> TextProfile:
 
 def _read(path: Path) -> str:
     try:
-        with path.open(encoding="utf-8") as file:
-            text = file.read(_FILE_MAX + 1)
+        return read_regular(path, _FILE_MAX).decode("utf-8").replace("\r\n", "\n")
     except (OSError, UnicodeDecodeError) as error:
         raise ProfileError(f"the profile {path} cannot be read: {error}", "give the path of a TOML file") from None
-    if len(text) > _FILE_MAX:
-        raise ProfileError(f"the profile {path} has more than {_FILE_MAX} characters", "give the path of a TOML file")
-    return text
 
 
 def _table(content: Any, prefix: str, rules: Rules) -> dict[str, Any]:
@@ -299,6 +300,9 @@ def _lines(table: dict[str, Any]) -> tuple[list[dict[str, Any]], LineFormat]:
     comments = table["comments"]
     if not all(isinstance(comment, str) and comment for comment in comments):
         raise ProfileError(f"lines.comments = {comments!r:.60}", 'write a list of prefixes such as ["#"]')
+    for key, most in (("fields", _FIELDS_MAX), ("comments", _COMMENTS_MAX)):
+        if len(table[key]) > most:
+            raise ProfileError(f"lines.{key} has {len(table[key])} entries, more than {most}", "shorten it")
     wanted = [at for at, entry in enumerate(entries) if _is_used(entry["name"])]
     format_ = LineFormat(
         delimiter=table["delimiter"].encode(),

@@ -142,7 +142,7 @@ def parse_format(text: str) -> PacketFormat:
     match = _FORMAT.fullmatch(text)
     if match is None:
         remedy = "write it like RX8 [h=43] @1P @0P @1S1 @0S1 @1S2 @0S2 [t=00]"
-        raise ProfileError(f"rx8.format is not an RX8 format: {text!r}", remedy)
+        raise ProfileError(f"rx8.format is not an RX8 format: {text!r:.60}", remedy)
     head, tail = _hex("h", match["head"]), _hex("t", match["tail"])
     if not head + tail:
         raise ProfileError("rx8.format has neither a header nor a tail", "add [h=..] or [t=..] to find packets by")
@@ -153,13 +153,13 @@ def parse_format(text: str) -> PacketFormat:
             continue
         byte = _MARK.fullmatch(mark)
         if byte is None:
-            raise ProfileError(f"rx8.format has the unknown mark {mark!r}", "marks are @nNAME and x")
+            raise ProfileError(f"rx8.format has the unknown mark {mark!r:.60}", "marks are @nNAME and x")
         if places.setdefault(byte[2], {}).setdefault(int(byte[1]), offset) != offset:
-            raise ProfileError(f"rx8.format gives {mark} twice", "give each byte of a variable once")
+            raise ProfileError(f"rx8.format gives {mark:.60} twice", "give each byte of a variable once")
     for name, bytes_ in places.items():
         if sorted(bytes_) != list(range(len(bytes_))) or len(bytes_) > 4:
-            remedy = f"a variable has the bytes @0{name}, @1{name} up to @3{name}"
-            raise ProfileError(f"rx8.format leaves out a byte of {name}", remedy)
+            remedy = "a variable has one byte @0 to four, @0 to @3"
+            raise ProfileError(f"rx8.format leaves out a byte of {name:.60}", remedy)
     length = len(head) + len(marks) + len(tail)
     if not places or length > _PACKET_MAX:
         cause = f"rx8.format has no variable, or more than {_PACKET_MAX} bytes"
@@ -172,7 +172,8 @@ def _hex(which: str, text: str | None) -> bytes:
     try:
         return bytes.fromhex(text or "")
     except ValueError:
-        raise ProfileError(f"rx8.format: [{which}={text}] is not hexadecimal", "write bytes like 43 or 0D 0A") from None
+        cause = f"rx8.format: [{which}={text:.60}] is not hexadecimal"
+        raise ProfileError(cause, "write bytes like 43 or 0D 0A") from None
 
 
 class PacketReader(ByteReader):

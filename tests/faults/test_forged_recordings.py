@@ -7,7 +7,7 @@ import sqlite3
 import struct
 import subprocess
 import sys
-from contextlib import closing, suppress
+from contextlib import closing, nullcontext, suppress
 from pathlib import Path
 
 import pytest
@@ -23,6 +23,7 @@ from boat_daq.engine.recording.recovery import find_interrupted, recover
 from boat_daq.engine.recording.upgrade import upgrade
 from boat_daq.engine.recording.verify import verify_recording
 from protocol.errors import RecordingError
+from protocol.recording import checks
 from tests.faults.decoders import REFUSALS
 from tests.faults.forged_sqlite import journal_that_names
 from tests.faults.old_recordings import write_recording
@@ -91,6 +92,22 @@ def test_forged_recording_is_refused_by_every_reader(sound: Path, tmp_path: Path
     else:
         assert recovery.damaged or recovery.status == "closed"
     assert path.read_bytes() == content
+
+
+@pytest.mark.fault(52, how="more steps, readings, segments and results than any session makes", times=4)
+@pytest.mark.parametrize("table", checks.MAX_ROWS)
+def test_more_rows_than_a_session_makes_are_refused(
+    sound: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, table: str
+) -> None:
+    """A million readings took half a gigabyte."""
+    path = tmp_path / "run.boat"
+    shutil.copy(sound, path)
+    with closing(sqlite3.connect(path)) as db:
+        rows = db.execute(f"SELECT count(*) FROM {table}").fetchone()[0]
+    for most, refused in ((rows, False), (rows - 1, True)):
+        monkeypatch.setitem(checks.MAX_ROWS, table, most)
+        with pytest.raises(RecordingError, match=f"table '{table}' has more than") if refused else nullcontext():
+            load_recording(path)
 
 
 def test_cyclic_pages_are_refused(sound: Path, tmp_path: Path) -> None:

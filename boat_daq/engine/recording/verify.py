@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
-from itertools import chain, zip_longest
+from itertools import chain, pairwise, zip_longest
 from pathlib import Path
 from typing import Any
 from zlib import crc32
@@ -28,11 +28,16 @@ from boat_daq.engine.sample_columns import mv_per_count
 from protocol.errors import ProfileError
 from protocol.link.bulk import decode_chunks
 from protocol.link.events import Link, SampleGap, Samples
-from protocol.recording import check_long_tables, open_recording, read_session, session_dtype
+from protocol.recording import breaks_of, check_long_tables, open_recording, read_session, session_dtype
 from protocol.recording.checks import DAMAGE
 
 Progress = Callable[[float, float], None]
 _PIECE = 20_000  # samples compared at once
+# A result of less than the whole run, or from before a reading was corrected, cannot be derived from the file. Compared
+# as instants, to the millisecond: readings are in local time with its offset, results in UTC.
+_STANDING_RESULTS = """
+    SELECT id FROM result WHERE id > ?
+    AND coalesce(julianday(utc) >= (SELECT max(julianday(utc)) FROM reading), 1) ORDER BY id"""
 _WORDING = {"calibration_void", "definition", "note", "notes", "text", "void"}  # keys of a result that hold texts
 
 
@@ -112,8 +117,7 @@ def _verify_stream(db: sqlite3.Connection, tally: dict[str, int], progress: Prog
     total = db.execute("SELECT coalesce(sum(n), 0) FROM block").fetchone()[0]
     if total and db.execute("SELECT id FROM chunk LIMIT 1").fetchone() is None:
         raise _Difference("there are no raw bytes to derive the samples from (the recording was imported)")
-    gaps: list[tuple[int, int, int]] = []
-    derived = _pieces(_derived(db, meta, tally, gaps))
+    derived = _pieces(_derived(db, meta, tally))
     stored = _pieces(_stored(db, dtype, OverviewRows(mv_per_count(meta))))
     for again, kept in zip_longest(derived, stored, fillvalue=np.empty(0, dtype)):
         n = min(len(again), len(kept))  # pieces are of one length, but for the last
@@ -125,22 +129,26 @@ def _verify_stream(db: sqlite3.Connection, tally: dict[str, int], progress: Prog
         if len(again) != len(kept):
             more = "the bytes hold more samples than the file" if len(again) > n else "the file has more samples"
             raise _Difference(f"after sample {tally['samples']} {more}")
-    _verify_gaps(db, gaps)
 
 
-def _derived(
-    db: sqlite3.Connection, meta: dict[str, Any], tally: dict[str, int], gaps: list[tuple[int, int, int]]
-) -> Iterator[NDArray[np.void]]:
-    """Give the samples that the bytes hold."""
-    begins = db.execute("SELECT first_chunk, decoder FROM segment WHERE decoder IS NOT NULL ORDER BY id").fetchall()
-    begins = begins or [(1, None)]
-    for (first, state), (after, _) in zip(begins, [*begins[1:], (1 << 62, None)], strict=True):
+def _derived(db: sqlite3.Connection, meta: dict[str, Any], tally: dict[str, int]) -> Iterator[NDArray[np.void]]:
+    """Give the samples that the bytes hold.
+
+    Check the gaps between them on the way.
+    """
+    kept = db.execute("SELECT value, text, time_us FROM event WHERE kind = 'gap' AND source = 'host' ORDER BY id")
+    gaps = 0
+    begins = db.execute("SELECT first_chunk, decoder FROM segment WHERE decoder IS NOT NULL ORDER BY id")
+    first_of_all = begins.fetchone() or (1, None)
+    for (first, state), (after, _) in pairwise(chain([first_of_all], begins, [(1 << 62, None)])):
         link = _resumed_link(meta, state, first)
         for event in chain.from_iterable(decode_chunks(_chunks(db, first, after, tally), link)):
             if isinstance(event, Samples):
                 yield event.array
             elif isinstance(event, SampleGap):
-                gaps.append((event.lost, event.before_index, event.time_us))
+                gaps += 1
+                _check_gap(gaps, kept.fetchone(), event)
+    _check_gap(gaps + 1, kept.fetchone(), None)
 
 
 def _chunks(db: sqlite3.Connection, first: int, after: int, tally: dict[str, int]) -> Iterator[tuple[int, bytes]]:
@@ -164,7 +172,7 @@ def _stored(db: sqlite3.Connection, dtype: np.dtype[np.void], overview: Overview
     Check their rows and the overview on the way.
     """
     rows = db.execute("SELECT id, segment, n, first_time_us, last_time_us, samples FROM block ORDER BY id")
-    kept = iter(db.execute("SELECT * FROM overview ORDER BY id").fetchall())
+    kept = db.execute("SELECT * FROM overview ORDER BY id")
     for number, segment, n, first_us, last_us, blob in rows:
         if len(blob) != n * dtype.itemsize or not n:
             raise _Difference(f"block {number} is for {n} samples and holds {len(blob)} bytes")
@@ -172,7 +180,7 @@ def _stored(db: sqlite3.Connection, dtype: np.dtype[np.void], overview: Overview
         if (first_us, last_us) != (samples["time_us"][0], samples["time_us"][-1]):
             raise _Difference(f"the times of block {number} differ from those of its samples")
         for _, row in overview.add(number, segment, samples):
-            if next(kept, None) != row:
+            if kept.fetchone() != row:
                 raise _Difference(f"row {row[0]} of the overview differs from its samples")
         yield samples
 
@@ -201,11 +209,10 @@ def _first_difference(kept: NDArray[np.void], again: NDArray[np.void], done: int
     return f"sample {done + at + 1}: {name} is {kept[at][name]} in the file and {again[at][name]} from the bytes"
 
 
-def _verify_gaps(db: sqlite3.Connection, gaps: list[tuple[int, int, int]]) -> None:
-    rows = db.execute("SELECT value, text, time_us FROM event WHERE kind = 'gap' AND source = 'host' ORDER BY id")
-    for number, (row, gap) in enumerate(zip_longest(rows, gaps), start=1):
-        if row is None or gap is None or row != (gap[0], f"before index {gap[1]}", gap[2]):
-            raise _Difference(f"gap {number} is {row} in the file and {gap} from the bytes")
+def _check_gap(number: int, row: tuple[Any, ...] | None, gap: SampleGap | None) -> None:
+    again = None if gap is None else (gap.lost, f"before index {gap.before_index}", gap.time_us)
+    if row != again:
+        raise _Difference(f"gap {number} is {row} in the file and {again} from the bytes")
 
 
 def _verify_results(
@@ -213,18 +220,39 @@ def _verify_results(
 ) -> None:
     if reanalyse is None:
         return
-    sql = "SELECT id, kind, program_version, seed, parameters, content FROM result ORDER BY id"
-    for number, kind, version, seed, parameters, content in db.execute(sql).fetchall():
-        stored = StoredResult(number, kind, version, seed, json.loads(parameters), json.loads(content))
-        again = reanalyse(path, stored)
+    done: dict[tuple[str, str], dict[str, Any] | None] = {}  # one computation for equal parameters
+    for number in db.execute(_STANDING_RESULTS, (_last_before_a_break(db),)).fetchall():
+        stored = _stored_result(db, *number)
+        asked = stored.kind, json.dumps({**stored.parameters, "code": code}, sort_keys=True)
+        if asked not in done:
+            done[asked] = reanalyse(path, stored)
+        again = done[asked]
         if again is None:
             continue
         if stored.parameters.get("code") != code:
             again = _in_terms_of(stored.content, again)
         key = _first_other(stored.content, again)
         if key is not None:
-            raise _Difference(f"result {number} ({kind}): {_by_whom(stored, code)}; the first is {key or 'the whole'}")
+            which = f"result {stored.id} ({stored.kind})"
+            raise _Difference(f"{which}: {_by_whom(stored, code)}; the first is {key or 'the whole'}")
         tally["results"] += 1
+
+
+def _last_before_a_break(db: sqlite3.Connection) -> int:
+    """Return the id of the newest result of less than the whole run; 0 where the run was never resumed."""
+    return max((entry["last_result"] for entry in breaks_of(read_session(db))), default=0)
+
+
+def _stored_result(db: sqlite3.Connection, number: int) -> StoredResult:
+    sql = "SELECT kind, program_version, seed, parameters, content FROM result WHERE id = ?"
+    kind, version, seed, parameters, content = db.execute(sql, (number,)).fetchone()
+    try:
+        tables = json.loads(parameters), json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise _Difference(f"result {number} ({kind}) cannot be read: {error}") from error
+    if not all(isinstance(table, dict) for table in tables):
+        raise _Difference(f"result {number} ({kind}) is not a table of values")
+    return StoredResult(number, kind, version, seed, *tables)
 
 
 def _by_whom(stored: StoredResult, code: str) -> str:

@@ -10,35 +10,11 @@ from pathlib import Path
 import pytest
 
 from analysis import Analysis, Options, Recording, analyse
+from analysis.errors import AnalysisError, FileError
 from analysis.figures.stored_results import code_state, reproduce, store_analysis
 from boat_daq.commands.recordings import reanalyse
 from boat_daq.engine.recording.verify import verify_recording
 from tests.analysis.boat_builder import Staircase, write_boat
-
-
-@pytest.mark.parametrize(
-    ("read_utc", "corrected"),
-    [
-        ("2026-07-01T12:59:59.999+02:00", False),  # 10:59:59.999 UTC, a millisecond before the result
-        ("2026-07-01T13:00:00.001+02:00", True),
-        ("2026-07-01T05:59:59.999-05:00", False),
-        ("2026-07-01T06:00:00.001-05:00", True),
-        ("2026-07-01T10:59:59.999+00:00", False),
-        ("2026-07-01T11:00:00.001+00:00", True),
-    ],
-)
-def test_a_reading_is_newer_than_a_result_by_its_instant(tmp_path: Path, read_utc: str, corrected: bool) -> None:
-    """Readings carry the offset of where they were read, results are in UTC: as text they do not compare."""
-    run = write_boat(tmp_path / "run.boat", Staircase(cycles=1).recording())
-    analysis = analyse(run, options=Options(mcmc=False))
-    assert store_analysis(run, analysis) == ""
-    with sqlite3.connect(run) as db:
-        db.execute("UPDATE result SET utc = '2026-07-01T11:00:00.000000+00:00'")
-        insert = "INSERT INTO reading (utc, step, elongation_mm, source) VALUES (?, 99, 1.0, 'test')"
-        db.execute(insert, (read_utc,))
-    db.close()
-    again = reproduce(run, 1, {"options": asdict(analysis.options)})
-    assert (again is None) == corrected
 
 
 @pytest.fixture(scope="module")
@@ -88,3 +64,20 @@ def test_a_result_names_the_program_state_that_computed_it(
     with closing(sqlite3.connect(run)) as db, db:
         db.execute("UPDATE result SET parameters = json_remove(parameters, '$.code')")
     assert "its code is not recorded" in verdict()
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("seed", "x"), ("seed", -1), ("plateau", {"no": 1}), ("more", 1), ("degree", [3])],
+)
+def test_parameters_of_no_analysis_are_refused(
+    tmp_path: Path, analysed: tuple[Recording, Analysis], key: str, value: object
+) -> None:
+    """A forged result is refused with its cause; without options too."""
+    run = write_boat(tmp_path / "run.boat", analysed[0])
+    options = {**asdict(analysed[1].options), key: value}
+    with pytest.raises(AnalysisError) as refusal:
+        reproduce(run, {"options": options})
+    assert refusal.value.cause
+    with pytest.raises(FileError, match="cannot be used: KeyError"):
+        reproduce(run, {})

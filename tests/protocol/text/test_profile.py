@@ -52,6 +52,9 @@ REFUSED = [
     ('delimiter = ","', 'delimiter = ",,"', "one character"),
     ('checksum = "none"', 'checksum = "crc"', "checksum"),
     ('comments = ["#", "time_ms"]', "comments = [1]", "comments"),
+    ('comments = ["#", "time_ms"]', f"comments = {['#'] * 21}", r"lines\.comments has 21 entries, more than 20"),
+    ('"temperature"', ", ".join(['"a"'] * 494), r"lines\.fields has 501 entries, more than 500"),
+    ('kind = "lines"', 'kind = "lines"\n#' + "x" * 100_000, "has more than 100000 characters"),
     ('unit = "kPa"', 'unit = "torr"', "pressure has the unit 'torr'"),
     ('unit = "ms", wraps_at = 4294967296', "wraps_at = 7", "wraps_at = 7"),
     ('unit = "ms", wraps_at', "wraps_at", "time has the unit None"),
@@ -74,7 +77,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.fault(53, how="profiles with each kind of mistake", times=35)
+@pytest.mark.fault(53, how="profiles with each kind of mistake", times=38)
 @pytest.mark.parametrize(("old", "new", "message"), REFUSED)
 def test_a_profile_is_refused_by_key(old: str, new: str, message: str) -> None:
     """Unknown keys, wrong types, missing parts, swapped limits, templates that reach for more: named, with a remedy."""

@@ -210,6 +210,42 @@ def test_a_result_of_older_code_may_lack_keys_and_be_worded_otherwise(copy):
     assert found({"items": [{"code": "few", "text": "too few"}]})
 
 
+@pytest.mark.parametrize(
+    ("read_utc", "corrected"),
+    [
+        ("2026-11-01T13:59:59.999+02:00", False),  # 11:59:59.999 UTC, a millisecond before the result
+        ("2026-11-01T14:00:00.001+02:00", True),
+        ("2026-11-01T06:59:59.999-05:00", False),
+        ("2026-11-01T07:00:00.001-05:00", True),
+        ("2026-11-01T11:59:59.999+00:00", False),
+        ("2026-11-01T12:00:00.001+00:00", True),
+    ],
+)
+def test_a_result_from_before_a_correction_is_left_out(copy, read_utc, corrected):
+    """Readings carry the offset of where they were read, results are in UTC: as text they do not compare."""
+    add_result(copy, "mean", {}, {"n": 3})
+    change(copy, "INSERT INTO reading (utc, step, source) VALUES (?, 99, 'test')", (read_utc,))
+    assert verify_recording(copy, reanalyse=lambda *_: {"n": 3}).results == (not corrected)
+
+
+def test_equal_parameters_are_computed_once(copy):
+    """As many results as a file may hold take the time of one."""
+    for n in (3, 3, 4):
+        add_result(copy, "mean", {"of": "n"}, {"n": n})
+    computed = []
+    difference = verify_recording(copy, reanalyse=lambda *_: computed.append(1) or {"n": 3}).difference
+    assert difference.startswith("result 3 (mean)")
+    assert len(computed) == 1
+
+
+@pytest.mark.parametrize("text", ["[1]", "{", "[" * 100_000])
+def test_a_result_that_is_no_table_is_named(copy, text):
+    """Forged parameters: a difference, not a traceback."""
+    add_result(copy, "mean", {}, {})
+    change(copy, "UPDATE result SET parameters = ?", (text,))
+    assert verify_recording(copy, reanalyse=lambda *_: {}).difference.startswith("result 1 (mean) ")
+
+
 def test_a_recording_without_bytes_is_not_identical(copy):
     """An imported recording has nothing to be derived from, and is not called identical."""
     change(copy, "DELETE FROM chunk")
@@ -230,7 +266,7 @@ def test_memory_and_progress_are_bounded(recording):
         verify_recording(recording, progress=cancel)
 
 
-def test_a_text_profile_recording_verifies(tmp_path):
+def test_a_text_profile_recording_verifies(tmp_path, monkeypatch):
     """Lines of text are derived again with the recording's profile, from mid-stream too."""
     profile = PROFILE.read_text()
     link = TextConnection(load_profile(profile))
@@ -245,9 +281,17 @@ def test_a_text_profile_recording_verifies(tmp_path):
         data = text[at : at + 97]
         recorder(Block(at, data, events=tuple(link.receive(data, at))))
     recorder.close(RunEnd.FINISHED)
+    segment = "INSERT INTO segment SELECT NULL, host_ns, 1000, reason, 0, decoder FROM segment"
+    change(path, segment)
+    change(path, segment)
+    loaded = []
+    monkeypatch.setattr(
+        "boat_daq.engine.link.opening.load_profile", lambda text: loaded.append(text) or load_profile(text)
+    )
     verdict = verify_recording(path)
     assert verdict.identical, verdict.difference
     assert 200 < verdict.samples < 400
+    assert loaded == [profile + "\n"]  # once, and as a text: 50,000 segments took a hundred seconds
 
 
 # ---- the commands ----------------------------------------------------------------------------------------------------

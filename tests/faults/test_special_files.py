@@ -23,6 +23,7 @@ from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.engine.session.readings import read_elongation_csv
 from boat_daq.engine.settings import UnitLibrary, load_settings
+from protocol.text.profile import load_profile
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="FIFOs and /dev/zero are Unix's")
 
@@ -33,11 +34,12 @@ READERS: dict[str, tuple[Callable[[Path], object], ...]] = {
     "settings.toml": (lambda path: load_settings(path.parent),),
     "SA1.toml": (lambda path: UnitLibrary(path.parent).load("SA1"),),
     "map.json": (load_map,),
+    "profile.toml": (load_profile,),
     "mesh.vtu": (read_mesh,),
 }
 
 
-@pytest.mark.fault(52, how="a pipe without a writer, and an endless device, in the place of every input file", times=14)
+@pytest.mark.fault(52, how="a pipe without a writer, and an endless device, in the place of every input file", times=16)
 @pytest.mark.parametrize("kind", ["pipe", "device"])
 @pytest.mark.parametrize("name", READERS)
 @pytest.mark.timeout(20)
@@ -60,6 +62,13 @@ def test_many_lines_that_do_not_fit_are_not_all_read(tmp_path: Path) -> None:
     (path := tmp_path / "run.csv").write_text(good + '"' + "abc,1\n" * 1_000_000, encoding="utf-8")
     with pytest.raises(FileError, match="10001 rows do not fit"):
         import_csv(path)
+
+
+def test_curves_of_many_lines_are_refused(tmp_path: Path) -> None:
+    """Sixteen megabytes of blank lines took 5.7 GB and more than a minute."""
+    (path := tmp_path / "curves.csv").write_text("x,z\n" + "\n" * 400_000, encoding="utf-8")
+    with pytest.raises(FileError, match="more than 400000 lines"):
+        read_curves(path)
 
 
 def test_many_states_of_curves_are_counted_first(tmp_path: Path) -> None:

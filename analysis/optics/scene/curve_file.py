@@ -33,6 +33,7 @@ _FORM = "give CSV with x and z in mm, 7 points or more for each of the two guide
 _JUMP = 3.0
 _MAX_BYTES = 16_000_000  # 15 states of two guides with a thousand points take 2 MB
 _MAX_LINE = 10_000  # characters; a row has five cells
+_MAX_LINES = 400_000  # of 16 MB, blank ones too: a list for each row
 _MIRROR_FLAT = 1e-6
 
 
@@ -112,9 +113,12 @@ def _rows(path: Path) -> list[list[str]]:
         raise FileError(f"{path} cannot be read: {error.strerror}", "choose the file with the curves") from error
     except UnicodeDecodeError as error:
         raise FileError(f"{path} cannot be read as text: {error}", _FORM) from error
-    if max(map(len, text.splitlines()), default=0) > _MAX_LINE:
+    lines = text.splitlines()
+    if len(lines) > _MAX_LINES:
+        raise FileError(f"{path} has more than {_MAX_LINES} lines", "give fewer points for each guide")
+    if max(map(len, lines), default=0) > _MAX_LINE:
         raise FileError(f"{path} has a line of more than {_MAX_LINE} characters", _FORM)
-    lines = [line.split("#")[0].strip() for line in text.splitlines() if not line.lstrip().startswith("#")]
+    lines = [line.split("#")[0].strip() for line in lines if not line.lstrip().startswith("#")]
     full = [line for line in lines if line]
     separator = next((s for s in (";", "\t", ",") if full and all(s in line for line in full[:3])), None)
     comma = separator in (";", "\t") or (separator is None and not any("." in line for line in full))

@@ -26,7 +26,7 @@ from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution
 from protocol.whole_file import written_whole
 
-MAX_BYTES = 128 << 20  # a hundred thousand elements take 20 MB
+MAX_BYTES = 32 << 20  # a hundred thousand elements take 20 MB
 PARTS = {"lattice": 1, "wall": 2, "cavity": 3, "base": 4, "tip": 5}
 FLAT_SHARE = 1e-6
 """Of the length: how far a node of a flat end may lie from it."""

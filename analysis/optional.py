@@ -10,6 +10,7 @@ from analysis.errors import RequestError
 
 EXTRAS = {  # module: name of the library, extra that brings it
     "distributed": ("Dask", "cluster"),
+    "h5py": ("h5py", "hdf5"),
     "pyarrow": ("pyarrow", "parquet"),
     "skfem": ("scikit-fem", "atlas"),
 }

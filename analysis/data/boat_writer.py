@@ -190,7 +190,7 @@ def first_difference(path: str | Path) -> str:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "original.csv"
         file.write_bytes(original)
-        options = {"rate_hz": meta.get("import_rate_hz"), "separator": meta.get("import_separator")}
+        options: dict[str, Any] = {"rate_hz": meta.get("import_rate_hz"), "separator": meta.get("import_separator")}
         again = packed_samples(import_csv(file, columns=meta["import_map"], **options))
     if again.dtype != kept.dtype or again.size != kept.size:
         return f"the file gives {again.size} samples where {kept.size} are kept"

@@ -324,6 +324,7 @@ def import_csv(
     profile: str | Path | None = None,
     rate_hz: float | None = None,
     separator: str | None = None,
+    signals_only: bool = False,
 ) -> Recording:
     """Import a CSV as a recording.
 
@@ -334,6 +335,7 @@ def import_csv(
     profile : a saved map (`save_profile`); `columns` overrides it.
     rate_hz : where the file has no time.
     separator : of the columns, " " for white space; found when None.
+    signals_only : whether a file without pressure is taken as well; its pressure is NaN.
 
     Raises
     ------
@@ -344,7 +346,7 @@ def import_csv(
     path = Path(path)
     table = read_table(path, separator)
     wanted = {**(load_profile(profile) if profile else {}), **(columns or {})}
-    return _recording(path, table, map_columns(table, wanted), rate_hz, separator)
+    return _recording(path, table, map_columns(table, wanted), rate_hz, separator, signals_only)
 
 
 def preview(
@@ -390,8 +392,12 @@ def _missing(mapping: ColumnMap) -> list[str]:
     return missing if any(map(is_signal, mapping.columns)) else [*missing, "s1_mv"]
 
 
-def _recording(path: Path, table: Table, mapping: ColumnMap, rate_hz: float | None, separator: str | None) -> Recording:
-    missing = [name for name in _missing(mapping) if name != "time_s" or rate_hz is None]
+def _recording(
+    path: Path, table: Table, mapping: ColumnMap, rate_hz: float | None, separator: str | None, signals_only: bool
+) -> Recording:
+    spared = {"time_s"} if rate_hz is not None else set()
+    spared |= {"pressure_kpa"} if signals_only else set()
+    missing = [name for name in _missing(mapping) if name not in spared]
     if missing:
         raise unmapped(path.name, missing, mapping, table)
     meta = _meta(table, mapping, path) | ({"import_separator": separator} if separator else {})
@@ -412,8 +418,9 @@ def _recording(path: Path, table: Table, mapping: ColumnMap, rate_hz: float | No
     values = {name: column[keep] for name, column in values.items()}
     signal, lit, dark = _signals(values, meta)
     whole = _whole_numbers(values, meta)
+    pressure = values.get("pressure_kpa", np.full(signal.shape[0], np.nan))
     return Recording.from_arrays(
-        values["time_s"] - values["time_s"][0], values["pressure_kpa"], signal, lit=lit, dark=dark,
+        values["time_s"] - values["time_s"][0], pressure, signal, lit=lit, dark=dark,
         **({"target_kpa": values["target_kpa"]} if "target_kpa" in values else {}), **whole, meta=meta,
         source=str(path),
     )  # fmt: skip

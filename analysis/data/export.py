@@ -1,4 +1,6 @@
-"""Samples out of a recording: CSV with a JSON sidecar, or Parquet.
+"""Samples out of a recording, with elongation and its uncertainty where a calibration gives them.
+
+CSV with a JSON sidecar, Parquet, HDF5 (a dataset a column), or MAT (a vector a column, MATLAB 5).
 
 Rules: every column's name carries its unit; numbers are written so that reading them gives the same number; text that
 a spreadsheet would take for a formula is neutralised; a simulated run is marked SIMULATED in the file itself. What is
@@ -10,25 +12,55 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 
+from analysis.arrays import BoolArray, FloatArray
 from analysis.data.recording import META_KEYS, Recording
 from analysis.errors import RequestError, writing
 from analysis.optional import optional
 from analysis.progress import Progress
 from protocol.whole_file import write_whole, written_whole
 
-Format = Literal["csv", "parquet"]
+Format = Literal["csv", "parquet", "hdf5", "mat"]
+SUFFIXES: Mapping[str, Format] = {".csv": "csv", ".parquet": "parquet", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
 
 ROWS_AT_ONCE = 100_000
 
 
-def samples_frame(recording: Recording, rows: slice | None = None) -> pd.DataFrame:
-    """Return the samples as a frame, in the columns and the order of the export."""
+@dataclass(frozen=True, slots=True)
+class ConvertedElongation:
+    """The elongation of every sample.
+
+    Attributes
+    ----------
+    elongation_mm : [n] NaN where it is not known.
+    u_mm : [n] its expanded uncertainty, k = 2.
+    valid : [n] False where it is not known or the sensors disagree.
+    calibration : what it is from, for the metadata of a file.
+    """
+
+    elongation_mm: FloatArray
+    u_mm: FloatArray
+    valid: BoolArray
+    calibration: Mapping[str, Any]
+
+
+def samples_frame(
+    recording: Recording, rows: slice | None = None, converted: ConvertedElongation | None = None
+) -> pd.DataFrame:
+    """Return the samples as a frame, in the columns and the order of the export.
+
+    Parameters
+    ----------
+    recording : of the samples. rows : some of them; None for all.
+    converted : their elongation; None without.
+    """
     first, last = ("index", "time_s", "pressure_kpa", "target_kpa"), ("state", "flags", "segment")
     frame: dict[str, Any] = {name: getattr(recording, name) for name in first}
     for i, name in enumerate(recording.sensor_names):
@@ -37,17 +69,28 @@ def samples_frame(recording: Recording, rows: slice | None = None) -> pd.DataFra
         for i, name in enumerate(recording.sensor_names):
             frame |= {f"{name}_lit": recording.lit[:, i], f"{name}_dark": recording.dark[:, i]}
     frame |= {name: getattr(recording, name) for name in last}
+    if converted is not None:
+        frame |= {"elongation_mm": converted.elongation_mm, "u_mm": converted.u_mm}
+        frame["elongation_valid"] = converted.valid.astype(np.uint8)
     return pd.DataFrame({name: column[rows or slice(None)] for name, column in frame.items()})
 
 
-def export(recording: Recording, path: str | Path, format: Format, *, progress: Progress | None = None) -> list[Path]:
+def export(
+    recording: Recording,
+    path: str | Path,
+    format: Format,
+    *,
+    converted: ConvertedElongation | None = None,
+    progress: Progress | None = None,
+) -> list[Path]:
     """Write the samples.
 
     Parameters
     ----------
     recording : to export.
     path : of the file.
-    format : "csv" or "parquet".
+    format : csv, parquet, hdf5 or mat.
+    converted : the elongation of the samples; None without a calibration.
     progress : called as progress(done, total) for CSV; raising from it cancels.
 
     Returns
@@ -56,24 +99,28 @@ def export(recording: Recording, path: str | Path, format: Format, *, progress: 
 
     Raises
     ------
-    RequestError : another format, or Parquet without pyarrow. FileError : the folder is not there or cannot be written.
+    RequestError : another format, or its library is not installed. FileError : the folder is not there or cannot be
+        written.
     """
     path = Path(path)
-    if format not in ("csv", "parquet"):
-        raise RequestError(f"format {format!r} is not one of csv, parquet", "Give --format csv or --format parquet.")
+    if format not in ("csv", *_WRITERS):
+        raise RequestError(f"format {format!r} is not one of csv, {', '.join(_WRITERS)}", "Give one of them.")
     with writing(path, "Choose another folder."):
-        if format == "parquet":
-            with written_whole(path) as part:
-                _write_parquet(recording, part)
-            return [path]
-        sidecar = path.with_suffix(".json")
         with written_whole(path) as part:
-            _write_csv(recording, part, progress)
-        write_whole(sidecar, json.dumps(_description(recording), indent=2, default=str) + "\n")
+            if format == "csv":
+                _write_csv(recording, part, converted, progress)
+            else:
+                _WRITERS[format](samples_frame(recording, None, converted), _description(recording, converted), part)
+        if format != "csv":
+            return [path]
+        sidecar, text = path.with_suffix(".json"), _description_text(_description(recording, converted), indent=2)
+        write_whole(sidecar, text + "\n")
         return [path, sidecar]
 
 
-def _write_csv(recording: Recording, path: Path, progress: Progress | None) -> None:
+def _write_csv(
+    recording: Recording, path: Path, converted: ConvertedElongation | None, progress: Progress | None
+) -> None:
     with path.open("w", encoding="utf-8", errors="replace", newline="") as file:
         if recording.simulated:
             file.write("# SIMULATED: recorded from the virtual board\n")
@@ -81,7 +128,7 @@ def _write_csv(recording: Recording, path: Path, progress: Progress | None) -> N
             if recording.meta.get(key) is not None:
                 file.write(_comment(f"{key}: {json.dumps(recording.meta[key], ensure_ascii=False)}"))
         for first in range(0, recording.n, ROWS_AT_ONCE):
-            part = samples_frame(recording, slice(first, first + ROWS_AT_ONCE))
+            part = samples_frame(recording, slice(first, first + ROWS_AT_ONCE), converted)
             part.to_csv(file, index=False, header=first == 0, lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
             if progress is not None:
                 progress(min(first + ROWS_AT_ONCE, recording.n), recording.n)
@@ -92,17 +139,44 @@ def _comment(text: str) -> str:
     return "# " + " ".join(text.replace(",", ";").split()) + "\n"
 
 
-def _write_parquet(recording: Recording, path: Path) -> None:
+def _write_parquet(frame: pd.DataFrame, description: Mapping[str, Any], path: Path) -> None:
     pa, pq = optional("pyarrow"), optional("pyarrow.parquet")
-    table = pa.Table.from_pandas(samples_frame(recording), preserve_index=False)
-    description = {"boat_daq": json.dumps(_description(recording), default=str)}
-    if recording.simulated:
-        description["SIMULATED"] = "recorded from the virtual board"
-    pq.write_table(table.replace_schema_metadata({**(table.schema.metadata or {}), **description}), path)
+    table = pa.Table.from_pandas(frame, preserve_index=False)
+    stated = {"boat_daq": _description_text(description)}
+    if description["SIMULATED"]:
+        stated["SIMULATED"] = "recorded from the virtual board"
+    pq.write_table(table.replace_schema_metadata({**(table.schema.metadata or {}), **stated}), path)
 
 
-def _description(recording: Recording) -> dict[str, Any]:
+def _write_hdf5(frame: pd.DataFrame, description: Mapping[str, Any], path: Path) -> None:
+    with optional("h5py").File(path, "w", libver=("earliest", "v110")) as file:
+        file.attrs["SIMULATED"] = bool(description["SIMULATED"])
+        file.create_dataset("boat_daq", data=_description_text(description))  # an attribute has 64 KiB at most
+        for name, unit in description["columns"].items():
+            values = frame[name].to_numpy()
+            dataset = file.create_dataset(name, data=values, compression="gzip", compression_opts=4, shuffle=True)
+            dataset.attrs["unit"] = unit
+
+
+def _write_mat(frame: pd.DataFrame, description: Mapping[str, Any], path: Path) -> None:
+    from scipy.io import savemat
+
+    columns = {name: frame[name].to_numpy() for name in frame.columns}
+    units = dict(description["columns"])
+    stated = {"units": units, "SIMULATED": bool(description["SIMULATED"]), "boat_daq": _description_text(description)}
+    savemat(str(path), columns | stated, appendmat=False, long_field_names=True, do_compression=True, oned_as="column")
+
+
+_WRITERS: Mapping[str, Callable[[pd.DataFrame, Mapping[str, Any], Path], None]] = {
+    "parquet": _write_parquet,
+    "hdf5": _write_hdf5,
+    "mat": _write_mat,
+}
+
+
+def _description(recording: Recording, converted: ConvertedElongation | None) -> dict[str, Any]:
     meta = {key: value for key, value in recording.meta.items() if key != "sample_dtype"}
+    frame = samples_frame(recording, slice(0, 1), converted)
     return {
         "SIMULATED": recording.simulated,
         "samples": recording.n,
@@ -110,14 +184,20 @@ def _description(recording: Recording) -> dict[str, Any]:
         "rate_hz": recording.rate_hz if np.isfinite(recording.rate_hz) else None,
         "gaps": [{"time_s": gap.time_s, "lost": gap.lost} for gap in recording.gaps],
         "masked": dict(recording.masked),
-        "columns": {name: _unit(name) for name in samples_frame(recording, slice(0, 1)).columns},
+        "columns": {name: _unit(name) for name in frame.columns},
+        "calibration": None if converted is None else dict(converted.calibration),
         "session": meta,
         "steps": json.loads(recording.steps.to_json(orient="records")),
         "readings": json.loads(recording.readings.to_json(orient="records")),
     }
 
 
+def _description_text(description: Mapping[str, Any], indent: int | None = None) -> str:
+    return json.dumps(description, indent=indent, default=str)
+
+
 def _unit(name: str) -> str:
-    if name in ("index", "state", "flags", "segment"):
+    if name in ("index", "state", "flags", "segment", "elongation_valid"):
         return "1"
-    return {"s": "s", "kpa": "kPa", "mv": "mV", "lit": "ADC counts", "dark": "ADC counts"}[name.rpartition("_")[2]]
+    units = {"s": "s", "kpa": "kPa", "mv": "mV", "mm": "mm", "lit": "ADC counts", "dark": "ADC counts"}
+    return units[name.rpartition("_")[2]]

@@ -1,14 +1,20 @@
-"""`boat-daq calibration`: the calibration of a run as data and as code."""
+"""`boat-daq calibration` and `convert`: the calibration of a run as data and as code, and signals converted by it."""
 
 from __future__ import annotations
 
+import contextlib
+import sys
+import time
+from collections import deque
+from collections.abc import Generator, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, writing
 from boat_daq.commands.options import (
+    AllowRemoteOption,
     DegreeOption,
     LeaveOutOption,
     MapOption,
@@ -17,11 +23,16 @@ from boat_daq.commands.options import (
     TypeBOption,
     one_of,
 )
-from protocol.whole_file import write_whole
 
 if TYPE_CHECKING:
-    from analysis.artefact.calibration_file import CalibrationFile
+    import pandas as pd
 
+    from analysis.artefact.calibration_file import CalibrationFile
+    from boat_daq.engine.snapshot import SessionSnapshot
+
+POLL_S = 0.02
+MOST_WAITING = 100_000  # blocks of samples that the output is behind
+ROWS_AT_ONCE = 100_000
 FORMATS = ("json", "c", "h", "matlab", "csv")
 
 
@@ -62,6 +73,7 @@ def calibration(
         raise typer.BadParameter("needs --out, or --format json", param_hint="--json")
     from analysis import Options, analyse, load_recording
     from analysis.artefact.calibration_file import CalibrationFile
+    from analysis.artefact.forms import calibration_text, write_calibration
     from analysis.calibration.curve_choice import degree_of
     from boat_daq.commands.importing import column_map
     from boat_daq.viewmodels.common.reference import stated_contributions
@@ -71,14 +83,16 @@ def calibration(
         stated = stated_contributions(recording, type_b)
         options = Options(degree_of(degree), mcmc=False, leave_out=leave_out, type_b=stated)
         found = CalibrationFile.of(analyse(recording, elongation, options=options, progress=advance))
-    text = written(found, format, table_error)
+    form = "c" if format == "h" else format
+    if to is None:
+        text = calibration_text(found, form, table_error)
+    else:
+        write_calibration(found, to, form, table_error)
     for remark in found.remarks:
         notify(f"note: {remark}")
     if to is None:
         typer.echo(text, nl=False)
         return
-    with writing(to):
-        write_whole(to, text)
     if as_json:
         head = {"file": to, "format": format, "simulated": found.head["simulated"], "unit": found.head["unit"]}
         emit_json(head | {"sensors": len(found.sensors), "void": found.void, "notes": found.remarks})
@@ -86,28 +100,158 @@ def calibration(
         notify(f"wrote {to}: {found.title}")
 
 
-def written(found: CalibrationFile, format: str, table_error_mm: float | None = None) -> str:
-    """Return a calibration in a format.
+def convert(
+    file: Annotated[
+        Path | None, typer.Argument(metavar="[FILE.csv|RUN]", help="Signals: a recording, or a CSV of signals.")
+    ] = None,
+    calibration_file: Annotated[
+        Path, typer.Option("--calibration", metavar="FILE.json", help="What `calibration --format json` wrote.")
+    ] = ...,  # type: ignore[assignment]  # typer's mark of an option without a default
+    port: Annotated[str | None, typer.Option(help="Convert live from this port, as `record` names it.")] = None,
+    profile: Annotated[str | None, typer.Option(help="Text profile of a board that is not a BOAT board.")] = None,
+    rate: RateOption = None,
+    mapping: MapOption = None,
+    duration: Annotated[float | None, typer.Option(min=0, help="Live: seconds to convert; else until Ctrl-C.")] = None,
+    to: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE.csv", help="File to write; default standard output.")
+    ] = None,
+    allow_remote: AllowRemoteOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Convert signals to elongation: time_s, s1_mv .., elongation_mm, u_mm (U, k = 2) and valid, as CSV.
+
+    A CSV needs a time (or --rate) and the signals; pressure is not needed. Live, no pressure is commanded and nothing
+    is recorded; each block of samples is written at once.
+
+    Example: boat-daq convert run.boat --calibration SA1.json --out elongation.csv
+    """
+    if (file is None) == (port is None):
+        raise typer.BadParameter("give one file, or --port PORT")
+    if as_json and to is None:
+        raise typer.BadParameter("needs --out: standard output is the CSV", param_hint="--json")
+    from analysis.artefact.calibration_file import read_calibration
+    from analysis.artefact.conversion import heading
+
+    found = read_calibration(calibration_file)
+    found.reader()
+    for remark in found.remarks:
+        notify(f"note: {remark}")
+    if file is not None:
+        parts = _converted_file(file, found, mapping, rate)
+    else:
+        parts = _converted_live(str(port), profile, int(rate) if rate else None, found, duration, allow_remote)
+    samples = valid = 0
+    with contextlib.closing(parts), _output(to) as out:
+        out.writelines(f"{line}\n" for line in heading(found))
+        for part in parts:
+            part.to_csv(out, index=False, header=not samples, lineterminator="\n")
+            out.flush()
+            samples, valid = samples + len(part), valid + int(part["valid"].sum())
+    if as_json:
+        emit_json({"file": to, "samples": samples, "valid": valid, "simulated": found.head["simulated"]})
+    else:
+        notify(f"{samples} samples, {valid} with a valid elongation; {found.title}")
+
+
+@contextlib.contextmanager
+def _output(to: Path | None) -> Iterator[TextIO]:
+    """Give the stream to write to: a file that appears whole, or standard output, which its reader may close."""
+    if to is None:
+        try:
+            yield sys.stdout
+        except BrokenPipeError:
+            sys.stdout = None  # nothing is flushed into it at the end
+        return
+    from protocol.whole_file import written_whole
+
+    with writing(to), written_whole(to) as part, part.open("w", encoding="utf-8", newline="") as stream:
+        yield stream
+
+
+def _converted_file(
+    file: Path, found: CalibrationFile, mapping: list[str] | None, rate_hz: float | None
+) -> Generator[pd.DataFrame, None, None]:
+    """Yield the converted rows of a file.
 
     Parameters
     ----------
-    found : the calibration. format : one of `FORMATS`.
-    table_error_mm : bound on the error of a table; None for none in C, and the usual one in CSV.
+    file : a recording, or a CSV. found : the calibration. mapping, rate_hz : options of a CSV.
+    """
+    from analysis import load_recording
+    from analysis.artefact.conversion import convert_recording, converted_rows
+    from analysis.data.boat_file import is_boat_file
+    from boat_daq.commands.importing import column_map
+
+    is_boat = file.is_file() and is_boat_file(file)
+    options: dict[str, Any] = {} if is_boat else {"signals_only": True}
+    recording = load_recording(file, columns=column_map(mapping) or None, rate_hz=rate_hz, **options)
+    rows = converted_rows(recording.time_s, recording.signal_mv, convert_recording(recording, found))
+    for first in range(0, len(rows), ROWS_AT_ONCE):
+        yield rows.iloc[first : first + ROWS_AT_ONCE]
+
+
+def _converted_live(
+    port: str, profile: str | None, rate_hz: int | None, found: CalibrationFile, duration_s: float | None, remote: bool
+) -> Generator[pd.DataFrame, None, None]:
+    """Yield the converted rows of a board's samples as they come.
+
+    Parameters
+    ----------
+    port, profile, rate_hz : as `Session.connect`.
+    found : the calibration.
+    duration_s : of board time; None until the link ends.
+    remote : whether the port may be on another computer.
+    """
+    import dataclasses
+
+    from analysis.artefact.conversion import check_signals, convert_signals, converted_rows
+    from boat_daq.engine.sample_columns import columns
+    from boat_daq.engine.session.session import Session
+    from boat_daq.engine.settings import load_settings
+    from boat_daq.errors import StorageError
+
+    settings = load_settings()
+    session = Session(dataclasses.replace(settings, allow_remote=settings.allow_remote or remote))
+    waiting: deque[Any] = deque()
+    try:
+        session.add_sink(waiting.append)
+        session.connect(port, profile, rate_hz=rate_hz)
+        seen = session.wait_connected()
+        first_us: int | None = None
+        while True:
+            ended = _ended(seen)
+            while waiting:
+                if len(waiting) > MOST_WAITING:
+                    raise StorageError("the output does not keep up with the board", "Write to a file.")
+                block = columns(waiting.popleft(), session.mv_per_count)
+                if first_us is None:
+                    check_signals(found, block.signal_mv.shape[1], simulated=seen.simulated)
+                    first_us = int(block.time_us[0])
+                time_s = (block.time_us - first_us) / 1e6
+                if duration_s is not None and time_s[-1] >= duration_s:
+                    block, ended = block.part(time_s < duration_s), True
+                    time_s = time_s[time_s < duration_s]
+                yield converted_rows(time_s, block.signal_mv, convert_signals(found, block.signal_mv, block.flags))
+                if ended and duration_s is not None:
+                    return
+            if ended:
+                return
+            time.sleep(POLL_S)
+            seen = session.snapshot()
+    finally:
+        session.close()
+
+
+def _ended(seen: SessionSnapshot) -> bool:
+    """Return whether the link has ended.
 
     Raises
     ------
-    AnalysisError : it gives no elongation, or no table keeps to the bound.
+    DeviceError : it failed.
     """
-    if format == "json":
-        return found.text()
-    if format == "matlab":
-        from analysis.artefact.matlab import matlab_function
+    from boat_daq.engine.snapshot import LinkState
+    from boat_daq.errors import DeviceError
 
-        return matlab_function(found)
-    from analysis.artefact.signal_table import USUAL_ERROR_MM, table_csv
-
-    if format == "csv":
-        return table_csv(found, table_error_mm or USUAL_ERROR_MM)
-    from analysis.artefact.c_header import c_header
-
-    return c_header(found, table_error_mm)
+    if seen.link is LinkState.FAILED:
+        raise DeviceError(*(seen.link_error or ("the link was lost", "check the board and its cable")))
+    return seen.link is LinkState.CLOSED

@@ -1,14 +1,19 @@
-"""`boat-daq import` and `export`: a CSV file as a recording, and the samples as CSV or Parquet."""
+"""`boat-daq import` and `export`: a CSV file as a recording, and the samples of a recording as a file."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show, show_table
-from boat_daq.commands.options import MapOption, RateOption, RunArgument, one_of
+from boat_daq.commands.options import DegreeOption, MapOption, RateOption, RunArgument, TypeBOption, one_of
+
+if TYPE_CHECKING:
+    from analysis.data.export import Format
+
+FORMATS: tuple[Format, ...] = ("csv", "parquet", "hdf5", "mat")
 
 
 def importing(
@@ -92,22 +97,48 @@ def _show(content: dict[str, Any]) -> None:
 
 def export(
     run: RunArgument,
-    format: Annotated[str, typer.Option(callback=one_of("csv", "parquet"), help="csv or parquet.")],
+    format: Annotated[str, typer.Option(callback=one_of(*FORMATS), help="csv, parquet, hdf5 or mat.")],
     to: Annotated[Path, typer.Option("--out", metavar="PATH", help="File to write.")],
+    calibration: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.json", help="Calibration for the elongation; default the run's own readings."),
+    ] = None,
+    elongation: Annotated[Path | None, typer.Option(help="CSV of elongation readings, one row a plateau.")] = None,
+    degree: DegreeOption = "3",
+    type_b: TypeBOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the samples of a run as CSV, with a JSON file of metadata, or as Parquet.
+    """Write the samples of a run with their elongation: CSV with a JSON file of metadata, Parquet, HDF5 or MAT.
+
+    The elongation and its expanded uncertainty (u_mm, k = 2) are by the run's own calibration or by the one given;
+    without one the columns are left out.
 
     Example: boat-daq export run.boat --format csv --out run.csv
     """
-    from analysis import load_recording
+    from analysis import AnalysisError, Options, load_recording
+    from analysis.artefact.calibration_file import read_calibration
+    from analysis.artefact.conversion import convert_recording, own_elongation
+    from analysis.calibration.curve_choice import degree_of
     from analysis.data.export import export as write
+    from boat_daq.viewmodels.common.reference import stated_contributions
 
-    recording = load_recording(run)
+    recording, converted, void = load_recording(run), None, ""
+    if calibration is not None:
+        converted = convert_recording(recording, read_calibration(calibration))
+    else:
+        stated = stated_contributions(recording, type_b)
+        try:
+            converted = own_elongation(recording, Options(degree_of(degree), mcmc=False, type_b=stated), elongation)
+        except AnalysisError as error:
+            void = error.cause
+            notify(f"without elongation: {void}; --calibration FILE.json gives one")
     with progress_bar("Exporting") as advance:
-        files = write(recording, to, "csv" if format == "csv" else "parquet", progress=advance)
+        kind = next(known for known in FORMATS if known == format)
+        files = write(recording, to, kind, converted=converted, progress=advance)
     if as_json:
-        emit_json({"files": files, "samples": recording.n, "simulated": recording.simulated})
+        source = None if converted is None else converted.calibration
+        head = {"files": files, "samples": recording.n, "simulated": recording.simulated}
+        emit_json(head | {"calibration": source, "elongation_void": void})
     else:
         for file in files:
             notify(f"wrote {file}")

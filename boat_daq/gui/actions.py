@@ -175,6 +175,12 @@ def calibration(window: MainWindow) -> list[Command]:
     def edit_contributions() -> None:
         window.pages[Page.CALIBRATE].edit_contributions()
 
+    def export() -> None:
+        window.pages[Page.CALIBRATE].ask_export()
+
+    def exportable() -> bool:
+        return window.page is Page.CALIBRATE and model.exports()
+
     bands = "Compute uncertainty bands (emcee)"
     return [
         add("Calibrate with the last run", "Ctrl+Shift+A", on_page(model.analyse_current)),
@@ -182,6 +188,7 @@ def calibration(window: MainWindow) -> list[Command]:
         add(bands, "Ctrl+Shift+M", on_page(model.sample), has_result, also="mcmc posterior sample"),
         add("Accept the calibration", "Ctrl+Return", model.request_acceptance, acceptable),
         add("Type B contributions …", "Ctrl+Alt+U", on_page(edit_contributions), has_result, also="uncertainty scale"),
+        add("Export calibration …", "Ctrl+Alt+K", export, exportable, also="c matlab octave json code table"),
         add("Report of the run shown …", "Ctrl+Shift+R", window.ask_report, has_report, also="pdf html print"),
     ]
 

@@ -435,6 +435,11 @@ class Session:
 
         return remove
 
+    @property
+    def mv_per_count(self) -> float:
+        """Millivolts of signal for one count of the board, known once it is connected."""
+        return self._control.mv_per_count
+
     def _show(self, block: Block) -> None:
         """Pass a block's samples to ring and sinks, on the reading thread, without the lock."""
         arrays = [event.array for event in block.events if isinstance(event, Samples) and len(event.array)]

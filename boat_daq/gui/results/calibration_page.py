@@ -21,7 +21,7 @@ from boat_daq.gui.results.contributions_form import ContributionsForm
 from boat_daq.gui.results.figure_table import SIDE, FigureTable
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
-from boat_daq.gui.widgets.file_dialogs import ask_open
+from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves, Shares
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands, LoopSet, RunResult, SensorResult
@@ -46,6 +46,9 @@ BANDS_TIP = (
 BANDS_SHOWN = (
     "Bands: 68 % and 95 % of the curve, from the least-squares fit or from the sampled posterior (emcee); the widest "
     "one, once sampled, is 95 % of a new reading."
+)
+EXPORT_TIP = (
+    "Save it for other programs: JSON, a C header for a microcontroller, a function for MATLAB and Octave, or a table"
 )
 ACCEPT_TIP = "Store it with the unit and use it live"
 ANYWAY_TIP = "Store it with the unit, marked as out of tolerance, and use it live"
@@ -270,10 +273,11 @@ class CalibrationPage(QWidget):
         self.again = widgets.button("Analyse again", self._again)
         self.sample = widgets.button(BANDS, lambda: self.services.notices.attempt(self.model.sample), tip=BANDS_TIP)
         self.report = widgets.button("Report \u2026", partial(self.services.show, Panel.REPORT))
+        self.export = widgets.button("Export calibration \u2026", self.ask_export, tip=EXPORT_TIP)
         self.accept = widgets.button(ACCEPT, self._accept, "primary", tip=ACCEPT_TIP)
         ask = partial(ask_open, self, self.services, "Open a recording or a table", "boat csv", self.services.open)
         opens = widgets.button("Open \u2026", ask)
-        buttons = widgets.row(self.again, opens, self.sample, self.report, self.accept)
+        buttons = widgets.row(self.again, opens, self.sample, self.report, self.export, self.accept)
         self.head = widgets.row((widgets.column(self.verdict, self.headline, spacing=0), 1), buttons)
         return widgets.card(self.head, self._warnings())[0]
 
@@ -289,6 +293,12 @@ class CalibrationPage(QWidget):
 
     def _accept(self) -> None:
         self.model.request_acceptance(anyway=bool(self.model.out_of_tolerance()))  # as the button reads
+
+    def ask_export(self) -> None:
+        """Save the calibration that is shown as data or code."""
+        result = self.model.result
+        stem = f"{result.unit} calibration" if result is not None else "calibration"
+        ask_save(self, self.services, stem, "json h m csv", self.model.export, done="")
 
     def _edit_readings(self) -> None:
         """Show the readings of the run in a panel beside the window."""
@@ -375,6 +385,7 @@ class CalibrationPage(QWidget):
         widgets.allow(self.contributions, "" if named else "No run of a unit is analysed yet.")
         self.sample.setEnabled(self.model.samples())
         self.report.setEnabled(result is not None)
+        self.export.setEnabled(self.model.exports())
         if result is None:
             self._clear()
             return

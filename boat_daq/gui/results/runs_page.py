@@ -54,6 +54,7 @@ from boat_daq.viewmodels.results.runs import (
 
 Index = QModelIndex | QPersistentModelIndex
 SPEEDS = (1, 5, 20, 100)
+EXPORTS = {"CSV": "csv", "Parquet": "parquet", "HDF5": "h5", "MATLAB": "mat"}  # in the menu, and the suffix
 LEAST_LINES = 3  # of the list; a lower window scrolls the page
 LEAST_SPAN_MV = 0.1  # of a comparison, so that noise looks small
 RUN_ROLE = Qt.ItemDataRole.UserRole
@@ -160,7 +161,7 @@ class RunsPage(QWidget):
         }
         for key, entries in (
             ("replay", [(f"{speed} times real time", partial(self._replay, speed)) for speed in SPEEDS]),
-            ("export", [(f"{k} …", partial(self._ask_save, k.lower(), self.model.export)) for k in ("CSV", "Parquet")]),
+            ("export", [(f"{k} …", partial(self._ask_save, v, self.model.export)) for k, v in EXPORTS.items()]),
         ):
             menu = QMenu(self.buttons[key])
             for text, action in entries:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -442,8 +442,8 @@ def sample_run(
     return tuple(results)
 
 
-def export_run(path: Path, target: Path, *, progress: Progress | None = None) -> list[Path]:
-    """Write the samples of a recording as CSV or Parquet, by the suffix of `target`; returns the files written.
+def export_run(path: Path, target: Path, *, progress: Progress | None = None) -> str:
+    """Write the samples of a recording as the suffix of `target` says, with elongation where it is a calibration.
 
     Parameters
     ----------
@@ -451,15 +451,59 @@ def export_run(path: Path, target: Path, *, progress: Progress | None = None) ->
     target : where the samples are written.
     progress : is called with what is done and the total.
 
+    Returns
+    -------
+    Why the file has no elongation; empty where it has.
+
     Raises
     ------
     AnalysisError : it cannot be read, or the target cannot be written.
     """
-    from analysis.data.export import export
+    from analysis.artefact.conversion import own_elongation
+    from analysis.data.export import SUFFIXES, export
     from analysis.data.load import load_recording
+    from analysis.errors import AnalysisError
+    from analysis.figures.sensor_analysis import Options
 
-    kind: Literal["csv", "parquet"] = "parquet" if target.suffix == ".parquet" else "csv"
-    return export(load_recording(path), target, kind, progress=progress)
+    recording, converted, void = load_recording(path), None, ""
+    try:
+        options = Options(chosen_curve(recording), mcmc=False, type_b=stated_contributions(recording))
+        converted = own_elongation(recording, options)
+    except AnalysisError as error:
+        void = error.cause
+    export(recording, target, SUFFIXES.get(target.suffix, "csv"), converted=converted, progress=progress)
+    return void
+
+
+def export_calibration(path: Path, target: Path, *, curve: str = "", progress: Progress | None = None) -> str:
+    """Write the calibration of a recording as the suffix of `target` says: .json, .h, .m or .csv.
+
+    Parameters
+    ----------
+    path : of the recording.
+    target : what is written.
+    curve : that is fitted, see `chosen_curve`.
+    progress : is called with what is done and the total.
+
+    Returns
+    -------
+    What must be known of it; empty where nothing is noted.
+
+    Raises
+    ------
+    AnalysisError : the run is no calibration, or it gives no elongation, or the target cannot be written.
+    """
+    from analysis.artefact.calibration_file import CalibrationFile
+    from analysis.artefact.forms import FORMS, write_calibration
+    from analysis.data.load import load_recording
+    from analysis.figures.pipeline import analyse
+    from analysis.figures.sensor_analysis import Options
+
+    recording = load_recording(path)
+    options = Options(chosen_curve(recording, curve), mcmc=False, type_b=stated_contributions(recording))
+    found = CalibrationFile.of(analyse(recording, options=options, progress=progress))
+    write_calibration(found, target, next(form for form, suffix in FORMS.items() if suffix == target.suffix))
+    return ". ".join(found.remarks)
 
 
 def preview_table(path: Path, separator: str | None) -> dict[str, Any]:

@@ -33,7 +33,14 @@ from boat_daq.viewmodels.common.formatting import NOTHING, SUBSCRIPT, SUPERSCRIP
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Change, Services
-from boat_daq.viewmodels.results.analysis_jobs import CurveBands, RunResult, SensorResult, analyse_run, sample_run
+from boat_daq.viewmodels.results.analysis_jobs import (
+    CurveBands,
+    RunResult,
+    SensorResult,
+    analyse_run,
+    export_calibration,
+    sample_run,
+)
 from boat_daq.viewmodels.results.contributions import ContributionsModel, traceability_text
 from protocol.recording.elongation_file import read_elongation_rows
 
@@ -292,6 +299,31 @@ class CalibrationModel:
         steps, label = self.fidelity.posterior_steps, "Computing uncertainty bands"
         job = Job(label, sample_run, points, self.result.reading_sd_mm, max_steps=steps)
         self.jobs.start("posterior", job, self._sampled)
+
+    def exports(self) -> bool:
+        """Return whether the run that is shown has a calibration to export."""
+        return self.result is not None and self.result.calibrated and not self.working
+
+    def export(self, target: Path) -> None:
+        """Write the calibration that is shown as data or code, by the suffix of `target`, in the background.
+
+        Raises
+        ------
+        OperatorError : there is no calibration.
+        """
+        if self.result is None or not self.exports():
+            raise OperatorError("there is no calibration yet", "Analyse a run with readings first.")
+        run, notices = Path(self.result.path), self._services.notices
+
+        def ended(job: Job) -> None:
+            if job.failure is not None:
+                notices.add(Severity.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
+            elif job.state is JobState.DONE:
+                notices.inform_saved(target)
+
+        label = f"Exporting the calibration of {run.name}"
+        job = Job(label, export_calibration, run, target, curve=self.result.curve)
+        self.jobs.start("calibration export", job, ended)
 
     def samples(self) -> bool:
         """Return whether the posterior of the curves that are shown can be sampled: a spline has none."""

@@ -381,7 +381,7 @@ class RunsModel:
         self.start("resume", Job(f"Checking {path.name}", prepare_resumption, path), then)
 
     def export(self, paths: list[Path], target: Path) -> None:
-        """Write the samples of one recording as CSV or Parquet, by the suffix of `target`, in the background.
+        """Write the samples of one recording, in the form of the suffix of `target`, in the background.
 
         Raises
         ------
@@ -391,7 +391,13 @@ class RunsModel:
             raise OperatorError("one recording is exported at a time", "Choose one line.")
         job = Job(f"Exporting {paths[0].name}", export_run, paths[0], target)
         job.target = target
-        self.start("export", job, lambda _: self._notices.inform_saved(target))
+
+        def done(void: str) -> None:
+            self._notices.inform_saved(target)
+            if void:
+                self._notices.inform(f"{target.name} has no elongation: {void}")
+
+        self.start("export", job, done)
 
     def compare(self, paths: list[Path]) -> None:
         """Analyse two to four recordings in the background, to compare their curves.

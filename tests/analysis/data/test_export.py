@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +14,12 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.io import loadmat
 
 from analysis import load_recording
-from analysis.data.export import export
+from analysis.data.export import ConvertedElongation, export
+from analysis.data.recording import Recording
+from analysis.errors import RequestError
 from analysis.numbers import neutral
 from tests.analysis.boat_builder import Plant, triangle, write_boat
 
@@ -77,3 +84,58 @@ def test_cancelled_export_leaves_the_one_before(tmp_path: Path, suffix: str, mon
         export(recording, target, "csv" if suffix == "csv" else "parquet", progress=cancelled)
     assert [file.name for file in tmp_path.iterdir()] == [target.name]
     assert target.read_text() == "the export before"
+
+
+def converted(recording: Recording) -> ConvertedElongation:
+    """Return an elongation with holes, and where it is from."""
+    x = np.linspace(-2, 3, recording.n)
+    x[::7] = np.nan
+    return ConvertedElongation(x, np.full(recording.n, 0.1), np.isfinite(x), {"unit": "SA1", "notes": ["µ, ü"]})
+
+
+def test_hdf5_has_a_dataset_a_column(tmp_path: Path) -> None:
+    """Values to the last bit, units, metadata longer than an attribute may be, and SIMULATED."""
+    h5py = pytest.importorskip("h5py")
+    recording = replace(Plant().run(*triangle(2, 5)), meta={"simulated": True, "note": "n" * 70_000})
+    export(recording, tmp_path / "r.h5", "hdf5", converted=converted(recording))
+    with h5py.File(tmp_path / "r.h5") as file:
+        assert file.attrs["SIMULATED"]
+        np.testing.assert_array_equal(file["elongation_mm"], converted(recording).elongation_mm)
+        np.testing.assert_array_equal(file["s1_mv"], recording.signal_mv[:, 0])
+        assert file["u_mm"].attrs["unit"] == "mm"
+        stated = json.loads(file["boat_daq"][()])
+    assert stated["calibration"]["unit"] == "SA1"
+    assert len(stated["session"]["note"]) == 70_000
+
+
+def test_hdf5_without_its_library_is_refused_with_the_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No half-written file stays."""
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(RequestError, match="not installed") as caught:
+        export(Plant().run(*triangle(2, 5)), tmp_path / "r.h5", "hdf5")
+    assert "boat-daq[hdf5]" in caught.value.remedy
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_mat_has_a_vector_a_column(tmp_path: Path) -> None:
+    """As scipy reads it: values to the last bit, units and metadata."""
+    recording = Plant().run(*triangle(2, 5))
+    export(recording, tmp_path / "r.mat", "mat", converted=converted(recording))
+    found = loadmat(tmp_path / "r.mat", squeeze_me=True)
+    np.testing.assert_array_equal(found["elongation_mm"], converted(recording).elongation_mm)
+    np.testing.assert_array_equal(found["s2_mv"], recording.signal_mv[:, 1])
+    assert str(found["units"]["elongation_mm"]) == "mm"
+    assert json.loads(str(found["boat_daq"]))["calibration"]["notes"] == ["µ, ü"]
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="octave is not installed")
+def test_octave_reads_the_mat_file(tmp_path: Path) -> None:
+    """Size, a value and the unit, by another reader than scipy."""
+    recording = Plant().run(*triangle(2, 5))
+    export(recording, tmp_path / "r.mat", "mat", converted=converted(recording))
+    script = "s = load('r.mat'); printf('%d %.17g %s', numel(s.elongation_mm), s.s1_mv(5), s.units.u_mm)"
+    done = subprocess.run(
+        ["octave-cli", "--no-init-file", "--eval", script], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == f"{recording.n} {recording.signal_mv[4, 0]:.17g} mm"

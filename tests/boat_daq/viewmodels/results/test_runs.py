@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 
 import numpy as np
@@ -97,10 +98,17 @@ def test_newest_recording_is_of_the_kind_of_the_board(closed, tmp_path):
 
 
 def test_exports_read_back(recording, tmp_path):
-    """The exported CSV has every sample."""
+    """The exported CSV has every sample, and its elongation by the run's own calibration."""
+    assert analysis_jobs.export_run(recording, tmp_path / "run.csv") == ""
+    assert load_recording(tmp_path / "run.csv").n == load_recording(recording).n
+    assert json.loads((tmp_path / "run.json").read_text())["calibration"]["unit"] == "SA1"
 
-    files = analysis_jobs.export_run(recording, tmp_path / "run.csv")
-    assert load_recording(files[0]).n == load_recording(recording).n
+
+def test_calibration_is_exported_in_the_form_of_its_suffix(recording, tmp_path):
+    """A C header with the chosen curve, with what must be known of it."""
+    notes = analysis_jobs.export_calibration(recording, tmp_path / "boat_calibration.h", curve="2")
+    assert "not traceable" in notes
+    assert "int pieces, degree;" in (tmp_path / "boat_calibration.h").read_text()
 
 
 def test_run_compared_with_itself_has_no_difference(recording, tmp_path):

@@ -273,11 +273,10 @@ class CalibrationPage(QWidget):
         self.again = widgets.button("Analyse again", self._again)
         self.sample = widgets.button(BANDS, lambda: self.services.notices.attempt(self.model.sample), tip=BANDS_TIP)
         self.report = widgets.button("Report \u2026", partial(self.services.show, Panel.REPORT))
-        self.export = widgets.button("Export calibration \u2026", self.ask_export, tip=EXPORT_TIP)
         self.accept = widgets.button(ACCEPT, self._accept, "primary", tip=ACCEPT_TIP)
         ask = partial(ask_open, self, self.services, "Open a recording or a table", "boat csv", self.services.open)
         opens = widgets.button("Open \u2026", ask)
-        buttons = widgets.row(self.again, opens, self.sample, self.report, self.export, self.accept)
+        buttons = widgets.row(self.again, opens, self.sample, self.report, self.accept)
         self.head = widgets.row((widgets.column(self.verdict, self.headline, spacing=0), 1), buttons)
         return widgets.card(self.head, self._warnings())[0]
 
@@ -349,7 +348,8 @@ class CalibrationPage(QWidget):
         self.choice = widgets.choice("Curve of the calibration", CHOICES, self._choose_curve, tip=CHOICE_TIP)
         self.candidates = DataTable("Curves compared", CURVE_HEADINGS, stretched=0, right=(2, 3))
         self.candidates.explain(CURVE_TIPS)
-        line = widgets.row(widgets.label("Curve"), self.choice, None)
+        self.export = widgets.button("Export calibration \u2026", self.ask_export, tip=EXPORT_TIP)
+        line = widgets.row(widgets.label("Curve"), self.choice, None, self.export)
         return widgets.inside(widgets.column(style.GAP, line, (self.candidates, 1), spacing=style.GAP))
 
     def _choose_curve(self, name: str) -> None:

@@ -8,7 +8,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QFileDialog
 
 from analysis.calibration.curve_choice import CURVES, CurveCandidate
 from boat_daq.engine.snapshot import LinkState
@@ -18,6 +18,7 @@ from tests.boat_daq.gui.results.run_results import (
     out_of_tolerance_result,
     run_result,
     whole_in_sight,
+    without_readings,
 )
 from tests.boat_daq.gui.windows import SAMPLE, run_shortcut
 
@@ -55,6 +56,24 @@ def test_acceptance_is_undone_and_redone_by_keys(live):
         assert (model.units.of(simulated=True).load("SA1").calibration is not None) is in_force
         assert page.accept.isEnabled() is not in_force
         assert ("calibrated 20" in live.header.unit.text()) is in_force
+
+
+def test_calibration_is_exported_to_the_place_that_is_chosen(live, tmp_path, monkeypatch):
+    """The button requests a place, JSON unless another suffix is given, and passes it on; without a fit it is off."""
+    live.go("Calibrate")
+    page = live.pages["Calibrate"]
+    live.model.calibration.show(without_readings(3))
+    live.refresh()
+    assert not page.export.isEnabled()
+    live.model.calibration.show(run_result())
+    live.refresh()
+    targets = []
+    monkeypatch.setattr(live.model.calibration, "export", targets.append)
+    page.export.click()
+    dialog = live.findChildren(QFileDialog)[-1]
+    dialog.fileSelected.emit(str(tmp_path / "calibration.h"))
+    dialog.close()
+    assert targets == [tmp_path / "calibration.h"]
 
 
 @pytest.mark.parametrize("size", [(1280, 800), (853, 533)])

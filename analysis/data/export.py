@@ -75,6 +75,17 @@ def samples_frame(
     return pd.DataFrame({name: column[rows or slice(None)] for name, column in frame.items()})
 
 
+def require_library(format: str) -> None:
+    """Raise where the library of a format is not installed, before a run is analysed for it.
+
+    Raises
+    ------
+    RequestError : names the extra that brings it.
+    """
+    if format in _LIBRARIES:
+        optional(_LIBRARIES[format])
+
+
 def export(
     recording: Recording,
     path: str | Path,
@@ -167,6 +178,7 @@ def _write_mat(frame: pd.DataFrame, description: Mapping[str, Any], path: Path) 
     savemat(str(path), columns | stated, appendmat=False, long_field_names=True, do_compression=True, oned_as="column")
 
 
+_LIBRARIES = {"parquet": "pyarrow", "hdf5": "h5py"}
 _WRITERS: Mapping[str, Callable[[pd.DataFrame, Mapping[str, Any], Path], None]] = {
     "parquet": _write_parquet,
     "hdf5": _write_hdf5,

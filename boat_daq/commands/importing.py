@@ -120,8 +120,10 @@ def export(
     from analysis.artefact.conversion import convert_recording, own_elongation
     from analysis.calibration.curve_choice import degree_of
     from analysis.data.export import export as write
+    from analysis.data.export import require_library
     from boat_daq.viewmodels.common.reference import stated_contributions
 
+    require_library(format)
     recording, converted, void = load_recording(run), None, ""
     if calibration is not None:
         converted = convert_recording(recording, read_calibration(calibration))

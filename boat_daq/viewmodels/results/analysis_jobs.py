@@ -460,18 +460,20 @@ def export_run(path: Path, target: Path, *, progress: Progress | None = None) ->
     AnalysisError : it cannot be read, or the target cannot be written.
     """
     from analysis.artefact.conversion import own_elongation
-    from analysis.data.export import SUFFIXES, export
+    from analysis.data.export import SUFFIXES, export, require_library
     from analysis.data.load import load_recording
     from analysis.errors import AnalysisError
     from analysis.figures.sensor_analysis import Options
 
+    format = SUFFIXES.get(target.suffix, "csv")
+    require_library(format)
     recording, converted, void = load_recording(path), None, ""
     try:
         options = Options(chosen_curve(recording), mcmc=False, type_b=stated_contributions(recording))
         converted = own_elongation(recording, options)
     except AnalysisError as error:
         void = error.cause
-    export(recording, target, SUFFIXES.get(target.suffix, "csv"), converted=converted, progress=progress)
+    export(recording, target, format, converted=converted, progress=progress)
     return void
 
 

@@ -1,4 +1,4 @@
-"""A unit's calibrations over time: drift of the coefficients, a control chart of a check point, and the En score.
+"""A unit's calibrations over time: curves, coefficients, a control chart of a check point, En, and when one is due.
 
 Definitions: the check point is y(x0) of each calibration. Control limits are the mean plus and minus three times the
 mean moving range / 1.128 (ISO 7870-2, individuals). The En score of a calibration against the one before is
@@ -22,11 +22,22 @@ from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration
 from analysis.errors import AnalysisError, DataError, RequestError
 from analysis.figures.batch import readings_beside, runs_in
+from analysis.figures.calibration_interval import CalibrationInterval, proposed_interval
 from analysis.figures.pipeline import Analysis, analyse
 from analysis.progress import Progress
 from protocol.errors import ProtocolError
 
 MOVING_RANGE_TO_SD = 1.128
+CURVE_POINTS = 81
+
+
+@dataclass(frozen=True, slots=True)
+class DatedCalibration:
+    """A calibration of one sensor: when, and x and U of an elongation over its range, [points, 2] mm."""
+
+    when: str
+    calibration: Calibration
+    u_elongation: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +47,13 @@ class UnitHistory:
     Attributes
     ----------
     when : [n] UTC, ISO 8601.
-    coefficients, std_errors : [n, degree + 1], the reading of x included.
+    coefficients, std_errors : [n, degree + 1], the reading of x included; NaN beyond a curve's degree, and of a spline.
     check_point_mm : x0. value_mv, expanded_mv : [n] y(x0) and its U (k = 2).
     centre_mv, lower_mv, upper_mv : of the control chart; NaN below two calibrations.
     en : [n] En score against the calibration before; NaN for the first.
+    expanded_mm : [n] U of an elongation at x0, k = 2; NaN where the curve gives none there.
+    curves : of each, [points, 2] x and y over its range.
+    interval : to the next calibration.
     """
 
     sensor: str
@@ -53,6 +67,9 @@ class UnitHistory:
     lower_mv: float
     upper_mv: float
     en: FloatArray
+    expanded_mm: FloatArray
+    curves: tuple[FloatArray, ...]
+    interval: CalibrationInterval
 
     @property
     def out_of_control(self) -> tuple[int, ...]:
@@ -70,7 +87,15 @@ class UnitHistory:
     def as_json(self) -> dict[str, Any]:
         """Return the history as `history --json` reports it."""
         outside = set(self.out_of_control)
-        rows = zip(self.when, self.coefficients, self.std_errors, self.value_mv, self.expanded_mv, self.en, strict=True)
+        columns = (
+            self.when,
+            self.coefficients,
+            self.std_errors,
+            self.value_mv,
+            self.expanded_mv,
+            self.expanded_mm,
+            self.en,
+        )
         return {
             "name": self.sensor,
             **{name: getattr(self, name) for name in ("check_point_mm", "centre_mv", "lower_mv", "upper_mv")},
@@ -78,10 +103,12 @@ class UnitHistory:
             "calibrations": [
                 {
                     "started_utc": when, "coefficients": b.tolist(), "std_errors": u.tolist(), "value_mv": float(v),
-                    "expanded_mv": float(expanded), "en": float(e), "in_control": k not in outside,
+                    "expanded_mv": float(expanded), "u_elongation_mm": float(mm), "en": float(e),
+                    "in_control": k not in outside,
                 }
-                for k, (when, b, u, v, expanded, e) in enumerate(rows)
+                for k, (when, b, u, v, expanded, mm, e) in enumerate(zip(*columns, strict=True))
             ],
+            "interval": self.interval.as_json(),
         }  # fmt: skip
 
 
@@ -123,6 +150,8 @@ def calibrations_in(
     ------
     FileError, RequestError : no folder, or no run in it. DataError : no calibration of that unit among them.
     """
+    if not unit.strip():
+        raise RequestError("a unit without a name has no history: its runs may be of several units", "Name the unit.")
     files = runs_in(folder)
     kept: list[Analysis] = []
     left_out: list[dict[str, str]] = []
@@ -156,7 +185,9 @@ def calibrations_in(
     return Calibrations(tuple(kept), tuple(left_out))
 
 
-def unit_history(analyses: Sequence[Analysis], sensor: int, *, check_point_mm: float = 0.0) -> UnitHistory:
+def unit_history(
+    analyses: Sequence[Analysis], sensor: int, *, check_point_mm: float = 0.0, limit_mm: float | None = None
+) -> UnitHistory:
     """Arrange the calibrations of one sensor over time.
 
     Parameters
@@ -164,6 +195,7 @@ def unit_history(analyses: Sequence[Analysis], sensor: int, *, check_point_mm: f
     analyses : of one unit, in any order.
     sensor : counted from 0.
     check_point_mm : elongation of the control chart.
+    limit_mm : permissible drift; None for U of an elongation at the check point.
 
     Raises
     ------
@@ -171,40 +203,90 @@ def unit_history(analyses: Sequence[Analysis], sensor: int, *, check_point_mm: f
         and real runs are among them.
     """
     refuse_mixture(analysis.recording.simulated for analysis in analyses)
-    found: dict[str, tuple[str, Calibration]] = {}
+    found: dict[str, DatedCalibration] = {}
     for analysis in analyses:
         calibration = analysis.sensors[sensor].calibration if sensor < len(analysis.sensors) else None
         if calibration is not None:
-            meta = analysis.recording.meta
-            key = str(meta.get("uuid") or analysis.recording.source)
-            found[key] = (analysis.recording.started_utc, calibration)
+            key = str(analysis.recording.meta.get("uuid") or analysis.recording.source)
+            when = analysis.recording.started_utc
+            found[key] = DatedCalibration(when, calibration, analysis.u_elongation[sensor])
     if not found:
         raise DataError("none of the runs is a calibration", "Give recordings with readings of elongation.")
-    ordered = sorted(found.values(), key=lambda item: _instant(item[0]))
-    for when, calibration in ordered:
-        if not calibration.x_range[0] <= check_point_mm <= calibration.x_range[1]:
-            raise DataError(f"the check point {check_point_mm:g} mm is outside the calibration of {when}", "Move it.")
-    if len({c.curve for _, c in ordered}) > 1 or ordered[0][1].spline is not None:
-        raise DataError("the calibrations are not polynomials of one degree", "Analyse them with one degree.")
-    values = np.asarray([float(c.predict(check_point_mm)) for _, c in ordered])
-    errors = np.stack([c.std_errors_with_reading for _, c in ordered])
-    expanded = np.asarray([2.0 * float(c.curve_u(check_point_mm)) for _, c in ordered])
+    return history_of(tuple(found.values()), f"s{sensor + 1}", check_point_mm=check_point_mm, limit_mm=limit_mm)
+
+
+def history_of(
+    calibrations: Sequence[DatedCalibration], sensor: str, *, check_point_mm: float = 0.0, limit_mm: float | None = None
+) -> UnitHistory:
+    """Arrange calibrations of one sensor over time.
+
+    Parameters
+    ----------
+    calibrations : one or more, in any order.
+    sensor : its name.
+    check_point_mm, limit_mm : as `unit_history` takes them.
+
+    Raises
+    ------
+    DataError : the check point lies outside one of them.
+    """
+    ordered = sorted(calibrations, key=lambda one: _instant(one.when))
+    for one in ordered:
+        if not one.calibration.x_range[0] <= check_point_mm <= one.calibration.x_range[1]:
+            cause = f"the check point {check_point_mm:g} mm is outside the calibration of {one.when}"
+            raise DataError(cause, "Move it.")
+    fits = [one.calibration for one in ordered]
+    size = max((fit.coefficients.size for fit in fits), default=0)
+    coefficients, errors = (np.full((len(fits), size), np.nan) for _ in range(2))
+    for row, fit in enumerate(fits):
+        coefficients[row, : fit.coefficients.size] = fit.coefficients
+        errors[row, : fit.coefficients.size] = fit.std_errors_with_reading
+    values = np.asarray([float(fit.predict(check_point_mm)) for fit in fits])
+    expanded = np.asarray([2.0 * float(fit.curve_u(check_point_mm)) for fit in fits])
+    expanded_mm = np.asarray([_interpolated(one.u_elongation, check_point_mm) for one in ordered])
     centre, reach = float(values.mean()), float("nan")
     if values.size > 1:
         reach = 3.0 * float(np.abs(np.diff(values)).mean()) / MOVING_RANGE_TO_SD
+    slope = float(fits[-1].slope(check_point_mm))
+    with np.errstate(divide="ignore", invalid="ignore"):  # a curve may be level there
+        error_mm, u_mm = (values - values[0]) / slope, 0.5 * expanded / abs(slope)
+    limit = float(expanded_mm[-1]) if limit_mm is None else limit_mm
+    times = [time_of(one.when) for one in ordered]
+    grids = [np.linspace(*fit.x_range, CURVE_POINTS) for fit in fits]
     return UnitHistory(
-        f"s{sensor + 1}", tuple(when for when, _ in ordered), np.stack([c.coefficients for _, c in ordered]),
-        errors, check_point_mm, values, expanded, centre, centre - reach, centre + reach, en_scores(values, expanded),
+        sensor, tuple(one.when for one in ordered), coefficients, errors, check_point_mm, values, expanded, centre,
+        centre - reach, centre + reach, en_scores(values, expanded), expanded_mm,
+        tuple(np.column_stack([x, fit.predict(x)]) for x, fit in zip(grids, fits, strict=True)),
+        proposed_interval(times, error_mm, u_mm, limit),
     )  # fmt: skip
 
 
+def due_first(histories: Sequence[UnitHistory]) -> CalibrationInterval:
+    """Return the interval of the sensor that is due first; one that is void where all are."""
+    proposed = [history.interval for history in histories if not history.interval.void]
+    return min(proposed, key=lambda one: one.days) if proposed else histories[0].interval
+
+
+def _interpolated(u_elongation: FloatArray, x_mm: float) -> float:
+    """Return U at x; NaN outside, and where it is not known."""
+    if not u_elongation.size:
+        return float("nan")
+    return float(np.interp(x_mm, u_elongation[:, 0], u_elongation[:, 1], left=np.nan, right=np.nan))
+
+
 def _instant(when: str) -> float:
-    """Seconds since 1970 of an ISO time, whatever its offset (none: UTC); an unknown one is before all others."""
+    """Seconds since 1970 of an ISO time; an unknown one is before all others."""
+    time = time_of(when)
+    return -np.inf if time is None else time.timestamp()
+
+
+def time_of(when: str) -> datetime.datetime | None:
+    """Return an ISO time, whatever its offset (none: UTC); None of an unknown one."""
     try:
         time = datetime.datetime.fromisoformat(when)
     except ValueError:
-        return -np.inf
-    return (time if time.tzinfo else time.replace(tzinfo=datetime.UTC)).timestamp()
+        return None
+    return time if time.tzinfo else time.replace(tzinfo=datetime.UTC)
 
 
 def en_scores(values: FloatArray, expanded: FloatArray) -> FloatArray:

@@ -16,30 +16,24 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from analysis.conformity import Conformity
 from analysis.errors import RequestError, writing
 from analysis.figures.acceptance import judge, worst_conformity
 from analysis.figures.between_runs import RunComparison, UnitComparison, compare_runs
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
-from analysis.figures.unit_history import UnitHistory
 from analysis.numbers import NOTHING, rounded, with_uncertainty
 from analysis.progress import Progress
 from analysis.reports import drawings
 from analysis.reports import run_section as sections
 from analysis.reports.document import Report, ReportDrawing, ReportTable, Section, cell, date_of
-from analysis.reports.html import write_html
-from analysis.reports.pdf import write_pdf
 from analysis.reports.run_section import breaks
 from analysis.reports.shadow import shadow_section
+from analysis.reports.unit import WRITERS, history_of_unit
 from analysis.version import program_version
 
 if TYPE_CHECKING:
     from analysis.figures.against_shadow import AgainstShadow
-
-WRITERS = {".html": write_html, ".pdf": write_pdf}
 
 
 def write_report(
@@ -238,32 +232,3 @@ def spread_of_runs(unit: UnitComparison) -> list[Section]:
             rows.append((spread.name, label, *(shown if value > 0 else ("not resolved", "below that within runs"))))
     caption = f"{unit.runs} runs; pooled over pressure levels and branches (ISO 5725-2)."
     return [Section(title, (ReportTable(("sensor", "standard deviation", "mV", "% FSO"), tuple(rows), caption),))]
-
-
-def history_of_unit(unit: UnitComparison) -> list[Section]:
-    """Return the section on a unit's calibrations over time; none where it was calibrated once."""
-    parts = tuple(_history_table(history, number) for number, history in enumerate(unit.histories, 1))
-    return [Section(f"History of {unit.unit or 'the unit'}", parts)] if parts else []
-
-
-def _history_table(history: UnitHistory, number: int) -> ReportTable:
-    points = zip(map(date_of, history.when), history.value_mv, history.expanded_mv, history.en, strict=True)
-    rows = tuple(
-        (
-            when,
-            with_uncertainty(value, expanded),
-            rounded(en, 0.1) if np.isfinite(en) else NOTHING,
-            _finding(float(en), k in history.out_of_control),
-        )
-        for k, (when, value, expanded, en) in enumerate(points)
-    )
-    caption = (
-        f"Sensor {number} at x = {history.check_point_mm:g} mm: mean {history.centre_mv:.2f} mV, control limits "
-        f"{history.lower_mv:.2f} to {history.upper_mv:.2f} mV; U with k = 2; |En| above 1 is disagreement."
-    )
-    return ReportTable(("calibrated", "y(x0) ± U, mV", "En", "finding"), rows, caption)
-
-
-def _finding(en: float, outside: bool) -> str:
-    found = {"outside the control limits": outside, "differs from the one before": abs(en) > 1}
-    return ", ".join(text for text, holds in found.items() if holds) or NOTHING

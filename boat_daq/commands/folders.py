@@ -67,30 +67,45 @@ def history(
             "--simulated/--real", help="Runs of simulated or of real boards; default real where there are any."
         ),
     ] = None,
+    max_drift: Annotated[
+        float | None,
+        typer.Option("--max-drift", min=0.0, metavar="MM", help="Permissible drift; default U of an elongation."),
+    ] = None,
+    to: Annotated[Path | None, typer.Option("--out", metavar="FILE.html|FILE.pdf", help="Also write a report.")] = None,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Show the calibrations of one unit over time: coefficients, a control chart of a check point, En to the previous.
+    """Show the calibrations of one unit over time: a control chart of a check point, En, and when it is due again.
 
-    Example: boat-daq history recordings --unit SA1 --check-point 2
+    The interval to the next calibration is proposed from the drift, as ILAC-G24 does.
+
+    Example: boat-daq history recordings --unit SA1 --check-point 2 --out SA1.html
     """
-    from analysis.figures.unit_history import calibrations_in, unit_history
+    if to is not None and to.suffix.lower() not in (".html", ".pdf"):
+        raise typer.BadParameter("must end in .html or .pdf", param_hint="--out")
+    from analysis.figures.unit_history import calibrations_in, due_first, unit_history
 
     with progress_bar("Analysing") as advance:
         found = calibrations_in(folder, unit, simulated=simulated, seed=seed, progress=advance)
     for entry in found.left_out:
         notify(f"{entry['run']} omitted: {entry['reason']}")
     sensors = range(min(len(a.sensors) for a in found.analyses))
-    histories = [unit_history(found.analyses, i, check_point_mm=check_point) for i in sensors]
-    kind = found.analyses[0].recording.simulated
+    histories = [unit_history(found.analyses, i, check_point_mm=check_point, limit_mm=max_drift) for i in sensors]
+    kind, due = found.analyses[0].recording.simulated, due_first(histories)
+    if to is not None:
+        from analysis.reports.unit import write_unit_report
+
+        write_unit_report(unit, histories, to, simulated=kind)
+        notify(f"wrote {to}")
     if as_json:
-        sensor_rows = [one.as_json() for one in histories]
-        emit_json({"unit": unit, "simulated": kind, "sensors": sensor_rows, "left_out": found.left_out})
+        rows = {"sensors": [one.as_json() for one in histories], "interval": due.as_json(), "left_out": found.left_out}
+        emit_json({"unit": unit, "simulated": kind, **rows})
         return
     if kind:
         show("SIMULATED")
     for one in histories:
         _show(one)
+    show(due.sentence)
 
 
 def _show(one: UnitHistory) -> None:

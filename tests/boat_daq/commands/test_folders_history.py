@@ -31,8 +31,15 @@ def test_calibrations_are_charted_in_order_of_time(tmp_path: Path) -> None:
     assert found["sensors"][0]["drift_per_calibration"][0] == pytest.approx(drift)
     assert first["en"] is None
     assert found["left_out"][0]["run"] == "bad.csv"
+    interval = found["sensors"][0]["interval"]
+    assert interval["void"] == ""
+    assert 0 < interval["days"] <= 2
+    assert found["interval"]["days"] == min(sensor["interval"]["days"] for sensor in found["sensors"])
+    assert second["u_elongation_mm"] == pytest.approx(interval["limit_mm"])
     with pytest.raises(AnalysisError, match="no calibration of unit 'SB9'"):
         call("history", tmp_path, "--unit", "SB9")
+    with pytest.raises(AnalysisError, match="without a name"):
+        call("history", tmp_path, "--unit", " ")
 
 
 def test_simulated_and_real_runs_are_separate_histories(tmp_path: Path) -> None:

@@ -114,7 +114,7 @@ def _light(
     return light if least is None else replace(light, faintest=least)
 
 
-def _curves(path: Path | None) -> FloatArray:
+def curves_of(path: Path | None) -> FloatArray:
     """Return the curves of a file, or of one of the names in its place."""
     if str(path) == "shadow":
         from analysis.shadow.model.states import kept_states
@@ -178,7 +178,7 @@ def trace(
     guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
     released, budget = released_rays(rays, secondary, fidelity, lambda level: level.rays)
     light = _light(released, budget, phase, order, emission, faintest)
-    frame, number = _frame(_curves(curves), state, guide)
+    frame, number = _frame(curves_of(curves), state, guide)
     outcome = trace_scene(frame, design, guide, light)
     if out is not None:
         from analysis.optics.sweep.report import draw_scene, save
@@ -247,7 +247,7 @@ def scene(
     design = Design(cavities, width, depth, spacing, face)  # type: ignore[arg-type]  # checked there
     guide = Waveguide(thickness_mm=thickness, index=index, receiver_mm=receiver)
     light = _light(rays, secondary, phase, order, emission)
-    frame, number = _frame(_curves(curves), state, guide)
+    frame, number = _frame(curves_of(curves), state, guide)
     name = f"BOAT n={cavities} w={width:g} d={depth:g} s={spacing:g} mm, state {number}"
     built = ray_optics_scene(frame, design, guide, light, name)
     if as_json and out is None:
@@ -305,7 +305,7 @@ def sweep(
     guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
     budget = ALL if by == "power" and secondary is None else budget
     light = _light(released, budget, phase, order, emission, faintest)
-    request = SweepRequest(designs, guide, light, _curves(curves), by)  # type: ignore[arg-type]  # checked above
+    request = SweepRequest(designs, guide, light, curves_of(curves), by)  # type: ignore[arg-type]  # checked above
     if out is not None:
         with writing(out):
             out.mkdir(parents=True, exist_ok=True)
@@ -353,7 +353,7 @@ def optimise(
     with progress_bar("search") as advance:
         found = search(
             guide,
-            _curves(curves),
+            curves_of(curves),
             rays=rays,
             seconds=seconds,
             first_face=first,

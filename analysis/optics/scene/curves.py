@@ -8,7 +8,7 @@ states --out FILE` writes; nothing of the shadow is imported here.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -111,7 +111,15 @@ def frames_of(curves: FloatArray, guide: Waveguide) -> list[SceneFrame]:
     ------
     DataError : a state's guides touch, cross, bend too tightly or are not a pair; the cause names the state.
     """
-    return [_frame(pair, guide, f"state {state}") for state, pair in enumerate(checked_curves(curves))]
+    checked = np.ascontiguousarray(checked_curves(curves))
+    return list(_frames(checked.tobytes(), checked.shape, guide))
+
+
+@lru_cache(maxsize=16)
+def _frames(curves: bytes, shape: tuple[int, ...], guide: Waveguide) -> tuple[SceneFrame, ...]:
+    """Return the frames, kept because a sweep is repeated with other designs, rays and fans on the same states."""
+    states = np.frombuffer(curves).reshape(shape)
+    return tuple(_frame(pair, guide, f"state {number}") for number, pair in enumerate(states))
 
 
 def frame_of(curves: FloatArray, state: int, guide: Waveguide) -> SceneFrame:

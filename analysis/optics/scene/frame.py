@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
+from scipy.spatial.distance import cdist
 
 from analysis.arrays import FloatArray, IntArray
 from analysis.errors import DataError, RequestError
@@ -299,10 +300,10 @@ def _check_apart(left: ArcSpline, right: ArcSpline, ends: FloatArray, half: floa
             raise DataError(
                 f"{name}: the two guides touch between their junctions", "bow them further apart or use a thinner guide"
             )
-        x, y = a.frame(s)[0].T
-        squares = np.subtract.outer(x[::8], x) ** 2 + np.subtract.outer(y[::8], y) ** 2
-        far = np.abs(np.subtract.outer(s[::8], s)) > 4 * half
-        if np.any(far & (squares < (2 * half) ** 2)):
+        points = a.frame(s)[0]
+        near = np.flatnonzero(cdist(points[::8], points, "sqeuclidean") < (2 * half) ** 2)
+        i, j = np.divmod(near, len(points))
+        if np.any(np.abs(s[::8][i] - s[j]) > 4 * half):
             raise DataError(f"{name}: guide {number + 1} runs into itself", "check the order of its points")
 
 

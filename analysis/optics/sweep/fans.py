@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.arrays import FloatArray
+from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, Design, Light
 from analysis.optics.sweep.figure_of_merit import ranks_within
 from analysis.optics.sweep.sweep import SweepResult, find_design, run_sweep
@@ -55,16 +55,21 @@ class FanResult:
     designs: tuple[Design, ...]
     p: FloatArray
 
-    def paper_ranks(self) -> dict[str, Rank]:
-        """Return the ranks of the paper's optimum in each group; none if it was not simulated."""
+    def groups(self) -> dict[str, BoolArray]:
+        """Return which designs (n,) are compared with the paper's in each group."""
+        same = np.array([d.cavities == PAPER_OPTIMUM.cavities for d in self.designs])
+        as_wide = np.array([d.width_mm == PAPER_OPTIMUM.width_mm for d in self.designs])
+        return {"all": np.ones_like(same), "same_cavities": same, "paper_map": same & as_wide}
+
+    def ranks(self) -> dict[str, IntArray]:
+        """Return the ranks (fans,) of the paper's optimum in each group; none if it was not simulated."""
         at = find_design(self.designs)
-        if at is None:
-            return {}
-        same = [d.cavities == PAPER_OPTIMUM.cavities for d in self.designs]
-        of_map = [each and d.width_mm == PAPER_OPTIMUM.width_mm for each, d in zip(same, self.designs, strict=True)]
-        groups = {"all": [True] * len(same), "same_cavities": same, "paper_map": of_map}
-        ranks = {name: ranks_within(self.p, np.array(group))[:, at].tolist() for name, group in groups.items()}
-        return {name: Rank(r[0], sum(groups[name]), min(r), max(r)) for name, r in ranks.items()}
+        return {} if at is None else {name: ranks_within(self.p, each)[:, at] for name, each in self.groups().items()}
+
+    def paper_ranks(self) -> dict[str, Rank]:
+        """Return the same with the number of designs in each group and the range over the fans."""
+        of = {name: int(np.sum(group)) for name, group in self.groups().items()}
+        return {name: Rank(int(r[0]), of[name], int(r.min()), int(r.max())) for name, r in self.ranks().items()}
 
     def winners(self) -> list[tuple[Design, float]]:
         """Return the designs with the largest P of a fan, and the part of the fans that each wins; most first."""

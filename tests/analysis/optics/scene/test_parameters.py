@@ -39,7 +39,7 @@ def test_parameters_outside_their_range_are_refused(change: dict[str, object], w
         lambda: Light(cone_deg=180.0),
         lambda: Light(order="colour"),
         lambda: Light(emission="laser"),
-        lambda: Light(secondary=-1),  # type: ignore[arg-type]
+        lambda: Light(secondary=-2),  # type: ignore[arg-type]
         lambda: Light(path_cap_mm=float("inf")),
     ],
 )

@@ -1,0 +1,359 @@
+"""What the paper leaves open about its optical sweep, tried: where its design ranks under each reading.
+
+Strategy: a reading is one choice of every open parameter. All combinations are swept as the paper did it: 250 rays,
+counted, 100 secondaries. The default reading, and those that differ from it in one choice, are also swept with the fan
+turned, and with more rays, counted and by power, because a rank that only one fan of 250 rays shows is chance. P is a
+product, so the distance to the best design is told apart exactly into its three factors.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from analysis.arrays import FloatArray
+from analysis.errors import FileError, RequestError, writing
+from analysis.optics.scene.parameters import (
+    FACES,
+    PAPER_RAYS,
+    By,
+    Design,
+    Emission,
+    Face,
+    Light,
+    Waveguide,
+    light_by,
+)
+from analysis.optics.sweep.fans import FanResult, compare_fans
+from analysis.optics.sweep.sweep import SweepRequest, SweepResult, find_design, paper_grid, run_sweep
+from analysis.progress import Progress, part_of
+from analysis.version import program_version
+from protocol.whole_file import write_whole
+
+THICKNESSES_MM = (2.0, 1.5)
+EMISSIONS: tuple[Emission, ...] = ("uniform", "lambertian")
+FANS, CONVERGED_RAYS = 3, 1_000
+FILE_NAME = "optics.json"
+AXES = ("face", "thickness_mm", "states", "emission")
+GROUPS = {"all": "all designs", "same_cavities": "designs with five cavities", "paper_map": "the paper's own map"}
+DECIDED_BY = {
+    "face": "where the cavities are: a section of the guide, or the geometry of figure 3A",
+    "thickness_mm": "the thickness of the simulated guide",
+    "states": "the deformation curves of the mechanical simulation, in mm, for the 15 states",
+    "emission": "the distribution of directions that was set at the source",
+}
+FAINTEST = 0.01
+"""Faintest power followed by power: half the cost of the default, and P of both correlates by 0.98 (METHODS.md)."""
+_COST_OF_POWER = 2.5
+
+
+@dataclass(frozen=True, slots=True)
+class PaperReading:
+    """One choice of what the paper leaves open.
+
+    Parameters
+    ----------
+    face, thickness_mm, emission : as in `Design`, `Waveguide` and `Light`.
+    states : name of the deformation curves.
+    """
+
+    face: Face
+    thickness_mm: float
+    states: str
+    emission: Emission
+
+
+@dataclass(frozen=True, slots=True)
+class Sampling:
+    """How a reading is swept: what P is of, the number of rays, and the turns of the fan."""
+
+    by: By
+    rays: int
+    fans: int
+
+    @property
+    def light(self) -> Light:
+        """Return the rays released, and how far they are followed."""
+        light = light_by(self.by, self.rays)
+        return light if self.by == "count" else replace(light, faintest=FAINTEST)
+
+    @property
+    def cost(self) -> float:
+        """Return the work of one design, in rays."""
+        return self.rays * self.fans * (_COST_OF_POWER if self.by == "power" else 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Where the paper's design ranks in one reading.
+
+    Parameters
+    ----------
+    reading, sampling : what was swept.
+    ranks : of the paper's design by group, for each turn of the fan. of : designs in each group.
+    best : the design with the largest P without a further turn. paper_p, best_p : P of both.
+    factors : best P over the paper's, by Delta, n_sign and RMSE; their product is `best_p / paper_p`, where the paper's
+        P is positive.
+    p : (n,) of all designs, without a further turn.
+    """
+
+    reading: PaperReading
+    sampling: Sampling
+    ranks: dict[str, list[int]]
+    of: dict[str, int]
+    best: Design
+    paper_p: float
+    best_p: float
+    factors: dict[str, float]
+    p: list[float]
+
+    def won(self, group: str) -> float:
+        """Return the part of the turns in which the paper's design is the best of a group."""
+        return float(np.mean(np.array(self.ranks[group]) == 1))
+
+
+def readings(states: Sequence[str]) -> list[PaperReading]:
+    """Return all combinations of the open choices; the first is the default one."""
+    return [PaperReading(*choice) for choice in itertools.product(FACES, THICKNESSES_MM, states, EMISSIONS)]
+
+
+def one_change(every: Sequence[PaperReading]) -> list[PaperReading]:
+    """Return the first reading, and those that differ from it in one choice."""
+    return [r for r in every if sum(getattr(r, axis) != getattr(every[0], axis) for axis in AXES) <= 1]
+
+
+def plan(states: Sequence[str], fans: int, rays: int, *, alike: bool = False) -> list[tuple[PaperReading, Sampling]]:
+    """Return what is swept, in order.
+
+    Parameters
+    ----------
+    states : names of the deformation curves.
+    fans : turns of the fan with the paper's rays.
+    rays : released in the converged sweeps.
+    alike : whether every reading has turns and converged sweeps, or only those with one change.
+    """
+    every = readings(states)
+    finer = every if alike else one_change(every)
+    kinds: tuple[By, ...] = ("count", "power")
+    as_paper = [(reading, Sampling("count", PAPER_RAYS, fans if reading in finer else 1)) for reading in every]
+    return as_paper + [(reading, Sampling(by, rays, 1)) for by in kinds for reading in finer]
+
+
+def reproduce(
+    curves: dict[str, FloatArray],
+    *,
+    fans: int = FANS,
+    rays: int = CONVERGED_RAYS,
+    alike: bool = False,
+    folder: Path | None = None,
+    progress: Progress | None = None,
+) -> list[Outcome]:
+    """Sweep every reading.
+
+    Parameters
+    ----------
+    curves : deformation curves (15, 2, points, 2) in mm by name, the default ones first.
+    fans, rays, alike : as in `plan`.
+    folder : where outcomes are kept as they arrive; those found there are not computed again.
+    progress : called with work done and all work; raising from it stops, and finished outcomes stay in the folder.
+
+    Raises
+    ------
+    RequestError, FileError, DataError : as `run_sweep`, or the folder holds something else.
+    """
+    if fans < 1:
+        raise RequestError(f"{fans} turns of the fan", "compare one or more")
+    todo = plan(list(curves), fans, rays, alike=alike)
+    file = None if folder is None else folder / FILE_NAME
+    kept = {} if file is None else _kept(file)
+    total, done, out = sum(sampling.cost for _, sampling in todo), 0.0, []
+    for reading, sampling in todo:
+        key = _key(reading, sampling, curves[reading.states])
+        if key not in kept:
+            part = part_of(progress, done, sampling.cost, total)
+            kept[key] = asdict(_outcome(reading, sampling, curves[reading.states], part))
+            if file is not None:
+                with writing(file, "choose another folder"):
+                    write_whole(file, json.dumps({"version": program_version(), "outcomes": kept}))
+        out.append(_read(kept[key]))
+        done += sampling.cost
+    return out
+
+
+def _outcome(reading: PaperReading, sampling: Sampling, curves: FloatArray, progress: Progress | None) -> Outcome:
+    designs = _designs(reading)
+    light = replace(sampling.light, emission=reading.emission)
+    request = SweepRequest(designs, Waveguide(thickness_mm=reading.thickness_mm), light, curves, sampling.by)
+    result = run_sweep(request, progress=part_of(progress, 0, 1, sampling.fans))
+    turned = compare_fans(result, sampling.fans, progress=part_of(progress, 1, sampling.fans - 1, sampling.fans))
+    return _compared(reading, sampling, turned, result)
+
+
+def _compared(reading: PaperReading, sampling: Sampling, turned: FanResult, result: SweepResult) -> Outcome:
+    merit = result.merit()
+    best, paper = int(np.argmax(turned.p[0])), find_design(turned.designs)
+    if paper is None:
+        raise RequestError(
+            "the paper's design is not among those swept", "keep its width, depth and spacing in the grid"
+        )
+    ranks = turned.ranks()
+    rises, rmse = np.maximum(merit.n_sign, 1.0), np.maximum(merit.rmse, result.floor)
+    factors = {
+        "delta": float(merit.delta[best] / merit.delta[paper]),
+        "n_sign": float(rises[paper] / rises[best]),
+        "rmse": float(rmse[paper] / rmse[best]),
+    }
+    return Outcome(
+        reading,
+        sampling,
+        {name: each.tolist() for name, each in ranks.items()},
+        {name: int(np.sum(group)) for name, group in turned.groups().items()},
+        turned.designs[best],
+        float(merit.p[paper]),
+        float(merit.p[best]),
+        factors,
+        [float(f"{p:.4g}") for p in turned.p[0]],
+    )
+
+
+def _key(reading: PaperReading, sampling: Sampling, curves: FloatArray) -> str:
+    shape = hashlib.sha256(np.ascontiguousarray(curves).tobytes()).hexdigest()[:12]
+    return json.dumps([*asdict(reading).values(), *asdict(sampling).values(), shape, program_version()])
+
+
+def _kept(file: Path) -> dict[str, Any]:
+    """Return the outcomes of an earlier run by their keys."""
+    if not file.exists():
+        return {}
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))["outcomes"]
+        for each in found.values():
+            _read(each)
+    except (ValueError, KeyError, TypeError, AttributeError, RequestError, OSError) as error:
+        raise FileError(f"{file} is damaged, or no result of this command", "choose another folder") from error
+    return dict(found)
+
+
+def _read(content: dict[str, Any]) -> Outcome:
+    parts = {"reading": PaperReading, "sampling": Sampling, "best": Design}
+    return Outcome(**{name: parts[name](**value) if name in parts else value for name, value in content.items()})
+
+
+@dataclass(frozen=True, slots=True)
+class Influence:
+    """What one change does to the ranking, with more rays.
+
+    Parameters
+    ----------
+    axis, value : the choice that differs from the default reading's.
+    by : what P is of.
+    correlation : Spearman's, of P over the designs that both have, against the default reading.
+    """
+
+    axis: str
+    value: str
+    by: By
+    correlation: float
+
+
+def influences(outcomes: Sequence[Outcome]) -> list[Influence]:
+    """Return how far each single change of the default reading changes the ranking, the most first."""
+    first, out = outcomes[0].reading, []
+    finer = [o for o in outcomes if o.sampling.rays != PAPER_RAYS]
+    default = {o.sampling.by: o for o in finer if o.reading == first}
+    for outcome in finer:
+        changed = [axis for axis in AXES if getattr(outcome.reading, axis) != getattr(first, axis)]
+        if len(changed) == 1:
+            found = _correlation(default[outcome.sampling.by], outcome)
+            out.append(Influence(changed[0], str(getattr(outcome.reading, changed[0])), outcome.sampling.by, found))
+    return sorted(out, key=lambda influence: influence.correlation)
+
+
+def _correlation(a: Outcome, b: Outcome) -> float:
+    first, second = (dict(zip((d.values for d in _designs(o.reading)), o.p, strict=True)) for o in (a, b))
+    both = [values for values in first if values in second]
+    return float(spearmanr([first[v] for v in both], [second[v] for v in both]).statistic)
+
+
+def _designs(reading: PaperReading) -> tuple[Design, ...]:
+    """Return the paper's grid without designs whose opposite cavities would meet."""
+    return tuple(d for d in paper_grid(face=reading.face) if d.cut_mm < reading.thickness_mm)
+
+
+def readings_json(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """Return the object of `reproduce optics --json`."""
+    return {
+        "version": program_version(),
+        "readings": [
+            {
+                **asdict(o.reading),
+                **asdict(o.sampling),
+                "ranks": {
+                    name: {"rank": r[0], "of": o.of[name], "low": min(r), "high": max(r), "won": o.won(name)}
+                    for name, r in o.ranks.items()
+                },
+                "best": asdict(o.best),
+                "paper_p": o.paper_p,
+                "best_p": o.best_p,
+                "factors": o.factors,
+            }
+            for o in outcomes
+        ],
+        "influences": [asdict(influence) for influence in influences(outcomes)],
+        "decided_by": {axis: DECIDED_BY[axis] for axis in dict.fromkeys(i.axis for i in influences(outcomes))},
+    }
+
+
+def readings_text(outcomes: Sequence[Outcome]) -> str:
+    """Return in lines how often the paper's design wins, what changes the ranking most, and what would decide."""
+    lines = []
+    for sampling in dict.fromkeys(o.sampling for o in outcomes):
+        chosen = [o for o in outcomes if o.sampling == sampling]
+        lines.append(f"{_sampled(sampling)}, {len(chosen)} readings:")
+        for name, words in GROUPS.items():
+            ranks = [rank for o in chosen for rank in o.ranks[name]]
+            always = sum(o.won(name) == 1.0 for o in chosen)
+            some = sum(0.0 < o.won(name) < 1.0 for o in chosen)
+            lines.append(
+                f"  {words}: the paper's design is first in {always} at every turn of the fan, in {some} at some; "
+                f"ranks {min(ranks)} to {max(ranks)}, median {np.median(ranks):.0f}"
+            )
+    lines.append("change of the default reading, and Spearman's correlation of P with it (1 changes no rank):")
+    lines += [f"  {i.axis} {i.value}, by {i.by}: {i.correlation:.2f}" for i in influences(outcomes)]
+    lines.append("information that would decide, by what changes the ranking most:")
+    lines += [f"  {sentence}" for sentence in readings_json(outcomes)["decided_by"].values()]
+    return "\n".join(lines)
+
+
+def readings_table(outcomes: Sequence[Outcome]) -> str:
+    """Return all outcomes as a Markdown table."""
+    head = (
+        "| cavities | thickness | states | emission | rays | all | as many cavities | own map | best | its P over the "
+        "paper's = Delta x n_sign x RMSE |"
+    )
+    return "\n".join([head, "|" + "--|" * 10, *map(_row, outcomes)]) + "\n"
+
+
+def _row(o: Outcome) -> str:
+    ranks = []
+    for name, found in o.ranks.items():
+        turns = f" ({min(found)} to {max(found)})" if len(found) > 1 else ""
+        ranks.append(f"{found[0]} of {o.of[name]}{turns}")
+    n, *lengths = o.best.values
+    ratio = f"{o.best_p / o.paper_p:.1f} = {' x '.join(f'{part:.2f}' for part in o.factors.values())}"
+    r, best = o.reading, ", ".join([f"{n:.0f}", *(f"{mm:g}" for mm in lengths)])
+    reading = f"{r.face} | {r.thickness_mm:g} mm | {r.states} | {r.emission}"
+    return f"| {reading} | {_sampled(o.sampling)} | {' | '.join(ranks)} | {best} | {ratio} |"
+
+
+def _sampled(sampling: Sampling) -> str:
+    turns = f", {sampling.fans} turns" if sampling.fans > 1 else ""
+    return f"{sampling.rays} {'counted' if sampling.by == 'count' else 'by power'}{turns}"

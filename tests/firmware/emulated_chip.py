@@ -9,6 +9,7 @@ the chip never finds itself late for a reason that is the computer's.
 
 from __future__ import annotations
 
+import itertools
 import shutil
 import socket
 import struct
@@ -16,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,19 @@ from typing import NamedTuple
 
 import pytest
 
+from protocol.link.framing import FrameReader
+from protocol.link.messages import (
+    Ack,
+    BoardEvent,
+    BoardMessage,
+    Command,
+    EventCode,
+    Hello,
+    Identify,
+    Sample,
+    decode_message,
+    encode_command,
+)
 from tests.firmware.firmware_build import FIRMWARE, HERE, PORTABLE, WARNINGS
 
 CORTEX_M3 = ["-mcpu=cortex-m3", "-mthumb", "-Os", "-ffunction-sections", "-fdata-sections"]
@@ -31,7 +45,7 @@ START, SCRIPT, MACHINE = (FIRMWARE / "cortex_m3" / name for name in ("start.c", 
 TOOLS = {"arm-none-eabi-gcc": "gcc-arm-none-eabi", "qemu-system-arm": "qemu-system-arm"}  # program: Debian package
 EMULATOR = ["qemu-system-arm", "-M", "mps2-an385", "-display", "none", "-monitor", "none"]
 REAL_TIME = ["-icount", "shift=5,align=on"]
-STACK_UNUSED = 0xA5A5A5A5
+STACK_UNUSED = bytes.fromhex("a5a5a5a5")
 
 needs_chip = pytest.mark.skipif(
     any(shutil.which(tool) is None for tool in TOOLS),
@@ -44,7 +58,7 @@ def compile_chip(program: Path, *sources: Path, options: tuple[str, ...] = ()) -
     flags = [*WARNINGS, *CORTEX_M3, "-g", f"-I{FIRMWARE}", f"-I{HERE / 'c'}"]
     link = ["-nostartfiles", "-Wl,--gc-sections", "-Wl,--no-warn-rwx-segments", "-T", str(SCRIPT)]
     files = map(str, [*PORTABLE, START, *sources])
-    subprocess.run(["arm-none-eabi-gcc", *flags, *link, *options, *files, "-o", str(program)], check=True)
+    subprocess.run(["arm-none-eabi-gcc", *flags, *link, *files, *options, "-o", str(program)], check=True)
     return program
 
 
@@ -84,13 +98,14 @@ class Actuator(NamedTuple):
     overruns: int
     estop: int
     sensor_broken: int
+    conversion_ms: int
     pressure_mpa: int
     flow_pa_per_s: int
     permille: int
     vent: int
 
 
-_ACTUATOR = struct.Struct("<8I3iI")
+_ACTUATOR = struct.Struct("<9I3iI")
 
 
 class Debugger:
@@ -101,26 +116,43 @@ class Debugger:
         self._socket = socket.socket(socket.AF_UNIX)
         self._socket.settimeout(20)
         self._socket.connect(str(path))
-        self._request("?")
+        self._send("qC")
+        while not self._receive().startswith("QC"):  # before it comes the notice that the processor has halted
+            pass
 
     def read(self, name: str, size: int) -> bytes:
         """Return `size` bytes of the variable `name`."""
-        return bytes.fromhex(self._request(f"m{self.names[name]:x},{size:x}"))
+        return self._read(self.names[name], size)
 
     def write(self, name: str, data: bytes, *, offset: int = 0) -> None:
         """Set bytes of the variable `name`."""
-        assert self._request(f"M{self.names[name] + offset:x},{len(data):x}:{data.hex()}") == "OK"
+        self.write_at(self.names[name] + offset, data)
 
-    def jump(self, name: str) -> None:
-        """Have the processor continue at the function `name`."""
-        assert self._request("Pf=" + struct.pack("<I", self.names[name]).hex()) == "OK"
+    def write_at(self, address: int, data: bytes) -> None:
+        """Set memory."""
+        for at in range(0, len(data), 1024):
+            part = data[at : at + 1024]
+            assert self._request(f"M{address + at:x},{len(part):x}:{part.hex()}") == "OK"
+
+    def fault(self) -> None:
+        """Have the processor continue where there is no memory: a fault from which it does not return."""
+        self._request("qXfer:features:read:target.xml:0,1")  # without this the emulator sets no single register
+        assert self._request("Pf=" + struct.pack("<I", 0xE0000000).hex()) == "OK"
 
     def run_to(self, name: str) -> None:
         """Let the chip run until it comes to the function `name`."""
-        place = f"0,{self.names[name]:x},2"
-        assert self._request("Z" + place) == "OK"
+        self._run_until(f"0,{self.names[name]:x},2")
+
+    def run_to_write(self, address: int, *, times: int) -> None:
+        """Let the chip run until it has written so many times to an address."""
+        for _ in range(times):
+            self._run_until(f"2,{address:x},4")
+            assert self._request("s").startswith("T05")
+
+    def _run_until(self, point: str) -> None:
+        assert self._request("Z" + point) == "OK"
         assert self._request("c").startswith("T05")
-        assert self._request("z" + place) == "OK"
+        assert self._request("z" + point) == "OK"
 
     def reset(self) -> None:
         """Pull the reset pin; RAM keeps what it holds."""
@@ -139,13 +171,11 @@ class Debugger:
 
     def deepest_stack(self) -> int:
         """Return how many bytes of the stack were ever used, and at least 64."""
-        size = self.names["_stack_top"] - self.names["_stack_limit"]
-        words = [self.read_at(self.names["_stack_limit"] + at, 4) for at in range(0, size, 4)]
-        unused = next(i for i, word in enumerate(words) if word != struct.pack("<I", STACK_UNUSED))
-        return size - 4 * unused
+        limit, top = self.names["_stack_limit"], self.names["_stack_top"]
+        stack = b"".join(self._read(at, min(1024, top - at)) for at in range(limit, top, 1024))
+        return top - limit - next(at for at in range(0, len(stack), 4) if stack[at : at + 4] != STACK_UNUSED)
 
-    def read_at(self, address: int, size: int) -> bytes:
-        """Return `size` bytes at an address."""
+    def _read(self, address: int, size: int) -> bytes:
         return bytes.fromhex(self._request(f"m{address:x},{size:x}"))
 
     def close(self) -> None:
@@ -185,6 +215,58 @@ class EmulatedChip:
             yield debugger
         finally:
             debugger.close()
+
+
+class ChipHost:
+    """A host of the chip's: sends commands and keeps every message in order."""
+
+    def __init__(self, chip: EmulatedChip) -> None:
+        host, port = chip.url.removeprefix("socket://").split(":")
+        self.socket = socket.create_connection((host, int(port)), timeout=20)
+        self.reader = FrameReader()
+        self.messages: list[BoardMessage] = []
+        self._seq = itertools.count()
+
+    def send(self, command: Command) -> None:
+        """Send a command, and wait for nothing."""
+        self.socket.sendall(encode_command(command, next(self._seq) % 256))
+
+    def command(self, command: Command) -> BoardMessage:
+        """Send a command and return its answer."""
+        self.send(command)
+        return self.until(lambda message: isinstance(message, Hello if command == Identify() else Ack))
+
+    def until(self, wanted: Callable[[BoardMessage], bool], *, timeout_s: float = 30.0) -> BoardMessage:
+        """Return the next message that is wanted."""
+        end_s = time.monotonic() + timeout_s
+        while time.monotonic() < end_s:
+            new = [decode_message(frame, 2) for frame in self.reader.receive(self.socket.recv(4096))]
+            self.messages += (known := [message for message in new if message is not None])
+            for message in known:
+                if wanted(message):
+                    return message
+        raise AssertionError(f"not received: {self.messages[-5:]}")
+
+    def until_event(self, code: EventCode) -> BoardEvent:
+        """Return the next event of that code."""
+        found = self.until(lambda message: isinstance(message, BoardEvent) and message.code == code)
+        assert isinstance(found, BoardEvent)
+        return found
+
+    def samples(self, n: int) -> list[Sample]:
+        """Return the next `n` samples or more."""
+        before = len(self.kept_samples)
+        self.until(lambda _: len(self.kept_samples) >= before + n)
+        return self.kept_samples[before:]
+
+    @property
+    def kept_samples(self) -> list[Sample]:
+        """All samples so far."""
+        return [message for message in self.messages if isinstance(message, Sample)]
+
+    def close(self) -> None:
+        """Leave the port."""
+        self.socket.close()
 
 
 @contextmanager

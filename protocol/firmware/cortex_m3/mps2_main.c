@@ -65,6 +65,7 @@ typedef struct {
     uint32_t heard_ms;         /* when the last byte arrived */
     uint32_t overruns;         /* received bytes without space */
     uint32_t estop, sensor_broken;
+    uint32_t conversion_ms;    /* a light converter that keeps the main loop waiting */
     int32_t pressure_mpa;      /* thousandths of a Pa */
     int32_t flow_pa_per_s;     /* lags behind the pumps' drive */
     int32_t permille;
@@ -115,8 +116,11 @@ static void read_light(uint16_t *counts)
     static const int32_t counts_per_mpa[BOAT_SENSORS_MAX] = {32, 23, -30, -21}; /* MPa / 10 */
     static uint32_t noise = 1;
     uint16_t dark = actuator.ms / 10u % 2u != 0u ? 60 : 40;
+    uint32_t started_ms = actuator.ms;
     uint8_t i;
 
+    while (actuator.ms - started_ms < actuator.conversion_ms) {
+    }
     for (i = 0; i < config.n_sensors; i++) {
         noise = noise * 1664525u + 1013904223u;
         counts[2u * i + 1u] = (uint16_t)(dark + (noise >> 30));
@@ -165,7 +169,7 @@ static uint32_t clock_us(void)
 /* ---- UART -------------------------------------------------------------------------------------------------------- */
 
 #define TRANSMIT_BYTES 2048u
-#define RECEIVE_BYTES 256u
+#define RECEIVE_BYTES 64u /* four commands of the longest; a host sends one at a time */
 
 static uint8_t transmit_ring[TRANSMIT_BYTES], receive_ring[RECEIVE_BYTES];
 static size_t transmit_first, transmit_used;

@@ -13,6 +13,7 @@
      N SENSORS        number of sensors, from the next boot on
      F HEX            what a receiver finds: "FRAMES CRC_ERRORS MALFORMED OVERSIZE BODY", BODY the last one
      Q                "PA PERMILLE VENT STATE" */
+#include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -37,8 +38,11 @@ static size_t read_hex(const char *text)
 
 static void print_hex(const uint8_t *data, size_t n)
 {
-    while (n--) {
-        printf("%02x", *data++);
+    static const char digits[] = "0123456789abcdef";
+
+    for (; n--; data++) {
+        putchar(digits[*data >> 4]);
+        putchar(digits[*data & 15]);
     }
 }
 
@@ -91,7 +95,8 @@ static void check_receiver(void)
             n_last = length;
         }
     }
-    printf("%u %u %u %u ", receiver.frames, receiver.crc_errors, receiver.malformed, receiver.oversize);
+    printf("%" PRIu32 " %" PRIu32 " %" PRIu32 " %" PRIu32 " ", receiver.frames, receiver.crc_errors,
+           receiver.malformed, receiver.oversize);
     print_hex(last, n_last);
 }
 
@@ -104,6 +109,11 @@ static void boot(void)
         host.clock_us = clock_us;
         boat_init(&board, &host_config, &host_hardware, (boat_boot_reason)reason);
     }
+}
+
+static void print_gauge(void)
+{
+    printf("%" PRId32 " %" PRId32 " %d %d", host.pressure_pa, host.permille, host.vent, (int)board.control.state);
 }
 
 static void obey(void)
@@ -126,7 +136,7 @@ static void obey(void)
     case 'L': sscanf(line + 1, "%lf %lf", &host.leak_per_s, &host.reach_kpa); break;
     case 'N': host_config.n_sensors = (uint8_t)value; break;
     case 'F': check_receiver(); break;
-    case 'Q': printf("%d %d %d %d", host.pressure_pa, host.permille, host.vent, (int)board.control.state); break;
+    case 'Q': print_gauge(); break;
     default: exit(2);
     }
 }

@@ -28,19 +28,25 @@ typedef struct {
     const boat_hardware *hardware;
     boat_receiver receiver;
     boat_control control;
-    uint64_t now_us, tick_us; /* since boot, on top of the clock's value then: the low half is the clock */
+    uint64_t now_us; /* since boot, on top of the clock's value then: the low half is the clock */
+    uint64_t tick_us;
     /* the last command, to be answered again and not obeyed again */
     bool answered;
-    uint8_t answered_type, answered_seq, answered_status;
+    uint8_t answered_type;
+    uint8_t answered_seq;
+    uint8_t answered_status;
     /* sending */
     uint8_t seq;
     uint8_t boot_reason;
-    uint8_t events_first, events_waiting;
+    uint8_t events_first;
+    uint8_t events_waiting;
     boat_event events[BOAT_EVENTS_MAX];
     uint32_t messages_lost; /* answers and events that found no room */
     /* sampling: instant `index` is at `due_us`; `due_rest` carries what a whole microsecond cannot */
     uint16_t rate_hz; /* 0 = none */
-    uint32_t index, dropped, due_rest;
+    uint32_t index;
+    uint32_t dropped;
+    uint32_t due_rest;
     uint64_t due_us;
     uint64_t quiet_until_us[BOAT_SENSORS_MAX]; /* a sensor that saturates again sooner has not stopped */
 } boat;

@@ -9,21 +9,23 @@
 
 static int32_t clamp(int32_t value, int32_t low, int32_t high)
 {
-    return value < low ? low : value > high ? high : value;
+    int32_t above = (value < low) ? low : value;
+
+    return (above > high) ? high : above;
 }
 
 static bool moving(const boat_control *control)
 {
-    return control->state == BOAT_RAMPING || control->state == BOAT_HOLDING;
+    return (control->state == BOAT_RAMPING) || (control->state == BOAT_HOLDING);
 }
 
 /* +1 or -1 beyond a limit by more than the margin, else 0. */
 static int beyond(const boat_control *control)
 {
-    if (control->pressure_pa > control->max_pa + MARGIN_PA) {
+    if (control->pressure_pa > (control->max_pa + MARGIN_PA)) {
         return 1;
     }
-    return control->pressure_pa < control->min_pa - MARGIN_PA ? -1 : 0;
+    return (control->pressure_pa < (control->min_pa - MARGIN_PA)) ? -1 : 0;
 }
 
 static void latch(boat_control *control)
@@ -47,12 +49,18 @@ static void command(boat_control *control, int32_t target_pa, uint32_t ramp_pa_p
 void boat_control_boot(boat_control *control, const boat_config *config)
 {
     control->state = BOAT_IDLE;
-    control->estop = control->pressure_invalid = control->regulated = false;
-    control->pressure_pa = control->target_pa = control->setpoint = 0;
+    control->estop = false;
+    control->pressure_invalid = false;
+    control->regulated = false;
+    control->pressure_pa = 0;
+    control->target_pa = 0;
+    control->setpoint = 0;
     control->min_pa = config->pressure_min_pa;
     control->max_pa = config->pressure_max_pa;
-    control->ramp_pa_per_s = control->timeout_us = 0;
-    control->fed_us = control->deadline_us = 0;
+    control->ramp_pa_per_s = 0;
+    control->timeout_us = 0;
+    control->fed_us = 0;
+    control->deadline_us = 0;
 }
 
 boat_event_code boat_control_look(boat_control *control, const boat_hardware *hardware)
@@ -73,7 +81,7 @@ boat_event_code boat_control_look(boat_control *control, const boat_hardware *ha
 /* Move the setpoint by one tick of its ramp. */
 static void move_setpoint(boat_control *control)
 {
-    int32_t gap = PER_PA * control->target_pa - control->setpoint;
+    int32_t gap = (PER_PA * control->target_pa) - control->setpoint;
     int32_t most = (int32_t)control->ramp_pa_per_s;
 
     control->setpoint += clamp(gap, -most, most);
@@ -84,7 +92,8 @@ static bool overdue(boat_control *control, uint64_t now_us)
 {
     int32_t error_pa = control->pressure_pa - control->target_pa;
 
-    if (control->setpoint == PER_PA * control->target_pa && error_pa <= TOLERANCE_PA && error_pa >= -TOLERANCE_PA) {
+    if ((control->setpoint == (PER_PA * control->target_pa)) && (error_pa <= TOLERANCE_PA) &&
+        (error_pa >= -TOLERANCE_PA)) {
         control->state = BOAT_HOLDING;
         control->deadline_us = now_us + PATIENCE_US;
     } else {
@@ -101,18 +110,24 @@ boat_event_code boat_control_tick(boat_control *control, uint64_t now_us, int32_
         return BOAT_NOTHING;
     }
     *value = control->pressure_pa;
-    if (control->timeout_us && now_us >= control->fed_us + control->timeout_us) {
+    if ((control->timeout_us != 0u) && (now_us >= (control->fed_us + control->timeout_us))) {
+        uint32_t silence_us = (uint32_t)(now_us - control->fed_us);
+
         code = BOAT_HEARTBEAT_LOST;
-        *value = (int32_t)((uint32_t)(now_us - control->fed_us) / 1000u);
-    } else if (beyond(control)) {
-        code = beyond(control) > 0 ? BOAT_OVER_PRESSURE : BOAT_UNDER_PRESSURE;
+        *value = (int32_t)(uint32_t)(silence_us / 1000u);
+    } else if (beyond(control) != 0) {
+        code = (beyond(control) > 0) ? BOAT_OVER_PRESSURE : BOAT_UNDER_PRESSURE;
     } else if (moving(control) && overdue(control, now_us)) {
         code = BOAT_TARGET_NOT_REACHED;
+    } else {
+        /* nothing is wrong */
     }
     if (code != BOAT_NOTHING) {
         latch(control);
     } else if (control->regulated) {
         move_setpoint(control);
+    } else {
+        /* the setpoint is taken from the pressure when it is regulated again */
     }
     return code;
 }
@@ -121,22 +136,31 @@ boat_event_code boat_control_tick(boat_control *control, uint64_t now_us, int32_
    error remains. */
 void boat_control_drive(const boat_control *control, const boat_config *config, const boat_hardware *hardware)
 {
-    int32_t permille = 0, gap, error_pa;
+    int32_t permille = 0;
 
     if (control->regulated) {
-        gap = PER_PA * control->target_pa - control->setpoint;
-        error_pa = clamp(control->setpoint / PER_PA - control->pressure_pa, -30000, 30000);
-        permille = (int32_t)(1000u * control->ramp_pa_per_s / config->ramp_max_pa_per_s);
-        permille = gap > 0 ? permille : gap < 0 ? -permille : 0;
-        permille = clamp(permille + error_pa * config->gain_permille_per_kpa / 1000, -1000, 1000);
+        int32_t gap = (PER_PA * control->target_pa) - control->setpoint;
+        int32_t error_pa = clamp((control->setpoint / PER_PA) - control->pressure_pa, -30000, 30000);
+        int32_t correction = (error_pa * (int32_t)config->gain_permille_per_kpa) / 1000;
+        uint32_t ramp = (1000u * control->ramp_pa_per_s) / config->ramp_max_pa_per_s;
+
+        if (gap > 0) {
+            permille = (int32_t)ramp;
+        } else {
+            permille = (gap < 0) ? -(int32_t)ramp : 0;
+        }
+        permille = clamp(permille + correction, -1000, 1000);
     }
     hardware->drive(permille, !control->regulated);
 }
 
 uint8_t boat_control_flags(const boat_control *control)
 {
-    return (uint8_t)((control->estop ? BOAT_ESTOP : 0) | (control->timeout_us ? BOAT_ARMED : 0) |
-                     (control->pressure_invalid ? BOAT_PRESSURE_INVALID : 0));
+    uint32_t flags = control->estop ? BOAT_ESTOP : 0u;
+
+    flags |= (control->timeout_us != 0u) ? BOAT_ARMED : 0u;
+    flags |= control->pressure_invalid ? BOAT_PRESSURE_INVALID : 0u;
+    return (uint8_t)flags;
 }
 
 void boat_control_vent(boat_control *control)
@@ -150,31 +174,33 @@ void boat_control_vent(boat_control *control)
 boat_status boat_control_set_pressure(boat_control *control, const boat_config *config, uint64_t now_us,
                                       int32_t target_pa, uint32_t ramp_pa_per_s)
 {
+    uint32_t ramp = ramp_pa_per_s;
+    uint32_t travel_ms;
     int32_t travel_pa;
 
     if (control->state == BOAT_FAULT) {
         return BOAT_FAULT_LATCHED;
     }
-    if (target_pa < control->min_pa || target_pa > control->max_pa) {
+    if ((target_pa < control->min_pa) || (target_pa > control->max_pa)) {
         return BOAT_OUT_OF_LIMITS;
     }
-    if (!ramp_pa_per_s || ramp_pa_per_s > config->ramp_max_pa_per_s) {
-        ramp_pa_per_s = config->ramp_max_pa_per_s;
+    if ((ramp == 0u) || (ramp > config->ramp_max_pa_per_s)) {
+        ramp = config->ramp_max_pa_per_s;
     }
-    command(control, target_pa, ramp_pa_per_s);
+    command(control, target_pa, ramp);
     travel_pa = target_pa - clamp(control->pressure_pa, control->min_pa - MARGIN_PA, control->max_pa + MARGIN_PA);
-    travel_pa = travel_pa < 0 ? -travel_pa : travel_pa;
-    control->deadline_us = now_us + PATIENCE_US + 1000u * (uint64_t)(1000u * (uint32_t)travel_pa / ramp_pa_per_s);
+    travel_ms = (1000u * (uint32_t)((travel_pa < 0) ? -travel_pa : travel_pa)) / ramp;
+    control->deadline_us = now_us + PATIENCE_US + ((uint64_t)travel_ms * 1000u);
     control->state = BOAT_RAMPING;
     return BOAT_DONE;
 }
 
 boat_status boat_control_heartbeat(boat_control *control, uint32_t timeout_ms)
 {
-    if (!timeout_ms && control->state != BOAT_IDLE && control->state != BOAT_VENTED) {
+    if ((timeout_ms == 0u) && (control->state != BOAT_IDLE) && (control->state != BOAT_VENTED)) {
         return BOAT_NOT_IN_THIS_STATE;
     }
-    if (timeout_ms && (timeout_ms < TIMEOUT_MIN_MS || timeout_ms > TIMEOUT_MAX_MS)) {
+    if ((timeout_ms != 0u) && ((timeout_ms < TIMEOUT_MIN_MS) || (timeout_ms > TIMEOUT_MAX_MS))) {
         return BOAT_OUT_OF_LIMITS;
     }
     control->timeout_us = 1000u * timeout_ms;
@@ -183,7 +209,7 @@ boat_status boat_control_heartbeat(boat_control *control, uint32_t timeout_ms)
 
 boat_status boat_control_clear_fault(boat_control *control)
 {
-    if (control->state != BOAT_FAULT || control->estop || control->pressure_invalid || beyond(control)) {
+    if ((control->state != BOAT_FAULT) || control->estop || control->pressure_invalid || (beyond(control) != 0)) {
         return BOAT_NOT_IN_THIS_STATE;
     }
     control->state = BOAT_VENTED;
@@ -195,13 +221,13 @@ boat_status boat_control_set_limits(boat_control *control, const boat_config *co
 {
     int32_t inside_pa;
 
-    if (min_pa >= max_pa || min_pa < config->pressure_min_pa || max_pa > config->pressure_max_pa) {
+    if ((min_pa >= max_pa) || (min_pa < config->pressure_min_pa) || (max_pa > config->pressure_max_pa)) {
         return BOAT_OUT_OF_LIMITS;
     }
     control->min_pa = min_pa;
     control->max_pa = max_pa;
     inside_pa = clamp(control->target_pa, min_pa, max_pa);
-    if (moving(control) && inside_pa != control->target_pa) {
+    if (moving(control) && (inside_pa != control->target_pa)) {
         command(control, inside_pa, config->ramp_max_pa_per_s);
     }
     return BOAT_DONE;

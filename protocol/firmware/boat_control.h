@@ -23,7 +23,12 @@ typedef enum {
     BOAT_FAULT_LATCHED
 } boat_status;
 
-enum { BOAT_SATURATED = 1, BOAT_ESTOP = 2, BOAT_ARMED = 4, BOAT_PRESSURE_INVALID = 8, BOAT_DROPPED = 16 };
+/* flags of a SAMPLE */
+#define BOAT_SATURATED 1u
+#define BOAT_ESTOP 2u
+#define BOAT_ARMED 4u
+#define BOAT_PRESSURE_INVALID 8u
+#define BOAT_DROPPED 16u
 
 typedef enum {
     BOAT_NOTHING,
@@ -40,12 +45,14 @@ typedef enum {
 
 /* What the board is. Fill in before `boat_init`, never change afterwards. */
 typedef struct {
-    uint8_t fw_major, fw_minor;
+    uint8_t fw_major;
+    uint8_t fw_minor;
     uint8_t n_sensors;                      /* 1..4 */
     uint8_t adc_bits;                       /* 1..16 */
     uint16_t rate_max_hz;                   /* not 0 */
     uint16_t vref_mv;                       /* mV of 2^adc_bits counts */
-    int32_t pressure_min_pa, pressure_max_pa; /* hard limits, within +-2 MPa */
+    int32_t pressure_min_pa;                /* hard limits, within +-2 MPa */
+    int32_t pressure_max_pa;
     uint32_t ramp_max_pa_per_s;             /* what the pumps do at full drive; 1..4 000 000 */
     uint16_t gain_permille_per_kpa;         /* drive for each kPa that the pressure lags behind */
     uint8_t board_id[16];                   /* ASCII, NUL-padded */
@@ -64,14 +71,18 @@ typedef struct {
 
 typedef struct {
     boat_state state;
-    bool estop, pressure_invalid;
+    bool estop;
+    bool pressure_invalid;
     bool regulated;                 /* else the valve is open and the pumps stand */
     int32_t pressure_pa;            /* last one read */
-    int32_t min_pa, max_pa;         /* limits now, inside the hard ones */
-    int32_t target_pa, setpoint;    /* the setpoint moves; in Pa / 100, what 1 Pa/s makes in a tick */
+    int32_t min_pa;                 /* limits now, inside the hard ones */
+    int32_t max_pa;
+    int32_t target_pa;
+    int32_t setpoint;               /* the setpoint moves; in Pa / 100, what 1 Pa/s makes in a tick */
     uint32_t ramp_pa_per_s;
     uint32_t timeout_us;            /* of the watchdog; 0 = not armed */
-    uint64_t fed_us, deadline_us;
+    uint64_t fed_us;
+    uint64_t deadline_us;
 } boat_control;
 
 void boat_control_boot(boat_control *control, const boat_config *config);

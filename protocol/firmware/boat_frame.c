@@ -10,9 +10,10 @@ uint32_t boat_crc32(const uint8_t *data, size_t n)
         0xEDB88320u, 0xF00F9344u, 0xD6D6A3E8u, 0xCB61B38Cu, 0x9B64C2B0u, 0x86D3D2D4u, 0xA00AE278u, 0xBDBDF21Cu,
     };
     uint32_t crc = 0xFFFFFFFFu;
+    size_t i;
 
-    while (n--) {
-        crc ^= *data++;
+    for (i = 0; i < n; i++) {
+        crc ^= data[i];
         crc = (crc >> 4) ^ nibbles[crc & 15u];
         crc = (crc >> 4) ^ nibbles[crc & 15u];
     }
@@ -22,16 +23,17 @@ uint32_t boat_crc32(const uint8_t *data, size_t n)
 /* A body is shorter than 254 bytes, so COBS only writes into each 00 the distance to the next one. */
 size_t boat_seal(uint8_t *frame, size_t n)
 {
-    uint32_t crc = boat_crc32(frame + 1, n);
-    size_t mark = 0, at;
+    uint32_t crc = boat_crc32(&frame[1], n);
+    size_t mark = 0;
+    size_t at;
 
-    for (at = n + 1; at <= n + 4; at++) {
+    for (at = n + 1u; at <= (n + 4u); at++) {
         frame[at] = (uint8_t)crc;
         crc >>= 8;
     }
     frame[at] = 0;
-    for (at = 1; at <= n + 5; at++) {
-        if (!frame[at]) {
+    for (at = 1; at <= (n + 5u); at++) {
+        if (frame[at] == 0u) {
             frame[mark] = (uint8_t)(at - mark);
             mark = at;
         }
@@ -49,7 +51,7 @@ static bool unstuff(uint8_t *data, size_t n)
         data[at] = 0;
         at += run;
     }
-    return at == n && n >= 1 + BOAT_BODY_MIN && n <= 1 + BOAT_BODY_MAX;
+    return (at == n) && (n >= (1u + BOAT_BODY_MIN)) && (n <= (1u + BOAT_BODY_MAX));
 }
 
 static size_t end_run(boat_receiver *receiver, const uint8_t **body)
@@ -61,32 +63,33 @@ static size_t end_run(boat_receiver *receiver, const uint8_t **body)
         receiver->skipping = false;
         return 0;
     }
-    if (!n) { /* an empty frame is legal and means nothing */
+    if (n == 0u) { /* an empty frame is legal and means nothing */
         return 0;
     }
     if (!unstuff(receiver->data, n)) {
         receiver->malformed++;
         return 0;
     }
-    if (boat_crc32(receiver->data + 1, n - 1) != RESIDUE) {
+    if (boat_crc32(&receiver->data[1], n - 1u) != RESIDUE) {
         receiver->crc_errors++;
         return 0;
     }
     receiver->frames++;
-    *body = receiver->data + 1;
-    return n - 5;
+    *body = &receiver->data[1];
+    return n - 5u;
 }
 
 size_t boat_take_byte(boat_receiver *receiver, uint8_t byte, const uint8_t **body)
 {
-    if (!byte) {
+    if (byte == 0u) {
         return end_run(receiver, body);
     }
     if (receiver->collected < BOAT_COLLECT_MAX) {
-        receiver->data[receiver->collected++] = byte;
-    } else if (!receiver->skipping) {
+        receiver->data[receiver->collected] = byte;
+        receiver->collected++;
+    } else {
+        receiver->oversize += receiver->skipping ? 0u : 1u;
         receiver->skipping = true;
-        receiver->oversize++;
     }
     return 0;
 }

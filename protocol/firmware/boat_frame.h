@@ -18,7 +18,10 @@ typedef struct {
     uint8_t data[BOAT_COLLECT_MAX];
     uint8_t collected;
     bool skipping; /* in an oversize run, until its 00 */
-    uint32_t frames, crc_errors, malformed, oversize;
+    uint32_t frames;
+    uint32_t crc_errors;
+    uint32_t malformed;
+    uint32_t oversize;
 } boat_receiver;
 
 uint32_t boat_crc32(const uint8_t *data, size_t n);

@@ -30,23 +30,29 @@ static boat_config config = {
 /* ---- sending: a ring, emptied packet by packet ------------------------------------------------------------------- */
 
 static uint8_t ring[TRANSMIT_BYTES];
-static size_t ring_first, ring_used;
-static bool owes_empty_packet;
+static size_t ring_first;
+static size_t ring_used;
 
 static bool host_listens(void)
 {
-    return USBUART_GetConfiguration() != 0u && (USBUART_GetLineControl() & USBUART_LINE_CONTROL_DTR) != 0u;
+    return (USBUART_GetConfiguration() != 0u) && ((USBUART_GetLineControl() & USBUART_LINE_CONTROL_DTR) != 0u);
 }
 
 static size_t transmit_room(void)
 {
-    return host_listens() ? TRANSMIT_BYTES - ring_used : 0u;
+    if (!host_listens()) {
+        return 0;
+    }
+    return TRANSMIT_BYTES - ring_used;
 }
 
 static void transmit(const uint8_t *data, size_t n)
 {
-    while (n--) {
-        ring[(ring_first + ring_used++) % TRANSMIT_BYTES] = *data++;
+    size_t i;
+
+    for (i = 0; i < n; i++) {
+        ring[(ring_first + ring_used) % TRANSMIT_BYTES] = data[i];
+        ring_used++;
     }
 }
 
@@ -55,6 +61,7 @@ static void transmit(const uint8_t *data, size_t n)
 static void feed_usb(void)
 {
     static uint8_t packet[PACKET_BYTES];
+    static bool owes_empty_packet;
     uint16_t n = 0;
 
     if (!host_listens()) {
@@ -62,15 +69,17 @@ static void feed_usb(void)
         owes_empty_packet = false;
         return;
     }
-    if (USBUART_CDCIsReady() == 0u || (ring_used == 0u && !owes_empty_packet)) {
+    if ((USBUART_CDCIsReady() == 0u) || ((ring_used == 0u) && !owes_empty_packet)) {
         return;
     }
-    for (; n < PACKET_BYTES && ring_used; n++, ring_used--) {
+    while ((n < PACKET_BYTES) && (ring_used != 0u)) {
         packet[n] = ring[ring_first];
         ring_first = (ring_first + 1u) % TRANSMIT_BYTES;
+        n++;
+        ring_used--;
     }
     USBUART_PutData(packet, n);
-    owes_empty_packet = n == PACKET_BYTES;
+    owes_empty_packet = (n == PACKET_BYTES);
 }
 
 /* ---- the other six ----------------------------------------------------------------------------------------------- */
@@ -85,11 +94,11 @@ static bool read_pressure(int32_t *pressure_pa)
 {
     static int32_t counts = PRESSURE_ZERO_COUNTS;
 
-    if (Pressure_ADC_IsEndConversion(Pressure_ADC_RETURN_STATUS)) {
+    if (Pressure_ADC_IsEndConversion(Pressure_ADC_RETURN_STATUS) != 0u) {
         counts = Pressure_ADC_GetResult16();
     }
     *pressure_pa = (counts - PRESSURE_ZERO_COUNTS) * PA_PER_COUNT;
-    return counts > PRESSURE_BROKEN_COUNTS && counts < 4096 - PRESSURE_BROKEN_COUNTS;
+    return (counts > PRESSURE_BROKEN_COUNTS) && (counts < (4096 - PRESSURE_BROKEN_COUNTS));
 }
 
 static uint16_t convert(uint8_t sensor)
@@ -98,21 +107,22 @@ static uint16_t convert(uint8_t sensor)
 
     Sensor_Mux_FastSelect(sensor);
     ADC_StartConvert();
-    ADC_IsEndConversion(ADC_WAIT_FOR_RESULT);
+    (void)ADC_IsEndConversion(ADC_WAIT_FOR_RESULT);
     ADC_StopConvert();
     counts = ADC_GetResult16();
-    return counts < 0 ? 0u : (uint16_t)counts;
+    return (counts < 0) ? 0u : (uint16_t)counts;
 }
 
 static void read_light(uint16_t *counts)
 {
-    uint8_t lit, sensor;
+    uint8_t lit;
+    uint8_t sensor;
 
     for (lit = 0; lit < 2u; lit++) {
         Emitters_Write(lit);
         CyDelayUs(SETTLE_US);
         for (sensor = 0; sensor < config.n_sensors; sensor++) {
-            counts[2u * sensor + (lit ? 0u : 1u)] = convert(sensor);
+            counts[(2u * sensor) + (1u - lit)] = convert(sensor);
         }
     }
     Emitters_Write(0u);
@@ -125,7 +135,7 @@ static bool estop_pressed(void)
     static bool pressed;
 
     if (EStop_Read() == 0u) { /* normally closed to ground is 1 when open: a broken wire is a pressed button */
-        if (pressed && clock_us() - seen_us > 20000u) {
+        if (pressed && ((clock_us() - seen_us) > 20000u)) {
             pressed = false;
         }
     } else {
@@ -137,8 +147,8 @@ static bool estop_pressed(void)
 
 static void drive(int32_t permille, bool vent)
 {
-    Pump_Up_WriteCompare((uint16_t)(permille > 0 ? permille * PUMP_FULL / 1000 : 0));
-    Pump_Down_WriteCompare((uint16_t)(permille < 0 ? -permille * PUMP_FULL / 1000 : 0));
+    Pump_Up_WriteCompare((uint16_t)((permille > 0) ? ((permille * PUMP_FULL) / 1000) : 0));
+    Pump_Down_WriteCompare((uint16_t)((permille < 0) ? ((-permille * PUMP_FULL) / 1000) : 0));
     Valve_Write(vent ? 0u : 1u); /* normally open: without power the pressure goes */
 }
 
@@ -146,13 +156,13 @@ static void drive(int32_t permille, bool vent)
 
 static boat_boot_reason boot_reason(void)
 {
-    if (CyResetStatus & CY_RESET_WD) {
+    if ((CyResetStatus & CY_RESET_WD) != 0u) {
         return BOAT_WATCHDOG;
     }
-    if (CyResetStatus & (CY_RESET_LVID | CY_RESET_LVIA | CY_RESET_HVIA)) {
+    if ((CyResetStatus & (CY_RESET_LVID | CY_RESET_LVIA | CY_RESET_HVIA)) != 0u) {
         return BOAT_BROWN_OUT;
     }
-    return CyResetStatus & CY_RESET_SW ? BOAT_SOFTWARE : BOAT_POWER;
+    return ((CyResetStatus & CY_RESET_SW) != 0u) ? BOAT_SOFTWARE : BOAT_POWER;
 }
 
 /* The chip's own 64 bits as sixteen hexadecimal digits. */
@@ -164,7 +174,7 @@ static void read_identity(void)
 
     CyGetUniqueId(id);
     for (i = 0; i < 16u; i++) {
-        config.board_id[i] = (uint8_t)digits[(id[i / 8u] >> (28u - 4u * (i % 8u))) & 15u];
+        config.board_id[i] = (uint8_t)digits[(id[i / 8u] >> (28u - (4u * (i % 8u)))) & 15u];
     }
 }
 
@@ -191,10 +201,10 @@ int main(void)
     CyWdtStart(CYWDT_128_TICKS, CYWDT_LPMODE_NOCHANGE); /* a main loop that stands still for 256 ms is a reset */
     for (;;) {
         CyWdtClear();
-        if (USBUART_IsConfigurationChanged() != 0u && USBUART_GetConfiguration() != 0u) {
+        if ((USBUART_IsConfigurationChanged() != 0u) && (USBUART_GetConfiguration() != 0u)) {
             USBUART_CDC_Init();
         }
-        if (USBUART_GetConfiguration() != 0u && USBUART_DataIsReady() != 0u) {
+        if ((USBUART_GetConfiguration() != 0u) && (USBUART_DataIsReady() != 0u)) {
             boat_receive(&board, received, USBUART_GetAll(received));
         }
         boat_poll(&board);

@@ -14,7 +14,7 @@ from protocol.simulator.plant import PUMP_KPA_PER_S, Pneumatics
 
 HARD_LIMITS_PA = (-45_000, 55_000)  # the lattice buckles below -40 kPa
 MARGIN_PA = 2_000
-TOLERANCE_KPA = 0.5
+TOLERANCE_PA = 500
 TARGET_TIMEOUT_US = 8_000_000  # after the ramp's end, until a target counts as not reached
 HEARTBEAT_MS = range(100, 5001)
 
@@ -83,11 +83,11 @@ class BoardControl:
         if self.watchdog_us is not None and now_us >= self.watchdog_us:
             self._trip(EventCode.HEARTBEAT_LOST, (now_us - self._fed_us) // 1000)
             return
-        pressure_pa = self.pneumatics.pressure_kpa * 1000.0
+        pressure_pa = round(self.pneumatics.pressure_kpa * 1000.0)  # the wire's resolution is the sensor's
         if pressure_pa > self._limits_pa[1] + MARGIN_PA:
-            self._trip(EventCode.OVER_PRESSURE, round(pressure_pa))
+            self._trip(EventCode.OVER_PRESSURE, pressure_pa)
         elif pressure_pa < self._limits_pa[0] - MARGIN_PA:
-            self._trip(EventCode.UNDER_PRESSURE, round(pressure_pa))
+            self._trip(EventCode.UNDER_PRESSURE, pressure_pa)
         elif self.state in _MOVING:
             self._follow(now_us, pressure_pa)
 
@@ -112,16 +112,16 @@ class BoardControl:
                 return self._set_limits(command)
         return AckStatus.DONE
 
-    def _follow(self, now_us: int, pressure_pa: float) -> None:
+    def _follow(self, now_us: int, pressure_pa: int) -> None:
         """Choose RAMPING or HOLDING, and trip where the target is overdue."""
-        near = abs(pressure_pa / 1000.0 - self.pneumatics.target_kpa) <= TOLERANCE_KPA
+        near = abs(pressure_pa - round(1000.0 * self.pneumatics.target_kpa)) <= TOLERANCE_PA
         if near and self.pneumatics.setpoint_arrived:
             self.state = BoardState.HOLDING
             self._deadline_us = now_us + TARGET_TIMEOUT_US
         else:
             self.state = BoardState.RAMPING
             if now_us >= self._deadline_us:
-                self._trip(EventCode.TARGET_NOT_REACHED, round(pressure_pa))
+                self._trip(EventCode.TARGET_NOT_REACHED, pressure_pa)
 
     def _trip(self, code: EventCode, value: int) -> None:
         self._latch()

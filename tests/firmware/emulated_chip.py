@@ -41,7 +41,7 @@ from protocol.link.messages import (
 from tests.firmware.firmware_build import FIRMWARE, HERE, PORTABLE, WARNINGS
 
 CORTEX_M3 = ["-mcpu=cortex-m3", "-mthumb", "-Os", "-ffunction-sections", "-fdata-sections"]
-START, SCRIPT, MACHINE = (FIRMWARE / "cortex_m3" / name for name in ("start.c", "cortex_m3.ld", "mps2_main.c"))
+START, SCRIPT, MACHINE = (FIRMWARE / "cortex_m3" / name for name in ("start.c", "mps2.ld", "mps2_main.c"))
 TOOLS = {"arm-none-eabi-gcc": "gcc-arm-none-eabi", "qemu-system-arm": "qemu-system-arm"}  # program: Debian package
 EMULATOR = ["qemu-system-arm", "-M", "mps2-an385", "-display", "none", "-monitor", "none"]
 REAL_TIME = ["-icount", "shift=5,align=on"]

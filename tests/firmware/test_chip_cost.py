@@ -2,8 +2,9 @@
 
 QEMU counts instructions, not cycles. Cycles are the upper bounds of the Cortex-M3's reference manual (ARM DDI 0337,
 table of instruction timings; a taken branch refills the pipeline in three). Flash is slower than the processor: without
-one hit in the PSoC's cache each other eight bytes of flash cost another five cycles at 67 MHz (`CyFlash_SetWaitCycles`
-of its library). The simulated actuator and the interrupts are left out; they are not the firmware's.
+one hit in the PSoC's cache each other eight bytes of instructions, and each load as if it were from flash, cost another
+five cycles at 67 MHz (`CyFlash_SetWaitCycles` of its library). The simulated actuator and the interrupts are left out;
+they are not the firmware's.
 """
 
 from __future__ import annotations
@@ -60,10 +61,11 @@ COMMANDS: list[Command] = [
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """One of the program: where the next one is, and its cycles when it does not branch."""
+    """One of the program: where the next one is, its cycles when it does not branch, and whether it loads."""
 
     next_address: int
     cycles: int
+    loads: bool
 
 
 def cycles_of(mnemonic: str, operands: str) -> int:
@@ -90,7 +92,7 @@ def disassembled(program: Path) -> dict[int, Instruction]:
         part = re.match(r"\s*([0-9a-f]+):\t((?:[0-9a-f]{4} ?)+)\s*\t(\S+)\s*([^;@]*)", line)
         if part:
             address, size = int(part[1], 16), 2 * len(part[2].split())
-            found[address] = Instruction(address + size, cycles_of(part[3], part[4]))
+            found[address] = Instruction(address + size, cycles_of(part[3], part[4]), part[3].startswith(("ld", "pop")))
     return found
 
 
@@ -118,12 +120,12 @@ class Pass:
     called: set[str]
     instructions: int = 0
     cycles: int = 0
-    lines: int = 0  # of flash, each other than the one before
+    flash_reads: int = 0  # lines of instructions, each other than the one before, and loads
 
     @property
     def uncached_cycles(self) -> int:
         """Cycles without a hit in the flash's cache."""
-        return self.cycles + FLASH_WAIT_CYCLES * self.lines
+        return self.cycles + FLASH_WAIT_CYCLES * self.flash_reads
 
 
 def passes(program: Path, addresses: array[int]) -> list[Pass]:
@@ -155,7 +157,7 @@ def passes(program: Path, addresses: array[int]) -> list[Pass]:
         instruction = code[address]
         now.instructions += 1
         now.cycles += instruction.cycles + BRANCH_REFILL_CYCLES * (following != instruction.next_address)
-        now.lines += address // FLASH_LINE_BYTES != line
+        now.flash_reads += (address // FLASH_LINE_BYTES != line) + instruction.loads
         line = address // FLASH_LINE_BYTES
     return found[:-1]  # the last one is not whole
 

@@ -8,32 +8,45 @@
 /* ---- the machine's registers ------------------------------------------------------------------------------------- */
 
 #define CLOCK_HZ 25000000u
-#define REGISTER(address) (*(volatile uint32_t *)(address))
-
-#define UART_DATA REGISTER(0x40004000u)
-#define UART_STATE REGISTER(0x40004004u)
-#define UART_CONTROL REGISTER(0x40004008u)
-#define UART_INTERRUPT_CLEAR REGISTER(0x4000400Cu)
-#define UART_DIVIDER REGISTER(0x40004010u)
-#define UART_TRANSMIT_FULL 1u
-#define UART_ENABLE_ALL 0xBu /* transmitter, receiver, interrupt of the receiver */
-#define UART_RECEIVE_INTERRUPT 2u
-#define UART_BAUD 921600u
-
-#define WATCHDOG_LOAD REGISTER(0x40008000u)
-#define WATCHDOG_CONTROL REGISTER(0x40008008u)
-#define WATCHDOG_CLEAR REGISTER(0x4000800Cu)
-#define WATCHDOG_ENABLE_ALL 3u /* non-maskable interrupt after one period, reset after two */
-#define WATCHDOG_PERIOD_MS 125u
-
-#define SYSTICK_CONTROL REGISTER(0xE000E010u)
-#define SYSTICK_RELOAD REGISTER(0xE000E014u)
-#define SYSTICK_VALUE REGISTER(0xE000E018u)
-#define SYSTICK_ENABLE_ALL 7u /* counter, interrupt, the processor's own clock */
 #define TICKS_PER_MS (CLOCK_HZ / 1000u)
 #define TICKS_PER_US (CLOCK_HZ / 1000000u)
 
-#define INTERRUPTS_ENABLE REGISTER(0xE000E100u)
+typedef struct {
+    uint32_t data;
+    uint32_t state;
+    uint32_t control;
+    uint32_t interrupt_clear;
+    uint32_t divider;
+} uart_registers;
+
+#define UART_TRANSMIT_FULL 1u     /* in `state` */
+#define UART_ENABLE_ALL 0xBu      /* in `control`: transmitter, receiver, interrupt of the receiver */
+#define UART_RECEIVE_INTERRUPT 2u /* in `interrupt_clear` */
+#define UART_BAUD 921600u
+
+typedef struct {
+    uint32_t load;
+    uint32_t value;
+    uint32_t control;
+    uint32_t clear;
+} watchdog_registers;
+
+#define WATCHDOG_ENABLE_ALL 3u /* in `control`: non-maskable interrupt after one period, reset after two */
+#define WATCHDOG_PERIOD_MS 125u
+
+typedef struct {
+    uint32_t control;
+    uint32_t reload;
+    uint32_t value;
+} systick_registers;
+
+#define SYSTICK_ENABLE_ALL 7u /* in `control`: counter, interrupt, the processor's own clock */
+
+/* at the addresses that mps2.ld gives them */
+extern volatile uart_registers uart;
+extern volatile watchdog_registers watchdog;
+extern volatile systick_registers systick;
+extern volatile uint32_t interrupts_enable;
 
 static boat_config config = {
     .fw_major = 1,
@@ -54,7 +67,7 @@ static boat_config config = {
 #define FLOW_PA_PER_S 40000 /* of the pumps at full drive */
 #define FLOW_LAG_MS 50
 #define VENT_MS 250
-#define REACH_PA 90000
+#define REACH_MPA 90000000 /* thousandths of a Pa, in either direction */
 #define KEPT 0x424F4154u /* RAM was kept: this is no power cycle */
 
 typedef struct {
@@ -64,7 +77,8 @@ typedef struct {
     uint32_t opened_ms;        /* when the valve was opened last */
     uint32_t heard_ms;         /* when the last byte arrived */
     uint32_t overruns;         /* received bytes without space */
-    uint32_t estop, sensor_broken;
+    uint32_t estop;
+    uint32_t sensor_broken;
     uint32_t conversion_ms;    /* a light converter that keeps the main loop waiting */
     int32_t pressure_mpa;      /* thousandths of a Pa */
     int32_t flow_pa_per_s;     /* lags behind the pumps' drive */
@@ -72,35 +86,36 @@ typedef struct {
     uint32_t vent;
 } simulated_actuator;
 
-__attribute__((section(".noinit"))) volatile simulated_actuator actuator;
+__attribute__((section(".noinit"))) static volatile simulated_actuator actuator;
 
 static void power_on_actuator(void)
 {
-    volatile uint8_t *at = (volatile uint8_t *)&actuator;
-    size_t i;
+    static const simulated_actuator at_ambient = {.kept = KEPT, .vent = 1};
 
-    for (i = 0; i < sizeof actuator; i++) {
-        at[i] = 0;
-    }
-    actuator.kept = KEPT;
-    actuator.vent = 1;
+    actuator = at_ambient;
 }
 
 /* Let a millisecond pass. */
 static void move_actuator(void)
 {
-    int32_t drive_pa_per_s = FLOW_PA_PER_S / 1000 * actuator.permille;
-    int32_t flow = actuator.flow_pa_per_s + (drive_pa_per_s - actuator.flow_pa_per_s) / FLOW_LAG_MS;
-    int32_t pressure = actuator.pressure_mpa;
+    int32_t drive_pa_per_s = (FLOW_PA_PER_S / 1000) * actuator.permille;
+    int32_t flow_pa_per_s = actuator.flow_pa_per_s;
+    int32_t pressure_mpa = actuator.pressure_mpa;
 
-    if (actuator.vent) {
-        flow = 0;
-        pressure -= pressure / VENT_MS;
+    flow_pa_per_s += (drive_pa_per_s - flow_pa_per_s) / FLOW_LAG_MS;
+    if (actuator.vent != 0u) {
+        flow_pa_per_s = 0;
+        pressure_mpa -= pressure_mpa / VENT_MS;
     }
-    pressure += flow; /* Pa/s for a millisecond is thousandths of a Pa */
-    pressure = pressure > 1000 * REACH_PA ? 1000 * REACH_PA : pressure;
-    actuator.pressure_mpa = pressure < -1000 * REACH_PA ? -1000 * REACH_PA : pressure;
-    actuator.flow_pa_per_s = flow;
+    pressure_mpa += flow_pa_per_s; /* Pa/s for a millisecond is thousandths of a Pa */
+    if (pressure_mpa > REACH_MPA) {
+        pressure_mpa = REACH_MPA;
+    }
+    if (pressure_mpa < -REACH_MPA) {
+        pressure_mpa = -REACH_MPA;
+    }
+    actuator.pressure_mpa = pressure_mpa;
+    actuator.flow_pa_per_s = flow_pa_per_s;
     actuator.ms++;
 }
 
@@ -113,19 +128,21 @@ static bool read_pressure(int32_t *pressure_pa)
 /* Straight sensors: 3.2 and 2.3 counts/kPa on 1600, ambient light that alternates, a little noise. */
 static void read_light(uint16_t *counts)
 {
-    static const int32_t counts_per_mpa[BOAT_SENSORS_MAX] = {32, 23, -30, -21}; /* MPa / 10 */
+    static const int32_t tenths_per_kpa[BOAT_SENSORS_MAX] = {32, 23, -30, -21};
     static uint32_t noise = 1;
-    uint16_t dark = actuator.ms / 10u % 2u != 0u ? 60 : 40;
     uint32_t started_ms = actuator.ms;
-    uint8_t i;
+    uint32_t dark = 40u + (20u * ((started_ms / 10u) % 2u));
+    size_t i;
 
-    while (actuator.ms - started_ms < actuator.conversion_ms) {
+    /* cppcheck-suppress duplicateExpression ; the interrupt of SysTick counts `ms` meanwhile */
+    while ((actuator.ms - started_ms) < actuator.conversion_ms) {
     }
     for (i = 0; i < config.n_sensors; i++) {
-        noise = noise * 1664525u + 1013904223u;
-        counts[2u * i + 1u] = (uint16_t)(dark + (noise >> 30));
-        counts[2u * i] =
-            (uint16_t)(dark + 1600 + counts_per_mpa[i] * (actuator.pressure_mpa / 10000) / 1000 + (int32_t)(noise >> 30));
+        int32_t signal = 1600 + ((tenths_per_kpa[i] * (actuator.pressure_mpa / 10000)) / 1000);
+
+        noise = (noise * 1664525u) + 1013904223u;
+        counts[2u * i] = (uint16_t)(dark + (uint32_t)signal + (noise >> 30));
+        counts[(2u * i) + 1u] = (uint16_t)(dark + ((noise >> 28) % 4u));
     }
 }
 
@@ -136,11 +153,11 @@ static bool estop_pressed(void)
 
 static void drive(int32_t permille, bool vent)
 {
-    if (vent && actuator.vent == 0u) {
+    if (vent && (actuator.vent == 0u)) {
         actuator.opened_ms = actuator.ms;
     }
     actuator.permille = permille;
-    actuator.vent = vent ? 1u : 0u;
+    actuator.vent = vent ? 1UL : 0UL;
 }
 
 /* ---- clock ------------------------------------------------------------------------------------------------------- */
@@ -157,23 +174,27 @@ void systick_handler(void)
 /* The milliseconds counted, and what SysTick has counted down of the next. */
 static uint32_t clock_us(void)
 {
-    uint32_t ms, ticks;
+    uint32_t ms;
+    uint32_t ticks;
 
     do {
         ms = clock_ms;
-        ticks = SYSTICK_VALUE;
+        ticks = systick.value;
     } while (ms != clock_ms);
-    return 1000u * ms + (TICKS_PER_MS - 1u - ticks) / TICKS_PER_US;
+    return (1000u * ms) + ((TICKS_PER_MS - 1u - ticks) / TICKS_PER_US);
 }
 
 /* ---- UART -------------------------------------------------------------------------------------------------------- */
 
 #define TRANSMIT_BYTES 2048u
-#define RECEIVE_BYTES 64u /* four commands of the longest; a host sends one at a time */
+#define RECEIVE_BYTES 64u /* three of the longest command; a host sends one at a time */
 
-static uint8_t transmit_ring[TRANSMIT_BYTES], receive_ring[RECEIVE_BYTES];
-static size_t transmit_first, transmit_used;
-static volatile uint32_t received, taken; /* bytes */
+static uint8_t transmit_ring[TRANSMIT_BYTES];
+static size_t transmit_first;
+static size_t transmit_used;
+static uint8_t receive_ring[RECEIVE_BYTES];
+static volatile uint32_t received; /* bytes, by the interrupt */
+static volatile uint32_t taken;    /* bytes, by the main loop */
 
 static size_t transmit_room(void)
 {
@@ -182,15 +203,18 @@ static size_t transmit_room(void)
 
 static void transmit(const uint8_t *data, size_t n)
 {
-    while (n--) {
-        transmit_ring[(transmit_first + transmit_used++) % TRANSMIT_BYTES] = *data++;
+    size_t i;
+
+    for (i = 0; i < n; i++) {
+        transmit_ring[(transmit_first + transmit_used) % TRANSMIT_BYTES] = data[i];
+        transmit_used++;
     }
 }
 
 static void feed_uart(void)
 {
-    while (transmit_used != 0u && (UART_STATE & UART_TRANSMIT_FULL) == 0u) {
-        UART_DATA = transmit_ring[transmit_first];
+    while ((transmit_used != 0u) && ((uart.state & UART_TRANSMIT_FULL) == 0u)) {
+        uart.data = transmit_ring[transmit_first];
         transmit_first = (transmit_first + 1u) % TRANSMIT_BYTES;
         transmit_used--;
     }
@@ -201,10 +225,10 @@ void uart_receive_handler(void)
 {
     uint8_t byte;
 
-    UART_INTERRUPT_CLEAR = UART_RECEIVE_INTERRUPT; /* before the byte is taken: the next one may follow at once */
-    byte = (uint8_t)UART_DATA;
+    uart.interrupt_clear = UART_RECEIVE_INTERRUPT; /* before the byte is taken: the next one may follow at once */
+    byte = (uint8_t)uart.data;
     actuator.heard_ms = actuator.ms;
-    if (received - taken < RECEIVE_BYTES) {
+    if ((received - taken) < RECEIVE_BYTES) {
         receive_ring[received % RECEIVE_BYTES] = byte;
         received++;
     } else {
@@ -217,7 +241,8 @@ static size_t take_received(uint8_t *data)
     size_t n = 0;
 
     while (taken != received) {
-        data[n++] = receive_ring[taken % RECEIVE_BYTES];
+        data[n] = receive_ring[taken % RECEIVE_BYTES];
+        n++;
         taken++;
     }
     return n;
@@ -230,7 +255,7 @@ void nmi_handler(void);
 void nmi_handler(void)
 {
     drive(0, true);
-    actuator.reset_by = BOAT_WATCHDOG;
+    actuator.reset_by = (uint32_t)BOAT_WATCHDOG;
 }
 
 static boat_boot_reason boot_reason(void)
@@ -246,14 +271,14 @@ static boat_boot_reason boot_reason(void)
 
 static void start_peripherals(void)
 {
-    SYSTICK_RELOAD = TICKS_PER_MS - 1u;
-    SYSTICK_VALUE = 0u;
-    SYSTICK_CONTROL = SYSTICK_ENABLE_ALL;
-    UART_DIVIDER = CLOCK_HZ / UART_BAUD;
-    UART_CONTROL = UART_ENABLE_ALL;
-    INTERRUPTS_ENABLE = 1u;
-    WATCHDOG_LOAD = WATCHDOG_PERIOD_MS * TICKS_PER_MS;
-    WATCHDOG_CONTROL = WATCHDOG_ENABLE_ALL;
+    systick.reload = TICKS_PER_MS - 1u;
+    systick.value = 0u;
+    systick.control = SYSTICK_ENABLE_ALL;
+    uart.divider = CLOCK_HZ / UART_BAUD;
+    uart.control = UART_ENABLE_ALL;
+    interrupts_enable = 1u;
+    watchdog.load = WATCHDOG_PERIOD_MS * TICKS_PER_MS;
+    watchdog.control = WATCHDOG_ENABLE_ALL;
 }
 
 int main(void)
@@ -264,15 +289,15 @@ int main(void)
     static boat board;
     static uint8_t data[RECEIVE_BYTES];
     boat_boot_reason reason = boot_reason();
-    size_t n;
 
     drive(0, true);
     start_peripherals();
     boat_init(&board, &config, &hardware, reason);
     for (;;) {
-        WATCHDOG_CLEAR = 1u;
-        actuator.reset_by = BOAT_RESET_PIN; /* unless the watchdog finds otherwise */
-        n = take_received(data);
+        size_t n = take_received(data);
+
+        watchdog.clear = 1u;
+        actuator.reset_by = (uint32_t)BOAT_RESET_PIN; /* unless the watchdog finds otherwise */
         if (n != 0u) {
             boat_receive(&board, data, n);
         }

@@ -3,15 +3,32 @@
 
 #define STACK_UNUSED 0xA5A5A5A5u
 
-extern uint32_t _data_load[], _data[], _data_end[], _bss[], _bss_end[], _stack_limit[], _stack_top[];
+/* of mps2.ld */
+extern const uint32_t _data_load[];
+extern uint32_t _data[];
+extern uint32_t _data_end[];
+extern uint32_t _bss[];
+extern uint32_t _bss_end[];
+extern uint32_t _stack_limit[];
+extern uint32_t _stack_unused_end[]; /* what is above is in use by `reset_handler` */
+extern uint32_t _stack_top[];
 
+/* of the program */
 extern int main(void);
-void reset_handler(void);
-void fault_handler(void);
-void nmi_handler(void);
-void systick_handler(void);
-void uart_receive_handler(void);
+extern void nmi_handler(void);
+extern void systick_handler(void);
+extern void uart_receive_handler(void);
 
+extern void reset_handler(void);
+
+/* The watchdog ends this loop. */
+static void fault_handler(void)
+{
+    for (;;) {
+    }
+}
+
+/* The processor's table begins with an address among its functions. */
 typedef union {
     uint32_t *stack;
     void (*handler)(void);
@@ -21,7 +38,7 @@ __attribute__((section(".vectors"), used)) static const vector vectors[] = {
     {.stack = _stack_top},
     {.handler = reset_handler},
     {.handler = nmi_handler},
-    {.handler = fault_handler},
+    {.handler = fault_handler}, /* hard fault, which the others become: none is enabled */
     {.handler = fault_handler},
     {.handler = fault_handler},
     {.handler = fault_handler},
@@ -37,42 +54,28 @@ __attribute__((section(".vectors"), used)) static const vector vectors[] = {
     {.handler = uart_receive_handler}, /* interrupt 0; no other is enabled */
 };
 
-/* The watchdog ends this loop. */
-__attribute__((weak)) void fault_handler(void)
+static void fill(volatile uint32_t *begin, const volatile uint32_t *end, uint32_t value)
 {
-    for (;;) {
+    volatile uint32_t *at = begin;
+
+    while (at != end) {
+        *at = value;
+        at = &at[1];
     }
-}
-
-__attribute__((weak)) void nmi_handler(void)
-{
-    fault_handler();
-}
-
-__attribute__((weak)) void systick_handler(void)
-{
-    fault_handler();
-}
-
-__attribute__((weak)) void uart_receive_handler(void)
-{
-    fault_handler();
 }
 
 void reset_handler(void)
 {
-    volatile uint32_t *to;
+    volatile uint32_t *to = _data;
     const uint32_t *from = _data_load;
 
-    for (to = _data; to < _data_end; to++) {
-        *to = *from++;
+    while (to != _data_end) {
+        *to = *from;
+        to = &to[1];
+        from = &from[1];
     }
-    for (to = _bss; to < _bss_end; to++) {
-        *to = 0u;
-    }
-    for (to = _stack_limit; to < (uint32_t *)__builtin_frame_address(0) - 16; to++) { /* not what is in use here */
-        *to = STACK_UNUSED;
-    }
+    fill(_bss, _bss_end, 0u);
+    fill(_stack_limit, _stack_unused_end, STACK_UNUSED);
     (void)main();
     fault_handler();
 }

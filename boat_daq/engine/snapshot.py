@@ -213,6 +213,9 @@ class LinkWarning:
     text: str
 
 
+LATE_MS = 500.0  # `lag_ms` above which the operator is warned
+
+
 @dataclass(frozen=True, slots=True)
 class HealthSnapshot:
     """State of the link at one instant; counters since the link was made."""
@@ -226,6 +229,12 @@ class HealthSnapshot:
     jitter_ms: float | None  # rms about the fit
     offset_ms: float | None  # host time of board time 0, from the first sample's arrival
     warnings: tuple[LinkWarning, ...]
+    at_risk_ms: float = 0.0  # what a crash would cost at most: commit interval and the disk's latency, as measured
+
+    @property
+    def late(self) -> bool:
+        """Whether samples wait too long for the disk."""
+        return self.lag_ms > LATE_MS
 
 
 @dataclass(frozen=True, slots=True)

@@ -330,7 +330,7 @@ class LinkHealth:
     statistics : the link's counters, such as ``lambda: link.statistics``.
     asked_hz : the rate that START requested.
     real_time : False for a virtual board at another speed: its clock is not compared with the host's.
-    lag_ms : the recorder's lag.
+    lag_ms, at_risk_ms : the recorder's.
     clock_ns : host monotonic clock.
     """
 
@@ -341,12 +341,13 @@ class LinkHealth:
         asked_hz: float | None = None,
         real_time: bool = True,
         lag_ms: Callable[[], float] = lambda: 0.0,
+        at_risk_ms: Callable[[], float] = lambda: 0.0,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.statistics = statistics
         self.asked_hz = asked_hz
         self.real_time = real_time
-        self.lag_ms = lag_ms
+        self.lag_ms, self.at_risk_ms = lag_ms, at_risk_ms
         self._clock_ns = clock_ns
         self._fit = ClockFit()
         self._window: deque[tuple[int, int]] = deque()  # (time_us of the newest, samples that came with it)
@@ -378,6 +379,7 @@ class LinkHealth:
             self._fit.jitter_ms if self.real_time else None,
             self._fit.offset_ms if self.real_time else None,
             tuple(_warnings(statistics, rate_hz, self.asked_hz, silent_s, drift_ppm)),
+            self.at_risk_ms(),
         )
 
     def _add(self, time_us: int, n: int, host_ns: int) -> None:

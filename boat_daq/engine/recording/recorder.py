@@ -1,14 +1,19 @@
 """The recorder: a sink that keeps everything, on its own thread, and loses nothing it has acknowledged.
 
-Rules: the reading thread only puts a block into a queue. The writing thread commits what is there every 100 ms, bytes
-and the samples decoded from them in one transaction. When the disk fails, the session is notified once, and what is not
-yet written is kept in bounded memory and tried again: nothing is lost if disk space is freed in time. When that memory
-is full, no later byte is taken, so that a file is always an unbroken beginning of the session."""
+Rules: the reading thread only puts a block into a queue. The writing thread, first in line where the system allows it,
+commits what is there every 100 ms, bytes and the samples decoded from them in one transaction: a crash costs that time
+and the disk's latency, which is measured (`at_risk_ms`). When the disk fails, the session is notified once, and what is
+not yet written is kept in bounded memory and tried again: nothing is lost if disk space is freed in time. When that
+memory is full, no later byte is taken, so that a file is always an unbroken beginning of the session."""
 
 from __future__ import annotations
 
+import contextlib
+import os
+import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
@@ -25,6 +30,8 @@ from boat_daq.errors import OperatorError, StorageError
 from protocol.recording import RunEnd, describe_dtype, open_recording, sample_dtype
 
 COMMIT_S = 0.1
+LATENCIES_KEPT = 100  # commits: ten seconds
+WRITER_NICE = -10
 RETRY_S = 1.0
 MEMORY_BYTES_MAX = 128 * 2**20  # of what is not yet written
 _ITEM_BYTES = 400  # a block costs its bytes about twice, and this
@@ -77,6 +84,7 @@ class Recorder:
         self._waiting: list[Statement] = []  # not yet committed
         self._oldest_ns: int | None = None  # of what waits
         self._held_bytes = 0
+        self._latencies_ms: deque[float] = deque(maxlen=LATENCIES_KEPT)  # of the disk, newest last
         self._changed = threading.Condition()
         self._taken = self._committed = 0  # items
         self._steps = before.step
@@ -115,6 +123,16 @@ class Recorder:
         with self._changed:
             oldest = self._oldest_ns if self._oldest_ns or not self._queue else self._queue[0][0]
         return 0.0 if oldest is None else max(0.0, (time.monotonic_ns() - oldest) / 1e6)
+
+    @property
+    def at_risk_ms(self) -> float:
+        """What a crash would cost at most, as measured.
+
+        The commit interval and the slowest commit of the last ten seconds, or what waits now if that is more.
+        """
+        with self._changed:
+            slowest_ms = max(self._latencies_ms, default=0.0)
+        return max(self.lag_ms, 1e3 * COMMIT_S + slowest_ms)
 
     def attached(self, decoder_state: Mapping[str, Any]) -> None:
         """Take the decoder's state before the first bytes of a link (`add_recorder`)."""
@@ -240,6 +258,7 @@ class Recorder:
 
     def _run(self) -> None:
         """Commit every 100 ms and check the file every second, on the writing thread."""
+        _raise_priority()
         stopping, due_s = False, time.monotonic()
         while not stopping:
             due_s = max(due_s + COMMIT_S, time.monotonic())  # the time that a commit takes does not put off the next
@@ -294,6 +313,7 @@ class Recorder:
             self._changed.notify_all()
 
     def _write(self) -> None:
+        began_s = time.monotonic()
         try:
             self._file.commit(self._waiting)
         except StorageError as error:
@@ -304,6 +324,8 @@ class Recorder:
             self._reported.discard(self._error.cause)
             self._error = None
         self._waiting = []
+        with self._changed:
+            self._latencies_ms.append(1e3 * (time.monotonic() - began_s))
 
     def _report(self, error: StorageError) -> None:
         """Report to the session, once for each cause."""
@@ -311,6 +333,19 @@ class Recorder:
             return
         self._reported.add(error.cause)
         self._on_error(error)
+
+
+def _raise_priority() -> None:
+    """Have the system run this thread before others, where it allows that: a busy computer delays commits less."""
+    if sys.platform == "linux":
+        with contextlib.suppress(PermissionError):  # of a user without the right (RLIMIT_NICE)
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), WRITER_NICE)
+    elif sys.platform == "win32":
+        import ctypes
+
+        kernel = ctypes.windll.kernel32
+        kernel.GetCurrentThread.restype = ctypes.c_void_p
+        kernel.SetThreadPriority(ctypes.c_void_p(kernel.GetCurrentThread()), 2)  # THREAD_PRIORITY_HIGHEST
 
 
 def append_reading(path: Path, reading: Reading) -> None:

@@ -21,7 +21,7 @@ from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.recording.rows import reading_row
-from boat_daq.engine.snapshot import HealthSnapshot, Message, MessageKind, Reading, RunEnding
+from boat_daq.engine.snapshot import LATE_MS, HealthSnapshot, Message, MessageKind, Reading, RunEnding
 from boat_daq.errors import OperatorError
 
 MESSAGES = 50
@@ -38,11 +38,25 @@ class Journal:
         self.readings: list[Reading] = []
         self.ended: RunEnding | None = None  # the recording's last run
         self._last = 0
+        self._late = False
 
     @property
     def lag_ms(self) -> float:
         """Age of the oldest thing not yet on disk."""
         return self.recorder.lag_ms if self.recorder is not None else 0.0
+
+    @property
+    def at_risk_ms(self) -> float:
+        """What a crash would cost at most."""
+        return self.recorder.at_risk_ms if self.recorder is not None else 0.0
+
+    def watch_disk(self) -> None:
+        """Warn once when samples wait too long for the disk, and again when it happens after they were in time."""
+        lag_ms = self.lag_ms
+        if lag_ms > LATE_MS and not self._late:
+            cause = f"the last {lag_ms / 1e3:.1f} s are not yet on the disk: a crash now would lose them"
+            self.tell(MessageKind.STORAGE, "warning", cause, "close programs that write to that disk, or use another")
+        self._late = lag_ms > (LATE_MS / 2 if self._late else LATE_MS)
 
     def begin(self, recorder: Recorder, broken: BrokenRun | None = None) -> None:
         """Begin a recording, with the steps and readings of the run that it resumes."""
@@ -156,6 +170,7 @@ def health_line(link: str, run: str, health: HealthSnapshot | None, recorder: Re
         s = health.statistics
         rate = "-" if health.rate_hz is None else f"{health.rate_hz:.2f}"
         parts.append(f"rate_hz={rate} samples={s.samples} lost={s.lost} crc={s.crc_errors} lag_ms={health.lag_ms:.0f}")
+        parts.append(f"at_risk_ms={health.at_risk_ms:.0f}")
     parts.append(f"queue={recorder.queued if recorder else 0}")
     if recorder is not None:
         with contextlib.suppress(OSError):

@@ -175,6 +175,7 @@ class LinkSupervisor:
                 control.tick(time.monotonic_ns())
             if self.health is not None:
                 self.health.real_time = control.board.meter.speed <= FAST
+            self._journal.watch_disk()
 
     def _tell(self, kind: MessageKind, level: str, cause: str, remedy: str = "") -> None:
         with self._acting():
@@ -202,7 +203,10 @@ class LinkSupervisor:
         reader = PortReader(port.transport, port.link)
         with self._acting() as control:
             health = LinkHealth(
-                lambda: reader.statistics, asked_hz=control.stream.rate_hz, lag_ms=lambda: self._journal.lag_ms
+                lambda: reader.statistics,
+                asked_hz=control.stream.rate_hz,
+                lag_ms=lambda: self._journal.lag_ms,
+                at_risk_ms=lambda: self._journal.at_risk_ms,
             )
             reader.add_sink(health)
             reader.add_sink(self._take)

@@ -104,7 +104,7 @@ def _figures(snapshot: SessionSnapshot) -> tuple[tuple[str, str], ...]:
         (f"Last data {age}", "off") if age else (rate, "warning" if off else ""),
         (f"{counts.lost} lost", "warning" if counts.lost else ""),
         (f"{damaged} damaged", "warning" if damaged else ""),
-        (f"Delay {number(health.lag_ms, 0)} ms", "warning" if health.lag_ms > 500 else ""),
+        (f"Delay {number(health.lag_ms, 0)} ms", "warning" if health.late else ""),
     )
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import sys
 import threading
 import time
 
@@ -11,7 +13,8 @@ import pytest
 
 from boat_daq.engine.link.reader import Block
 from boat_daq.engine.plan import StepMark
-from boat_daq.engine.recording.recorder import Recorder, append_reading
+from boat_daq.engine.qualification.drills import slow_commits
+from boat_daq.engine.recording.recorder import WRITER_NICE, Recorder, append_reading
 from boat_daq.engine.recording.rows import step_row
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.errors import OperatorError, StorageError
@@ -29,6 +32,31 @@ def test_samples_and_bytes_are_in_the_file_as_they_came(recorder, source, path):
     assert stored_samples(path) == np.concatenate(source.samples).tobytes()
     assert b"".join(row[0] for row in rows(path, "SELECT raw FROM chunk ORDER BY id")) == b"".join(source.raw)
     assert verify_recording(path).identical
+
+
+def test_what_a_crash_would_cost_is_measured(recorder, source):
+    """The commit interval and the slowest commit of late; what waits now where that is more."""
+    with slow_commits(0.15):
+        recorder(source.next())
+        assert recorder.flush()
+    assert 100 + 150 <= recorder.at_risk_ms < 100 + 150 + 400
+    assert recorder.at_risk_ms >= recorder.lag_ms
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a thread's priority cannot be read")
+def test_writer_runs_first_where_the_system_allows_it(recorder, path):
+    """Its nice value is -10, or that of this program where its user has no right to lower it."""
+    try:
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), os.getpriority(os.PRIO_PROCESS, 0) - 1)
+        expected = WRITER_NICE
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), os.getpriority(os.PRIO_PROCESS, 0) + 1)
+    except PermissionError:
+        expected = os.getpriority(os.PRIO_PROCESS, 0)
+    recorder.flush()
+    (writer,) = [thread for thread in threading.enumerate() if thread.name == f"recorder {path.name}"]
+    assert writer.native_id is not None
+    assert os.getpriority(os.PRIO_PROCESS, writer.native_id) == expected
+    assert os.getpriority(os.PRIO_PROCESS, os.getpid()) > WRITER_NICE
 
 
 def test_a_closed_recording_is_one_plain_file_that_names_itself(recorder, source, path):

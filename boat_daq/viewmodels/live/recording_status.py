@@ -66,15 +66,14 @@ class RecordingStatus:
         left = f"{size_text(self._left)} free"
         little = self._left < LITTLE_SPACE
         health = snapshot.health
-        late = f"{health.lag_ms / 1e3:.1f} s not on the disk" if health is not None and health.late else ""
         cost = f"\na crash now would cost at most {health.at_risk_ms / 1e3:.2f} s" if health is not None else ""
         pace = self._size / snapshot.recorded_s if snapshot.recorded_s > 0 else 0.0
         lasts = f", enough for {duration(self._left / pace)} at this rate" if pace else ""
         tip = f"{path.name}\nin {path.parent} (click to open it)\n{size_text(self._size)}, {left}{lasts}{cost}"
         button = "" if snapshot.state in UNDER_WAY else STOP
-        wrong = late or (left if little else "")
-        text = "   ".join((short, size_text(self._size), late or left))
-        return RecordingText(text, f"{short}   {wrong}" if wrong else short, tip, "warning" if wrong else "", button)
+        text = "   ".join((short, size_text(self._size), left))
+        wrong = little or (health is not None and health.late)
+        return RecordingText(text, f"{short}   {left}" if little else short, tip, "warning" if wrong else "", button)
 
     def _look(self, path: Path) -> None:
         """Look at size and disk where it is due."""

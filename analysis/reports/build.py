@@ -169,7 +169,7 @@ def _facts(analysis: Analysis) -> tuple[tuple[str, str], ...]:
     name = plan.get("name", "") if isinstance(plan, dict) else (plan or "")
     rows = [
         ("Unit", meta.get("unit")),
-        ("Operator", meta.get("operator")),
+        *((label, text) for label, text in recording.metadata.lines() if label != "Note"),
         ("Recorded", date_of(recording.started_utc)),
         ("Board", meta.get("board_id")),
         ("Plan", name),

@@ -116,8 +116,9 @@ def _part(part: SectionPart) -> dict[str, Any]:
         rows = [[_cell(cell, number=side) for cell, side in zip(row, right, strict=True)] for row in table.rows]
         head = [printable(name) for name in table.header]
         caption = printable(typeset(table.caption))
-        longest = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
-        words = not right[longest.index(max(longest))]  # the widest column wraps before the type becomes small
+        longest = [max((len(row[k]) for row in rows), default=0) for k in range(len(head))]
+        widest = max(range(len(head)), key=lambda k: max(longest[k], len(head[k])))
+        words = not right[widest] or len(head[widest]) > longest[widest]  # words wrap before the type becomes small
         return {
             "kind": "table", "header": head, "rows": rows, "right": right, "words": words, "numeric": table.numeric,
             "caption": caption,

@@ -156,6 +156,7 @@ def metadata_of(connection: sqlite3.Connection, meta: Mapping[str, Any]) -> Meta
     stated = meta.get("metadata") or {}
     try:
         stated = stated if added is None else json.loads(str(added[0]))
-        return Metadata.of({"operator": meta.get("operator"), **stated, "note": note_of(connection, meta)})
-    except (ValueError, TypeError, RecursionError) as error:
+        operator = stated.get("operator") or meta.get("operator")
+        return Metadata.of({**stated, "operator": operator, "note": note_of(connection, meta)})
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise RecordingError(f"the recording's metadata cannot be read: {error}", FOREIGN) from error

@@ -27,6 +27,7 @@ from analysis.calibration.compare import Agreement, compare_fits
 from analysis.calibration.fit import Calibration
 from analysis.calibration.inverse import Inverse, raise_without_inverse
 from analysis.calibration.type_b import Traceability, TypeBContribution, not_assessed, traceability
+from analysis.certificates.laboratory import Laboratory
 from analysis.conformity import RULE
 from analysis.errors import AnalysisError, DataError, RequestError
 from analysis.figures.acceptance import LimitStatement, judge
@@ -56,42 +57,6 @@ METHOD = (
 )
 ADJUSTMENT = "No adjustment or repair was made: the results apply to the item as found and as left."
 FIGURES = ("sensitivity_mv_per_mm", "fso_mv", "sensor_hysteresis_percent_fso", "repeatability_percent_fso", "snr_db")
-
-
-@dataclass(frozen=True, slots=True)
-class Laboratory:
-    """The laboratory that issues a certificate.
-
-    Attributes
-    ----------
-    name : is required; what else is empty is not stated.
-    country_code : two letters, ISO 3166-1.
-    accreditation : its number or code.
-    procedure : of the calibration, as the laboratory names it.
-    signatory : who authorises the certificate.
-    """
-
-    name: str
-    street: str = ""
-    post_code: str = ""
-    city: str = ""
-    country_code: str = ""
-    email: str = ""
-    phone: str = ""
-    accreditation: str = ""
-    procedure: str = ""
-    signatory: str = ""
-
-    def __post_init__(self) -> None:
-        code = self.country_code
-        if code and not (len(code) == 2 and code.isascii() and code.isalpha() and code.isupper()):
-            raise RequestError(f"the laboratory's country_code is {code!r:.20}", "Give two capital letters, as in DE.")
-
-    @property
-    def address(self) -> str:
-        """The address on one line."""
-        town = " ".join(filter(None, (self.post_code, self.city)))
-        return ", ".join(filter(None, (self.street, town, self.country_code)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,9 +32,9 @@ from analysis.certificates.certificate import (
     CalibratedItem,
     CalibratedSensor,
     Certificate,
-    Laboratory,
     figure_label,
 )
+from analysis.certificates.laboratory import Laboratory
 from analysis.conformity import RULE, Conformity
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.uncertainty import COVERAGE_FACTOR

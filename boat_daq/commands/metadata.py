@@ -22,7 +22,7 @@ def metadata(
     ] = "",
     as_json: JsonOption = False,
 ) -> None:
-    """Show the metadata of a recording, or state them; the unit's next recording states customer and item, too.
+    """Show the metadata of a recording, or state them; the unit's next recording states them, too.
 
     Keys: operator, customer, item, serial_number, note, ambient_temperature_c, ambient_humidity_percent; any other key
     names a field of your own. What was stated before stays in the file.

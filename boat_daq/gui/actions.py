@@ -15,11 +15,13 @@ from boat_daq.gui.main_window import MainWindow
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.registry import Command
+from boat_daq.gui.results.metadata_form import MetadataForm
 from boat_daq.gui.results.runs_page import RunsPage
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Page, Panel
 from boat_daq.viewmodels.live.shadow_live import SCALES
+from boat_daq.viewmodels.results.metadata import MetadataModel
 
 CONNECTED = "Disconnect the board first."
 NO_GRID = "No plateau of the virtual board waits for a reading."
@@ -46,6 +48,10 @@ def session(window: MainWindow) -> list[Command]:
     def has_port() -> bool:
         return model.snapshot.port is not None
 
+    def state_metadata() -> None:
+        units, unit = model.units.of(simulated=model.snapshot.simulated), model.unit.name(model.snapshot)
+        attempt(lambda: MetadataForm(window, MetadataModel.of_unit(units, unit, model.undo), model.services).show())
+
     start = partial(attempt, connection.start_virtual_board)
     return [
         add("Vent now", "F4", window.vent, also="emergency release deflate"),
@@ -63,6 +69,7 @@ def session(window: MainWindow) -> list[Command]:
         add("Disconnect", "Ctrl+Shift+K", partial(attempt, connection.disconnect), has_port),
         add("Start or close the recording", "Ctrl+R", run.toggle_recording, model.connected, apart=True),
         add("Add marker …", "Ctrl+M", window.live.ask_marker, model.connected, also="mark note comment moment"),
+        add("Metadata of the next recordings …", "Ctrl+Shift+E", state_metadata, also="operator customer item serial"),
         add("Apply suggested action", "Ctrl+J", strip.apply, strip.has_action, apart=True, also="message do"),
         add("Dismiss message", "Ctrl+D", strip.dismiss, strip.has_notice),
         add("Cancel task", "Ctrl+.", strip.cancel_job, lambda: bool(model.jobs.running()), also="work job stop"),
@@ -178,6 +185,9 @@ def calibration(window: MainWindow) -> list[Command]:
     def export() -> None:
         window.pages[Page.CALIBRATE].ask_export()
 
+    def certify() -> None:
+        window.pages[Page.CALIBRATE].show_certificate()
+
     def exportable() -> bool:
         return window.page is Page.CALIBRATE and model.exports()
 
@@ -189,6 +199,7 @@ def calibration(window: MainWindow) -> list[Command]:
         add("Accept the calibration", "Ctrl+Return", model.request_acceptance, acceptable),
         add("Type B contributions …", "Ctrl+Alt+U", on_page(edit_contributions), has_result, also="uncertainty scale"),
         add("Export calibration …", "Ctrl+Alt+K", export, exportable, also="c matlab octave json code table"),
+        add("Certificate …", "Ctrl+Alt+Z", certify, exportable, also="iso 17025 dcc pdf xml customer laboratory"),
         add("Report of the run shown …", "Ctrl+Shift+R", window.ask_report, has_report, also="pdf html print"),
     ]
 
@@ -216,6 +227,7 @@ def recordings(window: MainWindow) -> list[Command]:
         command("Correct its readings …", "Ctrl+Alt+E", "readings"),
         command("Rename it …", "Ctrl+Alt+F", "rename"),
         command("Write a note on it …", "Ctrl+Alt+N", "note", also="comment"),
+        command("State its metadata …", "Ctrl+Alt+I", "metadata", also="customer item serial number ambient"),
         command("Resume this run", "Ctrl+Alt+G", "resume"),
         command("Replay it in real time", "Ctrl+Alt+P", "replay"),
         command("Export it as CSV …", "Ctrl+Alt+X", "export"),

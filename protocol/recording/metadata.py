@@ -21,7 +21,7 @@ METADATA_EVENT = "metadata"  # `event.kind` of metadata, as JSON; the newest cou
 MOST = 20_000  # letters of one text
 TEXTS = ("operator", "customer", "item", "serial_number", "note")
 RANGES = {"ambient_temperature_c": (-90.0, 200.0), "ambient_humidity_percent": (0.0, 100.0)}
-OF_A_UNIT = ("customer", "item", "serial_number")
+OF_A_UNIT = ("operator", "customer", "item", "serial_number")
 """The keys that stay the same from recording to recording of a unit; its free fields do, too."""
 
 
@@ -156,7 +156,8 @@ def metadata_of(connection: sqlite3.Connection, meta: Mapping[str, Any]) -> Meta
     stated = meta.get("metadata") or {}
     try:
         stated = stated if added is None else json.loads(str(added[0]))
-        operator = stated.get("operator") or meta.get("operator")
+        operators = stated.get("operator"), meta.get("operator")  # that of the session counts before a remembered one
+        operator = next(filter(None, operators if added is not None else operators[::-1]), "")
         return Metadata.of({**stated, "operator": operator, "note": note_of(connection, meta)})
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise RecordingError(f"the recording's metadata cannot be read: {error}", FOREIGN) from error

@@ -1,8 +1,8 @@
 """State the metadata of a closed recording, remember them for its unit, keep templates of them.
 
 Rules: what is stated is a newer event of the recording, so what was stated before stays, and samples are not touched.
-A unit's file remembers what stays the same (customer, item, serial number, free fields) for its next recording; ambient
-conditions and notes are of one recording. A template is a small TOML file with the same keys.
+A unit's file remembers what stays the same (operator, customer, item, serial number, free fields) for its next
+recording; ambient conditions and notes are of one recording. A template is a small TOML file with the same keys.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def save_template(name: str, metadata: Metadata, folder: Path | None = None) -> 
     OperatorError : the name cannot be used. StorageError : it cannot be written.
     """
     path = path_in(_templates(folder), f"{name}.toml")
-    write_stored(path, tomli_w.dumps(_stated(metadata.of_unit()) | _stated(Metadata(operator=metadata.operator))))
+    write_stored(path, tomli_w.dumps(_stated(metadata.of_unit())))
     return path
 
 

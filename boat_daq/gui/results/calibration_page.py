@@ -16,6 +16,7 @@ from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, ThemeColour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
+from boat_daq.gui.results.certificate_panel import CertificatePanel
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.results.contributions_form import ContributionsForm
 from boat_daq.gui.results.figure_table import SIDE, FigureTable
@@ -56,6 +57,7 @@ NO_CYCLE = "A loop needs one complete cycle."
 NO_READINGS = "Elongation over pressure needs the readings of a complete cycle."
 BRANCHES = (("Loading", "Residual, loading", True), ("Unloading", "Residual, unloading", False))
 CONTRIBUTIONS_TIP = "State what grid, parallax, pressure gauge and temperature add to the uncertainty"
+CERTIFICATE_TIP = "Certificate of this calibration as PDF and XML: requests what is missing, and shows the pages"
 CHOICE_TIP = "The curve of all sensors; cross-validation takes for each the simplest that predicts best"
 CURVE_TIPS = {
     1: "Whether the curve follows the readings within their scatter",
@@ -273,10 +275,11 @@ class CalibrationPage(QWidget):
         self.again = widgets.button("Analyse again", self._again)
         self.sample = widgets.button(BANDS, lambda: self.services.notices.attempt(self.model.sample), tip=BANDS_TIP)
         self.report = widgets.button("Report \u2026", partial(self.services.show, Panel.REPORT))
+        self.certificate = widgets.button("Certificate …", self.show_certificate, tip=CERTIFICATE_TIP)
         self.accept = widgets.button(ACCEPT, self._accept, "primary", tip=ACCEPT_TIP)
         ask = partial(ask_open, self, self.services, "Open a recording or a table", "boat csv", self.services.open)
         opens = widgets.button("Open \u2026", ask)
-        buttons = widgets.row(self.again, opens, self.sample, self.report, self.accept)
+        buttons = widgets.row(self.again, opens, self.sample, self.report, self.certificate, self.accept)
         self.head = widgets.row((widgets.column(self.verdict, self.headline, spacing=0), 1), buttons)
         return widgets.card(self.head, self._warnings())[0]
 
@@ -292,6 +295,12 @@ class CalibrationPage(QWidget):
 
     def _accept(self) -> None:
         self.model.request_acceptance(anyway=bool(self.model.out_of_tolerance()))  # as the button reads
+
+    def show_certificate(self) -> None:
+        """Show the certificate of the run in a panel beside the window."""
+        self.services.notices.attempt(
+            lambda: CertificatePanel(self.window(), self.model.certificate(), self.services).show()
+        )
 
     def ask_export(self) -> None:
         """Save the calibration that is shown as data or code."""
@@ -386,6 +395,7 @@ class CalibrationPage(QWidget):
         self.sample.setEnabled(self.model.samples())
         self.report.setEnabled(result is not None)
         self.export.setEnabled(self.model.exports())
+        self.certificate.setEnabled(result is not None and result.calibrated)
         if result is None:
             self._clear()
             return

@@ -33,6 +33,7 @@ from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, ramp_colour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.closed_readings import ClosedReadings
+from boat_daq.gui.results.metadata_form import MetadataForm
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
@@ -60,7 +61,7 @@ LEAST_SPAN_MV = 0.1  # of a comparison, so that noise looks small
 RUN_ROLE = Qt.ItemDataRole.UserRole
 OPTIONAL = ("Readings", "Length", "Cycles")  # columns hidden in this order where the name of the file is cut
 USUAL_NAME = "20260101-000000_SA1.boat"  # what the program names a recording
-UNDER_LIST = ("rename", "note", "resume", "recover")  # buttons beside the details of the run
+UNDER_LIST = ("rename", "note", "metadata", "resume", "recover")  # buttons beside the details of the run
 NO_UNITS = "Calibrations accepted on the Calibrate page are listed here with their unit."
 HISTORY = "The sensitivity of the unit in use at each of its accepted calibrations."
 DIFFERENCE = "The curve of each run less the curve of the first one, over elongation."
@@ -155,6 +156,7 @@ class RunsPage(QWidget):
             "compare": widgets.button("Compare", self._compare, tip="Two to four runs of one unit"),
             "rename": widgets.button("Rename …", self._rename, tip="Rename the recording and its companion files"),
             "note": widgets.button("Note …", self._note, tip="Add a note; the search finds it"),
+            "metadata": widgets.button("Metadata …", self._metadata, tip="Customer, item, ambient conditions"),
             "recover": widgets.button(
                 "Recover", self._recover, tip="Close the file; save what is readable of a damaged one"
             ),
@@ -270,6 +272,11 @@ class RunsPage(QWidget):
         add = partial(self.model.note, run)
         TextDialog(self, "Note", words, run.note, "Save", lambda text: attempt(partial(add, text)))
 
+    def _metadata(self) -> None:
+        """Show the form of the recording's metadata beside the window."""
+        run, attempt = self.selected()[0], self.services.notices.attempt
+        attempt(lambda: MetadataForm(self, self.model.metadata(run), self.services).show())
+
     def _compare(self) -> None:
         self.services.notices.attempt(lambda: self.model.compare(self._paths()))
 
@@ -279,7 +286,18 @@ class RunsPage(QWidget):
 
     def _enable(self) -> None:
         chosen = self.selected()
-        for key in ("open", "repeat", "replay", "export", "readings", "report", "compare", "rename", "note"):
+        for key in (
+            "open",
+            "repeat",
+            "replay",
+            "export",
+            "readings",
+            "report",
+            "compare",
+            "rename",
+            "note",
+            "metadata",
+        ):
             widgets.allow(self.buttons[key], obstacle(key, chosen))
         self.buttons["resume"].setVisible(len(chosen) == 1 and chosen[0].resumable)
         self.buttons["recover"].setVisible(any(run.recoverable for run in chosen))

@@ -41,7 +41,9 @@ from boat_daq.viewmodels.results.analysis_jobs import (
     export_calibration,
     sample_run,
 )
+from boat_daq.viewmodels.results.certificates import CertificateModel
 from boat_daq.viewmodels.results.contributions import ContributionsModel, traceability_text
+from boat_daq.viewmodels.results.metadata import MetadataModel
 from protocol.recording.elongation_file import read_elongation_rows
 
 Cells = tuple[str, ...]
@@ -189,6 +191,20 @@ class CalibrationModel:
 
         stated = ContributionsModel(self._units_of(result), result.unit, self._services.undo, changed)
         return stated
+
+    def certificate(self) -> CertificateModel:
+        """Return the state of the certificate's panel for the run that is shown.
+
+        Raises
+        ------
+        OperatorError : no calibration is shown.
+        """
+        result = self.result
+        if result is None or not result.calibrated:
+            raise OperatorError("there is no calibration to certify", "Analyse a run with readings first.")
+        path, units = Path(result.path), self._units_of(result)
+        stated = MetadataModel.of_recording(path, units, result.unit, self._services.undo)
+        return CertificateModel(stated, path, self.choice, self.jobs, self._services)
 
     def traceability(self) -> str:
         """Return whether an elongation is traceable, as a sentence; empty where none is given."""

@@ -1,4 +1,4 @@
-"""Certificates of recordings: the laboratory's file, what is missing, and the jobs that write and show them.
+"""Certificates of recordings: the laboratory's file, the jobs that write and show them, and the panel's state.
 
 Rules: a laboratory is stated once, in `laboratory.toml` of the settings' folder. The calibration that was in force
 before, for "as found", is the newest accepted one of another recording, of the same kind of board.
@@ -14,14 +14,19 @@ from typing import TYPE_CHECKING, Any
 
 import tomli_w
 
+from analysis.certificates.laboratory import Laboratory
 from analysis.progress import Progress, part_of
 from boat_daq.engine.settings import UnitLibrary, home, write_stored
 from boat_daq.engine.toml_values import build, parse_toml, read_text
 from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
+from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.reference import chosen_curve, identity, stated_contributions
+from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.results.metadata import FIELDS, MetadataModel
 
 if TYPE_CHECKING:
-    from analysis.certificates.certificate import Certificate, Laboratory, Request
+    from analysis.certificates.certificate import Certificate, Request
     from analysis.data.recording import Recording
     from analysis.figures.pipeline import Analysis
 
@@ -68,8 +73,6 @@ def load_laboratory(path: Path | None = None, folder: Path | None = None) -> Lab
     ------
     OperatorError : the file is refused, by key.
     """
-    from analysis.certificates.certificate import Laboratory
-
     stored = (folder or home()) / LABORATORY_FILE
     if path is None and not stored.exists():
         return None
@@ -186,3 +189,110 @@ def preview_certificate(order: CertificateOrder, *, progress: Progress | None = 
 
     certificate = certificate_for(order, progress)
     return certificate.number, certificate_pages(certificate)
+
+
+LABORATORY_FIELDS = (
+    ("name", "Laboratory"),
+    ("street", "Street"),
+    ("post_code", "Post code"),
+    ("city", "City"),
+    ("country_code", "Country (DE)"),
+    ("accreditation", "Accreditation"),
+    ("procedure", "Procedure"),
+    ("signatory", "Authorised by"),
+)
+"""Key and label of what is requested of the laboratory, once."""
+
+
+class CertificateModel:
+    """State of the certificate's panel: what is missing, its pages, the files.
+
+    Parameters
+    ----------
+    metadata : of the recording. path, curve : of the run that is certified.
+    jobs : where pages and files are made. services : of the window.
+    """
+
+    def __init__(self, metadata: MetadataModel, path: Path, curve: str, jobs: JobRunner, services: Services) -> None:
+        self.metadata, self.path = metadata, path
+        self._order = CertificateOrder((path,), curve=curve)
+        self._jobs, self._notices = jobs, services.notices
+        self.number = ""
+        self.pages: list[bytes] = []
+        self.failure = ""
+        self.revision = 0
+
+    @property
+    def working(self) -> bool:
+        """Whether pages are being made."""
+        return self._jobs.get("certificate") is not None
+
+    def missing(self) -> tuple[tuple[str, str], ...]:
+        """Return key and label of what the recording does not state; a note is never missing.
+
+        Raises
+        ------
+        RecordingError : it cannot be read.
+        """
+        stated = self.metadata.stated().as_json()
+        return tuple((key, label) for key, label in FIELDS if key != "note" and stated[key] in ("", None))
+
+    def missing_laboratory(self) -> tuple[tuple[str, str], ...]:
+        """Return key and label of what is requested of the laboratory: nothing once it is stored.
+
+        Raises
+        ------
+        OperatorError : its file is refused.
+        """
+        return () if load_laboratory() is not None else LABORATORY_FIELDS
+
+    def state(self, metadata: Mapping[str, str], laboratory: Mapping[str, str]) -> None:
+        """Store what was typed and make the pages.
+
+        Parameters
+        ----------
+        metadata, laboratory : texts by key; those that are empty stay missing.
+
+        Raises
+        ------
+        LocalError, AnalysisError : a value cannot be used. StorageError : it cannot be stored.
+        """
+        stated = {key: text.strip() for key, text in laboratory.items() if text.strip()}
+        if stated.get("name"):
+            store_laboratory(Laboratory(**stated))
+        given = {key: text for key, text in metadata.items() if text.strip()}
+        if given:
+            self.metadata.state(given)
+        self.show()
+
+    def show(self) -> None:
+        """Make the pages in the background."""
+        self.failure = ""
+        job = Job("Making the certificate", preview_certificate, self._order)
+        self._jobs.start("certificate", job, self._shown)
+        self.revision += 1
+
+    def _shown(self, job: Job) -> None:
+        if job.state is JobState.DONE:
+            self.number, self.pages = job.result
+        elif job.failure is not None:
+            self.pages, self.failure = [], f"{job.failure.cause}. {job.failure.remedy}".strip()
+        self.revision += 1
+
+    def write(self, target: Path) -> None:
+        """Write PDF and XML in the background, beside each other.
+
+        Parameters
+        ----------
+        target : of the PDF; the XML has its name with another ending.
+        """
+        targets = (target.with_suffix(".pdf"), target.with_suffix(".xml"))
+        job = Job("Writing the certificate", write_certificates, self._order, targets)
+
+        def ended(job: Job) -> None:
+            if job.failure is not None:
+                self._notices.add(Severity.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
+            elif job.state is JobState.DONE:
+                self._notices.inform_saved(targets[0])
+
+        self._jobs.start("certificate files", job, ended)

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from time import monotonic
@@ -36,6 +37,7 @@ from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands, RunResult, compare_runs, export_run, report_runs
+from boat_daq.viewmodels.results.metadata import MetadataModel
 from protocol.errors import DamagedRecordingError, ProtocolError
 from protocol.recording import SUFFIX, RunEnd, open_recording, schema
 
@@ -49,7 +51,7 @@ STATES = {
     "interrupted": "\u25b2 interrupted",
 }  # fmt: skip
 CHOOSE_ONE, CHOOSE_SOME = "Choose a recording in the list.", "Choose one or more recordings in the list."
-CHANGES = ("readings", "rename", "note")  # of a recording
+CHANGES = ("readings", "rename", "note", "metadata")  # of a recording
 NONE_CHOSEN = "Choose a recording to calibrate, replay or export it, or two to four to compare them."
 
 
@@ -365,6 +367,18 @@ class RunsModel:
         if text != before:
             add = self._add_note
             self._undo.push(Change("note", lambda: add(run.path, text), lambda: add(run.path, before)))
+
+    def metadata(self, run: RunEntry) -> MetadataModel:
+        """Return the form of a closed recording's metadata.
+
+        Raises
+        ------
+        OperatorError : it is not closed.
+        """
+        if run.summary is None or not run.closed:
+            raise OperatorError(f"{run.path.name} is not closed", "Close or recover the recording first.")
+        units, changed = self.units.of(simulated=run.summary.simulated), partial(self.select, run.path)
+        return MetadataModel.of_recording(run.path, units, run.summary.unit or "", self._undo, changed)
 
     def _add_note(self, path: Path, text: str) -> None:
         add_note(path, text)

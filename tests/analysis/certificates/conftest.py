@@ -10,7 +10,8 @@ import pytest
 
 from analysis import Analysis, Options, analyse
 from analysis.calibration.type_b import contributions
-from analysis.certificates.certificate import Laboratory, Request
+from analysis.certificates.certificate import Request
+from analysis.certificates.laboratory import Laboratory
 from tests.analysis.boat_builder import PAPER, Plant, Staircase
 
 SCHEMA = Path(__file__).parent / "schema" / "dcc_3.2.1.xsd"

@@ -31,7 +31,5 @@ def test_foreign_values_are_refused(values: dict[str, object]) -> None:
 
 def test_a_unit_keeps_its_item_but_neither_note_nor_ambient_conditions() -> None:
     stated = Metadata("Eve", "A", "I", "7", "wet", 21.0, 40.0, {"batch": "7"})
-    assert stated.of_unit() == Metadata(customer="A", item="I", serial_number="7", fields={"batch": "7"})
-    assert Metadata(item="J").filled_from(stated.of_unit()) == Metadata(
-        customer="A", item="J", serial_number="7", fields={"batch": "7"}
-    )
+    assert stated.of_unit() == Metadata("Eve", "A", "I", "7", fields={"batch": "7"})
+    assert Metadata(item="J").filled_from(stated.of_unit()) == Metadata("Eve", "A", "J", "7", fields={"batch": "7"})

@@ -1,0 +1,90 @@
+"""The certificate of a run: requests what is missing, shows the pages, writes PDF and XML. Not modal."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Qt, QTimerEvent
+from PySide6.QtGui import QPixmap
+from PySide6.QtWidgets import QDialog, QFrame, QLabel, QLineEdit, QScrollArea, QVBoxLayout, QWidget
+
+from boat_daq.gui import style
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets.file_dialogs import ask_save
+from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.results.certificates import CertificateModel
+
+REFRESH_MS = 250
+MISSING = "Not stated yet; what stays empty is named in the certificate as not stated. It is kept for the next one."
+COMPLETE = "Everything that the certificate states is known."
+MAKING = "The pages are being made \u2026"
+PAGE_SCALE = 0.85  # of the screen's height that the panel takes at most
+
+
+class CertificatePanel(QDialog):
+    """Fields for what is missing, beside the pages."""
+
+    def __init__(self, parent: QWidget, model: CertificateModel, services: Services) -> None:
+        super().__init__(parent.window())
+        self.model, self.services = model, services
+        self._shown = -1
+        self.setWindowTitle(f"Certificate of {model.path.name}")
+        self.setModal(False)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        missing, laboratory = model.missing(), model.missing_laboratory()
+        self.metadata = {key: widgets.field(label, on_enter=self._show) for key, label in missing}
+        self.laboratory = {key: widgets.field(label, on_enter=self._show) for key, label in laboratory}
+        labels = {**dict(laboratory), **dict(missing)}
+        fields: dict[str, QLineEdit] = {**self.laboratory, **self.metadata}
+        self.words = widgets.label(MISSING if fields else COMPLETE, "muted", wrap=True)
+        self.outcome = widgets.label("", wrap=True, name="State of the certificate")
+        self.stack = QVBoxLayout()
+        self.area = QScrollArea()
+        self.area.setWidgetResizable(True)
+        self.area.setAccessibleName("Pages of the certificate")
+        self.area.setWidget(widgets.inside(self.stack))
+        self.update_button = widgets.button("Show pages", self._show, tip="Store what is entered and show the pages")
+        self.write = widgets.button("Save PDF and XML \u2026", self._write, "primary")
+        buttons = widgets.row(widgets.button("Close", self.close), None, self.update_button, self.write)
+        form = widgets.form([(labels[key], field, "") for key, field in fields.items()])
+        form.setColumnStretch(0, 0)
+        form.setColumnStretch(1, 1)
+        side = QScrollArea()
+        side.setWidgetResizable(True)
+        side.setFrameShape(QFrame.Shape.NoFrame)
+        side.setFixedWidth(style.PANE_WIDTH_WIDE)
+        side.setWidget(widgets.inside(widgets.column(self.words, form, self.outcome, None, spacing=style.GAP)))
+        shown = widgets.row(side, (self.area, 1))
+        self.setLayout(widgets.column((shown, 1), buttons, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
+        screen = self.screen().availableSize()
+        self.resize(min(style.CERTIFICATE_WIDTH, screen.width()), int(PAGE_SCALE * screen.height()))
+        services.notices.attempt(model.show)
+        self._follow()
+        self.startTimer(REFRESH_MS)
+
+    def timerEvent(self, event: QTimerEvent) -> None:
+        """Show the pages once they are made."""
+        self._follow()
+
+    def _follow(self) -> None:
+        if self._shown == self.model.revision:
+            return
+        self._shown, model = self.model.revision, self.model
+        self.outcome.setText(MAKING if model.working else model.failure or f"No. {model.number}")
+        widgets.allow(self.write, "" if model.pages and not model.working else "The pages are not made yet.")
+        while (item := self.stack.takeAt(0)) is not None:
+            if (page := item.widget()) is not None:
+                page.deleteLater()
+        for number, image in enumerate(model.pages, 1):
+            page = QLabel()
+            pixmap = QPixmap()
+            pixmap.loadFromData(image)
+            page.setPixmap(pixmap)
+            page.setAccessibleName(f"Page {number} of {len(model.pages)}")
+            self.stack.addWidget(page, 0, Qt.AlignmentFlag.AlignHCenter)
+
+    def _show(self) -> None:
+        texts = [{key: field.text() for key, field in part.items()} for part in (self.metadata, self.laboratory)]
+        self.services.notices.attempt(lambda: self.model.state(*texts))
+        self._follow()
+
+    def _write(self) -> None:
+        ask_save(self, self.services, f"{self.model.path.stem}_certificate", "pdf", self.model.write, done="")

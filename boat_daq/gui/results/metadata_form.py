@@ -1,0 +1,81 @@
+"""The form of metadata of a recording or of a unit, in a panel beside the window. Not modal."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QComboBox, QDialog, QLineEdit, QPlainTextEdit, QWidget
+
+from boat_daq.gui import style
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.results.metadata import FIELDS, MetadataModel, free_lines
+
+EXPLANATION = (
+    "Reports, exports and certificates show it. All but note and ambient conditions is remembered for the unit's next "
+    "recording. Undo: Ctrl+Z."
+)
+FREE_HINT = "name = value, one on each line"
+TEMPLATE = "Take from a template"
+
+
+class MetadataForm(QDialog):
+    """States metadata; templates fill what is empty."""
+
+    def __init__(self, parent: QWidget, model: MetadataModel, services: Services) -> None:
+        super().__init__(parent.window())
+        self.model, self.services = model, services
+        self.setWindowTitle(f"Metadata of {model.subject}")
+        self.setModal(False)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.setMinimumWidth(style.FORM_WIDTH)
+        stated = model.stated()
+        labels = dict(FIELDS)
+        self.fields: dict[str, QLineEdit] = {
+            key: widgets.field(labels[key], text, self._save) for key, text in model.texts(stated).items()
+        }
+        self.free = QPlainTextEdit(free_lines(stated), tabChangesFocus=True, placeholderText=FREE_HINT)
+        self.free.setProperty("role", "paste")
+        self.free.setAccessibleName("Fields of your own")
+        self.free.setAcceptDrops(False)
+        self.template: QComboBox = widgets.choice("Template", (), self._take)
+        self._list_templates()
+        self.name = widgets.field("Name of the template", placeholder="Name of a new template")
+        keep = widgets.button("Save as template", self._keep, tip="Without note and ambient conditions")
+        rows = [(labels[key], field, "") for key, field in self.fields.items()]
+        form = widgets.form([*rows, ("Fields of your own", self.free, "")])
+        buttons = widgets.row(widgets.button("Close", self.close), None, widgets.button("Store", self._save, "primary"))
+        templates = widgets.row(self.template, (self.name, 1), keep)
+        parts = (widgets.label(EXPLANATION, "muted", wrap=True), form, templates, buttons)
+        self.setLayout(widgets.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
+
+    def typed(self) -> dict[str, str]:
+        """Return the texts of the fields."""
+        return {key: field.text() for key, field in self.fields.items()}
+
+    def _list_templates(self) -> None:
+        self.template.clear()
+        self.template.addItem(TEMPLATE, "")
+        for name in self.model.templates():
+            self.template.addItem(name, name)
+
+    def _take(self, name: str) -> None:
+        def fill() -> None:
+            texts, lines = self.model.from_template(name, self.typed(), self.free.toPlainText())
+            for key, text in texts.items():
+                self.fields[key].setText(text)
+            self.free.setPlainText(lines)
+
+        if name:
+            self.services.notices.attempt(fill)
+
+    def _keep(self) -> None:
+        name = self.name.text().strip()
+        save = partial(self.model.save_template, name, self.typed(), self.free.toPlainText())
+        if name and self.services.notices.attempt(save, done=f"Saved the template {name}"):
+            self._list_templates()
+
+    def _save(self) -> None:
+        if self.services.notices.attempt(lambda: self.model.state(self.typed(), self.free.toPlainText())):
+            self.close()

@@ -1,0 +1,168 @@
+"""The form of metadata: what people state about a recording, or about the next recordings of a unit.
+
+Rules: `protocol.recording.Metadata` alone refuses a value. What is stated of a recording is added to its file and
+remembered for its unit; a change is undone by the window's history, as a newer statement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+
+from boat_daq.engine.recording.metadata import (
+    load_template,
+    read_metadata,
+    remember,
+    remembered,
+    save_template,
+    state_metadata,
+    template_names,
+)
+from boat_daq.engine.settings import UnitLibrary
+from boat_daq.viewmodels.common.services import Change, UndoHistory
+from protocol.recording import Metadata
+from protocol.recording.metadata import OF_A_UNIT
+
+FIELDS = (
+    ("operator", "Operator"),
+    ("customer", "Customer"),
+    ("item", "Item"),
+    ("serial_number", "Serial number"),
+    ("ambient_temperature_c", "Temperature, °C"),
+    ("ambient_humidity_percent", "Relative humidity, %"),
+    ("note", "Note"),
+)
+"""Key and label of each field, in the order of the form."""
+ALL = tuple(key for key, _ in FIELDS)
+
+
+class MetadataModel:
+    """State of the form.
+
+    Parameters
+    ----------
+    subject : what is stated something of, for the title.
+    read, write : the metadata, and their statement.
+    undo : the window's history.
+    keys : of the fields that are shown.
+    changed : is called after each statement.
+    """
+
+    def __init__(
+        self,
+        subject: str,
+        read: Callable[[], Metadata],
+        write: Callable[[Metadata], None],
+        undo: UndoHistory,
+        keys: tuple[str, ...] = ALL,
+        changed: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.subject, self.keys = subject, keys
+        self._read, self._write, self._undo, self._changed = read, write, undo, changed
+
+    @classmethod
+    def of_recording(
+        cls, path: Path, units: UnitLibrary, unit: str, undo: UndoHistory, changed: Callable[[], None] = lambda: None
+    ) -> MetadataModel:
+        """Return the form of a closed recording.
+
+        Parameters
+        ----------
+        path : of the recording. units, unit : the library of its kind of board, and its unit; "" for none.
+        undo, changed : as of the class.
+        """
+
+        def write(stated: Metadata) -> None:
+            state_metadata(path, stated)
+            remember(units, unit, stated)
+
+        return cls(path.name, partial(read_metadata, path), write, undo, changed=changed)
+
+    @classmethod
+    def of_unit(cls, units: UnitLibrary, unit: str, undo: UndoHistory) -> MetadataModel:
+        """Return the form of what the next recordings of a unit state."""
+        return cls(unit, partial(remembered, units, unit), partial(remember, units, unit), undo, OF_A_UNIT)
+
+    def stated(self) -> Metadata:
+        """Return what is stated.
+
+        Raises
+        ------
+        RecordingError, OperatorError : it cannot be read.
+        """
+        return self._read()
+
+    def texts(self, stated: Metadata) -> dict[str, str]:
+        """Return the texts of the fields that are shown."""
+        values = stated.as_json()
+        return {key: "" if values[key] is None else _text(values[key]) for key in self.keys}
+
+    def state(self, typed: Mapping[str, str], lines: str | None = None) -> Metadata:
+        """State what was typed, undoably; return all that is stated then.
+
+        Parameters
+        ----------
+        typed : by key. lines : free fields, `name = value` on each line; None leaves them.
+
+        Raises
+        ------
+        LocalError : a value cannot be used; names its key. StorageError : it cannot be stored.
+        """
+        before = self.stated()
+        free = {} if lines is None else dict.fromkeys(before.fields, "") | free_fields(lines)
+        after = before.changed({**free, **typed})
+        if after != before:
+            redo, undo = partial(self._store, after), partial(self._store, before)
+            self._undo.push(Change(f"the metadata of {self.subject}", redo, undo))
+        return after
+
+    def _store(self, stated: Metadata) -> None:
+        self._write(stated)
+        self._changed()
+
+    def templates(self) -> list[str]:
+        """Return the names of the templates."""
+        return template_names()
+
+    def from_template(self, name: str, typed: Mapping[str, str], lines: str) -> tuple[dict[str, str], str]:
+        """Return the texts of the form with what is empty taken from a template.
+
+        Parameters
+        ----------
+        name : of the template. typed, lines : as the form has them.
+
+        Raises
+        ------
+        OperatorError : the template is refused.
+        """
+        filled = Metadata().changed({**free_fields(lines), **typed}).filled_from(load_template(name))
+        return self.texts(filled), free_lines(filled)
+
+    def save_template(self, name: str, typed: Mapping[str, str], lines: str) -> None:
+        """Store what the form has as a template, without note and ambient conditions.
+
+        Parameters
+        ----------
+        name : of the template. typed, lines : as the form has them.
+
+        Raises
+        ------
+        OperatorError : the name cannot be used. LocalError : a value cannot.
+        """
+        save_template(name, Metadata().changed({**free_fields(lines), **typed}))
+
+
+def free_fields(lines: str) -> dict[str, str]:
+    """Return the free fields of `name = value` lines; a line without a sign has an empty value, and is left out."""
+    pairs = (line.partition("=") for line in lines.splitlines())
+    return {name.strip(): value.strip() for name, _, value in pairs if name.strip()}
+
+
+def free_lines(stated: Metadata) -> str:
+    """Return the free fields as `name = value` lines."""
+    return "\n".join(f"{name} = {text}" for name, text in stated.fields.items())
+
+
+def _text(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

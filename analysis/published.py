@@ -10,6 +10,8 @@ from dataclasses import dataclass
 UNIT = "SA1"
 RANGE_MM = (-2.7, 3.8)  # of elongation: the only one whose end points give both published sensitivities
 SYSTEM_SENSITIVITY_MV_PER_MM = 34.2
+LOOP_HALF_WIDTH_MM = 0.35
+"""How far from its nominal elongation the hysteresis of a healthy actuator may take it (decision 0083)."""
 
 
 @dataclass(frozen=True, slots=True)

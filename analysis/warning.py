@@ -75,6 +75,12 @@ class WarningCode(StrEnum):
     TIME_GUESSED = "time_guessed"
     # of the full model
     COARSE_MESH = "coarse_mesh"
+    # of a state of the shadow
+    UNSTABLE_STATE = "unstable_state"
+    CONTRADICTORY_STATE = "contradictory_state"
+    OUTSIDE_TABLE = "outside_table"
+    COLLAPSE = "collapse"
+    LARGE_OVAL = "large_oval"
 
 
 _OF_CALIBRATION = (

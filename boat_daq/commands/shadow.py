@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from analysis.shadow.model.frames import Shadow
     from analysis.shadow.model.full import FullModel
     from analysis.shadow.model.reduced import ReducedModel
+    from analysis.warning import Warning
 
 
 ParametersOption = Annotated[Path | None, typer.Option("--parameters", help="TOML file of actuator parameters.")]
@@ -99,50 +100,78 @@ def solve(
     model: Annotated[str, typer.Option(callback=one_of("full", "reduced"), help="full or reduced.")] = "full",
     parameters: ParametersOption = None,
     mesh: MeshOption = None,
+    print_error: Annotated[
+        float | None, typer.Option(help="Oval error of the print, mm: also find the pressure at which it collapses.")
+    ] = None,
     plot: PlotOption = None,
     fidelity: FidelityOption = "normal",
     as_json: JsonOption = False,
 ) -> None:
     """Solve the state at a pressure, at an elongation, or with both imposed (by a force at the tip).
 
-    Beyond the critical pressure the actuator is unstable; such a state is refused with that pressure.
+    Beyond the critical pressure the actuator is unstable; such a state is refused with that pressure. An imperfect
+    print goes oval before: by how much is computed for an error of 0.01 mm, or of --print-error.
 
     Example: boat-daq shadow solve --pressure -30 --json
     """
     if pressure is None and elongation is None:
         raise typer.BadParameter("give --pressure, --elongation, or both", param_hint="--pressure")
+    if print_error is not None and not 0.0 < print_error < math.inf:
+        raise typer.BadParameter("give a length above 0 mm", param_hint="--print-error")
     if mesh is not None and (model == "reduced" or plot is not None):
         raise typer.BadParameter("goes with --model full and without --plot", param_hint="--mesh")
+    from analysis.shadow.model.assessment import PRINT_ERROR_MM, assess, collapse_kpa
     from analysis.shadow.model.guides import both_guides
 
     full, solution, used, seconds = _solved(pressure, elongation, model, parameters, mesh, fidelity)
-    limit = full.vacuum_limit
-    result: dict[str, Any] = {
+    limit_kpa = full.vacuum_limit.pressure_kpa
+    found = assess(full, solution, print_error or PRINT_ERROR_MM)
+    collapses_kpa = collapse_kpa(full, print_error) if print_error else math.nan
+    warnings = [*found.warnings, *_fallback(model, used, parameters, fidelity)]
+    for warning in warnings:
+        notify(warning.text)
+    if plot is not None:
+        _plot_state(solution, parameters, plot, fidelity)
+    result = {
         "pressure_kpa": solution.pressure_kpa,
         "elongation_mm": solution.elongation_mm,
-        "lowest_eigenvalue": full.stability.lowest_eigenvalue(solution),
+        "lowest_eigenvalue": found.lowest_eigenvalue,
         "iterations": solution.iterations,
         "seconds": seconds,
         "tracked_points_mm": both_guides(full.tracked(solution)),
         "model": used,
         "tip_force_mn": solution.tip_force_mn,
-        "critical_pressure_kpa": limit.pressure_kpa,
+        "critical_pressure_kpa": limit_kpa,
+        "print_error_mm": found.error_mm,
+        "oval_growth_mm": found.growth_mm,
+        "oval_gain": found.gain,
+        "koiter_b_per_mm2": found.b_per_mm2,
+        "collapse_pressure_kpa": collapses_kpa,
+        "notes": [warning.text for warning in warnings],
+        "warnings": [warning.as_json() for warning in warnings],
     }
-    result["notes"] = notes = [warning.text for warning in full.warnings]
-    if result["lowest_eigenvalue"] <= 0.0:  # with both values imposed there is no critical pressure to refuse it by
-        notes.append("this state is an unstable equilibrium: a real actuator would buckle")
-    for note in notes:
-        notify(note)
-    if plot is not None:
-        _plot_state(solution, parameters, plot, fidelity)
-    present(
-        result,
+    lines = [
         f"{solution.pressure_kpa:+.3f} kPa, {solution.elongation_mm:+.4f} mm; {used} model, "
         f"{1e3 * seconds:.1f} ms, {solution.iterations} iterations",
-        f"lowest eigenvalue {result['lowest_eigenvalue']:.3f} (1 at rest, 0 at the critical pressure of "
-        f"{limit.pressure_kpa:.1f} kPa)",
-        as_json=as_json,
-    )
+        f"lowest eigenvalue {found.lowest_eigenvalue:.3f} (1 at rest, 0 at the critical pressure of "
+        f"{limit_kpa:.3g} kPa)",
+    ]
+    if math.isfinite(found.growth_mm):
+        lines.append(f"a print that is oval by {found.error_mm:g} mm is oval by another {found.growth_mm:+.2g} mm here")
+    if math.isfinite(collapses_kpa):
+        lines.append(f"such a print collapses at {collapses_kpa:.3g} kPa")
+    present(result, *lines, as_json=as_json)
+
+
+def _fallback(model: str, used: str, parameters: Path | None, level: Level) -> list[Warning]:
+    """Return the warning that the full model was used where the reduced one was chosen."""
+    if model == used:
+        return []
+    from analysis.warning import Warning, WarningCode
+
+    rectangle = chosen_table(chosen_parameters(parameters, level), level).rectangle
+    text = f"outside the table of the reduced model ({rectangle}): the full model was used"
+    return [Warning(WarningCode.OUTSIDE_TABLE, "", text)]
 
 
 def _solved(

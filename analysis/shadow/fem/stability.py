@@ -9,7 +9,7 @@ by bisecting between the last stable and the first unstable state.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -27,6 +27,7 @@ LONGEST_WALK_SHARE = 0.2
 BISECTIONS = 12
 """Step and length of the walk as shares of the actuator's length, and how often the last step is halved."""
 EIGENVALUE_STEP = 1e-5
+REFERENCE_POISSON = 0.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +54,12 @@ class CriticalState:
 
 @dataclass(frozen=True, slots=True)
 class Stability:
-    """The tangents of one actuator, whose signs decide about its stability."""
+    """The tangents of one actuator, whose signs decide about its stability.
+
+    The margin is measured in the stiffness at rest of the same solids with Poisson's ratios of REFERENCE_POISSON at
+    most: of a nearly incompressible solid, what the deformed shape allows without change of volume has a stiffness at
+    rest without bound, and a margin in that would be 0 in every state.
+    """
 
     problem: Problem
     harmonics: Harmonics
@@ -82,12 +88,20 @@ class Stability:
 
         It is the greatest s for which K_n - s K_n(rest) is positive definite for all n, found by bisection.
         """
-        rest = np.zeros_like(solution.displacement_mm)
+        rest, problem = np.zeros_like(solution.displacement_mm), compressible(self.problem)
+        reference = Stability(problem, replace(self.harmonics, problem=problem))
         lowest = np.inf
         for n in WAVE_NUMBERS:
             now = self.tangent(solution.displacement_mm, solution.pressure_kpa, n)
-            lowest = least_shift(now, self.tangent(rest, 0.0, n), lowest)
+            lowest = least_shift(now, reference.tangent(rest, 0.0, n), lowest)
         return lowest
+
+
+def compressible(problem: Problem) -> Problem:
+    """Return a problem with the same shear moduli and Poisson's ratios of at most REFERENCE_POISSON."""
+    moduli, nu = problem.elements.moduli.copy(), REFERENCE_POISSON
+    moduli[:, 1] = np.maximum(moduli[:, 1], 1.5 * (1.0 - 2.0 * nu) / (1.0 + nu) / moduli[:, 0])
+    return replace(problem, elements=problem.elements._replace(moduli=moduli))
 
 
 def least_shift(matrix: FloatArray, reference: FloatArray, known: float) -> float:
@@ -144,4 +158,9 @@ def find_limit(solver: Solver, stability: Stability, length_mm: float, direction
         if mode >= 0:
             step /= 2.0
             halvings += 1
+    if last.pressure_kpa == 0.0:
+        raise ConvergenceError(
+            "no stable state can be computed beside the one at rest",
+            "make the moduli and the sizes of the elements more alike",
+        )
     return CriticalState(last.pressure_kpa, last.elongation_mm, mode)

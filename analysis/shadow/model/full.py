@@ -1,7 +1,8 @@
 """The full model of the actuator: parameters in, states of equilibrium out.
 
 Strategy: one object has mesh, problem, guides and the warm solver of one set of parameters; `solve` first rejects what
-has no solution: a value that is not finite, a pressure or an elongation beyond the limit of stability.
+has no solution: a value that is not finite, a pressure or an elongation beyond the limit of stability, an actuator
+whose stiffnesses differ by more than double precision can resolve.
 """
 
 from __future__ import annotations
@@ -10,21 +11,27 @@ import math
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse.linalg import LinearOperator, onenormest
 
 from analysis.arrays import FloatArray
 from analysis.errors import DataError, RequestError
 from analysis.shadow.fem.harmonics import make_harmonics
+from analysis.shadow.fem.imperfection import Imperfection, worst_imperfection
 from analysis.shadow.fem.mesh import WALL, Mesh, build_mesh
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.problem import Problem, make_problem
-from analysis.shadow.fem.solver import TOLERANCE, Solution, Solver
-from analysis.shadow.fem.stability import CriticalState, Stability, find_limit
+from analysis.shadow.fem.solver import TOLERANCE, Solution, Solver, factorise
+from analysis.shadow.fem.stability import CriticalState, Stability, compressible, find_limit
 from analysis.shadow.model.guides import Guides, make_guides
 from analysis.warning import Warning, WarningCode
 
 VACUUM_KPA = -101.325
 FINE_ENOUGH = (8, 1, 3)
 """Least elements along a cell, across the wall and across the lattice for points within 0.05 mm."""
+WORST_CONDITION = 1e9
+"""Of the scaled tangent at rest: Newton's method met its tolerance at 4e8 and no longer at 3e9."""
+HIDDEN_SHARE = 1e-3
+"""Rounding of the forces, as a share of the force of 1 kPa, that still leaves a result."""
 
 
 def actuator_problem(parameters: ActuatorParameters, mesh: Mesh, points_a_side: int = 2) -> Problem:
@@ -56,6 +63,40 @@ def check_values(pressure_kpa: float | None, elongation_mm: float | None) -> Non
                 f"the {name} is {value}, not a number",
                 "the calibration is NaN outside its range: check the reading, or leave it out",
             )
+
+
+def check_condition(problem: Problem) -> None:
+    """Reject an actuator whose results rounding would spoil.
+
+    Raises
+    ------
+    RequestError
+        If the forces of 1 kPa are near the rounding of the forces in the solid, or the tangent at rest of compressible
+        solids, its diagonal scaled to 1, is worse conditioned than WORST_CONDITION (Higham 2002, ch. 15: 1-norm).
+    """
+    rest = np.zeros_like(problem.nodes)
+    one_kpa = float(np.linalg.norm(problem.balance(rest, 1.0).area))
+    if problem.roundoff_mn > HIDDEN_SHARE * one_kpa:
+        raise RequestError(
+            "the actuator is so stiff that rounding hides a pressure of 1 kPa",
+            "make the moduli smaller, or Poisson's ratios less near to 0.5",
+        )
+    reference = compressible(problem)
+    root = np.sqrt(reference.tangent(rest, 0.0)[:, 0])
+    factor = factorise(reference, rest, 0.0, held=False)
+    found = math.inf
+    if factor is not None:
+
+        def scaled(x: FloatArray) -> FloatArray:
+            return root * factor.solve(root * x.ravel())
+
+        found = float(onenormest(LinearOperator((problem.size, problem.size), scaled, scaled)))
+    if not found <= WORST_CONDITION:
+        raise RequestError(
+            f"the actuator is ill-conditioned: its greatest and least stiffness differ by a factor of {found:.0e}, "
+            f"and double precision resolves {WORST_CONDITION:.0e}",
+            "make the moduli and the sizes of the elements more alike",
+        )
 
 
 class FullModel:
@@ -110,12 +151,23 @@ class FullModel:
     @cached_property
     def vacuum_limit(self) -> CriticalState:
         """Return the last stable state under vacuum."""
+        check_condition(self.problem)
         return find_limit(Solver(self.problem), self.stability, self.length_mm, -1)
 
     @cached_property
     def inflation_limit(self) -> CriticalState:
         """Return the last stable state under pressure."""
+        check_condition(self.problem)
         return find_limit(Solver(self.problem), self.stability, self.length_mm, 1)
+
+    @cached_property
+    def imperfection(self) -> Imperfection | None:
+        """Return the print's error that vacuum enlarges most; None where no waves end the stability."""
+        limit = self.vacuum_limit
+        if limit.wave_number < 1:
+            return None
+        near = Solver(self.problem).solve(pressure_kpa=limit.pressure_kpa)
+        return worst_imperfection(self.stability, near, limit.wave_number)
 
     def solve(
         self, *, pressure_kpa: float | None = None, elongation_mm: float | None = None, start: Solution | None = None
@@ -158,12 +210,12 @@ class FullModel:
             beyond = p > limit.pressure_kpa if p is not None else (q or 0.0) > limit.elongation_mm
         if beyond:
             state = f"{p:g} kPa" if p is not None else f"{q:g} mm"
-            where = f"{limit.pressure_kpa:.1f} kPa ({limit.elongation_mm:+.2f} mm)"
+            where = f"{limit.pressure_kpa:.3g} kPa ({limit.elongation_mm:+.3g} mm)"
             cause = f"{state} lies beyond {where}, the last state computed and found stable"
             if limit.wave_number >= 0:
                 critical = f"{state} lies beyond the critical pressure of {where}"
                 cause = f"{critical}, where the actuator loses its stability: {limit.mode}"
-            raise RequestError(cause, f"stay on this side of {limit.pressure_kpa:.1f} kPa")
+            raise RequestError(cause, f"stay on this side of {limit.pressure_kpa:.3g} kPa")
         if p is not None and p < VACUUM_KPA:
             vacuum = f"{p:g} kPa is less than perfect vacuum"
             raise RequestError(vacuum, f"give a gauge pressure above {VACUUM_KPA} kPa")

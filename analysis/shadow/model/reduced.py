@@ -83,6 +83,12 @@ class ReducedModel:
         p, q = np.asarray(pressure_kpa), np.asarray(elongation_mm)
         return np.asarray((p >= p0) & (p <= p1) & (q >= q0) & (q <= q1))
 
+    @property
+    def rectangle(self) -> str:
+        """Return the rectangle as text."""
+        (p0, p1), (q0, q1) = self.pressure_range_kpa, self.elongation_range_mm
+        return f"{p0:.1f} .. {p1:.1f} kPa, {q0:.2f} .. {q1:.2f} mm"
+
     def truncated(self, modes: int) -> ReducedModel:
         """Return the same table with fewer shapes."""
         names = ("shapes", "amplitudes", "tracked_shapes", "errors_mm")
@@ -94,10 +100,8 @@ class ReducedModel:
         inside = self.holds(p, q)
         if not inside.all():
             worst = int(np.flatnonzero(~inside)[0])
-            (p0, p1), (q0, q1) = self.pressure_range_kpa, self.elongation_range_mm
             raise RequestError(
-                f"{p[worst]:g} kPa with {q[worst]:g} mm is outside the table ({p0:.1f} .. {p1:.1f} kPa, "
-                f"{q0:.2f} .. {q1:.2f} mm)",
+                f"{p[worst]:g} kPa with {q[worst]:g} mm is outside the table ({self.rectangle})",
                 "use the full model there",
             )
         along = chebyshev.basis(p, self.pressure_range_kpa, self.amplitudes.shape[0])

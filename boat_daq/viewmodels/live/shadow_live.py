@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.arrays import FloatArray
+from analysis.published import LOOP_HALF_WIDTH_MM
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.viewmodels.common.formatting import MINUS, NOTHING, THIN, count, duration, number
 from boat_daq.viewmodels.common.jobs import Background, Job, JobRunner, JobState
@@ -39,7 +40,6 @@ LENGTH_MM, RADIUS_MM = 75.0, 25.0
 PRESSURES_KPA = (-45.0, 55.0)
 TRACE_S, TRACE_POINTS = 60.0, 1200
 SEEN_KPA, SEEN_MM = 0.1, 0.02  # visible steps of pressure and elongation
-LOOP_MM = 0.35  # half the width of the loop, about the nominal curve, that a healthy actuator may have
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +165,7 @@ class ShadowLive:
         The model is elastic: an actuator within two sd lies on a loop about its curve, by its history.
         """
         mm, sd = model.table.nominal_elongation(pressure_kpa)
-        return mm, 2.0 * sd + LOOP_MM
+        return mm, 2.0 * sd + LOOP_HALF_WIDTH_MM
 
     def trace(self) -> tuple[FloatArray, FloatArray]:
         """Return pressure (kPa) and measured elongation (mm) of the last minute."""
@@ -271,12 +271,13 @@ class ShadowLive:
             waits = "preparing \u2026" if math.isfinite(now.pressure) else NOTHING
             return (*lines, ("Shadow", self.problem or waits, ""))
         if place is None:
-            return (*lines, ("Shadow", "\u25b2 this state is outside the model's table", "warning"))
+            text = f"\u25b2 not drawn: outside the reduced model ({self.model.table.rectangle})"
+            return (*lines, ("Shadow", text.replace("-", MINUS), "warning"))
         (nominal,), (half,) = (value.tolist() for value in self._nominal(self.model, np.array([place[0]])))
         lines.append(("Nominal", f"{number(nominal, 2, sign=True)} \u00b1{number(half, 2)} mm", ""))
         deviation = now.measured - nominal
         if math.isfinite(deviation):
-            band = LOOP_MM + math.hypot(half - LOOP_MM, now.expanded)
+            band = LOOP_HALF_WIDTH_MM + math.hypot(half - LOOP_HALF_WIDTH_MM, now.expanded)
             inside = abs(deviation) <= band
             level, mark = ("ok", "\u25cf inside the band") if inside else ("warning", "\u25b2 outside the band")
             lines.append(("Deviation", f"{number(deviation, 2, sign=True)} \u00b1{number(band, 2)} mm", level))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from analysis.shadow.model.table import table_digest, write_table
 from boat_daq.cli import app
 from boat_daq.commands.shadow import save_figure
 from boat_daq.errors import StorageError
-from tests.boat_daq.commands.calls import call, exit_code, refusal
+from tests.boat_daq.commands.calls import call, exit_code, program, refusal
 
 
 @pytest.fixture
@@ -45,6 +46,7 @@ def test_solve_keeps_its_contract(model: str) -> None:
     keys = {"pressure_kpa", "elongation_mm", "lowest_eigenvalue", "iterations", "seconds", "tracked_points_mm", "model"}
     assert keys <= set(found)
     assert found["model"] == model
+    assert found["warnings"] == []
     assert found["elongation_mm"] == pytest.approx(-2.7, abs=1e-3)
     assert np.shape(found["tracked_points_mm"]) == (2, 7, 2)
     assert 0.0 < found["lowest_eigenvalue"] < 0.2
@@ -146,10 +148,39 @@ def test_every_help_has_an_example() -> None:
 
 def test_unstable_equilibrium_has_a_warning() -> None:
     """At -44 kPa the actuator is stable, but not with the tip pulled to +7 mm; at -3 mm there is no warning."""
-    for elongation, notes in (("7", ["this state is an unstable equilibrium"]), ("-3", [])):
+    for elongation, codes in (("7", ["contradictory_state", "unstable_state"]), ("-3", [])):
         result = call("shadow", "solve", "--pressure", "-44", "--elongation", elongation)
-        assert (result["lowest_eigenvalue"] < 0) == bool(notes)
-        assert [n.split(":")[0] for n in result["notes"]] == notes
+        assert (result["lowest_eigenvalue"] < 0) == bool(codes)
+        assert [warning["code"] for warning in result["warnings"]] == codes
+        assert result["notes"] == [warning["text"] for warning in result["warnings"]]
+        assert (result["oval_growth_mm"] is None) == bool(codes)  # an unstable state has none
+
+
+@pytest.mark.usefixtures("cache")
+def test_a_fallback_to_the_full_model_is_reported() -> None:
+    """In JSON by its code, on standard error by the rectangle that was left."""
+    words = ("shadow", "solve", "--pressure", "-42", "--elongation", "-3.6", "--model", "reduced", "--json")
+    ended = program(*words)
+    result = json.loads(ended.out)
+    assert result["model"] == "full"
+    assert "outside_table" in [warning["code"] for warning in result["warnings"]]
+    assert "outside the table of the reduced model (-43.1 .. 55.0 kPa" in ended.err
+    assert "the full model was used" in ended.err
+
+
+def test_an_imperfect_print_is_reported_beside_the_eigenvalue(coarse: list[str]) -> None:
+    """For 0.01 mm by default, for another error with the pressure at which it collapses."""
+    default = call("shadow", "solve", "--pressure", "-30", *coarse)
+    assert default["print_error_mm"] == 0.01
+    assert 0.01 < default["oval_growth_mm"] < 0.1
+    assert default["collapse_pressure_kpa"] is None
+    given = call("shadow", "solve", "--pressure", "-30", "--print-error", "0.02", *coarse)
+    assert given["oval_growth_mm"] == pytest.approx(2.0 * default["oval_growth_mm"], rel=0.02)
+    assert given["critical_pressure_kpa"] < given["collapse_pressure_kpa"] < 0.8 * given["critical_pressure_kpa"]
+    ended = program("shadow", "solve", "--pressure", "-30", "--print-error", "0.02", *coarse)
+    assert "a print that is oval by 0.02 mm is oval by another +" in ended.out
+    assert "such a print collapses at -" in ended.out
+    assert exit_code("shadow", "solve", "--pressure", "-30", "--print-error", "0") == 2
 
 
 def test_chain_compares_light_with_the_published_signals(monkeypatch: pytest.MonkeyPatch) -> None:

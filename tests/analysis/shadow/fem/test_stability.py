@@ -48,6 +48,40 @@ def test_beyond_the_limit_is_refused_with_the_critical_pressure(actuator: FullMo
         actuator.solve(pressure_kpa=500.0)
 
 
+SMALL = ActuatorParameters(cells=2, axial_elements=4, wall_elements=1, lattice_elements=2)
+
+
+def test_the_margin_of_a_nearly_incompressible_wall_is_that_of_rubber() -> None:
+    """At half the critical pressure about a half for either; with the stiffness at rest of that wall it would be 0."""
+    margins = []
+    for nu in (0.49, 0.499999):
+        model = FullModel(replace(SMALL, wall_poisson=nu))
+        state = model.solve(pressure_kpa=0.5 * model.vacuum_limit.pressure_kpa)
+        margins.append(model.stability.lowest_eigenvalue(state))
+    assert margins[1] == pytest.approx(margins[0], abs=0.02)
+    assert 0.3 < margins[0] < 0.7
+
+
+@pytest.mark.parametrize(
+    ("values", "cause"),
+    [
+        ({"lattice_modulus_kpa": 1e15}, "rounding hides a pressure of 1 kPa"),
+        ({"lattice_modulus_kpa": 1e12, "wall_modulus_kpa": 1e12}, "rounding hides a pressure of 1 kPa"),
+        ({"grading": 1e-9, "lattice_elements": 4}, "ill-conditioned"),
+        ({"wall_mm": 1e-5}, "ill-conditioned"),
+    ],
+)
+def test_an_ill_conditioned_actuator_is_refused_and_has_no_critical_pressure(
+    values: dict[str, float], cause: str
+) -> None:
+    """Stiffnesses that double precision cannot resolve: the cause is named, and what to change."""
+    model = FullModel(replace(SMALL, **values))  # type: ignore[arg-type]
+    for request in (lambda: model.solve(pressure_kpa=-1.0), lambda: model.vacuum_limit):
+        with pytest.raises(RequestError, match=cause) as refusal:
+            request()
+        assert "moduli" in refusal.value.remedy
+
+
 def test_a_thin_wall_buckles_early() -> None:
     """A bladder of a thin wall goes oval under less vacuum than the default one."""
     thin = FullModel(ActuatorParameters(cells=2, wall_mm=1.6, axial_elements=6, lattice_elements=3))

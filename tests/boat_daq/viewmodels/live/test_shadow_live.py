@@ -65,7 +65,9 @@ def test_state_outside_the_table_is_reported(ring, model):
 
     pane = pane_on(ring, model, absurd)
     assert pane.picture().corners.size == 0
-    assert pane.lines()[-1] == ("Shadow", "\u25b2 this state is outside the model's table", "warning")
+    name, text, level = pane.lines()[-1]
+    assert (name, level) == ("Shadow", "warning")
+    assert text.startswith("\u25b2 not drawn: outside the reduced model (\u221243.1 .. 55.0 kPa")
 
 
 def test_nan_from_the_calibration_is_reported(ring, model):

@@ -14,7 +14,6 @@ from analysis.certificates.certificate import Request
 from analysis.certificates.laboratory import Laboratory
 from tests.analysis.boat_builder import PAPER, Plant, Staircase
 
-SCHEMA = Path(__file__).parent / "schema" / "dcc_3.2.1.xsd"
 MARKUP = '<b>&"\u05e9\u05dc\u05d5\u05dd\u202e\x00\ud800]]> #panic()'
 STATED = {
     "simulated": False, "unit": "SA1", "uuid": "0123456789", "started_utc": "2026-01-31T23:00:00+00:00",
@@ -39,9 +38,9 @@ def calibration(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
 
 
 @pytest.fixture(scope="session")
-def schema() -> Any:
-    """The schema of the Digital Calibration Certificate."""
-    return pytest.importorskip("xmlschema").XMLSchema(str(SCHEMA))
+def schema(shared_data: Path) -> Any:
+    """The schema of the Digital Calibration Certificate, which is not part of the repository."""
+    return pytest.importorskip("xmlschema").XMLSchema(str(shared_data / "dcc" / "dcc_3.2.1.xsd"))
 
 
 def with_meta(analysis: Analysis, **changed: Any) -> Analysis:

@@ -16,7 +16,7 @@ from boat_daq.engine.bug_report import write_bug_report
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
-from boat_daq.viewmodels.common.jobs import Job, JobRunner
+from boat_daq.viewmodels.common.jobs import Job, JobRunner, prepare
 from boat_daq.viewmodels.common.notices import Notices, SessionMessages, Severity
 from boat_daq.viewmodels.common.preferences import Precision, Preferences
 from boat_daq.viewmodels.common.services import Page, Panel, Services, UndoHistory
@@ -29,6 +29,7 @@ from boat_daq.viewmodels.live.sequence import SequenceModel
 from boat_daq.viewmodels.live.shadow_live import ShadowLive, ShadowMonitor
 from boat_daq.viewmodels.models.optics import OpticsModel
 from boat_daq.viewmodels.models.tradeoff import AtlasModel, TradeoffModel
+from boat_daq.viewmodels.results.analysis_jobs import load_analysis
 from boat_daq.viewmodels.results.calibration import CalibrationModel
 from boat_daq.viewmodels.results.csv_import import CsvImport
 from boat_daq.viewmodels.results.repeatability import RepeatabilityModel
@@ -75,7 +76,9 @@ class AppModel:
             self.sequence,
             self.readings,
             ResumeRun(session, self.sequence, self.runs.resume, self.services),
-            CalibrationOffer(self.readings, self.calibration.analyse_current, self.services),
+            CalibrationOffer(
+                self.readings, self.calibration.analyse_current, partial(prepare, load_analysis), self.services
+            ),
             self.services,
         )
         self.run_actions = RunActions(

@@ -17,6 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from time import monotonic
 from typing import Any, Generic, ParamSpec, TypeVar
@@ -75,6 +76,26 @@ def _run(pipe: Connection, function: Callable[..., object], args: tuple[Any, ...
         pipe.close()
 
 
+_prepared: list[tuple[Connection, SpawnProcess]] = []  # at most one helper that waits for a job
+
+
+def _wait_and_run(pipe: Connection, load: Callable[[], object]) -> None:
+    """Load libraries in the helper process, then run the job that comes."""
+    load()
+    with suppress(EOFError):  # the window is gone
+        _run(pipe, *pipe.recv())
+
+
+def prepare(load: Callable[[], object]) -> None:
+    """Start the helper of the next job now, and have it load its libraries while nobody waits for it."""
+    if not _prepared:
+        pipe, child = _SPAWN.Pipe()
+        process = _SPAWN.Process(target=_wait_and_run, args=(child, load), daemon=True)
+        process.start()
+        child.close()
+        _prepared.append((pipe, process))
+
+
 class Job:
     """A function that runs in its own process.
 
@@ -92,6 +113,10 @@ class Job:
         self.result: Any = None
         self.failure: JobFailure | None = None
         self.target: Path | None = None  # that it writes: no part of it is left where it is cancelled
+        if _prepared:
+            self._pipe, self._process = _prepared.pop()
+            self._pipe.send((function, args, kwargs))
+            return
         self._pipe, child = _SPAWN.Pipe(duplex=False)
         self._process = _SPAWN.Process(target=_run, args=(child, function, args, kwargs), daemon=True)
         self._process.start()
@@ -179,6 +204,10 @@ class JobRunner:
         for name in self._running:
             self.cancel(name)
         self._running.clear()
+        for pipe, process in _prepared:
+            process.terminate()
+            pipe.close()
+        _prepared.clear()
 
 
 class Background(Generic[T]):

@@ -44,11 +44,14 @@ class CalibrationOffer:
     ----------
     readings : of the run.
     analyse : closes the recording and analyses it.
+    prepare : starts to load what the next analysis or report needs.
     services : of the window.
     """
 
-    def __init__(self, readings: ReadingsModel, analyse: Callable[[], None], services: Services) -> None:
-        self._readings, self._analyse, self._services = readings, analyse, services
+    def __init__(
+        self, readings: ReadingsModel, analyse: Callable[[], None], prepare: Callable[[], None], services: Services
+    ) -> None:
+        self._readings, self._analyse, self.prepare, self._services = readings, analyse, prepare, services
         self._state = SessionState.IDLE
         self._offer: Notice | None = None
 
@@ -195,6 +198,7 @@ class QuickTrial:
             raise OperatorError("a board is connected", "Disconnect it, then start the quick trial.")
         self._run.connection.start_virtual_board(speed=TRIAL_SPEED)
         self.active, self._begun = True, False
+        self._run.calibration.prepare()
 
     def possible(self) -> bool:
         """Return whether no board is connected."""
@@ -213,6 +217,7 @@ class QuickTrial:
         if self._begun and run.calibration.open:
             self._end()
             run.calibration.take()
+            run.calibration.prepare()  # for its report
         elif snapshot.state in ENDED_RUN if self._begun else self.possible():  # the board did not start, or was removed
             self._end()
         elif not self._begun and snapshot.link is LinkState.UP and snapshot.last is not None:

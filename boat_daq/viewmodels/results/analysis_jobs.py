@@ -219,6 +219,14 @@ class RunResult:
         return bool(self.sensors) and all(sensor.fit is not None for sensor in self.sensors)
 
 
+def load_analysis() -> None:
+    """Load the libraries of an analysis and of a report."""
+    from importlib import import_module
+
+    for name in ("analysis.figures.pipeline", "analysis.figures.uncertainty", "analysis.reports.build"):
+        import_module(name)
+
+
 def analyse_run(
     path: str, *, level: Level = "normal", curve: str = "", compare: bool = False, progress: Progress | None = None
 ) -> RunResult:

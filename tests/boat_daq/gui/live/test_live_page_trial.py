@@ -21,6 +21,8 @@ def trial(empty, monkeypatch):
     monkeypatch.setattr(model.session, "arm", lambda plan, **how: armed.append((plan.cycles, how)), raising=False)
     monkeypatch.setattr(model.calibration, "analyse_current", lambda: armed.append("analysed"))
     model.run.calibration._analyse = model.calibration.analyse_current
+    model.prepared = []
+    monkeypatch.setattr(model.run.calibration, "prepare", lambda: model.prepared.append(len(armed)))
 
     def start():
         model.session.calls.append("start")
@@ -64,6 +66,7 @@ def test_quick_trial_runs_a_cycle_reads_it_and_calibrates(trial):
     trial.refresh()
     assert (trial.page, model.armed[-1]) == (Page.CALIBRATE, "analysed")
     assert (model.run.trial.active, model.run.read_all) == (False, False)
+    assert model.prepared == [1, 3]  # helpers: of the analysis during the run, of the report after it
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
+from boat_daq.viewmodels.common import jobs
+from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState, prepare
 from tests.boat_daq.viewmodels.helpers import until
 
 
@@ -38,6 +39,25 @@ def test_job_returns_progress_and_result():
     job = Job("Squaring", slow_square, 12)
     until(lambda: job.poll() is not JobState.RUNNING)
     assert (job.state, job.result, job.permille) == (JobState.DONE, 144, 1000)
+
+
+def load():
+    """Load what a job needs: nothing."""
+
+
+def test_prepared_helper_takes_the_next_job():
+    """The helper that was started before runs the job, and is not used twice; one that waits ends with the runner."""
+    prepare(load)
+    (_, process), *others = jobs._prepared
+    job = Job("Squaring", slow_square, 12)
+    assert (job._process, others, jobs._prepared) == (process, [], [])
+    until(lambda: job.poll() is not JobState.RUNNING)
+    assert (job.state, job.result) == (JobState.DONE, 144)
+    prepare(load)
+    ((_, waiting),) = jobs._prepared
+    JobRunner().close()
+    waiting.join(5.0)
+    assert (waiting.exitcode is None, jobs._prepared) == (False, [])
 
 
 def test_refusal_keeps_its_remedy_and_crash_is_reported():

@@ -78,7 +78,8 @@ class ConnectPanel(QDialog):
         return widgets.card(
             widgets.label("The virtual board", "subtitle"),
             widgets.label(explanation, "muted", wrap=True),
-            widgets.row(self.virtual_unit, self.sensors, self.speed, None, self.virtual_button),
+            widgets.row(self.virtual_unit, self.sensors, self.speed, None),
+            widgets.row(None, self.virtual_button),
         )[0]
 
     def open_fresh(self) -> None:

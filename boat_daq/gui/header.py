@@ -224,10 +224,14 @@ class Strip(QWidget):
             self.close_, self.messages, self.work, self.bar, self.cancel,
             margins=(style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0),
         )  # fmt: skip
-        head = QWidget()
-        head.setFixedHeight(style.STRIP_HEIGHT)
-        head.setLayout(line)
-        widgets.surface(self, "strip", widgets.column(head, self.details, spacing=0, margins=(0, 0, 0, 0)))
+        self.head = QWidget()
+        self.head.setLayout(line)
+        self.fold(low=False)
+        widgets.surface(self, "strip", widgets.column(self.head, self.details, spacing=0, margins=(0, 0, 0, 0)))
+
+    def fold(self, *, low: bool) -> None:
+        """Take less height in a low window."""
+        self.head.setFixedHeight(style.CONTROL_HEIGHT if low else style.STRIP_HEIGHT)
 
     def refresh(self) -> None:
         """Show the most severe notice and the newest job."""

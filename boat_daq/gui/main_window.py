@@ -319,9 +319,10 @@ class MainWindow(QMainWindow):
         self.go(next((page for page in Page if page == kept), Page.LIVE))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Narrow the navigation in a narrow window."""
+        """Narrow the navigation in a narrow window, and lower the strip in a low one."""
         narrow = self.width() < style.NARROW_BELOW
         self.navigation.setFixedWidth(style.NAVIGATION_WIDTH_NARROW if narrow else style.NAVIGATION_WIDTH)
+        self.strip.fold(low=self.height() < style.LOW_BELOW)
         super().resizeEvent(event)
 
     def leave(self) -> None:

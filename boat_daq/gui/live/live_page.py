@@ -190,7 +190,10 @@ class LivePage(QWidget):
         self.photograph = PhotographPanel(self, run, services)
         self.marker = self._marker()
         self.head = self._head()
-        parts = (self.head, self.marker, (self.middle, 1), self.spans, self.sequence, self.reading)
+        above = widgets.column((self.middle, 1), self.spans, spacing=style.GAP)
+        height = self.sequence.sizeHint().height()
+        self.run_border = Divided("run", services.preferences, widgets.holder(above), self.sequence, height, below=True)
+        parts = (self.head, self.marker, (self.run_border, 1), self.reading)
         self.left = widgets.column(*parts, spacing=style.GAP)
         self.sides = Divided("live", services.preferences, widgets.holder(self.left), self.pane, style.PANE_WIDTH)
         self.page = widgets.page_layout(self)
@@ -404,11 +407,13 @@ class LivePage(QWidget):
         width = self.window().width()
         self.narrow = width < style.NARROW_BELOW
         low = self.low = self.window().height() < style.LOW_BELOW
-        self.sequence.picture.setVisible(not low)
         margin = style.STEP if low else style.PAGE_MARGIN
         self.page.setContentsMargins(margin, margin, margin, margin)
-        self.left.setSpacing(style.STEP if low else style.GAP)
-        self.reading.fold(self.narrow)
+        space = style.STEP if low else style.GAP
+        self.left.setSpacing(space)
+        self.run_border.setHandleWidth(space)
+        self.sequence.fold(low)
+        self.reading.fold(self.narrow, low)
         self._fit_figures()
         super().resizeEvent(event)
 
@@ -432,7 +437,8 @@ class LivePage(QWidget):
         for part in self.figure_rows:
             part.setSpacing(space)
         beside = style.GAP if self.narrow else style.CARD_PADDING
-        self.head_card.setContentsMargins(beside, style.GAP, beside, style.GAP)
+        upright = style.STEP if self.low else style.GAP
+        self.head_card.setContentsMargins(beside, upright, beside, upright)
         available = self.width() - pane - 2 * style.PAGE_MARGIN - style.GAP - 2 * style.CARD_PADDING
         figure = figure if not apart or self.narrow else style.FONT_MEASURED
         for value in self.figures.values():

@@ -117,9 +117,12 @@ class ReadingBar(QFrame):
         for button in (self.simulated, self.photo, self.skip):
             button.setEnabled(due)
 
-    def fold(self, narrow: bool) -> None:
-        """Stack question and answer in a narrow window, and put the parts of the answer closer."""
+    def fold(self, narrow: bool, low: bool) -> None:
+        """Stack question and answer in a narrow window, and put all closer; in a low one the edges, too."""
         self.answer.setSpacing(style.STEP if narrow else style.GAP)
+        self.lines.setSpacing(style.STEP if narrow else style.GAP)
+        upright = style.STEP if low else style.GAP
+        self.lines.setContentsMargins(style.CARD_PADDING, upright, style.CARD_PADDING, upright)
         way = QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
         self.lines.setDirection(way)
 

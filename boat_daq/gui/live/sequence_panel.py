@@ -37,6 +37,7 @@ BUTTONS = {  # key -> text, explanation
 }
 PRIMARY = ("arm", "start", "resume", "clear")
 FIELD_WIDTH = 64
+UNLIMITED = (1 << 24) - 1  # Qt's QWIDGETSIZE_MAX, which PySide6 does not name
 START_OVER = ("Start over", "Arm the whole plan from its first cycle, in a new recording")
 
 
@@ -105,7 +106,15 @@ class SequencePanel(QFrame):
         self.resume = widgets.button("", self._resume, "primary", tip=rest)
         self.calibrate = widgets.button("Calibrate", self._calibrate, "primary", tip=fit)
         head = widgets.row(self.state, self.progress, None, *self.buttons.values(), self.resume, self.calibrate)
-        widgets.as_card(self, widgets.column(head, self.picture))
+        self.inside = widgets.column(head, (self.picture, 1))
+        widgets.as_card(self, self.inside)
+
+    def fold(self, low: bool) -> None:
+        """Show the buttons alone in a low window, with the plan's picture below them in any other."""
+        self.picture.setVisible(not low)
+        upright = style.STEP if low else style.GAP
+        self.inside.setContentsMargins(style.CARD_PADDING, upright, style.CARD_PADDING, upright)
+        self.setMaximumHeight(self.sizeHint().height() if low else UNLIMITED)
 
     def press(self, key: str) -> None:
         """Press a button and show its effect at once."""

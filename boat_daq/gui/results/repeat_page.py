@@ -32,25 +32,34 @@ BREAK_TIPS = {
 
 
 class LoopsByCycle(PlotCard):
-    """One sensor's loops over pressure, early cycles dark, late ones bright."""
+    """The loops of each sensor over pressure, one plot below the other; early cycles dark, late ones bright."""
 
-    def __init__(self, number: int) -> None:
-        super().__init__(f"Sensor {number}")
-        self.heading.least = style.PANE_WIDTH
-        self.number = number
-        self.plot = self.add("Signal", "mV", x_title="Pressure", x_unit="kPa")
-        self.curves: list[Curve] = [
-            self.plot.curve(f"Group {i + 1}", ramp_colour(i, GROUPS), gaps=True) for i in range(GROUPS)
-        ]
+    def __init__(self) -> None:
+        super().__init__("Loops by cycle")
+        self.groups: list[list[Curve]] = []  # by sensor
+        self._arrange(1)
+
+    def _arrange(self, sensors: int) -> None:
+        """Show the plots of so many sensors."""
+        for number in range(len(self.plots) + 1, sensors + 1):
+            plot = self.add(f"Sensor {number}", "mV", x_title="Pressure", x_unit="kPa")
+            names = [f"Sensor {number}, group {i + 1}" for i in range(GROUPS)]
+            self.groups.append([plot.curve(name, ramp_colour(i, GROUPS), gaps=True) for i, name in enumerate(names)])
+        self.link_x()
+        self.show_only(self.plots[:sensors])
+        self.paint_theme(self.theme)
 
     def show_groups(self, model: RepeatabilityModel) -> None:
-        """Draw the groups of cycles."""
+        """Draw the groups of cycles of each sensor."""
         assert model.result is not None
         loops = model.result.loops
-        for curve, cycles in zip(self.curves, model.groups(), strict=True):
-            curve.set(*loops.broken(loops.pressure_kpa, loops.signal_mv[self.number - 1], cycles))
+        self.clear()
+        self._arrange(len(loops.signal_mv))
+        for plot, curves, signal_mv in zip(self.plots, self.groups, loops.signal_mv, strict=False):
+            for curve, cycles in zip(curves, model.groups(), strict=True):
+                curve.set(*loops.broken(loops.pressure_kpa, signal_mv, cycles))
+            plot.fit()
         self.readout.setText(f"cycles {loops.numbers[0]}\u2013{loops.numbers[-1]}, dark first")
-        self.plot.fit()
 
 
 class CycleFigureCard(PlotCard):
@@ -106,7 +115,7 @@ class RepeatPage(QWidget):
         self._revision = -1
         self.headline = widgets.label("", "subtitle", elide=True)
         self.warm_up = widgets.label("", "muted")
-        self.loops = [LoopsByCycle(n) for n in range(1, len(SYMBOLS) + 1)]
+        self.loops = LoopsByCycle()
         self.drift = DriftCard()
         self.hysteresis = CycleFigureCard("Hysteresis", "Per cycle", "% FSO")
         self.sensitivity = CycleFigureCard("Sensitivity", "Per cycle", "mV/mm")
@@ -126,10 +135,9 @@ class RepeatPage(QWidget):
         report = widgets.button("Report \u2026", partial(self.services.show, Panel.REPORT))
         head, _ = widgets.card(widgets.row(self.headline, self.warm_up, None, report))
         keep = self.services.preferences
-        columns = (self.loops, (self.drift, self.sensitivity), (self.hysteresis, self.snr))
+        columns = ((self.drift, self.sensitivity), (self.hysteresis, self.snr))
         parts = [Shares(f"repeat {i}", keep, *((card, 1) for card in cards)) for i, cards in enumerate(columns)]
-        self.loop_column = parts[0]
-        left = Shares("repeat", keep, *zip(parts, (4, 3, 3), strict=True), beside=True)
+        left = Shares("repeat", keep, (self.loops, 4), *((part, 3) for part in parts), beside=True)
         self.tabs = widgets.tabs("Figures, and the interruptions of the run", (self.table, "Figures"))
         self.tabs.setTabBarAutoHide(True)
         side, _ = widgets.card(self.tabs)
@@ -152,12 +160,11 @@ class RepeatPage(QWidget):
         if result is None or not result.cycles:
             return
         sensors = len(result.sensors)
-        self.loop_column.show_first(sensors)
+        self.loops.show_groups(model)
         for shown in self.figures:
             shown.plot.clear()
             shown.explain_symbols(sensors)
-        for i, (card, sensor) in enumerate(zip(self.loops, result.sensors, strict=False)):
-            card.show_groups(model)
+        for i, sensor in enumerate(result.sensors):
             numbers, top, bottom = model.extremes(i)
             each = sensor.cycles
             for points, values in (

@@ -145,47 +145,56 @@ class ReflowingPage(QWidget):
 
 
 class Divided(QSplitter):
-    """A main part on the left, a side part on the right.
+    """A main part, and a side part at its right or below it, with a movable border.
 
     Parameters
     ----------
-    name : key of the stored width of the right side.
-    preferences : keep the width.
-    left, right : the two sides.
-    width : of the right side until the operator moves the border.
-    stacks : whether the sides are stacked on a narrow page, which then scrolls.
+    name : key of the stored size of the side part.
+    preferences : keep the size.
+    main, side : the two parts.
+    size : width or height of the side part until the operator moves the border.
+    below : whether the side part is below the main one.
+    stacks : whether the parts are stacked on a narrow page, which then scrolls.
     """
 
     def __init__(
-        self, name: str, preferences: Preferences, left: QWidget, right: QWidget, width: int, *, stacks: bool = False
+        self,
+        name: str,
+        preferences: Preferences,
+        main: QWidget,
+        side: QWidget,
+        size: int,
+        *,
+        below: bool = False,
+        stacks: bool = False,
     ) -> None:
-        super().__init__(Qt.Orientation.Horizontal)
-        self._key, self._preferences, self._width = f"side {name}", preferences, width
+        super().__init__(Qt.Orientation.Vertical if below else Qt.Orientation.Horizontal)
+        self._key, self._preferences, self._size = f"side {name}", preferences, size
         self._stacks, self.stacked = stacks, False
-        self._left, self._right = left, right
+        self._main, self._side = main, side
         self.setHandleWidth(style.GAP)
         self.setChildrenCollapsible(False)
-        self.addWidget(left)
-        self.addWidget(right)
+        self.addWidget(main)
+        self.addWidget(side)
         self.setStretchFactor(0, 1)
         self.setStretchFactor(1, 0)
-        self.handle(1).setAccessibleName("Border between the two sides")
+        self.handle(1).setAccessibleName("Movable border")
         self.splitterMoved.connect(lambda *_: self._store())
 
-    def prefer(self, width: int) -> None:
-        """Take another width for the right side, unless the operator has moved the border."""
-        self._width = width
+    def prefer(self, size: int) -> None:
+        """Take another size for the side part, unless the operator has moved the border."""
+        self._size = size
         self._share()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Keep the width of the right side, or stack it under the left one."""
+        """Keep the size of the side part, or stack it under the main one."""
         super().resizeEvent(event)
         narrow = self._stacks and self.width() < style.STACKED_BELOW - 2 * style.PAGE_MARGIN
         if narrow != self.stacked:
             self.stacked = narrow
             self.setOrientation(Qt.Orientation.Vertical if narrow else Qt.Orientation.Horizontal)
-            self._left.setMinimumHeight(2 * style.STACKED_HEIGHT if narrow else 0)
-            self._right.setMinimumHeight(style.STACKED_TABLE if narrow else 0)
+            self._main.setMinimumHeight(2 * style.STACKED_HEIGHT if narrow else 0)
+            self._side.setMinimumHeight(style.STACKED_TABLE if narrow else 0)
         self._share()
 
     def _store(self) -> None:
@@ -195,10 +204,14 @@ class Divided(QSplitter):
     def _share(self) -> None:
         if self.stacked:
             return
-        available = self.width() - self.handleWidth()
-        right = min(int(self._preferences.get(self._key, self._width)), available // 2)
-        if available > 0 and self.sizes()[1] != right:
-            self.setSizes([available - right, right])
+        if self.orientation() is Qt.Orientation.Vertical:
+            length, most = self.height(), self._side.maximumHeight()
+        else:
+            length, most = self.width(), self._side.maximumWidth()
+        available = length - self.handleWidth()
+        side = min(int(self._preferences.get(self._key, self._size)), available // 2, most)
+        if available > 0 and self.sizes()[1] != side:
+            self.setSizes([available - side, side])
 
 
 class Shares(QSplitter):
@@ -222,8 +235,7 @@ class Shares(QSplitter):
         self._shares: list[float] = kept if known else [share for _, share in parts]
         self.setHandleWidth(style.GAP)
         self.setChildrenCollapsible(False)
-        self._parts = [part for part, _ in parts]
-        for i, part in enumerate(self._parts):
+        for i, (part, _) in enumerate(parts):
             self.addWidget(part)
             self.handle(i).setAccessibleName("Movable border")
         self.splitterMoved.connect(lambda *_: self._store())
@@ -234,12 +246,6 @@ class Shares(QSplitter):
         self.setOrientation(Qt.Orientation.Vertical if below else Qt.Orientation.Horizontal)
         self._share()
 
-    def show_first(self, parts: int) -> None:
-        """Show only so many parts."""
-        for i, part in enumerate(self._parts):
-            part.setVisible(i < parts)
-        self._share()
-
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Keep the shares."""
         super().resizeEvent(event)
@@ -247,10 +253,8 @@ class Shares(QSplitter):
 
     def _store(self) -> None:
         if self.orientation() is self._own:  # not while they are stacked on a narrow page
-            whole, parts = sum(self._shares), list(zip(self._shares, self.sizes(), strict=True))
-            shown = sum(share for share, size in parts if size) / whole  # a hidden part has no size and keeps its share
-            shown_px = max(1, sum(self.sizes()))
-            self._shares = [shown * size / shown_px if size else share / whole for share, size in parts]
+            sizes = self.sizes()
+            self._shares = [size / sum(sizes) for size in sizes]
             self._preferences.set_later(self._key, self._shares)
 
     def _share(self) -> None:

@@ -37,6 +37,8 @@ def test_enlarged_screen_shows_what_matters(make, size, theme):
         assert window.rect().contains(corner), widget.accessibleName()
         assert widget.visibleRegion().boundingRect().size() == widget.size(), widget.accessibleName()
     assert window.live.figures["kpa"].note.text() == "→ +30.0"
+    (plot,) = window.live.plots.rows
+    assert plot.item.getViewBox().height() >= 150  # the data alone, under title and controls
     assert isinstance(window.grab().toImage(), QImage)
 
 
@@ -48,6 +50,24 @@ def test_moved_borders_are_restored(make):
     first.close()
     second = make(RecordedSession(connected(), filled_ring(10.0)))
     assert second.live.sides.sizes()[1] == width != style.PANE_WIDTH
+
+
+def test_border_above_the_run_is_moved_and_kept(live):
+    """The plan's picture grows where the border is dragged up, also after a stay in a low window, which hides it."""
+    page = live.live
+    live.resize(1280, 800)
+    QTest.qWait(20)
+    before = page.sequence.picture.height()
+    page.run_border.moveSplitter(page.run_border.height() - 240, 1)
+    QTest.qWait(20)
+    tall = page.sequence.picture.height()
+    assert tall > before + 80
+    live.resize(853, 533)
+    QTest.qWait(20)
+    assert page.sequence.height() < 60
+    live.resize(1280, 800)
+    QTest.qWait(20)
+    assert page.sequence.picture.height() == tall
 
 
 def test_restored_window_fits_a_smaller_screen(live, monkeypatch):

@@ -35,7 +35,7 @@ def test_every_cycle_and_interruption_is_drawn(live):
 
 @pytest.mark.parametrize("sensors", [1, 3, 4])
 def test_every_sensor_is_drawn(live, sensors):
-    """One to four sensors: a loop card and a symbol each; those of the run before are gone."""
+    """One to four sensors: a loop plot and a symbol each; those of the run before are gone."""
     whole = run_result()
     live.go("Repeat")
     page, (first, *_) = live.pages["Repeat"], whole.sensors
@@ -44,7 +44,9 @@ def test_every_sensor_is_drawn(live, sensors):
     loops = dataclasses.replace(whole.loops, signal_mv=(whole.loops.signal_mv[0],) * sensors)
     live.model.repeatability.show(dataclasses.replace(whole, sensors=(first,) * sensors, loops=loops))
     live.refresh()
-    assert [card.isVisible() for card in page.loops] == [n < sensors for n in range(4)]
+    drawn = [plot for plot in page.loops.plots if plot.item in page.loops.view.ci.items]
+    assert [plot.title for plot in drawn] == [f"Sensor {n}" for n in range(1, sensors + 1)]
+    assert all(group[0].x.size for group in page.loops.groups[:sensors])
     assert [points.x.size for points in page.snr.sensors] == [CYCLES * (n < sensors) for n in range(4)]
     assert page.snr.readout.text().split() == ["●", "1", "■", "2", "▲", "3", "◆", "4"][: 2 * sensors]
 

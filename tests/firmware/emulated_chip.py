@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 import shutil
+import signal
 import socket
 import struct
 import subprocess
@@ -316,7 +317,8 @@ def until_listening(process: subprocess.Popen[bytes], place: str) -> None:
 
 
 def main() -> None:
-    """Build the board and run it until Ctrl-C."""
+    """Build the board and run it until Ctrl-C or SIGTERM."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     with tempfile.TemporaryDirectory() as folder:
         program = compile_board(Path(folder))
         with emulated(program, address=sys.argv[1] if len(sys.argv) > 1 else "") as chip:

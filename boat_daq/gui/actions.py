@@ -234,6 +234,7 @@ def recordings(window: MainWindow) -> list[Command]:
         command("Export it as Parquet …", "Ctrl+Alt+Q", "export", 1),
         command("Report of the selected runs …", "Ctrl+Alt+T", "report", also="pdf html print"),
         command("Compare the selected runs", "Ctrl+Alt+M", "compare"),
+        command("The selected unit over time …", "Ctrl+Alt+Y", "unit", also="history due interval calibrations"),
         command("Recover the selected recordings", "Ctrl+Alt+V", "recover"),
     ]
 

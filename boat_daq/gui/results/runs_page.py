@@ -34,6 +34,7 @@ from boat_daq.gui.plotting.plot import Curve, ramp_colour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.results.metadata_form import MetadataForm
+from boat_daq.gui.results.unit_window import UnitWindow
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
@@ -65,6 +66,7 @@ UNDER_LIST = ("rename", "note", "metadata", "resume", "recover")  # buttons besi
 NO_UNITS = "Calibrations accepted on the Calibrate page are listed here with their unit."
 HISTORY = "The sensitivity of the unit in use at each of its accepted calibrations."
 DIFFERENCE = "The curve of each run less the curve of the first one, over elongation."
+OVER_TIME_TIP = "Its calibrations over each other and over time, and when it is due again"
 UNIT_HEADINGS = ("Unit", "Accepted", "Sensitivity, mV/mm", "Recording")
 
 
@@ -185,7 +187,11 @@ class RunsPage(QWidget):
         frame, _ = widgets.card(head, find, (self.list, 1), widgets.row((self.details, 1), *under))
         self.no_units = widgets.label(NO_UNITS, "muted", wrap=True)
         self.no_units.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        side, _ = widgets.card(widgets.label("Units", "subtitle"), (self.units, 1), (self.no_units, 1))
+        self.over_time = self.buttons["unit"] = widgets.button("Over time …", self._show_unit, tip=OVER_TIME_TIP)
+        self.units.itemSelectionChanged.connect(self._enable)
+        self.units.itemDoubleClicked.connect(lambda _: self._show_unit())
+        units_head = widgets.row(widgets.label("Units", "subtitle"), None, self.over_time)
+        side, _ = widgets.card(units_head, (self.units, 1), (self.no_units, 1))
         self.sides = Shares("units", self.services.preferences, (side, 1), (self.history, 1), beside=True)
         self.cards = (side, self.history, self.compare_card)
         self.below = Leaves(self.sides, self.compare_card)  # the latter in place of the units
@@ -302,6 +308,7 @@ class RunsPage(QWidget):
         self.buttons["resume"].setVisible(len(chosen) == 1 and chosen[0].resumable)
         self.buttons["recover"].setVisible(any(run.recoverable for run in chosen))
         self.details.setText(selection_text(chosen))
+        widgets.allow(self.over_time, "" if self.units.selectedIndexes() else "Choose a line of the units.")
 
     def paint_theme(self, theme: Theme) -> None:
         """Use the colours of `theme`."""
@@ -351,6 +358,13 @@ class RunsPage(QWidget):
         if rows and not self.list.currentIndex().isValid():  # else an arrow key starts above the chosen line
             here = self.list.model().index(rows[0], 0)
             self.list.selectionModel().setCurrentIndex(here, QItemSelectionModel.SelectionFlag.NoUpdate)
+
+    def _show_unit(self) -> None:
+        """Show the calibrations of the chosen unit in a window of their own."""
+        row = self.units.currentRow()
+        self.services.notices.attempt(
+            lambda: UnitWindow(self.window(), self.model.over_time(row), self.services, self.history).show()
+        )
 
     def _show_history(self) -> None:
         unit = self.other_pages.unit()

@@ -6,14 +6,16 @@ run takes both from the library of simulated units.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 from boat_daq.engine.settings import Unit, UnitLibrary
 from boat_daq.engine.toml_values import BadValue, parse_toml, read_text
 
 if TYPE_CHECKING:
     from analysis.calibration.curve_choice import Degree
+    from analysis.calibration.inverse import Inverse
     from analysis.calibration.type_b import TypeBContribution
     from analysis.data.recording import Recording
 
@@ -62,6 +64,34 @@ def chosen_curve(recording: Recording, choice: str = "") -> Degree:
         if entry.accepted and entry.content.get("recording_id") == own
     )
     return degree_of(choice or next(accepted, "") or str(USUAL_DEGREE))
+
+
+def stored_inverse(stored: Mapping[str, Any]) -> Inverse:
+    """Return the inverse of one sensor of an accepted calibration, with the uncertainty of its run.
+
+    Its points are fitted again, so that it is exactly the accepted calibration. Where no uncertainty is stored it is
+    that of the residuals of the fit.
+
+    Raises
+    ------
+    AnalysisError : the curve has no inverse over its range.
+    """
+    from analysis.calibration.curve_choice import SPLINE
+    from analysis.calibration.fit import fit_by_branch, fit_calibration
+    from analysis.calibration.inverse import Inverse
+    from analysis.calibration.type_b import contributions
+
+    points, degree = (stored["elongation_mm"], stored["signal_mv"]), int(stored["fit"]["degree"])
+    reading_sd, positions = float(stored.get("reading_sd_mm") or 0.0), stored.get("positions")
+    if stored.get("branches") is not None:
+        branch = stored["branches"]
+        curve: int | Literal["spline"] = SPLINE if stored["fit"].get("curve") == SPLINE else degree
+        fit = fit_by_branch(*points, curve, positions=stored["positions"], branch=branch, reading_sd=reading_sd)
+    else:  # accepted before the branches were stored
+        fit = fit_calibration(*points, degree).with_reading(reading_sd, positions)
+    type_b = contributions(stored.get("type_b") or {})
+    model_sd = float(stored.get("model_mv") or 0.0)
+    return Inverse.of(fit, noise_sd=stored.get("noise_mv"), model_sd=model_sd, type_b=type_b)
 
 
 def identity(recording: Recording) -> str:

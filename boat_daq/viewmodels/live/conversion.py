@@ -7,7 +7,7 @@ a helper thread: the analysis and its compiler take a moment to load, which must
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,11 +15,12 @@ from analysis.arrays import FloatArray
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.viewmodels.common.jobs import Background
+from boat_daq.viewmodels.common.reference import stored_inverse
 from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.live_model import LiveElongation, LiveModel
 
 if TYPE_CHECKING:
-    from analysis.calibration.inverse import Fusion, Inverse
+    from analysis.calibration.inverse import Fusion
 
 
 class Conversion:
@@ -50,30 +51,10 @@ def prepare(content: Mapping[str, Any]) -> Conversion:
     # imported on the helper thread, not with the window
     from analysis.calibration.inverse import Fusion
 
-    inverses = [_inverse(sensor) for sensor in content["sensors"]]
+    inverses = [stored_inverse(sensor) for sensor in content["sensors"]]
     conversion = Conversion(Fusion.of(inverses))
     conversion(np.zeros((1, len(inverses))))  # compiles now, not in the first frame
     return conversion
-
-
-def _inverse(stored: Mapping[str, Any]) -> Inverse:
-    """Return one sensor's inverse with the uncertainty of its run; of the residuals of the fit where none is stored."""
-    from analysis.calibration.curve_choice import SPLINE
-    from analysis.calibration.fit import fit_by_branch, fit_calibration
-    from analysis.calibration.inverse import Inverse
-    from analysis.calibration.type_b import contributions
-
-    points, degree = (stored["elongation_mm"], stored["signal_mv"]), int(stored["fit"]["degree"])
-    reading_sd, positions = float(stored.get("reading_sd_mm") or 0.0), stored.get("positions")
-    if stored.get("branches") is not None:
-        branch = stored["branches"]
-        curve: int | Literal["spline"] = SPLINE if stored["fit"].get("curve") == SPLINE else degree
-        fit = fit_by_branch(*points, curve, positions=stored["positions"], branch=branch, reading_sd=reading_sd)
-    else:  # accepted before the branches were stored
-        fit = fit_calibration(*points, degree).with_reading(reading_sd, positions)
-    type_b = contributions(stored.get("type_b") or {})
-    model_sd = float(stored.get("model_mv") or 0.0)
-    return Inverse.of(fit, noise_sd=stored.get("noise_mv"), model_sd=model_sd, type_b=type_b)
 
 
 class UnitInUse:

@@ -38,6 +38,7 @@ from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands, RunResult, compare_runs, export_run, report_runs
 from boat_daq.viewmodels.results.metadata import MetadataModel
+from boat_daq.viewmodels.results.unit_over_time import UnitOverTimeModel
 from protocol.errors import DamagedRecordingError, ProtocolError
 from protocol.recording import SUFFIX, RunEnd, open_recording, schema
 
@@ -52,6 +53,7 @@ STATES = {
 }  # fmt: skip
 CHOOSE_ONE, CHOOSE_SOME = "Choose a recording in the list.", "Choose one or more recordings in the list."
 CHANGES = ("readings", "rename", "note", "metadata")  # of a recording
+SIMULATED_MARK = "  SIMULATED"  # behind the name of a unit
 NONE_CHOSEN = "Choose a recording to calibrate, replay or export it, or two to four to compare them."
 
 
@@ -488,11 +490,25 @@ class RunsModel:
                 except OperatorError as error:
                     lines.append((units.simulated, (name, NOTHING, "\u25a0 cannot be read", error.cause)))
                     continue
-                shown = f"{name}  SIMULATED" if units.simulated else name
+                shown = f"{name}{SIMULATED_MARK}" if units.simulated else name
                 for entry in reversed(history):
                     figures = " / ".join(number(figure, 1) for figure in _sensitivities(entry))
                     lines.append((units.simulated, (shown, entry.utc[:10], figures, entry.recording)))
         return lines
+
+    def over_time(self, row: int) -> UnitOverTimeModel:
+        """Return the model of the window of a unit, by its line in the list.
+
+        Raises
+        ------
+        OperatorError : no unit is chosen.
+        """
+        lines = [line for line in self.units_read if line[0] in self._kinds]
+        if not 0 <= row < len(lines):
+            raise OperatorError("no unit is chosen", "Choose a line of the units.")
+        simulated, cells = lines[row]
+        units = self.units.of(simulated=simulated)
+        return UnitOverTimeModel(units, cells[0].removesuffix(SIMULATED_MARK), self.jobs, self._notices)
 
     def sensitivities(self, unit: str) -> list[tuple[FloatArray, FloatArray]]:
         """Return for each sensor (number of the accepted calibration, sensitivity in mV/mm), oldest first."""

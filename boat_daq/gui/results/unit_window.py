@@ -1,0 +1,151 @@
+"""A unit over time, in a window of its own beside the program's. Not modal."""
+
+from __future__ import annotations
+
+import numpy as np
+from PySide6.QtCore import Qt, QTimerEvent
+from PySide6.QtWidgets import QDialog, QGridLayout, QWidget
+
+from analysis.arrays import FloatArray
+from boat_daq.gui import style
+from boat_daq.gui.plotting.plot import Curve, Points, ramp_colour, sensor_colour
+from boat_daq.gui.plotting.plot_card import PlotCard
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets.data_table import DataTable
+from boat_daq.gui.widgets.file_dialogs import ask_save
+from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.results.unit_over_time import HEADINGS, UnitOverTime, UnitOverTimeModel
+
+REFRESH_MS = 200
+SIZE = (1000, 720)
+LEAST_SHARE = 0.05  # of the values: less is not spread over the whole height
+FINDING = 5  # column that takes the remaining width
+CURVES = "Calibration curves"
+DIFFERENCES = "Difference from the first"
+COEFFICIENT = "Coefficient b\u2081"
+UNCERTAINTY = "Uncertainty of an elongation"
+EXPLANATIONS = {
+    CURVES: "The curve of each accepted calibration; the newest is the lightest",
+    DIFFERENCES: "Each curve less the first one, where both are",
+    COEFFICIENT: "Slope of the curve at 0 mm; surface: its expanded uncertainty, k = 2",
+    UNCERTAINTY: "U of one reading at the check point, k = 2",
+}
+
+
+class UnitWindow(QDialog):
+    """Curves over each other, b1 and U over time, E_n, and when the unit is due again.
+
+    Parameters
+    ----------
+    parent : the window of the program.
+    model : the view model.
+    services : of the window.
+    like : a card of the window: theme, and what its menu does.
+    """
+
+    def __init__(self, parent: QWidget, model: UnitOverTimeModel, services: Services, like: PlotCard) -> None:
+        super().__init__(parent)
+        self.model, self.services, self.theme = model, services, like.theme
+        self._shown: UnitOverTime | None = None
+        self.setWindowTitle(f"{model.title} over time")
+        self.setModal(False)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        available = self.screen().availableSize()
+        self.resize(min(SIZE[0], available.width()), min(SIZE[1], available.height()))
+        self.cards = {title: PlotCard(title, text) for title, text in EXPLANATIONS.items()}
+        for title, unit in ((CURVES, "mV"), (DIFFERENCES, "mV")):
+            self.cards[title].add(
+                "Signal" if title == CURVES else "Difference", unit, x_title="Elongation", x_unit="mm"
+            )
+        self.cards[COEFFICIENT].add("b\u2081", "mV/mm", x_title="Since the first", x_unit="d")
+        self.cards[UNCERTAINTY].add("U, k = 2", "\u00b5m", x_title="Since the first", x_unit="d")
+        grid = QGridLayout()
+        grid.setSpacing(style.GAP)
+        for place, card in enumerate(self.cards.values()):
+            card.copy_wanted.connect(like.copy_wanted)
+            card.save_wanted.connect(like.save_wanted)
+            card.paint_theme(like.theme)
+            grid.addWidget(card, place // 2, place % 2)
+        self.due = widgets.label("Reading the calibrations \u2026", "subtitle", wrap=True, name="When it is due again")
+        self.sensor = widgets.choice("Sensor of the curves", (("Sensor 1", 0),), self._draw_curves)
+        self.table = DataTable("Calibrations of the unit", HEADINGS, stretched=FINDING, right=(2, 3, 4))
+        self.save = widgets.button("Report \u2026", self._report, tip="Save it as PDF or HTML")
+        self.save.setEnabled(False)
+        buttons = widgets.row(widgets.button("Close", self.close), None, self.save)
+        self.simulated = widgets.label("SIMULATED", "simulated", name="These calibrations are of a simulated unit")
+        self.simulated.setVisible(model.units.simulated)
+        head = widgets.row(self.simulated, (self.due, 1), self.sensor)
+        parts = (head, (widgets.holder(grid), 3), (self.table, 1), buttons)
+        self.setLayout(widgets.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
+        self.startTimer(REFRESH_MS)
+
+    def timerEvent(self, event: QTimerEvent | None = None) -> None:
+        """Show the calibrations once they are read."""
+        found = self.model.found
+        if self._shown is None and self.model.failed:
+            self.due.setText(self.model.failed)
+        if found is None or found is self._shown:
+            return
+        self._shown = found
+        self.due.setText(found.void or found.sentence)
+        self.save.setEnabled(not found.void)
+        self.table.fill(found.rows())
+        self.sensor.clear()
+        for number in range(1, len(found.histories) + 1):
+            self.sensor.addItem(f"Sensor {number}", number - 1)
+        if found.void:
+            for card in self.cards.values():
+                card.show_empty("No accepted calibration.")
+            return
+        self._draw_curves(0)
+        self._draw_times()
+
+    def _report(self) -> None:
+        ask_save(self, self.services, f"{self.model.name} over time", "pdf html", self.model.report, done="")
+
+    def _draw_curves(self, sensor: int) -> None:
+        """Draw the curves of a sensor, and each less the first."""
+        if self._shown is None or sensor is None or not 0 <= sensor < len(self._shown.histories):
+            return
+        curves = self._shown.histories[sensor].curves
+        for title in (CURVES, DIFFERENCES):
+            card, plot = self.cards[title], self.cards[title].plots[0]
+            plot.clear()
+            lines = [layer for layer in plot.layers if isinstance(layer, Curve)]
+            for k in range(len(lines), len(curves)):
+                lines.append(plot.curve(f"Calibration {k + 1}", ramp_colour(k, len(curves))))
+                lines[-1].paint(card.theme)
+            for line, curve in zip(lines, curves, strict=False):
+                line.set(*(curve.T if title == CURVES else _less(curve, curves[0])))
+            plot.fit()
+
+    def _draw_times(self) -> None:
+        """Draw b1 and U of every sensor over the days since its first calibration."""
+        assert self._shown is not None
+        slope, spread = self.cards[COEFFICIENT].plots[0], self.cards[UNCERTAINTY].plots[0]
+        for sensor, history in enumerate(self._shown.histories):
+            days, colour, name = self._shown.days(sensor), sensor_colour(sensor + 1), f"Sensor {sensor + 1}"
+            if history.coefficients.shape[1] > 1:
+                b1, u = history.coefficients[:, 1], 2.0 * history.std_errors[:, 1]
+                known = np.isfinite(b1) & np.isfinite(u)
+                band = slope.band(f"{name}, U", colour)
+                band.fill(days[known], (b1 - u)[known], (b1 + u)[known])
+                self._points(slope.curve(name, colour), slope.points(name, colour), days[known], b1[known])
+                band.paint(self.theme)
+            known = np.isfinite(history.expanded_mm)
+            values = 1000.0 * history.expanded_mm[known]
+            self._points(spread.curve(name, colour), spread.points(name, colour), days[known], values)
+        for plot in (slope, spread):
+            most = max((float(np.abs(layer.y).max()) for layer in plot.layers if layer.y.size), default=1.0)
+            plot.fit(x_margin=0.1, smallest=LEAST_SHARE * most)
+
+    def _points(self, curve: Curve, points: Points, x: FloatArray, y: FloatArray) -> None:
+        for layer in (curve, points):
+            layer.set(x, y)
+            layer.paint(self.theme)
+
+
+def _less(curve: FloatArray, first: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return x and a curve less the first one, where both are; arrays [points, 2]."""
+    both = (curve[:, 0] >= first[0, 0]) & (curve[:, 0] <= first[-1, 0])
+    return curve[both, 0], curve[both, 1] - np.interp(curve[both, 0], first[:, 0], first[:, 1])

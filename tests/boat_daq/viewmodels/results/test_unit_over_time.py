@@ -1,0 +1,42 @@
+"""A unit over time from its accepted calibrations."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from boat_daq.engine.settings import Unit, UnitLibrary
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.results.unit_over_time import in_force_at_times, report_unit, unit_over_time
+from tests.boat_daq.viewmodels.results.units import accepted, unit
+
+
+def test_accepted_calibrations_are_arranged_over_time() -> None:
+    """Two calibrations 2 mV apart: days, E_n, U of the live reading, a proposal, a line each in the table."""
+    found = unit_over_time(unit(0.0, 2.0))
+    assert len(found.histories) == 2
+    assert found.days(0).tolist() == [0.0, 60.0]
+    assert found.histories[0].value_mv[1] - found.histories[0].value_mv[0] == pytest.approx(2.0)
+    assert np.isfinite(found.histories[0].expanded_mm).all()
+    assert "Due again 2026" in found.sentence
+    assert found.rows()[0][:2] == ("2026-03-11  10:00", "1")
+    assert len(found.rows()) == 4
+
+
+def test_withdrawn_calibrations_are_left_out() -> None:
+    """One that was undone, and the first in force again: it counts once."""
+    first, second = accepted("2026-01-01T00:00:00+00:00"), accepted("2026-02-01T00:00:00+00:00", 9.0)
+    again = dataclasses.replace(first, utc="2026-02-02T00:00:00+00:00", note="in force again")
+    withdrawn = dataclasses.replace(first, utc="2026-02-03T00:00:00+00:00", accepted=False, content={"simulated": True})
+    assert in_force_at_times((first, second, again)) == [first]
+    assert in_force_at_times((first, withdrawn)) == []
+
+
+def test_unit_without_calibration_has_no_history(tmp_path: Path) -> None:
+    """The reason is given; its report is refused."""
+    assert unit_over_time(Unit("SA1")).void == "SA1 has no accepted calibration yet"
+    with pytest.raises(OperatorError, match="no accepted calibration"):
+        report_unit(UnitLibrary(tmp_path), "SA1", tmp_path / "r.html")

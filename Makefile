@@ -20,7 +20,7 @@ SECONDS ?= 600
 # Bytecode is kept: programs that tests start, and each of the tests' workers, would compile the same sources again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check nightly chip bench docs pictures fuzz faults audit setup setup-test system system-test compiled collected clean help
+.PHONY: demo test check nightly chip bench docs pictures fuzz mutation faults audit setup setup-test system system-test compiled collected clean help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -58,6 +58,10 @@ bench: setup-test  ## print every benchmark's figure and ratio
 fuzz: setup-test  ## coverage-guided fuzzing of every decoder (Linux); SECONDS=3600 for an hour
 	$(BIN)/python -m pip install -q --disable-pip-version-check --group fuzz
 	$(BIN)/python -m tests.faults.fuzz $(SECONDS)
+
+mutation: setup-test  ## small faults in the modules that others rest on: which does no test notice? (Linux, an hour)
+	$(BIN)/python -m pip install -q --disable-pip-version-check --group mutation
+	QT_QPA_PLATFORM=offscreen $(BIN)/python -m tests.mutation.mutate
 
 docs: setup-test  ## the documentation, into out/docs/index.html; warnings are errors
 	$(BIN)/python -m sphinx -q -W --keep-going -j 2 -c docs -d out/doctrees . out/docs

@@ -62,6 +62,19 @@ def test_the_half_that_faces_the_limit_counts() -> None:
     unknown = conformity_statement(9.0, (0.5, math.nan), (-math.inf, 10.0))
     assert unknown.conformity is Conformity.CONDITIONAL_PASS
     assert math.isnan(unknown.probability)
+    for value, expected in ((9.5, "conditional_pass"), (10.0, "conditional_pass"), (10.1, "conditional_fail")):
+        assert conformity_statement(value, (0.5, math.nan), (-math.inf, 10.0)).conformity == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "probability", "expected"), [(9.5, 1.0, "pass"), (10.0, 1.0, "pass"), (10.5, 0.0, "fail")]
+)
+def test_a_value_without_uncertainty_is_certain(value: float, probability: float, expected: str) -> None:
+    """U = 0: within the limit, itself included, or beyond it; without any limit every value passes."""
+    found = conformity_statement(value, (0.0, 0.0), (-math.inf, 10.0))
+    assert (found.probability, found.conformity) == (probability, expected)
+    free = conformity_statement(value, (1.0, 1.0), (-math.inf, math.inf))
+    assert (free.probability, free.conformity, free.guard_band) == (1.0, "pass", 0.0)
 
 
 def test_a_void_value_is_undetermined() -> None:
@@ -69,10 +82,11 @@ def test_a_void_value_is_undetermined() -> None:
     assert conformity_statement(math.nan, (1.0, 1.0), (0.0, 1.0)).conformity is Conformity.UNDETERMINED
 
 
-def test_few_degrees_of_freedom_make_conformity_less_certain() -> None:
+@pytest.mark.parametrize("u", [1.0, 2.0])
+def test_few_degrees_of_freedom_make_conformity_less_certain(u: float) -> None:
     """One standard uncertainty inside with 2 degrees of freedom: p = 1 - 1/2 (1 - 1/sqrt(3)), in closed form."""
-    expanded = 4.302653  # of u = 1 with 2 degrees of freedom
-    found = conformity_statement(9.0, (expanded, expanded), (-math.inf, 10.0), dof=2.0)
+    expanded = 4.302653 * u
+    found = conformity_statement(10.0 - u, (expanded, expanded), (-math.inf, 10.0), dof=2.0)
     assert found.probability == pytest.approx(1.0 - 0.5 * (1.0 - 1.0 / math.sqrt(3.0)), abs=1e-6)
 
 

@@ -14,6 +14,7 @@ from analysis.calibration.fit import fit_calibration
 from analysis.figures.acceptance import (
     LEAST_R2,
     TOLERANCES,
+    conformity_json,
     judge,
     out_of_tolerance,
     r2_statement,
@@ -62,6 +63,25 @@ def test_r2_is_judged_with_the_chi_square_interval_of_its_residuals(excess, expe
 def test_r2_is_allowed_what_the_grid_of_the_readings_makes(r2, grid_mm, out):
     """Readings on a half-millimetre grid are allowed what the grid makes, not more."""
     assert bool(out_of_tolerance(sensor(scattered(r2)), grid_mm / math.sqrt(12))) is out
+
+
+@pytest.mark.parametrize("unit_mv", [1.0, 1e-4])
+@pytest.mark.parametrize("grid_mm", [0.0, 0.5])
+def test_limit_of_r2_is_twice_the_published_residuals_and_the_grid(unit_mv, grid_mm):
+    """1 - R2 four times that of the worse sensor, and twice the variance of a grid's rounding, in any unit of y."""
+    residual = 4.0 * max(1.0 - one.r2 for one in SENSORS)
+    straight = SimpleNamespace(name="s1", calibration=fit_calibration(X, unit_mv * X, 1))
+    rounding = 2.0 * grid_mm**2 / 12.0 / np.var(X)
+    tolerance = r2_statement("s1", straight.calibration, grid_mm / math.sqrt(12.0)).tolerance
+    assert tolerance.limit == pytest.approx(1.0 - residual - rounding, rel=1e-9)
+    assert ("a grid of 0.5 mm" in tolerance.source, tolerance.symbol) == (grid_mm > 0, "≥")
+    assert (TOLERANCES[0].symbol, TOLERANCES[0].limits) == ("≤", (-math.inf, TOLERANCES[0].limit))
+
+
+def test_limit_of_r2_of_a_level_curve_has_no_part_of_the_grid():
+    """No variance, and so no share of the grid in it."""
+    level = fit_calibration(X, np.full(X.size, 3.0), 1)
+    assert r2_statement("s1", level, 0.1).tolerance.limit == LEAST_R2
 
 
 @pytest.mark.parametrize("tolerance", TOLERANCES, ids=lambda t: t.key)
@@ -136,7 +156,17 @@ def test_a_figure_without_an_interval_has_conditional_statements_only():
     sensor = of_sensor(system_hysteresis_percent_fso=Figure(4.0, "% FSO", 1))
     assert judge([sensor], {"hysteresis": 5.0})[0].conformity == "conditional_pass"
     assert judge([sensor], {"hysteresis": 3.0})[0].conformity == "conditional_fail"
-    assert judge([sensor], {"repeatability": 3.0})[0].conformity == "undetermined"
+    absent = judge([sensor], {"repeatability": 3.0})[0]
+    assert (absent.conformity, absent.figure.n) == ("undetermined", 0)
+
+
+def test_statements_end_with_r2_of_the_calibrated_sensors():
+    """Those that the user set, the published ones, and R2 of every sensor that has a calibration."""
+    snr = {"snr_db": Figure(44.0, "dB", 5, 43.5, 44.5)}
+    sensors = [sensor(Y, **snr), of_sensor(**snr)]
+    found = conformity_json(SimpleNamespace(sensors=sensors, reading_sd_mm=0.0), {"snr": 30.0})
+    assert [one["name"] for one in found] == ["snr", "snr", "snr_db", "r2"]
+    assert found[-1]["value"] == sensors[0].calibration.r2
 
 
 def test_the_worst_statement_counts_for_all_limits():

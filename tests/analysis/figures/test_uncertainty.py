@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scipy import signal, stats
 
 from analysis import AnalysisError, Options, Recording, analyse
 from analysis.calibration.type_b import contributions
+from analysis.figures.figure import Figure
 from analysis.figures.uncertainty import (
     Component,
     combine,
@@ -238,3 +240,111 @@ def test_a_curve_that_turns_gives_u_on_either_side_of_the_turn(tmp_path: Path) -
     assert "turns at" in analysis.budgets.void
     with pytest.raises(AnalysisError, match=r"turns at 2\.5"):
         elongation_reader(analysis)
+
+
+def a_run(**sensor: object) -> SimpleNamespace:
+    """Return what the budget needs of a run: 4 cycles of 19 levels, a converter of 12 bits, 1,234 samples."""
+    percent = {"repeatability_percent_fso": 0.5, "drift_percent_fso_per_100_cycles": -2.0}
+    figures = {"fso_mv": Figure(250.0, "mV", 4), "noise_mv": Figure(1.5, "mV", 4)}
+    figures |= {key: Figure(value, "% FSO", 4) for key, value in percent.items()}
+    parts = {"calibration": None, "sensor_loop": None, "joint_loop": None, "figures": figures, **sensor}
+    return SimpleNamespace(
+        sensors=[SimpleNamespace(**parts)],
+        loops=SimpleNamespace(n_cycles=4, level_kpa=np.arange(19.0)),
+        recording=SimpleNamespace(n=1234, lit=np.ones(1), dark=None, meta={"vref_mv": 3300, "adc_bits": 12}),
+        plateaus=[SimpleNamespace(signal_se_mv=(se,)) for se in (0.1, 0.2, 0.9)],
+        reading_sd_mm=0.1,
+    )
+
+
+def test_signal_parts_by_hand() -> None:
+    """Each part in mV, without what the others hold: GUM 4.3.7 for the steps of the converter and for a ramp."""
+    step = 3300.0 / 4096.0
+    resolution = step * np.sqrt(1.0 / 12.0 + 1.0 / 12.0)  # lit and dark
+    drift = 0.02 * 250.0 / 100.0 * 4 / np.sqrt(12.0)
+    parts = signal_parts(a_run(), 0)
+    assert parts.resolution == pytest.approx(resolution)
+    assert parts.noise == pytest.approx(np.sqrt(1.5**2 - resolution**2))
+    assert parts.drift == pytest.approx(drift)
+    assert parts.repeatability == pytest.approx(np.sqrt(1.25**2 - drift**2 - 0.2**2))
+    assert (parts.noise_dof, parts.repeatability_dof) == (123.0, 3 * 2 * 18)
+    assert (parts.hysteresis, parts.ambient) == (0.0, 0.0)
+    assert parts.independent == pytest.approx(1.5)
+    assert parts.shared == pytest.approx(np.sqrt(1.25**2 - 0.2**2))
+
+
+@pytest.mark.parametrize("lacks", ["lit", "vref_mv", "adc_bits"])
+def test_without_counts_there_is_no_resolution(lacks: str) -> None:
+    """A recording of signals, or one that lacks its converter's data."""
+    run = a_run()
+    if lacks == "lit":
+        run.recording.lit = None
+    else:
+        run.recording.meta[lacks] = None
+    assert signal_parts(run, 0).resolution == 0.0
+
+
+def test_run_of_one_cycle_and_level_has_degrees_of_freedom() -> None:
+    """One at least, and figures that are not known count nothing."""
+    run = a_run()
+    run.loops, run.recording.n, run.plateaus = SimpleNamespace(n_cycles=1, level_kpa=np.zeros(1)), 5, []
+    run.sensors[0].figures = {
+        key: one if key == "fso_mv" else replace(one, value=np.nan) for key, one in run.sensors[0].figures.items()
+    }
+    parts = signal_parts(run, 0)
+    assert (parts.noise_dof, parts.repeatability_dof) == (1.0, 2.0)
+    assert (parts.noise, parts.repeatability, parts.drift) == (0.0, 0.0, 0.0)
+
+
+def test_hysteresis_of_the_budget_is_the_rms_of_half_the_loop() -> None:
+    """Less what readings make: half the difference of two of 0.1 mm on 30 mV/mm has the sd 0.1 * 30 / sqrt(2)."""
+    loop = SimpleNamespace(
+        void="", loading=np.array([8.0, 10.0, 14.0]), unloading=np.array([0.0, 0.0, 2.0]), grid=np.arange(3.0)
+    )
+    curve = SimpleNamespace(slope=lambda x: np.full(np.shape(x), -30.0))
+    expected = np.sqrt(np.mean(np.array([4.0, 5.0, 6.0]) ** 2) - 0.1**2 * 30.0**2 / 2.0)
+    assert signal_parts(a_run(calibration=curve, sensor_loop=loop), 0).hysteresis == pytest.approx(expected)
+    assert signal_parts(a_run(calibration=None, sensor_loop=loop), 0).hysteresis == 0.0
+    loop.void = "no overlap"
+    assert signal_parts(a_run(calibration=curve, sensor_loop=loop), 0).hysteresis == 0.0
+    joint = SimpleNamespace(
+        ends=(-1.0, 3.0), loop_width=lambda x: 10.0 + 0.0 * x, loop_width_u=lambda x: 6.0 * np.ones_like(x)
+    )
+    assert signal_parts(a_run(joint_loop=joint), 0).hysteresis == pytest.approx(4.0)
+    joint.loop_width_u = lambda x: 11.0 * np.ones_like(x)
+    assert signal_parts(a_run(joint_loop=joint), 0).hysteresis == 0.0
+
+
+def test_ambient_light_is_found_through_the_noise_of_the_dark_readings() -> None:
+    """Light of 20 counts sd, of which 3 % is left in the signal: 0.6 mV, and none where there is no light."""
+    rng = np.random.default_rng(7)
+    light = 20.0 * np.cumsum(rng.standard_normal(40_000)) / 60.0
+    light -= np.interp(np.arange(light.size), np.arange(0, light.size, 100), light[::100])
+    light *= 20.0 / light.std()
+    for left, light_sd in ((0.03, 20.0), (0.0, 20.0), (0.03, 0.0)):
+        run = a_run()
+        dark = 200.0 + light * (light_sd / 20.0) + 5.0 * rng.standard_normal(light.size)
+        noise = 0.5 * rng.standard_normal(light.size) - 0.01 * (dark - dark.mean())
+        signal = 1500.0 + left * light * (light_sd / 20.0) + noise * (light_sd > 0)
+        run.recording.dark, run.recording.signal_mv = dark[:, None], signal[:, None]
+        run.recording.usable = np.ones((light.size, 1), bool)
+        run.plateaus = [
+            SimpleNamespace(settled_first=at, last=at + 399, damaged=("",), signal_se_mv=(0.1,))
+            for at in range(0, light.size, 400)
+        ]
+        found = signal_parts(run, 0).ambient
+        assert found == pytest.approx(abs(left - 0.01) * 20.0 if light_sd else 0.0, abs=0.08)
+
+
+@pytest.mark.parametrize(("dof", "inside"), [(np.inf, 0.954500), (1.0, 0.704833), (2.0, 2.0 / 6.0**0.5)])
+def test_coverage_of_twice_u_by_the_degrees_of_freedom(dof: float, inside: float) -> None:
+    """The normal's 95.45 %; Student's with 1 and 2 in closed form: 2/pi arctan 2, and 2 / sqrt(2 + 4)."""
+    budget = combine([Component("a", 3.0, -0.5, dof)])
+    assert (budget.u, budget.expanded) == (1.5, 3.0)
+    assert budget.coverage == pytest.approx(inside, abs=1e-6)
+
+
+def test_a_budget_of_nothing_has_no_shares() -> None:
+    """All components zero: shares of zero; three quarters exactly halve."""
+    assert combine([Component("a", 0.0)]).shares() == {"a": 0.0}
+    assert "without a (75 % of" in combine([Component("a", 3.0**0.5), Component("b", 1.0)]).what_halves_it()

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from boat_daq.engine.control.interlock import FlatLine, Interlock, Trip
 from boat_daq.engine.sample_columns import Columns
 from boat_daq.errors import OperatorError
+from protocol.link.messages import SetPressure
 from protocol.recording import BoardState, SampleFlag
 
 ENGINE = Path(__file__).resolve().parents[4] / "boat_daq"
@@ -55,7 +56,28 @@ def test_a_pressure_is_authorised_inside_the_limits_only(target: float) -> None:
         assert -40_000 <= command.target_pa <= 55_000
 
 
-@pytest.mark.parametrize("ramp", [0.0, -1.0, math.inf, math.nan])
+@pytest.mark.parametrize(
+    ("target", "ramp", "command"),
+    [
+        (12.345, 7.5, SetPressure(12_345, 7_500)),
+        (-40.0, 1e-4, SetPressure(-40_000, 1)),  # as slow as the wire can say, never 0
+        (55.0 + 1e-10, 99_999.0, SetPressure(55_000, 99_999_000)),  # the rounding of a sum of steps is no excess
+        (-40.0 - 1e-10, 1.0, SetPressure(-40_000, 1_000)),
+    ],
+)
+def test_command_carries_the_pressure_in_pascal(target: float, ramp: float, command: SetPressure) -> None:
+    """kPa and kPa/s become Pa and Pa/s, the limits included."""
+    assert interlock().authorise(target, ramp) == command
+
+
+@pytest.mark.parametrize(("target", "cause"), [(55.000001, "above the unit's limit"), (-40.000001, "below the plan's")])
+def test_pressure_just_beyond_a_limit_is_refused(target: float, cause: str) -> None:
+    """A thousandth of a pascal is beyond, whichever rounding would bring it back."""
+    with pytest.raises(OperatorError, match=cause):
+        interlock().authorise(target, 1.0)
+
+
+@pytest.mark.parametrize("ramp", [0.0, -1.0, 1e5, math.inf, math.nan])
 def test_a_ramp_that_is_none_is_refused(ramp: float) -> None:
     """On the wire a ramp of 0 means as fast as the pumps go; it cannot be requested by accident."""
     with pytest.raises(OperatorError, match="ramp"):
@@ -67,6 +89,15 @@ def test_limits_that_cannot_be_kept_are_refused(limits: tuple[float, float]) -> 
     """Swapped, not numbers, or without 0 kPa, where a vented unit is."""
     with pytest.raises(OperatorError):
         Interlock().set_limits("unit", limits)
+
+
+@pytest.mark.parametrize("limits", [(0.0, 50.0), (-50.0, 0.0), (-0.5, 0.5)])
+def test_limits_may_end_at_the_pressure_of_a_vented_unit(limits: tuple[float, float]) -> None:
+    """A unit for pressure alone, or for vacuum alone; and one for less than a kilopascal."""
+    lock = Interlock()
+    lock.set_limits("unit", limits)
+    assert lock.limits is not None
+    assert (lock.limits.min_kpa, lock.limits.max_kpa) == limits
 
 
 def test_no_limits_no_pressure() -> None:
@@ -99,8 +130,24 @@ def test_levels_trip_and_latch(kind: str, samples: Columns) -> None:
 
 
 def test_within_the_margin_nothing_trips() -> None:
-    """2 kPa beyond a limit is overshoot, and no alarm."""
-    assert interlock().inspect(block([56.99, -41.99])) is None
+    """2 kPa beyond a limit is overshoot, and no alarm; before limits are known, so is what a unit can read."""
+    assert interlock().inspect(block([57.0, -42.0])) is None
+    assert Interlock().inspect(block([1000.0, -1000.0])) is None
+    assert Interlock().inspect(block([1000.1])).kind == "implausible"
+
+
+@pytest.mark.parametrize("pressures", [[54.0, 57.0, 57.01], [-39.0, -42.0, -42.01], [0.0, 0.0, 1000.1]])
+def test_first_sample_beyond_the_margin_is_reported(pressures: list[float]) -> None:
+    """Those within it, just before it, are not."""
+    found = interlock().inspect(block(pressures))
+    assert (found.time_us, found.value) == (20_000, pressures[-1])
+
+
+def test_plausible_pressure_beyond_a_limit_is_no_sensor_fault() -> None:
+    """1,000 kPa is much, and can be read; 1,000.1 cannot."""
+    assert interlock().inspect(block([1000.0])).kind == "over_pressure"
+    assert interlock().inspect(block([-1000.0])).kind == "under_pressure"
+    assert interlock().inspect(block([-1000.1])).kind == "implausible"
 
 
 def test_the_earliest_sample_is_the_reason() -> None:
@@ -118,6 +165,11 @@ def test_a_level_that_is_still_present_cannot_be_cleared() -> None:
         lock.require_gone()
     lock.inspect(block(0))
     lock.require_gone()
+    lock.inspect(block([60.0, 0.0]))
+    lock.require_gone()
+    lock.inspect(block([0.0, 60.0]))
+    with pytest.raises(OperatorError, match="above the limit of 55 kPa"):
+        lock.require_gone()
 
 
 def test_what_is_latched_first_stays() -> None:
@@ -126,6 +178,9 @@ def test_what_is_latched_first_stays() -> None:
     assert lock.trip(Trip("silent", "no data"))
     assert lock.trip(Trip("estop", "pressed")) is None
     assert lock.latched is not None and lock.latched.kind == "silent"
+    with pytest.raises(OperatorError) as refusal:
+        lock.authorise(0.0, 1.0)
+    assert refusal.value.remedy == "clear the fault first"
 
 
 def test_a_new_plan_is_not_held_to_the_old_one_s_limits() -> None:
@@ -159,6 +214,22 @@ def test_a_frozen_channel_is_found_while_the_pressure_moves() -> None:
     assert watch.frozen == (1,)
     watch.inspect(block([25.0], raw=[[2001.0, 2100.0]]))
     assert watch.frozen == ()
+
+
+@pytest.mark.parametrize(
+    ("span_kpa", "samples", "frozen"), [(20.0, 20, [1, 2]), (19.9, 20, []), (20.0, 19, []), (25.0, 40, [1, 2])]
+)
+@pytest.mark.parametrize("parts", [1, 3])
+def test_frozen_is_20_samples_over_20_kpa(span_kpa: float, samples: int, frozen: list[int], parts: int) -> None:
+    """Counted from where the reading became what it is, in one block or in several."""
+    watch = FlatLine()
+    pressure = np.concatenate([[-30.0, 50.0], np.linspace(0, span_kpa, samples)])
+    raw = np.full((samples + 2, 2), 1500.0)
+    raw[:2] += [[3.0, 3.0], [4.0, 4.0]]
+    several = zip(np.array_split(pressure, parts), np.array_split(raw, parts), strict=True)
+    assert [sensor for p, r in several for sensor in watch.inspect(block(p, raw=r))] == frozen
+    next_one = watch.inspect(block([0.0], raw=[[1500.0, 1500.0]]))
+    assert next_one == ([1, 2] if samples == 19 else [])  # the twentieth; what is named once is not named again
 
 
 def test_a_still_channel_under_still_pressure_is_no_alarm() -> None:

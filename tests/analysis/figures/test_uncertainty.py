@@ -11,10 +11,13 @@ import pytest
 from scipy import signal, stats
 
 from analysis import AnalysisError, Options, Recording, analyse
+from analysis.calibration.adequacy import expanded
 from analysis.calibration.type_b import contributions
 from analysis.figures.figure import Figure
 from analysis.figures.uncertainty import (
+    BudgetOfSensor,
     Component,
+    SignalParts,
     combine,
     curve_candidates_of,
     elongation_budget,
@@ -305,6 +308,9 @@ def test_hysteresis_of_the_budget_is_the_rms_of_half_the_loop() -> None:
     expected = np.sqrt(np.mean(np.array([4.0, 5.0, 6.0]) ** 2) - 0.1**2 * 30.0**2 / 2.0)
     assert signal_parts(a_run(calibration=curve, sensor_loop=loop), 0).hysteresis == pytest.approx(expected)
     assert signal_parts(a_run(calibration=None, sensor_loop=loop), 0).hysteresis == 0.0
+    run = a_run(calibration=curve, sensor_loop=loop)
+    run.reading_sd_mm = 5.0
+    assert signal_parts(run, 0).hysteresis == 0.0
     loop.void = "no overlap"
     assert signal_parts(a_run(calibration=curve, sensor_loop=loop), 0).hysteresis == 0.0
     joint = SimpleNamespace(
@@ -348,3 +354,53 @@ def test_a_budget_of_nothing_has_no_shares() -> None:
     """All components zero: shares of zero; three quarters exactly halve."""
     assert combine([Component("a", 0.0)]).shares() == {"a": 0.0}
     assert "without a (75 % of" in combine([Component("a", 3.0**0.5), Component("b", 1.0)]).what_halves_it()
+
+
+PARTS = SignalParts(1.0, 2.0, 2.0, 2.0, 3.0, 6.0, noise_dof=50.0, repeatability_dof=18.0)
+
+
+def test_parts_add_in_squares() -> None:
+    """1, 2, 2 from sample to sample make 3; 2, 3, 6 that the curve leaves out make 7."""
+    assert (PARTS.independent, PARTS.shared) == (3.0, 7.0)
+
+
+@pytest.mark.parametrize("away_mm", [0.0, 0.4])
+def test_budget_at_an_elongation_by_hand(away_mm: float) -> None:
+    """Each part over 25 mV/mm; a deviation of the curve brings U to what covers it, GUM F.2.4.5."""
+    adequacy = SimpleNamespace(deviation_in_x=lambda _: away_mm, verdict="doubtful")
+    curve = SimpleNamespace(
+        slope=lambda _: -25.0, curve_parts=lambda _: (0.5, 0.25), joint=SimpleNamespace(effective_dof=7.0), dof=3.0,
+        adequacy=adequacy,
+    )  # fmt: skip
+    budget = BudgetOfSensor(curve, (), PARTS, (), 4, counted=True).at(1.0)
+    mm = {one.name: one.contribution for one in budget.components if one.assessed}
+    of_signal = {
+        "reading": 0.25, "noise": 1.0, "repeatability": 2.0, "hysteresis": 6.0, "zero drift": 3.0, "resolution": 2.0,
+        "ambient residual": 2.0, "fit": 0.5,
+    }  # fmt: skip
+    assert {name: mm[name] for name in of_signal} == pytest.approx({name: mv / 25.0 for name, mv in of_signal.items()})
+    u = np.sqrt(sum(mv**2 for mv in of_signal.values())) / 25.0
+    assert budget.expanded == pytest.approx(float(expanded(away_mm, u)) if away_mm else 2.0 * u)
+    dof = {one.name: one.dof for one in budget.components}
+    assert (dof["noise"], dof["repeatability"], dof["fit"], dof["reading"]) == (50.0, 18.0, 7.0, np.inf)
+    lines = {one.name: one.source for one in budget.components}
+    assert lines["lack of fit"] == f"curve doubtful, {1000 * away_mm:.0f} µm off the preferred one"
+    assert (lines["repeatability"], lines["zero drift"]) == ("4 cycles", "drift over 4 cycles")
+    curve.joint = curve.adequacy = None
+    plain = BudgetOfSensor(curve, (), PARTS, (), 4, counted=False).at(1.0)
+    found = {one.name: one for one in plain.components}
+    assert found["fit"].dof == 3.0
+    assert not (found["lack of fit"].assessed or found["resolution"].assessed or found["ambient residual"].assessed)
+
+
+def test_one_run_alone_tells_nothing_of_the_spread_between_runs() -> None:
+    """Two runs do, and a run without that sensor, or without its calibration, is left out."""
+    curve = SimpleNamespace()
+    run = a_run(calibration=curve)
+    run.options = SimpleNamespace(type_b=())
+    bare = SimpleNamespace(sensors=[])
+    for runs, count in (((), 0), ((run,), 0), ((run, run), 2), ((run, bare), 1), ((run, a_run()), 1)):
+        assert len(BudgetOfSensor.of(run, 0, runs).calibrations) == count
+    assert BudgetOfSensor.of(run, 0).counted
+    with pytest.raises(AnalysisError, match="is not calibrated"):
+        BudgetOfSensor.of(a_run(name="s1", calibration_void="no readings"), 0)

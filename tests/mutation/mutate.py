@@ -296,9 +296,11 @@ class Runner:
         reach: dict[str, tuple[float, set[int]]] = _in_fork(lambda: self._reach(session))
         items = {item.nodeid: item for item in session.items}
         store = Results(self._module, source, session.config.args)
-        waiting = [mutant for mutant in mutants_of(source) if store.key(mutant) not in store.found]
+        mutants = {store.key(mutant): mutant for mutant in mutants_of(source)}
+        store.found = {key: one for key, one in store.found.items() if key in mutants}
+        store.total = len(mutants)
+        waiting = [mutant for key, mutant in mutants.items() if key not in store.found]
         random.Random(0).shuffle(waiting)  # what is done when time is over is a sample of all
-        store.total = len(store.found) + len(waiting)
         for mutant in waiting:
             if time.monotonic() > self._until_s:
                 break

@@ -32,6 +32,7 @@ from analysis.certificates.certificate import (
     CalibratedItem,
     CalibratedSensor,
     Certificate,
+    Level,
     figure_label,
 )
 from analysis.certificates.laboratory import Laboratory
@@ -245,20 +246,11 @@ def _sensor(results: ET.Element, sensor: CalibratedSensor, name: str) -> None:
         return
     levels = _add(results, "result", refType="gp_measuringResult1")
     _name(levels, f"{name}: levels")
-    table = _add(_add(levels, "data"), "list", refType="gp_table1")
-    branches = _add(table, "quantity")
-    _name(branches, "Branch")
-    _add(branches, "charsXMLList", " ".join(level.branch for level in sensor.levels))
-    rows = sensor.levels
-    _list(table, "Pressure", [row.pressure_kpa for row in rows], KPA)
-    _list(table, "Elongation", [row.elongation_mm for row in rows], MM, ref_type="basic_referenceValue")
-    _list(table, "Signal", [row.signal_mv for row in rows], MV)
-    indicated = [row.indicated_mm for row in rows]
-    expanded = [row.expanded_mm for row in rows], [row.coverage for row in rows]
-    if np.isfinite(indicated).all():
-        _list(table, "Indicated elongation", indicated, MM, ref_type="basic_measuredValue")
-        deviations = [row.deviation_mm for row in rows]
-        _list(table, "Deviation", deviations, MM, expanded, ref_type="basic_measurementError")
+    data = _add(levels, "data")
+    for number, branch in enumerate(dict.fromkeys(level.branch for level in sensor.levels), 1):
+        table = _add(data, "list", refType=f"gp_table{number}")
+        _name(table, branch)
+        _levels(table, [level for level in sensor.levels if level.branch == branch])
     function = _add(results, "result")
     _name(function, f"{name}: calibration function")
     _function(_add(function, "data"), sensor.calibration)
@@ -271,6 +263,18 @@ def _sensor(results: ET.Element, sensor: CalibratedSensor, name: str) -> None:
                 _real(data, figure_label(key), value, _UNITS[SENSOR_FIGURES[key].unit])
     if sensor.statements:
         _conformity(_add(results, "result"), sensor, name)
+
+
+def _levels(table: ET.Element, levels: Sequence[Level]) -> None:
+    """Add the levels of one branch; where the curve gives no elongation for a signal, there is none for any."""
+    _list(table, "Pressure", [one.pressure_kpa for one in levels], KPA)
+    _list(table, "Elongation", [one.elongation_mm for one in levels], MM, ref_type="basic_referenceValue")
+    _list(table, "Signal", [one.signal_mv for one in levels], MV)
+    indicated = [one.indicated_mm for one in levels]
+    if np.isfinite(indicated).all():
+        _list(table, "Indicated elongation", indicated, MM, ref_type="basic_measuredValue")
+        expanded = [one.expanded_mm for one in levels], [one.coverage for one in levels]
+        _list(table, "Deviation", [one.deviation_mm for one in levels], MM, expanded, ref_type="basic_measurementError")
 
 
 def _function(data: ET.Element, calibration: Calibration) -> None:

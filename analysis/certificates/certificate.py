@@ -281,11 +281,14 @@ def missing(analyses: Sequence[Analysis], request: Request) -> tuple[str, ...]:
     analyses : of the runs. request : what is stated besides.
     """
     stated = [analysis.recording.metadata for analysis in analyses]
-    named = [*request.items, *[""] * len(analyses)]
+    named = [
+        name or analysis.recording.unit
+        for analysis, name in zip(analyses, [*request.items, *[""] * len(analyses)], strict=False)
+    ]
     found = {
         "laboratory": request.laboratory is not None,
         "customer": bool(request.customer) or all(one.customer for one in stated),
-        "item": all(name or one.item or one.serial_number for name, one in zip(named, stated, strict=False)),
+        "item": all(name or one.item or one.serial_number for name, one in zip(named, stated, strict=True)),
     }
     return tuple(name for name, known in found.items() if not known)
 

@@ -94,7 +94,10 @@ def certificate_document(certificate: Certificate) -> Report:
     if any(sensor.statements for item in items for sensor in item.sensors):
         sections.append(Section("Conformity", _conformity(certificate)))
     sections.append(Section("As found and as left", (ADJUSTMENT, *_as_found(certificate))))
-    remarks = tuple(f"{item.name}: {text}." for item in items for text in item.warnings)
+    remarks = (
+        *(f"{item.name}: {text}." for item in items for text in item.warnings),
+        *(f"{item.name}, note: {item.metadata.note}" for item in items if item.metadata.note),
+    )
     sections += [Section("Remarks", remarks)] if remarks else []
     sections.append(Section("Signature", _signature(certificate)))
     xml = Attachment("dcc.xml", dcc_xml(certificate), MIME_TYPE, "Digital Calibration Certificate 3.2.1")
@@ -133,7 +136,7 @@ def _identity(item: CalibratedItem) -> tuple[tuple[str, str], ...]:
     must = ("Serial no.", "Operator", "Ambient temperature", "Relative humidity")
     labels = {"Ambient temperature": "Temperature", "Relative humidity": "Humidity"}
     known = [(labels.get(label, label), stated.pop(label, NOT_STATED)) for label in must]
-    free = [(label, text) for label, text in stated.items() if label not in ("Customer", "Item")]
+    free = [(label, text) for label, text in stated.items() if label not in ("Customer", "Item", "Note")]
     identity = [("Item", item.name), ("Unit", item.unit or NOT_STATED), ("Calibrated", dates)]
     return (*identity, *known, ("Recording", item.recording_id), *free)
 

@@ -38,12 +38,13 @@ def test_number_is_of_all_that_is_stated(calibration: Analysis) -> None:
 
 
 def test_missing_statements_are_named_together(calibration: Analysis) -> None:
-    bare = with_meta(calibration, item="", serial_number="", customer="")
+    bare = with_meta(calibration, unit="", item="", serial_number="", customer="")
     assert missing([bare], Request()) == ("laboratory", "customer", "item")
     with pytest.raises(RequestError, match="laboratory, customer, item") as refused:
         certificate_of([bare], Request())
     assert refused.value.command == "--laboratory FILE.toml --customer TEXT --item TEXT"
-    nameless = with_meta(bare, simulated=True, unit="")
+    assert missing([with_meta(bare, unit="SA1")], REQUEST) == ()
+    nameless = with_meta(bare, simulated=True)
     with pytest.raises(DataError, match="no identity"):
         certificate_of([nameless], Request())
 

@@ -96,6 +96,16 @@ def check_signals(calibration: CalibrationFile, sensors: int, *, simulated: bool
         raise RequestError(cause, "Give the calibration of this unit.")
 
 
+def other_unit(calibration: CalibrationFile, unit: str) -> tuple[str, ...]:
+    """Return a warning where the signals name another unit than the calibration; none where either names none."""
+    own = str(calibration.head["unit"])
+    return (
+        (f"warning: the signals are of unit {unit}, the calibration is of {own}",)
+        if own and unit not in ("", own)
+        else ()
+    )
+
+
 def described(calibration: CalibrationFile) -> dict[str, Any]:
     """Return what a file of converted samples states of its calibration."""
     keys = ("simulated", "unit", "recording", "recording_id", "calibrated_utc", "traceability", "program_version")

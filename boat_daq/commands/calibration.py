@@ -178,13 +178,15 @@ def _converted_file(
     file : a recording, or a CSV. found : the calibration. mapping, rate_hz : options of a CSV.
     """
     from analysis import load_recording
-    from analysis.artefact.conversion import convert_recording, converted_rows
+    from analysis.artefact.conversion import convert_recording, converted_rows, other_unit
     from analysis.data.boat_file import is_boat_file
     from boat_daq.commands.importing import column_map
 
     is_boat = file.is_file() and is_boat_file(file)
     options: dict[str, Any] = {} if is_boat else {"signals_only": True}
     recording = load_recording(file, columns=column_map(mapping) or None, rate_hz=rate_hz, **options)
+    for warning in other_unit(found, recording.unit):
+        notify(warning)
     rows = converted_rows(recording.time_s, recording.signal_mv, convert_recording(recording, found))
     for first in range(0, len(rows), ROWS_AT_ONCE):
         yield rows.iloc[first : first + ROWS_AT_ONCE]

@@ -11,7 +11,7 @@ from boat_daq.commands.console import JsonOption, emit_json, notify, progress_ba
 from boat_daq.commands.options import DegreeOption, MapOption, RateOption, RunArgument, TypeBOption, one_of
 
 if TYPE_CHECKING:
-    from analysis.data.export import Format
+    from analysis.data.export import ConvertedElongation, Format
 
 FORMATS: tuple[Format, ...] = ("csv", "parquet", "hdf5", "mat")
 
@@ -110,29 +110,31 @@ def export(
 ) -> None:
     """Write the samples of a run with their elongation: CSV with a JSON file of metadata, Parquet, HDF5 or MAT.
 
-    The elongation and its expanded uncertainty (u_mm, k = 2) are by the run's own calibration or by the one given;
-    without one the columns are left out.
+    The elongation and its expanded uncertainty (u_mm, k = 2) are by the calibration given, else by the run's own, else
+    by the one that its unit was accepted with; without any the columns are left out.
 
     Example: boat-daq export run.boat --format csv --out run.csv
     """
-    from analysis import AnalysisError, Options, load_recording
+    from analysis import Options, load_recording
     from analysis.artefact.calibration_file import read_calibration
-    from analysis.artefact.conversion import convert_recording, own_elongation
+    from analysis.artefact.conversion import convert_recording, other_unit
     from analysis.calibration.curve_choice import degree_of
     from analysis.data.export import export as write
     from analysis.data.export import require_library
-    from boat_daq.viewmodels.common.reference import stated_contributions
+    from boat_daq.viewmodels.common.reference import exported_elongation, stated_contributions
 
     require_library(format)
-    recording, converted, void = load_recording(run), None, ""
+    recording, void = load_recording(run), ""
     if calibration is not None:
-        converted = convert_recording(recording, read_calibration(calibration))
+        found = read_calibration(calibration)
+        for remark in other_unit(found, recording.unit):
+            notify(remark)
+        converted: ConvertedElongation | None = convert_recording(recording, found)
     else:
         stated = stated_contributions(recording, type_b)
-        try:
-            converted = own_elongation(recording, Options(degree_of(degree), mcmc=False, type_b=stated), elongation)
-        except AnalysisError as error:
-            void = error.cause
+        options = Options(degree_of(degree), mcmc=False, type_b=stated)
+        converted, void = exported_elongation(recording, options, elongation)
+        if void:
             notify(f"without elongation: {void}; --calibration FILE.json gives one")
     with progress_bar("Exporting") as advance:
         kind = next(known for known in FORMATS if known == format)

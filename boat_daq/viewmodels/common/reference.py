@@ -14,10 +14,13 @@ from boat_daq.engine.settings import Unit, UnitLibrary
 from boat_daq.engine.toml_values import BadValue, parse_toml, read_text
 
 if TYPE_CHECKING:
+    from analysis.artefact.calibration_file import CalibrationFile
     from analysis.calibration.curve_choice import Degree
     from analysis.calibration.inverse import Inverse
     from analysis.calibration.type_b import TypeBContribution
+    from analysis.data.export import ConvertedElongation
     from analysis.data.recording import Recording
+    from analysis.figures.sensor_analysis import Options
 
 
 def stated_contributions(recording: Recording, rig: Path | None = None) -> tuple[TypeBContribution, ...]:
@@ -92,6 +95,71 @@ def stored_inverse(stored: Mapping[str, Any]) -> Inverse:
     type_b = contributions(stored.get("type_b") or {})
     model_sd = float(stored.get("model_mv") or 0.0)
     return Inverse.of(fit, noise_sd=stored.get("noise_mv"), model_sd=model_sd, type_b=type_b)
+
+
+def calibration_in_force(recording: Recording) -> CalibrationFile | None:
+    """Return the calibration that the unit of a recording was last accepted with; None where it has none.
+
+    Raises
+    ------
+    OperatorError : the unit's file is refused. AnalysisError : the curve has no inverse over its range.
+    """
+    from analysis.artefact.calibration_file import CalibrationFile
+    from analysis.calibration.inverse import Fusion
+    from analysis.calibration.type_b import contributions, traceability
+
+    unit = _unit(recording)
+    stored = unit.calibration if unit is not None else None
+    if unit is None or stored is None:
+        return None
+    contents = stored.content["sensors"]
+    inverses = tuple(stored_inverse(content) for content in contents)
+    fits = [inverse.calibration for inverse in inverses]
+    head = {
+        "program_version": stored.program_version, "simulated": recording.simulated, "unit": unit.name,
+        "recording": stored.recording, "recording_id": str(stored.content.get("recording_id", "")),
+        "calibrated_utc": stored.utc, "operator": stored.operator, "warnings": [],
+        "traceability": traceability(contributions(contents[0].get("type_b") or {})).text,
+    }  # fmt: skip
+    sensors = tuple(
+        {
+            "name": content["name"], "fit": content["fit"], "u_elongation_mm": [],
+            "adequacy": fit.adequacy.as_json() if fit is not None and fit.adequacy is not None else None,
+        }
+        for content, fit in zip(contents, fits, strict=True)
+    )  # fmt: skip
+    return CalibrationFile(head, sensors, Fusion.of(inverses))
+
+
+def exported_elongation(
+    recording: Recording, options: Options, elongation: Path | None = None
+) -> tuple[ConvertedElongation | None, str]:
+    """Return the elongation of every sample of a recording, or None and why there is none.
+
+    It is that of the run's own calibration, else that of the calibration in force of its unit.
+
+    Parameters
+    ----------
+    recording, options, elongation : as `analysis.artefact.conversion.own_elongation` takes them.
+
+    Raises
+    ------
+    OperatorError : the unit's file is refused.
+    """
+    from analysis.artefact.conversion import convert_recording, own_elongation
+    from analysis.errors import AnalysisError
+
+    try:
+        return own_elongation(recording, options, elongation), ""
+    except AnalysisError as error:
+        void = error.cause
+    try:
+        accepted = calibration_in_force(recording)
+        if accepted is not None:
+            return convert_recording(recording, accepted), ""
+    except AnalysisError as error:
+        void = f"{void}; the calibration of the unit: {error.cause}"
+    return None, void
 
 
 def identity(recording: Recording) -> str:

@@ -22,7 +22,7 @@ from analysis.figures.figure import SENSOR_FIGURES, Figure
 from analysis.progress import Progress, part_of
 from analysis.warning import Warning
 from boat_daq.viewmodels.common.formatting import NOTHING, number, sensor_words
-from boat_daq.viewmodels.common.reference import chosen_curve, identity, stated_contributions
+from boat_daq.viewmodels.common.reference import chosen_curve, exported_elongation, identity, stated_contributions
 
 if TYPE_CHECKING:
     from analysis.conformity import Conformity
@@ -451,7 +451,7 @@ def sample_run(
 
 
 def export_run(path: Path, target: Path, *, progress: Progress | None = None) -> str:
-    """Write the samples of a recording as the suffix of `target` says, with elongation where it is a calibration.
+    """Write the samples of a recording as the suffix of `target` says, with elongation where a calibration gives it.
 
     Parameters
     ----------
@@ -467,20 +467,15 @@ def export_run(path: Path, target: Path, *, progress: Progress | None = None) ->
     ------
     AnalysisError : it cannot be read, or the target cannot be written.
     """
-    from analysis.artefact.conversion import own_elongation
     from analysis.data.export import SUFFIXES, export, require_library
     from analysis.data.load import load_recording
-    from analysis.errors import AnalysisError
     from analysis.figures.sensor_analysis import Options
 
     format = SUFFIXES.get(target.suffix, "csv")
     require_library(format)
-    recording, converted, void = load_recording(path), None, ""
-    try:
-        options = Options(chosen_curve(recording), mcmc=False, type_b=stated_contributions(recording))
-        converted = own_elongation(recording, options)
-    except AnalysisError as error:
-        void = error.cause
+    recording = load_recording(path)
+    options = Options(chosen_curve(recording), mcmc=False, type_b=stated_contributions(recording))
+    converted, void = exported_elongation(recording, options)
     export(recording, target, format, converted=converted, progress=progress)
     return void
 

@@ -105,3 +105,49 @@ def test_text_of_a_recording_ends_no_comment_and_no_string() -> None:
     rest = text.replace(define, "")
     assert rest.count("*/") == rest.count("/*")
     assert "??" not in rest
+
+
+LAYOUT = """SECTIONS { . = 0; .text : { KEEP(*(.vectors)) *(.text*) *(.rodata*) }
+. = 0x20000000; .data : { *(.data*) } .bss : { *(.bss*) *(COMMON) } }"""
+ONLY = """#include "boat_calibration.h"
+float only(const float *signals_mv, float *u_mm);
+float only(const float *signals_mv, float *u_mm) { return boat_elongation_mm(signals_mv, u_mm); }
+"""
+CROSS = ("arm-none-eabi-gcc", "-mcpu=cortex-m3", "-mthumb", "-Os", "-ffreestanding", "-nostartfiles", "-nostdlib")
+TOOLS = ("gcc", "arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm")
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(not all(map(shutil.which, TOOLS)), reason=f"not installed: one of {', '.join(TOOLS)}")
+@pytest.mark.parametrize(("table_error_mm", "most_instructions"), [(None, 60_000), (0.001, 20_000)])
+def test_cortex_m3_gives_what_the_host_gives(
+    table_error_mm: float | None, most_instructions: int, tmp_path: Path
+) -> None:
+    """1e5 signals of two sensors under QEMU: the same bits; flash and instructions are printed and bounded."""
+    header = c_header(file_of("sextic and falling spline"), table_error_mm)
+    (tmp_path / "boat_calibration.h").write_text(header, encoding="ascii")
+    (tmp_path / "layout.ld").write_text(LAYOUT)
+    (tmp_path / "only.c").write_text(ONLY)
+    source = str(Path(__file__).with_name("cortex_m3.c"))
+
+    def run(*command: str) -> str:
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=200)
+        return done.stdout + done.stderr
+
+    run(*CROSS, *STRICT, "-c", "only.c", "-o", "only.o")
+    run(*CROSS, "-Wl,-e,only", "-Wl,--gc-sections", "-Wl,-u,only", "only.o", "-lgcc", "-o", "only.elf")
+    flash = int(run("arm-none-eabi-size", "only.elf").splitlines()[1].split()[0])
+    run("gcc", "-std=c99", "-O1", "-DHOST", "-I.", source, "-o", "host")
+    run(str(tmp_path / "host"))
+    expected_results = np.fromfile(tmp_path / "results.bin", np.float32)
+    run(*CROSS, "-std=gnu99", "-I.", source, "-T", "layout.ld", "-lgcc", "-o", "target.elf")
+    (tmp_path / "results.bin").unlink()
+    machine = ("-M", "mps2-an385", "-nographic", "-icount", "shift=0", "-monitor", "none", "-serial", "none")
+    mean, most = map(int, run(
+        "qemu-system-arm", *machine, "-semihosting-config", "enable=on,target=native", "-kernel", "target.elf"
+    ).split())  # fmt: skip
+    found = np.fromfile(tmp_path / "results.bin", np.float32)
+    print(f"\nflash {flash} bytes; instructions {mean} on average, {most} at most")
+    np.testing.assert_array_equal(found, expected_results)
+    assert flash < 20_000
+    assert mean < most < most_instructions

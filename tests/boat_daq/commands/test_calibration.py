@@ -83,6 +83,11 @@ def test_table_of_signals_needs_no_pressure(calibrated: tuple[Path, CalibrationF
     assert rows["valid"].tolist() == [1, 0, 0]
     assert rows["elongation_mm"].isna().tolist() == [False, True, True]
     assert "3 samples, 1 with a valid elongation" in ended.err
+    (tmp_path / "s.csv").write_text(f"# simulated: true\n# unit: SB9\ntime_s,s1_mv\n0,{inside}\n1,{inside}\n")
+    assert (
+        "of unit SB9, the calibration is of SA1"
+        in program("convert", tmp_path / "s.csv", "--calibration", calibrated[0]).err
+    )
 
 
 def test_calibration_of_the_other_kind_or_unit_is_refused(

@@ -1,0 +1,40 @@
+"""What a certificate takes from the settings: the laboratory, and the calibration that was in force before."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from analysis.certificates.laboratory import Laboratory
+from boat_daq.engine.settings import HOME_VARIABLE, UnitLibrary
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.results.certificates import calibration_before, load_laboratory, store_laboratory
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv(HOME_VARIABLE, str(tmp_path))
+    return tmp_path
+
+
+def test_laboratory_is_stored_once_and_refused_by_key(home):
+    assert load_laboratory() is None
+    store_laboratory(Laboratory("Lab", country_code="DE"))
+    assert load_laboratory() == Laboratory("Lab", country_code="DE")
+    for text, cause in (('nam = "A"', "nam"), ('name = " "', "empty 'name'"), ("name = 1", "type str")):
+        (home / "lab.toml").write_text(text)
+        with pytest.raises(OperatorError, match=cause):
+            load_laboratory(home / "lab.toml")
+
+
+def test_calibration_before_is_the_newest_accepted_one_of_another_recording():
+    """Of the same kind of board: neither the run itself, nor one that was not accepted, nor a simulated one."""
+    units = UnitLibrary()
+    for number, accepted in (("a", True), ("b", True), ("c", False), ("own", True)):
+        units.add_calibration("SA1", {"recording_id": number, "sensors": []}, accepted=accepted)
+    real = SimpleNamespace(unit="SA1", simulated=False, meta={"uuid": "own"}, source="")
+    assert calibration_before(real)["recording_id"] == "b"
+    assert calibration_before(real)["utc"]
+    assert calibration_before(SimpleNamespace(**{**vars(real), "simulated": True})) is None
+    assert calibration_before(SimpleNamespace(**{**vars(real), "unit": "SA2"})) is None

@@ -22,7 +22,7 @@ from analysis import figure_style as style
 REPLACEMENT = "\ufffd"
 FORBIDDEN = ("Cc", "Cn", "Co", "Cs")  # categories: controls, unassigned, private use, halves of surrogates
 _DIRECTIONS = dict.fromkeys(map(ord, "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"))
-_WORD, _BREAK = re.compile(r"\S{30}(?=\S)"), "\u200b"
+_WORD, _BREAK = re.compile(r"\S{40}(?=\S)"), "\u200b"
 
 
 @cache

@@ -207,6 +207,7 @@ def _converted_live(
     import dataclasses
 
     from analysis.artefact.conversion import check_signals, convert_signals, converted_rows
+    from boat_daq.commands.run_session import MessagePrinter
     from boat_daq.engine.sample_columns import columns
     from boat_daq.engine.session.session import Session
     from boat_daq.engine.settings import load_settings
@@ -220,7 +221,9 @@ def _converted_live(
         session.connect(port, profile, rate_hz=rate_hz)
         seen = session.wait_connected()
         first_us: int | None = None
+        print_new = MessagePrinter()
         while True:
+            print_new(seen)
             ended = _ended(seen)
             while waiting:
                 if len(waiting) > MOST_WAITING:

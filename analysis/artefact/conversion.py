@@ -117,10 +117,8 @@ def heading(calibration: CalibrationFile) -> list[str]:
     lines = ["SIMULATED"] if calibration.head["simulated"] else []
     source = Path(calibration.head["recording"]).name
     lines += [f"converted by: {calibration.title}, recording {source}", *calibration.remarks]
-    lines.append(
-        "u_mm is the expanded uncertainty of one reading, k = 2; valid is 0 where elongation_mm is not known or"
-    )
-    lines.append("the sensors disagree")
+    lines.append("u_mm is the expanded uncertainty of one reading, k = 2")
+    lines.append("valid is 0 where elongation_mm is not known, or the sensors disagree")
     return [f"# {' '.join(line.replace(',', ';').split())}" for line in lines]
 
 

@@ -23,6 +23,7 @@ from boat_daq.commands.options import (
     RunArgument,
     SeedOption,
     TypeBOption,
+    XResolutionOption,
     limits_of,
 )
 
@@ -38,9 +39,7 @@ def analyze(
     seed: SeedOption = 0,
     no_mcmc: NoMcmcOption = False,
     degree: DegreeOption = "3",
-    x_resolution: Annotated[
-        float | None, typer.Option(min=0.0, metavar="MM", help="Resolution of the readings; 0 = exact.")
-    ] = None,
+    x_resolution: XResolutionOption = None,
     tolerance: Annotated[
         float, typer.Option(min=0.01, metavar="KPA", help="A plateau is settled within this pressure deviation.")
     ] = 1.0,

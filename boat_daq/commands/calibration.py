@@ -21,6 +21,7 @@ from boat_daq.commands.options import (
     RateOption,
     RunArgument,
     TypeBOption,
+    XResolutionOption,
     one_of,
 )
 
@@ -48,6 +49,7 @@ def calibration(
     mapping: MapOption = None,
     rate: RateOption = None,
     degree: DegreeOption = "3",
+    x_resolution: XResolutionOption = None,
     type_b: TypeBOption = None,
     leave_out: LeaveOutOption = False,
     table_error: Annotated[
@@ -81,7 +83,9 @@ def calibration(
     with progress_bar("Analysing") as advance:
         recording = load_recording(run, columns=column_map(mapping) or None, rate_hz=rate)
         stated = stated_contributions(recording, type_b)
-        options = Options(degree_of(degree), mcmc=False, leave_out=leave_out, type_b=stated)
+        options = Options(
+            degree_of(degree), x_resolution_mm=x_resolution, mcmc=False, leave_out=leave_out, type_b=stated
+        )
         found = CalibrationFile.of(analyse(recording, elongation, options=options, progress=advance))
     form = "c" if format == "h" else format
     if to is None:
@@ -142,8 +146,9 @@ def convert(
         parts = _converted_live(str(port), profile, int(rate) if rate else None, found, duration, allow_remote)
     samples = valid = 0
     with contextlib.closing(parts), _output(to) as out:
-        out.writelines(f"{line}\n" for line in heading(found))
         for part in parts:
+            if not samples:
+                out.writelines(f"{line}\n" for line in heading(found))
             part.to_csv(out, index=False, header=not samples, lineterminator="\n")
             out.flush()
             samples, valid = samples + len(part), valid + int(part["valid"].sum())

@@ -62,6 +62,9 @@ _DEGREE = typer.Option(
 )
 DegreeOption = Annotated[str, _DEGREE]
 OptionalDegree = Annotated[str | None, _DEGREE]
+XResolutionOption = Annotated[
+    float | None, typer.Option(min=0.0, metavar="MM", help="Resolution of the readings; 0 = exact.")
+]
 LeaveOutOption = Annotated[
     bool, typer.Option("--leave-out", help="Leave out readings that are off the curve; each is named.")
 ]

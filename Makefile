@@ -15,12 +15,20 @@ NIGHTLY_PACKAGES := calculix-ccx chromium
 # 110 MB to fetch, 0.9 GB installed: too much for `make test`, whose tests of the emulated chip skip without them.
 CHIP_PACKAGES := gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm cppcheck
 
+BUNDLE_PACKAGES := squashfs-tools binutils python3-dev curl ca-certificates
+
+BUNDLE    := out/bundle
+DELIVERED := out/delivered
+TOOLS     := out/tools
+# Of the AppImage; another file may be given, as where GitHub is not reached.
+RUNTIME   ?= $(BUNDLE)/runtime
+
 SECONDS ?= 600
 
 # Bytecode is kept: programs that tests start, and each of the tests' workers, would compile the same sources again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check nightly chip bench docs pictures fuzz mutation faults audit setup setup-test system system-test compiled collected clean help
+.PHONY: delivered bundle sbom lock demo test check nightly chip bench docs pictures fuzz mutation faults audit setup setup-test system system-test compiled collected clean help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -77,6 +85,36 @@ audit: setup     ## known weaknesses of the installed packages (asks an advisory
 	$(BIN)/python -m pip install -q --disable-pip-version-check --group audit
 	$(BIN)/python -m tests.faults.audit
 
+# What a user gets, in an environment of its own, and beside it the tools that look at it.
+delivered: system $(BIN)/python
+	$(PYTHON) -m venv $(DELIVERED)
+	$(DELIVERED)/bin/python -m pip install -q --disable-pip-version-check --upgrade "pip>=25.1"
+	$(DELIVERED)/bin/python -m pip install -q --disable-pip-version-check .
+	$(DELIVERED)/bin/python -m pip install -q --disable-pip-version-check --force-reinstall --no-deps .
+	$(PYTHON) -m venv $(TOOLS)
+	$(TOOLS)/bin/python -m pip install -q --disable-pip-version-check --upgrade "pip>=25.1"
+	$(TOOLS)/bin/python -m pip install -q --disable-pip-version-check --group delivery
+
+bundle: delivered $(RUNTIME)  ## the program without Python, in out/bundle: a folder and an AppImage (Linux)
+	@$(call debian_install,$(BUNDLE_PACKAGES))
+	PYTHONPATH=$$($(DELIVERED)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
+	  $(TOOLS)/bin/python -m PyInstaller --noconfirm --log-level WARN --distpath $(BUNDLE) --workpath out/work packaging/boat-daq.spec
+	mkdir -p $(BUNDLE)/boat-daq/desktop
+	cp packaging/associate.sh packaging/boat-daq.desktop packaging/boat-daq.xml boat_daq/gui/boat-daq.svg $(BUNDLE)/boat-daq/desktop/
+	packaging/appimage.sh $(BUNDLE)/boat-daq $(RUNTIME) $(BUNDLE)/boat-daq-$(shell uname -m).AppImage
+	du -sh $(BUNDLE)/*
+
+$(BUNDLE)/runtime:
+	mkdir -p $(BUNDLE)
+	curl -fsSL -o $@ https://github.com/AppImage/type2-runtime/releases/download/continuous/runtime-$(shell uname -m)
+
+sbom: delivered  ## what is delivered with the program, as CycloneDX, in out/sbom.cdx.json
+	$(TOOLS)/bin/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible --of JSON -o out/sbom.cdx.json $(DELIVERED)/bin/python
+
+lock:            ## write uv.lock again: the exact versions that the tests are known to pass with
+	$(BIN)/python -m pip install -q --disable-pip-version-check uv
+	$(BIN)/uv lock
+
 setup: $(VENV)/.installed
 setup-test: $(VENV)/.installed-test
 
@@ -101,7 +139,7 @@ system-test: system
 	@$(call debian_install,$(TEST_PACKAGES))
 
 $(BIN)/python:
-	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v < (3, 14) else "Python 3.11 to 3.13 is needed; this is %d.%d. Try: make PYTHON=python3.12" % v)'
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v < (3, 15) else "Python 3.11 to 3.14 is needed; this is %d.%d. Try: make PYTHON=python3.12" % v)'
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { $(call debian_install,python3-venv); }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install -q --disable-pip-version-check --upgrade "pip>=25.1"

@@ -58,7 +58,7 @@ COMMANDS = (  # in the order of --help; each is a function in the module named, 
     ("recordings.recover", "recordings.upgrade", "recordings.verify", "recordings.info", "metadata"),
     ("analyze", "analyze.report", "certificate"),
     ("folders.batch", "folders.history", "analyze.strokes", "methods.tradeoff", "methods.atlas"),
-    ("importing.export", "calibration", "calibration.convert", "fit", "qualify", "bugreport"),
+    ("examples", "importing.export", "calibration", "calibration.convert", "fit", "qualify", "bugreport"),
 )
 for command in chain.from_iterable(COMMANDS):
     module, _, function = command.rpartition(".")

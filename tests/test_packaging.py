@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
 import sys
 import tomllib
 from collections import defaultdict
+from configparser import ConfigParser
 from importlib import metadata
+from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
+from typer.testing import CliRunner
 
 import boat_daq
 from analysis.optional import EXTRAS
+from boat_daq.cli import app
+from boat_daq.commands import examples
+from boat_daq.errors import OperatorError
+from protocol.recording import SUFFIX
+from protocol.recording.schema import APPLICATION_ID
 from tests.conftest import ROOT
 
 PACKAGES = ("boat_daq", "protocol", "analysis")
@@ -88,3 +98,65 @@ def test_version_is_one() -> None:
     """The installed program and the module give the same version, which is written in one place."""
     assert "version" in PROJECT["dynamic"]
     assert metadata.version("boat-daq") == boat_daq.__version__
+
+
+def test_citation_names_this_version_and_the_paper() -> None:
+    """CITATION.cff has the version of the program, and the paper's authors in their order."""
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {boat_daq.__version__}\n" in text
+    names = re.findall(r"family-names: (\w+)", text)
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert ", ".join(names) in readme
+
+
+def test_pictures_of_the_readme_are_installed_beside_it() -> None:
+    """Each picture has the same path from the installed README as in the checkout."""
+    installed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["data-files"]
+    pictures = re.findall(r"!\[[^\]]*\]\(([^)]+)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
+    assert pictures
+    for picture in map(Path, pictures):
+        sources = installed[f"share/doc/boat-daq/{picture.parent.as_posix()}"]
+        assert any(picture.match(source) for source in sources), picture
+        assert (ROOT / picture).is_file()
+
+
+def test_recordings_have_a_type_of_file_of_their_own() -> None:
+    """The desktop recognises a recording by the mark that the program writes, and opens it with the program."""
+    packaging = ROOT / "packaging"
+    kind = ElementTree.parse(packaging / "boat-daq.xml").getroot()[0]
+    names = {"m": "http://www.freedesktop.org/standards/shared-mime-info"}
+    marks = [match.attrib["value"] for match in kind.findall("m:magic/m:match/m:match", names)]
+    assert [int(mark, 16) for mark in marks] == [APPLICATION_ID]
+    assert [glob.attrib["pattern"] for glob in kind.findall("m:glob", names)] == [f"*{SUFFIX}"]
+    entry = ConfigParser(interpolation=None)
+    entry.read(packaging / "boat-daq.desktop", encoding="utf-8")
+    assert entry["Desktop Entry"]["MimeType"] == f"{kind.attrib['type']};"
+    assert entry["Desktop Entry"]["Exec"] == "boat-daq gui %f"
+
+
+def test_examples_are_copied_and_never_replaced(tmp_path: Path) -> None:
+    """The recordings are there, the same bytes; a file of that name stays as it is."""
+    out = tmp_path / "examples"
+    done = CliRunner().invoke(app, ["examples", "--out", str(out), "--json"])
+    assert done.exit_code == 0, done.output
+    files = [Path(file) for file in json.loads(done.stdout)["files"]]
+    assert {file.name for file in files} == {file.name for file in (ROOT / "recordings").iterdir()}
+    assert all(file.read_bytes() == (ROOT / "recordings" / file.name).read_bytes() for file in files)
+    files[0].write_text("mine")
+    assert CliRunner().invoke(app, ["examples", "--out", str(out)]).exit_code == 0
+    assert files[0].read_text() == "mine"
+
+
+def test_examples_of_an_installation_are_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Beside no checkout: among the files that the installation lists; none is said with the remedy."""
+    installed = tmp_path / "share" / "boat-daq" / "recordings" / "a.boat"
+    installed.parent.mkdir(parents=True)
+    installed.write_bytes(b"")
+    file = metadata.PackagePath("share/boat-daq/recordings/a.boat")
+    file.dist = metadata.PathDistribution(tmp_path / "boat_daq.dist-info")
+    monkeypatch.setattr(examples, "ROOT", tmp_path)
+    monkeypatch.setattr(examples.metadata, "files", lambda _: [file])
+    assert examples.example_files() == [installed]
+    monkeypatch.setattr(examples.metadata, "files", lambda _: None)
+    with pytest.raises(OperatorError, match="not installed"):
+        examples.example_files()

@@ -15,6 +15,9 @@ import typer
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show_table, writing
 from boat_daq.commands.options import FidelityOption, NoMcmcOption
 from boat_daq.engine.file_names import path_in
+from boat_daq.errors import OperatorError
+
+QT_REMEDY = "Install Qt's system libraries (on Debian libegl1, libgl1, libxkbcommon-x11-0 and libxcb-cursor0)."
 
 if TYPE_CHECKING:
     from analysis import Analysis
@@ -24,6 +27,9 @@ if TYPE_CHECKING:
 
 
 def gui(
+    file: Annotated[
+        Path | None, typer.Argument(metavar="[FILE]", help="Recording, CSV, plan or profile to open.")
+    ] = None,
     port: Annotated[str | None, typer.Option(help="Port to connect to at once.")] = None,
     board: Annotated[bool, typer.Option("--board", help="Connect to a virtual board.")] = False,
     speed: Annotated[float, typer.Option(min=1, max=1000, help="Virtual board's time over real time.")] = 1.0,
@@ -39,10 +45,15 @@ def gui(
     if profile is not None and port is None:
         raise typer.BadParameter("--profile needs --port")
     from boat_daq.engine.log import start_log
-    from boat_daq.gui.app import run
 
     start_log("gui")
-    raise typer.Exit(run(port, board=board, speed=speed, rate_hz=rate, profile=str(profile or "")))
+    try:
+        from boat_daq.gui.app import run
+    except ModuleNotFoundError:
+        raise
+    except ImportError as error:  # a library of the system
+        raise OperatorError(f"the window cannot be loaded: {error}", QT_REMEDY) from error
+    raise typer.Exit(run(port, board=board, speed=speed, rate_hz=rate, profile=str(profile or ""), file=file))
 
 
 def demo(

@@ -9,8 +9,10 @@ import gc
 import signal
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 from PySide6.QtCore import QLocale, QObject, QTimer, SignalInstance
+from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QApplication
 
 from boat_daq.engine.session.session import Session
@@ -69,6 +71,7 @@ def make_application() -> QApplication:
         app = QApplication(sys.argv[:1])
     app.setApplicationName("boat-daq")
     app.setDesktopFileName("boat-daq")
+    app.setWindowIcon(QIcon(str(style.HERE / "boat-daq.svg")))
     app.setStyle("Fusion")
     app.setFont(style.font())
     QLocale.setDefault(QLocale.c())
@@ -95,7 +98,13 @@ def window_on(model: AppModel) -> MainWindow:
 
 
 def run(
-    port: str | None = None, *, board: bool = False, speed: float = 1.0, rate_hz: int | None = None, profile: str = ""
+    port: str | None = None,
+    *,
+    board: bool = False,
+    speed: float = 1.0,
+    rate_hz: int | None = None,
+    profile: str = "",
+    file: Path | None = None,
 ) -> int:
     """Open the window, connected to `port` or to a virtual board where asked; returns the exit code.
 
@@ -106,6 +115,7 @@ def run(
     speed : of the virtual board over real time.
     rate_hz : samples per second; as in the settings when None.
     profile : path of the text profile of the firmware on `port`.
+    file : opened at once, as if it were dropped on the window.
 
     Raises
     ------
@@ -121,6 +131,8 @@ def run(
         model.notices.attempt(lambda: model.connection.start_virtual_board(speed=speed))
     elif port:
         model.notices.attempt(lambda: model.connection.connect(port, profile))
+    if file is not None:
+        model.notices.attempt(lambda: window.open_file(file.absolute()))
     interrupted = []
 
     def stop(*_: object) -> None:

@@ -88,6 +88,19 @@ def test_extras_are_imported_where_they_are_used(imported: dict[str, set[str]]) 
     assert not DECLARED & EXTRA
 
 
+def test_lock_is_of_these_requirements() -> None:
+    """`make lock` was run after the last change of a requirement: the same names and the same ranges."""
+    locked = tomllib.loads((ROOT / "uv.lock").read_text(encoding="utf-8"))["package"]
+    own = next(package for package in locked if package["name"] == "boat-daq")["metadata"]["requires-dist"]
+    extras = (r for extra, each in PROJECT["optional-dependencies"].items() if extra != "all" for r in each)
+    ranges = {
+        canonical(requirement): set(re.findall(r"[<>=!~]+[^,;\s]+", requirement.partition(";")[0]))
+        for requirement in (*PROJECT["dependencies"], *extras)
+    }
+    found = {entry["name"]: set(entry.get("specifier", "").split(",")) - {""} for entry in own}
+    assert {name: limits for name, limits in found.items() if name != "boat-daq"} == ranges
+
+
 def test_all_is_every_extra() -> None:
     """`boat-daq[all]` leaves none out."""
     extras = PROJECT["optional-dependencies"]

@@ -63,7 +63,7 @@ def test_the_half_that_faces_the_limit_counts() -> None:
     assert unknown.conformity is Conformity.CONDITIONAL_PASS
     assert math.isnan(unknown.probability)
     for value, expected in ((9.5, "conditional_pass"), (10.0, "conditional_pass"), (10.1, "conditional_fail")):
-        assert conformity_statement(value, (0.5, math.nan), (-math.inf, 10.0)).conformity == expected
+        assert conformity_statement(value, (math.nan, math.nan), (-math.inf, 10.0)).conformity == expected
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from analysis import AnalysisError, Fusion, Inverse, fit_calibration
+from analysis.calibration.adequacy import expanded
+from analysis.calibration.inverse import NODES, U_NODES, _uncertainty, signal_at
 from tests.analysis.boat_builder import PAPER
 
 X = np.tile(np.linspace(-2.7, 3.8, 10), 5)
@@ -135,3 +139,119 @@ def test_a_sensor_outside_its_range_leaves_the_other_alone() -> None:
     assert found.elongation_mm[0] == pytest.approx(1.0, abs=1e-9)
     assert np.isnan(found.elongation_mm[1])
     assert found.outside.tolist() == [False, True]
+
+
+def straight(slope: float = -25.0, *, noise: float = 0.3, shared: float = 0.4, **more: float) -> Inverse:
+    """y = 1500 + slope x on -2 to 4 mm, with constant uncertainties: noise and what sensors share, mm."""
+    starts, powers = np.array([-1.0, 1.0]), np.array([[1500.0 + slope, 3.0 * slope]])
+    nodes = signal_at(np.linspace(-1.0, 1.0, NODES), starts, powers)
+    flat = np.ones(U_NODES)
+    return Inverse((-2.0, 4.0), starts, powers, nodes, noise * flat, shared * flat, **more)
+
+
+@pytest.mark.parametrize("slope", [-25.0, 25.0])
+def test_straight_line_by_hand(slope: float) -> None:
+    """Value, slope at the ends, and u: 0.3 of noise, 0.4 shared, and 1.2 of the reference make 1.3."""
+    inverse = straight(slope)
+    x = np.array([-2.0, -1.0, 0.0, 3.9, 4.0])
+    assert inverse(1500.0 + slope * x) == pytest.approx(x, abs=1e-12)
+    assert inverse.end_slopes == pytest.approx((slope, slope))
+    assert inverse.standard_uncertainty(x) == pytest.approx(np.full(5, 0.5))
+    assert straight(reference=(1.2, 0.0)).standard_uncertainty(-1.0) == pytest.approx(1.3)
+    assert straight(reference=(0.0, 0.3)).standard_uncertainty(4.0) == pytest.approx(1.3)
+
+
+@pytest.mark.parametrize("slope", [-25.0, 25.0])
+@pytest.mark.parametrize(("end", "away"), [(-2.0, -1.0), (4.0, 1.0)])
+def test_value_is_given_two_u_and_half_a_division_beyond_an_end(slope: float, end: float, away: float) -> None:
+    """u = 0.5 and half a division of 0.25 mm: to 1.25 mm along the tangent, and no further; the end where clamped."""
+    inverse = straight(slope, half_division_mm=0.25)
+    x = end + away * np.array([1.24, 1.26])
+    found, clamped = (inverse.evaluate(1500.0 + slope * x, clamp=clamp) for clamp in (False, True))
+    assert found.elongation_mm[0] == pytest.approx(x[0])
+    assert (found.beyond.tolist(), found.outside.tolist()) == ([True, False], [False, True])
+    assert clamped.elongation_mm == pytest.approx([x[0], end])
+    assert np.isnan(found.elongation_mm[1])
+    assert (found.standard_uncertainty_mm[0], np.isnan(found.standard_uncertainty_mm[1])) == (pytest.approx(0.5), True)
+    assert not found.disagreement.any()
+
+
+def test_curve_in_pieces_is_joined_where_they_meet() -> None:
+    """u^3 about the middles of two pieces: the same curve, ends and joint included, and its inverse, level at 0."""
+    starts = np.array([-1.0, 0.5, 1.0])
+    powers = np.array([[m**3, 3.0 * m**2, 3.0 * m, 1.0] for m in (-0.25, 0.75)])
+    u = np.linspace(-1.0, 1.0, 41)
+    assert signal_at(u, starts, powers) == pytest.approx(u**3, abs=1e-14)
+    nodes = signal_at(np.linspace(-1.0, 1.0, NODES), starts, powers)
+    inverse = Inverse((-1.0, 1.0), starts, powers, nodes, np.ones(U_NODES), np.ones(U_NODES))
+    assert inverse(u**3)[np.abs(u) > 0.1] == pytest.approx(u[np.abs(u) > 0.1], abs=1e-12)
+    assert inverse(0.0) == pytest.approx(0.0, abs=1e-3)
+    assert inverse.end_slopes == pytest.approx((3.0, 3.0))
+
+
+def test_uncertainty_of_an_inverse_by_hand() -> None:
+    """2 mV of noise, 3 of the model, 2 and 6 of the curve, over 20 mV/mm; level ends have the width of the range."""
+    curve = SimpleNamespace(
+        slope=lambda x: np.where(x < 4.0, -20.0, 0.0), curve_parts=lambda x: (2.0 + 0.0 * x, 6.0 + 0.0 * x),
+        deviation_in_x=lambda x: 0.0 * x, x_range=(-2.0, 4.0),
+    )  # fmt: skip
+    x = np.array([-2.0, 0.0, 4.0])
+    noise, shared = _uncertainty(curve, x, 2.0, 3.0)
+    assert noise == pytest.approx([0.1, 0.1, 6.0])
+    assert shared == pytest.approx([0.35, 0.35, 6.0])
+    curve.slope, curve.deviation_in_x = lambda x: -20.0 + 0.0 * x, lambda x: np.where(x == 0.0, 0.5, 0.0)
+    moved = _uncertainty(curve, x, 2.0, 3.0)
+    assert moved[0] == pytest.approx([0.1, 0.1, 0.1])
+    whole = expanded(np.array([0.5]), np.hypot(0.1, 0.35))[0] / 2.0
+    assert np.hypot(*moved)[1] == pytest.approx(whole)
+
+
+@pytest.mark.parametrize("rho", [0.0, 1.0, 0.5])
+def test_fusion_by_hand(rho: float) -> None:
+    """u of 0.5 and 1: weights 4 and 1; noise adds in squares, the shared by its correlation, the reference whole."""
+    one, two = straight(reference=(0.2, 0.0)), straight(noise=0.6, shared=0.8, reference=(0.2, 0.0))
+    u = [float(each.standard_uncertainty(0.0)) for each in (one, two)]
+    weights = np.array([1.0 / u[0] ** 2, 1.0 / u[1] ** 2]) / (1.0 / u[0] ** 2 + 1.0 / u[1] ** 2)
+    fusion = Fusion((one, two), np.array([[1.0, rho], [rho, 1.0]]))
+    found = fusion.evaluate([1500.0 - 25.0 * 1.0, 1500.0 - 25.0 * 2.0])
+    assert float(found.elongation_mm) == pytest.approx(weights @ [1.0, 2.0])
+    noise, shared = weights * [0.3, 0.6], weights * [0.4, 0.8]
+    common = (shared**2).sum() + 2.0 * rho * shared.prod()
+    assert float(found.standard_uncertainty_mm) == pytest.approx(np.sqrt((noise**2).sum() + common + 0.2**2))
+    alone = fusion.evaluate([1500.0 - 25.0, np.nan])
+    assert float(alone.elongation_mm) == pytest.approx(1.0)
+    assert float(alone.standard_uncertainty_mm) == pytest.approx(u[0])
+
+
+def test_disagreement_begins_at_four_sigma() -> None:
+    """u of 0.3 and 0.4: beyond 2 mm apart, whichever is the larger, of three sensors too."""
+    each = (straight(noise=0.3, shared=0.0), straight(noise=0.4, shared=0.0), straight(noise=3.0, shared=0.0))
+    fusion = Fusion(each, np.eye(3))
+    for apart, expected in ((1.99, False), (2.01, True)):
+        for x in ([1.0, 1.0 + apart, 1.0], [1.0, 1.0 - apart, 1.0]):
+            assert bool(fusion.evaluate(1500.0 - 25.0 * np.array(x)).disagreement) is expected
+
+
+def test_fusion_of_nothing_or_of_other_signals_is_refused() -> None:
+    """No calibrated sensor; another number of signals. Clamped, all outside: the end of the first sensor's range."""
+    with pytest.raises(AnalysisError, match="no calibrated sensor"):
+        Fusion.of([])
+    fusion = Fusion.of([straight(), straight()])
+    with pytest.raises(AnalysisError, match=r"shape \(3,\) do not fit 2 sensors"):
+        fusion.evaluate([1.0, 2.0, 3.0])
+    far = fusion.evaluate([[9e3, 9e3], [-9e3, 9e3], [np.nan, np.nan]], clamp=True)
+    assert far.elongation_mm[:2].tolist() == [-2.0, 4.0]
+    assert np.isnan(far.elongation_mm[2])
+    assert far.outside.tolist() == [True, True, False]
+    np.testing.assert_array_equal(fusion.correlation, np.eye(2))
+
+
+def test_residuals_of_the_same_points_correlate_by_what_raises_x() -> None:
+    """A falling sensor's residuals count with the other sign; of other points nothing is assumed."""
+    rising, falling = fitted(0, 1.0, seed=3), fitted(0, -1.0, seed=3)
+    mirrored = np.corrcoef(rising.residuals, -falling.residuals)[0, 1]
+    assert rising.rises is not falling.rises
+    assert Fusion.of([rising, falling]).correlation[0, 1] == pytest.approx(mirrored)
+    assert Fusion.of([rising, rising]).correlation[0, 1] == pytest.approx(1.0)
+    other = fit_calibration(X[:40], rising.y[:40])
+    np.testing.assert_array_equal(Fusion.of([rising, other]).correlation, np.eye(2))

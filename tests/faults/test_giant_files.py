@@ -9,10 +9,12 @@ from contextlib import closing
 from pathlib import Path
 
 import meshio
+import numpy as np
 import pytest
 
 from analysis.data.csv_import import import_csv
 from analysis.errors import FileError
+from analysis.shadow.fem import mesh_files
 from analysis.shadow.fem.mesh_files import read_mesh
 from tests.faults.drill import ROOT
 from tests.faults.forged_sqlite import shared_pages
@@ -92,6 +94,17 @@ def test_giant_files_are_refused_in_bounded_memory(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr[-2000:]
     assert done.stdout == ""
+
+
+@pytest.mark.fault(52, how="a mesh whose compressed arrays expand beyond all bounds", times=1)
+def test_mesh_that_expands_too_far_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """2 MB of zeros that were compressed took 1.9 GB; what the header says of their size is not believed."""
+    meshio.write(path := tmp_path / "mesh.vtu", meshio.Mesh(np.zeros((1000, 3)), [("line", np.array([[0, 1]]))]))
+    with pytest.raises(FileError, match="does not mark which cells"):  # it was read
+        read_mesh(path)
+    monkeypatch.setattr(mesh_files._Vtu, "_left", 1000)
+    with pytest.raises(FileError, match="is not a mesh that can be read"):
+        read_mesh(path)
 
 
 def test_mesh_with_a_distant_point_is_refused(tmp_path: Path) -> None:

@@ -9,14 +9,18 @@ Rules: coordinates are (r, axis, 0) in mm. A file that is not such a mesh is rej
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import base64
+import zlib
+from collections.abc import Iterable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import meshio
 import numpy as np
+from meshio.vtu._vtu import VtuReader, vtu_to_numpy_type
 
 from analysis.arrays import FloatArray, IntArray
 from analysis.errors import FileError, RequestError, writing
@@ -27,6 +31,7 @@ from analysis.shadow.fem.solver import Solution
 from protocol.whole_file import written_whole
 
 MAX_BYTES = 32 << 20  # a hundred thousand elements take 20 MB
+MAX_EXPANDED_BYTES = 128 << 20  # of compressed arrays, which may shrink to a thousandth
 PARTS = {"lattice": 1, "wall": 2, "cavity": 3, "base": 4, "tip": 5}
 FLAT_SHARE = 1e-6
 """Of the length: how far a node of a flat end may lie from it."""
@@ -108,10 +113,45 @@ def read_mesh(path: Path) -> Mesh:
         raise FileError(f"{path} is larger than {MAX_BYTES >> 20} MB", "give a coarser mesh")
     try:
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # meshio prints, and exits
-            found = meshio.read(path, file_format=kind)
+            found = _Vtu(path).mesh if kind == "vtu" else meshio.read(path, file_format=kind)
     except (Exception, SystemExit) as error:
         raise refusal from error
     return from_meshio(found, path)
+
+
+class _Vtu(VtuReader):  # type: ignore[misc]
+    """Meshio's reader of VTU, with a bound on what compressed arrays expand to."""
+
+    _left = MAX_EXPANDED_BYTES
+
+    @property
+    def mesh(self) -> meshio.Mesh:
+        """What was read."""
+        return meshio.Mesh(self.points, self.cells, self.point_data, self.cell_data, self.field_data)
+
+    def read_compressed_binary(self, data: str, dtype: np.dtype[Any]) -> Any:
+        """Return an array, after its blocks were expanded one by one, and no further than the bound."""
+        if self.compression != "vtkZLibDataCompressor":
+            raise ValueError(f"unknown compression {self.compression}")
+        order = ">" if self.byte_order == "BigEndian" else "<"
+        for block in _blocks(data, np.dtype(vtu_to_numpy_type[self.header_type]).newbyteorder(order)):
+            self._left -= len(zlib.decompressobj().decompress(block, self._left + 1))
+            if self._left < 0:
+                raise ValueError(f"its arrays expand to more than {MAX_EXPANDED_BYTES >> 20} MB")
+        return super().read_compressed_binary(data, dtype)
+
+
+def _blocks(data: str, kind: np.dtype[Any]) -> Iterator[bytes]:
+    """Yield the blocks of a compressed array: after a header (number, sizes), the two in base64 each."""
+
+    def head(size: int) -> IntArray:
+        return np.frombuffer(base64.b64decode(data[: -(-size // 3) * 4])[:size], kind)
+
+    size = kind.itemsize * (3 + int(head(kind.itemsize)[0]))
+    body, end = base64.b64decode(data[-(-size // 3) * 4 :]), 0
+    for length in head(size)[3:].tolist():
+        yield body[end : end + length]
+        end += length
 
 
 def from_meshio(found: meshio.Mesh, path: Path) -> Mesh:

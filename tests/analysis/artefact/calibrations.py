@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
@@ -52,9 +53,15 @@ SENSORS: Mapping[str, tuple[tuple[Callable[[np.ndarray], np.ndarray], int | Lite
 }
 
 
+@functools.cache
+def inverses_of(name: str) -> tuple[Inverse, ...]:
+    """Return the inverses of a set of `SENSORS`, made once."""
+    return tuple(inverse_of(truth, curve) for truth, curve in SENSORS[name])
+
+
 def file_of(name: str, **head: Any) -> CalibrationFile:
     """Return the file of a set of `SENSORS`."""
-    return calibration_file(*(inverse_of(truth, curve) for truth, curve in SENSORS[name]), **head)
+    return calibration_file(*inverses_of(name), **head)
 
 
 def signals(calibration: CalibrationFile, count: int, seed: int = 0) -> np.ndarray:

@@ -44,16 +44,11 @@ def test_unit_is_shown_over_time(live):
 
 
 def test_unit_without_calibration_shows_the_reason(live):
-    """No plot, no report."""
+    """No plot, no report; without a chosen line the button is grey, and says why."""
     window = window_of(live, unit_over_time(Unit("SA1")))
     assert window.due.text() == "SA1 has no accepted calibration yet"
     assert not window.save.isEnabled()
     window.close()
-
-
-def test_a_line_of_the_units_is_needed(live):
-    """The button is grey without one, and says why."""
-    live.go("Runs")
     page = live.pages["Runs"]
     page.units.clearSelection()
     page._enable()

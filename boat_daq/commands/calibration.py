@@ -259,9 +259,11 @@ def _ended(seen: SessionSnapshot) -> bool:
     ------
     DeviceError : it failed.
     """
-    from boat_daq.engine.snapshot import LinkState
+    from boat_daq.engine.snapshot import LinkError, LinkState
     from boat_daq.errors import DeviceError
 
     if seen.link is LinkState.FAILED:
-        raise DeviceError(*(seen.link_error or ("the link was lost", "check the board and its cable")))
+        lost = LinkError("the link was lost", "check the board and its cable")
+        cause, remedy, command = seen.link_error or lost
+        raise DeviceError(cause, remedy, command=command)
     return seen.link is LinkState.CLOSED

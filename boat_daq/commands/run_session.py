@@ -188,7 +188,10 @@ class MessagePrinter:
         """Print what is new."""
         for message in seen.messages:
             if message.number > self._shown and message.level != "info":
-                notify(f"{message.level}: {message.cause}" + (f"\n  try: {message.remedy}" if message.remedy else ""))
+                notify(f"{message.level}: {message.cause}")
+                remedy = ": ".join(filter(None, (message.remedy, message.command)))
+                if remedy:
+                    notify(f"  try: {remedy}")
         self._shown = max([self._shown, *(message.number for message in seen.messages)])
         warnings = {w.code: w.text for w in (seen.health.warnings if seen.health is not None else ())}
         warnings.pop(LinkWarningCode.SILENT, None)  # has a message of its own
@@ -202,7 +205,7 @@ class MessagePrinter:
 def why_failed(seen: SessionSnapshot, plan: Plan | None) -> str:
     """Return why the run did not end as planned; empty if it did."""
     if seen.link in (LinkState.LOST, LinkState.FAILED):
-        return seen.link_error[0] if seen.link_error else seen.latched or "the link was lost"
+        return seen.link_error.cause if seen.link_error else seen.latched or "the link was lost"
     if plan is not None and seen.state in (SessionState.ABORTED, SessionState.FAULT):
         return seen.latched or (seen.run_ended.text if seen.run_ended else str(seen.state))
     return ""

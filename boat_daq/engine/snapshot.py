@@ -9,7 +9,7 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from protocol.recording import RunEnd
 
@@ -118,6 +118,15 @@ class Message:
     cause: str
     remedy: str = ""
     host_ns: int = 0
+    command: str = ""  # the remedy on the command line, which the window does not show
+
+
+class LinkError(NamedTuple):
+    """Why a link failed; `command` is the remedy on the command line, which the window does not show."""
+
+    cause: str
+    remedy: str
+    command: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,7 +271,7 @@ class SessionSnapshot:
     state: SessionState
     link: LinkState
     port: str | None = None
-    link_error: tuple[str, str] | None = None  # cause and remedy
+    link_error: LinkError | None = None
     hello: Hello | None = None
     simulated: bool = False
     can_command: bool = False

@@ -32,13 +32,15 @@ from protocol.text.profile import TextProfile, load_profile
 class OpenPort:
     """A port and its decoder.
 
-    `profile` is the text profile's TOML, `replayed` the metadata of a replayed recording.
+    `profile` is the text profile's TOML, `replayed` the metadata of a replayed recording. `simulated` is what either of
+    them states of the device.
     """
 
     transport: Transport
     link: Link
     profile: str | None = None
     replayed: dict[str, Any] | None = None
+    simulated: bool = False
 
     @property
     def can_command(self) -> bool:
@@ -68,15 +70,16 @@ def open_port(url: str, profile: str | None, settings: Settings) -> OpenPort:
     ProtocolError : the profile or the recording cannot be used.
     """
     text = profile if profile is None or "\n" in profile else read_text(Path(profile))
-    link: Link = Connection(in_turn=True) if text is None else TextConnection(load_profile(text + "\n"))
+    stated = None if text is None else load_profile(text + "\n")
+    link: Link = Connection(in_turn=True) if stated is None else TextConnection(stated)
     transport = open_transport(url, baud=settings.baud, allow_remote=settings.allow_remote)
     if not isinstance(transport, ReplayTransport):
-        return OpenPort(transport, link, text)
+        return OpenPort(transport, link, text, simulated=stated is not None and stated.simulated)
     with closing(open_recording(transport.path)) as db:
         meta = read_session(db)
         first = db.execute("SELECT decoder FROM segment ORDER BY id LIMIT 1").fetchone()
     state = json.loads(first[0]) if first and first[0] else None
-    return OpenPort(transport, open_link(meta, state), meta["profile"], meta)
+    return OpenPort(transport, open_link(meta, state), meta["profile"], meta, bool(meta["simulated"]))
 
 
 def open_link(meta: dict[str, Any], decoder_state: dict[str, Any] | None) -> Link:

@@ -92,6 +92,7 @@ class Summary:
     layout: int  # version of the file's tables
     breaks: tuple[BreakSummary, ...] = ()
     metadata: Metadata = field(default_factory=Metadata)
+    uuid: str | None = None  # stays where the file is renamed
 
 
 def summarise(path: Path) -> Summary:
@@ -122,7 +123,7 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
     if status == "recording" and not is_being_written(path):
         status = "interrupted"
     stated = metadata_of(db, meta)
-    stored = ("unit", "port", "board_id", "program_version", "started_utc", "ended_utc")
+    stored = ("uuid", "unit", "port", "board_id", "program_version", "started_utc", "ended_utc")
     return Summary(
         path=path,
         status=status,

@@ -169,5 +169,5 @@ class ActiveRecording:
     def _storage_failed(self, error: StorageError) -> None:
         """Abort the run, on the recorder's thread: no run without its record."""
         with self._acting() as control:
-            self._journal.tell(MessageKind.STORAGE, "error", error.cause, error.remedy)
+            self._journal.tell(MessageKind.STORAGE, "error", error.cause, error.remedy, error.command)
             control.abort(error.cause)

@@ -64,7 +64,7 @@ class Journal:
         self.steps = {mark.number: mark for mark in broken.marks} if broken else {}
         self.readings = list(broken.readings) if broken else []
 
-    def tell(self, kind: MessageKind, level: str, cause: str, remedy: str = "") -> None:
+    def tell(self, kind: MessageKind, level: str, cause: str, remedy: str = "", command: str = "") -> None:
         """Add a message for the operator, and log it.
 
         Parameters
@@ -72,10 +72,11 @@ class Journal:
         kind : its code.
         level : "info", "warning" or "error".
         cause, remedy : sentences without their full stop.
+        command : the remedy on the command line.
         """
         self._last += 1
         note(level, f"{kind}: {cause}" + (f" (try: {remedy})" if remedy else ""))
-        self.messages.append(Message(self._last, kind, level, cause, remedy, time.monotonic_ns()))
+        self.messages.append(Message(self._last, kind, level, cause, remedy, time.monotonic_ns(), command))
 
     def take(self, effect: StepChanged | SegmentBreak | ControlEvent | RunEnding, *, time_us: int | None) -> None:
         """Keep an effect of the controller; `time_us` is the board time of its event."""

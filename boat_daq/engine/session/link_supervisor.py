@@ -23,7 +23,7 @@ from boat_daq.engine.log import note_failure
 from boat_daq.engine.sample_columns import mv_per_count
 from boat_daq.engine.session.journal import Journal
 from boat_daq.engine.settings import Settings
-from boat_daq.engine.snapshot import HealthSnapshot, LinkState, MessageKind, SessionState
+from boat_daq.engine.snapshot import HealthSnapshot, LinkError, LinkState, MessageKind, SessionState
 from boat_daq.errors import BoatDaqError, DeviceError, OperatorError
 from protocol.errors import ProtocolError
 from protocol.link.events import HelloReceived, WrongProtocol
@@ -69,7 +69,7 @@ class LinkSupervisor:
     ) -> None:
         self.state = LinkState.CLOSED
         self.url: str | None = None
-        self.error: tuple[str, str] | None = None
+        self.error: LinkError | None = None
         self.port: OpenPort | None = None
         self.reader: PortReader | None = None
         self.health: LinkHealth | None = None
@@ -139,9 +139,9 @@ class LinkSupervisor:
         return self.health.snapshot() if self.health is not None else None
 
     def simulated(self, hello: Hello | None) -> bool:
-        """Return whether the samples are those of a virtual board, or a replay of them."""
-        if self.port is not None and self.port.replayed is not None:
-            return bool(self.port.replayed["simulated"])
+        """Return whether the samples are those of a virtual board, by its HELLO, its profile, or the replayed file."""
+        if self.port is not None and (self.port.replayed is not None or self.port.profile is not None):
+            return self.port.simulated
         return hello is not None and hello.simulated
 
     # ---- the supervisor's thread -----------------------------------------------------------------------------------
@@ -177,9 +177,9 @@ class LinkSupervisor:
                 self.health.real_time = control.board.meter.speed <= FAST
             self._journal.watch_disk()
 
-    def _tell(self, kind: MessageKind, level: str, cause: str, remedy: str = "") -> None:
+    def _tell(self, kind: MessageKind, level: str, cause: str, remedy: str = "", command: str = "") -> None:
         with self._acting():
-            self._journal.tell(kind, level, cause, remedy)
+            self._journal.tell(kind, level, cause, remedy, command)
 
     # ---- opening ---------------------------------------------------------------------------------------------------
 
@@ -189,7 +189,7 @@ class LinkSupervisor:
         try:
             port = open_port(self.url, self._profile, self._settings)
         except (BoatDaqError, ProtocolError) as error:
-            self._fail(error.cause, error.remedy)
+            self._fail(error.cause, error.remedy, getattr(error, "command", ""))
             return
         self._attach(port)
         if port.replayed is not None:
@@ -248,7 +248,7 @@ class LinkSupervisor:
         if self._refused is not None:
             self._fail(*self._refused)
         elif self._lost is not None:
-            self._fail(self._lost.cause, self._lost.remedy)
+            self._fail(self._lost.cause, self._lost.remedy, self._lost.command)
         elif self._greeted is not None and not identifying:
             self._greet()
         elif self._greeted is None and up:
@@ -267,7 +267,7 @@ class LinkSupervisor:
         try:
             greeted()
         except BoatDaqError as error:
-            self._fail(error.cause, error.remedy)
+            self._fail(error.cause, error.remedy, getattr(error, "command", ""))
             return
         with self._acting() as control:
             control.release_samples()
@@ -284,7 +284,7 @@ class LinkSupervisor:
         cause = f"the device at {self.url} is not a BOAT board at this baud rate ({self._settings.baud})"
         return cause, "choose another port or baud rate; firmware that prints text needs its profile"
 
-    def _fail(self, cause: str, remedy: str) -> None:
+    def _fail(self, cause: str, remedy: str, command: str = "") -> None:
         """Give up the port.
 
         A board that sent its HELLO is left at rest, its watchdog disarmed.
@@ -297,8 +297,8 @@ class LinkSupervisor:
         if self._seeking:
             self.state, self._since_s = LinkState.LOST, self._clock_s()
             return
-        self.error, self.state = (cause, remedy), LinkState.FAILED
-        self._tell(MessageKind.LINK_FAILED, "error", cause, remedy)
+        self.error, self.state = LinkError(cause, remedy, command), LinkState.FAILED
+        self._tell(MessageKind.LINK_FAILED, "error", *self.error)
 
     # ---- lost and found --------------------------------------------------------------------------------------------
 
@@ -344,7 +344,7 @@ class LinkSupervisor:
         try:
             self._end_recording(RunEnd.STOPPED)
         except BoatDaqError as error:
-            self._tell(MessageKind.STORAGE, "error", error.cause, error.remedy)
+            self._tell(MessageKind.STORAGE, "error", error.cause, error.remedy, error.command)
         self._expected_id, self._seeking, self._greeted = None, False, None
         self.state = LinkState.CLOSED
 

@@ -36,7 +36,7 @@ from boat_daq.engine.session.active_recording import ActiveRecording
 from boat_daq.engine.session.journal import HealthLog, Journal, health_line
 from boat_daq.engine.session.link_supervisor import LinkSupervisor
 from boat_daq.engine.settings import Settings, UnitLibrary, load_settings, take_warnings
-from boat_daq.engine.snapshot import LinkState, MessageKind, Reading, SessionSnapshot, SessionState
+from boat_daq.engine.snapshot import LinkError, LinkState, MessageKind, Reading, SessionSnapshot, SessionState
 from boat_daq.errors import DeviceError, OperatorError
 from protocol.link.events import Samples
 from protocol.link.messages import SetPressure, Vent
@@ -157,8 +157,9 @@ class Session:
         seen = self.wait(lambda s: s.link in (LinkState.UP, LinkState.FAILED, LinkState.CLOSED), timeout_s)
         if seen.link is LinkState.UP or (seen.link is LinkState.CLOSED and seen.last is not None):
             return seen
-        cause, remedy = seen.link_error or (f"no samples within {timeout_s:g} s", "check the board and its cable")
-        raise DeviceError(cause, remedy)
+        none = LinkError(f"no samples within {timeout_s:g} s", "check the board and its cable")
+        cause, remedy, command = seen.link_error or none
+        raise DeviceError(cause, remedy, command=command)
 
     def disconnect(self) -> None:
         """Vent, stop the stream, close the recording and the port.

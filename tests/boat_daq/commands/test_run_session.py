@@ -21,7 +21,15 @@ from boat_daq.commands.run_session import (
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.simulator.server import BoardSettings
-from boat_daq.engine.snapshot import LinkState, LinkWarning, LinkWarningCode, SessionSnapshot, SessionState
+from boat_daq.engine.snapshot import (
+    LinkState,
+    LinkWarning,
+    LinkWarningCode,
+    Message,
+    MessageKind,
+    SessionSnapshot,
+    SessionState,
+)
 from boat_daq.errors import OperatorError
 from protocol import Connection, Identify, SetLimits, SetPressure, Start
 from protocol.recording import BoardState
@@ -112,3 +120,10 @@ def test_residual_pressure_is_vented_before_the_run(tmp_path: Path, capsys: pyte
         _, failure = run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN))
     assert failure == ""
     assert "was under pressure" in capsys.readouterr().err
+
+
+def test_message_shows_its_command_on_the_command_line(capsys):
+    """The remedy of an error that a live session passes on ends with its command, which the window does not show."""
+    message = Message(1, MessageKind.LINK_FAILED, "error", "no port", "Choose a port of the list.", 0, "boat-daq ports")
+    MessagePrinter()(SessionSnapshot(SessionState.IDLE, LinkState.FAILED, messages=(message,)))
+    assert "try: Choose a port of the list.: boat-daq ports" in capsys.readouterr().err

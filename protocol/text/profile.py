@@ -9,6 +9,7 @@
     vref_mv = 5000                           # with adc_bits: for readings in counts
     adc_bits = 10
     polarity = 1                             # -1 where the voltage falls with light
+    simulated = false                        # true for a simulator of such a device: its runs are marked
     pressure_min_kpa = -60                   # limits: without them no pressure is commanded
     pressure_max_kpa = 80
 
@@ -147,7 +148,7 @@ _NUMBER = int | float
 
 Rules = dict[str, Any]  # key -> its type, where it is required (with None: may be left out); else its default
 _TOP: Rules = {"name": str, "kind": str, "device": dict, "lines": {}, "rx8": {}, "commands": {}}
-_DEVICE: Rules = {"n_sensors": int, "rate_hz": _NUMBER, "vref_mv": 0, "adc_bits": 0, "polarity": 1}
+_DEVICE: Rules = {"n_sensors": int, "rate_hz": _NUMBER, "vref_mv": 0, "adc_bits": 0, "polarity": 1, "simulated": False}
 _DEVICE |= dict.fromkeys(("pressure_min_kpa", "pressure_max_kpa"), _NUMBER | None)
 _LINES: Rules = {"delimiter": ",", "line_end": "\n", "decimal": ".", "comments": [], "checksum": "none", "fields": list}
 _RX8: Rules = {"format": str, "variables": dict}
@@ -175,6 +176,7 @@ class TextProfile:
     vref_mv: int
     adc_bits: int
     polarity: int
+    simulated: bool  # such a device sends no HELLO that tells it
     limits_pa: tuple[int, int] | None
     sample_kind: SampleKind
     columns: tuple[ProfileColumn, ...]
@@ -226,7 +228,7 @@ def load_profile(source: str | Path) -> TextProfile:
         name=top["name"],
         toml=text,
         rate_hz=float(device["rate_hz"]),
-        **{key: device[key] for key in ("n_sensors", "vref_mv", "adc_bits", "polarity")},
+        **{key: device[key] for key in ("n_sensors", "vref_mv", "adc_bits", "polarity", "simulated")},
         limits_pa=_limits(device),
         sample_kind=sample_kind,
         columns=tuple(_column(entry, device) for entry in fields),

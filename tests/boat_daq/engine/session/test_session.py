@@ -313,13 +313,19 @@ def test_a_profile_without_commands_only_listens(session: Session, printing: Pri
     """It records and plots; the sequence is off with a reason; nothing is ever sent."""
     session.connect(os.ttyname(printing.slave), PROFILE)
     seen = session.wait_connected()
-    assert not seen.can_command and seen.why_read_only
+    assert not seen.can_command and seen.why_read_only and not seen.simulated
     with pytest.raises(OperatorError):
         session.arm(PLAN)
     session.vent()
     session.disconnect()
     session.wait(lambda s: s.link is LinkState.CLOSED, 5)
     assert printing.received == b""
+
+
+def test_simulator_of_a_device_is_known_by_its_profile(session: Session, printing: PrintingDevice) -> None:
+    """It sends no HELLO: without the profile's word its runs would be taken for those of a real board."""
+    session.connect(os.ttyname(printing.slave), PROFILE.replace("n_sensors", "simulated = true\nn_sensors", 1))
+    assert session.wait_connected().simulated
 
 
 def test_no_such_port_is_one_line(session: Session) -> None:

@@ -186,11 +186,9 @@ class CalibrationModel:
 
         def changed() -> None:
             if self.result is not None and (self.result.unit, self.result.simulated) == (result.unit, result.simulated):
-                self.result = replace(self.result, traceability=stated.traceability())  # the rest follows
                 self.follow_change()
 
-        stated = ContributionsModel(self._units_of(result), result.unit, self._services.undo, changed)
-        return stated
+        return ContributionsModel(self._units_of(result), result.unit, self._services.undo, changed)
 
     def certificate(self) -> CertificateModel:
         """Return the state of the certificate's panel for the run that is shown.

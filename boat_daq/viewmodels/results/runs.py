@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, suppress
 from dataclasses import dataclass
@@ -291,7 +291,8 @@ class RunsModel:
             fresh = run is None or run.summary is None or run.summary.status in ("recording", "interrupted")
             found[key] = read_run(path) if fresh or run is None else run
         self._known = found
-        return sorted(found.values(), key=_sort_key, reverse=True), self._read_units()
+        names = {run.summary.uuid: run.path.name for run in found.values() if run.summary is not None}
+        return sorted(found.values(), key=_sort_key, reverse=True), self._read_units(names)
 
     def _files(self) -> list[tuple[Path, os.stat_result]]:
         """Return the recordings of the folder with size and time, without those deleted since they were listed."""
@@ -480,8 +481,11 @@ class RunsModel:
 
         self.jobs.start(name, job, ended)
 
-    def _read_units(self) -> list[UnitLine]:
-        """Return the units with each of their calibrations: unit, date, sensitivities, recording."""
+    def _read_units(self, names: Mapping[str | None, str]) -> list[UnitLine]:
+        """Return the units with each of their calibrations: unit, date, sensitivities, recording.
+
+        `names` are those of the files by the UUID of the recording: one that was renamed has another than was stored.
+        """
         lines: list[UnitLine] = []
         for units in (self.units.of(simulated=simulated) for simulated in (False, True)):
             for name in units.names():
@@ -493,7 +497,8 @@ class RunsModel:
                 shown = f"{name}{SIMULATED_MARK}" if units.simulated else name
                 for entry in reversed(history):
                     figures = " / ".join(number(figure, 1) for figure in _sensitivities(entry))
-                    lines.append((units.simulated, (shown, entry.utc[:10], figures, entry.recording)))
+                    name_now = names.get(entry.content.get("recording_id"), entry.recording)
+                    lines.append((units.simulated, (shown, entry.utc[:10], figures, name_now)))
         return lines
 
     def over_time(self, row: int) -> UnitOverTimeModel:

@@ -88,6 +88,18 @@ def test_units_are_those_of_the_board_in_use(tmp_path):
     model.close()
 
 
+def test_history_shows_the_name_of_a_renamed_recording(closed, tmp_path):
+    """An accepted calibration keeps the recording's UUID; the name that it had then is shown only where it is gone."""
+    units = UnitLibrary(tmp_path)
+    model = RunsModel(tmp_path, units, JobRunner(), Notices(), UndoHistory())
+    for uuid in (read_run(closed).summary.uuid, "gone"):
+        units.add_calibration("SA1", {"recording_id": uuid}, recording="before.boat")
+    model.scan()
+    until(lambda: (model.poll(), model._future is None)[1])
+    assert [line[3] for line in model.unit_lines] == ["before.boat", closed.name]
+    model.close()
+
+
 def test_newest_recording_is_of_the_kind_of_the_board(closed, tmp_path):
     """A file that cannot be read is neither a simulated nor a real recording."""
     (tmp_path / "z.boat").write_bytes(b"")

@@ -111,7 +111,7 @@ class Adequacy:
             else f"p {'< 0.001' if self.p_value < 0.001 else f'= {self.p_value:.2g}'}"
         )
         if self.verdict is CurveVerdict.ADEQUATE:
-            return f"the position means lie about the curve as their scatter and reading allow ({chance})"
+            return f"the position means deviate from the curve no more than their scatter and reading allow ({chance})"
         better = f"; {curve_name(self.preferred.name)} predicts better" if self.reference is not self.chosen else ""
         size = f"{self.remainder:.2g} mV rms, {self.remainder_percent:.2g} % FSO"
         return f"the curve misses the position means by {size} beyond their scatter ({chance}){better}"

@@ -92,7 +92,7 @@ class Budget:
         if share >= 0.75:
             return f"without {name} ({percent(share)} of the variance) the uncertainty would be half or less"
         largest = f"the largest, {name}, is {percent(share)} of the variance"
-        return f"no single component halves it: {largest}, halving requires 75 %"
+        return f"no component halves the uncertainty alone: {largest}, 75 % would be needed"
 
     def as_json(self) -> dict[str, Any]:
         """Return the budget as a dictionary."""

@@ -211,7 +211,7 @@ def runs_table(analyses: Sequence[Analysis]) -> Section:
     )
     draws = tuple(partial(drawings.side_by_side, analyses, name) for name in names[:2])
     drawn = ReportDrawing(draws, "Each run with its 95 % interval; runs of one unit are next to one another.", 2.4)
-    return Section("The runs side by side", (drawn, *parts))
+    return Section("Runs compared", (drawn, *parts))
 
 
 def spread_of_runs(unit: UnitComparison) -> list[Section]:

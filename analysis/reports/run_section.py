@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from analysis import published
+from analysis.calibration.curve_choice import curve_name
 from analysis.conformity import RULE
 from analysis.figures.acceptance import LIMITS, judge
 from analysis.figures.across_breaks import ALPHA, Break
@@ -166,8 +167,9 @@ def _quality(analysis: Analysis, sensor: int) -> str:
     lack = analysis.sensors[sensor].figures["lack_of_fit_percent_fso"]
     text += f" Curve {lack.note or lack.void}."
     if c.adequacy is not None:
-        predicted = ", ".join(f"{candidate.name} {candidate.prediction_rms:.2g}" for candidate in c.adequacy.candidates)
-        text += f" Left-out positions are predicted to (rms, mV) by degree {predicted}."
+        tried = c.adequacy.candidates
+        predicted = ", ".join(f"{curve.prediction_rms:.2g} ({curve_name(curve.name)})" for curve in tried)
+        text += f" Cross-validated rms error, mV: {predicted}."
     text += f" Degree by AICc: {checks['preferred_degree'] or 'too few points'}."
     if p is not None:
         text += f" Posterior: {p.n_eff:.0f} effective samples, tau {p.tau:.0f}, "
@@ -184,7 +186,7 @@ def loop_drawings(analysis: Analysis) -> list[ReportDrawing]:
     """Return the drawings of every cycle over pressure, two sensors a row."""
     draws = [partial(drawings.system_loop, analysis, i) for i in range(len(analysis.sensors))]
     return [
-        ReportDrawing(tuple(draws[at : at + 2]), "Every cycle; unloading and loading branch.", 2.9)
+        ReportDrawing(tuple(draws[at : at + 2]), "All cycles, unloading and loading.", 2.9)
         for at in range(0, len(draws), 2)
     ]
 
@@ -206,10 +208,10 @@ def over_cycles(analysis: Analysis) -> Section:
     drift = partial(each, "displacement_percent_fso", "displacement, % FSO", "Common drift")
     snr = partial(each, "snr_db", "SNR, dB", "Signal-to-noise ratio per cycle")
     span = partial(each, "span_mv", "span, mV", "Output span per cycle")
-    displacement = "Each cycle; displacement: mean of all levels relative to the second half of the run."
+    displacement = "One point a cycle. Displacement: mean of all levels, relative to the second half of the run."
     parts: list[SectionPart] = [
         ReportDrawing((width, drift), displacement, 2.5),
-        ReportDrawing((snr, span), "Each cycle.", 2.5),
+        ReportDrawing((snr, span), "One point a cycle.", 2.5),
     ]
     for i, sensor in enumerate(analysis.sensors):
         if sensor.figures["fso_mv"].value > 0:
@@ -272,7 +274,7 @@ def _budget_drawing(found: ElongationBudgets) -> ReportDrawing:
     left = LABEL_PAD_INCH + max((width_of(name, LABEL_PT) for name in names), default=0.0)
     height = BARS_FRAME_INCH + len(names) * (GROUP_INCH + BAR_INCH * len(found.budgets))
     draw = partial(drawings.budget_bars, found.budgets, names, f"Components at {found.x_mm:+.2f} mm")
-    caption = "Components that contribute, with their share of the variance; the table has all."
+    caption = "The largest components with their share of the variance; the table lists all."
     return ReportDrawing((draw,), caption, height, left=left)
 
 
@@ -397,4 +399,4 @@ def _parts(analysis: Analysis) -> ReportTable:
         for key in _OF_A_PART
         if key in sensor.figures
     )
-    return ReportTable(header, rows, "Each part's own figures, with 95 % intervals.", numeric=False)
+    return ReportTable(header, rows, "Figures of each part with 95 % intervals.", numeric=False)

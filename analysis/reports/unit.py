@@ -89,7 +89,7 @@ def unit_report(unit: str, histories: Sequence[UnitHistory], *, simulated: bool)
 def _sensor(history: UnitHistory, number: int) -> Section:
     curves = ReportDrawing(
         (partial(_curves, history), partial(_differences, history)),
-        "Left: the curve of each calibration, the last in bold. Right: each less the first, over the range of both.",
+        "Left: the curve of each calibration, the last in bold. Right: difference from the first, over the common range.",
     )
     over_dates = ReportDrawing(
         (partial(_coefficient, history, number - 1), partial(_uncertainty, history, number - 1)),
@@ -158,7 +158,7 @@ def _curves(history: UnitHistory, ax: Axes) -> None:
     for k, (curve, colour) in enumerate(zip(history.curves, _colours(last + 1), strict=True)):
         label = date_of(history.when[k])[:10] if last < MOST_NAMED or k in (0, last) else None
         ax.plot(curve[:, 0], curve[:, 1], color=colour, linewidth=2.0 if k == last else 1.0, label=label)
-    ax.set(xlabel="elongation, mm", ylabel="signal, mV", title="Curves over each other")
+    ax.set(xlabel="elongation, mm", ylabel="signal, mV", title="Curves overlaid")
     ax.legend()
 
 
@@ -167,7 +167,7 @@ def _differences(history: UnitHistory, ax: Axes) -> None:
     for (x, y), colour in zip(curve_differences(history), _colours(len(history.curves)), strict=True):
         ax.plot(x, y, color=colour)
     ax.axvline(history.check_point_mm, color=style.SOFT, linewidth=0.7, linestyle=":")
-    ax.set(xlabel="elongation, mm", ylabel="difference, mV", title="Less the first calibration")
+    ax.set(xlabel="elongation, mm", ylabel="difference, mV", title="Difference from the first calibration")
 
 
 def curve_differences(history: UnitHistory) -> list[tuple[FloatArray, FloatArray]]:

@@ -53,7 +53,7 @@ def test_shares_add_up_and_name_what_halves() -> None:
     assert sum(budget.shares().values()) == pytest.approx(1.0)
     assert list(budget.shares()) == ["a", "b", "c"]
     assert "without a" in budget.what_halves_it()
-    assert "no single component" in combine([Component("a", 1.0), Component("b", 1.0)]).what_halves_it()
+    assert "no component halves" in combine([Component("a", 1.0), Component("b", 1.0)]).what_halves_it()
 
 
 def test_stated_interval_of_an_elongation_holds_the_truth(tmp_path: Path) -> None:

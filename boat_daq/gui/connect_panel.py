@@ -104,8 +104,12 @@ class ConnectPanel(QDialog):
         for text, port in ports:
             self.port.addItem(text, port)
         self.none.setVisible(not ports)
-        self.adjustSize()
+        self._fit()
         self.port.setEditText(typed)
+
+    def _fit(self) -> None:
+        """Take the height of what is shown; Qt's `adjustSize` takes no more than two thirds of the screen's."""
+        self.resize(self.width(), self.sizeHint().height())
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the boards that have answered, and whether there is a link to close."""
@@ -131,7 +135,7 @@ class ConnectPanel(QDialog):
             self._refusal = notices.history[-1]
             self.refused.setText(f"\u25b2 {self._refusal.sentences}")
         self.refused.setVisible(not connected)
-        self.adjustSize()
+        self._fit()
         if connected:
             self.hide()
 

@@ -231,7 +231,7 @@ class Strip(QWidget):
 
     def fold(self, *, low: bool) -> None:
         """Take less height in a low window."""
-        self.head.setFixedHeight(style.CONTROL_HEIGHT if low else style.STRIP_HEIGHT)
+        self.head.setFixedHeight(style.STRIP_HEIGHT_LOW if low else style.STRIP_HEIGHT)
 
     def refresh(self) -> None:
         """Show the most severe notice and the newest job."""

@@ -87,7 +87,8 @@ class ShortcutSheet(QDialog):
         self.setModal(False)
         self._columns = [widgets.column(spacing=4 * style.STEP) for _ in SHEET]
         self._body = QWidget()
-        self._body.setLayout(widgets.row(*self._columns, spacing=8 * style.STEP))
+        self._rows = widgets.row(*self._columns, spacing=8 * style.STEP)
+        self._body.setLayout(self._rows)
         self._blocks = {
             menu: widgets.holder(self._block(menu, [c for c in registry.actions if c.menu == menu]))
             for menus in SHEET
@@ -102,6 +103,7 @@ class ShortcutSheet(QDialog):
         """Take the size of all keys, but not more than the window's."""
         super().showEvent(event)
         self._arrange(SHEET if self.over.width() >= style.NARROW_BELOW else NARROW_SHEET)
+        self._rows.activate()  # else its size is that of the columns before
         wanted, most = self._body.sizeHint(), self.over.size()
         margin = 2 * style.STRIP_HEIGHT
         self.resize(min(wanted.width() + margin, most.width()), min(wanted.height() + margin, most.height()))

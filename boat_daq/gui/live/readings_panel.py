@@ -222,7 +222,6 @@ class ReadingsView(QTableView):
         self.setModel(rows)
         dress(self, "Readings of elongation")
         self.setAlternatingRowColors(True)
-        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.horizontalHeader().setStretchLastSection(True)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:

@@ -203,14 +203,15 @@ class ShadowPane(QWidget):
         self.frame_time.setCheckable(True)
         self.frame_time.toggled.connect(partial(setattr, model, "show_cost"))
         self.names = [widgets.label("", "muted") for _ in range(LINES)]
-        self.values = [widgets.label("") for _ in range(LINES)]
+        self.values = [widgets.label("", wrap=True) for _ in range(LINES)]
         grid = QGridLayout()
         grid.setVerticalSpacing(2)
         grid.setColumnStretch(1, 1)
         for i, (name, value) in enumerate(zip(self.names, self.values, strict=True)):
             grid.addWidget(name, i, 0)
             grid.addWidget(value, i, 1)
-            value.setAlignment(Qt.AlignmentFlag.AlignRight)
+            name.setAlignment(Qt.AlignmentFlag.AlignTop)
+            value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignTop)
         self.colour = widgets.label("Colour", "muted")
         head = widgets.row(self.colour, self.quantity, None, self._menu_button())
         frame, _ = widgets.card(head, (self.view, 1), grid)

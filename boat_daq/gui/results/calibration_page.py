@@ -279,8 +279,8 @@ class CalibrationPage(QWidget):
         self.accept = widgets.button(ACCEPT, self._accept, "primary", tip=ACCEPT_TIP)
         ask = partial(ask_open, self, self.services, "Open a recording or a table", "boat csv", self.services.open)
         opens = widgets.button("Open \u2026", ask)
-        buttons = widgets.row(self.again, opens, self.sample, self.report, self.certificate, self.accept)
-        self.head = widgets.row((widgets.column(self.verdict, self.headline, spacing=0), 1), buttons)
+        self.buttons = widgets.row(self.again, opens, self.sample, self.report, self.certificate, self.accept)
+        self.head = widgets.row((widgets.column(self.verdict, self.headline, spacing=0), 1), self.buttons)
         return widgets.card(self.head, self._warnings())[0]
 
     def _warnings(self) -> QWidget:
@@ -370,10 +370,16 @@ class CalibrationPage(QWidget):
             self.services.notices.attempt(lambda: self.model.analyse(path))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Put the buttons under the verdict on a narrow page."""
-        narrow = self.width() < style.STACKED_BELOW
-        self.head.setDirection(QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight)
+        """Fit the head to the width."""
+        self._fit_head()
         super().resizeEvent(event)
+
+    def _fit_head(self) -> None:
+        """Put the buttons under the verdict where they would cut it."""
+        texts = max(label.sizeHint().width() for label in (self.verdict, self.headline))
+        margins = 2 * (style.PAGE_MARGIN + style.CARD_PADDING) + self.head.spacing()
+        beside = texts + self.buttons.sizeHint().width() + margins <= self.width()
+        self.head.setDirection(QBoxLayout.Direction.LeftToRight if beside else QBoxLayout.Direction.TopToBottom)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the result where it has changed."""
@@ -387,6 +393,7 @@ class CalibrationPage(QWidget):
         self.verdict.setText(verdict)
         widgets.set_state(self.verdict, state)
         self.headline.setText(self.model.headline())
+        self._fit_head()
         self._show_acceptance()
         self.choice.setCurrentIndex(self.choice.findData(self.model.curve_shown))
         widgets.allow(self.choice, "" if result is not None else "No run is analysed yet.")

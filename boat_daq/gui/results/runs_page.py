@@ -184,7 +184,8 @@ class RunsPage(QWidget):
         ask = partial(ask_open, self, self.services, "Import a table", kinds, self.services.open)
         self.import_ = widgets.button("Import CSV …", ask, tip="A table of another program, as a recording")
         find = widgets.row((self.search, 1), (where, 1), self.folder, self.import_)
-        frame, _ = widgets.card(head, find, (self.list, 1), widgets.row((self.details, 1), *under))
+        self.foot = widgets.row((self.details, 1), widgets.row(None, *under))
+        frame, _ = widgets.card(head, find, (self.list, 1), self.foot)
         self.no_units = widgets.label(NO_UNITS, "muted", wrap=True)
         self.no_units.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.over_time = self.buttons["unit"] = widgets.button("Over time …", self._show_unit, tip=OVER_TIME_TIP)
@@ -199,10 +200,12 @@ class RunsPage(QWidget):
         return Shares("runs", self.services.preferences, (frame, 3), (self.below, 2))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Hide the heading on a narrow page, so that the buttons fit."""
+        """Hide the heading on a narrow page, so that the buttons fit, and stack what is under the list."""
         narrow = self.width() < style.STACKED_BELOW
         self.heading.setVisible(not narrow)
-        self.sides.setDirection(QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight)
+        way = QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
+        for parts in (self.sides, self.foot):
+            parts.setDirection(way)
         for card in self.cards:
             card.setMinimumHeight(style.STACKED_HEIGHT if narrow else 0)
         self.list.setColumnWidth(0, style.THUMBNAIL[0] // (2 if narrow else 1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -30,7 +31,7 @@ def test_wrong_option_is_a_usage_error(options: tuple[str, ...]) -> None:
 
 def test_limit_within_the_uncertainty_is_conditional(stairs: tuple[Path, Path], tmp_path: Path) -> None:
     """A limit at the value itself is neither passed nor failed; the JSON has guard band, probability and rule."""
-    boat, readings = stairs
+    boat, readings = shutil.copy(stairs[0], tmp_path), stairs[1]  # analyze stores its results in the recording
     options = ("--elongation", readings, "--no-mcmc", "--no-shadow")
     value = call("analyze", boat, *options, "--limit", "snr=0")["conformity"][0]["value"]
     found = call("report", boat, *options, "--out", tmp_path / "r.html", "--limit", f"snr={value - 0.001}")

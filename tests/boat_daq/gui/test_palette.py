@@ -54,6 +54,16 @@ def test_shortcut_sheet_does_not_scroll_sideways(live, width):
     live.keys.close()
 
 
+def test_shortcut_sheet_fits_a_window_that_grew(live):
+    """Opened at 853 px and again at 1280, its third column was out of sight to the right."""
+    for width in (NARROW, 1280):
+        live.resize(width, 533)
+        live.show_keys()
+        QApplication.processEvents()
+        assert live.keys.findChild(QScrollArea).horizontalScrollBar().maximum() == 0
+        live.keys.close()
+
+
 def test_palette_finds_and_runs_a_command(live):
     """Typing a few letters finds a command, Enter does it."""
     live.palette_.open_fresh()

@@ -89,7 +89,7 @@ def unit_report(unit: str, histories: Sequence[UnitHistory], *, simulated: bool)
 def _sensor(history: UnitHistory, number: int) -> Section:
     curves = ReportDrawing(
         (partial(_curves, history), partial(_differences, history)),
-        "Left: the curve of each calibration, the last in bold. Right: difference from the first, over the common range.",
+        "Left: the curve of each calibration, the last in bold. Right: difference from the first, over both.",
     )
     over_dates = ReportDrawing(
         (partial(_coefficient, history, number - 1), partial(_uncertainty, history, number - 1)),

@@ -45,7 +45,6 @@ TICK_S = 10e-3
 FLASH_BYTES, RAM_BYTES = 128 * 1024, 32 * 1024  # of the CY8C5667AXI-LP040
 FLASH_LINE_BYTES, FLASH_WAIT_CYCLES = 8, 5
 BRANCH_REFILL_CYCLES = 3
-ONE_BY_ONE = ["-icount", "shift=5", "-singlestep", "-d", "exec,nochain"]
 COMMANDS: list[Command] = [
     Identify(),
     Heartbeat(5000),
@@ -96,6 +95,15 @@ def disassembled(program: Path) -> dict[int, Instruction]:
     return found
 
 
+def one_by_one() -> list[str]:
+    """Return the options of an emulator that executes and logs one instruction at a time."""
+    text = subprocess.run(["qemu-system-arm", "--version"], capture_output=True, text=True, check=True).stdout
+    version = re.search(r"version (\d+)\.(\d+)", text)
+    assert version is not None, text
+    new = (int(version[1]), int(version[2])) >= (8, 1)
+    return [*(("-accel", "tcg,one-insn-per-tb=on") if new else ("-singlestep",)), "-d", "exec,nochain"]
+
+
 def traced(program: Path, folder: Path, drive: Callable[[EmulatedChip], None]) -> array[int]:
     """Return the address of every instruction executed while `drive` talks to the chip."""
     fifo, addresses = folder / "trace", array("L")
@@ -107,7 +115,7 @@ def traced(program: Path, folder: Path, drive: Callable[[EmulatedChip], None]) -
 
     reader = threading.Thread(target=read)
     reader.start()
-    with emulated(program, options=[*ONE_BY_ONE, "-D", str(fifo)]) as chip:
+    with emulated(program, options=["-icount", "shift=5", *one_by_one(), "-D", str(fifo)]) as chip:
         drive(chip)
     reader.join()
     return addresses

@@ -108,6 +108,9 @@ def pressure_falls(chip: EmulatedChip) -> None:
 # ---- the processor -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.fault(
+    10, how="the main loop of an emulated chip halted under pressure, until its watchdog resets it", times=1
+)
 def test_halted_main_loop_opens_the_valve_and_is_reset(chip: EmulatedChip, host: ChipHost) -> None:
     """A converter that never ends: 125 ms later the valve is open, the watchdog resets, HELLO reports it."""
     with chip.halted() as debugger:
@@ -125,6 +128,7 @@ def test_halted_main_loop_opens_the_valve_and_is_reset(chip: EmulatedChip, host:
     pressure_falls(chip)
 
 
+@pytest.mark.fault(10, how="a fault of an emulated chip's processor under pressure", times=1)
 def test_processor_fault_is_reset_by_the_watchdog(chip: EmulatedChip, host: ChipHost) -> None:
     """A processor that has faulted runs no handler but the watchdog's: valve open, reset, HELLO reports it."""
     with chip.halted() as debugger:
@@ -134,6 +138,7 @@ def test_processor_fault_is_reset_by_the_watchdog(chip: EmulatedChip, host: Chip
     pressure_falls(chip)
 
 
+@pytest.mark.fault(10, how="an emulated chip reset after any number of bytes of a frame", times=20)
 def test_reset_amid_frames_loses_only_those_frames(chip: EmulatedChip) -> None:
     """The reset pin after any number of a frame's bytes, twenty times: one damaged frame at most, event 1 found."""
     source = random.Random(4)
@@ -150,6 +155,7 @@ def test_reset_amid_frames_loses_only_those_frames(chip: EmulatedChip) -> None:
         assert host.reader.malformed + host.reader.crc_errors > 0
 
 
+@pytest.mark.fault(10, how="an emulated chip reset between the halves of a command", times=1)
 def test_command_cut_by_a_reset_is_not_executed(chip: EmulatedChip, host: ChipHost) -> None:
     """Half of a SET_PRESSURE, a reset, its other half: no answer, the valve stays open."""
     frame = encode_command(SetPressure(40_000, 0), 77)
@@ -165,6 +171,7 @@ def test_command_cut_by_a_reset_is_not_executed(chip: EmulatedChip, host: ChipHo
     pressure_falls(chip)
 
 
+@pytest.mark.fault(10, how="RAM of an emulated chip filled with random bytes under pressure, and a reset", times=1)
 def test_brown_out_is_a_power_cycle(chip: EmulatedChip, host: ChipHost) -> None:
     """RAM of random bytes and a reset: a boot from power, a valve that is open, commands and samples as ever."""
     with chip.halted() as debugger:
@@ -180,6 +187,7 @@ def test_brown_out_is_a_power_cycle(chip: EmulatedChip, host: ChipHost) -> None:
 # ---- the line ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.fault(2, how="bytes lost by overruns of an emulated chip's UART", times=1)
 def test_overrun_loses_bytes_and_executes_nothing_wrong(chip: EmulatedChip, host: ChipHost) -> None:
     """Commands without a pause while a conversion takes 100 ms: the buffer overruns, later commands are answered."""
     with chip.halted() as debugger:
@@ -276,6 +284,7 @@ def under_pressure(chip: EmulatedChip) -> None:
     raise AssertionError("the program commands no pressure")
 
 
+@pytest.mark.fault(1, how="bits flipped between `record` and an emulated chip, in both directions", times=1)
 def test_noise_on_the_line_costs_only_the_damaged_frames(chip: EmulatedChip, tmp_path: Path, plan: str) -> None:
     """A wrong bit in 3,000 bytes: the plan ends, every gap is counted, no sample is wrong, verify is identical."""
     run = tmp_path / "run.boat"
@@ -289,6 +298,7 @@ def test_noise_on_the_line_costs_only_the_damaged_frames(chip: EmulatedChip, tmp
     verified(run)
 
 
+@pytest.mark.fault(7, how="the clock of an emulated chip wraps while `record` runs at 1 kHz", times=1)
 def test_clock_wraps_while_recording(program: Path, tmp_path: Path) -> None:
     """The 32-bit clock wraps three seconds after boot: 1,000 samples/s, none lost, time continuous."""
     run = tmp_path / "run.boat"
@@ -305,6 +315,7 @@ def test_clock_wraps_while_recording(program: Path, tmp_path: Path) -> None:
     verified(run)
 
 
+@pytest.mark.fault(18, how="`record` killed with -9 while an emulated chip is under pressure", times=1)
 def test_killed_host_leaves_a_vented_actuator(chip: EmulatedChip, tmp_path: Path, plan: str) -> None:
     """kill -9 under pressure: the valve opens within a second of the chip's clock; the next host is told."""
     process = started_record(chip.url, tmp_path / "run.boat", "--plan", plan)
@@ -321,6 +332,7 @@ def test_killed_host_leaves_a_vented_actuator(chip: EmulatedChip, tmp_path: Path
         assert host.samples(1)[0].state == BoardState.FAULT
 
 
+@pytest.mark.fault(10, how="a fault of an emulated chip's processor while `record` runs a plan", times=1)
 def test_reset_amid_a_recorded_plan_ends_it_in_a_sound_recording(chip: EmulatedChip, tmp_path: Path, plan: str) -> None:
     """A watchdog reset under pressure: the run ends with its cause, the recording verifies, the valve is open."""
     run = tmp_path / "run.boat"

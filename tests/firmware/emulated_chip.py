@@ -1,10 +1,10 @@
 """The firmware on an emulated Cortex-M3 (QEMU's machine mps2-an385), its UART on TCP or a pseudo-terminal.
 
-An instruction takes a fixed time of the chip's (`-icount`). The chip's time follows the wall's and is never ahead of it;
-on a busy computer it falls behind and catches up, so that the program on the chip never finds itself late for a reason
-that is the computer's. Tests take 8 ns an instruction: the emulator is hardly faster than that, so that the chip does
-not catch up at a pace at which its host's heartbeat comes too late. 32 ns are 67 MHz at 2.1 cycles an instruction and
-need a quarter of the computer's time.
+An instruction takes a fixed time of the chip's (`-icount`). The chip's time follows the wall's and is never ahead of
+it; on a busy computer it falls behind and catches up, so that the program on the chip never finds itself late for a
+reason that is the computer's. Tests take 8 ns an instruction: the emulator is hardly faster, so that the chip does not
+catch up at a pace at which its host's heartbeat comes too late. 32 ns are 67 MHz at 2.1 cycles an instruction and need
+a quarter of a processor.
 
 `python -m tests.firmware.emulated_chip [HOST:PORT]` builds it and runs it until Ctrl-C.
 """

@@ -52,29 +52,29 @@ def test_chip_is_identified_and_regulates(program: Path) -> None:
 def test_ten_minutes_of_calibration_are_recorded(program: Path, tmp_path: Path, rate_hz: int) -> None:
     """The calibration plan in the chip's real time: 0 lost, identical, its plateaus at the plan's pressures."""
     run = tmp_path / "run.boat"
-    options = ["--plan", "calibration", "--cycles", "8", "--rate", str(rate_hz), "--out", str(run), "--json"]
+    options = ["--plan", "calibration", "--cycles", "10", "--rate", str(rate_hz), "--out", str(run), "--json"]
     with emulated(program) as chip:
         command = [sys.executable, "-m", "boat_daq", "record", "--port", chip.url, *options]
         done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=3000)
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout)
     assert (summary["stop_reason"], summary["lost_samples"], summary["gaps"]) == ("finished", 0, 0)
-    assert summary["cycles"] == {"complete": 8, "partial": 0}
+    assert summary["cycles"] == {"complete": 10, "partial": 0}
     assert summary["duration_s"] > 600
     assert summary["samples"] == pytest.approx(rate_hz * summary["duration_s"], abs=2)
-    check_plateaus(run)
+    check_plateaus(run, cycles=10)
     verified = subprocess.run(
         [sys.executable, "-m", "boat_daq", "verify", str(run), "--json"], capture_output=True, text=True, cwd=ROOT
     )
     assert json.loads(verified.stdout)["identical"] is True
 
 
-def check_plateaus(run: Path) -> None:
+def check_plateaus(run: Path, *, cycles: int) -> None:
     """Check that each plateau holds its pressure, and the light that the simulated actuator gives at it."""
     recording = load_recording(run)
     reached = recording.steps[(recording.steps.status == "reached") & (recording.steps.branch != "end")]
     down, up = range(40, -50, -10), range(-30, 60, 10)
-    assert [int(target) for target in reached.target_kpa] == [50, *([*down, *up] * 8)]
+    assert [int(target) for target in reached.target_kpa] == [50, *([*down, *up] * cycles)]
     for step in reached.itertuples():
         held = (recording.time_s >= step.settled_s) & (recording.time_s <= step.ended_s)
         assert np.mean(recording.pressure_kpa[held]) == pytest.approx(step.target_kpa, abs=0.1)

@@ -34,7 +34,7 @@ from protocol.link.messages import (
 from protocol.recording import BoardState
 from tests.firmware.emulated_chip import ChipHost, EmulatedChip, compile_board, emulated, needs_chip
 
-pytestmark = [needs_chip, pytest.mark.nightly]
+pytestmark = [needs_chip, pytest.mark.nightly, pytest.mark.timeout(900)]
 
 ROOT = Path(__file__).resolve().parents[2]
 WATCHDOG_MS = 125  # after which the valve opens; the processor is reset after as much again
@@ -252,7 +252,7 @@ def started_record(url: str, run: Path, *options: str) -> subprocess.Popen[str]:
 
 def ended_record(process: subprocess.Popen[str], returncode: int) -> dict[str, Any]:
     """Wait until it ends so and return its object."""
-    text, errors = process.communicate(timeout=200)
+    text, errors = process.communicate(timeout=800)
     assert process.returncode == returncode, errors
     content: dict[str, Any] = json.loads(text)
     return content
@@ -275,7 +275,7 @@ def plan(tmp_path: Path) -> str:
 
 def under_pressure(chip: EmulatedChip) -> None:
     """Wait until the program has brought the actuator to more than 15 kPa."""
-    end_s = time.monotonic() + 60
+    end_s = time.monotonic() + 240
     while time.monotonic() < end_s:
         with chip.halted() as debugger:
             if debugger.actuator().pressure_mpa > 15_000_000:

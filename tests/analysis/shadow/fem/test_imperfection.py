@@ -111,10 +111,10 @@ def test_an_unstable_state_has_no_growth() -> None:
 def test_the_papers_actuator_agrees_with_a_direct_solution(
     actuator: FullModel, pressure_kpa: float, error_mm: float
 ) -> None:
-    """Growth of the solution of the whole series: within 0.1 % at 0.2 mm, within 1 % at 0.5 mm."""
+    """Growth of the solution of the whole series: within 0.1 % at 0.2 mm, 1 % at 0.5 mm, warned."""
     state = actuator.solver.solve(pressure_kpa=pressure_kpa)
     assert actuator.imperfection is not None
     found = oval_growth(actuator.stability, state, actuator.imperfection, held=False)
     direct = direct_growth(actuator.stability, state, actuator.imperfection, error_mm)
-    assert found.second_share(error_mm) < SECOND_SHARE
+    assert (found.second_share(error_mm) < SECOND_SHARE) == (direct < 0.2)
     assert found.growth_mm(error_mm) == pytest.approx(direct, rel=1e-3 if direct < 0.2 else 0.01)

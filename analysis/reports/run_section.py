@@ -31,12 +31,13 @@ NEGLIGIBLE_LIFT = 0.02  # % FSO: less is not seen in a figure of two decimals
 
 
 def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
-    """The figures that a reader looks for, two sensors a table, and the calibration curves where there are any."""
+    """The figures that a reader looks for and the calibration curves, two sensors a table and a drawing."""
     count = len(analysis.sensors)
     tables = [_key_table(analysis, limits, range(at, min(at + 2, count))) for at in range(0, count, 2)]
     calibrated = [i for i, s in enumerate(analysis.sensors) if s.calibration is not None]
-    draws = tuple(partial(drawings.calibration_curve, analysis, i) for i in calibrated[:2])
-    first = [ReportDrawing(draws, "Plateau means, fitted curve and its 95 % bands.", 2.45)] if draws else []
+    draws = [partial(drawings.calibration_curve, analysis, i) for i in calibrated]
+    caption = "Plateau means, fitted curve and its 95 % bands."
+    curves = [ReportDrawing(tuple(draws[at : at + 2]), caption, 2.45) for at in range(0, len(draws), 2)]
     undefined = void_sentences([(f"sensor {i}", s.figures) for i, s in enumerate(analysis.sensors, 1)])
     return Section(
         "Key figures",
@@ -44,7 +45,7 @@ def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
             *tables,
             *_unit_table(analysis),
             *([_conformity_table(analysis, limits)] if limits else []),
-            *first,
+            *curves,
             *_lost(analysis),
             *undefined,
         ),

@@ -12,8 +12,7 @@ b > 0: the actuator stiffens and never collapses; b < 0: it does, where e^2 = -4
 `direct_growth` is the second method, some hundred times as dear: equilibrium of the whole series by Newton's method,
 each step by GMRES with the tangents of the perfect shape as its preconditioner, in smaller steps of e where it fails.
 
-Rule: an expansion is good while its second-order displacements are small beside the first-order ones; `second_share`
-measures that, and a caller warns above `SECOND_SHARE`.
+Rule: `remainder` estimates the error of an expansion; a caller warns above `LARGEST_REMAINDER`.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ PROBE_SHARE = 5e-3
 LINEAR_SHARE = 1e-3
 """Of that amplitude, for the linear response, which the terms of higher order are differences to."""
 MODE_PASSES = 8
-SECOND_SHARE = 0.05
+LARGEST_REMAINDER = 0.007
 """Up to it the growth was within 1 % of the direct solution (METHODS.md)."""
 DIRECT_STEPS = 8
 SMALLEST_ERROR_STEP = 1.0 / 16.0
@@ -87,9 +86,11 @@ class OvalGrowth:
         xi = self.multiplier_mm(error_mm)
         return self.gain * xi + self.third_per_mm2 * xi**3
 
-    def second_share(self, error_mm: float) -> float:
-        """Return the second-order displacements over the first-order ones."""
-        return self.second_per_mm * self.multiplier_mm(error_mm)
+    def remainder(self, error_mm: float) -> float:
+        """Return an estimate of the growth's relative error: the terms of the third order times the next ratio."""
+        second = self.second_per_mm * self.multiplier_mm(error_mm)
+        third = abs(self.growth_mm(error_mm) / (self.gain * error_mm) - 1.0) if error_mm else 0.0
+        return second * max(second, third)
 
 
 def worst_imperfection(stability: Stability, near_limit: Solution, wave_number: int) -> Imperfection:

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass, replace
 
 from analysis.published import LOOP_HALF_WIDTH_MM
-from analysis.shadow.fem.imperfection import SECOND_SHARE, OvalGrowth, oval_growth
+from analysis.shadow.fem.imperfection import LARGEST_REMAINDER, OvalGrowth, oval_growth
 from analysis.shadow.fem.solver import Solution, Solver
 from analysis.shadow.model.full import FullModel, actuator_problem
 from analysis.warning import Warning, WarningCode
@@ -62,7 +62,7 @@ def assess(model: FullModel, state: Solution, error_mm: float = PRINT_ERROR_MM) 
     if math.isnan(grown):
         text = f"a print that is oval by {error_mm:g} mm collapses before this state"
         warnings.append(Warning(WarningCode.COLLAPSE, "", text))
-    elif growth.second_share(error_mm) > SECOND_SHARE:
+    elif growth.remainder(error_mm) > LARGEST_REMAINDER:
         text = f"the oval of {grown:.2g} mm may be off by more than 1 %: it is large for the expansion that computes it"
         warnings.append(Warning(WarningCode.LARGE_OVAL, "", text))
     return Assessment(lowest, error_mm, grown, growth.gain, growth.b_per_mm2, tuple(warnings))

@@ -134,15 +134,15 @@ class PlotCard(QFrame):
         self.borders.apply()
         return plot
 
-    def show_only(self, plots: list[Plot]) -> None:
-        """Show only these plots, one below the other over one lower axis; the others keep their data."""
+    def show_only(self, plots: list[Plot], *, beside: bool = False) -> None:
+        """Show only these plots, below one another over one lower axis, or `beside`; the others keep their data."""
         for plot in self.plots:
             if plot.item in self.view.ci.items:
                 self.view.ci.removeItem(plot.item)
         named = next(plot for plot in reversed(self.plots) if plot.x_title)
         for at, plot in enumerate(plots):
-            plot.label_x(named.x_title if plot is plots[-1] else "", named.x_unit)
-            self.view.ci.addItem(plot.item, row=at, col=0)
+            plot.label_x(named.x_title if beside or plot is plots[-1] else "", named.x_unit)
+            self.view.ci.addItem(plot.item, row=0 if beside else at, col=at if beside else 0)
         self.borders.apply()
 
     def keep_heights(self, preferences: Preferences) -> None:

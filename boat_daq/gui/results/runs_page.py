@@ -30,10 +30,11 @@ from PySide6.QtWidgets import (
 from analysis.arrays import FloatArray
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import Curve, ramp_colour, sensor_colour
+from boat_daq.gui.plotting.plot import Curve, PointLabels, ramp_colour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.results.metadata_form import MetadataForm
+from boat_daq.gui.results.repeat_page import FILLED, SYMBOLS
 from boat_daq.gui.results.unit_window import UnitWindow
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
@@ -125,24 +126,30 @@ class RunsPage(QWidget):
         self.units = DataTable("Units and their calibrations", UNIT_HEADINGS)
         self.history = PlotCard("Sensitivity history", HISTORY)
         plot = self.history.add("Sensitivity", "mV/mm", x_title="Calibration")
-        self.sensitivities = [plot.points(f"Sensor {n}", sensor_colour(n), symbol=s) for n, s in ((1, "o"), (2, "s"))]
+        self.sensitivities = [plot.points(f"Sensor {n}", sensor_colour(n), symbol=s) for n, s in enumerate(SYMBOLS, 1)]
         self.compare_card = PlotCard("Difference from run 1", DIFFERENCE)
-        self.differences = self._comparison_plots()
+        self.differences: list[list[Curve]] = []  # by sensor, as many as any comparison so far had
+        self.numbers: list[PointLabels] = []
+        self._arrange_comparison(2)
+        back = widgets.button("Back to the units", self.model.show_comparison)
+        self.compare_card.bar.insertWidget(self.compare_card.bar.count() - 1, back)
         text = "Runs are recorded and listed here with unit, date, length and cycles. Start one on the Live page."
         empty = EmptyState("No recording yet", text, "Go to Live", partial(services.show, Page.LIVE))
         self.stack = Leaves(empty, self._filled())
         widgets.page_layout(self).addWidget(self.stack)
 
-    def _comparison_plots(self) -> list[list[Curve]]:
-        rows = []
-        for number in (1, 2):
-            plot = self.compare_card.add(f"Sensor {number}", "mV", x_title="Elongation", x_unit="mm", beside=True)
-            rows.append([plot.curve(f"Run {i + 1}", ramp_colour(i, MOST_COMPARED)) for i in range(MOST_COMPARED)])
-        self.compare_card.link_x()
-        self.numbers = [plot.labels((0.5, 0.5), ground=True) for plot in self.compare_card.plots]
-        back = widgets.button("Back to the units", self.model.show_comparison)
-        self.compare_card.bar.insertWidget(self.compare_card.bar.count() - 1, back)
-        return rows
+    def _arrange_comparison(self, sensors: int) -> None:
+        """Show the plots of so many sensors, side by side."""
+        card = self.compare_card
+        for number in range(len(card.plots) + 1, sensors + 1):
+            plot = card.add(f"Sensor {number}", "mV", x_title="Elongation", x_unit="mm", beside=True)
+            self.differences.append(
+                [plot.curve(f"Run {i + 1}", ramp_colour(i, MOST_COMPARED)) for i in range(MOST_COMPARED)]
+            )
+            self.numbers.append(plot.labels((0.5, 0.5), ground=True))
+        card.link_x()
+        card.show_only(card.plots[:sensors], beside=True)
+        card.paint_theme(card.theme)
 
     def _filled(self) -> QWidget:
         run, other = self._run, self.other_pages
@@ -378,7 +385,8 @@ class RunsPage(QWidget):
             points.set(x, y)
         known = any(x.size for x, _ in found)
         self.history.show_empty("" if known else f"{unit} has no accepted calibration yet.")
-        self.history.readout.setText(f"{unit}   \u25cf sensor 1   \u25a0 sensor 2" if known else "")
+        symbols = "   ".join(f"{symbol} sensor {n}" for n, symbol in enumerate(FILLED[: len(found)], 1))
+        self.history.readout.setText(f"{unit}   {symbols}" if known else "")
         if known:
             self.history.plots[0].fit(x_margin=0.1)
 
@@ -386,6 +394,8 @@ class RunsPage(QWidget):
         lines, legend = self.model.comparison_lines()
         self.below.setCurrentIndex(1 if lines else 0)
         self.compare_card.clear()
+        if lines:
+            self._arrange_comparison(len(lines))
         self.compare_card.readout.setText(legend)
         for labels, curves in zip(self.numbers, lines, strict=False):
             labels.set([(*spread(x, y, i, len(curves)), str(i + 1)) for i, (x, y) in enumerate(curves) if x.size])

@@ -437,10 +437,10 @@ class RunsModel:
         if len(runs) < 2:
             return [], "fewer than two of these runs have a calibration" if self.comparison else ""
         lines = []
-        for i in range(len(runs[0].sensors)):
-            fits = [run.sensors[i].fit for run in runs if i < len(run.sensors)]
-            curves = [fit for fit in fits if fit is not None]
-            lines.append([_less(fit, curves[0]) for fit in curves])
+        for i in range(max(len(run.sensors) for run in runs)):
+            fits = [run.sensors[i].fit if i < len(run.sensors) else None for run in runs]
+            first = next((fit for fit in fits if fit is not None), None)
+            lines.append([_less(fit, first) for fit in fits])
         return lines, "   ".join(f"{n}: {Path(run.path).stem}" for n, run in enumerate(runs, 1))
 
     def report(self, paths: list[Path], target: Path, *, curve: str = "") -> None:
@@ -532,8 +532,10 @@ def _sensitivities(entry: StoredCalibration) -> list[float | None]:
     return [s.get("figures", {}).get("sensitivity_mv_per_mm") for s in entry.content.get("sensors", [])]
 
 
-def _less(curve: CurveBands, first: CurveBands) -> tuple[FloatArray, FloatArray]:
-    """Return a curve less the first one where both are: x (mm) and the difference (mV)."""
+def _less(curve: CurveBands | None, first: CurveBands | None) -> tuple[FloatArray, FloatArray]:
+    """Return a curve less the first one where both are: x (mm) and the difference (mV); empty without a curve."""
+    if curve is None or first is None:
+        return np.zeros(0), np.zeros(0)
     shared = (curve.grid >= first.grid[0]) & (curve.grid <= first.grid[-1])
     x = curve.grid[shared]
     return x, curve.curve[shared] - np.interp(x, first.grid, first.curve)

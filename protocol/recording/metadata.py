@@ -46,8 +46,13 @@ class Metadata:
     fields: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, values: Mapping[str, Any]) -> Metadata:
-        """Return the metadata of stored values; other keys are left out.
+    def of(cls, values: Mapping[str, Any], most: float = math.inf) -> Metadata:
+        """Return the metadata of values; other keys are left out.
+
+        Parameters
+        ----------
+        values : by key, of a file or typed.
+        most : letters of one text, where it is to be stored: a recording may hold a longer note, and opens.
 
         Raises
         ------
@@ -57,8 +62,8 @@ class Metadata:
         numbers: dict[str, Any] = {key: values.get(key) for key in RANGES}
         fields = values.get("fields") or {}
         for key, text in texts.items():
-            if not isinstance(text, str) or len(text) > MOST:
-                raise ValueError(f"{key} is no text of at most {MOST} letters")
+            if not isinstance(text, str) or len(text) > most:
+                raise ValueError(f"{key} is no text of at most {most:g} letters")
         for key, number in numbers.items():
             low, high = RANGES[key]
             usual = isinstance(number, int | float) and not isinstance(number, bool) and low <= number <= high
@@ -66,8 +71,8 @@ class Metadata:
                 raise ValueError(f"{key} is no number from {low:g} to {high:g}")
         if not isinstance(fields, dict) or not all(isinstance(text, str) for text in (*fields, *fields.values())):
             raise ValueError("fields is no table of texts")
-        if sum(map(len, (*fields, *fields.values()))) > MOST:
-            raise ValueError(f"fields is longer than {MOST} letters")
+        if sum(map(len, (*fields, *fields.values()))) > most:
+            raise ValueError(f"fields is longer than {most:g} letters")
         return cls(**texts, **numbers, fields=dict(fields))
 
     def changed(self, values: Mapping[str, str]) -> Metadata:
@@ -92,7 +97,7 @@ class Metadata:
                 fields[key.strip()] = text.strip()
         stated = {key: text for key, text in fields.items() if text}
         try:
-            return Metadata.of({**asdict(replace(self, fields=stated)), **known})
+            return Metadata.of({**asdict(replace(self, fields=stated)), **known}, MOST)
         except ValueError as error:
             raise LocalError(str(error), "Correct the value.") from error
 

@@ -23,6 +23,7 @@ from boat_daq.engine.settings import UnitLibrary, home, write_stored
 from boat_daq.engine.toml_values import BadValue, parse_toml, read_text
 from boat_daq.errors import OperatorError
 from protocol.recording import METADATA_EVENT, NOTE_EVENT, Metadata, metadata_of, open_recording, read_session
+from protocol.recording.metadata import MOST
 
 
 def read_metadata(path: Path) -> Metadata:
@@ -131,6 +132,6 @@ def _checked(table: Mapping[str, Any], where: str) -> Metadata:
             remedy = f"Known: {', '.join(known)}; others belong into [fields]."
             raise BadValue(where, key, "is not a known key", remedy)
     try:
-        return Metadata.of(table)
+        return Metadata.of(table, MOST)
     except ValueError as error:
         raise OperatorError(f"{where}: {error}", "Correct the value.") from error

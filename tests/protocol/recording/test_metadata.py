@@ -26,7 +26,15 @@ def test_no_temperature_is_refused_by_its_key(text: str) -> None:
 @pytest.mark.parametrize("values", [{"customer": 1}, {"fields": {"a": 1}}, {"fields": [1]}, {"note": "x" * 30_000}])
 def test_foreign_values_are_refused(values: dict[str, object]) -> None:
     with pytest.raises(ValueError, match="no t"):
-        Metadata.of(values)
+        Metadata.of(values, 20_000)
+
+
+def test_a_stored_note_of_any_length_is_read_and_typed_ones_are_bounded() -> None:
+    """A recording of an older version may hold a longer one."""
+    text = "x" * 30_000
+    assert Metadata.of({"note": text}).note == text
+    with pytest.raises(LocalError, match="note is no text of at most 20000"):
+        Metadata().changed({"note": text})
 
 
 def test_a_unit_keeps_its_item_but_neither_note_nor_ambient_conditions() -> None:

@@ -1,4 +1,4 @@
-"""A report as PDF/A-3a: tagged, A4, embedded fonts, page x of y, its mark across the head of every page.
+"""A report as PDF/A-3a and PDF/UA-1: tagged, A4, embedded fonts, page x of y, its mark across the head of every page.
 
 Strategy: the document becomes data, the drawings SVG with their text as text, and the template `report.typ` sets the
 pages with typst. Nothing is markup: a name may hold any characters. The same document as images of its pages is what
@@ -30,7 +30,7 @@ PAD_INCH = 0.16
 SHORT = 44  # characters of a fact that leaves place for another beside it
 SHORT_WORD = 28
 HEAD = 120  # characters of a running head
-STANDARD = "a-3a"
+STANDARDS = ["a-3a", "ua-1"]  # archived, and read aloud
 SIMULATED = "SIMULATED"
 NO_BREAK = "\u00a0"
 
@@ -48,7 +48,7 @@ def write_pdf(report: Report, path: Path, progress: Progress | None = None) -> N
 
 def render_pdf(report: Report, progress: Progress | None = None) -> bytes:
     """Return the report as a PDF; `progress` as `write_pdf` takes it."""
-    return b"".join(_compiled(report, progress, format="pdf", pdf_standards=STANDARD))
+    return b"".join(_compiled(report, progress, format="pdf", pdf_standards=STANDARDS))
 
 
 def render_pages(report: Report, ppi: float) -> list[bytes]:

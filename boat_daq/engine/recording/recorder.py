@@ -128,11 +128,12 @@ class Recorder:
     def at_risk_ms(self) -> float:
         """What a crash would cost at most, as measured.
 
-        The commit interval and the slowest commit of the last ten seconds, or what waits now if that is more.
+        The slowest commit of the last ten seconds, and before it the commit interval, or a commit as slow where that
+        is longer; what waits now if that is more.
         """
         with self._changed:
             slowest_ms = max(self._latencies_ms, default=0.0)
-        return max(self.lag_ms, 1e3 * COMMIT_S + slowest_ms)
+        return max(self.lag_ms, max(1e3 * COMMIT_S, slowest_ms) + slowest_ms)
 
     def attached(self, decoder_state: Mapping[str, Any]) -> None:
         """Take the decoder's state before the first bytes of a link (`add_recorder`)."""

@@ -109,7 +109,8 @@ $(BUNDLE)/runtime:
 	curl -fsSL -o $@ https://github.com/AppImage/type2-runtime/releases/download/continuous/runtime-$(shell uname -m)
 
 sbom: delivered  ## what is delivered with the program, as CycloneDX, in out/sbom.cdx.json
-	$(TOOLS)/bin/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible --of JSON -o out/sbom.cdx.json $(DELIVERED)/bin/python
+	sed "s/^dynamic = .*/version = \"$$($(DELIVERED)/bin/boat-daq --version | cut -d' ' -f2)\"/" pyproject.toml > out/pyproject.toml
+	$(TOOLS)/bin/cyclonedx-py environment --pyproject out/pyproject.toml --output-reproducible --of JSON -o out/sbom.cdx.json $(DELIVERED)/bin/python
 
 lock:            ## write uv.lock again: the exact versions that the tests are known to pass with
 	$(BIN)/python -m pip install -q --disable-pip-version-check uv

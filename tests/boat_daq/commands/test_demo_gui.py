@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import sys
+import types
+
 from typer.testing import CliRunner
 
 from boat_daq.cli import app
+from boat_daq.errors import OperatorError
 
 
 def test_window_takes_the_profile_of_its_port(monkeypatch, tmp_path):
@@ -16,3 +20,24 @@ def test_window_takes_the_profile_of_its_port(monkeypatch, tmp_path):
     found = CliRunner().invoke(app, ["gui", "--port", "/dev/x", "--profile", str(profile)])
     assert (found.exit_code, seen) == (0, [("/dev/x", str(profile))])
     assert CliRunner().invoke(app, ["gui", "--profile", str(profile)]).exit_code == 2
+
+
+def test_a_missing_library_of_the_system_is_named_with_its_remedy(monkeypatch):
+    """Qt's modules are there and cannot be loaded, as without libGL: what the window needs is named."""
+    monkeypatch.setattr("boat_daq.engine.log.start_log", lambda _: None)
+    monkeypatch.setitem(sys.modules, "boat_daq.gui.app", types.ModuleType("app"))
+    ran = CliRunner().invoke(app, ["gui"])
+    assert isinstance(ran.exception, OperatorError)
+    assert ran.exception.cause.startswith("the window cannot be loaded: ")
+    assert "libgl1" in ran.exception.remedy
+
+
+def test_a_file_named_on_the_command_line_is_handed_to_the_window(monkeypatch, tmp_path):
+    """As a desktop does when a recording is opened there."""
+    given = {}
+    monkeypatch.setattr("boat_daq.engine.log.start_log", lambda _: None)
+    window = types.ModuleType("app")
+    window.run = lambda *_, **options: given.update(options) or 0
+    monkeypatch.setitem(sys.modules, "boat_daq.gui.app", window)
+    assert CliRunner().invoke(app, ["gui", str(tmp_path / "run.boat")]).exit_code == 0
+    assert given["file"] == tmp_path / "run.boat"

@@ -17,7 +17,7 @@ from PySide6.QtCore import (
     QSize,
     Qt,
 )
-from PySide6.QtGui import QPainter, QPen, QPolygonF, QResizeEvent, QTransform
+from PySide6.QtGui import QFontMetrics, QPainter, QPen, QPolygonF, QResizeEvent, QTransform
 from PySide6.QtWidgets import (
     QBoxLayout,
     QHeaderView,
@@ -187,6 +187,8 @@ class RunsPage(QWidget):
         self.folder = widgets.button("Open folder", place, tip=f"Recordings are in {self.model.folder}")
         where = widgets.label(str(self.model.folder), "small", name="Folder of the recordings", elide=True)
         self.details = widgets.label("", "small", name="Details of the chosen recordings", wrap=True)
+        lines = 2 * QFontMetrics(style.small_font()).lineSpacing()
+        self.details.setMinimumHeight(lines)  # a splitter gives a card no height for what wraps in it
         kinds = " ".join(ending[1:] for ending in TABLES)
         ask = partial(ask_open, self, self.services, "Import a table", kinds, self.services.open)
         self.import_ = widgets.button("Import CSV …", ask, tip="A table of another program, as a recording")

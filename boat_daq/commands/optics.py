@@ -202,13 +202,14 @@ def trace(
         "index": index,
     }
     spread = f" +- {outcome.ndr_sd:.1f}" if math.isfinite(outcome.ndr_sd) else ""  # a single ray has no spread
+    power_spread = f" +- {outcome.power_sd:.4f}" if spread else ""
     count = f"NDR {outcome.ndr:.1f}{spread} of 250"
     if outcome.granted > released:
         count = f"{outcome.ledger['detected']} detected rays"
         notify("most rays are reflected parts with next to no power: their number is no measure, use the power")
     present(
         result,
-        f"state {number}: {count}, power {outcome.power:.4f}, {outcome.hits} hits",
+        f"state {number}: {count}, power {outcome.power:.4f}{power_spread}, {outcome.hits} hits",
         "rays: " + ", ".join(f"{name} {count}" for name, count in outcome.ledger.items()),
         "power: " + ", ".join(f"{name} {part:.4f}" for name, part in outcome.energy.items()),
         as_json=as_json,

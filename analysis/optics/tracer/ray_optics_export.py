@@ -49,7 +49,7 @@ def ray_optics_scene(
         raise RequestError("voids inside the guides cannot be written as one path", "choose cavities in a face")
     if np.isnan(shape.receiver[0, 0]):
         raise DataError("this scene has no receiver", "give the receiver a width above 0 mm")
-    resin = {"refIndex": guide.index, "partialReflect": light.secondary > 0}
+    resin = {"refIndex": guide.index, "partialReflect": light.secondary != 0}
     glass = {"type": "Glass", "path": _path(shape.contours), **resin}
     back = -_BEFORE_FACE_MM * frame.receiver_direction
     detector = {"type": "Detector", **_ends(shape.receiver + 2 * back), "twoSided": True}

@@ -54,7 +54,8 @@ def test_a_count_of_reflected_parts_is_not_given_as_rays_of_250() -> None:
     """With more secondaries than rays the text gives power, and why the count is no measure."""
     result = CliRunner().invoke(app, ["optics", "trace", "--rays", "10", "--secondary", "5000"])
     assert "of 250" not in result.stdout
-    assert "detected rays, power" in result.stdout
+    assert "detected rays, power 0." in result.stdout
+    assert " +- 0." in result.stdout
     assert "use the power" in result.stderr
 
 
@@ -78,7 +79,9 @@ def test_scene_writes_version_5(tmp_path: Path) -> None:
     """The scene goes to a file, or to standard output with --json."""
     call("optics", "scene", "--out", str(tmp_path / "scene.json"))
     assert json.loads((tmp_path / "scene.json").read_text())["version"] == 5
-    assert call("optics", "scene")["version"] == 5
+    every, none = (call("optics", "scene", "--secondary", budget) for budget in ("-1", "0"))
+    assert every["version"] == 5
+    assert ('partialReflect": true' in json.dumps(every), 'partialReflect": true' in json.dumps(none)) == (True, False)
 
 
 @pytest.mark.nightly

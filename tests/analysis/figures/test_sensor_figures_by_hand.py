@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 
 from analysis.calibration.adequacy import CurveVerdict
+from analysis.calibration.fit import fit_calibration
 from analysis.figures import sensor_figures as metrics
 from analysis.figures.figure import Figure, Reason
 from analysis.figures.sensor_figures import CurveDraws
@@ -232,6 +233,10 @@ def test_pressure_figures_of_a_parabola() -> None:
     assert (span.value, span.low, span.high) == pytest.approx((150.0, 150.0, 150.0))
     found = metrics.pressure_nonlinearity(loops_of(signal), 0, 150.0, WEIGHTS)
     assert (found.value, found.high) == pytest.approx((100.0 * 10.0 / 150.0,) * 2)
+    other = signal + np.array([0.0, -5.0, 5.0])[:, None] * [0.0, 1.0, 0.0]
+    assert metrics.pressure_nonlinearity(loops_of(other), 0, 150.0, WEIGHTS[1:]).value == pytest.approx(found.value)
+    alone = metrics.pressure_nonlinearity(loops_of(signal[:, :1]), 0, 150.0, np.ones((4, 1)))
+    assert (alone.value, alone.reason) == (pytest.approx(found.value), Reason.ONE_CYCLE)
     assert metrics.pressure_nonlinearity(loops_of(signal), 0, 0.0, WEIGHTS).void
     assert metrics.pressure_nonlinearity(loops_of(signal[:, :, :2]), 0, 150.0, WEIGHTS).reason is Reason.NO_CYCLE
     no_cycle = loops_of(np.zeros((2, 0, 3)))
@@ -280,6 +285,7 @@ def test_noise_of_a_staircase_takes_the_plateaus_that_count() -> None:
     [
         ("dB", 40.0, (20 * math.log10(2), 20 * math.log10(1.5))),
         ("% FSO", 6.0, (2.0, 6.0)),  # of a full scale 1.5 times as large, and of one half as large
+        ("% FSO", 3.5, (3.5 / 3.0, 3.5)),
         ("% FSO/100 cycles", -6.0, (6.0, 2.0)),
     ],
 )
@@ -325,3 +331,61 @@ def test_one_cycle_gives_no_interval() -> None:
     two = metrics._figure(5.0, np.linspace(0.0, 10.0, 9), "mV", 2, "d")
     assert (two.reason, two.low) == (Reason.NONE, pytest.approx(0.0, abs=1e-6))
     assert metrics._figure(5.0, np.linspace(0.0, 10.0, 9), "mV/mm", 2, "d").low < 0.0
+
+
+def test_curve_of_no_span_has_no_nonlinearity() -> None:
+    """A share of nothing."""
+    level = CurveDraws(Curve(5.0, 0.0, 0.0), np.arange(3.0), (0.0, 2.0), np.zeros((4, 3)), np.zeros((4, 2)), 3, 9.0)
+    assert metrics.nonlinearity(level).reason is Reason.NO_FULL_SCALE
+
+
+def test_resample_is_the_fit_to_the_cycles_that_were_drawn() -> None:
+    """A cycle drawn twice counts twice; the range is that of the cycles drawn."""
+    rng = np.random.default_rng(4)
+    cycle = np.repeat(np.arange(3), 7)
+    x = np.tile(np.linspace(-2.0, 4.0, 7), 3) + 0.01 * cycle
+    fit = fit_calibration(x, 5.0 - 30.0 * x + x**2 + rng.standard_normal(21), 2)
+    found, at = metrics.resample_fit(fit, cycle, WEIGHTS), np.linspace(-2.0, 4.0, 5)
+    for row, weights in enumerate(WEIGHTS):
+        polynomial = np.polyfit(x, fit.y, 2, w=np.sqrt(weights[cycle]))
+        assert found.values(at)[row] == pytest.approx(np.polyval(polynomial, at), abs=1e-8)
+        drawn = x[weights[cycle] > 0]
+        assert found.ends[row] == pytest.approx([drawn.min(), drawn.max()])
+        assert found.spans()[row] == pytest.approx(np.subtract(*np.polyval(polynomial, [drawn.max(), drawn.min()])))
+    assert (found.n_cycles, found.x_range) == (3, fit.x_range)
+    assert math.isnan(found.dof)
+
+
+def test_loop_of_a_curved_sensor_is_what_its_curve_leaves() -> None:
+    """Branches at other elongations, 1 mV above and 2 mV below one parabola: 3 mV apart, whatever its curvature."""
+    x = np.broadcast_to(np.linspace(-2.0, 4.0, 7), (2, 3, 7)) + np.array([0.0, 0.4])[:, None, None]
+    curve = Curve(5.0, -30.0, 4.0)
+    signal = curve.predict(x) + np.array([1.0, -2.0])[:, None, None]
+    loops = SimpleNamespace(elongation_mm=x, signal_mv=signal[None])
+    assert metrics.sensor_loop_width(loops, 0, curve, WEIGHTS).mean_loop == pytest.approx(3.0)
+    assert metrics.sensor_loop_width(loops, 0, None, WEIGHTS).mean_loop != pytest.approx(3.0, abs=0.01)
+    np.testing.assert_array_equal(loops.signal_mv[0], signal)
+
+
+def test_noise_about_a_local_cubic_leaves_out_turns_gaps_and_damage() -> None:
+    """1 mV on ramps of three cycles; what is large near a turn, a gap or an unusable sample counts nothing."""
+    rng = np.random.default_rng(8)
+    n, period = 6000, 2000
+    used = [
+        SimpleNamespace(first=k * period, turn=k * period + 1000, last=(k + 1) * period - 1, number=k + 1,
+                        rows=slice(k * period, (k + 1) * period))
+        for k in range(3)
+    ]  # fmt: skip
+    y = 0.1 * np.abs(np.arange(n) % period - 1000) + rng.standard_normal(n)
+    y[[1003, 2990, 4500]] += 1e3  # near a turn, near a gap, not usable
+    usable = np.ones((n, 1), bool)
+    usable[4500] = False
+    recording = SimpleNamespace(n=n, signal_mv=y[:, None], usable=usable, gaps=(SimpleNamespace(row=2990),))
+    squares, dof, cycle = metrics.continuous_noise(recording, SimpleNamespace(used=used), 0)
+    assert np.sqrt(squares / dof) == pytest.approx(np.ones(3), abs=0.06)
+    assert cycle.tolist() == [1.0, 2.0, 3.0]
+    assert (dof > 1500).all()
+    assert (dof < 2000).all()
+    for few in (SimpleNamespace(used=[]), SimpleNamespace(used=used)):
+        short = SimpleNamespace(n=10 if few.used else n, signal_mv=y[:, None], usable=usable, gaps=())
+        assert [part.size for part in metrics.continuous_noise(short, few, 0)] == [0, 0, 0]

@@ -67,7 +67,7 @@ def _survivors(module: str, survivors: list[dict[str, Any]]) -> list[str]:
     lines = ["", f"### {module}", "", "| line | mutant | why |", "|---|---|---|"]
     for one in sorted(survivors, key=lambda one: (one["line"], one["operator"])):
         why = next(
-            (r.why for r in stated if r.before == one["before"] and r.after in ("", one["after"])), "not yet known"
+            (r.why for r in stated if r.before == one["before"] and r.after in ("", one["after"])), "not yet examined"
         )
         lines.append(f"| `{_cell(one['before'])}` | `{_cell(one['after'])}` | {why} |")
     return lines

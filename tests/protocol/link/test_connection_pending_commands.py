@@ -16,6 +16,7 @@ from protocol import (
     Stop,
     Vent,
 )
+from protocol.link.connection import PendingCommands
 from protocol.link.events import BoardRestarted, CommandDone, CommandLost, HelloReceived, LinkEvent, WrongProtocol
 from protocol.link.framing import FrameReader
 from protocol.link.messages import Ack, AckStatus, Command, Hello, MessageType, decode_command
@@ -326,3 +327,35 @@ def test_value_that_does_not_fit_is_refused_without_a_seq(rig: LinkRig) -> None:
     with pytest.raises(LocalError):
         rig.link.send(Start(70_000), 0)
     assert rig.send(Vent(), 0) == 0
+
+
+def test_commands_out_of_turn_are_sent_at_once() -> None:
+    """Unless it is asked for, none waits for the one before; the binary protocol commands pressure."""
+    for link in (Connection(), PendingCommands()):
+        assert link.send(Heartbeat(500), 0)
+        assert link.send(Start(100), 0)
+    assert Connection.can_command
+
+
+def test_early_repeat_is_counted_once() -> None:
+    """A heartbeat that would wait repeats the command before it; without one that waits, it is a command of its own."""
+    start = Connection(in_turn=True)
+    frame = start.send(Start(100), 0)
+    assert start.feed(Heartbeat(500), MS) == frame
+    assert start.statistics.resent == 1
+    asking = Connection(in_turn=True)
+    asking.send(Identify(), 0)
+    assert asking.feed(Heartbeat(500), MS) == b""  # it waits for its turn
+    assert asking.statistics.resent == 0
+
+
+def test_hello_that_nobody_asked_for_leaves_no_debt() -> None:
+    """One IDENTIFY, one HELLO due; with none sent, none is."""
+    pending = PendingCommands()
+    assert pending.hellos_due == 0
+    assert pending.identified(0) == []
+    assert pending.hellos_due == 0
+    pending.send(Identify(), 0)
+    assert pending.hellos_due == 1
+    assert len(pending.identified(MS)) == 1
+    assert pending.hellos_due == 0

@@ -38,7 +38,11 @@ class Reason:
 
 def reasons() -> list[Reason]:
     """Return the reasons that are stated."""
-    return [Reason(**row) for row in tomllib.loads(REASONS.read_text(encoding="utf-8")).get("survivor", [])]
+    return [Reason(**row) for row in _stated()["survivor"]]
+
+
+def _stated() -> dict[str, Any]:
+    return tomllib.loads(REASONS.read_text(encoding="utf-8"))
 
 
 def page() -> str:
@@ -57,7 +61,7 @@ def page() -> str:
     share = f"{100 * killed / tried:.0f} %" if tried else "-"
     rows.append(f"| all | {made} | {tried} | {killed} | {share} |")
     table = ["| module | mutants | tried | killed | share |", "|---|---:|---:|---:|---:|", *rows]
-    return "\n".join([HEAD, *table, "", "## Survivors", *details]) + "\n"
+    return "\n".join([HEAD, *table, "", _stated()["run"].strip(), "", "## Survivors", *details]) + "\n"
 
 
 def _survivors(module: str, survivors: list[dict[str, Any]]) -> list[str]:

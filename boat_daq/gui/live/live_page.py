@@ -412,6 +412,7 @@ class LivePage(QWidget):
         space = style.STEP if low else style.GAP
         self.left.setSpacing(space)
         self.run_border.setHandleWidth(space)
+        self.plots.inside.setContentsMargins(style.CARD_PADDING, space, style.STEP, style.STEP)
         self.sequence.fold(low)
         self.reading.fold(self.narrow, low)
         self._fit_figures()

@@ -39,6 +39,7 @@ from boat_daq.viewmodels.results.calibration import (
 from boat_daq.viewmodels.results.runs import ClosedRun
 
 BESIDE = 2  # curves in a row
+VERDICT_EXAMPLE = "\u25cf Sensor 1: R\u00b2 = 0.99999   Sensor 2: R\u00b2 = 0.99999"
 BANDS = "Uncertainty bands"
 BANDS_TIP = (
     "Bands that include the uncertainty from the grid of the readings: samples the posterior of the coefficients with "
@@ -375,8 +376,8 @@ class CalibrationPage(QWidget):
         super().resizeEvent(event)
 
     def _fit_head(self) -> None:
-        """Put the buttons under the verdict where they would cut it."""
-        texts = max(label.sizeHint().width() for label in (self.verdict, self.headline))
+        """Put the buttons under the verdict where they would cut that of two sensors; a result moves no button."""
+        texts = self.verdict.fontMetrics().horizontalAdvance(VERDICT_EXAMPLE)
         margins = 2 * (style.PAGE_MARGIN + style.CARD_PADDING) + self.head.spacing()
         beside = texts + self.buttons.sizeHint().width() + margins <= self.width()
         self.head.setDirection(QBoxLayout.Direction.LeftToRight if beside else QBoxLayout.Direction.TopToBottom)
@@ -393,7 +394,6 @@ class CalibrationPage(QWidget):
         self.verdict.setText(verdict)
         widgets.set_state(self.verdict, state)
         self.headline.setText(self.model.headline())
-        self._fit_head()
         self._show_acceptance()
         self.choice.setCurrentIndex(self.choice.findData(self.model.curve_shown))
         widgets.allow(self.choice, "" if result is not None else "No run is analysed yet.")

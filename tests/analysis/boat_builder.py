@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 import zlib
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -130,7 +131,7 @@ def write_boat(path: Path, recording: Recording, *, meta: dict[str, Any] | None 
         "rate_hz": 100, "unit": "SA1", "started_utc": "2026-01-01T00:00:00+00:00", "polarity": -1,
     }  # fmt: skip
     values |= meta or {}
-    with sqlite3.connect(path) as db:
+    with closing(sqlite3.connect(path)) as db, db:
         db.execute(f"PRAGMA application_id={APPLICATION_ID}")
         db.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
         db.executescript(TABLES)

@@ -7,6 +7,7 @@ import json
 import sqlite3
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,7 @@ def plain_figures(path: Path) -> list[float]:
     """The plain implementation: numpy, a loop over cycles, scipy's peaks, 200 bootstrap resamples in a loop."""
     from scipy.signal import find_peaks
 
-    with sqlite3.connect(path) as db:
+    with closing(sqlite3.connect(path)) as db, db:
         meta = {k: json.loads(v) for k, v in db.execute("SELECT key, value FROM session")}
         dtype = dtype_from_description(meta["sample_dtype"])
         samples = np.concatenate(
@@ -86,7 +87,7 @@ def test_a_hundred_cycles(hundred_cycles: Path, tmp_path: Path) -> None:
 def test_a_days_summary(tmp_path: Path) -> None:
     """A summary of 8.64 million samples, from the overview, against the extremes of a column that is in memory."""
     path = write_boat(tmp_path / "day.boat", Plant().run(*triangle(2, 10)))
-    with sqlite3.connect(path) as db:
+    with closing(sqlite3.connect(path)) as db, db:
         (segment,) = db.execute("SELECT min(id) FROM segment").fetchone()
         (itemsize,) = db.execute("SELECT length(samples) / n FROM block").fetchone()
         db.execute("DELETE FROM block")

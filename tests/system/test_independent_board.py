@@ -8,6 +8,7 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -110,7 +111,7 @@ def test_every_sample_sent_at_1x_is_in_the_file(tmp_path: Path) -> None:
 
 def write_readings(session: Session, path: Path) -> None:
     """Write the board's own elongation at each plateau, in the order of the run."""
-    with sqlite3.connect(session.run) as db:
+    with closing(sqlite3.connect(session.run)) as db, db:
         query = "SELECT target_kpa, settled_us, ended_us FROM step WHERE branch != 'end' ORDER BY id"
         steps = db.execute(query).fetchall()
     time_us, x_mm = session.truth.T

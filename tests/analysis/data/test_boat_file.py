@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -25,12 +26,12 @@ def test_a_file_without_one_whole_block_is_called_damaged_and_not_empty(
 ) -> None:
     """What is wrong with the file, block by block; a file without blocks is one of a board that sent nothing."""
     path = write_boat(tmp_path / "forged.boat", Staircase(cycles=1).recording())
-    with sqlite3.connect(path) as db:
+    with closing(sqlite3.connect(path)) as db, db:
         db.execute(f"UPDATE block SET {forgery}")
     with pytest.raises(FileError, match=word) as refusal:
         read_boat_file(path)
     assert refusal.value.command == "boat-daq recover forged.boat"
-    with sqlite3.connect(path) as db:
+    with closing(sqlite3.connect(path)) as db, db:
         db.execute("DELETE FROM block")
     with pytest.raises(FileError) as empty:
         read_boat_file(path)

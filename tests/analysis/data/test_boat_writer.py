@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +52,7 @@ def test_an_import_becomes_a_recording_with_its_original_bytes(tmp_path: Path) -
     again = load_recording(run)
     np.testing.assert_allclose(again.time_s, recording.time_s, atol=1e-9)
     np.testing.assert_array_equal(again.signal_mv, recording.signal_mv)
-    with sqlite3.connect(run) as db:
+    with closing(sqlite3.connect(run)) as db, db:
         assert b"".join(r for (r,) in db.execute("SELECT raw FROM chunk ORDER BY id")) == path.read_bytes()
     with pytest.raises(AnalysisError, match="exists already"):
         write_boat_file(run, recording, original=path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 
 from analysis.data.boat_writer import first_difference, write_boat_file
@@ -26,6 +27,6 @@ def test_an_import_is_derived_again_from_its_bytes(tmp_path: Path) -> None:
     columns = {"time_s": "1:ms", "pressure_kpa": "2:bar", "s1_mv": "3:V"}
     write_boat_file(run, import_csv(path, columns=columns), original=path)
     assert first_difference(run) == ""
-    with sqlite3.connect(run) as db:
+    with closing(sqlite3.connect(run)) as db, db:
         db.execute("UPDATE chunk SET raw = ?", (path.read_bytes().replace(b"1651,5", b"1651,6"),))
     assert "sample 1 differs" in first_difference(run)

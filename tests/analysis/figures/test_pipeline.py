@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -164,7 +165,7 @@ def test_a_boat_file_gives_the_same_figures_and_keeps_the_result(tmp_path: Path)
     assert not loaded.signal_mv.flags.writeable
     for _ in range(2):
         assert store_analysis(run, analyse(run, elongation_file(stairs, tmp_path), options=QUICK)) == ""
-    with sqlite3.connect(run) as db:
+    with closing(sqlite3.connect(run)) as db, db:
         assert db.execute("SELECT count(*), min(program_version) != '' FROM result").fetchone() == (1, 1)
 
 
@@ -181,7 +182,7 @@ def test_readings_of_the_session_calibrate_and_the_last_one_counts(tmp_path: Pat
     ]
     run = write_boat(tmp_path / "run.boat", stairs.recording(), steps=rows)
     x = stairs.elongations()["elongation_mm"]
-    with sqlite3.connect(run) as db:
+    with closing(sqlite3.connect(run)) as db, db:
         insert = "INSERT INTO reading (utc, step, elongation_mm, resolution_mm, source) VALUES ('', ?, ?, 0.1, 'test')"
         db.execute(insert, (5, 99.0))
         db.executemany(insert, [(int(i), float(v)) for i, v in zip(marks["id"], x, strict=True)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +48,7 @@ def test_a_signal_constant_while_pressure_changes_is_warned_of() -> None:
 def test_frames_that_failed_their_crc_are_counted_apart(tmp_path: Path) -> None:
     """The link's counter over two connections grows by 3 and by 2: five frames; 7 from before do not count."""
     path = write_boat(tmp_path / "a.boat", Staircase(cycles=1).recording())
-    with sqlite3.connect(path) as db:
+    with closing(sqlite3.connect(path)) as db, db:
         for count in (7, 10, 0, 2):
             db.execute(
                 "INSERT INTO health (host_ns, bytes, frames, samples, lost, crc_errors, malformed, oversize,"

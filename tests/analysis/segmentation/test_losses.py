@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -52,7 +53,7 @@ def test_samples_that_failed_their_check_reach_the_figures_of_their_window(tmp_p
     rows = np.concatenate([np.arange(hold[0] + 100, hold[0] + 140), np.arange(holds[4][1] + 20, holds[4][1] + 30)])
     path = write_boat(tmp_path / "a.boat", without(stairs.recording(), rows))
     at_us = int((hold[0] + 120) * 1e4)
-    with sqlite3.connect(path) as db:
+    with closing(sqlite3.connect(path)) as db, db:
         for time_us, frames, failed in ((0, 0, 7), (at_us - 500_000, 900, 7), (at_us + 600_000, 1000, 32)):
             db.execute(
                 "INSERT INTO health (host_ns, segment, time_us, bytes, frames, samples, lost, crc_errors, malformed,"

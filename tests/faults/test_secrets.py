@@ -28,7 +28,7 @@ KNOWN = {
 WORD = re.compile(r"[A-Za-z0-9+/_=-]{32,}")
 HEX = re.compile(r"[0-9a-f]+|[0-9A-F]+")
 BITS_PER_CHARACTER = 4.6  # of text in base64; identifiers and paths stay below, hexadecimal cannot reach it
-DATA = {".json", ".svg", ".csv"}  # vectors and drawings: long runs of digits and paths
+DATA = {".json", ".svg", ".csv", ".lock"}  # vectors, drawings and hashes: long runs of digits and paths
 
 
 def suspicious(text: str, *, entropy: bool = True) -> list[str]:

@@ -35,7 +35,7 @@ class Fidelity:
     mesh : elements of the shadow's full model: along a cell, across the wall, across the lattice.
     wall_modulus_kpa, neck_radius_mm : the two fitted numbers of the actuator, fitted on that mesh.
     table : of the reduced model: pressures, elongations, shapes.
-    posterior_steps : of the sampler at most; 0 takes the closed form, which leaves the reading error out.
+    walkers, posterior_samples : of the sampler, and how many effective samples end it.
     resamples : of every bootstrap.
     points_a_column : looked at for each column of pixels of a live curve, of which the extremes are painted.
     """
@@ -47,15 +47,18 @@ class Fidelity:
     wall_modulus_kpa: float
     neck_radius_mm: float
     table: tuple[int, int, int]
-    posterior_steps: int
+    walkers: int
+    posterior_samples: int
     resamples: int
     points_a_column: int
 
 
 _LEVELS = {
-    "draft": Fidelity("draft", 50, 2_500, (6, 2, 3), 1371.6899, 4.14997, (5, 5, 4), 1_000, 100, 8),
-    "normal": Fidelity("normal", 250, 5_000, (8, 2, 4), 1320.9, 4.277, (7, 7, 8), 10_000, 2_000, 16),
-    "reference": Fidelity("reference", 1_000, 25_000, (12, 3, 6), 1299.6276, 4.31579, (7, 7, 8), 10_000, 50_000, 64),
+    "draft": Fidelity("draft", 50, 2_500, (6, 2, 3), 1371.6899, 4.14997, (5, 5, 4), 64, 4_000, 100, 8),
+    "normal": Fidelity("normal", 250, 5_000, (8, 2, 4), 1320.9, 4.277, (7, 7, 8), 64, 4_000, 2_000, 16),
+    "reference": Fidelity(
+        "reference", 1_000, 25_000, (12, 3, 6), 1299.6276, 4.31579, (7, 7, 8), 128, 8_000, 50_000, 64
+    ),
 }
 
 

@@ -229,10 +229,11 @@ def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None 
     try:
         calibration = _calibrate(run, sensor, points)
         if run.options.mcmc and calibration.spline is None:
+            fineness = fidelity(run.options.fidelity)
             posterior = sample_posterior(
                 calibration.x, calibration.y, calibration.degree, reading_sd=run.reading_sd_mm,
                 positions=run.position_of(points), monotone=run.options.monotone, seed=run.options.seed + sensor,
-                max_steps=fidelity(run.options.fidelity).posterior_steps, progress=part_of(progress, 0, 4, 5),
+                walkers=fineness.walkers, samples=fineness.posterior_samples, progress=part_of(progress, 0, 4, 5),
             )  # fmt: skip
     except AnalysisError as error:
         reason = error.cause

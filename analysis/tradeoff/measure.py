@@ -27,7 +27,7 @@ TIE = 1.3
 SHORTEST_S = 2e-3
 """A call shorter than this is repeated until it is as long, and the time divided."""
 REPEATS, QUICK_REPEATS, FEWEST = 7, 2, 3
-LONGEST_S = 2.5
+LONGEST_S = 20.0
 """Repeats end here once there are `FEWEST`."""
 
 

@@ -25,11 +25,14 @@ CUBIC, NOISE_MV = Polynomial(SENSORS[0].coefficients), published.NOISE_MV[0]
 GRID_MM = 0.5
 READING_MM = GRID_MM / 12**0.5
 RANGE_OF_READINGS_MM = (-2.5, 3.5)
+AT_MM = np.linspace(*RANGE_OF_READINGS_MM, 61)
 CYCLES = 5
 CLOSED = "closed form, reading error left out"
-SIZES = ((32, 2_000), (64, 4_000), (128, 32_000))
-"""Walkers and effective samples beside the default of 128 and 8,000; a converged chain is 60 autocorrelation times of
-each walker, so that fewer samples take fewer walkers."""
+SIZES = ((32, 2_000), (64, 4_000), (128, 8_000), (128, 32_000))
+"""Walkers and effective samples; a converged chain is 60 autocorrelation times of each walker, so that fewer samples
+take fewer walkers."""
+TOO_SHORT = (250, 500, 1_000)
+"""Steps that end the default's chain early."""
 
 
 @cache
@@ -55,32 +58,27 @@ def _read(x: FloatArray, seed: int) -> tuple[FloatArray, FloatArray]:
 
 
 def posterior_settings(quick: bool) -> list[Setting]:
-    """Return the closed form, then walkers, steps and samples. A call is two posteriors: a usual run, and few readings.
+    """Return the closed form, then walkers, samples and steps. A call is two posteriors: a usual run, and few readings.
 
-    The error is that of the width of the usual run's band, root mean square over its range.
+    The error is that of the width of the usual run's 95 % band, root mean square over its range.
     """
-    at = np.vander(np.linspace(*RANGE_OF_READINGS_MM, 61), 4, increasing=True)
-    truth = _widths(at, np.array(load("posterior")["covariance"]))
+    truth = np.array(load("posterior")["width_mv"])
 
-    def error(covariance: FloatArray | None) -> float:
-        if covariance is None:
+    def error(width_mv: FloatArray | None) -> float:
+        if width_mv is None:
             return float("inf")
-        return 100.0 * float(np.sqrt(np.mean((_widths(at, covariance) / truth - 1.0) ** 2)))
+        return 100.0 * float(np.sqrt(np.mean((width_mv / truth - 1.0) ** 2)))
 
-    steps = (500, MAX_STEPS) if quick else (250, 500, 1_000, MAX_STEPS)
-    found = [Setting(_name(WALKERS, n), _sampler(WALKERS, n), error, work=2) for n in steps]
+    sizes, steps = (SIZES[:3], TOO_SHORT[1:2]) if quick else (SIZES, TOO_SHORT)
+    found = [Setting(_name(*size), _sampler(*size), error, work=2) for size in sizes]
     found += [
-        Setting(f"{walkers} walkers, {samples} samples", _sampler(walkers, MAX_STEPS, samples), error, work=2)
-        for walkers, samples in (SIZES[:1] if quick else SIZES)
+        Setting(f"{WALKERS} walkers, {n} steps at most", _sampler(WALKERS, ENOUGH_SAMPLES, n), error, work=2)
+        for n in steps
     ]
     return [Setting(CLOSED, _closed_form, error), *found]
 
 
-def _widths(at: FloatArray, covariance: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", at, covariance, at)))
-
-
-def _sampler(walkers: int, steps: int, samples: int = ENOUGH_SAMPLES) -> Callable[[int], FloatArray | None]:
+def _sampler(walkers: int, samples: int, steps: int = MAX_STEPS) -> Callable[[int], FloatArray | None]:
     def call(repeat: int) -> FloatArray | None:
         usual, few = (
             sample_posterior(
@@ -95,28 +93,31 @@ def _sampler(walkers: int, steps: int, samples: int = ENOUGH_SAMPLES) -> Callabl
             )
             for x, y in (readings(), few_readings())
         )
-        change = np.asarray(usual.calibration.fit.basis.to_monomials(), dtype=float)
-        return change @ np.cov(usual.basis_samples.T) @ change.T if usual.converged and few.converged else None
+        return _width(usual.curve_band(AT_MM)) if usual.converged and few.converged else None
 
     return call
 
 
 def _closed_form(_: int) -> FloatArray:
-    """Return the covariance of Student's t of the least-squares fit."""
-    fit = fit_calibration(*readings())
-    return np.asarray(fit.covariance * fit.dof / (fit.dof - 2))
+    """Return the width of the band of the least-squares fit, by Student's t."""
+    return _width(fit_calibration(*readings()).band(AT_MM, 0.95))
 
 
-def _name(walkers: int, steps: int) -> str:
-    return f"{walkers} walkers, {steps} steps at most"
+def _width(band: tuple[FloatArray, FloatArray]) -> FloatArray:
+    low, high = band
+    return high - low
+
+
+def _name(walkers: int, samples: int) -> str:
+    return f"{walkers} walkers, {samples} samples"
 
 
 def _at(level: Fidelity) -> str:
-    return _name(WALKERS, level.posterior_steps) if level.posterior_steps else CLOSED
+    return _name(level.walkers, level.posterior_samples)
 
 
 POSTERIOR = Method(
-    "posterior", "Posterior: walkers and steps",
+    "posterior", "Posterior: walkers and samples",
     "importance sampling of a likelihood that quadrature integrates over the reading error", True,
     "the reader of the band's width, printed with two digits: 5 %", 5.0, "% of the width", "a posterior", _at,
     posterior_settings,

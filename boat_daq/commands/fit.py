@@ -154,9 +154,11 @@ def _posterior(
     from analysis.calibration.quantised_x import share_their_error
     from analysis.fidelity import fidelity
 
+    fineness = fidelity(level)
     found = sample_posterior(
         read.x, read.y, calibration.degree, reading_sd=reading_sd, positions=read.positions,
-        standard_uncertainty=read.u, monotone=monotone, seed=seed, max_steps=fidelity(level).posterior_steps,
+        standard_uncertainty=read.u, monotone=monotone, seed=seed, walkers=fineness.walkers,
+        samples=fineness.posterior_samples,
     )  # fmt: skip
     if read.positions is None and share_their_error(calibration.fit, calibration.x, calibration.y, reading_sd):
         notify("signals at equal x scatter less than independent reading errors: one common error is assumed")

@@ -22,14 +22,23 @@ def test_levels_by_name() -> None:
 def test_finer_levels_are_nowhere_coarser() -> None:
     """Every number of a level grows, or stays, from draft to reference."""
     draft, normal, reference = (fidelity(level) for level in LEVELS)
-    for name in ("rays", "ranking_rays", "posterior_steps", "resamples", "points_a_column", "mesh", "table"):
+    for name in (
+        "rays",
+        "ranking_rays",
+        "walkers",
+        "posterior_samples",
+        "resamples",
+        "points_a_column",
+        "mesh",
+        "table",
+    ):
         values = np.array([np.prod(getattr(level, name)) for level in (draft, normal, reference)])
         assert (np.diff(values) >= 0).all(), name
 
 
 def test_the_normal_level_is_the_default() -> None:
     """Defaults written elsewhere (sampler, bootstrap, shadow, live plot) are normal's."""
-    from analysis.calibration.posterior import MAX_STEPS
+    from analysis.calibration.posterior import ENOUGH_SAMPLES, WALKERS
     from analysis.optics.scene.parameters import Light
     from analysis.shadow.fem.parameters import ActuatorParameters
     from analysis.shadow.model.frames import actuator, table_settings
@@ -39,7 +48,7 @@ def test_the_normal_level_is_the_default() -> None:
 
     normal = fidelity("normal")
     assert Light().rays == normal.rays
-    assert normal.posterior_steps == MAX_STEPS
+    assert (normal.walkers, normal.posterior_samples) == (WALKERS, ENOUGH_SAMPLES)
     assert normal.resamples == RESAMPLES
     assert LiveModel(lambda: None).points_a_column == normal.points_a_column
     assert actuator(normal) == ActuatorParameters()

@@ -181,9 +181,10 @@ class RunResult:
     """All that a page shows of one run; of its `plateaus`, `read` have an elongation.
 
     `uncertainty` has a row for each component of the budget of an elongation, and for each published limit.
-    `u_elongation` has x and U of each sensor, [points, 2] mm, none where the curve gives no elongation. `traceability`
-    is that of an elongation by every sensor. `recording_id` is the `identity` of the recording. `curve` is the choice
-    that was fitted; `candidates` are each sensor's curves, none where they were not compared.
+    `u_elongation` has x and U of each sensor, [points, 2] mm, none where the curve gives no elongation;
+    `u_elongation_void` says why. `traceability` is that of an elongation by every sensor. `recording_id` is the
+    `identity` of the recording. `curve` is the choice that was fitted; `candidates` are each sensor's curves, none
+    where they were not compared.
     """
 
     path: str
@@ -202,6 +203,7 @@ class RunResult:
     read: int = 0
     uncertainty: tuple[tuple[Cell, ...], ...] = ()
     u_elongation: tuple[FloatArray, ...] = ()
+    u_elongation_void: tuple[str, ...] = ()
     traceability: Traceability | None = None
     recording_id: str = ""
     curve: str = ""
@@ -280,6 +282,7 @@ def analyse_run(
         read=read,
         uncertainty=(*_expanded_rows(found), *_limit_rows(found), *_component_rows(found)),
         u_elongation=found.u_elongation,
+        u_elongation_void=found.u_elongation_void,
         traceability=next((b.traceability for b in budgets), None),
         recording_id=identity(recording),
         curve=str(degree),
@@ -417,8 +420,8 @@ def _content(found: Analysis, index: int) -> dict[str, Any]:
 def sample_run(
     points: list[tuple[list[float], list[float], int, list[int] | None]],
     reading_sd_mm: float,
+    level: Level = "normal",
     *,
-    max_steps: int = fidelity().posterior_steps,
     progress: Progress | None = None,
 ) -> tuple[CurveBands, ...]:
     """Return the posterior of each sensor's calibration, as bands on a grid.
@@ -427,16 +430,16 @@ def sample_run(
     ----------
     points : for each sensor elongations (mm), signals (mV), the degree, and the position where each point was read.
     reading_sd_mm : standard uncertainty of a reading, mm.
-    max_steps : of the sampler.
+    level : of the sampler's fidelity.
     progress : is called with what is done and the total.
     """
     from analysis.calibration.posterior import sample_posterior
 
-    results = []
+    results, fineness = [], fidelity(level)
     for i, (x, y, degree, positions) in enumerate(points):
         posterior = sample_posterior(
-            x, y, degree, reading_sd=reading_sd_mm, positions=positions, seed=i, max_steps=max_steps,
-            progress=part_of(progress, i, 1, len(points)),
+            x, y, degree, reading_sd=reading_sd_mm, positions=positions, seed=i,
+            walkers=fineness.walkers, samples=fineness.posterior_samples, progress=part_of(progress, i, 1, len(points)),
         )  # fmt: skip
         grid = np.linspace(min(x), max(x), GRID)
         mean = posterior.curves(grid).mean(axis=0)

@@ -204,9 +204,13 @@ class CalibrationModel:
         stated = MetadataModel.of_recording(path, units, result.unit, self._services.undo)
         return CertificateModel(stated, path, self.choice, self.jobs, self._services)
 
-    def traceability(self) -> str:
-        """Return whether an elongation is traceable, as a sentence; empty where none is given."""
-        return traceability_text(self.result.traceability if self.result is not None else None)
+    def uncertainty_text(self) -> str:
+        """Return whether an elongation is traceable, and why U is not given everywhere; empty without a calibration."""
+        if self.result is None:
+            return ""
+        voids = enumerate(self.result.u_elongation_void, 1)
+        missing = [f"Sensor {number}: {why}." for number, why in voids if why]
+        return "\n".join([text for text in (traceability_text(self.result.traceability), *missing) if text])
 
     @property
     def curve_shown(self) -> str:
@@ -310,8 +314,7 @@ class CalibrationModel:
             raise OperatorError("a spline has no posterior", "Choose a degree for the curve.")
         contents = [s.fit.content for s in self.result.sensors if s.fit is not None]
         points = [(c["elongation_mm"], c["signal_mv"], int(c["fit"]["degree"]), c.get("positions")) for c in contents]
-        steps, label = self.fidelity.posterior_steps, "Computing uncertainty bands"
-        job = Job(label, sample_run, points, self.result.reading_sd_mm, max_steps=steps)
+        job = Job("Computing uncertainty bands", sample_run, points, self.result.reading_sd_mm, self.fidelity.level)
         self.jobs.start("posterior", job, self._sampled)
 
     def exports(self) -> bool:

@@ -78,7 +78,7 @@ def test_readings_rounded_alike_in_every_cycle_share_their_error() -> None:
     y = TRUTH(true) + 0.3 * np.random.default_rng(3).standard_normal(true.size)
     read, off = np.round(true), []
     for positions in (np.tile(np.arange(10), 5), np.arange(true.size)):
-        found = sample_posterior(read, y, reading_sd=GRID_SD, positions=positions, seed=0, max_steps=100)
+        found = sample_posterior(read, y, reading_sd=GRID_SD, positions=positions, seed=0, max_steps=200)
         curves = found.curves(at)
         off.append(float((np.abs(curves.mean(axis=0) - TRUTH(at)) / curves.std(axis=0)).max()))
     assert off[0] < 3.0

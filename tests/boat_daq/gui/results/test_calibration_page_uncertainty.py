@@ -28,10 +28,12 @@ def test_tab_shows_what_was_not_assessed_with_its_reason(live):
     model.unit.preparation.call = lambda *_: None  # the live conversion is not looked at here
     live.go("Calibrate")
     page = live.pages["Calibrate"]
-    model.calibration.show(dataclasses.replace(run_result(), uncertainty=ROWS))
+    voids = "the curve turns at 2.5 mm", ""
+    model.calibration.show(dataclasses.replace(run_result(), uncertainty=ROWS, u_elongation_void=voids))
     live.refresh()
     QApplication.processEvents()
     table = page.budget
+    assert page.traced.text() == f"Sensor 1: {voids[0]}."
     assert [page.tabs.tabText(i) for i in range(page.tabs.count())][1] == "Uncertainty"
     assert table.rowCount() == len(ROWS)
     assert table.item(2, 1).text() == "not assessed"

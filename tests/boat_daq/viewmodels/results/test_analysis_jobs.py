@@ -36,7 +36,7 @@ def test_sampled_curve_lies_inside_its_bands(result):
     """The residuals are about the mean of the posterior, near those of the fit; the widest band is a new reading's."""
     sensor = result.sensors[0]
     points = [(sensor.x.tolist(), sensor.y.tolist(), 3, None)]
-    (found,) = sample_run(points, result.reading_sd_mm, max_steps=400)
+    (found,) = sample_run(points, result.reading_sd_mm, "draft")
     assert found.residuals == pytest.approx(sensor.y - np.interp(sensor.x, found.grid, found.curve))
     assert found.residuals == pytest.approx(sensor.fit.residuals, abs=5.0)
     bands = (found.new_reading_95, found.band_95, found.band_68, (found.curve, found.curve))

@@ -53,9 +53,9 @@ def test_sampled_posterior_is_of_each_sensor(tmp_path, result, monkeypatch):
     class DoneJob:
         state = JobState.DONE
 
-        def __init__(self, _label, function, *args, max_steps):
-            assert max_steps == fidelity().posterior_steps
-            self.result = function(*args, max_steps=100)
+        def __init__(self, _label, function, points, reading_sd_mm, level):
+            assert level == fidelity().level
+            self.result = function(points, reading_sd_mm, "draft")
 
         def poll(self):
             return self.state

@@ -1,5 +1,6 @@
 """`python -m boat_daq` is `boat-daq`: the command line, left quietly if Ctrl-C comes while it is still loading."""
 
+import signal
 import sys
 
 
@@ -13,6 +14,7 @@ def main() -> None:
 
         run()
     except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # another one while the interpreter ends would kill it
         sys.exit(130)
 
 

@@ -81,6 +81,11 @@ class Interruption:
         self.came = True
         raise KeyboardInterrupt
 
+    def leave(self) -> None:
+        """Ignore what comes from now on: the interpreter, as it ends, would be killed by it and lose the exit code."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
     @staticmethod
     def _again(ignored: sys.UnraisableHookArgs) -> None:
         """Interrupt once more where it came in a callback of compiled code (numba's), which discards it."""
@@ -112,8 +117,10 @@ def main() -> None:
     try:
         app()
     except SystemExit as leaving:
-        # Releases of typer differ in the code they leave with after Ctrl-C.
-        raise SystemExit(130 if interruption.came else leaving.code) from None
+        if not interruption.came:
+            raise
+        interruption.leave()
+        raise SystemExit(130) from leaving  # releases of typer differ in the code they leave with after Ctrl-C
     except Exception as error:  # noqa: BLE001 - the last one to see it
         emit_error(type(error).__name__, *explain(error))
         raise SystemExit(1) from None

@@ -71,7 +71,9 @@ def test_ctrl_c_ends_a_measurement_with_130(tmp_path: Path) -> None:
     while not folder.exists() and time.monotonic() < deadline:
         time.sleep(0.02)
     time.sleep(0.3)
-    process.send_signal(signal.SIGINT)
+    while process.poll() is None:  # again and again, also while the interpreter ends
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.005)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors
     assert "Traceback" not in errors

@@ -1,6 +1,5 @@
 """`python -m boat_daq` is `boat-daq`: the command line, left quietly if Ctrl-C comes while it is still loading."""
 
-import signal
 import sys
 
 
@@ -14,6 +13,8 @@ def main() -> None:
 
         run()
     except KeyboardInterrupt:
+        import signal  # not earlier: a file of that name in the working folder would be taken
+
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # another one while the interpreter ends would kill it
         sys.exit(130)
 

@@ -80,31 +80,40 @@ def board(
 def ports(
     port: Annotated[
         list[str] | None,
-        typer.Option("--port", help="Only this port, a device or socket://HOST:PORT; may be repeated."),
+        typer.Option("--port", help="Query this port, a device or socket://HOST:PORT; may be repeated."),
     ] = None,
+    ask: Annotated[
+        bool, typer.Option("--ask", help="Query the boards used before, known by their USB serial numbers.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """List the serial ports, each BOAT board marked with *.
+    """List the serial ports without opening one; --ask and --port query for BOAT boards, which are marked with *.
 
-    Each port is opened, identified and closed; no pressure is commanded. Pseudo-terminals are not in the system's list:
-    name them with --port.
+    A port that is queried is opened, identified and closed; no pressure is commanded. Other ports are left alone: they
+    may be those of other instruments. Pseudo-terminals are not in the system's list: name them with --port.
 
     Example: boat-daq ports --port /dev/pts/3
     """
-    from boat_daq.engine.link.opening import identify_all_ports, identify_port
+    from boat_daq.engine.link.opening import identify_known, identify_port, listed_ports
+    from boat_daq.engine.settings import UnitLibrary
 
     if port:
         answers = [identify_port(name) for name in port]
     else:
-        with progress_bar("identifying") as progress:
-            answers = identify_all_ports(progress=progress)
+        answers = listed_ports(UnitLibrary().boards())
+        if ask:
+            with progress_bar("identifying") as progress:
+                answers = identify_known(answers, progress=progress)
     if as_json:
-        fields = {"port": "port", "description": "description", "hello": "hello", "remark": "problem"}
-        rows = [{key: getattr(a, name) for key, name in fields.items()} for a in answers]
+        same = ("port", "description", "hello", "usb_serial", "unit", "queried")
+        rows = [{**{key: getattr(a, key) for key in same}, "remark": a.problem} for a in answers]
         emit_json({"ports": [{**row, "boat": row["hello"] is not None} for row in rows]})
         return
     if not answers:
         notify("no serial ports; for a virtual board: boat-daq board --pty")
     for a in answers:
         board = f"BOAT {a.hello.board_id}, {a.hello.n_sensors} sensors" if a.hello else a.problem
-        show(f"{'*' if a.hello else ' '} {a.port}  {a.description}  {board}".rstrip())
+        known = f"board of {a.unit}: " if a.unit else ""
+        show(f"{'*' if a.hello else ' '} {a.port}  {a.description}  {known}{board}".rstrip())
+    if not all(a.queried for a in answers):
+        notify("a port that is not queried is not opened; to query one: boat-daq ports --port PORT")

@@ -18,6 +18,7 @@ older versions hold both kinds; each entry belongs to the library that its conte
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import os
@@ -109,7 +110,8 @@ class Unit:
 
     `polarity` is +1 where the board's voltage rises with light, -1 where its stage inverts. `type_b` are tables of
     contributions to the uncertainty of an elongation, as `analysis.calibration.type_b` reads them. `metadata` are those
-    that its next recording states, too (`protocol.recording.Metadata`).
+    that its next recording states, too (`protocol.recording.Metadata`). `usb_serial` is the serial number of the USB
+    device of the board that it was last used with, by which that board is found.
     """
 
     name: str
@@ -117,6 +119,7 @@ class Unit:
     max_kpa: float = 50.0
     polarity: int = -1
     note: str = ""
+    usb_serial: str = ""
     version: int = VERSION
     type_b: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     metadata: Mapping[str, Any] = field(default_factory=dict)
@@ -218,6 +221,15 @@ class UnitLibrary:
             unit = dataclasses.replace(unit, type_b=own.type_b)
         return dataclasses.replace(unit, history=history)
 
+    def boards(self) -> dict[str, str]:
+        """Return the unit by the USB serial number of its board; of several units with that board, their names."""
+        found: dict[str, str] = {}
+        for name in self.names():
+            with contextlib.suppress(OperatorError):  # a unit whose file is refused is reported where it is used
+                serial = self.load(name).usb_serial
+                found |= {serial: ", ".join(filter(None, (found.get(serial), name)))} if serial else {}
+        return found
+
     def _read(self, folder: Path, name: str) -> Unit | None:
         """Return the unit of a folder's file with every entry of it; None without a file."""
         path = path_in(folder, f"{name}.toml")
@@ -307,7 +319,7 @@ def _of_kind(history: tuple[StoredCalibration, ...], *, simulated: bool, first: 
     return tuple(found)
 
 
-_UNIT_KEYS = tuple(f.name for f in dataclasses.fields(Unit) if f.name not in ("history", "type_b", "metadata"))
+_UNIT_KEYS = ("name", "min_kpa", "max_kpa", "polarity", "note", "version")  # every file has
 
 
 def _entry(table: dict[str, Any], where: str) -> StoredCalibration:

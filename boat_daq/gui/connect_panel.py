@@ -47,7 +47,7 @@ class ConnectPanel(QDialog):
         self.setLayout(widgets.column(self._board(), self._virtual(), spacing=style.CARD_PADDING))
 
     def _board(self) -> QWidget:
-        identity = "The board identifies itself; the port name does not matter."
+        identity = "Boards used before are found by themselves. Select the port of a new one: no other port is opened."
         self.none = widgets.label("\u25b2 No port found. Plug in the board, then rescan.", "muted", wrap=True)
         self.connect_button = widgets.button("Connect", self.connect_board, "primary")
         self.disconnect_button = widgets.button("Disconnect", self.disconnect_board)
@@ -92,7 +92,7 @@ class ConnectPanel(QDialog):
         self.port.setFocus()
 
     def rescan(self) -> None:
-        """List the ports, and query each for its identity in the background."""
+        """List the ports, and query the boards used before in the background."""
         self.list_ports()
         self.connection.query_boards()
 

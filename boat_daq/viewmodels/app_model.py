@@ -54,7 +54,7 @@ class AppModel:
         self.undo = UndoHistory()
         self.jobs = JobRunner()
         self.services = Services(self.notices, self.preferences, self.undo, recordings)
-        self.connection = ConnectionModel(session, self.preferences)
+        self.connection = ConnectionModel(session, self.preferences, self.units)
         self.live = LiveModel(lambda: session.ring)
         self.overlay = OverlayModel(lambda: session.ring, session.steps, self.live.time_of)
         self.shadow = ShadowLive(self.live, self.jobs)

@@ -2,16 +2,19 @@
 
 Identify the board on a port, with IDENTIFY and no other command; the port is closed afterwards.
 
-A board is recognised by the identity in its HELLO, never by the name of its port, which changes with every plug.
+A board is recognised by the identity in its HELLO, never by the name of its port, which changes with every plug. Other
+instruments have ports, too: nothing is sent to a port, and no port is opened, unless its USB serial number is that of a
+board used before (stored with the unit), or the operator has chosen it.
 """
 
 from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -97,19 +100,24 @@ def _profile_in(text: str) -> TextProfile:
 
 
 ANSWER_S = 1.0
+NOT_QUERIED = "not queried"
 
 
 @dataclass(frozen=True, slots=True)
 class PortIdentity:
     """What was found on a port.
 
-    `hello` is None where no BOAT board answered, and `problem` is why.
+    `hello` is None where no BOAT board answered, and `problem` is why. `usb_serial` is the device's, `unit` the unit it
+    was used with; `queried` is False where the port was not opened.
     """
 
     port: str
     description: str
     hello: Hello | None
     problem: str
+    usb_serial: str = ""
+    unit: str = ""
+    queried: bool = True
 
 
 def identify_port(url: str, description: str = "", *, timeout_s: float = ANSWER_S) -> PortIdentity:
@@ -130,27 +138,39 @@ def identify_port(url: str, description: str = "", *, timeout_s: float = ANSWER_
         return PortIdentity(url, description, None, error.cause)
 
 
-def identify_all_ports(*, progress: Callable[[float, float], None] | None = None) -> list[PortIdentity]:
-    """Identify the boards on all serial ports of this machine.
+def listed_ports(unit_of: Mapping[str, str]) -> list[PortIdentity]:
+    """Return the serial ports of this machine without opening one.
 
-    `progress` takes (ports done, ports).
+    Parameters
+    ----------
+    unit_of : unit by the USB serial number of the board used with it (`UnitLibrary.boards`). A number that several
+        devices have identifies none.
     """
     ports = list_ports()
+    devices = Counter((port.usb_serial, port.interface) for port in ports)
+    known = [unit_of.get(p.usb_serial, "") if devices[p.usb_serial, p.interface] == 1 else "" for p in ports]
+    return [
+        PortIdentity(port.port, port.description, None, NOT_QUERIED, port.usb_serial, unit, queried=False)
+        for port, unit in zip(ports, known, strict=True)
+    ]
+
+
+def identify_known(
+    listed: Sequence[PortIdentity], *, progress: Callable[[float, float], None] = lambda done, of: None
+) -> list[PortIdentity]:
+    """Return the listed ports, those of boards used before queried, the others untouched.
+
+    Parameters
+    ----------
+    listed : as `listed_ports` returns them.
+    progress : takes (ports done, ports).
+    """
     answers = []
-    for done, port in enumerate(ports):
-        if progress is not None:
-            progress(done, len(ports))
-        answers.append(identify_port(port.port, port.description))
+    for done, port in enumerate(listed):
+        progress(done, len(listed))
+        answer = identify_port(port.port, port.description) if port.unit else port
+        answers.append(replace(answer, usb_serial=port.usb_serial, unit=port.unit))
     return answers
-
-
-def find_board(board_id: str) -> str | None:
-    """Return the port on which the board with this identity answers; None if on none."""
-    for port in list_ports():
-        hello = identify_port(port.port).hello
-        if hello is not None and hello.board_id == board_id:
-            return port.port
-    return None
 
 
 def _identify(transport: Transport, url: str, description: str, timeout_s: float) -> PortIdentity:

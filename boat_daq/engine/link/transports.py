@@ -215,19 +215,41 @@ else:
 
 @dataclass(frozen=True, slots=True)
 class PortInfo:
-    """A port of this machine, as the system describes it."""
+    """A port of this machine, as the system describes it.
+
+    `usb_serial` is the serial number of its USB device, empty where it has none; `interface` is that of the port, where
+    one device has several.
+    """
 
     port: str
     description: str
+    usb_serial: str = ""
+    interface: str = ""
 
 
 def list_ports() -> list[PortInfo]:
-    """Return the serial ports of this machine.
+    """Return the serial ports of this machine, as the system lists them; none is opened.
 
     Pseudo-terminals and TCP are not among them.
     """
-    found = [PortInfo(p.device, p.description) for p in system_ports.comports()]
+    found = [
+        PortInfo(p.device, p.description, p.serial_number or "", (p.location or "").partition(":")[2])
+        for p in system_ports.comports()
+    ]
     return sorted(found, key=lambda port: port.port)
+
+
+def usb_port(url: str) -> PortInfo | None:
+    """Return the port of a USB device with a serial number that is at `url`, a device or a link to it; else None."""
+    names = {url, os.path.realpath(url)}
+    return next((port for port in list_ports() if port.usb_serial and port.port in names), None)
+
+
+def find_port(wanted: PortInfo) -> str | None:
+    """Return the port at which a USB device is now, by its serial number; None where none or several have it."""
+    identity = (wanted.usb_serial, wanted.interface)
+    found = [port.port for port in list_ports() if (port.usb_serial, port.interface) == identity]
+    return found[0] if len(found) == 1 else None
 
 
 def open_transport(url: str, *, baud: int = DEFAULT_BAUD, allow_remote: bool = False) -> Transport:

@@ -1,8 +1,9 @@
 """The link supervisor: opens ports, refuses what is no board, finds a lost one again, disconnects. One thread.
 
-A lost board is sought on its own port first and then on every other serial port, once a second, and recognised by the
-identity in its HELLO, never by the port's name. No pressure resumes by itself: the run is in fault, the board vented by
-its own watchdog, and the operator decides.
+A lost board is sought once a second by the serial number of its USB device, whatever its port is called now; without
+one, on its own port. No other port is opened, because other instruments have ports, too. Its HELLO must then have the
+same identity. No pressure resumes by itself: the run is in fault, the board vented by its own watchdog, and the
+operator decides.
 
 The blocks of the port's reading thread come here first: what they mean is for the controller, under the session's lock.
 """
@@ -16,9 +17,9 @@ from contextlib import AbstractContextManager
 
 from boat_daq.engine.control.controller import Controller
 from boat_daq.engine.control.watchdog import FAST
-from boat_daq.engine.link.opening import OpenPort, find_board, open_port
+from boat_daq.engine.link.opening import OpenPort, open_port
 from boat_daq.engine.link.reader import Block, LinkHealth, PortLost, PortReader, SinkFailed
-from boat_daq.engine.link.transports import ReplayEnded
+from boat_daq.engine.link.transports import PortInfo, ReplayEnded, find_port, usb_port
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.sample_columns import mv_per_count
 from boat_daq.engine.session.journal import Journal
@@ -50,6 +51,7 @@ class LinkSupervisor:
     acting : gives the controller under the session's lock, and carries out what follows.
     journal : messages; the recorder that a returning board is recorded by. Used under that lock.
     show : takes each block on the reading thread, after the controller.
+    connected : takes the serial number of the board's USB device once its samples come, where it has one.
     end_recording : closes the recording, where one runs.
 
     Attributes
@@ -65,6 +67,7 @@ class LinkSupervisor:
         acting: Callable[[], AbstractContextManager[Controller]],
         journal: Journal,
         show: Callable[[Block], None],
+        connected: Callable[[str], None],
         end_recording: Callable[[RunEnd], object],
     ) -> None:
         self.state = LinkState.CLOSED
@@ -74,7 +77,7 @@ class LinkSupervisor:
         self.reader: PortReader | None = None
         self.health: LinkHealth | None = None
         self._settings, self._acting, self._journal = settings, acting, journal
-        self._show, self._end_recording = show, end_recording
+        self._show, self._connected, self._end_recording = show, connected, end_recording
         self._clock_s = time.monotonic
         self._profile: str | None = None
         self._greeted: Callable[[], None] | None = None
@@ -83,6 +86,7 @@ class LinkSupervisor:
         self._lost: DeviceError | None = None  # the port, as the reading thread found it
         self._refused: tuple[str, str] | None = None  # the board: cause and remedy
         self._expected_id: str | None = None  # of the board that was lost
+        self._usb: PortInfo | None = None  # its USB device
         self._heard = False  # any byte on this port
         self._wake = threading.Event()
         self._thread = threading.Thread(target=self._run, name="link supervisor", daemon=True)
@@ -191,6 +195,7 @@ class LinkSupervisor:
         except (BoatDaqError, ProtocolError) as error:
             self._fail(error.cause, error.remedy, getattr(error, "command", ""))
             return
+        self._usb = usb_port(self.url)
         self._attach(port)
         if port.replayed is not None:
             self._play()
@@ -253,6 +258,8 @@ class LinkSupervisor:
             self._greet()
         elif self._greeted is None and up:
             self.state, self._seeking = LinkState.UP, False
+            if self._usb is not None:
+                self._connected(self._usb.usb_serial)
         elif self._greeted is None and no_samples is not None and waited_s > REFUSED_S:
             self._fail(*no_samples)
         elif waited_s > HELLO_S and identifying:
@@ -316,17 +323,18 @@ class LinkSupervisor:
         self.state, self._since_s = LinkState.LOST, self._clock_s()
 
     def _seek(self) -> None:
-        """Try the port, and then the others, once a second."""
+        """Try the port at which the board's USB device is, once a second; without one, its own port."""
         if self._clock_s() - self._since_s < SEEK_S:
             return
         self._since_s = self._clock_s()
-        assert self.url is not None
-        try:
-            port = open_port(self.url, self._profile, self._settings)
-        except (BoatDaqError, ProtocolError):
-            if self._expected_id and "://" not in self.url and not self._profile:
-                self.url = find_board(self._expected_id) or self.url
+        url = self.url if self._usb is None else find_port(self._usb)
+        if url is None:
             return
+        try:
+            port = open_port(url, self._profile, self._settings)
+        except (BoatDaqError, ProtocolError):
+            return
+        self.url = url
         self._attach(port)
         self._since_s, self.state = self._clock_s(), LinkState.OPENING
         self._tell(MessageKind.BOARD_FOUND, "info", f"{self.url} is connected again")

@@ -37,7 +37,7 @@ from boat_daq.engine.session.journal import HealthLog, Journal, health_line
 from boat_daq.engine.session.link_supervisor import LinkSupervisor
 from boat_daq.engine.settings import Settings, UnitLibrary, load_settings, take_warnings
 from boat_daq.engine.snapshot import LinkError, LinkState, MessageKind, Reading, SessionSnapshot, SessionState
-from boat_daq.errors import DeviceError, OperatorError
+from boat_daq.errors import DeviceError, OperatorError, StorageError
 from protocol.link.events import Samples
 from protocol.link.messages import SetPressure, Vent
 from protocol.recording import RunEnd
@@ -72,6 +72,7 @@ class Session:
             acting=self._acting,
             journal=self._journal,
             show=self._show,
+            connected=self._remember_board,
             end_recording=self._end_recording,
         )
         self._recording = ActiveRecording(self._acting, self._journal, self._link, self.settings, self.units)
@@ -486,6 +487,20 @@ class Session:
                 self._pressures += 1
             else:
                 self._link.send(effect.command, feeds=effect.feeds)
+
+    def _remember_board(self, usb_serial: str) -> None:
+        """Store the USB serial number of a real board with its unit, by which it is found again."""
+        unit = self._recording.unit
+        if not unit or self._link.simulated(self._control.hello):
+            return
+        try:
+            stored = self.units.load(unit)
+            if stored.usb_serial != usb_serial:
+                self.units.save(dataclasses.replace(stored, usb_serial=usb_serial))
+        except (OperatorError, StorageError) as error:
+            with self._lock:
+                cause = f"the board's USB serial number is not stored with unit {unit}: {error.cause}"
+                self._journal.tell(MessageKind.STORAGE, "warning", cause, error.remedy)
 
     def _end_recording(self, end: RunEnd) -> None:
         self._recording.end(end)

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from boat_daq.engine.link.opening import PortIdentity, identify_all_ports
-from boat_daq.engine.link.transports import list_ports
+from boat_daq.engine.link.opening import PortIdentity, identify_known, listed_ports
 from boat_daq.engine.session.session import Session
+from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.errors import OperatorError
@@ -197,11 +197,12 @@ class ConnectionModel:
     ----------
     session : opens the link.
     preferences : keep the last port, profile and unit.
+    units : the boards that they were used with.
     """
 
-    def __init__(self, session: Session, preferences: Preferences) -> None:
+    def __init__(self, session: Session, preferences: Preferences, units: UnitLibrary) -> None:
         self.session = session
-        self._preferences = preferences
+        self._preferences, self._units = preferences, units
         self.board: VirtualBoardProcess | None = None
         self.starting = False  # whether the virtual board is
         self.boards: dict[str, str] = {}  # port -> identity from the board's hello
@@ -219,15 +220,19 @@ class ConnectionModel:
 
     def ports(self) -> list[tuple[str, str]]:
         """Return the ports as (text, port), those of BOAT boards first, then the last one used."""
-        found, last = {p.port: p.description for p in list_ports()}, self._preferences.get("port", "")
+        listed, last = listed_ports(self._units.boards()), self._preferences.get("port", "")
+        found = {p.port: f"board of {p.unit}" if p.unit else p.description for p in listed}
         found |= {port: f"\u25cf BOAT board {board}" for port, board in self.boards.items() if port in found}
         order = sorted(found, key=lambda port: (port not in self.boards, port != last, port))
         return [(f"{port}   {found[port]}".strip(), port) for port in order]
 
     def query_boards(self) -> None:
-        """Query every port for a board on a helper thread; not while one is connected, whose port is in use."""
+        """Query the boards used before, on a helper thread; not while one is connected, whose port is in use.
+
+        Other ports are not opened: they may be those of other instruments.
+        """
         if not self._query.pending and self.session.snapshot().link is LinkState.CLOSED:
-            self._query.call(identify_all_ports)
+            self._query.call(identify_known, listed_ports(self._units.boards()))
 
     def take_answers(self) -> bool:
         """Take the answers once they have arrived; return whether they have."""

@@ -17,8 +17,9 @@ from typer.testing import CliRunner
 
 from boat_daq.commands.board import ports
 from boat_daq.engine.link import opening
-from boat_daq.engine.link.opening import find_board, identify_port
+from boat_daq.engine.link.opening import identify_port
 from boat_daq.engine.link.transports import PortInfo, open_transport
+from boat_daq.engine.settings import Unit, UnitLibrary
 from protocol.link.messages import MessageType
 from protocol.simulator.board import VirtualBoard
 from protocol.simulator.faults import parse_fault
@@ -114,15 +115,23 @@ def test_a_port_that_cannot_be_opened_has_a_reason():
     assert "no port" in identify_port("/dev/ttyNOWHERE").problem
 
 
-@pytest.mark.fault(11, how="a board that comes back under another port's name", times=1)
-def test_a_board_is_found_again_under_another_name(monkeypatch):
-    """After a replug the port has another name; the identity finds it, and finds no other board."""
-    with served(lambda _came: b"") as other, served(Board()) as port:
-        found = [PortInfo(name, "") for name in (other, port)]
+def test_only_boards_used_before_are_queried(monkeypatch, tmp_path):
+    """`ports` sends nothing; `--ask` sends to the serial number stored with a unit, and to no other instrument."""
+    monkeypatch.setenv("BOAT_DAQ_HOME", str(tmp_path))
+    UnitLibrary().save(Unit("SA7", usb_serial="PSOC-7"))
+    app, board, other, twin = typer.Typer(), Board(), Board(), Board()
+    app.command()(ports)
+    with served(other) as thermometer, served(board) as port, served(twin) as copy:
+        found = [PortInfo(thermometer, "", "T-1"), PortInfo(port, "KitProg", "PSOC-7"), PortInfo(copy, "")]
         monkeypatch.setattr(opening, "list_ports", lambda: found)
-        board_id = identify_port(port).hello.board_id
-        assert find_board(board_id) == port
-        assert find_board("another") is None
+        listed, asked = (json.loads(CliRunner().invoke(app, [*o, "--json"]).stdout)["ports"] for o in ((), ("--ask",)))
+        assert [row["unit"] for row in listed] == ["", "SA7", ""]
+        assert not any(row["queried"] or row["boat"] for row in listed)
+        assert [row["boat"] for row in asked] == [row["queried"] for row in asked] == [False, True, False]
+        assert board.received_bytes
+        found[2] = PortInfo(copy, "", "PSOC-7")  # a number that two devices have identifies none
+        assert not any(answer.unit for answer in opening.listed_ports(UnitLibrary().boards()))
+    assert other.received_bytes == twin.received_bytes == b""
 
 
 @pytest.mark.parametrize("as_json", [False, True])

@@ -61,18 +61,12 @@ def samples_frame(
     recording : of the samples. rows : some of them; None for all.
     converted : their elongation; None without.
     """
-    first, last = ("index", "time_s", "pressure_kpa", "target_kpa"), ("state", "flags", "segment")
-    frame: dict[str, Any] = {name: getattr(recording, name) for name in first}
-    for i, name in enumerate(recording.sensor_names):
-        frame[f"{name}_mv"] = recording.signal_mv[:, i]
-    if recording.lit is not None and recording.dark is not None:
-        for i, name in enumerate(recording.sensor_names):
-            frame |= {f"{name}_lit": recording.lit[:, i], f"{name}_dark": recording.dark[:, i]}
-    frame |= {name: getattr(recording, name) for name in last}
+    frame = recording.to_frame(rows)
     if converted is not None:
-        frame |= {"elongation_mm": converted.elongation_mm, "u_mm": converted.u_mm}
-        frame["elongation_valid"] = converted.valid.astype(np.uint8)
-    return pd.DataFrame({name: column[rows or slice(None)] for name, column in frame.items()})
+        where = rows or slice(None)
+        frame["elongation_mm"], frame["u_mm"] = converted.elongation_mm[where], converted.u_mm[where]
+        frame["elongation_valid"] = converted.valid[where].astype(np.uint8)
+    return frame
 
 
 def require_library(format: str) -> None:

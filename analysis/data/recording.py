@@ -156,6 +156,18 @@ class Recording:
         """The reading that counts for each step: the last one entered, also where it withdraws the one before."""
         return self.readings.sort_values("id").dropna(subset="step").drop_duplicates("step", keep="last")
 
+    def to_frame(self, rows: slice | None = None) -> pd.DataFrame:
+        """Return the samples, or some rows of them, in the columns and the order of the export."""
+        first, last = ("index", "time_s", "pressure_kpa", "target_kpa"), ("state", "flags", "segment")
+        frame: dict[str, Any] = {name: getattr(self, name) for name in first}
+        for i, name in enumerate(self.sensor_names):
+            frame[f"{name}_mv"] = self.signal_mv[:, i]
+        if self.lit is not None and self.dark is not None:
+            for i, name in enumerate(self.sensor_names):
+                frame |= {f"{name}_lit": self.lit[:, i], f"{name}_dark": self.dark[:, i]}
+        frame |= {name: getattr(self, name) for name in last}
+        return pd.DataFrame({name: column[rows or slice(None)] for name, column in frame.items()})
+
     @classmethod
     def from_arrays(
         cls, time_s: npt.ArrayLike, pressure_kpa: npt.ArrayLike, signal_mv: npt.ArrayLike, **columns: Any

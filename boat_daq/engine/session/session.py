@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 
@@ -29,14 +29,23 @@ from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.installation import shortcomings
 from boat_daq.engine.link.reader import Block
 from boat_daq.engine.log import note
-from boat_daq.engine.plan import Plan, StepMark, resume_point
+from boat_daq.engine.plan import Plan, StepMark, load_plan, resume_point
 from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.session.active_recording import ActiveRecording
 from boat_daq.engine.session.journal import HealthLog, Journal, health_line
 from boat_daq.engine.session.link_supervisor import LinkSupervisor
+from boat_daq.engine.session.measured_blocks import MeasuredBlock, SampleQueue, blocks
 from boat_daq.engine.settings import Settings, UnitLibrary, load_settings, take_warnings
-from boat_daq.engine.snapshot import LinkError, LinkState, MessageKind, Reading, SessionSnapshot, SessionState
+from boat_daq.engine.snapshot import (
+    LinkError,
+    LinkState,
+    MessageKind,
+    Reading,
+    RunEnding,
+    SessionSnapshot,
+    SessionState,
+)
 from boat_daq.errors import DeviceError, OperatorError, StorageError
 from protocol.link.events import Samples
 from protocol.link.messages import SetPressure, Vent
@@ -44,6 +53,8 @@ from protocol.recording import RunEnd
 
 VENTING_WAIT_S = 5.0
 POLL_S = 0.01
+_NO_LINK = (LinkState.CLOSED, LinkState.FAILED)
+_RUN_OVER = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
 
 SampleSink: TypeAlias = Callable[[np.ndarray[Any, Any]], None]
 
@@ -79,6 +90,83 @@ class Session:
         self._health_log = HealthLog(self._health_line)
         self._report_backups()
         self._report_shortcomings()
+
+    # ---- from a script ---------------------------------------------------------------------------------------------
+
+    @classmethod
+    def open(cls, port: str, *, timeout_s: float = 8.0, settings: Settings | None = None, **options: Any) -> Session:
+        """Connect to a board and wait for its samples: ``with Session.open(port) as session: ...``.
+
+        Leaving the block vents, closes the recording and the port.
+
+        Parameters
+        ----------
+        port, options : as `connect`.
+        timeout_s : longest wait.
+        settings : the stored ones when None.
+
+        Raises
+        ------
+        DeviceError, OperatorError, StorageError : as `connect` and `wait_connected`.
+        """
+        session = cls(settings)
+        try:
+            session.connect(port, **options)
+            session.wait_connected(timeout_s)
+        except BaseException:
+            session.close()
+            raise
+        return session
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def samples(self, seconds: float | None = None, *, every_s: float = 0.05) -> Iterator[MeasuredBlock]:
+        """Yield what the board sends from now on, block by block, until the link is closed.
+
+        A script that is slow delays neither reader nor recording: see `MeasuredBlock.skipped`.
+
+        Parameters
+        ----------
+        seconds : of board time; None for as long as the link is there.
+        every_s : samples are collected for so long before they are yielded.
+        """
+        queue = SampleQueue(lambda: _kpa(self._control.target_kpa), lambda: self.mv_per_count)
+        remove = self.add_sink(queue)
+
+        def stream() -> Iterator[MeasuredBlock]:
+            try:
+                yield from blocks(queue, lambda: self._link.state not in _NO_LINK, seconds, every_s)
+            finally:
+                remove()
+
+        return stream()
+
+    def run(self, plan: Plan | str | Path, *, wait_for_reading: bool = False) -> RunEnding:
+        """Run a plan to its end and return how it ended; vent where the script is interrupted.
+
+        Parameters
+        ----------
+        plan : a plan, the name of a built-in one, or its TOML file.
+        wait_for_reading : as `arm`.
+
+        Raises
+        ------
+        OperatorError : as `arm` and `start`. DeviceError : the link was lost; the board vents by itself.
+        """
+        self.arm(plan if isinstance(plan, Plan) else load_plan(str(plan)), wait_for_reading=wait_for_reading)
+        try:
+            self.start()
+            seen = self.wait(lambda s: s.state in _RUN_OVER or s.link in (*_NO_LINK, LinkState.LOST))
+        except BaseException:
+            self.vent()
+            raise
+        if seen.run_ended is None:
+            raise DeviceError(seen.latched or "the link was lost during the run", "see the messages of the session")
+        return seen.run_ended
 
     # ---- the link --------------------------------------------------------------------------------------------------
 
@@ -452,7 +540,7 @@ class Session:
             n_sensors = self._link.port.link.n_sensors if self._link.port else None
             assert n_sensors is not None  # known from the board before its first sample
             self.ring = RingBuffer(n_sensors, mv_per_count=control.mv_per_count)
-        self.ring.target_kpa = math.nan if control.target_kpa is None else control.target_kpa
+        self.ring.target_kpa = _kpa(control.target_kpa)
         self.ring(block)
         for sink in self._sinks:
             for array in arrays:
@@ -515,3 +603,8 @@ class Session:
         """Name what is slower here than it could be."""
         for found in shortcomings():
             self._journal.tell(MessageKind.SLOW, "info", found.cause, found.remedy)
+
+
+def _kpa(target_kpa: float | None) -> float:
+    """Return the commanded pressure, NaN for none."""
+    return math.nan if target_kpa is None else target_kpa

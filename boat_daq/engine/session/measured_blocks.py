@@ -1,0 +1,160 @@
+"""Samples for a consumer outside the program, a script or an outlet: taken on its own thread, never on the reader's.
+
+A queue of fixed size lies between. The reading thread only appends to it; a consumer that is too slow loses the oldest
+samples, is told how many, and delays nobody.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boat_daq.engine.sample_columns import columns
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+HALF_US = 0.5e-6
+CAPACITY = 1_200_000  # samples: two minutes at 10 kHz, about 50 MB
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredBlock:
+    """Consecutive samples, one row each (n), in the units of the recording.
+
+    Attributes
+    ----------
+    index : [n] sampling instants, counted from the start of the stream; a gap is loss.
+    time_s : [n] board time.
+    pressure_kpa : [n] gauge.
+    target_kpa : [n] commanded, NaN while nothing is.
+    signal_mv : [n, sensors].
+    state, flags : [n] as `protocol.recording` defines them.
+    skipped : samples discarded before this block because the script did not take them in time. They are recorded.
+    """
+
+    index: NDArray[np.uint32]
+    time_s: NDArray[np.float64]
+    pressure_kpa: NDArray[np.float64]
+    target_kpa: NDArray[np.float64]
+    signal_mv: NDArray[np.float64]
+    state: NDArray[np.uint8]
+    flags: NDArray[np.uint16]
+    skipped: int = 0
+
+    @classmethod
+    def of(
+        cls, samples: NDArray[np.void], target_kpa: NDArray[np.float64], mv_per_count: float, skipped: int
+    ) -> MeasuredBlock:
+        """Return samples of `protocol.recording.sample_dtype` in the lab's units.
+
+        Parameters
+        ----------
+        samples : [n]. target_kpa : [n].
+        mv_per_count : unused where the samples carry signals.
+        skipped : samples lost by the queue before these.
+        """
+        block = columns(samples, mv_per_count)
+        time_s = block.time_us.astype(np.float64) * 1e-6
+        return cls(
+            samples["index"], time_s, block.pressure_kpa, target_kpa, block.signal_mv, block.state, block.flags, skipped
+        )  # fmt: skip
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.time_s)
+
+    def first(self, n: int) -> MeasuredBlock:
+        """Return the first n samples."""
+        arrays = {field.name: getattr(self, field.name)[:n] for field in fields(self) if field.name != "skipped"}
+        return MeasuredBlock(**arrays, skipped=self.skipped)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the samples as a pandas frame, in the columns of an exported CSV."""
+        import pandas as pd
+
+        signals = {f"s{i + 1}_mv": signal for i, signal in enumerate(self.signal_mv.T)}
+        head = {name: getattr(self, name) for name in ("index", "time_s", "pressure_kpa", "target_kpa")}
+        return pd.DataFrame({**head, **signals, "state": self.state, "flags": self.flags})
+
+
+class SampleQueue:
+    """A sink of `Session.add_sink` that another thread empties.
+
+    Parameters
+    ----------
+    target_kpa : returns the pressure commanded now, NaN for none.
+    mv_per_count : returns the session's scale.
+    capacity : samples kept at most; the oldest are discarded beyond, and counted.
+    """
+
+    def __init__(
+        self, target_kpa: Callable[[], float], mv_per_count: Callable[[], float], capacity: int = CAPACITY
+    ) -> None:
+        self._target_kpa, self._mv_per_count, self._capacity = target_kpa, mv_per_count, capacity
+        self._waiting: deque[tuple[NDArray[np.void], float]] = deque()
+        self._size = self._skipped = 0
+        self._lock = threading.Lock()
+
+    def __call__(self, samples: NDArray[np.void]) -> None:
+        """Append samples; called on the reading thread."""
+        with self._lock:
+            self._waiting.append((samples, self._target_kpa()))
+            self._size += len(samples)
+            while self._size > self._capacity and len(self._waiting) > 1:
+                dropped, _ = self._waiting.popleft()
+                self._size -= len(dropped)
+                self._skipped += len(dropped)
+
+    def take(self) -> MeasuredBlock | None:
+        """Return all that waits as one block; None where nothing does.
+
+        Samples of another number of sensors, from another board, are left for the next call.
+        """
+        with self._lock:
+            if not self._waiting:
+                return None
+            taken = [self._waiting.popleft()]
+            while self._waiting and self._waiting[0][0].dtype == taken[0][0].dtype:
+                taken.append(self._waiting.popleft())
+            self._size -= sum(len(samples) for samples, _ in taken)
+            skipped, self._skipped = self._skipped, 0
+        target = np.repeat([kpa for _, kpa in taken], [len(samples) for samples, _ in taken])
+        return MeasuredBlock.of(np.concatenate([part for part, _ in taken]), target, self._mv_per_count(), skipped)
+
+
+def blocks(
+    queue: SampleQueue, running: Callable[[], bool], seconds: float | None, every_s: float
+) -> Iterator[MeasuredBlock]:
+    """Yield the blocks of a queue.
+
+    Parameters
+    ----------
+    queue : that a session fills.
+    running : whether more samples can come.
+    seconds : of board time to yield; None for as long as `running`.
+    every_s : time between two looks at the queue.
+    """
+    until_s = math.inf if seconds is None else None
+    while True:
+        more = running()
+        block = queue.take()
+        if block is not None:
+            if until_s is None:
+                until_s = block.time_s[0] + (seconds or 0.0)
+            wanted = int(np.searchsorted(block.time_s, until_s - HALF_US))
+            if wanted:
+                yield block.first(wanted)
+            if wanted < len(block):
+                return
+        elif not more:
+            return
+        time.sleep(every_s)

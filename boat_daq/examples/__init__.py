@@ -1,0 +1,1 @@
+"""Scripts that measure: run one by itself, or copy from it."""

@@ -223,7 +223,7 @@ def test_silent_board_is_vented(tmp_path: Path) -> None:
         found.start(LONG)
         seen = found.wait(lambda s: s.state in OVER, 30)
         assert seen.state is SessionState.FAULT
-        assert any(message.kind is MessageKind.SILENT for message in seen.messages)
+        found.wait(lambda s: any(message.kind is MessageKind.SILENT for message in s.messages), 20)
         found.wait(lambda _: found.vented(), 20)
         found.wait(lambda _: any(isinstance(command, Vent) for _, command in found.commands()), 20)
         found.session.stop_recording()

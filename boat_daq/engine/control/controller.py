@@ -304,7 +304,8 @@ class Controller:
         return not self.pressurised and self.last is not None and self.last.state in _AT_REST
 
     def _silence(self, text: str) -> None:
-        if self.pressurised or self.sequencer.state in _RUN:
+        """Trip where a unit is under pressure; report a silence that follows another trip."""
+        if self.interlock.latched is None and (self.pressurised or self.sequencer.state in _RUN):
             self._trip(Trip(MessageKind.SILENT, text, "check the cable; the board vents by itself"))
             return
         self.board.note(MessageKind.SILENT, text, "warning", "check the board and its cable")

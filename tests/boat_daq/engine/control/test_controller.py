@@ -11,7 +11,7 @@ from boat_daq.engine.control.board_commands import ZERO_SAMPLES, BoardCommands
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import RunEnding, SessionState
 from boat_daq.errors import OperatorError
-from protocol.link.events import CommandDone
+from protocol.link.events import CommandDone, CommandLost
 from protocol.link.messages import AckStatus, ClearFault, Heartbeat, SetLimits, SetPressure, Start, Vent
 from protocol.recording import BoardState, RunEnd
 from tests.boat_daq.engine.controller_rig import QUICK, ControllerRig
@@ -117,6 +117,18 @@ def test_a_fault_of_the_board_vents_and_latches(fault: str, text: str) -> None:
     assert vented(rig) and rig.sent_of(Vent)
     with pytest.raises(OperatorError):
         rig.control.set_pressure(10.0)
+
+
+@pytest.mark.fault(12, how="no answer to SET_PRESSURE just before the samples stop", times=1)
+def test_silence_after_a_lost_command_is_reported_too() -> None:
+    """A command given up shortly before the silence is the trip; the operator reads of both."""
+    rig = ControllerRig().running(built_in_plans()["repeatability"])
+    rig.run(1.0)
+    rig.do(lambda: rig.control.events([CommandLost(SetPressure(1000, 1000), 3)], rig.now_ns))
+    rig.board.advance = lambda _: b""
+    rig.run(3.0)
+    assert rig.state is SessionState.FAULT
+    assert [note.kind for note in rig.notes if note.kind in ("no_answer", "silent")] == ["no_answer", "silent"]
 
 
 def test_after_the_e_stop_the_operator_clears_and_runs_again() -> None:

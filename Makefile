@@ -4,6 +4,7 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 # Tests wait for boards in real time for a third of it: three at once keep two cores busy.
 JOBS   ?= 3
+DAILY   = QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -m "not nightly and not benchmark_run"
 OUT    ?= out/demo
 
 # What Qt and the tests need from Debian; the GUI's own libraries first, then the virtual screen and the PDF viewer.
@@ -38,7 +39,8 @@ demo: setup      ## set up, then a whole calibration session on the virtual boar
 
 test: setup-test  ## set up, then linters, types, import directions, documentation and the tests
 	@$(MAKE) --no-print-directory -j 2 check compiled collected docs
-	QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not nightly and not benchmark_run"
+	@$(DAILY) -n $(JOBS) --dist worksteal || { status=$$?; test $$status -eq 1 || exit $$status; \
+	echo "Failed tests once more, with nothing beside them:"; $(DAILY) --last-failed --last-failed-no-failures none; }
 
 check: setup-test
 	$(BIN)/ruff check .

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analysis.conformity import Conformity
-from analysis.errors import RequestError, writing
+from analysis.errors import RequestError
 from analysis.figures.acceptance import judge, worst_conformity
 from analysis.figures.between_runs import RunComparison, UnitComparison, compare_runs
 from analysis.figures.figure import SENSOR_FIGURES
@@ -29,7 +29,7 @@ from analysis.reports import run_section as sections
 from analysis.reports.document import Report, ReportDrawing, ReportTable, Section, cell, date_of
 from analysis.reports.run_section import breaks
 from analysis.reports.shadow import shadow_section
-from analysis.reports.unit import WRITERS, history_of_unit
+from analysis.reports.unit import history_of_unit, write_built
 from analysis.version import program_version
 
 if TYPE_CHECKING:
@@ -62,15 +62,7 @@ def write_report(
     ------
     RequestError : another ending, no run, an unknown limit. FileError : the file cannot be written.
     """
-    path = Path(path)
-    writer = WRITERS.get(path.suffix.lower())
-    if writer is None:
-        raise RequestError(f"{path.name} ends in neither .html nor .pdf", "Choose one of the two.")
-    with writing(path, "Choose another folder."):
-        path.parent.stat()  # a folder that does not exist is reported before the pages are set
-        report = build_report(analyses, limits, shadow)
-        writer(report, path, progress)
-    return report
+    return write_built(partial(build_report, analyses, limits, shadow), Path(path), progress)
 
 
 def build_report(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -51,13 +51,28 @@ def write_unit_report(
     ------
     RequestError : another ending. FileError : the file cannot be written.
     """
-    path = Path(path)
+    return write_built(partial(unit_report, unit, histories, simulated=simulated), Path(path), progress)
+
+
+def write_built(build: Callable[[], Report], path: Path, progress: Progress | None) -> Report:
+    """Write a report in the format of its file's ending, and return it.
+
+    Parameters
+    ----------
+    build : returns the report; it is called only where the ending and the folder are right.
+    path : ends in .html or .pdf.
+    progress : is called with the pages or sections that are set and their number.
+
+    Raises
+    ------
+    RequestError : another ending. FileError : the file cannot be written.
+    """
     writer = WRITERS.get(path.suffix.lower())
     if writer is None:
         raise RequestError(f"{path.name} ends in neither .html nor .pdf", "Choose one of the two.")
     with writing(path, "Choose another folder."):
         path.parent.stat()  # a folder that does not exist is reported before the pages are set
-        report = unit_report(unit, histories, simulated=simulated)
+        report = build()
         writer(report, path, progress)
     return report
 

@@ -9,8 +9,9 @@ import pytest
 
 from analysis import Analysis, AnalysisError, Options, analyse
 from analysis.figures.acceptance import judge
-from analysis.reports.build import WRITERS, build_report, write_report
+from analysis.reports.build import build_report, write_report
 from analysis.reports.document import ReportTable, Section
+from analysis.reports.unit import WRITERS
 from tests.analysis.boat_builder import PAPER, Plant, Staircase, triangle
 
 

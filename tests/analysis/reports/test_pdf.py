@@ -12,9 +12,10 @@ import pytest
 
 from analysis import Analysis
 from analysis import figure_style as style
-from analysis.reports.build import WRITERS, build_report
+from analysis.reports.build import build_report
 from analysis.reports.document import Report, ReportTable, Section
 from analysis.reports.pdf import INNER, render_pages, write_pdf
+from analysis.reports.unit import WRITERS
 from tests.analysis.reports.conftest import MARKUP
 
 

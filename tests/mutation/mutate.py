@@ -1,8 +1,9 @@
 """Mutation testing: small faults in the modules that others rest on, and which of them no test notices.
 
-`make mutation`, or `python -m tests.mutation.mutate MODULE ...`, makes Cosmic Ray's mutants of `MODULES`, tries those
-that have no result yet and writes docs/MUTATION.md. Results are kept in FOLDER, by the source and the tests that they
-are of. Reasons of survivors are in survivors.toml.
+`make mutation`, or `python -m tests.mutation.mutate [MODULE ...] [COUNT]`, makes Cosmic Ray's mutants of `MODULES`,
+tries those that have no result yet, or COUNT of each module drawn at random, always the same ones, and writes
+docs/MUTATION.md. Results are kept in FOLDER, by the source and the tests that they are of. Reasons of survivors are in
+survivors.toml.
 
 Strategy: Cosmic Ray changes the source; its own runner would start Python for every mutant. Here one process imports
 and collects once; each mutant is a fork of it, in which the compiled functions of the mutated source replace those of
@@ -31,6 +32,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -52,11 +54,13 @@ MODULES: dict[str, tuple[str, ...]] = {  # the tests that reach most of a module
         f"{_FIGURES}/test_{name}.py" for name in ("sensor_figures", "sensor_figures_by_hand", "repeatability")
     ),
     "boat_daq/engine/control/interlock.py": (f"{_CONTROL}/test_interlock.py",),
-    "boat_daq/engine/control/sequencer.py": (f"{_CONTROL}/test_sequencer.py",),
+    "boat_daq/engine/control/sequencer.py": tuple(f"{_CONTROL}/test_sequencer{a}.py" for a in ("", "_by_hand")),
     "protocol/link/connection.py": tuple(
         f"{_LINK}/test_connection{aspect}.py" for aspect in ("_pending_commands", "", "_vectors")
     ),
-    "boat_daq/engine/recording/recorder.py": (f"{_RECORDING}/test_recorder.py", f"{_RECORDING}/test_recorder_disk.py"),
+    "boat_daq/engine/recording/recorder.py": tuple(
+        f"{_RECORDING}/test_{name}.py" for name in ("recorder", "recorder_disk", "recorder_names", "resumption")
+    ),
 }
 _COMPARISONS = {  # one relation that moves the border, one that turns it round
     "Lt": ("LtE", "GtE"), "LtE": ("Lt", "Gt"), "Gt": ("GtE", "LtE"), "GtE": ("Gt", "Lt"), "Eq": ("NotEq",),
@@ -96,21 +100,28 @@ class Mutant:
 
 
 def mutants_of(source: str) -> Iterator[Mutant]:
-    """Yield the mutants that Cosmic Ray makes of a module; none that changes an annotation only."""
+    """Yield the mutants that Cosmic Ray makes of a module in random order, always the same one.
+
+    None that changes an annotation only.
+    """
     from cosmic_ray.ast import ast_nodes, get_ast
     from cosmic_ray.plugins import get_operator
 
     tree = get_ast(source)
     kept = pickle.dumps(tree)
     meaning = _meaning(source)
-    for name in OPERATORS:
-        operator = get_operator(name)()
-        for node in ast_nodes(tree):
-            for index, (start, _) in enumerate(operator.mutation_positions(node)):
-                mutated = _mutated(pickle.loads(kept), node, lambda same, i=index: operator.mutate(same, i))  # noqa: B023
-                with suppress(SyntaxError):
-                    if _meaning(mutated) != meaning:
-                        yield Mutant(name.removeprefix("core/"), start[0], mutated)
+    operators = {name: get_operator(name)() for name in OPERATORS}
+    places = [
+        (name, node, index, start[0])
+        for name, operator in operators.items()
+        for node in ast_nodes(tree)
+        for index, (start, _) in enumerate(operator.mutation_positions(node))
+    ]
+    for name, node, index, line in random.Random(0).sample(places, len(places)):
+        mutated = _mutated(pickle.loads(kept), node, lambda same, n=name, i=index: operators[n].mutate(same, i))
+        with suppress(SyntaxError):
+            if _meaning(mutated) != meaning:
+                yield Mutant(name.removeprefix("core/"), line, mutated)
 
 
 def _mutated(copy: Any, node: Any, mutate: Callable[[Any], Any]) -> str:
@@ -281,8 +292,8 @@ def _fixtures(item: Any) -> set[str]:
 class Runner:
     """Pytest plugin that takes the place of the loop over tests: it tries the mutants, each in a fork."""
 
-    def __init__(self, module: str, until_s: float) -> None:
-        self._module, self._until_s = module, until_s
+    def __init__(self, module: str, count: int | None) -> None:
+        self._module, self._count = module, count
         self._path = ROOT / module
         self._stopping = False
 
@@ -296,14 +307,10 @@ class Runner:
         reach: dict[str, tuple[float, set[int]]] = _in_fork(lambda: self._reach(session))
         items = {item.nodeid: item for item in session.items}
         store = Results(self._module, source, session.config.args)
-        mutants = {store.key(mutant): mutant for mutant in mutants_of(source)}
+        mutants = {store.key(mutant): mutant for mutant in islice(mutants_of(source), self._count)}
+        store.whole = self._count is None
         store.found = {key: one for key, one in store.found.items() if key in mutants}
-        store.total = len(mutants)
-        waiting = [mutant for key, mutant in mutants.items() if key not in store.found]
-        random.Random(0).shuffle(waiting)  # what is done when time is over is a sample of all
-        for mutant in waiting:
-            if time.monotonic() > self._until_s:
-                break
+        for mutant in [mutant for key, mutant in mutants.items() if key not in store.found]:
             wanted = lines_of_interest(tree, mutant.line)
             tests = sorted(
                 (seconds, test) for test, (seconds, lines) in reach.items() if wanted is None or wanted & lines
@@ -380,7 +387,7 @@ class Results:
         self._hash = hashlib.sha256(source.encode()).hexdigest()
         content = "".join(Path(ROOT / test).read_text(encoding="utf-8") for test in tests)
         self._state = hashlib.sha256((source + content).encode()).hexdigest()
-        self.total = 0
+        self.whole = False
         kept = self.kept(module)
         found = kept["found"].items() if kept["source"] == self._hash else ()
         # what was killed stays so while the source is the same; new tests try the others again
@@ -389,9 +396,9 @@ class Results:
 
     @staticmethod
     def kept(module: str) -> dict[str, Any]:
-        """Return what is kept of a module: `found`, by mutant, and `total`, of the mutants of `source`."""
+        """Return what is kept of a module: `found`, by mutant, and whether that is the `whole`."""
         path = _results_file(module)
-        nothing = {"source": "", "state": "", "total": 0, "found": {}}
+        nothing = {"source": "", "state": "", "whole": False, "found": {}}
         content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else nothing
         return content
 
@@ -406,21 +413,18 @@ class Results:
             "outcome": outcome, "operator": mutant.operator, "line": mutant.line,
             "before": line, "after": mutant.change,
         }  # fmt: skip
-        if len(self.found) % 20 == 0:
-            self.save()
-        sys.__stderr__.write(
-            f"{len(self.found)}/{self.total} {outcome:8} {mutant.line:4} {line}  ->  {mutant.change}\n"
-        )
+        self.save()
+        sys.__stderr__.write(f"{len(self.found)} {outcome:8} {mutant.line:4} {line}  ->  {mutant.change}\n")
 
     def save(self) -> None:
         """Write the file."""
         FOLDER.mkdir(parents=True, exist_ok=True)
-        content = {"source": self._hash, "state": self._state, "total": self.total, "found": self.found}
+        content = {"source": self._hash, "state": self._state, "whole": self.whole, "found": self.found}
         self._path.write_text(json.dumps(content, indent=1), encoding="utf-8")
 
 
-def main(modules: list[str], seconds: float) -> None:
-    """Try the mutants of modules, one after another, each for at most so many seconds."""
+def main(modules: list[str], count: int | None) -> None:
+    """Try the mutants of modules, one after another; `count` of each, drawn at random, or all."""
     for module in modules:
         pid = os.fork()
         if pid == 0:
@@ -428,7 +432,7 @@ def main(modules: list[str], seconds: float) -> None:
                 os.environ["NUMBA_DISABLE_JIT"] = "1"
             arguments = [*MODULES[module], "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-m", "not nightly",
                          "-s", "--no-header", "-o", "timeout=0"]  # fmt: skip
-            code = pytest.main(arguments, plugins=[Runner(module, time.monotonic() + seconds)])
+            code = pytest.main(arguments, plugins=[Runner(module, count)])
             os._exit(int(code))
         os.waitpid(pid, 0)
     subprocess.run([sys.executable, "-m", "tests.mutation.page"], cwd=ROOT, check=True)
@@ -436,5 +440,5 @@ def main(modules: list[str], seconds: float) -> None:
 
 if __name__ == "__main__":
     chosen = [name for name in sys.argv[1:] if not name.isdigit()]
-    limits = [int(name) for name in sys.argv[1:] if name.isdigit()]
-    main(chosen or list(MODULES), limits[0] if limits else 24 * 3600)
+    counts = [int(name) for name in sys.argv[1:] if name.isdigit()]
+    main(chosen or list(MODULES), counts[0] if counts else None)

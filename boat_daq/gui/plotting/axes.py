@@ -84,6 +84,12 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
             self.label.setPos(self.size().width() + CORNER, 1)
         self._lay_grid()
 
+    @property
+    def covered(self) -> float:
+        """Share of the plot's height under a title in its corner."""
+        height, title = self.size().height(), self.label.boundingRect()
+        return min(0.5, (title.height() + CORNER) / height) if 0 < height < title.width() else 0.0
+
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
         """Return one level of ticks: the multiples of its step in the range, ends included."""
         span = maxVal - minVal
@@ -227,6 +233,12 @@ class LogAxis(TickAxis):
     def __init__(self, orientation: str, text: Callable[[float], str] = power_text) -> None:
         super().__init__(orientation)
         self.format_value = text
+
+    @property
+    def covered(self) -> float:
+        """Share of the plot's height under a title in its corner."""
+        height, title = self.size().height(), self.label.boundingRect()
+        return min(0.5, (title.height() + CORNER) / height) if 0 < height < title.width() else 0.0
 
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
         """Return the one level of ticks, as logarithms."""

@@ -323,7 +323,8 @@ class Plot:
         bands = (layer.low for layer in layers if isinstance(layer, Band))
         y_low, y_high = axis.extremes(*(layer.y for layer in layers), *bands)
         if x_low <= x_high and y_low <= y_high:
-            self._y_shown = axis.framed(y_low, y_high, smallest=smallest)
+            low, high = axis.framed(y_low, y_high, smallest=smallest)
+            self._y_shown = low, high + (high - low) * self.left.covered / (1 - self.left.covered)
             box = self.item.getViewBox()  # both at once: a locked aspect would cut one of them off
             box.setRange(xRange=axis.padded(x_low, x_high, x_margin), yRange=self._y_shown, padding=0)
 

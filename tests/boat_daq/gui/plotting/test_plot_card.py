@@ -8,10 +8,12 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
+from PySide6.QtCore import QPointF
 from PySide6.QtGui import QGuiApplication, QImage
 from PySide6.QtWidgets import QApplication, QToolButton
 
 from boat_daq.engine.plan import StepMark
+from boat_daq.gui import style
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.viewmodels.common.services import Page
@@ -208,3 +210,23 @@ def test_title_and_readout_of_a_card_are_never_cut(qtbot):
         for label in (card.heading, card.readout):
             assert label.width() >= label.sizeHint().width()
     assert beside == [True, False, True]
+
+
+@pytest.mark.parametrize(("height", "in_corner"), [(110, True), (500, False)])
+def test_a_title_in_the_corner_covers_no_point(qtbot, height: int, *, in_corner: bool) -> None:
+    """A plot too low for its title beside the axis is fitted with the points below the title."""
+    card = PlotCard("Sensor 1")
+    qtbot.addWidget(card)
+    plot = card.add("Residual", "mV", x_title="Elongation", x_unit="mm")
+    points = plot.points("Residual", lambda theme: theme.target)
+    card.paint_theme(style.LIGHT)
+    card.resize(300, height)
+    card.show()
+    QApplication.processEvents()
+    points.set(np.arange(4.0), np.array([10.0, -10.0, 9.0, 10.0]))
+    plot.fit()
+    view = plot.item.getViewBox()
+    highest = view.mapViewToScene(QPointF(0.0, 10.0)).y()
+    title = plot.left.label.sceneBoundingRect()
+    assert (plot.left.covered > 0) is in_corner
+    assert not in_corner or highest > title.bottom()

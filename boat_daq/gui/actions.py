@@ -123,6 +123,7 @@ def view(window: MainWindow) -> list[Command]:
         add("Cursor A", "Ctrl+Alt+A", partial(live.plots.place_cursor, "a"), apart=True, also="statistics measure"),
         add("Cursor B", "Ctrl+Alt+B", partial(live.plots.place_cursor, "b"), also="statistics measure"),
         add("Both signals on one axis", "Ctrl+T", live.toggle_together),
+        add("Layout of the plots …", "Ctrl+Shift+L", live.show_layout, also="hide order overlay axis curves xy"),
         add("Overlay the last cycles", "Ctrl+Shift+O", live.toggle_overlay),
         add("Copy the plot", "Ctrl+Shift+C", partial(export_plot, "copy"), apart=True, also="screenshot clipboard"),
         add("Save the plot as PNG …", "Ctrl+S", partial(export_plot, "png"), also="screenshot picture image export"),

@@ -22,6 +22,7 @@ from boat_daq.viewmodels.common.preferences import Precision, Preferences
 from boat_daq.viewmodels.common.services import Page, Panel, Services, UndoHistory
 from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.conversion import UnitInUse
+from boat_daq.viewmodels.live.layout import Layouts
 from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.run_model import CalibrationOffer, ResumeRun, RunModel
@@ -55,7 +56,8 @@ class AppModel:
         self.jobs = JobRunner()
         self.services = Services(self.notices, self.preferences, self.undo, recordings)
         self.connection = ConnectionModel(session, self.preferences, self.units)
-        self.live = LiveModel(lambda: session.ring)
+        self.layouts = Layouts(self.preferences, self.undo, lambda: self.unit.name(self.snapshot))
+        self.live = LiveModel(lambda: session.ring, lambda: self.layouts.current)
         self.overlay = OverlayModel(lambda: session.ring, session.steps, self.live.time_of)
         self.shadow = ShadowLive(self.live, self.jobs)
         self.monitor = ShadowMonitor(lambda: self.shadow.model, self.overlay)

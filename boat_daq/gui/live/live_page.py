@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 from PySide6.QtCore import Qt
@@ -12,18 +13,20 @@ from PySide6.QtWidgets import QBoxLayout, QFrame, QGridLayout, QScrollArea, QTab
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.live.live_plots import LivePlots, OverlayPlots
+from boat_daq.gui.live.layout_panel import LayoutPanel
+from boat_daq.gui.live.live_plots import LivePlots, OverlayPlots, SignalCurves
 from boat_daq.gui.live.photograph_panel import PhotographPanel
 from boat_daq.gui.live.readings_panel import ReadingBar, ReadingsTable
 from boat_daq.gui.live.sequence_panel import PlanForm, SequencePanel
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
-from boat_daq.gui.widgets.layouts import Divided, Leaves
+from boat_daq.gui.widgets.layouts import Divided, Leaves, Shares
 from boat_daq.gui.widgets.panel_guard import PanelGuard
 from boat_daq.viewmodels.common import formatting
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.live.connection import age_text
+from boat_daq.viewmodels.live.layout import Layouts
 from boat_daq.viewmodels.live.live_model import HEADINGS, HEADINGS_SHORT, WINDOWS_S, OverlayModel, Span
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.shadow_live import ShadowLive
@@ -164,11 +167,14 @@ class FirstSteps(QScrollArea):
 class LivePage(QWidget):
     """The live page on a `RunModel`."""
 
-    def __init__(self, run: RunModel, overlay: OverlayModel, shadow: ShadowLive, services: Services) -> None:
+    def __init__(
+        self, run: RunModel, overlay: OverlayModel, layouts: Layouts, shadow: ShadowLive, services: Services
+    ) -> None:
         super().__init__()
-        self.run, self.model, self.services = run, run.live, services
+        self.run, self.model, self.layouts, self.services = run, run.live, layouts, services
         self.guard = PanelGuard(services.notices)
-        self.plots = LivePlots(self.model)
+        self.plots, self.curves = LivePlots(self.model), SignalCurves(self.model)
+        self.plots.borders.changed.connect(self._keep_heights)
         self.figures = self._figures()
         self.spans = widgets.label("", "small")
         self.spans.hide()
@@ -183,11 +189,14 @@ class LivePage(QWidget):
         self.pane = self._pane(shadow)
         self.middle = Leaves()
         self.first_steps, self.overlay = FirstSteps(run, services), OverlayPlots(overlay)
-        for leaf in (self.first_steps, self.plots, self.overlay):
+        self.over_time = Shares("curves", services.preferences, (self.plots, 3.0), (self.curves, 2.0), beside=True)
+        self.curves.hide()
+        for leaf in (self.first_steps, self.over_time, self.overlay):
             self.middle.addWidget(leaf)
         self.overlaid = self.narrow = self.low = False
         self.sensors = BESIDE
         self.photograph = PhotographPanel(self, run, services)
+        self.layout_panel = LayoutPanel(self, layouts, self.model, services)
         self.marker = self._marker()
         self.head = self._head()
         above = widgets.column((self.middle, 1), self.spans, spacing=style.GAP)
@@ -218,7 +227,9 @@ class LivePage(QWidget):
         self.window_choice = widgets.choice("Time shown", windows, self.model.set_window)
         self.freeze = widgets.button("Freeze plot", self.model.toggle_freeze, tip="Recording continues (Space)")
         self.freeze.setCheckable(True)
-        for widget in (widgets.label("Show", "muted"), self.window_choice, self.freeze):
+        tip = "Which plots are shown, and where (Ctrl+Shift+L)"
+        self.arrange = widgets.button("Layout …", self.show_layout, tip=tip)
+        for widget in (widgets.label("Show", "muted"), self.window_choice, self.freeze, self.arrange):
             self.plots.bar.insertWidget(self.plots.bar.count() - 1, widget)
         frame, self.head_card = widgets.card(widgets.row(self.figure_line, None))
         frame.setMinimumWidth(1)  # else figures too large for a new width would push the pane aside
@@ -280,10 +291,9 @@ class LivePage(QWidget):
         return tabs
 
     def remember(self) -> None:
-        """Store zoom, arrangement of the plots and selected tab for the next start."""
+        """Store zoom and selected tab for the next start."""
         seconds, store = self.model.window_s, self.services.preferences.set
         store("window_s", seconds if math.isfinite(seconds) else -1.0)
-        store("together", self.model.together)
         store("pane", self.pane.currentIndex())
 
     def restore(self) -> None:
@@ -291,12 +301,20 @@ class LivePage(QWidget):
         stored = self.services.preferences.get
         seconds = float(stored("window_s", 60.0))
         self.model.set_window(seconds if seconds > 0 else math.inf)
-        self.model.together = bool(stored("together", False))
         self.pane.setCurrentIndex(stored("pane", 0))
 
     def toggle_together(self) -> None:
-        """Show both signals on one axis, or on one each."""
-        self.model.together = not self.model.together
+        """Show all signals on one axis, or on one each."""
+        self.layouts.change(self.layouts.current.toggled_together(self.model.quantities()))
+        self.plots.arrange()
+
+    def show_layout(self) -> None:
+        """Show the panel for the layout of the plots."""
+        self.services.show(Page.LIVE)
+        self.layout_panel.open_fresh()
+
+    def _keep_heights(self) -> None:
+        self.layouts.use(replace(self.layouts.current, heights=self.plots.heights()))
         self.plots.arrange()
 
     def show_plan(self) -> None:
@@ -334,10 +352,12 @@ class LivePage(QWidget):
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show values, run and readings; called a few times a second."""
         self.guard.show(self.head, "The values", partial(self._show_values, snapshot))
-        with_data = self.overlay if self.overlaid else self.plots
+        with_data = self.overlay if self.overlaid else self.over_time
         self.middle.setCurrentWidget(with_data if self.model.has_data() else self.first_steps)
         if self.overlay.isVisible():
             self.guard.show(self.overlay, "The overlay", self.overlay.draw)
+        self._show_curves()
+        self.guard.show(self.layout_panel, "The layout", self.layout_panel.refresh)
         self.freeze.setChecked(not self.model.following)
         shown_s = self.model.window_s
         self.window_choice.setCurrentIndex(WINDOWS_S.index(shown_s) if shown_s in WINDOWS_S else -1)
@@ -348,6 +368,13 @@ class LivePage(QWidget):
         for tab, name in ((self.shadow, "The shadow"), (self.plan, "The plan"), (self.table, "The readings")):
             if tab is self.pane.currentWidget():
                 self.guard.show(tab, name, partial(tab.refresh, snapshot))
+
+    def _show_curves(self) -> None:
+        """Show the curves of the signals where the layout has them; alone where no plot over time is shown."""
+        self.curves.setVisible(bool(self.layouts.current.against))
+        self.plots.setVisible(bool(self.model.plots()) or self.curves.isHidden())
+        if self.curves.isVisible():
+            self.guard.show(self.curves, "The curves", self.curves.draw)
 
     def _show_values(self, snapshot: SessionSnapshot) -> None:
         """Show the values, those of data that have ended grey with their age."""
@@ -407,6 +434,9 @@ class LivePage(QWidget):
         width = self.window().width()
         self.narrow = width < style.NARROW_BELOW
         low = self.low = self.window().height() < style.LOW_BELOW
+        self.arrange.setVisible(not self.narrow)
+        way = QBoxLayout.Direction
+        self.over_time.setDirection(way.TopToBottom if self.narrow else way.LeftToRight)
         margin = style.STEP if low else style.PAGE_MARGIN
         self.page.setContentsMargins(margin, margin, margin, margin)
         space = style.STEP if low else style.GAP

@@ -17,14 +17,26 @@ from PySide6.QtGui import QResizeEvent
 
 from analysis.arrays import FloatArray
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import Curve, Plot, sensor_colour
+from boat_daq.gui.plotting.plot import Curve, Layer, Plot, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.formatting import clock, number
+from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.viewmodels.live.axis import SteadyRange, extremes
+from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Axes, title, titles, unit
 from boat_daq.viewmodels.live.live_model import CYCLES_KEPT, LiveModel, OverlayModel, PlotFrame, sensor_names
 
 MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
 WHOLE_S = 0.1  # a change that no sample tells of, such as another calibration, is seen after so long
+
+
+def value_text(quantity: str, values: Mapping[str, float]) -> str:
+    """Return a value at the mouse with its unit; elongation with its band."""
+    if quantity == ELONGATION:
+        known = math.isfinite(values[ELONGATION])
+        band = f" \u00b1{number(values['expanded_mm'], 2)}" if known else ""
+        return f"{number(values[ELONGATION], 2, sign=True)}{band} mm"
+    return f"{number(values[quantity], 1, sign=quantity == PRESSURE)} {unit(quantity)}"
 
 
 def shortened(note: str) -> str:
@@ -33,15 +45,19 @@ def shortened(note: str) -> str:
 
 
 class LivePlots(PlotCard):
-    """Plots over one time axis: a signal each (or all in the first), elongation, pressure; values at the mouse."""
+    """Plots over one time axis, by the layout of the view model; values at the mouse.
+
+    Each quantity has a plot. Where it shares that of another one, its layers are drawn there.
+    """
 
     def __init__(self, model: LiveModel) -> None:
         super().__init__("Live signals", show_title=False)
         self.model = model
         self.last: PlotFrame | None = None  # drawn whole
         self._whole_until_s = -math.inf  # of `monotonic`: after it the picture is drawn whole again, moved or not
-        self.signals: list[Plot] = []  # by sensor, as many as any board so far had
-        self.curves: list[tuple[Curve, Curve]] = []  # by sensor: in the plot of its own, in the first plot
+        self.own: dict[str, Plot] = {}  # by quantity, as many as any board so far had
+        self.layers: dict[str, list[Layer]] = {}  # of a quantity, in whichever plot
+        self.curves: dict[str, Curve] = {}
         self._cursors: dict[str, list[tuple[Plot, Any]]] = {"a": [], "b": []}
         self._markers: list[tuple[Plot, Any]] = []
         self._hairs: dict[Plot, Any] = {}  # lines at the mouse
@@ -49,20 +65,22 @@ class LivePlots(PlotCard):
         self._age = ""
         for sensor in (1, 2):
             self._add_signal(sensor)
-        self.length = self.add("Elongation", "mm", time=True)
-        self.pressure = self.add("Pressure", "kPa", x_title="Time", x_unit="s", time=True)
-        for plot in (self.length, self.pressure):
-            self._link(plot)
+        self.length = self._own(ELONGATION)
+        self.pressure = self._own(PRESSURE, x_title="Time", x_unit="s")
         self.band = self.length.band("Band, k = 2", lambda t: t.elongation)
         self.read = self.length.points("Readings", lambda t: t.text, filled=False)
-        self.mm = self.length.curve("Elongation", lambda t: t.elongation, gaps=True)
-        self.kpa = self.pressure.curve("Pressure", lambda t: t.pressure, gaps=True)
+        self.curves[ELONGATION] = self.length.curve("Elongation", lambda t: t.elongation, gaps=True)
+        self.curves[PRESSURE] = self.pressure.curve("Pressure", lambda t: t.pressure, gaps=True)
         self.target = self.pressure.curve("Target", lambda t: t.target, gaps=True, pen_style=Qt.PenStyle.DashLine)
         self.limits = self.pressure.curve("Limits", lambda t: t.fault, gaps=True, pen_style=Qt.PenStyle.DotLine)
+        for quantity, plot in ((ELONGATION, self.length), (PRESSURE, self.pressure)):
+            self.layers[quantity] = list(plot.layers)
         self.limits_kpa: list[float] = []
         self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)  # the live page never scrolls
         self.rows: list[Plot] = []
-        self._arranged = (False, 0)  # whether all signals are in the first plot, number of sensors
+        self._heights: Mapping[str, int] = {}  # as the layout has them
+        self._shown: tuple[Axes, ...] = ()  # of the rows
+        self._layout: tuple[Axes, ...] = ()  # of all plots, also of those for which the window is too low
         self.first_row = widgets.choice("First plot shown", (), lambda _: self.arrange())
         self.bar.insertWidget(0, self.first_row)
         self.arrange()
@@ -71,58 +89,83 @@ class LivePlots(PlotCard):
 
     @property
     def first(self) -> Plot:
-        """The plot of sensor 1, or of all sensors together."""
-        return self.signals[0]
+        """The plot at the top."""
+        return self.rows[0]
 
-    def _add_signal(self, sensor: int) -> None:
-        """Add the plot of a sensor."""
-        plot, name = self.add(f"Sensor {sensor}", "mV", time=True), f"Sensor {sensor}"
-        self.signals.append(plot)
-        own = together = plot.curve(name, sensor_colour(sensor), gaps=True)
-        if plot is not self.first:
-            together = self.first.curve(name, sensor_colour(sensor), gaps=True)
-        self.curves.append((own, together))
-        self._link(plot)
-
-    def _link(self, plot: Plot) -> None:
-        """Link a plot's time to the first one's, and let the mouse move it along time only."""
+    def _own(self, quantity: str, *, x_title: str = "", x_unit: str = "") -> Plot:
+        """Add the plot of a quantity; its time is linked, and the mouse moves it along time only."""
+        plot = self.add(title(quantity), unit(quantity), x_title=x_title, x_unit=x_unit, time=True)
         box = plot.item.getViewBox()
         box.setMouseEnabled(x=True, y=False)
         box.sigRangeChangedManually.connect(self._moved)  # no lambda: it would keep all this alive
-        if plot is not self.first:
-            plot.item.setXLink(self.first.item)
+        if self.own:
+            plot.item.setXLink(next(iter(self.own.values())).item)
+        self.own[quantity] = plot
+        return plot
+
+    def _add_signal(self, sensor: int) -> None:
+        """Add the plot of a sensor."""
+        quantity = f"s{sensor}_mv"
+        curve = self._own(quantity).curve(f"Sensor {sensor}", sensor_colour(sensor), gaps=True)
+        self.curves[quantity], self.layers[quantity] = curve, [curve]
+
+    def keep_heights(self, preferences: Preferences) -> None:
+        """Leave the heights to the layout, which keeps them for each unit."""
 
     def arrange(self) -> None:
-        """Show the rows that have something to show."""
-        both, sensors = self.model.together, self.model.sensors() or 2
-        for sensor in range(len(self.signals) + 1, sensors + 1):
-            self._add_signal(sensor)
-            self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
-        rows = [*(self.signals[:1] if both else self.signals[:sensors]), self.pressure]
-        if self.model.inverse is not None:
-            rows.insert(-1, self.length)
-        numbers = ", ".join(str(n) for n in range(1, sensors + 1))
-        self.first.set_title(f"Sensors {numbers}" if both and sensors > 1 else "Sensor 1", "mV")
-        rows = self._fitting(rows)
-        if rows == self.rows and (both, sensors) == self._arranged:
+        """Show the plots of the layout, those for which the window is high enough."""
+        for sensor in range(3, self.model.sensors() + 1):
+            if f"s{sensor}_mv" not in self.own:
+                self._add_signal(sensor)
+                self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
+        layout = self.model.plots()
+        rows = self._fitting(layout)
+        heights = self.model.layout().heights
+        if heights != self._heights:
+            self._heights, places = heights, list(self.own)
+            self.borders.shares = {places.index(name): share for name, share in heights.items() if name in places}
+            self.borders.apply()
+        if rows == self._shown and layout == self._layout:
             return
-        self.rows, self._arranged, self._whole_until_s = rows, (both, sensors), -math.inf
-        for i, (_, together) in enumerate(self.curves[1:], 2):
-            together.show(both and i <= sensors)
-        self.show_only(rows)
+        above = self.rows[0] if self.rows else None
+        self.rows, self._shown, self._layout = [self.own[row.left[0]] for row in rows], rows, layout
+        self._whole_until_s = -math.inf
+        if self.rows and self.rows[0] is not above:
+            self._take_markers_away()
+        for plot in self.own.values():
+            plot.hold([])
+        for plot, row in zip(self.rows, rows, strict=True):
+            self._fill(plot, row, style.AXIS_WIDTH if any(each.right for each in rows) else 0)
+        self.show_empty("" if rows else "Every plot over time is hidden by the layout.")
+        self.show_only(self.rows)
         self.paint_theme(self.theme)
 
-    def _fitting(self, rows: list[Plot]) -> list[Plot]:
+    def _fill(self, plot: Plot, row: Axes, right_px: int) -> None:
+        """Draw the quantities of a row in its plot."""
+        left, right = ([layer for name in names for layer in self.layers[name]] for names in (row.left, row.right))
+        plot.hold(left, right)
+        plot.set_title(titles(row.left), unit(row.left[0]))
+        plot.set_right(titles(row.right), unit(row.right[0]) if row.right else "", right_px)
+        for which, cursors in self._cursors.items():
+            for each, line in cursors:
+                line.label.setFormat(which.upper() if each is self.first else " ")
+
+    def heights(self) -> dict[str, int]:
+        """Return the shares of the height that the operator gave the plots, by their first quantity."""
+        names = list(self.own)
+        return {names[at]: share for at, share in self.borders.shares.items()}
+
+    def _fitting(self, layout: tuple[Axes, ...]) -> tuple[Axes, ...]:
         """Return the rows from the chosen one on that are high enough to be read; the choice is hidden if all are."""
-        names = [plot.title for plot in rows]
+        names = [titles(row.all) for row in layout]
         if names != [self.first_row.itemText(i) for i in range(self.first_row.count())]:
             self.first_row.clear()
             self.first_row.addItems(names)
         least = style.ROW_LOW if self.window().height() < style.LOW_BELOW else style.ROW_LEAST
         fit = max(1, int(self.view.height() - style.AXIS_HEIGHT) // least)
-        self.first_row.setVisible(fit < len(rows))
-        first = min(self.first_row.currentIndex(), len(rows) - fit) if fit < len(rows) else 0
-        return rows[first : first + fit]
+        self.first_row.setVisible(fit < len(layout))
+        first = min(self.first_row.currentIndex(), len(layout) - fit) if fit < len(layout) else 0
+        return layout[first : first + fit]
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Show as many rows as the new height can show."""
@@ -162,21 +205,22 @@ class LivePlots(PlotCard):
         self._ranges(frame)
 
     def _lines(self, frame: PlotFrame) -> list[tuple[Curve, FloatArray]]:
-        """Return what each curve shows of a frame."""
-        columns, names = frame.columns, sensor_names(frame.columns)
-        lines = [(self.kpa, columns["pressure_kpa"]), (self.target, columns["target_kpa"])]
-        for i, (name, (own, together)) in enumerate(zip(names, self.curves, strict=False)):
-            lines.append((together if i and self.model.together else own, columns[name]))
-        if frame.elongation is not None:
-            lines.append((self.mm, frame.elongation.mm))
+        """Return what each curve shows of a frame, those of hidden quantities aside."""
+        columns, shown = frame.columns, [name for row in self._shown for name in row.all]
+        lines = [(self.curves[name], columns[name]) for name in shown if name in columns]
+        if PRESSURE in shown:
+            lines.append((self.target, columns["target_kpa"]))
+        if ELONGATION in shown and frame.elongation is not None:
+            lines.append((self.curves[ELONGATION], frame.elongation.mm))
         return lines
 
     def _ranges(self, frame: PlotFrame) -> None:
         ranges = self.model.ranges(frame, monotonic())
-        plots = dict(zip(sensor_names(frame.columns), self.signals, strict=False))
-        for name, plot in (plots | {"pressure_kpa": self.pressure, "elongation_mm": self.length}).items():
-            if name in ranges:
-                plot.y_range(*ranges[name])
+        for plot, row in zip(self.rows, self._shown, strict=True):
+            if row.left[0] in ranges:
+                plot.y_range(*ranges[row.left[0]])
+            if row.right and row.right[0] in ranges:
+                plot.right_range(*ranges[row.right[0]])
 
     def show_limits(self, low_kpa: float | None, high_kpa: float | None) -> None:
         """Draw the pressure limits in force from the next whole frame on."""
@@ -190,7 +234,7 @@ class LivePlots(PlotCard):
     def show_age(self, age: str) -> None:
         """Draw the curves faint, with the age of their last data; fully where it is empty and data arrive."""
         if bool(age) is not bool(self._age):
-            for layer in (layer for plot in self.plots for layer in plot.layers):
+            for layer in (layer for layers in self.layers.values() for layer in layers):
                 layer.item.setOpacity(style.STALE_OPACITY if age else 1.0)
         self._age = age
         widgets.set_text(self.heading, f"Last data {age}" if age else "")
@@ -221,14 +265,8 @@ class LivePlots(PlotCard):
         """Return what each plot shows of the values at the mouse; the lowest one their time, too."""
         if not values:
             return {}
-        mv = [number(values[name], 1) for name in sensor_names(values)]
-        groups = [mv] if self.model.together else [[text] for text in mv]
-        texts = {plot: f"{', '.join(group)} mV" for plot, group in zip(self.signals, groups, strict=False)}
-        if "elongation_mm" in values:
-            known = math.isfinite(values["elongation_mm"])
-            band = f" \u00b1{number(values['expanded_mm'], 2)}" if known else ""
-            texts[self.length] = f"{number(values['elongation_mm'], 2, sign=True)}{band} mm"
-        texts[self.pressure] = f"{number(values['pressure_kpa'], 1, sign=True)} kPa"
+        shown = zip(self.rows, self._shown, strict=True)
+        texts = {plot: ", ".join(value_text(name, values) for name in row.all if name in values) for plot, row in shown}
         lowest = self.rows[-1]
         texts[lowest] = f"{texts[lowest]}   {clock(values['time_s'])}"
         return texts
@@ -241,7 +279,9 @@ class LivePlots(PlotCard):
         return super().eventFilter(watched, event)
 
     def _moved(self, *_: object) -> None:
-        low, high = self.first.item.getViewBox().viewRange()[0]
+        ranges = [tuple(plot.item.getViewBox().viewRange()[0]) for plot in self.rows]
+        drawn = (self.last.low_s, self.last.high_s) if self.last is not None else None
+        low, high = next((shown for shown in ranges if shown != drawn), ranges[0])  # that which the mouse has moved
         self.model.frozen_s = (low, high)
 
     def place_cursor(self, which: str) -> None:
@@ -254,7 +294,7 @@ class LivePlots(PlotCard):
             return
         at = self.model.cursors_s[which] = self.model.place(which)
         for plot in self.plots:
-            name, solid = which.upper() if plot is self.first else "", Qt.PenStyle.SolidLine
+            name, solid = which.upper() if plot in self.rows[:1] else " ", Qt.PenStyle.SolidLine
             line = plot.line(lambda t: t.text, at=at, vertical=True, movable=True, style_=solid, label=name)
             line.setHoverPen(style.colour(self.theme.accent))
             line.sigDragged.connect(lambda moved, which=which: self._drag(which, moved.value()))
@@ -268,12 +308,66 @@ class LivePlots(PlotCard):
 
     def show_markers(self) -> None:
         """Draw the markers that are new."""
-        for time_s, note in self.model.markers[len(self._markers) :]:
+        for time_s, note in self.model.markers[len(self._markers) :] if self.rows else ():
             label, dots = shortened(note) or "\u25be", Qt.PenStyle.DotLine
             line = self.first.line(lambda t: t.muted, at=time_s, vertical=True, style_=dots, label=label)
             line.label.setToolTip(note)
             self._markers.append((self.first, line))
             self.paint_theme(self.theme)
+
+    def _take_markers_away(self) -> None:
+        """Remove the markers from the plot that is no longer at the top; `show_markers` draws them in the new one."""
+        for plot, line in self._markers:
+            plot.remove_line(line)
+        self._markers = []
+
+
+class SignalCurves(PlotCard):
+    """The signals against pressure or elongation, beside the plots over time: over the same span, a plot for each."""
+
+    def __init__(self, model: LiveModel) -> None:
+        super().__init__("Signals against pressure and elongation", show_title=False)
+        self.model = model
+        self.sets: dict[tuple[str, Axes], tuple[Plot, dict[str, Curve]]] = {}  # by x and quantities
+        self._ranges: dict[tuple[str, str], SteadyRange] = {}
+        self._shown: list[Plot] = []
+
+    def _plot(self, against: str, axes: Axes) -> tuple[Plot, dict[str, Curve]]:
+        """Return the plot of some signals against a quantity; make it where it is shown for the first time."""
+        if (against, axes) not in self.sets:
+            plot = self.add(titles(axes.all), "mV", x_title=title(against), x_unit=unit(against))
+            plot.item.setMouseEnabled(False, False)
+            curves = {name: plot.curve(title(name), sensor_colour(int(name[1:-3])), gaps=True) for name in axes.all}
+            self.sets[against, axes] = plot, curves
+        return self.sets[against, axes]
+
+    def draw(self) -> None:
+        """Draw the span of the plots over time."""
+        layout, columns = self.model.layout(), self.model.curve_columns()
+        wanted = [(x, axes) for x in layout.against for axes in self.model.signal_plots()]
+        missing = "" if columns or not wanted else "The curves are drawn here once samples arrive."
+        if wanted and columns and not any(x in columns for x, _ in wanted):
+            missing = "Elongation is known once a calibration is accepted."
+        self.show_empty(missing)
+        sets = [(x, *self._plot(x, axes)) for x, axes in wanted if x in columns]
+        shown = [plot for _, plot, _ in sets]
+        if shown and shown != self._shown:
+            self._shown = shown
+            self.show_only(shown)
+            for x, plot, _ in sets:
+                plot.label_x(title(x), unit(x))
+            self.view.setMinimumSize(1, style.LIVE_PLOTS_MINIMUM)
+            self.paint_theme(self.theme)
+        for x, plot, curves in sets:
+            for name, curve in curves.items():
+                curve.set(columns[x], columns[name])
+            plot.x_range(*self._steady(x, "", columns[x]))
+            plot.y_range(*self._steady(x, plot.title, *(columns[name] for name in curves)))
+
+    def _steady(self, x: str, of: str, *values: FloatArray) -> tuple[float, float]:
+        """Return the range of an axis: constant while the data stay inside."""
+        found = self._ranges.setdefault((x, of), SteadyRange(smallest=1.0))
+        return found.update(*extremes(*values), monotonic())
 
 
 class OverlayPlots(PlotCard):

@@ -34,7 +34,7 @@ FEW_DECADES = 1.6  # over fewer, the 2 and the 5 between are labelled too
 
 
 class TickAxis(pg.AxisItem):  # type: ignore[misc]
-    """A left or lower axis; the lower one shows numbers, whole numbers, or a time."""
+    """A left, right or lower axis; the lower one shows numbers, whole numbers, or a time."""
 
     _around: tuple[object, QRectF] | None = None
     _grid: QGraphicsPathItem | None = None
@@ -74,14 +74,15 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
 
     def resizeEvent(self, ev: Any = None) -> None:
         """Place the title beside the axis, or in the corner of the plot where the axis is shorter: it is never cut."""
-        upright = self.orientation == "left" and self.label is not None
+        upright = self.orientation != "bottom" and self.label is not None
         along = self.label.boundingRect() if upright else QRectF()
         fits = along.width() <= self.size().height()
         if upright:
             self.label.setRotation(-90 if fits else 0)
         super().resizeEvent(ev)
         if not fits:
-            self.label.setPos(self.size().width() + CORNER, 1)
+            left = self.orientation == "left"
+            self.label.setPos(self.size().width() + CORNER if left else -along.width() - CORNER, 1)
         self._lay_grid()
 
     @property
@@ -179,7 +180,7 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
     def _ticks(self) -> tuple[float, list[float], list[float]]:
         """Return the step, the ticks' values, and how far along the axis each is, in pixels."""
         area, (low, high) = self._area(), self.range
-        length = area.height() if self.orientation == "left" else area.width()
+        length = area.width() if self.orientation == "bottom" else area.height()
         if length <= 0 or high <= low:
             return 1.0, [], []
         ((step, values),) = self.tickValues(low, high, length)
@@ -189,7 +190,9 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         painter.setPen(self._line)
         if self.orientation == "left":
             painter.drawLine(QLineF(area.right() - 1, area.top() - 1, area.right() - 1, area.bottom() + 1))
-        else:
+        elif self.orientation == "right" and self._title:  # without a title it only takes the width of the others
+            painter.drawLine(QLineF(area.left() + 1, area.top() - 1, area.left() + 1, area.bottom() + 1))
+        elif self.orientation == "bottom":
             painter.drawLine(QLineF(area.left() - 1, area.top() + 1, area.right() + 1, area.top() + 1))
 
     def _label(self, text: str) -> QStaticText:
@@ -211,8 +214,9 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         for place, text in zip(places, words, strict=True):
             label = self._label(text)
             width, height = label.size().width(), label.size().height()
-            if self.orientation == "left":
-                x, y, margin = area.right() - across - width, area.bottom() - place - height / 2, OVER * height
+            if self.orientation != "bottom":
+                x = area.right() - across - width if self.orientation == "left" else area.left() + across
+                y, margin = area.bottom() - place - height / 2, OVER * height
                 inside = around.top() <= y + margin and y + height - margin <= around.bottom()
             else:
                 x, y = area.left() + place - width / 2, area.top() + along

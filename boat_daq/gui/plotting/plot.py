@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QBrush, QColor, QPainterPath, QPen
+from PySide6.QtGui import QBrush, QColor, QPainterPath, QPen, QTransform
 from PySide6.QtWidgets import QGraphicsItem, QGraphicsPathItem
 
 from analysis.arrays import FloatArray
@@ -211,6 +211,10 @@ class Plot:
         self._theme: Theme | None = None
         self._lines: list[tuple[Any, ThemeColour, Qt.PenStyle]] = []
         self._labels: list[PointLabels] = []
+        self.right: TickAxis | None = None  # made where it is first needed
+        self._right_shown = ("", "")  # title and unit beside it
+        self._on_right: list[Layer] = []
+        self._right_range = (0.0, 1.0)
         item.hideButtons()
         item.setMenuEnabled(False)
         box = item.getViewBox()
@@ -292,6 +296,52 @@ class Plot:
         self.item.addItem(layer.item, ignoreBounds=True)
         return layer
 
+    def hold(self, own: Sequence[Layer], on_right: Sequence[Layer] = ()) -> None:
+        """Show these layers and no others, some by the right axis; they may have been in another plot."""
+        wanted = [*own, *on_right]
+        for layer in self.layers:
+            if layer not in wanted:
+                self.item.removeItem(layer.item)
+        for layer in wanted:
+            if layer not in self.layers:
+                self.item.addItem(layer.item, ignoreBounds=True)
+            layer.item.resetTransform()
+        self.layers, self._on_right = wanted, list(on_right)
+        self._place_right()
+
+    def set_right(self, title: str, unit: str, width: int) -> None:
+        """Set what the right axis measures; without a title it only takes `width` pixels, as those above and below."""
+        if self.right is None and not width:
+            return
+        if self.right is None:
+            self.right = TickAxis("right")
+            self.item.setAxisItems({"right": self.right})
+            self.right.unlinkFromView()  # its range is set here
+            self.right.setZValue(-999)
+        self._right_shown = (title, unit)
+        self.right.setVisible(bool(width))
+        self.right.setWidth(width)
+        self.right.setStyle(showValues=bool(title))
+        if self._theme is not None:
+            self.right.set_theme(self._theme)
+            self.right.set_title(title, unit)
+
+    def right_range(self, low: float, high: float) -> None:
+        """Show [low, high] on the right axis."""
+        if high > low and (low, high) != self._right_range:
+            self._right_range = (low, high)
+            self._place_right()
+
+    def _place_right(self) -> None:
+        """Draw what belongs to the right axis at its heights: scaled to the left one, by which Qt paints."""
+        if self.right is None or not self._on_right:
+            return
+        (low, high), (left_low, left_high) = self._right_range, self.item.getViewBox().viewRange()[1]
+        scale = (left_high - left_low) / (high - low)
+        for layer in self._on_right:
+            layer.item.setTransform(QTransform(1, 0, 0, scale, 0, left_low - scale * low))
+        self.right.setRange(low, high)
+
     def set_title(self, title: str, unit: str) -> None:
         """Set what the vertical axis measures."""
         if (title, unit) != (self.title, self.unit):
@@ -315,6 +365,7 @@ class Plot:
         if high > low and (low, high) != self._y_shown:
             self._y_shown = (low, high)
             self.item.getViewBox().setYRange(low, high, padding=0)
+            self._place_right()
 
     def fit(self, *, x_margin: float = 0.04, smallest: float = 0.0) -> None:
         """Show all that is drawn, at least `smallest` high; for pages that change on request, not in a frame."""
@@ -347,8 +398,9 @@ class Plot:
     def paint(self, theme: Theme) -> None:
         """Use the colours of `theme`."""
         self._theme = theme
-        for ruler in (self.left, self.bottom):
-            ruler.set_theme(theme)
+        for ruler in (self.left, self.bottom, self.right):
+            if ruler is not None:
+                ruler.set_theme(theme)
         self._write_titles()
         for layer in self.layers:
             layer.paint(theme)
@@ -370,6 +422,8 @@ class Plot:
     def _write_titles(self) -> None:
         self.left.set_title(self.title, self.unit)
         self.bottom.set_title(*self._x_shown)
+        if self.right is not None:
+            self.right.set_title(*self._right_shown)
 
 
 def make_item(*, time: bool = False, whole: bool = False) -> Any:

@@ -20,6 +20,7 @@ from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.viewmodels.common.formatting import NOTHING, number
 from boat_daq.viewmodels.live.axis import SteadyRange, extremes
+from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Axes, Layout, is_signal
 
 Columns = Mapping[str, FloatArray]
 
@@ -30,6 +31,7 @@ PIXELS_A_FRAME = 0.6  # a smaller motion need not be drawn
 FASTEST_MS, CALM_MS, REST_MS = 16, 40, 250
 FRAMES_SHARE = 0.2  # of a core, that frames may take: where each costs more, fewer are drawn
 CYCLES_KEPT, CYCLE_POINTS = 5, 1200  # of the overlay
+CURVE_POINTS = 2000  # of a signal against pressure, at most
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,12 +150,13 @@ class LiveModel:
     Parameters
     ----------
     ring : returns the current ring; None before the first connection.
+    layout : returns the layout of the plots.
     """
 
     ring: Callable[[], RingBuffer | None]
+    layout: Callable[[], Layout] = Layout
     inverse: Inverse | None = None
     window_s: float = 60.0
-    together: bool = False  # both signals on one axis
     points_a_column: int = 16  # read for each column of pixels, of which two are painted; set by the fidelity
     cursors_s: dict[str, float] = field(default_factory=dict)  # "a", "b"
     markers: list[tuple[float, str]] = field(default_factory=list)  # notes at instants of the ring's time
@@ -173,6 +176,35 @@ class LiveModel:
         """Return the number of sensors of the board; 0 before its first sample."""
         ring = self.ring()
         return len(sensor_names(ring.names)) if ring is not None else 0
+
+    def quantities(self) -> list[str]:
+        """Return what the plots can show; the signals of two sensors before the first sample."""
+        names = [f"s{n}_mv" for n in range(1, (self.sensors() or 2) + 1)]
+        return [*names, *([ELONGATION] if self.inverse is not None else []), PRESSURE]
+
+    def plots(self) -> tuple[Axes, ...]:
+        """Return what each plot shows, from the top."""
+        return self.layout().plots(self.quantities())
+
+    def signal_plots(self) -> tuple[Axes, ...]:
+        """Return the signals that share a plot, for the plots of their curves: all where no plot shows one."""
+        left = (tuple(name for name in plot.all if is_signal(name)) for plot in self.plots())
+        together = [Axes(names) for names in left if names]
+        return tuple(together) or (Axes(tuple(name for name in self.quantities() if is_signal(name))),)
+
+    def curve_columns(self) -> dict[str, FloatArray]:
+        """Return signals, pressure and elongation over the span shown, each point the middle of a short stretch."""
+        ring = self.ring()
+        if ring is None or not self.has_data():
+            return {}
+        points = ring.draw(*self.span_s(), max_points=2 * CURVE_POINTS)
+        pairs = points["time_s"].size // 2
+        # minima and maxima take turns: their mean belongs to the stretch, the two of one column do not
+        columns = {name: 0.5 * (v[: 2 * pairs : 2] + v[1 : 2 * pairs : 2]) for name, v in points.items()}
+        columns = dict(with_holes(columns)) if pairs else {}
+        if columns and self.inverse is not None:
+            columns[ELONGATION] = self.inverse(signals(columns)).mm
+        return columns
 
     def now_s(self) -> float:
         """Return the ring's time of the newest sample, s; NaN without one."""
@@ -279,15 +311,18 @@ class LiveModel:
         return {name: self._ranges[name].update(low, high, now_s) for name, (low, high) in wanted.items()}
 
     def _extremes(self, frame: PlotFrame) -> dict[str, tuple[float, float]]:
-        """Return the least and greatest value of each column that has a vertical range."""
+        """Return the least and greatest value of each quantity that is shown; of all, where they share an axis."""
         columns = frame.columns
-        found = {name: extremes(columns[name]) for name in sensor_names(columns)}
-        found["pressure_kpa"] = extremes(columns["pressure_kpa"], columns["target_kpa"])
-        if frame.elongation is not None:
-            found["elongation_mm"] = extremes(frame.elongation.mm)
-        if self.together:
-            both = extremes(*(columns[name] for name in sensor_names(columns)))
-            found |= dict.fromkeys(sensor_names(columns), both)
+        found: dict[str, tuple[float, float]] = {}
+        for plot in self.plots():
+            for names in (plot.left, plot.right):
+                shown = [columns[name] for name in names if name in columns]
+                if PRESSURE in names:
+                    shown.append(columns["target_kpa"])
+                if ELONGATION in names and frame.elongation is not None:
+                    shown.append(frame.elongation.mm)
+                if shown:
+                    found |= dict.fromkeys(names, extremes(*shown))
         return found
 
     def means(self) -> dict[str, float]:

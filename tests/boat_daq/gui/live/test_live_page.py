@@ -76,7 +76,7 @@ def test_first_sample_replaces_the_first_steps(live):
     live.refresh()
     live.draw()
     assert live.live.plots.isVisible()
-    assert live.live.plots.curves[0][0].x[-1] == pytest.approx(299.99)
+    assert live.live.plots.curves["s1_mv"].x[-1] == pytest.approx(299.99)
 
 
 def test_checked_button_shows_its_whole_text(live):
@@ -138,7 +138,7 @@ def test_values_and_curves_of_a_lost_board_are_grey_with_their_age(live):
         live.refresh()
         values = [page.figures[name].value for name in ("s1", "s2", "kpa", "target")]
         assert "\u2013" not in {value.text() for value in values}
-        opacity = {own.item.opacity() for own, _ in page.plots.curves} | {page.plots.kpa.item.opacity()}
+        opacity = {curve.item.opacity() for curve in page.plots.curves.values()}
         spoken = values[0].accessibleName().endswith("1:15 ago")
         seen.append(({v.property("state") or "" for v in values}, opacity, page.plots.heading.text(), spoken))
     fresh = ({""}, {1.0}, "", False)

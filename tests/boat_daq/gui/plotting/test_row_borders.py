@@ -41,10 +41,11 @@ def test_dragged_heights_are_kept(live):
     assert abs(before[1] - second - 40) < 6
     assert abs(third - before[2]) < 6
     assert live.live.model.following is following  # nothing was panned
-    kept = live.model.preferences.get(f"heights {card.title}")
+    kept = live.live.layouts.current
     drag(card, 1000)  # no plot becomes lower than a row can be
     assert heights(card)[1] >= style.ROW_LEAST - 4
-    card.borders.take(kept)
+    live.live.layouts.use(kept)
+    card.arrange()
     assert abs(heights(card)[0] - first) < 2
     border = QPoint(card.view.width() // 2, round(card.rows[0].item.sceneBoundingRect().bottom()) + 1)
     QTest.mouseDClick(card.view.viewport(), LEFT, pos=border)

@@ -76,11 +76,11 @@ def test_board_with_one_to_four_sensors_is_shown(make, sensors):
     assert [figure.value.text() != "\u2013" for figure in shown] == [True] * sensors
     assert max(value.geometry().right() for value in page.figures.values() if value.isVisible()) <= page.head.width()
     assert [plot.title for plot in page.plots.rows] == [*(f"Sensor {n}" for n in numbers[:sensors]), "Pressure"]
-    assert [own.x.size > 100 for own, _ in page.plots.curves][:sensors] == [True] * sensors
+    assert [page.plots.curves[f"s{n}_mv"].x.size > 100 for n in numbers[:sensors]] == [True] * sensors
     page.toggle_together()
     window.draw()
     assert [plot.unit for plot in page.plots.rows] == ["mV", "kPa"]
-    assert [with_first.x.size > 100 for _, with_first in page.plots.curves][:sensors] == [True] * sensors
+    assert [page.plots.curves[f"s{n}_mv"] in page.plots.first.layers for n in numbers[:sensors]] == [True] * sensors
     page.toggle_overlay()
     window.refresh()
     window.refresh()

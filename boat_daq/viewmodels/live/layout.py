@@ -1,0 +1,281 @@
+"""The layout of the live plots: which quantities share a plot, their axes and heights; kept for each unit, by name.
+
+A quantity is a column of the ring buffer, or `elongation_mm`. Rules: an axis has one unit, so a plot has at most two. A
+quantity that a layout does not name (another board has more sensors) has a plot of its own, at its usual place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from typing import Any
+
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.viewmodels.common.services import Change, UndoHistory
+
+ELONGATION, PRESSURE = "elongation_mm", "pressure_kpa"
+UNIT = {ELONGATION: "mm", PRESSURE: "kPa"}
+NAME_MOST = 40  # characters of the name of a layout
+KEY = "layouts"  # of the preferences: unit -> name -> layout; the one in use has an empty name
+
+Rows = tuple[tuple[str, ...], ...]
+
+
+def is_signal(quantity: str) -> bool:
+    """Return whether a quantity is the signal of a sensor."""
+    return quantity.startswith("s") and quantity.endswith("_mv")
+
+
+def title(quantity: str) -> str:
+    """Return the name of a quantity as the plots show it."""
+    return f"Sensor {quantity[1:-3]}" if is_signal(quantity) else quantity.rpartition("_")[0].capitalize()
+
+
+def unit(quantity: str) -> str:
+    """Return the unit of a quantity."""
+    return "mV" if is_signal(quantity) else UNIT[quantity]
+
+
+def titles(quantities: Sequence[str]) -> str:
+    """Return the names of quantities that share an axis: `Sensors 1, 2`."""
+    if len(quantities) > 1 and all(map(is_signal, quantities)):
+        return f"Sensors {', '.join(quantity[1:-3] for quantity in quantities)}"
+    return ", ".join(map(title, quantities))
+
+
+def _rank(quantity: str) -> tuple[int, str]:
+    """Return the usual place of a quantity: signals, elongation, pressure."""
+    return (0 if is_signal(quantity) else 1 if quantity == ELONGATION else 2, quantity)
+
+
+@dataclass(frozen=True, slots=True)
+class Axes:
+    """The quantities of one plot on its left and on its right axis; the left one has at least one."""
+
+    left: tuple[str, ...]
+    right: tuple[str, ...] = ()
+
+    @property
+    def all(self) -> tuple[str, ...]:
+        """Return every quantity of the plot."""
+        return self.left + self.right
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Which plot shows what.
+
+    Parameters
+    ----------
+    rows : the quantities of each plot, from the top.
+    hidden : quantities that are not shown.
+    right : quantities on the right axis of their plot.
+    heights : share of the height by the first quantity of a plot; a plot without one has the usual share.
+    against : quantities against which the signals are drawn as curves, beside the plots over time.
+    """
+
+    rows: Rows = ()
+    hidden: tuple[str, ...] = ()
+    right: tuple[str, ...] = ()
+    heights: Mapping[str, int] = field(default_factory=dict)
+    against: tuple[str, ...] = ()
+
+    def complete(self, quantities: Sequence[str]) -> Layout:
+        """Return the layout with a place for each of these quantities."""
+        rows = list(self.rows)
+        known = {quantity for row in rows for quantity in row} | set(self.hidden)
+        for quantity in sorted(set(quantities) - known, key=_rank):
+            later = (at for at, row in enumerate(rows) if _rank(row[0]) > _rank(quantity))
+            rows.insert(next(later, len(rows)), (quantity,))
+        return replace(self, rows=tuple(rows))
+
+    def plots(self, quantities: Sequence[str]) -> tuple[Axes, ...]:
+        """Return what the plots show where only these quantities are available, from the top."""
+        shown = [tuple(q for q in row if q in quantities) for row in self.complete(quantities).rows]
+        return tuple(self._axes(row) for row in shown if row)
+
+    def _axes(self, row: tuple[str, ...]) -> Axes:
+        """Return the axes of a plot: another unit than that of the left axis is on the right."""
+        left = next((q for q in row if q not in self.right), row[0])
+        right = tuple(q for q in row if q != left and (q in self.right or unit(q) != unit(left)))
+        return Axes(tuple(q for q in row if q not in right), right)
+
+    def placed(self, quantity: str, host: str = "") -> Layout:
+        """Return the layout with a quantity in the plot of `host`, or in one of its own at its place."""
+        at = next((i for i, row in enumerate(self.rows) if quantity in row), len(self.rows))
+        rows = [tuple(q for q in row if q != quantity) for row in self.rows]
+        if host:
+            rows = [(*row, quantity) if host in row else row for row in rows]
+        else:
+            rows.insert(min(at + 1, len(rows)), (quantity,))
+        hidden, right = (tuple(q for q in kept if q != quantity) for kept in (self.hidden, self.right))
+        return replace(self, rows=tuple(filter(None, rows)), hidden=hidden, right=right)
+
+    def without(self, quantity: str) -> Layout:
+        """Return the layout with a quantity hidden."""
+        rows = (tuple(q for q in row if q != quantity) for row in self.rows)
+        return replace(self, rows=tuple(filter(None, rows)), hidden=(*self.hidden, quantity))
+
+    def moved(self, quantity: str, below: int, quantities: Sequence[str]) -> Layout:
+        """Return the layout with the plot of a quantity moved among those that are shown.
+
+        Parameters
+        ----------
+        quantity : of the plot.
+        below : -1 to move it up by one plot, 1 down.
+        quantities : that are available.
+        """
+        shown = [at for at, row in enumerate(self.rows) if set(row) & set(quantities)]
+        here = next(i for i, at in enumerate(shown) if quantity in self.rows[at])
+        if not 0 <= here + below < len(shown):
+            return self
+        rows = list(self.rows)
+        one, other = shown[here], shown[here + below]
+        rows.insert(other, rows.pop(one))
+        return replace(self, rows=tuple(rows))
+
+    def with_axis(self, quantity: str, *, right: bool) -> Layout:
+        """Return the layout with a quantity on the left or on the right axis of its plot."""
+        others = tuple(q for q in self.right if q != quantity)
+        return replace(self, right=(*others, quantity) if right else others)
+
+    def together(self, quantities: Sequence[str]) -> bool:
+        """Return whether all signals that are shown are in one plot."""
+        plots = [plot for plot in self.plots(quantities) if any(map(is_signal, plot.all))]
+        return len(plots) == 1 and sum(map(is_signal, plots[0].left)) > 1
+
+    def toggled_together(self, quantities: Sequence[str]) -> Layout:
+        """Return the layout with all signals on one axis, or with a plot for each."""
+        layout, join = self.complete(quantities), not self.together(quantities)
+        signals = [q for row in layout.rows for q in row if is_signal(q)]
+        for quantity in signals[1:] if join else reversed(signals[1:]):
+            layout = layout.placed(quantity, signals[0] if join else "")
+        return layout
+
+    def check(self) -> None:
+        """Refuse a plot with three units.
+
+        Raises
+        ------
+        OperatorError : a plot would need a third axis.
+        """
+        for row in self.rows:
+            units = {unit(q) for q in self._axes(row).right}
+            if len(units) > 1:
+                cause = f"a plot with {', '.join(map(title, row))} would need a third axis"
+                raise OperatorError(cause, "Show one of them in a plot of its own.")
+
+
+def layout_of(stored: object) -> Layout | None:
+    """Return the layout that was stored as JSON; None where it is not one."""
+    if not isinstance(stored, dict) or set(stored) != set(asdict(Layout())):
+        return None
+    try:
+        rows = tuple(tuple(map(str, row)) for row in stored["rows"] if row)
+        names = {key: tuple(map(str, stored[key])) for key in ("hidden", "right", "against")}
+        heights = {str(k): int(v) for k, v in stored["heights"].items() if int(v) > 0}
+        layout = Layout(rows, heights=heights, **names)
+        layout.check()
+    except (AttributeError, KeyError, OperatorError, TypeError, ValueError):
+        return None
+    placed = [*(q for row in rows for q in row), *layout.hidden]
+    return layout if len(set(placed)) == len(placed) else None
+
+
+class Layouts:
+    """The layout in use of the unit on the bench, and those saved by name.
+
+    Parameters
+    ----------
+    preferences : keep them.
+    undo : reverses a change.
+    unit : returns the name of the unit.
+    """
+
+    def __init__(self, preferences: Preferences, undo: UndoHistory, unit: Callable[[], str]) -> None:
+        self._preferences, self._undo, self._unit = preferences, undo, unit
+        self._read_for: str | None = None
+        self._current = Layout()
+
+    @property
+    def current(self) -> Layout:
+        """Return the layout in use: that of the unit on the bench."""
+        name = self._unit()
+        if name != self._read_for:
+            self._read_for, self._current = name, self._stored(name).get("", Layout())
+        return self._current
+
+    def change(self, layout: Layout) -> None:
+        """Use a layout, and keep it for the unit.
+
+        Raises
+        ------
+        OperatorError : a plot would need a third axis.
+        """
+        layout.check()
+        before, use = self.current, partial(self.use, name=self._unit())
+        if layout != before:
+            self._undo.push(Change("the layout of the plots", partial(use, layout), partial(use, before)))
+
+    def use(self, layout: Layout, name: str = "") -> None:
+        """Use a layout without a step of the undo history; it is kept for the unit `name`, or for that on the bench."""
+        name = name or self._unit()
+        self._write(name, "", layout)
+        if name == self._unit():
+            self._read_for, self._current = name, layout
+
+    def names(self) -> list[tuple[str, tuple[str, str]]]:
+        """Return the saved layouts as (text, (unit, name)): those of this unit first, others with their unit."""
+        here = self._unit()
+        units = sorted(self._preferences.get(KEY, {}), key=lambda unit: (unit != here, unit))
+        found = ((unit, name) for unit in units for name in sorted(self._stored(unit)) if name)
+        return [(name if unit == here else f"{unit}: {name}", (unit, name)) for unit, name in found]
+
+    def in_use(self) -> tuple[str, str] | None:
+        """Return the (unit, name) of the saved layout that is in use; None where it was changed."""
+        keys = (key for _, key in self.names())
+        return next((key for key in keys if self._stored(key[0])[key[1]] == self.current), None)
+
+    def load(self, unit: str, name: str) -> None:
+        """Use a saved layout.
+
+        Raises
+        ------
+        OperatorError : it does not exist any more.
+        """
+        layout = self._stored(unit).get(name)
+        if layout is None:
+            raise OperatorError(f"there is no layout \u201c{name}\u201d of {unit}", "Choose another one.")
+        self.change(layout)
+
+    def save(self, name: str) -> None:
+        """Save the layout in use for the unit by a name.
+
+        Raises
+        ------
+        OperatorError : the name is empty or too long.
+        """
+        if not 0 < len(name) <= NAME_MOST:
+            raise OperatorError(f"the name of a layout has 1 to {NAME_MOST} characters", "Enter another name.")
+        self._write(self._unit(), name, self.current)
+
+    def delete(self, unit: str, name: str) -> None:
+        """Delete a saved layout; that in use is not changed."""
+        self._write(unit, name, None)
+
+    def _stored(self, unit: str) -> dict[str, Layout]:
+        kept = self._preferences.get(KEY, {}).get(unit, {})
+        read = {name: layout_of(stored) for name, stored in kept.items()} if isinstance(kept, dict) else {}
+        return {name: layout for name, layout in read.items() if layout is not None}
+
+    def _write(self, unit: str, name: str, layout: Layout | None) -> None:
+        stored = self._preferences.get(KEY, {})
+        kept: dict[str, dict[str, Any]] = {u: dict(names) for u, names in stored.items() if isinstance(names, dict)}
+        mine = kept.setdefault(unit, {})
+        if layout is not None:
+            mine[name] = asdict(layout)
+        else:
+            mine.pop(name, None)
+        self._preferences.set(KEY, kept)

@@ -1,0 +1,123 @@
+"""The layout of the live plots: places, axes, what is kept for each unit and by name."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+
+import pytest
+
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.viewmodels.common.services import UndoHistory
+from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Axes, Layout, Layouts, layout_of, titles
+
+S1, S2, S3 = "s1_mv", "s2_mv", "s3_mv"
+ALL = [S1, S2, ELONGATION, PRESSURE]
+
+
+@pytest.fixture
+def layouts(tmp_path) -> Layouts:
+    unit = ["SA1"]
+    made = Layouts(Preferences(tmp_path), UndoHistory(), lambda: unit[0])
+    made.bench = unit
+    return made
+
+
+def shown(layout: Layout, quantities: list[str] = ALL) -> list[tuple[str, ...]]:
+    return [plot.all for plot in layout.plots(quantities)]
+
+
+def test_quantities_without_a_place_have_their_usual_one():
+    """Signals, elongation, pressure; a third sensor goes behind the second one, wherever that is."""
+    assert shown(Layout()) == [(S1,), (S2,), (ELONGATION,), (PRESSURE,)]
+    moved = Layout(rows=((PRESSURE,), (S1, S2)))
+    assert shown(moved, [*ALL, S3]) == [(S3,), (ELONGATION,), (PRESSURE,), (S1, S2)]
+    assert shown(moved, [S1, PRESSURE]) == [(PRESSURE,), (S1,)]
+
+
+def test_plots_are_hidden_reordered_and_overlaid():
+    """Each step by itself; a quantity of another unit goes on the right axis."""
+    layout = Layout().complete(ALL).without(S2)
+    assert shown(layout) == [(S1,), (ELONGATION,), (PRESSURE,)]
+    layout = layout.moved(PRESSURE, -1, ALL)
+    assert shown(layout) == [(S1,), (PRESSURE,), (ELONGATION,)]
+    layout = layout.placed(S1, PRESSURE)
+    assert layout.plots(ALL) == (Axes((PRESSURE,), (S1,)), Axes((ELONGATION,)))
+    assert shown(layout.placed(S2)) == [(PRESSURE, S1), (ELONGATION,), (S2,)]
+    assert layout.moved(PRESSURE, -1, ALL) == layout  # it is at the top
+
+
+def test_signals_share_one_axis_or_have_two():
+    """One axis for all and back; or the second on an axis at the right."""
+    joined = Layout().toggled_together(ALL)
+    assert joined.plots(ALL)[0] == Axes((S1, S2))
+    assert joined.together(ALL)
+    assert shown(joined.toggled_together(ALL)) == shown(Layout())
+    two = joined.with_axis(S2, right=True)
+    assert two.plots(ALL)[0] == Axes((S1,), (S2,))
+    assert two.with_axis(S2, right=False).plots(ALL)[0] == Axes((S1, S2))
+    assert titles((S1, S2)) == "Sensors 1, 2"
+
+
+def test_third_unit_in_a_plot_is_refused(layouts):
+    """A plot has a left and a right axis; the layout in use is not changed."""
+    layout = Layout().complete(ALL).placed(PRESSURE, S1)
+    layouts.change(layout)
+    with pytest.raises(OperatorError, match="third axis"):
+        layouts.change(layout.placed(ELONGATION, S1))
+    assert layouts.current == layout
+
+
+def test_layout_is_kept_for_each_unit(layouts, tmp_path):
+    """Another unit has its own; both are there at the next start; a change is undone."""
+    layouts.change(Layout().complete(ALL).without(S2))
+    layouts.bench[0] = "SA2"
+    assert layouts.current == Layout()
+    layouts.change(replace(Layout(), against=(PRESSURE,)))
+    layouts._undo.undo()
+    assert layouts.current == Layout()
+    again = Layouts(Preferences(tmp_path), UndoHistory(), lambda: "SA1")
+    assert shown(again.current) == [(S1,), (ELONGATION,), (PRESSURE,)]
+
+
+def test_layouts_are_saved_by_name_for_each_unit(layouts):
+    """Those of the unit on the bench come first, those of others with their unit; a name is checked."""
+    hidden = Layout().complete(ALL).without(S2)
+    layouts.change(hidden)
+    layouts.save("narrow")
+    layouts.bench[0] = "SA2"
+    layouts.save("usual")
+    assert [text for text, _ in layouts.names()] == ["usual", "SA1: narrow"]
+    layouts.load("SA1", "narrow")
+    assert (layouts.current, layouts.in_use()) == (hidden, ("SA1", "narrow"))
+    layouts.delete("SA1", "narrow")
+    assert [text for text, _ in layouts.names()] == ["usual"]
+    for wrong in ("", "n" * 41):
+        with pytest.raises(OperatorError, match="1 to 40"):
+            layouts.save(wrong)
+    with pytest.raises(OperatorError, match="no layout"):
+        layouts.load("SA1", "narrow")
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        3,
+        {},
+        {**asdict(Layout()), "rows": 4},
+        {**asdict(Layout()), "rows": [["nothing_known", "s1_mv"]]},
+        {**asdict(Layout()), "rows": [["s1_mv"], ["s1_mv"]]},
+        {**asdict(Layout()), "rows": [["s1_mv", "pressure_kpa", "elongation_mm"]]},
+        {**asdict(Layout()), "heights": {"s1_mv": "high"}},
+    ],
+)
+def test_broken_stored_layout_is_ignored(broken):
+    """A file that somebody edited gives the usual layout."""
+    assert layout_of(broken) is None
+
+
+def test_layout_survives_its_file():
+    """Written as JSON and read again it is the same."""
+    layout = Layout(((S1, PRESSURE), (S2,)), (ELONGATION,), (PRESSURE,), {S1: 1500}, (PRESSURE, ELONGATION))
+    assert layout_of(json.loads(json.dumps(asdict(layout)))) == layout

@@ -24,9 +24,9 @@ from analysis.data.csv_table import Table, line_of_row, read_table
 from analysis.data.recording import META_KEYS, Recording
 from analysis.errors import DataError, FileError, RequestError
 from analysis.warning import Warning, WarningCode
-from protocol.pressure_units import KPA_PER_UNIT
 from protocol.recording import SampleFlag
 from protocol.regular_file import read_regular
+from protocol.units import KPA_PER_UNIT
 from protocol.whole_file import write_whole
 
 UNITS: dict[str, dict[str, float]] = {

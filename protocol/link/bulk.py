@@ -70,8 +70,9 @@ def decode_samples(chunks: Iterable[tuple[int, bytes]] | bytes, link: Link) -> D
         chunks = ((0, view[at : at + BATCH_BYTES]) for at in range(0, len(view), BATCH_BYTES))
     events = [event for batch in decode_chunks(chunks, link) for event in batch]
     arrays = [event.array for event in events if isinstance(event, Samples)]
+    dtype = sample_dtype(link.n_sensors or 2, link.sample_kind, len(link.channels))
     return Decoded(
-        samples=np.concatenate(arrays) if arrays else np.empty(0, sample_dtype(link.n_sensors or 2, link.sample_kind)),
+        samples=np.concatenate(arrays) if arrays else np.empty(0, dtype),
         gaps=tuple(event for event in events if isinstance(event, SampleGap)),
         events=tuple(event for event in events if not isinstance(event, Samples | SampleGap)),
         statistics=link.statistics,

@@ -47,7 +47,7 @@ from protocol.link.events import LinkEvent, LinkStatistics
 from protocol.link.framing import Frame, FrameReader
 from protocol.link.messages import PROTOCOL_VERSION, Ack, Command, Identify, Start, Stop, Vent
 from protocol.link.sample_stream import Rows, SampleStream, implausible
-from protocol.recording import SampleFlag, SampleKind, sample_dtype
+from protocol.recording import ExtraChannel, SampleFlag, SampleKind, sample_dtype, session_channels
 
 RETRY_NS = 250_000_000
 LATE_NS = 100_000_000  # twice as long as a read waits: so late a caller was stalled itself
@@ -245,13 +245,13 @@ _HEAD = 16  # bytes of a SAMPLE body before the counts: type, seq, index, time, 
 
 
 @lru_cache(maxsize=64)
-def _wire_dtype(n_sensors: int, itemsize: int) -> np.dtype[np.void]:
+def _wire_dtype(n_sensors: int, n_channels: int, itemsize: int) -> np.dtype[np.void]:
     """Return the record of a SAMPLE body of `itemsize` bytes."""
     return np.dtype(
         {
-            "names": ["index", "time_us", "pressure_pa", "state", "flags", "counts"],
-            "formats": ["<u4", "<u4", "<i4", "u1", "u1", ("<u2", (n_sensors, 2))],
-            "offsets": [2, 6, 10, 14, 15, _HEAD],
+            "names": ["index", "time_us", "pressure_pa", "state", "flags", "counts", "channel"],
+            "formats": ["<u4", "<u4", "<i4", "u1", "u1", ("<u2", (n_sensors, 2)), ("<f4", (n_channels,))],
+            "offsets": [2, 6, 10, 14, 15, _HEAD, _HEAD + 4 * n_sensors],
             "itemsize": itemsize,
         }
     )
@@ -278,10 +278,12 @@ class Connection:
         *,
         n_sensors: int | None = None,
         adc_bits: int = 16,
+        channels: tuple[ExtraChannel, ...] = (),
         decoder_state: dict[str, Any] | None = None,
         in_turn: bool = False,
     ) -> None:
         self.n_sensors = n_sensors  # None before the HELLO
+        self.channels = channels
         self.hello: messages.Hello | None = None  # the last one of this protocol version
         self._adc_bits = adc_bits
         self._reader = FrameReader()
@@ -292,17 +294,23 @@ class Connection:
         self._unknown = 0
         if decoder_state is not None:
             self.n_sensors, self._adc_bits = decoder_state["n_sensors"], decoder_state["adc_bits"]
+            self.channels = session_channels(decoder_state)
             self._reader.restore(decoder_state["frames"])
-            self._stream.restore(decoder_state["samples"], sample_dtype(self.n_sensors or 1))
+            self._stream.restore(decoder_state["samples"], self._dtype)
 
     def decoder_state(self) -> dict[str, Any]:
         """Return the decoder's memory of the bytes so far, ready for JSON; see `Link`."""
         return {
             "n_sensors": self.n_sensors,
             "adc_bits": self._adc_bits,
+            "channels": [list(channel) for channel in self.channels],
             "frames": self._reader.state(),
             "samples": self._stream.state(),
         }
+
+    @property
+    def _dtype(self) -> np.dtype[np.void]:
+        return sample_dtype(self.n_sensors or 1, "counts", len(self.channels))
 
     @property
     def statistics(self) -> LinkStatistics:
@@ -373,7 +381,7 @@ class Connection:
         if self.n_sensors is None:
             self._unknown += len(bodies)
             return []
-        needed = _HEAD + 4 * self.n_sensors
+        needed = _HEAD + 4 * (self.n_sensors + len(self.channels))
         lengths = set(map(len, bodies))
         if len(lengths) > 1 or min(lengths) < needed + 4:  # lengths differ: cut to the known head, drop what is short
             long_enough = [len(body) >= needed + 4 for body in bodies]
@@ -387,13 +395,15 @@ class Connection:
 
     def _to_rows(self, bodies: list[bytes], host_ns: IntArray) -> Rows:
         assert self.n_sensors is not None
-        wire: Rows = np.frombuffer(b"".join(bodies), _wire_dtype(self.n_sensors, len(bodies[0])))
-        rows = np.empty(len(bodies), sample_dtype(self.n_sensors))
+        wire: Rows = np.frombuffer(b"".join(bodies), _wire_dtype(self.n_sensors, len(self.channels), len(bodies[0])))
+        rows = np.empty(len(bodies), self._dtype)
         for name in ("index", "time_us", "pressure_pa", "state", "flags"):
             rows[name] = wire[name]
         rows["host_ns"] = host_ns
         rows["lit"] = wire["counts"][:, :, 0]
         rows["dark"] = wire["counts"][:, :, 1]
+        if self.channels:
+            rows["channel"] = wire["channel"]
         absurd = implausible(rows, self._adc_bits)
         if absurd.any():
             rows["flags"][absurd] |= np.uint16(SampleFlag.IMPLAUSIBLE)
@@ -422,7 +432,7 @@ class Connection:
             return [link.WrongProtocol(hello.protocol, PROTOCOL_VERSION), *self._pending_commands.identified(now_ns)]
         restarted = self._has_state and not self._pending_commands.hellos_due
         self.hello, self._wrong_version = hello, None
-        self.n_sensors, self._adc_bits = hello.n_sensors, hello.adc_bits
+        self.n_sensors, self._adc_bits, self.channels = hello.n_sensors, hello.adc_bits, hello.channels
         self._stream.stream_may_restart()
         if not restarted:
             return [link.HelloReceived(hello), *self._pending_commands.identified(now_ns)]

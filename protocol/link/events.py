@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from protocol.link.messages import AckStatus, BoardEvent, Command, Heartbeat, Hello
-from protocol.recording import SampleKind
+from protocol.recording import ExtraChannel, SampleKind
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,6 +129,10 @@ class Link(Protocol):
     @property
     def sample_kind(self) -> SampleKind:
         """Which `recording.sample_dtype` the samples have."""
+
+    @property
+    def channels(self) -> tuple[ExtraChannel, ...]:
+        """The extra channels of the samples."""
 
     @property
     def statistics(self) -> LinkStatistics:

@@ -11,6 +11,7 @@ Rules of this file:
 from __future__ import annotations
 
 import enum
+import re
 import struct
 from collections.abc import Callable
 from dataclasses import astuple, dataclass
@@ -18,6 +19,7 @@ from typing import Any, TypeVar
 
 from protocol.errors import LocalError, RemoteError
 from protocol.link.framing import Frame, encode_frame
+from protocol.recording import CHANNELS_MAX, ExtraChannel, channels_of
 
 PROTOCOL_VERSION = 1
 SENSORS_MAX = 4
@@ -95,6 +97,7 @@ class Hello:
     pressure_min_pa: int
     pressure_max_pa: int
     board_id: str
+    channels: tuple[ExtraChannel, ...] = ()  # what a SAMPLE carries behind its sensors, in this order
 
     @property
     def simulated(self) -> bool:
@@ -113,6 +116,7 @@ class Sample:
     flags: int
     lit: tuple[int, ...]
     dark: tuple[int, ...]
+    channel: tuple[float, ...] = ()  # the extra channels, each in its unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,6 +210,7 @@ _HELLO = struct.Struct("<BBBBHBBHii16s")
 _SAMPLE_HEAD = struct.Struct("<IIiBB")
 _ACK = struct.Struct("<BBB")
 _EVENT = struct.Struct("<IBi")
+_CHANNEL = re.compile(r"[^\W\d][^:;\ufffd\x00-\x1f]*:[^:;\ufffd\x00-\x1f]*")  # NAME:UNIT
 
 _Code = TypeVar("_Code", bound=enum.IntEnum)
 
@@ -242,19 +247,28 @@ def encode_message(message: BoardMessage, seq: int) -> bytes:
         case Hello():
             if len(message.board_id) > 16 or not message.board_id.isascii():
                 raise LocalError(f"a board_id is up to 16 ASCII characters, not {message.board_id!r}")
-            head = astuple(message)[:-1]
-            return _encode(MessageType.HELLO, seq, _HELLO.pack, *head, message.board_id.encode("ascii"))
+            head = astuple(message)[:-2]
+            table = ";".join(":".join(channel) for channel in message.channels).encode()
+            return _encode(
+                MessageType.HELLO,
+                seq,
+                struct.Struct(f"{_HELLO.format}{len(table)}s").pack,
+                *head,
+                message.board_id.encode("ascii"),
+                table,
+            )
         case Sample():
             counts = [count for pair in zip(message.lit, message.dark, strict=True) for count in pair]
-            values = (message.index, message.time_us, message.pressure_pa, message.state, message.flags, *counts)
-            return _encode(MessageType.SAMPLE, seq, struct.Struct(f"<IIiBB{len(counts)}H").pack, *values)
+            head = (message.index, message.time_us, message.pressure_pa, message.state, message.flags)
+            layout = struct.Struct(f"<IIiBB{len(counts)}H{len(message.channel)}f")
+            return _encode(MessageType.SAMPLE, seq, layout.pack, *head, *counts, *message.channel)
         case Ack():
             return _encode(MessageType.ACK, seq, _ACK.pack, *astuple(message))
         case BoardEvent():
             return _encode(MessageType.EVENT, seq, _EVENT.pack, *astuple(message))
 
 
-def decode_message(frame: Frame, n_sensors: int) -> BoardMessage | None:
+def decode_message(frame: Frame, n_sensors: int, n_channels: int = 0) -> BoardMessage | None:
     """Return the board's message in a frame, None for an unknown type.
 
     A HELLO of another protocol version is returned with that version and zeros.
@@ -269,9 +283,10 @@ def decode_message(frame: Frame, n_sensors: int) -> BoardMessage | None:
             case MessageType.HELLO:
                 return _decode_hello(payload)
             case MessageType.SAMPLE:
-                counts = struct.unpack_from(f"<{2 * n_sensors}H", payload, _SAMPLE_HEAD.size)
+                values = struct.unpack_from(f"<{2 * n_sensors}H{n_channels}f", payload, _SAMPLE_HEAD.size)
+                counts, channel = values[: 2 * n_sensors], values[2 * n_sensors :]
                 index, time_us, pressure_pa, state, flags = _SAMPLE_HEAD.unpack_from(payload)
-                return Sample(index, time_us, pressure_pa, state, flags, counts[0::2], counts[1::2])
+                return Sample(index, time_us, pressure_pa, state, flags, counts[0::2], counts[1::2], channel)
             case MessageType.ACK:
                 type_, seq, status = _ACK.unpack_from(payload)
                 return Ack(type_, seq, _known(AckStatus, status))
@@ -288,12 +303,22 @@ def _decode_hello(payload: bytes) -> Hello:
         return Hello(payload[0], 0, 0, 0, 0, 0, 0, 0, 0, 0, "")
     fields = list(_HELLO.unpack_from(payload))
     fields[-1] = fields[-1].split(b"\0")[0].decode("ascii", "backslashreplace")
+    fields.append(_channel_table(payload[_HELLO.size :]))
     hello = Hello(*fields)
     if not (1 <= hello.n_sensors <= SENSORS_MAX and 1 <= hello.adc_bits <= 16 and hello.vref_mv and hello.rate_max_hz):
         raise RemoteError(f"HELLO of an impossible board: {hello}")
     if hello.pressure_min_pa >= hello.pressure_max_pa:
         raise RemoteError(f"HELLO with its pressure limits swapped: {hello}")
     return hello
+
+
+def _channel_table(tail: bytes) -> tuple[ExtraChannel, ...]:
+    """Return the channels that the end of a HELLO names; none where it is something else, of a newer version."""
+    text = tail.split(b"\0")[0].decode("utf-8", "replace")
+    entries = text.split(";")
+    if len(entries) > CHANNELS_MAX or not all(_CHANNEL.fullmatch(entry) for entry in entries):
+        return ()
+    return channels_of((name, unit) for name, _, unit in (entry.partition(":") for entry in entries))
 
 
 def _known(codes: type[_Code], value: int) -> _Code | int:

@@ -3,6 +3,7 @@
 `from protocol.recording import ...` is the public interface of this package: what is imported here.
 """
 
+from protocol.recording.channels import CHANNELS_MAX, ExtraChannel, channels_of, session_channels
 from protocol.recording.metadata import METADATA_EVENT, Metadata, metadata_of
 from protocol.recording.schema import (
     ADDED,
@@ -23,6 +24,7 @@ from protocol.recording.schema import (
     check_long_tables,
     describe_dtype,
     dtype_from_description,
+    fitted,
     layout_version,
     note_of,
     open_recording,

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from protocol.errors import RecordingError, damaged
+from protocol.recording.channels import are_channels
 
 Columns = Mapping[str, Mapping[str, tuple[str, bool]]]  # table -> column -> (declared type, whether it is required)
 
@@ -282,6 +283,7 @@ SESSION_VALUES: dict[str, Check] = {
     "plan": _of(dict),  # snapshot of the plan, or null
     "run_end": _among("finished", "stopped", "aborted", "fault", "interrupted"),  # the code of stop_reason; newer files
     "resumptions": are_breaks,  # of a resumed run
+    "channels": are_channels,  # [name, unit] of each column of the samples' `channel`; newer files
     "metadata": _of(dict),  # as stated when it began, see `protocol.recording.metadata`; newer files
 }
 

@@ -82,7 +82,7 @@ class SampleFlag(enum.IntFlag):
 NOT_FOR_FIGURES = SampleFlag.SATURATED | SampleFlag.PRESSURE_INVALID | SampleFlag.IMPLAUSIBLE
 
 
-def sample_dtype(n_sensors: int, kind: SampleKind = "counts") -> np.dtype[np.void]:
+def sample_dtype(n_sensors: int, kind: SampleKind = "counts", n_channels: int = 0) -> np.dtype[np.void]:
     """Return the record of one sample.
 
     Parameters
@@ -90,12 +90,13 @@ def sample_dtype(n_sensors: int, kind: SampleKind = "counts") -> np.dtype[np.voi
     n_sensors : number of sensors, 1 to 4.
     kind : "counts" where the board sends ADC counts with the emitter on and off; "signal" where a text
         profile gives a signal in mV and there is nothing to subtract.
+    n_channels : number of extra channels, 0 to `channels.CHANNELS_MAX`.
 
     Returns
     -------
     Packed little-endian dtype with fields `index` (sampling instant, counted from START), `time_us` (board clock,
     unwrapped), `host_ns` (host monotonic clock at arrival), `pressure_pa` (gauge), `state`, `flags`, and for each
-    sensor `lit` and `dark` (counts), or `signal_mv`.
+    sensor `lit` and `dark` (counts), or `signal_mv`; where there are extra channels `channel`, each in its own unit.
     """
     head: list[Any] = [
         ("index", "<u4"),
@@ -105,9 +106,23 @@ def sample_dtype(n_sensors: int, kind: SampleKind = "counts") -> np.dtype[np.voi
         ("state", "u1"),
         ("flags", "<u2"),
     ]
+    extra: list[Any] = [("channel", "<f8", (n_channels,))] if n_channels else []
     if kind == "counts":
-        return np.dtype([*head, ("lit", "<u2", (n_sensors,)), ("dark", "<u2", (n_sensors,))])
-    return np.dtype([*head, ("signal_mv", "<f8", (n_sensors,))])
+        return np.dtype([*head, ("lit", "<u2", (n_sensors,)), ("dark", "<u2", (n_sensors,)), *extra])
+    return np.dtype([*head, ("signal_mv", "<f8", (n_sensors,)), *extra])
+
+
+def fitted(samples: np.ndarray[Any, np.dtype[np.void]], dtype: np.dtype[np.void]) -> np.ndarray[Any, np.dtype[np.void]]:
+    """Return samples without the fields that a recording of an older layout does not have."""
+    names = dtype.names or ()
+    if samples.dtype == dtype or any(name not in (samples.dtype.names or ()) for name in names):
+        return samples
+    kept = np.empty(len(samples), dtype)
+    for name in names:
+        if samples.dtype[name] != dtype[name]:
+            return samples
+        kept[name] = samples[name]
+    return kept
 
 
 def overview_extremes(samples: np.ndarray[Any, np.dtype[np.void]], mv_per_count: float) -> tuple[Any, ...]:
@@ -161,7 +176,7 @@ def session_dtype(meta: Mapping[str, Any]) -> np.dtype[np.void]:
     """
     try:
         dtype = dtype_from_description(meta["sample_dtype"])
-        ours = sample_dtype(meta["n_sensors"], meta["sample_kind"])
+        ours = sample_dtype(meta["n_sensors"], meta["sample_kind"], len(meta.get("channels") or ()))
     except (KeyError, ValueError, TypeError) as error:
         raise RecordingError(f"the session does not describe its samples: {error}") from error
     for name in ours.names or ():
@@ -171,7 +186,9 @@ def session_dtype(meta: Mapping[str, Any]) -> np.dtype[np.void]:
 
 
 # of every recording
-SESSION_KEYS = tuple(key for key in checks.SESSION_VALUES if key not in ("run_end", "resumptions", "metadata"))
+SESSION_KEYS = tuple(
+    key for key in checks.SESSION_VALUES if key not in ("run_end", "resumptions", "metadata", "channels")
+)
 # Beside `stop_reason`, for people, its code "run_end" (`RunEnd`), for programs; files before November 2026 lack it.
 # Only in a resumed run: "resumptions", a list in order, one object for each break: utc and host_ns of the resumption,
 # cause ("interrupted", "stopped", "aborted: ..."), break_s, the first segment, chunk, step and cycle after it,

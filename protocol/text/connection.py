@@ -27,6 +27,7 @@ from protocol.text.profile import COMMANDS, ProfileColumn, TextProfile
 from protocol.text.readers import LineReader, PacketFormat, PacketReader
 
 IDENTIFY_NS = 2_500_000_000  # a device without a good line for so long does not match the profile
+_FREE = (0.0, 0.0, False, True)  # any value is accepted
 _KEYS = {type(example): key for key, example in COMMANDS.items()}
 
 
@@ -46,7 +47,8 @@ class TextConnection:
         self.n_sensors = profile.n_sensors
         self.sample_kind: SampleKind = profile.sample_kind
         self.hello: messages.Hello | None = None  # made from the profile once the device has sent a good line
-        self._dtype = sample_dtype(profile.n_sensors, profile.sample_kind)
+        self.channels = profile.channels
+        self._dtype = sample_dtype(profile.n_sensors, profile.sample_kind, len(profile.channels))
         self._reader: LineReader | PacketReader
         if isinstance(profile.format, PacketFormat):
             self._reader = PacketReader(profile.format, profile.signed)
@@ -56,7 +58,9 @@ class TextConnection:
         self._seq = 0
         self._number = 0
         self._factors, self._offsets = np.array([(c.factor, c.offset) for c in profile.columns]).T
-        self._lows, self._highs, whole, free = np.array([_bounds(column) for column in profile.columns]).T
+        used = profile.columns[: len(profile.columns) - len(profile.channels)]
+        bounds = [*map(_bounds, used), *([_FREE] * len(profile.channels))]
+        self._lows, self._highs, whole, free = np.array(bounds).T
         self._whole, self._free = whole.astype(bool), free.astype(bool)
         self._sensor_fields = (
             (("signal_mv", "signal"),) if profile.sample_kind == "signal" else (("lit", "lit"), ("dark", "dark"))
@@ -163,8 +167,9 @@ class TextConnection:
             possible = (values >= self._lows) & (values <= self._highs) & (~self._whole | (values == np.rint(values)))
         possible = (possible | self._free).all(axis=1)
         self._reader.malformed += int((~possible).sum())
-        columns = dict(zip((column.name for column in self.profile.columns), values[possible].T, strict=True))
-        rows = np.zeros(int(possible.sum()), self._dtype)
+        values, used = values[possible], len(self.profile.columns) - len(self.channels)
+        columns = dict(zip((column.name for column in self.profile.columns[:used]), values.T, strict=False))
+        rows = np.zeros(len(values), self._dtype)
         rows["host_ns"] = now_ns
         rows["pressure_pa"] = columns["pressure"]
         index = columns.get("index", np.arange(self._number, self._number + len(rows)) % WRAP)
@@ -174,6 +179,8 @@ class TextConnection:
         for sensor in range(self.profile.n_sensors):
             for field, name in self._sensor_fields:
                 rows[field][:, sensor] = columns[f"s{sensor + 1}_{name}"]
+        if self.channels:
+            rows["channel"] = values[:, used:]
         rows["flags"][implausible(rows, self.profile.adc_bits)] |= np.uint16(SampleFlag.IMPLAUSIBLE)
         return rows
 
@@ -186,7 +193,7 @@ def _bounds(column: ProfileColumn) -> tuple[float, float, bool, bool]:
         return 0, WRAP - 1, True, False
     if column.name.endswith(("_lit", "_dark")):
         return 0, 65_535, True, False
-    return 0, 0, False, True  # pressure and signal: always kept, and flagged where impossible
+    return _FREE  # pressure and signal: always kept, and flagged where impossible
 
 
 def _make_stream(profile: TextProfile) -> SampleStream:

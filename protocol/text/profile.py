@@ -18,15 +18,17 @@
     comments = ["#"]
     checksum = "none"                        # or "nmea"
     fields = [{ name = "time", unit = "ms" }, "index", { name = "pressure", unit = "kPa" },
-              "s1_lit", "s1_dark", "s2_lit", "s2_dark", "temperature"]
+              "s1_lit", "s1_dark", "s2_lit", "s2_dark", { name = "temperature", unit = "degC" }, "_"]
 
     [commands]
     set_pressure = "P{kpa:.1f}\\n"
     vent = "V\\n"
 
-The names used are time, index, pressure, and for each sensor either sN_lit and sN_dark (counts) or sN_signal; fields of
-other names are ignored. A value is `field * scale + offset` in `unit`. A profile is user input: an unknown key, a wrong
-type or a missing part is refused by name, and a limit has no default.
+The names used are time, index, pressure, and for each sensor either sN_lit and sN_dark (counts) or sN_signal. A field
+of any other name is an extra channel: it is recorded in its unit, which may be any text; one without a name, or with a
+name that begins with `_`, is left out. A value is `field * scale + offset` in `unit`; that of a channel is NaN where
+the field is no number. A profile is user input: an unknown key, a wrong type or a missing part is refused by name, and
+a limit has no default.
 
 Command templates of a text profile: a value in, a line out.
 
@@ -50,11 +52,11 @@ from typing import Any, get_args
 from protocol.errors import ProfileError
 from protocol.link import messages
 from protocol.link.messages import Command
-from protocol.pressure_units import KPA_PER_UNIT
-from protocol.recording import SampleKind
+from protocol.recording import CHANNELS_MAX, ExtraChannel, SampleKind, channels_of
 from protocol.regular_file import read_regular
 from protocol.text.readers import LINE_MAX, LineFormat, PacketFormat, parse_format
 from protocol.toml_text import read_toml
+from protocol.units import KPA_PER_UNIT, find_unit
 
 PA_PER_UNIT = {unit: 1000 * KPA_PER_UNIT[unit.lower()] for unit in ("Pa", "hPa", "mbar", "kPa", "bar", "psi")}
 
@@ -139,7 +141,11 @@ def _check(key: str, text: str, values: Values) -> None:
             raise ProfileError(f"commands.{key}: {{{name}}} has an unusable format", "use one such as {kpa:.1f}")
 
 
-_US_PER_UNIT = {"s": 1e6, "ms": 1e3, "us": 1.0}
+_RECORDED = {  # field -> its quantity, the recording's unit in the quantity's stored unit, and usual units
+    "time": ("time", 1e6, "s, ms, us"),
+    "pressure": ("pressure", 1e3, ", ".join(PA_PER_UNIT)),
+    "signal": ("voltage", 1.0, "mV, V, uV, counts"),
+}
 _SENSOR = re.compile(r"s([1-9])_(lit|dark|signal)")
 _FILE_MAX = 100_000  # bytes of a file, characters of a text
 _FIELDS_MAX = LINE_MAX // 2  # a longer line is none
@@ -167,7 +173,7 @@ class ProfileColumn:
 
 @dataclass(frozen=True, slots=True)
 class TextProfile:
-    """A checked profile. `columns` are in the order in which the reader gives their numbers."""
+    """A checked profile. `columns` are in the order in which the reader gives their numbers, the channels last."""
 
     name: str
     toml: str
@@ -180,13 +186,26 @@ class TextProfile:
     limits_pa: tuple[int, int] | None
     sample_kind: SampleKind
     columns: tuple[ProfileColumn, ...]
+    channels: tuple[ExtraChannel, ...]
     format: LineFormat | PacketFormat
     signed: tuple[bool, ...]  # of the columns; RX8 only
     templates: dict[str, Template] = field(hash=False)
 
     def column(self, name: str) -> ProfileColumn | None:
         """Return the column of a name, None if the device does not send it."""
-        return next((column for column in self.columns if column.name == name), None)
+        used = self.columns[: len(self.columns) - len(self.channels)]
+        return next((column for column in used if column.name == name), None)
+
+    def without_channels(self) -> TextProfile:
+        """Return the profile as it was read before there were extra channels."""
+        n = len(self.channels)
+        if not n:
+            return self
+        if isinstance(self.format, LineFormat):
+            format_: LineFormat | PacketFormat = replace(self.format, channels=())
+        else:
+            format_ = replace(self.format, variables=self.format.variables[:-n])
+        return replace(self, columns=self.columns[:-n], signed=self.signed[:-n], format=format_, channels=())
 
     @property
     def cannot_command_reason(self) -> str:
@@ -222,7 +241,12 @@ def load_profile(source: str | Path) -> TextProfile:
             fields, format_ = _rx8(_table(top["rx8"], "rx8.", _RX8))
         case kind:
             raise ProfileError(f"unknown kind = {kind!r:.60}", 'write kind = "lines" or kind = "rx8"')
-    sample_kind = _sample_kind([entry["name"] for entry in fields], device)
+    used = [entry for entry in fields if _is_used(entry["name"])]
+    sample_kind = _sample_kind([entry["name"] for entry in used], device)
+    others = fields[len(used) :]
+    if len(others) > CHANNELS_MAX:
+        cause = f"the profile has {len(others)} fields beside those with a meaning, more than {CHANNELS_MAX}"
+        raise ProfileError(cause, 'name those that are not needed "_"')
     commands = _table(top["commands"], "commands.", dict.fromkeys(COMMANDS, str | None))
     return TextProfile(
         name=top["name"],
@@ -231,7 +255,11 @@ def load_profile(source: str | Path) -> TextProfile:
         **{key: device[key] for key in ("n_sensors", "vref_mv", "adc_bits", "polarity", "simulated")},
         limits_pa=_limits(device),
         sample_kind=sample_kind,
-        columns=tuple(_column(entry, device) for entry in fields),
+        columns=(
+            *(_column(entry, device) for entry in used),
+            *(ProfileColumn(entry["name"], entry["scale"], entry["offset"], None) for entry in others),
+        ),
+        channels=channels_of((entry["name"], entry["unit"] or "") for entry in others),
         format=format_,
         signed=tuple(entry["signed"] for entry in fields),
         templates={key: compile_template(key, template) for key, template in commands.items() if template is not None},
@@ -305,7 +333,8 @@ def _lines(table: dict[str, Any]) -> tuple[list[dict[str, Any]], LineFormat]:
     for key, most in (("fields", _FIELDS_MAX), ("comments", _COMMENTS_MAX)):
         if len(table[key]) > most:
             raise ProfileError(f"lines.{key} has {len(table[key])} entries, more than {most}", "shorten it")
-    wanted = [at for at, entry in enumerate(entries) if _is_used(entry["name"])]
+    used = [at for at, entry in enumerate(entries) if _is_used(entry["name"])]
+    channels = [at for at, entry in enumerate(entries) if _is_channel(entry["name"])]
     format_ = LineFormat(
         delimiter=table["delimiter"].encode(),
         line_end=table["line_end"].encode(),
@@ -313,26 +342,28 @@ def _lines(table: dict[str, Any]) -> tuple[list[dict[str, Any]], LineFormat]:
         comments=tuple(comment.encode() for comment in comments),
         checksum=table["checksum"] == "nmea",
         n_fields=len(entries),
-        columns=tuple(wanted),
+        columns=tuple(used),
+        channels=tuple(channels),
     )
-    return [entries[at] for at in wanted], format_
+    return [entries[at] for at in (*used, *channels)], format_
 
 
 def _rx8(table: dict[str, Any]) -> tuple[list[dict[str, Any]], PacketFormat]:
     format_ = parse_format(table["format"])
     sizes = {name: len(places) for name, places in format_.variables}
-    fields = []
-    variables = []
+    fields = {}
     for variable, entry in table["variables"].items():
         if variable not in sizes:
             raise ProfileError(f"rx8.variables.{variable} is not in rx8.format", f"it has {', '.join(sizes)}")
         entry = _field(entry, f"rx8.variables.{variable}.")
-        if _is_used(entry["name"]):
-            wraps = entry["name"] in ("time", "index") and entry["wraps_at"] is None
-            fields.append({**entry, "wraps_at": 1 << 8 * sizes[variable] if wraps else entry["wraps_at"]})
-            variables.append(variable)
+        wraps = entry["name"] in ("time", "index") and entry["wraps_at"] is None
+        fields[variable] = {**entry, "wraps_at": 1 << 8 * sizes[variable] if wraps else entry["wraps_at"]}
+    for variable in sizes:  # one without a stated meaning is a channel under its own name
+        fields.setdefault(variable, _field(f"{variable} (raw)" if _is_used(variable) else variable, ""))
+    used = [variable for variable, entry in fields.items() if _is_used(entry["name"])]
+    kept = [*used, *(variable for variable, entry in fields.items() if _is_channel(entry["name"]))]
     places = dict(format_.variables)
-    return fields, replace(format_, variables=tuple((variable, places[variable]) for variable in variables))
+    return [fields[name] for name in kept], replace(format_, variables=tuple((name, places[name]) for name in kept))
 
 
 def _field(entry: Any, prefix: str) -> dict[str, Any]:
@@ -342,6 +373,10 @@ def _field(entry: Any, prefix: str) -> dict[str, Any]:
 
 def _is_used(name: str) -> bool:
     return name in ("time", "index", "pressure") or _SENSOR.fullmatch(name) is not None
+
+
+def _is_channel(name: str) -> bool:
+    return name.strip() != "" and not name.startswith("_") and not _is_used(name)
 
 
 def _sample_kind(names: list[str], device: dict[str, Any]) -> SampleKind:
@@ -369,20 +404,25 @@ def _column(entry: dict[str, Any], device: dict[str, Any]) -> ProfileColumn:
     name, unit = entry["name"], entry["unit"]
     if entry["wraps_at"] is not None and (name not in ("time", "index") or entry["wraps_at"] < 256):
         raise ProfileError(f"wraps_at = {entry['wraps_at']} for {name}", "only time and index wrap, at 256 or more")
-    units: dict[Any, float] = {None: 1.0}
-    if name == "time":
-        units = dict(_US_PER_UNIT)
-    elif name == "pressure":
-        units = dict(PA_PER_UNIT)
-    elif name.endswith("signal"):
-        units = {"mV": 1.0, "V": 1000.0}
-        if device["adc_bits"] and device["vref_mv"]:
-            units["counts"] = device["vref_mv"] / (1 << device["adc_bits"])
-    if unit not in units:
-        known = ", ".join(str(unit_name) for unit_name in units if unit_name)
-        raise ProfileError(f"{name} has the unit {unit!r:.60}", f"write one of {known}" if known else "leave it out")
+    per_unit = _per_unit(name, unit, device)
     scale, offset = entry["scale"], entry["offset"]
     measured = name == "pressure" or name.endswith("signal")
     if not measured and (offset or scale <= 0 or (scale != 1 and name != "time")):
         raise ProfileError(f"{name} has scale {scale} and offset {offset}", "time may have a scale, counts neither")
-    return ProfileColumn(name, scale * units[unit], offset * units[unit], entry["wraps_at"])
+    return ProfileColumn(name, scale * per_unit, offset * per_unit, entry["wraps_at"])
+
+
+def _per_unit(name: str, unit: str | None, device: dict[str, Any]) -> float:
+    """Return what one unit of a field is in the unit of the recording: us, Pa or mV; 1 for counts and the index."""
+    kind = "signal" if name.endswith("signal") else name
+    if kind not in _RECORDED:
+        if unit is None:
+            return 1.0
+        raise ProfileError(f"{name} has the unit {unit!r:.60}", "leave it out")
+    quantity, factor, examples = _RECORDED[kind]
+    if kind == "signal" and unit == "counts" and device["adc_bits"] and device["vref_mv"]:
+        return float(device["vref_mv"] / (1 << device["adc_bits"]))
+    found = find_unit(unit or "")
+    if found is None or found.quantity != quantity or found.symbol != (unit or "").replace("µ", "u"):
+        raise ProfileError(f"{name} has the unit {unit!r:.60}", f"write one of {examples}")
+    return float(found.factor * factor)

@@ -25,6 +25,7 @@ costs no packet.
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from functools import reduce
@@ -48,6 +49,7 @@ class LineFormat:
     checksum: bool  # NMEA 0183: the XOR of the characters between $ and *, as two hexadecimal digits
     n_fields: int
     columns: tuple[int, ...]
+    channels: tuple[int, ...] = ()  # after them; text there is no error, but NaN
 
 
 class LineReader(ByteReader):
@@ -96,10 +98,17 @@ class LineReader(ByteReader):
             self.malformed += 1
             return None
         try:
-            return [self._number(fields[at]) for at in self._format.columns]
+            row = [self._number(fields[at]) for at in self._format.columns]
         except ValueError:
             self.malformed += 1
             return None
+        return row + [self._channel(fields[at]) for at in self._format.channels] if self._format.channels else row
+
+    def _channel(self, text: bytes) -> float:
+        try:
+            return self._number(text)
+        except ValueError:
+            return math.nan
 
     def _number(self, text: bytes) -> float:
         """Return a number as a device prints it; Python's own 1_000 is refused."""

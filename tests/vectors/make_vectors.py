@@ -49,13 +49,28 @@ HELLO = {
 }  # fmt: skip
 
 
+CHANNELS = "temperature:degC;flow:L/min"  # exact in binary below, so that the numbers are plain
+
+
 def sample(
-    seq: int, index: int, time_us: int, pressure_pa: int, counts: list[int], *, state: int = 2, flags: int = 0
+    seq: int,
+    index: int,
+    time_us: int,
+    pressure_pa: int,
+    counts: list[int],
+    *,
+    state: int = 2,
+    flags: int = 0,
+    channel: tuple[float, ...] = (),
 ) -> Entry:
     """A SAMPLE; `counts` are lit and dark of sensor 1, lit and dark of sensor 2, and so on."""
     head = {"index": index, "time_us": time_us, "pressure_pa": pressure_pa, "state": state, "flags": flags}
     name = f"SAMPLE of {len(counts) // 2} sensor(s), index {index}"
-    return message(name, 0x02, f"IIiBB{len(counts)}H", {**head, "counts": counts}, seq)
+    fields = {**head, "counts": counts}
+    if channel:
+        name += f", {len(channel)} channels"
+        fields["channel"] = list(channel)
+    return message(name, 0x02, f"IIiBB{len(counts)}H{len(channel)}f", fields, seq)
 
 
 def messages() -> list[Entry]:
@@ -71,12 +86,19 @@ def messages() -> list[Entry]:
     return [
         message("HELLO", 0x01, "BBBBHBBHii16s", HELLO),
         message("HELLO, identity of all 16 bytes", 0x01, "BBBBHBBHii16s", full, 255),
+        message(
+            "HELLO with a table of two channels",
+            0x01,
+            f"BBBBHBBHii16s{len(CHANNELS)}s",
+            {**HELLO, "channels": CHANNELS},
+        ),
         sample(1, 0, 0, 0, [0, 0, 0, 0], state=0),
         sample(2, 1, 10_000, -40_000, [2100, 40, 1990, 37]),
         sample(3, 2**32 - 1, 2**32 - 1, 2**31 - 1, [65535, 65535, 65535, 65535], state=4, flags=0x1F),
         sample(4, 256, 65536, -(2**31), [1, 2]),
         sample(5, 7, 70_000, 50_000, [1, 2, 3, 4, 5, 6]),
         sample(6, 8, 80_000, 50_000, [1, 2, 3, 4, 5, 6, 7, 8], state=1),
+        sample(9, 9, 90_000, 50_000, [1, 2, 3, 4], channel=(23.5, -1.25)),
         message("ACK of START: done", 0x03, "BBB", {"command_type": 0x82, "command_seq": 4, "status": 0}, 7),
         message(
             "ACK of SET_PRESSURE: out of limits", 0x03, "BBB", {"command_type": 0x84, "command_seq": 9, "status": 3}, 8

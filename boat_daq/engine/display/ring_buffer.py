@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from boat_daq.engine.link.reader import Block
 from boat_daq.engine.sample_columns import columns
 from protocol.link.events import Samples
-from protocol.recording import SampleFlag
+from protocol.recording import ExtraChannel, SampleFlag
 
 Columns2D = NDArray[np.float64]  # [column, entry]; column 0 never falls
 
@@ -193,6 +193,7 @@ class RingBuffer:
     ----------
     n_sensors : 1 to 4.
     mv_per_count : vref_mv / 2**adc_bits; unused where the samples carry signals in mV.
+    channels : extra channels of the samples; each is kept under its `column`, in its own unit.
     capacity : samples kept one by one; thinned ones go back much further.
 
     Attributes
@@ -200,9 +201,19 @@ class RingBuffer:
     target_kpa : the present target pressure, NaN for none; stored with the samples that are appended.
     """
 
-    def __init__(self, n_sensors: int, *, mv_per_count: float, capacity: int = DEFAULT_CAPACITY) -> None:
+    def __init__(
+        self,
+        n_sensors: int,
+        *,
+        mv_per_count: float,
+        channels: tuple[ExtraChannel, ...] = (),
+        capacity: int = DEFAULT_CAPACITY,
+    ) -> None:
+        self.channels = channels
         self.target_kpa = math.nan
-        self.names = ("time_s", "pressure_kpa", "target_kpa", *(f"s{n}_mv" for n in range(1, n_sensors + 1)))
+        self._signals = slice(3, 3 + n_sensors)
+        sensors = (f"s{n}_mv" for n in range(1, n_sensors + 1))
+        self.names = ("time_s", "pressure_kpa", "target_kpa", *sensors, *(channel.column for channel in channels))
         self._mv_per_count = mv_per_count
         self._pyramid = MinMaxPyramid(len(self.names), capacity)
         self._offset_us: int | None = None
@@ -234,10 +245,12 @@ class RingBuffer:
         entries[0] = (np.maximum.accumulate(time_us) + self._offset(time_us, samples["host_ns"])) * 1e-6
         entries[1] = block.pressure_kpa
         entries[2] = self.target_kpa
-        entries[3:] = block.signal_mv.T
+        entries[self._signals] = block.signal_mv.T
+        if self.channels:
+            entries[self._signals.stop :] = samples["channel"].T
         if int(np.bitwise_or.reduce(flags)) & _NOT_SHOWN:
             entries[1, (flags & _NOT_SHOWN) != 0] = np.nan
-            entries[3:, (flags & _IMPLAUSIBLE) != 0] = np.nan
+            entries[self._signals, (flags & _IMPLAUSIBLE) != 0] = np.nan
         self._pyramid.append(entries)
 
     def view(self, since_s: float | None = None, *, last: int | None = None) -> dict[str, NDArray[np.float64]]:

@@ -26,7 +26,7 @@ from boat_daq.errors import DeviceError
 from protocol.link.connection import Connection
 from protocol.link.events import Link, WrongProtocol
 from protocol.link.messages import Hello, Identify
-from protocol.recording import open_recording, read_session
+from protocol.recording import open_recording, read_session, session_channels
 from protocol.text.connection import TextConnection
 from protocol.text.profile import TextProfile, load_profile
 
@@ -88,10 +88,13 @@ def open_port(url: str, profile: str | None, settings: Settings) -> OpenPort:
 def open_link(meta: dict[str, Any], decoder_state: dict[str, Any] | None) -> Link:
     """Return the link that decodes a recording's bytes, as it was at their beginning."""
     if meta["profile"]:
-        return TextConnection(_profile_in(meta["profile"]), decoder_state=decoder_state)
+        profile = _profile_in(meta["profile"])
+        if meta.get("channels") is None:  # recorded before there were channels: its samples have none
+            profile = profile.without_channels()
+        return TextConnection(profile, decoder_state=decoder_state)
     if decoder_state is not None:
         return Connection(decoder_state=decoder_state)
-    return Connection(n_sensors=meta["n_sensors"], adc_bits=meta["adc_bits"] or 16)
+    return Connection(n_sensors=meta["n_sensors"], adc_bits=meta["adc_bits"] or 16, channels=session_channels(meta))
 
 
 @lru_cache(maxsize=1)  # a recording has a link for each of its segments, and one profile

@@ -332,7 +332,7 @@ def set_meta(values: Mapping[str, Any]) -> list[Statement]:
 
 def _lay_out(connection: sqlite3.Connection, meta: Mapping[str, Any]) -> None:
     """Write tables and metadata, then go into WAL mode."""
-    n_sensors, kind = int(meta["n_sensors"]), meta["sample_kind"]
+    dtype = schema.sample_dtype(int(meta["n_sensors"]), meta["sample_kind"], len(meta.get("channels") or ()))
     values = dict.fromkeys(schema.SESSION_KEYS) | dict(meta)
     values |= {
         "uuid": str(uuid.uuid4()),
@@ -340,7 +340,7 @@ def _lay_out(connection: sqlite3.Connection, meta: Mapping[str, Any]) -> None:
         "program_version": __version__,
         "started_utc": now_utc(),
         "started_host_ns": time.monotonic_ns(),
-        "sample_dtype": schema.describe_dtype(schema.sample_dtype(n_sensors, kind)),
+        "sample_dtype": schema.describe_dtype(dtype),
     }
     connection.executescript(f"BEGIN; {schema.TABLES} COMMIT;")
     connection.execute(f"PRAGMA application_id={schema.APPLICATION_ID}")

@@ -76,7 +76,8 @@ class Recorder:
             self._file, before, self._breaks = RecordingFile.create(path, meta), Counters(), []
         else:
             self._file, before, self._breaks = reopen(resumes, meta)
-        dtype = describe_dtype(sample_dtype(int(meta["n_sensors"]), meta["sample_kind"]))
+        channels = (meta if resumes is None else resumes.meta).get("channels") or ()
+        dtype = describe_dtype(sample_dtype(int(meta["n_sensors"]), meta["sample_kind"], len(channels)))
         self._rows = RowMaker({**meta, "sample_dtype": dtype}, before)
         self._health = health
         self._on_error = on_error

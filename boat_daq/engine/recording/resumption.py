@@ -38,6 +38,7 @@ _SAME = {
     "profile": "profile",
     "n_sensors": "number of sensors",
     "sample_kind": "kind of samples",
+    "channels": "extra channels",
     "vref_mv": "reference voltage in mV",
     "adc_bits": "resolution in bits",
     "polarity": "polarity",
@@ -86,7 +87,9 @@ class BrokenRun:
         if not can_command:
             raise OperatorError("a run cannot be resumed over a read-only link", "connect the board itself")
         for key, name in _SAME.items():
-            was, found = self.meta[key], now[key]
+            was, found = self.meta.get(key), now.get(key)
+            if key == "channels" and not was:
+                continue  # of an older file: its samples have none, the bytes have
             if (was or None) != (found or None):
                 then, today = (str(value or "not named") for value in (was, found))
                 cause = f"{self.path.name} was recorded with {name} {then:.60}; now it is {today:.60}"

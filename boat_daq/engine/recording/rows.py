@@ -24,7 +24,7 @@ from boat_daq.errors import OperatorError
 from protocol.link import events as link
 from protocol.link.framing import FrameReader
 from protocol.link.messages import AckStatus, EventCode, Heartbeat, Identify, MessageType, SetPressure, Start
-from protocol.recording import BRANCHES, dtype_from_description, overview_extremes
+from protocol.recording import BRANCHES, dtype_from_description, fitted, overview_extremes
 
 LONGEST_MM = 1000.0
 BLOCK_SAMPLES_MAX = 20_000  # of one row; keeps a row below a megabyte
@@ -263,6 +263,7 @@ class RowMaker:
         yield from self._overview.add(self._last_block, self.segment, samples)
 
     def _samples(self, samples: NDArray[np.void], host_ns: int) -> Iterator[Statement]:
+        samples = fitted(samples, self._dtype)
         if samples.dtype != self._dtype:
             text = "samples of another layout than the session's: kept as bytes only"
             yield from self.event(host_ns, "host", "other_layout", len(samples), text)

@@ -158,6 +158,7 @@ class ActiveRecording:
             "profile": port.profile,
             "n_sensors": port.link.n_sensors,
             "sample_kind": port.link.sample_kind,
+            "channels": [list(channel) for channel in port.link.channels],
             "vref_mv": hello.vref_mv if hello else 0,
             "adc_bits": hello.adc_bits if hello else 0,
             "rate_hz": control.stream.rate_hz,

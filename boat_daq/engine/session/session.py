@@ -537,9 +537,9 @@ class Session:
             return
         control = self._control
         if self.ring is None:
-            n_sensors = self._link.port.link.n_sensors if self._link.port else None
-            assert n_sensors is not None  # known from the board before its first sample
-            self.ring = RingBuffer(n_sensors, mv_per_count=control.mv_per_count)
+            link = self._link.port.link if self._link.port else None
+            assert link is not None and link.n_sensors is not None  # known from the board before its first sample
+            self.ring = RingBuffer(link.n_sensors, mv_per_count=control.mv_per_count, channels=link.channels)
         self.ring.target_kpa = _kpa(control.target_kpa)
         self.ring(block)
         for sink in self._sinks:

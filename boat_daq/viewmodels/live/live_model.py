@@ -8,6 +8,7 @@ until data leave them. Elongation is shown only while a calibration is in use, a
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -119,9 +120,12 @@ HEADINGS_SHORT = ("mean", "sd", "min", "max", "B \u2212 A", "slope/s", "SNR, dB"
 HEADINGS = ("", "mean", "sd", "min", "max", "B \u2212 A", "slope per s", "SNR (mean / sd)")
 
 
+_SIGNAL = re.compile(r"s\d_mv")
+
+
 def sensor_names(columns: Iterable[str]) -> list[str]:
     """Return the names of the signal columns, in order of their sensor."""
-    return sorted(name for name in columns if name.startswith("s") and name.endswith("_mv"))
+    return sorted(name for name in columns if _SIGNAL.fullmatch(name))
 
 
 def signals(columns: Mapping[str, FloatArray | float]) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,8 +11,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from protocol import BoardRestarted, Connection, SampleGap, Samples, decode_samples
+from protocol.link.framing import FrameReader, encode_frame
+from protocol.link.messages import encode_message
+from protocol.recording import channels_of
 from tests.protocol.link.plain_decoder import PlainDecoder
-from tests.protocol.link.streams import HELLO, cut, hello_and, sample, stream, troubled_streams
+from tests.protocol.link.streams import HELLO, START_DONE, cut, hello_and, sample, stream, troubled_streams
 
 COUNTERS = ("crc_errors", "malformed", "oversize", "unknown", "duplicates")
 
@@ -33,6 +37,11 @@ def decoded(events) -> tuple[list[tuple], list[tuple[int, int, int]], int]:
     ]
     gaps = [(event.lost, event.before_index, event.time_us) for event in events if isinstance(event, SampleGap)]
     return samples, gaps, len(rows)
+
+
+def rows_of(events) -> np.ndarray:
+    """The samples of all events."""
+    return np.concatenate([event.array for event in events if isinstance(event, Samples)])
 
 
 def check_against_plain(data: bytes, chunks: list[bytes]) -> None:
@@ -136,3 +145,35 @@ def test_index_that_stays_back_is_a_restart_without_loss() -> None:
     assert [len(event.array) for event in events if isinstance(event, Samples)] == [50, 20]
     assert isinstance(events[restart + 1], Samples)
     assert link.statistics.duplicates == 0
+
+
+def test_channels_of_a_hello_are_read_from_its_samples() -> None:
+    """A board that names channels in its HELLO sends their values behind the sensors, and a resumed link knows them."""
+    channels = channels_of([("temperature", "degC"), ("flow", "L/min")])
+    hello = replace(HELLO, channels=channels)
+    samples = [replace(sample(n), channel=(20.0 + n, -0.5)) for n in range(6)]
+    data = stream(hello, START_DONE, *samples)
+    link, again = Connection(), Connection()
+    rows = rows_of(link.receive(data, 0))
+    assert link.channels == channels
+    assert rows["channel"].tolist() == [[20.0 + n, -0.5] for n in range(6)]
+    again.receive(data[:150], 0)
+    rest = rows_of(Connection(decoder_state=again.decoder_state()).receive(data[150:], 0))
+    assert np.array_equal(rest, rows[-len(rest) :]) and 0 < len(rest) < 6
+
+
+@pytest.mark.parametrize("tail", [b"\0", b"7", b"newer", b"a:b;", b"\x01\x02:\xff", b"1:V"])
+def test_another_end_of_a_hello_is_of_a_newer_version(tail: bytes) -> None:
+    """It names no channels, and the samples behind it are read as they were."""
+    (frame,) = FrameReader().receive(encode_message(HELLO, 0))
+    data = encode_frame(frame.type, 0, frame.payload + tail) + stream(START_DONE, sample(0))
+    link = Connection()
+    assert len(rows_of(link.receive(data, 0))) == 1
+    assert (link.hello, link.channels) == (HELLO, ())
+
+
+def test_a_sample_without_its_channels_is_malformed() -> None:
+    """A payload shorter than its HELLO declares."""
+    link = Connection()
+    link.receive(stream(replace(HELLO, channels=channels_of([("temperature", "degC")])), START_DONE, sample(0)), 0)
+    assert (link.statistics.samples, link.statistics.malformed) == (0, 1)

@@ -24,8 +24,14 @@ def load(name: str) -> Any:
 
 
 def fields_of(message: Any) -> dict[str, Any]:
-    """A message's fields as the vectors write them: lit and dark in one list."""
+    """A message's fields as the vectors write them: lit and dark in one list, channels where there are some."""
     fields = asdict(message)
+    if not fields.get("channels"):
+        fields.pop("channels", None)
+    else:
+        fields["channels"] = ";".join(":".join(channel) for channel in fields["channels"])
+    channel = fields.pop("channel", ())
+    fields |= {"channel": list(channel)} if channel else {}
     if "lit" in fields:
         lit, dark = fields.pop("lit"), fields.pop("dark")
         fields["counts"] = [count for pair in zip(lit, dark, strict=True) for count in pair]
@@ -45,7 +51,9 @@ def test_every_message_decodes_to_its_fields_and_encodes_to_its_bytes(case: dict
     assert (frame.type, frame.seq, frame.payload.hex()) == (case["type"], case["seq"], case["payload"])
     assert encode_frame(frame.type, frame.seq, frame.payload).hex() == case["wire"]
     if case["direction"] == "to_host":
-        message: Any = decode_message(frame, len(case["fields"].get("counts", [0, 0])) // 2)
+        fields = case["fields"]
+        n_sensors, n_channels = len(fields.get("counts", [0, 0])) // 2, len(fields.get("channel", []))
+        message: Any = decode_message(frame, n_sensors, n_channels)
         again = encode_message(message, case["seq"])
     else:
         message = decode_command(frame)

@@ -34,6 +34,32 @@ def test_pressure_nan_is_kept_and_flagged() -> None:
     assert np.isnan(rows["pressure_pa"][1])
 
 
+def test_a_field_without_a_meaning_is_a_channel() -> None:
+    """It is recorded in its unit; text or nothing there is NaN and loses no sample; `_` leaves a field out."""
+    text = LINES.read_text(encoding="utf-8").replace(
+        'unit = "degC" }', 'unit = "degC", scale = 0.1, offset = 1.0 }, "_"'
+    )
+    link = TextConnection(load_profile(text))
+    assert link.channels == (("temperature", "degC"),)
+    ends = (b"234,OK", b"ERR,OK", b",OK", b"235,")
+    lines = [line(n).rpartition(b",")[0] + b"," + end + b"\n" for n, end in enumerate(ends)]
+    rows = rows_of(link.receive(b"".join([line(99), *lines]), 0))
+    assert np.allclose(rows["channel"][:, 0], [24.4, np.nan, np.nan, 24.5], equal_nan=True)
+    assert link.statistics.malformed == 1  # line(99), which has a field less
+
+
+def test_a_variable_of_a_packet_without_a_meaning_is_a_channel() -> None:
+    """An RX8 format's own name names it; before there were channels it was left out, and still can be."""
+    text = RX8.read_text(encoding="utf-8").replace("@1S2 @0S2", "@1S2 @0S2 @1Flow @0Flow")
+    profile = load_profile(text)
+    assert profile.channels == (("Flow", ""),)
+    packets = [packet(n)[:-1] + (300 + n).to_bytes(2, "big") + b"\0" for n in range(5)]
+    rows = rows_of(TextConnection(profile).receive(b"".join(packets), 0))
+    assert rows["channel"][:, 0].tolist() == [300.0, 301.0, 302.0, 303.0]
+    older = rows_of(TextConnection(profile.without_channels()).receive(b"".join(packets), 0))
+    assert "channel" not in older.dtype.names and (older["signal_mv"] == rows["signal_mv"]).all()
+
+
 def test_the_index_of_a_text_shows_loss() -> None:
     """A gap, a repeat: as with the binary protocol."""
     link = TextConnection(load_profile(LINES))

@@ -53,7 +53,7 @@ REFUSED = [
     ('checksum = "none"', 'checksum = "crc"', "checksum"),
     ('comments = ["#", "time_ms"]', "comments = [1]", "comments"),
     ('comments = ["#", "time_ms"]', f"comments = {['#'] * 21}", r"lines\.comments has 21 entries, more than 20"),
-    ('"temperature"', ", ".join(['"a"'] * 494), r"lines\.fields has 501 entries, more than 500"),
+    ('"s2_dark"', ", ".join(['"a"'] * 494), r"lines\.fields has 501 entries, more than 500"),
     ('kind = "lines"', 'kind = "lines"\n#' + "x" * 100_000, "has more than 100000 characters"),
     ('unit = "kPa"', 'unit = "torr"', "pressure has the unit 'torr'"),
     ('unit = "ms", wraps_at = 4294967296', "wraps_at = 7", "wraps_at = 7"),
@@ -75,6 +75,14 @@ REFUSED = [
     ('vent = "V', 'went = "V', r"unknown key commands\.went"),
     ('vent = "V\\n"', "vent = 1", r"commands\.vent is 1"),
 ]
+
+
+def test_more_channels_than_a_sample_holds_are_refused() -> None:
+    """The remedy leaves fields out."""
+    text = LINES.read_text(encoding="utf-8").replace('"s1_lit"', ", ".join(['"a"'] * 40 + ['"s1_lit"']))
+    with pytest.raises(ProfileError, match="41 fields beside those with a meaning, more than 32"):
+        load_profile(text)
+    assert len(load_profile(text.replace('"a"', '"_"')).channels) == 1
 
 
 @pytest.mark.fault(53, how="profiles with each kind of mistake", times=38)

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 
 from boat_daq.engine.display.ring_buffer import ColumnRing, MinMaxPyramid, RingBuffer, fold_columns
 from boat_daq.engine.link.reader import Block
+from boat_daq.viewmodels.live.live_model import sensor_names
 from protocol import Samples
-from protocol.recording import SampleFlag, sample_dtype
+from protocol.recording import SampleFlag, channels_of, sample_dtype
 
 
 def entries_of(n: int, seed: int = 0, columns: int = 3) -> np.ndarray:
@@ -204,6 +205,21 @@ def test_signals_in_millivolt_are_taken_as_they_are():
     ring = RingBuffer(1, mv_per_count=1.0)
     ring.append(samples)
     assert ring.view()["s1_mv"].tolist() == [1.5, 2.5]
+
+
+def test_extra_channels_are_columns_of_their_own():
+    """Behind the signals, in their own unit; an implausible pressure does not make a temperature unknown."""
+    channels = channels_of([("temperature", "degC"), ("supply", "mV")])
+    samples = np.zeros(2, sample_dtype(2, "signal", 2))
+    samples["channel"] = [[21.5, 4999.0], [22.5, np.nan]]
+    samples["flags"][0] = SampleFlag.IMPLAUSIBLE
+    ring = RingBuffer(2, mv_per_count=1.0, channels=channels)
+    ring.append(samples)
+    view = ring.view()
+    assert list(view)[5:] == ["temperature_degc", "supply_mv"]
+    assert view["temperature_degc"].tolist() == [21.5, 22.5]
+    assert np.array_equal(view["supply_mv"], [4999.0, np.nan], equal_nan=True)
+    assert sensor_names(view) == ["s1_mv", "s2_mv"]
 
 
 def test_an_empty_ring_is_drawn_empty():

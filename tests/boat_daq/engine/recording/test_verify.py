@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 from zlib import crc32
 
@@ -13,12 +14,13 @@ import typer
 from typer.testing import CliRunner
 
 import protocol
+from boat_daq.engine.link import opening
 from boat_daq.engine.link.opening import open_link
 from boat_daq.engine.link.reader import Block
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.verify import verify_recording
 from protocol import Connection, Start
-from protocol.recording import RunEnd, dtype_from_description, open_recording, read_session
+from protocol.recording import RunEnd, dtype_from_description, open_recording, read_session, session_dtype
 from protocol.simulator.board import VirtualBoard
 from protocol.simulator.faults import parse_fault
 from protocol.text.connection import TextConnection
@@ -266,13 +268,18 @@ def test_memory_and_progress_are_bounded(recording):
         verify_recording(recording, progress=cancel)
 
 
-def test_a_text_profile_recording_verifies(tmp_path, monkeypatch):
-    """Lines of text are derived again with the recording's profile, from mid-stream too."""
+@pytest.mark.parametrize("channels", [True, False])
+def test_a_text_profile_recording_verifies(tmp_path, monkeypatch, channels):
+    """Lines of text are derived again with the recording's profile, from mid-stream too.
+
+    A recording from before there were extra channels has none, whatever its profile names.
+    """
     profile = PROFILE.read_text()
     link = TextConnection(load_profile(profile))
     text = b"".join(b"%d,%d,%.2f,2107,41,1988,37,23.4\n" % (10 * n, n, 0.1 * n) for n in range(400))
     link.receive(text[:1001], 1)
     more = {"vref_mv": 3300, "adc_bits": 12, "profile": profile}
+    more |= {"channels": [["temperature", "degC"]]} if channels else {}
     meta = {"n_sensors": link.n_sensors, "sample_kind": link.sample_kind, "simulated": False, **more}
     path = tmp_path / "text.boat"
     recorder = Recorder(path, meta)
@@ -284,6 +291,7 @@ def test_a_text_profile_recording_verifies(tmp_path, monkeypatch):
     segment = "INSERT INTO segment SELECT NULL, host_ns, 1000, reason, 0, decoder FROM segment"
     change(path, segment)
     change(path, segment)
+    opening._profile_in.cache_clear()
     loaded = []
     monkeypatch.setattr(
         "boat_daq.engine.link.opening.load_profile", lambda text: loaded.append(text) or load_profile(text)
@@ -291,6 +299,11 @@ def test_a_text_profile_recording_verifies(tmp_path, monkeypatch):
     verdict = verify_recording(path)
     assert verdict.identical, verdict.difference
     assert 200 < verdict.samples < 400
+    with closing(open_recording(path)) as db:
+        dtype = session_dtype(read_session(db))
+        samples = np.frombuffer(db.execute("SELECT samples FROM block").fetchone()[0], dtype)
+    assert ("channel" in dtype.names) is channels
+    assert not channels or (samples["channel"] == [23.4]).all()
     assert loaded == [profile + "\n"]  # once, and as a text: 50,000 segments took a hundred seconds
 
 

@@ -1,0 +1,101 @@
+"""Units of measurement, with SI prefixes: what a unit's name means, and the conversion from one to another.
+
+Each quantity has one unit in which the program stores and computes (kPa, mV, mm, s, degC, mA, L/min ...); a
+`MeasurementUnit` is a factor and an offset to it. Conversion happens where values come in and where they are shown,
+never in between. Factors are exact, or those of NIST SP 811.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cache
+from typing import Final
+
+KPA_PER_UNIT = {
+    "kpa": 1.0, "pa": 1e-3, "hpa": 0.1, "mpa": 1e3, "bar": 100.0, "mbar": 0.1, "psi": 6.894757293168361,
+    "mmhg": 0.13332236842105263, "torr": 0.13332236842105263, "atm": 101.325,
+}  # fmt: skip
+
+_PREFIXES: Final = {
+    "G": 1e9, "M": 1e6, "k": 1e3, "h": 1e2, "d": 1e-1, "c": 1e-2, "m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12,
+}  # fmt: skip
+# name -> quantity, and its value in the quantity's stored unit; those of the first table take prefixes
+_PREFIXED: Final = {
+    "Pa": ("pressure", 1e-3), "bar": ("pressure", 100.0), "V": ("voltage", 1e3), "A": ("current", 1e3),
+    "m": ("length", 1e3), "s": ("time", 1.0), "L": ("volume", 1.0), "g": ("mass", 1.0), "N": ("force", 1.0),
+    "W": ("power", 1.0), "Hz": ("frequency", 1.0), "ohm": ("resistance", 1.0), "K": ("temperature", 1.0),
+    "lx": ("illuminance", 1.0), "J": ("energy", 1.0), "T": ("flux density", 1.0),
+}  # fmt: skip
+_PLAIN: Final = {
+    "psi": ("pressure", KPA_PER_UNIT["psi"]), "mmHg": ("pressure", KPA_PER_UNIT["mmhg"]),
+    "Torr": ("pressure", KPA_PER_UNIT["torr"]), "atm": ("pressure", KPA_PER_UNIT["atm"]),
+    "cmH2O": ("pressure", 0.0980665), "inHg": ("pressure", 3.386389), "in": ("length", 25.4),
+    "min": ("time", 60.0), "h": ("time", 3600.0), "m3": ("volume", 1000.0), "%": ("ratio", 1.0), "ppm": ("ratio", 1e-4),
+    "degC": ("temperature", 1.0), "degF": ("temperature", 5 / 9), "deg": ("angle", 1.0), "rpm": ("rotation", 1.0),
+}  # fmt: skip
+_OFFSETS: Final = {"K": -273.15, "degF": -160 / 9}  # of temperatures, in degC
+_SPELT: Final = {  # other spellings, in small letters
+    "c": "degC", "celsius": "degC", "deg c": "degC", "f": "degF", "fahrenheit": "degF", "deg f": "degF",
+    "kelvin": "K", "volt": "V", "volts": "V", "ampere": "A", "percent": "%", "%rh": "%", "%rf": "%", "sec": "s",
+    "inch": "in", "l": "L", "slpm": "L/min", "lpm": "L/min", "ml/min": "mL/min", "sccm": "mL/min", "µ": "um",
+}  # fmt: skip
+_CASELESS: Final = (  # what a name in the wrong case means
+    "Pa", "hPa", "kPa", "MPa", "bar", "mbar", "psi", "mmHg", "Torr", "atm", "V", "mV", "uV", "A", "mA", "m", "cm", "mm",
+    "um", "s", "ms", "us", "min", "h", "degC", "degF", "K", "N", "mN", "Hz", "kHz", "W", "mW", "ohm", "kohm", "g", "kg",
+    "L/min", "mL/min", "lx", "mL",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementUnit:
+    """A unit: `value * factor + offset` is the value in the stored unit of its quantity."""
+
+    symbol: str
+    quantity: str
+    factor: float
+    offset: float = 0.0
+
+
+@cache
+def find_unit(text: str) -> MeasurementUnit | None:
+    """Return the unit of a name, with a prefix or spelt in another case too; None where it is not known."""
+    name = text.strip().replace("µ", "u").replace("μ", "u").replace("°", "deg").replace("Ω", "ohm").replace("³", "3")
+    name = name.strip("[]() ")
+    found = _exact(name) or _exact(_SPELT.get(name.lower(), ""))
+    if found is None:
+        found = next((_exact(known) for known in _CASELESS if known.lower() == name.lower()), None)
+    return found
+
+
+def _exact(name: str) -> MeasurementUnit | None:
+    if name in _PLAIN or name in _PREFIXED:
+        quantity, factor = (_PLAIN if name in _PLAIN else _PREFIXED)[name]
+        return MeasurementUnit(name, quantity, factor, _OFFSETS.get(name, 0.0))
+    if name[:1] in _PREFIXES and name[1:] in _PREFIXED and name[1:] != "K":
+        quantity, factor = _PREFIXED[name[1:]]
+        return MeasurementUnit(name, quantity, _PREFIXES[name[0]] * factor)
+    above, slash, below = name.partition("/")
+    if slash and (top := _exact(above)) and (bottom := _exact(below)) and not (top.offset or bottom.offset):
+        return MeasurementUnit(name, f"{top.quantity} by {bottom.quantity}", top.factor / bottom.factor)
+    return None
+
+
+def conversion(given: str, wanted: str) -> tuple[float, float] | None:
+    """Return factor and offset from one unit to another; None where they are not of one quantity.
+
+    A value in `wanted` is `value * factor + offset`. A difference of two values has the factor alone.
+    """
+    if given == wanted:
+        return 1.0, 0.0
+    one, other = find_unit(given), find_unit(wanted)
+    if one is None or other is None or one.quantity != other.quantity:
+        return None
+    return one.factor / other.factor, (one.offset - other.offset) / other.factor
+
+
+def in_a_name(symbol: str) -> str:
+    """Return a unit as the end of a column's name: L/min becomes l_per_min; empty where there is none."""
+    found = find_unit(symbol)
+    text = (found.symbol if found else symbol).replace("%", "percent").replace("/", "_per_")
+    return re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_").lower()

@@ -17,7 +17,7 @@ from typing import Annotated
 import typer
 
 import boat_daq
-from boat_daq.commands import demo, optics, reproduce, shadow
+from boat_daq.commands import configuration, demo, optics, reproduce, shadow
 from boat_daq.commands.console import emit_error, show
 from boat_daq.errors import cause_and_remedy
 
@@ -64,7 +64,14 @@ for command in chain.from_iterable(COMMANDS):
     module, _, function = command.rpartition(".")
     name = "import" if function == "importing" else function
     app.command(name)(getattr(import_module(f"boat_daq.commands.{module or function}"), function))
-for name, group in (("optics", optics.app), ("shadow", shadow.app), ("reproduce", reproduce.app)):
+GROUPS = (
+    ("config", configuration.config),
+    ("unit", configuration.unit),
+    ("optics", optics.app),
+    ("shadow", shadow.app),
+    ("reproduce", reproduce.app),
+)
+for name, group in GROUPS:
     app.add_typer(group, name=name)
 
 

@@ -35,6 +35,7 @@ extensions = [
     "sphinx.ext.viewcode",
     "command_reference",
     "compact_docstrings",
+    "described_values",
 ]
 default_role = "code"  # docstrings put names between single backticks, as Markdown does
 myst_enable_extensions = ["colon_fence", "deflist"]

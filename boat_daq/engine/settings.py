@@ -1,11 +1,9 @@
 """Stored settings and the library of units, each a small TOML file.
 
-Rules. A file is replaced whole or not at all: written beside, flushed to the disk, renamed; the one before stays as
-`.bak`. An edited file with an error is refused by key (`toml_values`), and no default silently replaces a limit. Files
-carry a version; a newer one than this program's is refused, so that an older program never cuts it down. The folders
-are the system's own (platformdirs), or the one in the environment variable BOAT_DAQ_HOME. A file that a disk destroyed
-(gone, empty, no text) is replaced by its backup, with a warning (`take_warnings`); one that editing made unreadable is
-refused instead, because its backup would undo the edit, a tighter limit perhaps.
+Rules. A file is replaced whole (`stored_file`). An edited file with an error is refused by key (`toml_values`), and no
+default silently replaces a limit. Files carry a version; a newer one than this program's is refused, so that an older
+program never cuts it down. The folders are the system's own (platformdirs), or the one in the environment variable
+BOAT_DAQ_HOME. What changed when is kept in each file, with the values.
 
 A unit keeps its limits and every calibration that was ever stored with it. Calibrations are added, never changed: the
 last accepted one is in force; a withdrawal is a newer entry that is not accepted.
@@ -23,67 +21,82 @@ import dataclasses
 import json
 import os
 import re
-import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import platformdirs
 import tomli_w
 
+from boat_daq.engine.described import (
+    CHANGES,
+    Applies,
+    StoredChange,
+    check_ranges,
+    stated,
+    take_changes,
+    with_changes,
+)
 from boat_daq.engine.file_names import is_device_name, path_in
-from boat_daq.engine.toml_values import MAX_BYTES, BadValue, build, parse_toml, read_text
+from boat_daq.engine.stored_file import BACKUP, read_stored, read_whole, write_stored
+from boat_daq.engine.toml_values import BadValue, build, parse_toml, read_text
 from boat_daq.errors import OperatorError, StorageError
-from protocol.regular_file import read_regular
-from protocol.whole_file import write_whole, written_whole
-
-T = TypeVar("T")
 
 VERSION = 1
 HOME_VARIABLE = "BOAT_DAQ_HOME"
-BACKUP = ".bak"
 SIMULATED = "simulated"  # folder of the calibrations of simulated boards
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,39}")
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What the operator can set.
-
-    Parameters
-    ----------
-    rate_hz : samples per second requested of a board.
-    baud : of a serial port.
-    zero_tolerance_kpa : of the pressure sensor on a vented unit, before the first pressure.
-    resolution_mm : of the grid that elongation is read from.
-    allow_remote : whether a board may be reached beyond this computer.
-    recordings : folder of the window's recordings; empty for `boat-daq` in the user's documents.
-    operator, unit, port, profile : as last used.
-    """
+    """What the operator can set, whatever the unit."""
 
     version: int = VERSION
-    rate_hz: int = 100
-    baud: int = 115_200
-    zero_tolerance_kpa: float = 1.0
-    resolution_mm: float = 0.5
-    allow_remote: bool = False
-    recordings: str = ""
-    operator: str = ""
-    unit: str = ""
-    port: str = ""
-    profile: str = ""
+    rate_hz: int = stated(
+        100, "Sampling rate", "Samples per second that are requested of a board", "Hz", lowest=1, highest=65_535
+    )
+    baud: int = stated(115_200, "Baud rate", "Of a serial port; 8N1", "Bd", lowest=300, highest=12_000_000)
+    zero_tolerance_kpa: float = stated(
+        1.0,
+        "Zero tolerance",
+        "What the pressure sensor may read on a vented unit before the first pressure",
+        "kPa",
+        lowest=0.0,
+        highest=10.0,
+        above=True,
+    )
+    resolution_mm: float = stated(
+        0.5,
+        "Resolution of readings",
+        "Division of the grid that elongations are read from",
+        "mm",
+        lowest=0.0,
+        highest=10.0,
+        above=True,
+        applies=Applies.NOW,
+    )
+    allow_remote: bool = stated(
+        False, "Remote boards", "Whether a board may be reached beyond this computer; the link is not encrypted"
+    )
+    recordings: str = stated(
+        "",
+        "Recordings folder",
+        "Folder of the window's recordings; empty: boat-daq in your documents",
+        applies=Applies.START,
+    )
+    operator: str = stated(
+        "", "Operator", "Stated in each recording where its metadata name nobody", applies=Applies.RECORDING
+    )
+    unit: str = stated("", "First unit", "Unit that the window proposes before one was used; empty: SA1")
+    port: str = stated("", "First port", "Port that the window proposes before one was used")
+    profile: str = stated("", "First profile", "Text profile that the window proposes before a board was connected")
 
     def __post_init__(self) -> None:
         _check_version("settings", self.version)
-        if not 1 <= self.rate_hz <= 65_535:
-            raise BadValue("settings", "rate_hz", f"must be 1 to 65535, not {self.rate_hz}")
-        if not 300 <= self.baud <= 12_000_000:
-            raise BadValue("settings", "baud", f"must be 300 to 12000000, not {self.baud}")
-        for key in ("zero_tolerance_kpa", "resolution_mm"):
-            if not 0 < getattr(self, key) <= 10:
-                raise BadValue("settings", key, f"must be above 0 and at most 10, not {getattr(self, key)}")
+        check_ranges(self, "settings")
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,22 +121,46 @@ class Unit:
 
     Its limits, how its stage is wired, and its calibrations, oldest first.
 
-    `polarity` is +1 where the board's voltage rises with light, -1 where its stage inverts. `type_b` are tables of
-    contributions to the uncertainty of an elongation, as `analysis.calibration.type_b` reads them. `metadata` are those
-    that its next recording states, too (`protocol.recording.Metadata`). `usb_serial` is the serial number of the USB
-    device of the board that it was last used with, by which that board is found.
+    `type_b` are tables of contributions to the uncertainty of an elongation, as `analysis.calibration.type_b` reads
+    them. `metadata` are those that its next recording states, too (`protocol.recording.Metadata`). `changes` are those
+    of its limits and other values, oldest first.
     """
 
     name: str
-    min_kpa: float = -40.0
-    max_kpa: float = 50.0
-    polarity: int = -1
-    note: str = ""
-    usb_serial: str = ""
+    min_kpa: float = stated(
+        -40.0,
+        "Lowest pressure",
+        "Below it the unit buckles or is damaged: a plan that goes lower is refused",
+        "kPa",
+        lowest=-101.325,
+        highest=0.0,
+        applies=Applies.NOW,
+    )
+    max_kpa: float = stated(
+        50.0,
+        "Highest pressure",
+        "Above it the unit is damaged: a plan that goes higher is refused",
+        "kPa",
+        lowest=0.0,
+        highest=1000.0,
+        applies=Applies.NOW,
+    )
+    polarity: int = stated(
+        -1,
+        "Polarity",
+        "Sign of the board's voltage over light",
+        choices=((-1, "the voltage falls as light grows"), (1, "it rises")),
+        applies=Applies.RECORDING,
+    )
+    note: str = stated("", "Note", "Anything about the unit", applies=Applies.NOW)
+    usb_serial: str = stated(
+        "", "USB serial number", "Of the board last used with this unit, by which it is found; stored by itself"
+    )
     version: int = VERSION
     type_b: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     metadata: Mapping[str, Any] = field(default_factory=dict)
     history: tuple[StoredCalibration, ...] = field(default=())
+    changes: tuple[StoredChange, ...] = field(default=())
 
     def __post_init__(self) -> None:
         where = f"unit {self.name!r:.60}"
@@ -132,8 +169,7 @@ class Unit:
             raise BadValue(where, "name", "must be 1 to 40 letters, digits, spaces, or any of _ . -")
         if not self.min_kpa <= 0 <= self.max_kpa or not self.min_kpa < self.max_kpa:
             raise BadValue(where, "min_kpa", "and 'max_kpa' must enclose 0 kPa, the lower one first", "swap the two?")
-        if self.polarity not in (-1, 1):
-            raise BadValue(where, "polarity", f"must be 1 or -1, not {self.polarity}")
+        check_ranges(self, where)
 
     @property
     def calibration(self) -> StoredCalibration | None:
@@ -165,18 +201,66 @@ def load_settings(folder: Path | None = None) -> Settings:
     ------
     OperatorError : the file is refused, by key.
     """
-    path = (folder or home()) / "settings.toml"
-    return _read_whole(path, lambda text: build(Settings, parse_toml(text, str(path)), str(path))) or Settings()
+    return stored_settings(folder)[0]
+
+
+def stored_settings(folder: Path | None = None) -> tuple[Settings, tuple[StoredChange, ...]]:
+    """Return the stored settings and what changed when, oldest first.
+
+    Raises
+    ------
+    OperatorError : the file is refused, by key.
+    """
+    path = settings_path(folder)
+    return read_whole(path, lambda text: read_settings(text, str(path))) or (Settings(), ())
+
+
+def read_settings(text: str, where: str) -> tuple[Settings, tuple[StoredChange, ...]]:
+    """Return the settings in a file's text, and their changes.
+
+    Raises
+    ------
+    OperatorError : the text is refused, by key.
+    """
+    table = parse_toml(text, where)
+    changes = take_changes(table, where)
+    return build(Settings, table, where), changes
 
 
 def save_settings(settings: Settings, folder: Path | None = None) -> None:
-    """Store the settings.
+    """Store the settings, and what has changed; a file that is refused is kept beside.
 
     Raises
     ------
     StorageError : the folder cannot be written.
     """
-    write_stored((folder or home()) / "settings.toml", tomli_w.dumps(dataclasses.asdict(settings)))
+    path = settings_path(folder)
+    try:
+        before, changes = stored_settings(folder)
+    except OperatorError:
+        before, changes = Settings(), ()
+        if path.exists():
+            _keep_refused(path)
+    write_stored(path, settings_text(settings, with_changes(changes, before, settings)))
+
+
+def settings_text(settings: Settings, changes: Sequence[Mapping[str, str]] = ()) -> str:
+    """Return the text of a file with these settings and changes."""
+    return tomli_w.dumps(dataclasses.asdict(settings) | {CHANGES: changes})
+
+
+def _keep_refused(path: Path) -> None:
+    """Rename a file that is refused, so that neither it nor its backup is overwritten."""
+    names = (path.with_name(f"{path.name}.refused{n or ''}") for n in range(1000))
+    try:
+        path.replace(next(name for name in names if not name.exists()))
+    except (OSError, StopIteration) as error:
+        raise StorageError(f"{path} cannot be kept under another name", "move it elsewhere") from error
+
+
+def settings_path(folder: Path | None = None) -> Path:
+    """Return the file of the settings."""
+    return (folder or home()) / "settings.toml"
 
 
 class UnitLibrary:
@@ -215,7 +299,7 @@ class UnitLibrary:
         history = _of_kind(unit.history, simulated=self.simulated, first=False)
         own = self._read(self.folder, name) if self.simulated else None
         if self.simulated:
-            unit = dataclasses.replace(unit, metadata=own.metadata if own is not None else {})
+            unit = dataclasses.replace(unit, metadata=own.metadata if own is not None else {}, changes=())
         if own is not None:  # limits and wiring are those of the real unit, the rest is its own
             history += _of_kind(own.history, simulated=True, first=True)
             unit = dataclasses.replace(unit, type_b=own.type_b)
@@ -233,29 +317,38 @@ class UnitLibrary:
     def _read(self, folder: Path, name: str) -> Unit | None:
         """Return the unit of a folder's file with every entry of it; None without a file."""
         path = path_in(folder, f"{name}.toml")
-        return _read_whole(path, lambda text: self._parse(name, text, path))
+        return read_whole(path, lambda text: self._parse(name, text, path))
 
     @staticmethod
     def _parse(name: str, text: str, path: Path) -> Unit:
         """Return the unit of a file's text."""
-        table = parse_toml(text, str(path))
-        entries = table.pop("history", [])
-        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-            raise BadValue(str(path), "history", "must be a list of tables")
-        type_b = table.pop("type_b", {})
-        if not isinstance(type_b, dict) or not all(isinstance(entry, dict) for entry in type_b.values()):
-            raise BadValue(str(path), "type_b", "must hold tables", "write [type_b.scale] and its keys below it")
-        metadata = table.pop("metadata", {})
-        if not isinstance(metadata, dict):
-            raise BadValue(str(path), "metadata", "must be a table")
-        for key in _UNIT_KEYS:  # no default replaces a limit
-            if key not in table:
-                raise BadValue(str(path), key, "is missing")
-        history = tuple(_entry(entry, str(path)) for entry in entries)
-        found = build(Unit, table, str(path), history=history, type_b=type_b, metadata=metadata)
+        found = parse_unit(text, path)
         if found.name != name:
             raise BadValue(str(path), "name", f"is {found.name!r}, the file's is {name!r}")
         return found
+
+    def stored(self, name: str) -> Unit:
+        """Return a unit that is stored.
+
+        Raises
+        ------
+        OperatorError : it is not, or as `load`.
+        """
+        if name not in self.names():
+            known = ", ".join(self.names()) or "none"
+            cause = f"no unit {name!r:.60} is stored (stored: {known})"
+            raise OperatorError(cause, "Correct the name, or add the unit.", command=f"boat-daq unit new {name:.60}")
+        return self.load(name)
+
+    def text(self, name: str) -> str:
+        """Return the text of a stored unit's file.
+
+        Raises
+        ------
+        OperatorError : it is not stored, or its file is refused.
+        """
+        self.stored(name)
+        return read_stored(path_in(self.folder, f"{name}.toml")) or ""
 
     def save(self, unit: Unit) -> None:
         """Store a unit.
@@ -272,6 +365,8 @@ class UnitLibrary:
         own, new = self._read(self.folder, unit.name), unit.history[len(stored.history) :]
         kept = own.history if own is not None else ()
         table = dataclasses.asdict(dataclasses.replace(unit, history=(*kept, *new)))
+        imported = bool(unit.changes) and not stored.changes
+        table[CHANGES] = with_changes(*((unit.changes, unit) if imported else (stored.changes, stored)), unit)
         table["history"] = [{**entry, "content": json.dumps(dict(entry["content"]))} for entry in table["history"]]
         write_stored(path_in(self.folder, f"{unit.name}.toml"), tomli_w.dumps(table))
 
@@ -300,6 +395,41 @@ class UnitLibrary:
         unit = dataclasses.replace(unit, history=(*unit.history, entry))
         self.save(unit)
         return unit
+
+
+def read_unit(path: Path) -> Unit:
+    """Return the unit of an exported file.
+
+    Raises
+    ------
+    OperatorError : the file is refused, by key.
+    """
+    return parse_unit(read_text(path), path)
+
+
+def parse_unit(text: str, path: Path) -> Unit:
+    """Return the unit of a file's text, with every entry of it.
+
+    Raises
+    ------
+    OperatorError : the text is refused, by key.
+    """
+    table = parse_toml(text, str(path))
+    entries = table.pop("history", [])
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise BadValue(str(path), "history", "must be a list of tables")
+    type_b = table.pop("type_b", {})
+    if not isinstance(type_b, dict) or not all(isinstance(entry, dict) for entry in type_b.values()):
+        raise BadValue(str(path), "type_b", "must hold tables", "write [type_b.scale] and its keys below it")
+    metadata = table.pop("metadata", {})
+    if not isinstance(metadata, dict):
+        raise BadValue(str(path), "metadata", "must be a table")
+    changes = take_changes(table, str(path))
+    for key in _UNIT_KEYS:  # no default replaces a limit
+        if key not in table:
+            raise BadValue(str(path), key, "is missing")
+    history = tuple(_entry(entry, str(path)) for entry in entries)
+    return build(Unit, table, str(path), history=history, type_b=type_b, metadata=metadata, changes=changes)
 
 
 def _of_kind(history: tuple[StoredCalibration, ...], *, simulated: bool, first: bool) -> tuple[StoredCalibration, ...]:
@@ -337,93 +467,3 @@ def _entry(table: dict[str, Any], where: str) -> StoredCalibration:
 def _check_version(where: str, version: int) -> None:
     if not 1 <= version <= VERSION:
         raise BadValue(where, "version", f"is {version}; this program reads up to {VERSION}", "update boat-daq")
-
-
-_warnings: list[tuple[str, str]] = []
-
-
-def take_warnings() -> list[tuple[str, str]]:
-    """Return cause and remedy for every backup used since the last call."""
-    taken = _warnings.copy()
-    _warnings.clear()
-    return taken
-
-
-def read_stored(path: Path) -> str | None:
-    """Return the text of a stored file, or of its backup where a disk destroyed it.
-
-    None where nothing was stored.
-
-    Raises
-    ------
-    OperatorError : neither can be read.
-    """
-    backup = path.with_name(path.name + BACKUP)
-    if not is_destroyed(path) or not backup.exists():
-        return read_text(path) if path.exists() else None
-    text = read_text(backup)
-    if "\0" in text or not text.strip():
-        raise OperatorError(f"{path} and its backup are destroyed", "write the file again; check the disk")
-    warning = (f"{path} was destroyed; its backup is used", "check its contents, store it again, and check the disk")
-    if warning not in _warnings:
-        _warnings.append(warning)
-    return text
-
-
-def _read_whole(path: Path, parse: Callable[[str], T]) -> T | None:
-    """Return what is stored in a file; None where nothing is.
-
-    Raises
-    ------
-    OperatorError : the file is refused; the remedy names its backup, where that one would be taken.
-    """
-    text = read_stored(path)
-    if text is None:
-        return None
-    try:
-        return parse(text)
-    except OperatorError as error:
-        backup = path.with_name(path.name + BACKUP)
-        if is_destroyed(path) or not _is_good(backup, parse):
-            raise
-        way_out = f"correct it, or restore its backup: copy {backup} over {path.name}"
-        raise OperatorError(error.cause, f"{error.remedy}; {way_out}" if error.remedy else way_out) from error
-
-
-def _is_good(path: Path, parse: Callable[[str], object]) -> bool:
-    try:
-        parse(read_text(path))
-    except OperatorError:
-        return False
-    return True
-
-
-def is_destroyed(path: Path) -> bool:
-    """Whether a file is gone or holds what no editor leaves.
-
-    Nothing at all, NUL bytes, or no UTF-8.
-    """
-    try:
-        content = read_regular(path, MAX_BYTES)
-        return not content.strip() or b"\0" in content or not content.decode("utf-8-sig").strip()
-    except (FileNotFoundError, UnicodeDecodeError):
-        return True
-    except OSError:
-        return False  # present but unreadable or too large: `read_text` raises the reason
-
-
-def write_stored(path: Path, text: str) -> None:
-    """Replace a file at once, the one before kept as `.bak`.
-
-    Raises
-    ------
-    StorageError : the folder or the file cannot be written.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if not is_destroyed(path):  # else the backup is the better one
-            with written_whole(path.with_name(path.name + BACKUP)) as kept:
-                shutil.copy2(path, kept)
-        write_whole(path, text)
-    except OSError as error:
-        raise StorageError(f"{path} cannot be written: {error.strerror}", "check the folder and the disk") from error

@@ -83,6 +83,10 @@ class Interlock:
             self._limits[source] = limits_kpa
         self.limits = _tightest(self._limits)
 
+    def of(self, source: str) -> tuple[float, float] | None:
+        """Return the limits of "board", "unit" or "plan"; None where it has none."""
+        return self._limits.get(source)
+
     def check(self, target_kpa: float, *, new_plan: bool = False) -> None:
         """Refuse a target outside the limits.
 

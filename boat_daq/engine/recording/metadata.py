@@ -19,7 +19,8 @@ import tomli_w
 from boat_daq.engine.file_names import path_in
 from boat_daq.engine.recording.file import RecordingFile
 from boat_daq.engine.recording.rows import INSERT_EVENT
-from boat_daq.engine.settings import UnitLibrary, home, write_stored
+from boat_daq.engine.settings import UnitLibrary, home
+from boat_daq.engine.stored_file import write_stored
 from boat_daq.engine.toml_values import BadValue, parse_toml, read_text
 from boat_daq.errors import OperatorError
 from protocol.recording import METADATA_EVENT, NOTE_EVENT, Metadata, metadata_of, open_recording, read_session

@@ -36,7 +36,7 @@ class ActiveRecording:
     acting : gives the controller under the session's lock, and carries out what follows.
     journal : where the recorder is while one runs; used under that lock.
     link : whose reader brings the blocks.
-    settings, units : what a recording keeps of them.
+    settings : returns them. units : what a recording keeps of both.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class ActiveRecording:
         acting: Callable[[], AbstractContextManager[Controller]],
         journal: Journal,
         link: LinkSupervisor,
-        settings: Settings,
+        settings: Callable[[], Settings],
         units: UnitLibrary,
     ) -> None:
         self.unit = ""
@@ -148,11 +148,11 @@ class ActiveRecording:
         assert port is not None
         hello, limits, plan = control.hello, control.interlock.limits, control.sequencer.plan
         described = {
-            "operator": self._settings.operator,
+            "operator": self._settings().operator,
             "unit": self.unit,
             "note": "",
             "port": self._link.url,
-            "settings": dataclasses.asdict(self._settings),
+            "settings": dataclasses.asdict(self._settings()),
             "simulated": self._link.simulated(hello),
             "board_id": hello.board_id if hello else "",
             "profile": port.profile,

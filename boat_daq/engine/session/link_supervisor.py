@@ -47,7 +47,7 @@ class LinkSupervisor:
 
     Parameters
     ----------
-    settings : baud rate, and whether remote ports are allowed.
+    settings : returns them: baud rate, and whether remote ports are allowed.
     acting : gives the controller under the session's lock, and carries out what follows.
     journal : messages; the recorder that a returning board is recorded by. Used under that lock.
     show : takes each block on the reading thread, after the controller.
@@ -62,7 +62,7 @@ class LinkSupervisor:
 
     def __init__(
         self,
-        settings: Settings,
+        settings: Callable[[], Settings],
         *,
         acting: Callable[[], AbstractContextManager[Controller]],
         journal: Journal,
@@ -191,7 +191,7 @@ class LinkSupervisor:
         assert self.url is not None
         self._since_s = self._clock_s()
         try:
-            port = open_port(self.url, self._profile, self._settings)
+            port = open_port(self.url, self._profile, self._settings())
         except (BoatDaqError, ProtocolError) as error:
             self._fail(error.cause, error.remedy, getattr(error, "command", ""))
             return
@@ -288,7 +288,7 @@ class LinkSupervisor:
         if self.reader is not None and self.reader.statistics.frames > 0:
             cause = f"the board at {self.url} sends valid frames, but no plausible HELLO"
             return cause, "check the HELLO of its firmware: 1 to 4 sensors, 1 to 16 bits, a rate above 0"
-        cause = f"the device at {self.url} is not a BOAT board at this baud rate ({self._settings.baud})"
+        cause = f"the device at {self.url} is not a BOAT board at this baud rate ({self._settings().baud})"
         return cause, "choose another port or baud rate; firmware that prints text needs its profile"
 
     def _fail(self, cause: str, remedy: str, command: str = "") -> None:
@@ -331,7 +331,7 @@ class LinkSupervisor:
         if url is None:
             return
         try:
-            port = open_port(url, self._profile, self._settings)
+            port = open_port(url, self._profile, self._settings())
         except (BoatDaqError, ProtocolError):
             return
         self.url = url

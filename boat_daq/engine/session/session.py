@@ -36,7 +36,7 @@ from boat_daq.engine.session.active_recording import ActiveRecording
 from boat_daq.engine.session.journal import HealthLog, Journal, health_line
 from boat_daq.engine.session.link_supervisor import LinkSupervisor
 from boat_daq.engine.session.measured_blocks import MeasuredBlock, SampleQueue, blocks
-from boat_daq.engine.settings import Settings, UnitLibrary, load_settings, take_warnings
+from boat_daq.engine.settings import Settings, Unit, UnitLibrary, load_settings
 from boat_daq.engine.snapshot import (
     LinkError,
     LinkState,
@@ -46,7 +46,8 @@ from boat_daq.engine.snapshot import (
     SessionSnapshot,
     SessionState,
 )
-from boat_daq.errors import DeviceError, OperatorError, StorageError
+from boat_daq.engine.stored_file import take_warnings
+from boat_daq.errors import BoatDaqError, DeviceError, OperatorError, StorageError
 from protocol.link.events import Samples
 from protocol.link.messages import SetPressure, Vent
 from protocol.recording import RunEnd
@@ -79,14 +80,14 @@ class Session:
         self._pressures = 0  # odd while a pressure is being sent: see `vent`
         self._resumes_at: tuple[int, int] | None = None  # first cycle and complete cycles of an armed resumption
         self._link = LinkSupervisor(
-            self.settings,
+            lambda: self.settings,
             acting=self._acting,
             journal=self._journal,
             show=self._show,
             connected=self._remember_board,
             end_recording=self._end_recording,
         )
-        self._recording = ActiveRecording(self._acting, self._journal, self._link, self.settings, self.units)
+        self._recording = ActiveRecording(self._acting, self._journal, self._link, lambda: self.settings, self.units)
         self._health_log = HealthLog(self._health_line)
         self._report_backups()
         self._report_shortcomings()
@@ -249,6 +250,27 @@ class Session:
         none = LinkError(f"no samples within {timeout_s:g} s", "check the board and its cable")
         cause, remedy, command = seen.link_error or none
         raise DeviceError(cause, remedy, command=command)
+
+    def store_unit(self, unit: Unit) -> None:
+        """Store a unit; the limits of the one under test hold at once, and an armed plan is disarmed.
+
+        Raises
+        ------
+        OperatorError : a run is in progress with it, or as `UnitLibrary.save`. StorageError : as there.
+        """
+        before = self.units.load(unit.name)
+        limits, old = ((u.min_kpa, u.max_kpa) for u in (unit, before))
+        under_test = unit.name == self._recording.unit
+        if under_test:
+            with self._acting() as control:
+                control.use_unit_limits(limits)
+        try:
+            self.units.save(unit)
+        except BoatDaqError:
+            if under_test:
+                with self._acting() as control:
+                    control.use_unit_limits(old)
+            raise
 
     def disconnect(self) -> None:
         """Vent, stop the stream, close the recording and the port.

@@ -16,7 +16,8 @@ import tomli_w
 
 from analysis.certificates.laboratory import Laboratory
 from analysis.progress import Progress, part_of
-from boat_daq.engine.settings import UnitLibrary, home, write_stored
+from boat_daq.engine.settings import UnitLibrary, home
+from boat_daq.engine.stored_file import write_stored
 from boat_daq.engine.toml_values import build, parse_toml, read_text
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState

@@ -24,8 +24,8 @@ from boat_daq.engine.settings import (
     load_settings,
     recordings_folder,
     save_settings,
-    take_warnings,
 )
+from boat_daq.engine.stored_file import take_warnings
 from boat_daq.errors import OperatorError, StorageError
 
 CUBIC = {"coefficients": [1651.9842, 46.4413, -2.6934, -0.36251], "note": 'a "quoted" ü', "covariance": [[1e-300, 2.0]]}

@@ -1,0 +1,284 @@
+"""Elongation as a setpoint: signals in, the next pressure out. Arrays and numbers only: no thread, port or clock.
+
+Strategy: feed-forward through the exact inverse of the identified hysteresis, with the lag of the pneumatics taken out
+by the setpoint's own rate and acceleration, and an integrator on what is left: setpoint less measured elongation, both
+at the instant of the samples. The sensors are fused by their variances. A step of the setpoint is shaped by a critically
+damped filter with a limited rate, so that the pump can follow; ramps and sines are followed as they are.
+
+Rules: every pressure lies inside the limits and changes no faster than the ramp; where it would not, the integrator does
+not grow (anti-windup). The first pressure is that at the start (bumpless): memory and integrator begin so. A sensor that
+leaves its range, or repeats one reading, is lost and stays so: the others carry on, reported once. What cannot be
+controlled stops with a code: elongation unknown, sensors in disagreement, uncertainty or deviation beyond its bound.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.calibration.inverse import Fusion
+from analysis.errors import RequestError
+from analysis.twin.dynamics import Lag, Margins, integral_for, loop_margins
+from analysis.twin.hysteresis import Hysteresis
+from analysis.twin.measurement import FusedElongation, SensorWatch
+
+PERIOD_S = 0.04
+LEAST_RAMP_KPA_PER_S = 0.1
+RATE_SHARE = 0.9  # of the ramp that a shaped step may use: the rest is for the integrator
+_HISTORY = 64  # periods of the setpoint that are kept to compare with late samples
+
+
+class StopCode(enum.StrEnum):
+    """Why elongation is no longer controlled; also a `MessageKind` of the program."""
+
+    DISAGREEMENT = "sensors_disagree"
+    UNKNOWN = "elongation_unknown"
+    UNCERTAIN = "elongation_uncertain"
+    NOT_FOLLOWING = "not_following"
+
+
+_STOPS = {
+    StopCode.DISAGREEMENT: ("the sensors disagree on the elongation", "check both sensors, or calibrate again"),
+    StopCode.UNKNOWN: (
+        "no sensor gives an elongation: their signals are outside the calibrated range",
+        "check the sensors, or choose setpoints further inside the range",
+    ),
+    StopCode.UNCERTAIN: (
+        "the uncertainty of the elongation is {u:.2f} mm, above its bound of {bound:g} mm",
+        "choose setpoints where the sensors are steeper, or raise the bound",
+    ),
+    StopCode.NOT_FOLLOWING: (
+        "the elongation does not follow: {away:+.2f} mm from its setpoint",
+        "check for a leak and that the pump runs, or identify the unit again",
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Tuning:
+    """Gains of the controller.
+
+    Attributes
+    ----------
+    integral_per_s : of the integrator.
+    lead_s, lead_s2 : of the setpoint's rate and acceleration in the feed-forward.
+    shape_rad_per_s : of the filter that shapes steps.
+    ramp_kpa_per_s : fastest change of the pressure.
+    margins : of the loop with these gains.
+    lag : identified by a step test; None where the gains are the cautious defaults.
+    period_s : between two pressures.
+    """
+
+    integral_per_s: float
+    lead_s: float
+    lead_s2: float
+    shape_rad_per_s: float
+    ramp_kpa_per_s: float
+    margins: Margins
+    lag: Lag | None = None
+    period_s: float = PERIOD_S
+
+    @classmethod
+    def of(cls, lag: Lag, ramp_kpa_per_s: float, period_s: float = PERIOD_S) -> Tuning:
+        """Return the gains for an identified lag: margins of 60 degrees and 10 dB."""
+        gain = integral_for(lag, period_s)
+        shape = min(0.6 * lag.omega_rad_per_s, 0.35 / max(lag.delay_s, 1e-3))  # what plant and delay can follow
+        lead2 = 1.0 / lag.omega_rad_per_s**2
+        return cls(
+            gain, lag.lag_s, lead2, shape, ramp_kpa_per_s, loop_margins(lag, gain, period_s), lag, period_s
+        )  # fmt: skip
+
+    @classmethod
+    def cautious(cls, ramp_kpa_per_s: float = 10.0) -> Tuning:
+        """Return slow gains for a unit without a step test."""
+        return cls(0.5, 0.0, 0.0, 2.0, ramp_kpa_per_s, loop_margins(Lag(0.1, 5.0, 1.0), 0.5, PERIOD_S))
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the gains under their names."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """What stops the controller.
+
+    Attributes
+    ----------
+    u_mm : largest expanded uncertainty (k = 2) of one sample's elongation.
+    deviation_mm : largest distance from the setpoint, for longer than `follow_s`.
+    debounce_s : how long disagreement, uncertainty or loss must last.
+    """
+
+    u_mm: float = 0.8
+    deviation_mm: float = 0.5
+    follow_s: float = 3.0
+    debounce_s: float = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """A setpoint at an instant: `shaped` where it is a step that the controller makes smooth."""
+
+    mm: float
+    mm_per_s: float = 0.0
+    mm_per_s2: float = 0.0
+    shaped: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """What a period brought.
+
+    Attributes
+    ----------
+    pressure_kpa, ramp_kpa_per_s : to command; the pressure is that of before where `stop` is set.
+    setpoint_mm : after shaping. elongation_mm, u_mm : measured, k = 2; NaN where unknown.
+    saturated : the pressure is at a limit or at its ramp.
+    lost : sensors (from 1) newly lost.
+    stop, cause, remedy : why to stop; None and empty where nothing is wrong.
+    """
+
+    pressure_kpa: float
+    ramp_kpa_per_s: float
+    setpoint_mm: float
+    elongation_mm: float
+    u_mm: float
+    saturated: bool
+    lost: tuple[int, ...] = ()
+    stop: StopCode | None = None
+    cause: str = ""
+    remedy: str = ""
+
+
+class ElongationController:
+    """One unit under control. `begin`, then `advance` once a period.
+
+    Parameters
+    ----------
+    model : the identified hysteresis.
+    fusion : the calibration in force.
+    tuning, bounds : gains, and what stops.
+    step_mv : of the converter, as `SensorWatch` takes it.
+    """
+
+    def __init__(
+        self, model: Hysteresis, fusion: Fusion, tuning: Tuning, bounds: Bounds | None = None, *, step_mv: float = 0.0
+    ) -> None:
+        self.model, self.tuning, self.bounds = model, tuning, bounds or Bounds()
+        self.period_s = tuning.period_s
+        self.sensors = SensorWatch(fusion, step_mv)
+        self._lasted_s = dict.fromkeys(StopCode, 0.0)
+
+    def check(self, mm: float) -> None:
+        """Refuse a setpoint outside the calibrated range.
+
+        Raises
+        ------
+        RequestError : it is.
+        """
+        low, high = self.sensors.range_mm
+        if not low <= mm <= high:
+            raise RequestError(
+                f"a setpoint of {mm:g} mm is outside the calibrated range, {low:.2f} to {high:.2f} mm",
+                "Choose one inside, or calibrate over a wider range.",
+            )
+
+    def begin(self, time_s: float, pressure_kpa: float, signal_mv: FloatArray) -> float:
+        """Start without a bump and return the measured elongation, mm.
+
+        Parameters
+        ----------
+        time_s : board time of the newest sample.
+        pressure_kpa : commanded now, or measured on a vented unit.
+        signal_mv : [n, sensors] of the last samples.
+
+        Raises
+        ------
+        RequestError : no elongation is known, or the sensors disagree.
+        """
+        found = self.sensors.measure(signal_mv, 0.0)
+        if not math.isfinite(found.mm):
+            raise RequestError(*_STOPS[StopCode.UNKNOWN])
+        if found.disagreement:
+            raise RequestError(*_STOPS[StopCode.DISAGREEMENT])
+        self._time_s, self._pressure_kpa = time_s, pressure_kpa
+        self._memory = self.model.rest(pressure_kpa, found.mm)
+        self._offset = self.model.elongation(self._memory) - found.mm  # so that the first pressure is the present one
+        self._reference, self._rate = found.mm, 0.0
+        self._past = [(time_s, found.mm)]
+        return found.mm
+
+    def advance(
+        self,
+        time_s: float,
+        sampled_s: float,
+        setpoint: Setpoint,
+        signal_mv: FloatArray,
+        limits_kpa: tuple[float, float],
+    ) -> Output:
+        """Return the next pressure.
+
+        Parameters
+        ----------
+        time_s : now, on the board's clock. sampled_s : mean time of the samples.
+        setpoint : of now.
+        signal_mv : [n, sensors] since the last call; NaN where a sample is not to be used.
+        limits_kpa : in force.
+        """
+        dt = max(time_s - self._time_s, 1e-3)
+        self._time_s = time_s
+        found = self.sensors.measure(signal_mv, dt)
+        acceleration = self._shape(setpoint, dt)
+        self._past = [*self._past[-_HISTORY:], (time_s, self._reference)]
+        error = float(np.interp(sampled_s, *zip(*self._past, strict=True))) - found.mm
+        grow = self.tuning.integral_per_s * dt * error if math.isfinite(error) else 0.0
+        ahead = self._reference + self.tuning.lead_s * self._rate + self.tuning.lead_s2 * acceleration
+        wanted_kpa = self.model.pressure(self._memory, ahead + self._offset + grow)
+        step = self.tuning.ramp_kpa_per_s * dt
+        pressure_kpa = min(max(wanted_kpa, self._pressure_kpa - step), self._pressure_kpa + step)
+        pressure_kpa = min(max(pressure_kpa, limits_kpa[0]), limits_kpa[1])
+        saturated = pressure_kpa != wanted_kpa
+        if not saturated or (wanted_kpa - pressure_kpa) * grow < 0.0:
+            self._offset += grow
+        ramp = min(max(abs(pressure_kpa - self._pressure_kpa) / dt, LEAST_RAMP_KPA_PER_S), self.tuning.ramp_kpa_per_s)
+        self._pressure_kpa = pressure_kpa
+        self._memory = self.model.after(self._memory, pressure_kpa)
+        stop, cause, remedy = self._stop(found, error, dt)
+        return Output(
+            pressure_kpa, ramp, self._reference, found.mm, found.u_mm, saturated, found.lost, stop, cause, remedy
+        )
+
+    def _shape(self, setpoint: Setpoint, dt_s: float) -> float:
+        """Move the reference towards the setpoint and return its acceleration, mm/s2."""
+        if not setpoint.shaped:
+            self._reference, self._rate = setpoint.mm, setpoint.mm_per_s
+            return setpoint.mm_per_s2
+        w = self.tuning.shape_rad_per_s
+        fastest = RATE_SHARE * self.tuning.ramp_kpa_per_s * self.model.slope(self._pressure_kpa)
+        before, parts = self._rate, max(1, math.ceil(dt_s / 0.005))
+        for _ in range(parts):
+            acceleration = w * w * (setpoint.mm - self._reference) - 2.0 * w * self._rate
+            self._rate = min(max(self._rate + acceleration * dt_s / parts, -fastest), fastest)
+            self._reference += self._rate * dt_s / parts
+        return (self._rate - before) / dt_s
+
+    def _stop(self, found: FusedElongation, error: float, dt_s: float) -> tuple[StopCode | None, str, str]:
+        """Return why to stop, with cause and remedy."""
+        bounds = self.bounds
+        present = {
+            StopCode.UNKNOWN: not math.isfinite(found.mm),
+            StopCode.DISAGREEMENT: found.disagreement,
+            StopCode.UNCERTAIN: found.u_mm > bounds.u_mm,
+            StopCode.NOT_FOLLOWING: abs(error) > bounds.deviation_mm,
+        }
+        for code, now in present.items():
+            self._lasted_s[code] = self._lasted_s[code] + dt_s if now else 0.0
+            if self._lasted_s[code] > (bounds.follow_s if code is StopCode.NOT_FOLLOWING else bounds.debounce_s):
+                cause, remedy = _STOPS[code]
+                return code, cause.format(u=found.u_mm, bound=bounds.u_mm, away=-error), remedy
+        return None, "", ""

@@ -1,0 +1,88 @@
+"""The elongation that the controller acts on: all sensors fused by their variances, the lost ones left out.
+
+A sensor is lost, and stays so, when it alone is outside its calibrated range, or when it repeats one reading although
+its noise is more than half a step of the converter. Sensors that disagree are not lost: which one is wrong is unknown.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.calibration.inverse import Fusion
+
+FROZEN_SAMPLES = 30
+ALONE_S = 0.12
+OUTSIDE_SHARE = 0.02  # of the full-scale output, beyond which a signal is outside the calibrated range
+COVERAGE_FACTOR = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class FusedElongation:
+    """A period's elongation: NaN where unknown; `u_mm` of one sample, k = 2; `lost` are the sensors newly lost."""
+
+    mm: float
+    u_mm: float
+    disagreement: bool
+    lost: tuple[int, ...] = ()
+
+
+class SensorWatch:
+    """Fuses the sensors of one unit, period by period.
+
+    Parameters
+    ----------
+    fusion : the calibration in force.
+    step_mv : of the converter; 0 where it is not known, and a constant signal is then no sign of a loss.
+    """
+
+    def __init__(self, fusion: Fusion, step_mv: float = 0.0) -> None:
+        n = len(fusion.inverses)
+        self.fusion = fusion
+        self.lost = np.zeros(n, dtype=bool)
+        self._same, self._newest, self._out_s = np.zeros(n, dtype=np.int64), np.full(n, np.nan), np.zeros(n)
+        ends = np.sort(np.asarray([one.nodes[[0, -1]] for one in fusion.inverses]), axis=1)
+        slopes = np.ptp(ends, axis=1) / [np.ptp(one.x_range) for one in fusion.inverses]
+        noise_mv = np.asarray([np.median(one.noise_mm) for one in fusion.inverses]) * slopes
+        self._noisy = (step_mv > 0.0) & (noise_mv > 0.5 * step_mv)
+        beyond_mv = OUTSIDE_SHARE * np.ptp(ends, axis=1)
+        self._least_mv, self._most_mv = ends[:, 0] - beyond_mv, ends[:, 1] + beyond_mv
+
+    @property
+    def range_mm(self) -> tuple[float, float]:
+        """The elongations that every sensor is calibrated for."""
+        lows, highs = zip(*(one.x_range for one in self.fusion.inverses), strict=True)
+        return max(lows), min(highs)
+
+    def measure(self, signal_mv: FloatArray, dt_s: float) -> FusedElongation:
+        """Return the elongation of the samples' mean.
+
+        Parameters
+        ----------
+        signal_mv : [n, sensors] of one period, NaN where not usable. dt_s : since the period before.
+        """
+        known = np.isfinite(signal_mv)
+        count = known.sum(axis=0)
+        mean = np.where(count, np.where(known, signal_mv, 0.0).sum(axis=0), np.nan) / np.maximum(count, 1)
+        new = self._find_lost(signal_mv, mean, dt_s)
+        found = self.fusion.evaluate(np.where(self.lost, np.nan, mean)[None, :])
+        u = COVERAGE_FACTOR * float(found.standard_uncertainty_mm[0])
+        return FusedElongation(float(found.elongation_mm[0]), u, bool(found.disagreement[0]), new)
+
+    def _find_lost(self, signal_mv: FloatArray, mean: FloatArray, dt_s: float) -> tuple[int, ...]:
+        """Mark the sensors that are lost from now on, and return their numbers."""
+        inside = (mean >= self._least_mv) & (mean <= self._most_mv)
+        alone = np.isfinite(mean) & ~inside & bool((inside & ~self.lost).any())
+        self._out_s = np.where(alone, self._out_s + dt_s, 0.0)
+        if len(signal_mv):
+            newest = signal_mv[-1]
+            same = (signal_mv == newest).all(axis=0)
+            self._same = np.where(same, np.where(newest == self._newest, self._same, 0) + len(signal_mv), 0)
+            self._newest = newest
+        frozen = self._noisy & (self._same >= FROZEN_SAMPLES)
+        new = ~self.lost & (frozen | (self._out_s > ALONE_S))
+        self.lost = self.lost | new
+        return tuple((np.flatnonzero(new) + 1).tolist())
+

@@ -2,12 +2,12 @@
 
 Strategy: feed-forward through the exact inverse of the identified hysteresis, with the lag of the pneumatics taken out
 by the setpoint's own rate and acceleration, and an integrator on what is left: setpoint less measured elongation, both
-at the instant of the samples. The sensors are fused by their variances. A step of the setpoint is shaped by a critically
-damped filter with a limited rate, so that the pump can follow; ramps and sines are followed as they are.
+at the instant of the samples. The sensors are fused by their variances. A step of the setpoint is shaped by a
+critically damped filter with a limited rate, so that the pump can follow; ramps and sines are followed as they are.
 
-Rules: every pressure lies inside the limits and changes no faster than the ramp; where it would not, the integrator does
-not grow (anti-windup). The first pressure is that at the start (bumpless): memory and integrator begin so. A sensor that
-leaves its range, or repeats one reading, is lost and stays so: the others carry on, reported once. What cannot be
+Rules: every pressure lies inside the limits and changes no faster than the ramp; where it would not, the integrator
+does not grow (anti-windup). The first pressure is that at the start (bumpless): memory and integrator begin so. A
+sensor that leaves its range, or repeats one reading, is lost and stays so: the others carry on. What cannot be
 controlled stops with a code: elongation unknown, sensors in disagreement, uncertainty or deviation beyond its bound.
 """
 
@@ -24,7 +24,7 @@ from analysis.arrays import FloatArray
 from analysis.calibration.inverse import Fusion
 from analysis.errors import RequestError
 from analysis.twin.dynamics import Lag, Margins, integral_for, loop_margins
-from analysis.twin.hysteresis import Hysteresis
+from analysis.twin.hysteresis import HysteresisModel
 from analysis.twin.measurement import FusedElongation, SensorWatch
 
 PERIOD_S = 0.04
@@ -121,16 +121,6 @@ class Bounds:
 
 
 @dataclass(frozen=True, slots=True)
-class Setpoint:
-    """A setpoint at an instant: `shaped` where it is a step that the controller makes smooth."""
-
-    mm: float
-    mm_per_s: float = 0.0
-    mm_per_s2: float = 0.0
-    shaped: bool = True
-
-
-@dataclass(frozen=True, slots=True)
 class Output:
     """What a period brought.
 
@@ -163,16 +153,24 @@ class ElongationController:
     model : the identified hysteresis.
     fusion : the calibration in force.
     tuning, bounds : gains, and what stops.
+    unit : that it was identified for.
     step_mv : of the converter, as `SensorWatch` takes it.
     """
 
     def __init__(
-        self, model: Hysteresis, fusion: Fusion, tuning: Tuning, bounds: Bounds | None = None, *, step_mv: float = 0.0
+        self,
+        model: HysteresisModel,
+        fusion: Fusion,
+        tuning: Tuning,
+        bounds: Bounds | None = None,
+        *,
+        unit: str = "",
+        step_mv: float = 0.0,
     ) -> None:
         self.model, self.tuning, self.bounds = model, tuning, bounds or Bounds()
-        self.period_s = tuning.period_s
+        self.period_s, self.delay_margin_s = tuning.period_s, tuning.margins.delay_s
+        self.unit, self._step_mv = unit, step_mv
         self.sensors = SensorWatch(fusion, step_mv)
-        self._lasted_s = dict.fromkeys(StopCode, 0.0)
 
     def check(self, mm: float) -> None:
         """Refuse a setpoint outside the calibrated range.
@@ -201,6 +199,8 @@ class ElongationController:
         ------
         RequestError : no elongation is known, or the sensors disagree.
         """
+        self.sensors = SensorWatch(self.sensors.fusion, self._step_mv)
+        self._lasted_s = dict.fromkeys(StopCode, 0.0)
         found = self.sensors.measure(signal_mv, 0.0)
         if not math.isfinite(found.mm):
             raise RequestError(*_STOPS[StopCode.UNKNOWN])
@@ -209,7 +209,7 @@ class ElongationController:
         self._time_s, self._pressure_kpa = time_s, pressure_kpa
         self._memory = self.model.rest(pressure_kpa, found.mm)
         self._offset = self.model.elongation(self._memory) - found.mm  # so that the first pressure is the present one
-        self._reference, self._rate = found.mm, 0.0
+        self._reference, self._rate, self._shaped = found.mm, 0.0, True
         self._past = [(time_s, found.mm)]
         return found.mm
 
@@ -217,32 +217,36 @@ class ElongationController:
         self,
         time_s: float,
         sampled_s: float,
-        setpoint: Setpoint,
+        setpoint: tuple[float, float, float],
         signal_mv: FloatArray,
         limits_kpa: tuple[float, float],
+        *,
+        shaped: bool = True,
     ) -> Output:
         """Return the next pressure.
 
         Parameters
         ----------
         time_s : now, on the board's clock. sampled_s : mean time of the samples.
-        setpoint : of now.
+        setpoint : of now: mm, mm/s and mm/s2.
         signal_mv : [n, sensors] since the last call; NaN where a sample is not to be used.
         limits_kpa : in force.
+        shaped : it is a step, which is made smooth; else it is followed as it is.
         """
         dt = max(time_s - self._time_s, 1e-3)
         self._time_s = time_s
         found = self.sensors.measure(signal_mv, dt)
-        acceleration = self._shape(setpoint, dt)
+        acceleration = self._shape(setpoint, dt, shaped=shaped)
         self._past = [*self._past[-_HISTORY:], (time_s, self._reference)]
-        error = float(np.interp(sampled_s, *zip(*self._past, strict=True))) - found.mm
+        times, references = np.asarray(self._past).T
+        error = float(np.interp(sampled_s, times, references)) - found.mm
         grow = self.tuning.integral_per_s * dt * error if math.isfinite(error) else 0.0
         ahead = self._reference + self.tuning.lead_s * self._rate + self.tuning.lead_s2 * acceleration
         wanted_kpa = self.model.pressure(self._memory, ahead + self._offset + grow)
         step = self.tuning.ramp_kpa_per_s * dt
         pressure_kpa = min(max(wanted_kpa, self._pressure_kpa - step), self._pressure_kpa + step)
         pressure_kpa = min(max(pressure_kpa, limits_kpa[0]), limits_kpa[1])
-        saturated = pressure_kpa != wanted_kpa
+        saturated = bool(pressure_kpa != wanted_kpa)
         if not saturated or (wanted_kpa - pressure_kpa) * grow < 0.0:
             self._offset += grow
         ramp = min(max(abs(pressure_kpa - self._pressure_kpa) / dt, LEAST_RAMP_KPA_PER_S), self.tuning.ramp_kpa_per_s)
@@ -253,17 +257,20 @@ class ElongationController:
             pressure_kpa, ramp, self._reference, found.mm, found.u_mm, saturated, found.lost, stop, cause, remedy
         )
 
-    def _shape(self, setpoint: Setpoint, dt_s: float) -> float:
+    def _shape(self, setpoint: tuple[float, float, float], dt_s: float, *, shaped: bool) -> float:
         """Move the reference towards the setpoint and return its acceleration, mm/s2."""
-        if not setpoint.shaped:
-            self._reference, self._rate = setpoint.mm, setpoint.mm_per_s
-            return setpoint.mm_per_s2
+        goal, rate, acceleration = setpoint
+        ended = not self._shaped and abs(goal - self._reference) <= 1.5 * abs(self._rate) * dt_s  # of a ramp or sine
+        self._shaped = shaped
+        if not shaped or ended:
+            self._reference, self._rate = goal, rate
+            return acceleration
         w = self.tuning.shape_rad_per_s
         fastest = RATE_SHARE * self.tuning.ramp_kpa_per_s * self.model.slope(self._pressure_kpa)
         before, parts = self._rate, max(1, math.ceil(dt_s / 0.005))
         for _ in range(parts):
-            acceleration = w * w * (setpoint.mm - self._reference) - 2.0 * w * self._rate
-            self._rate = min(max(self._rate + acceleration * dt_s / parts, -fastest), fastest)
+            pull = w * w * (goal - self._reference) - 2.0 * w * self._rate
+            self._rate = min(max(self._rate + pull * dt_s / parts, -fastest), fastest)
             self._reference += self._rate * dt_s / parts
         return (self._rate - before) / dt_s
 

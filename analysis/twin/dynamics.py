@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -69,7 +70,7 @@ class Lag:
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class DynamicFigure:
     """A figure with its 95 % interval."""
 
     value: float
@@ -91,12 +92,12 @@ class StepFigures:
     phase_lag_deg : at a tenth of the bandwidth.
     """
 
-    time_constant_s: Figure
-    rise_s: Figure
-    settling_s: Figure
-    overshoot_percent: Figure
-    bandwidth_hz: Figure
-    phase_lag_deg: Figure
+    time_constant_s: DynamicFigure
+    rise_s: DynamicFigure
+    settling_s: DynamicFigure
+    overshoot_percent: DynamicFigure
+    bandwidth_hz: DynamicFigure
+    phase_lag_deg: DynamicFigure
 
     def as_json(self) -> dict[str, Any]:
         """Return value, low and high of each figure, by name."""
@@ -235,7 +236,7 @@ def bode_point(time_s: FloatArray, setpoint: FloatArray, elongation: FloatArray,
 def bandwidth_hz(points: Sequence[BodePoint]) -> float:
     """Return the lowest frequency at -3 dB, interpolated over the logarithm; NaN where the sweep ends before."""
     ordered = sorted(points, key=lambda point: point.frequency_hz)
-    for one, other in zip(ordered, ordered[1:], strict=False):
+    for one, other in pairwise(ordered):
         if one.gain_db >= -3.0 > other.gain_db:
             share = (one.gain_db + 3.0) / (one.gain_db - other.gain_db)
             return float(one.frequency_hz * (other.frequency_hz / one.frequency_hz) ** share)
@@ -256,12 +257,12 @@ def lag_figures(lag: Lag, tolerance: float = 0.02, draws: int = 200, seed: int =
     rows = np.array([_step_values(Lag(*row), tolerance) for row in np.maximum(drawn, [0.0, 0.05, 0.02]).tolist()])
     values = _step_values(lag, tolerance)
     low, high = np.percentile(rows, [2.5, 97.5], axis=0)
-    return StepFigures(*(Figure(*map(float, one)) for one in zip(values, low, high, strict=True)))
+    return StepFigures(*(DynamicFigure(*map(float, one)) for one in zip(values, low, high, strict=True)))
 
 
 def step_figures(
     time_s: Sequence[FloatArray], elongation_mm: Sequence[FloatArray], steps_mm: Sequence[float], tolerance_mm: float
-) -> dict[str, Figure]:
+) -> dict[str, DynamicFigure]:
     """Return rise, settling, overshoot and time constant of repeated steps: mean and its 95 % interval (Student t).
 
     Parameters
@@ -276,7 +277,7 @@ def step_figures(
     names = ("time_constant_s", "rise_s", "settling_s", "overshoot_percent")
     mean, n = rows.mean(axis=0), len(rows)
     half = student.ppf(0.975, n - 1) * rows.std(axis=0, ddof=1) / math.sqrt(n) if n > 1 else np.full(4, math.nan)
-    return {k: Figure(float(m), float(m - h), float(m + h)) for k, m, h in zip(names, mean, half, strict=True)}
+    return {k: DynamicFigure(float(m), float(m - h), float(m + h)) for k, m, h in zip(names, mean, half, strict=True)}
 
 
 def _recorded_values(time_s: FloatArray, share: FloatArray, tolerance: float) -> tuple[float, float, float, float]:

@@ -1,8 +1,8 @@
 """The actuator's hysteresis, identified from a run, and its exact inverse: the feed-forward of the controller.
 
-A generalised Prandtl-Ishlinskii model: elongation = offset + sum of weight * play. A play is a clamp: under the pressure
-v it moves its state no further than into [up(v) - r, down(v) + r], with one parabola as the envelope of rising and one
-as that of falling pressure. From a given memory the elongation is a monotone, piecewise linear function of the
+A generalised Prandtl-Ishlinskii model: elongation = offset + sum of weight * play. A play is a clamp: under the
+pressure v it moves its state no further than into [up(v) - r, down(v) + r], with one parabola as the envelope of rising
+and one as that of falling pressure. From a given memory the elongation is a monotone, piecewise linear function of the
 envelope, so that the pressure for an elongation follows in closed form: sort the breakpoints, interpolate, solve the
 parabola. The memory is that of the pressures commanded so far.
 
@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize, nnls
@@ -34,7 +35,7 @@ _STEEPEST = 0.8  # of the curvature at which an envelope would turn inside the i
 
 
 @dataclass(frozen=True, slots=True)
-class Hysteresis:
+class HysteresisModel:
     """Elongation over pressure with memory.
 
     Attributes
@@ -75,7 +76,7 @@ class Hysteresis:
         return self.offset_mm + float(self.weights @ memory)
 
     def pressure(self, memory: FloatArray, elongation_mm: float) -> float:
-        """Return the pressure that moves a memory [m] to an elongation, kPa; beyond the identified ones it is linear."""
+        """Return the pressure that moves a memory [m] to an elongation, kPa; the model is extended beyond its range."""
         wanted = elongation_mm - self.offset_mm
         sign = 1.0 if wanted >= float(self.weights @ memory) else -1.0
         corner = np.asarray(sign * memory + self.radii)  # of the envelope, where each play begins to move
@@ -103,7 +104,7 @@ class Hysteresis:
         return low, pressure_kpa + self.down_curvature * square + self.radii
 
 
-def identify(pressure_kpa: FloatArray, elongation_mm: FloatArray, plays: int = PLAYS) -> Hysteresis:
+def identify(pressure_kpa: FloatArray, elongation_mm: FloatArray, plays: int = PLAYS) -> HysteresisModel:
     """Return the hysteresis of a run by least squares.
 
     Parameters
@@ -122,7 +123,9 @@ def identify(pressure_kpa: FloatArray, elongation_mm: FloatArray, plays: int = P
         raise DataError(f"only {len(pressure)} points of elongation and pressure", "Give a calibration run.")
     low, high = float(pressure.min()), float(pressure.max())
     if high - low < LEAST_SPAN_KPA:
-        raise DataError(f"the pressure spans {high - low:.0f} kPa", f"Give a run over {LEAST_SPAN_KPA:.0f} kPa or more.")
+        raise DataError(
+            f"the pressure spans {high - low:.0f} kPa", f"Give a run over {LEAST_SPAN_KPA:.0f} kPa or more."
+        )
     near = 0.02 * (high - low)
     first = min(int(np.argmax(pressure >= high - near)), int(np.argmax(pressure <= low + near)))
     radii = 0.5 * (high - low) * np.arange(plays) / plays
@@ -137,12 +140,12 @@ def identify(pressure_kpa: FloatArray, elongation_mm: FloatArray, plays: int = P
         weights, misfit = nnls(columns - mean, y - level)
         return weights, level - float(mean @ weights), float(misfit) / math.sqrt(len(y))
 
-    def cost(scaled: FloatArray) -> float:
+    def cost(scaled: Any) -> float:
         beyond = max(0.0, abs(float(scaled[0])) + abs(float(scaled[1])) - 1.0)
         return solved(scaled / (1.0 + beyond) * steepest)[2] * (1.0 + beyond)
 
     start = np.array([[0.0, 0.01], [0.2, 0.01], [0.0, 0.05]])
-    options = {"initial_simplex": start, "xatol": 1e-4, "fatol": 1e-7, "maxfev": 120}
+    options: Any = {"initial_simplex": start, "xatol": 1e-4, "fatol": 1e-7, "maxfev": 120}
     best = minimize(cost, start[0], method="Nelder-Mead", options=options).x
     best = best / max(1.0, float(np.abs(best).sum())) * steepest
     weights, offset, rms = solved(best)
@@ -154,7 +157,7 @@ def identify(pressure_kpa: FloatArray, elongation_mm: FloatArray, plays: int = P
             "Give a run whose pressure rises and falls over the whole range, without a leak or a disturbance.",
         )
     half = abs(float(best[1]))
-    found = Hysteresis(radii, weights, float(best[0]) - half, float(best[0]) + half, offset, (low, high), rms, r2)
+    found = HysteresisModel(radii, weights, float(best[0]) - half, float(best[0]) + half, offset, (low, high), rms, r2)
     return replace(found, weights=np.where(radii == 0.0, np.maximum(weights, 1e-6), weights))  # it can be inverted
 
 

@@ -1,7 +1,8 @@
 """The elongation that the controller acts on: all sensors fused by their variances, the lost ones left out.
 
-A sensor is lost, and stays so, when it alone is outside its calibrated range, or when it repeats one reading although
-its noise is more than half a step of the converter. Sensors that disagree are not lost: which one is wrong is unknown.
+A sensor is lost, and stays so, when its signal is far outside its calibrated range while another is not, or when it
+repeats one reading although its noise is more than half a step of the converter. Sensors that disagree, one of them
+perhaps just outside its range, are not lost: which one is wrong is unknown.
 """
 
 from __future__ import annotations
@@ -11,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.arrays import FloatArray
-from analysis.calibration.inverse import Fusion
+from analysis.calibration.inverse import DISAGREEMENT_SIGMA, Fusion
 
 FROZEN_SAMPLES = 30
 ALONE_S = 0.12
-OUTSIDE_SHARE = 0.02  # of the full-scale output, beyond which a signal is outside the calibrated range
+LOST_SHARE = 0.5  # of the full-scale output: a signal farther beyond its calibrated range is that of no sensor
 COVERAGE_FACTOR = 2.0
 
 
@@ -47,7 +48,8 @@ class SensorWatch:
         slopes = np.ptp(ends, axis=1) / [np.ptp(one.x_range) for one in fusion.inverses]
         noise_mv = np.asarray([np.median(one.noise_mm) for one in fusion.inverses]) * slopes
         self._noisy = (step_mv > 0.0) & (noise_mv > 0.5 * step_mv)
-        beyond_mv = OUTSIDE_SHARE * np.ptp(ends, axis=1)
+        self._ends_mv = ends
+        beyond_mv = LOST_SHARE * np.ptp(ends, axis=1)
         self._least_mv, self._most_mv = ends[:, 0] - beyond_mv, ends[:, 1] + beyond_mv
 
     @property
@@ -67,9 +69,21 @@ class SensorWatch:
         count = known.sum(axis=0)
         mean = np.where(count, np.where(known, signal_mv, 0.0).sum(axis=0), np.nan) / np.maximum(count, 1)
         new = self._find_lost(signal_mv, mean, dt_s)
-        found = self.fusion.evaluate(np.where(self.lost, np.nan, mean)[None, :])
-        u = COVERAGE_FACTOR * float(found.standard_uncertainty_mm[0])
-        return FusedElongation(float(found.elongation_mm[0]), u, bool(found.disagreement[0]), new)
+        mean = np.where(self.lost, np.nan, mean)
+        found = self.fusion.evaluate(mean[None, :])
+        mm, u = float(found.elongation_mm[0]), float(found.standard_uncertainty_mm[0])
+        disagree = bool(found.disagreement[0]) or self._one_outside(mean, mm, u)
+        return FusedElongation(mm, COVERAGE_FACTOR * u, disagree, new)
+
+    def _one_outside(self, mean: FloatArray, mm: float, u: float) -> bool:
+        """Return whether a sensor is outside its range although the others are well inside theirs."""
+        beyond = np.flatnonzero((mean < self._ends_mv[:, 0]) | (mean > self._ends_mv[:, 1]))
+        for i in beyond:  # the nearest end of its range is the least that it can disagree by
+            end = self.fusion.inverses[i]([mean[i]], clamp=True)
+            u_end = self.fusion.inverses[i].standard_uncertainty(end)
+            if abs(float(end[0]) - mm) > DISAGREEMENT_SIGMA * float(np.hypot(u, u_end)[0]):
+                return True
+        return False
 
     def _find_lost(self, signal_mv: FloatArray, mean: FloatArray, dt_s: float) -> tuple[int, ...]:
         """Mark the sensors that are lost from now on, and return their numbers."""
@@ -85,4 +99,3 @@ class SensorWatch:
         new = ~self.lost & (frozen | (self._out_s > ALONE_S))
         self.lost = self.lost | new
         return tuple((np.flatnonzero(new) + 1).tolist())
-

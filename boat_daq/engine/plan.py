@@ -1,8 +1,9 @@
 """A plan: which pressures, in which order, and what ends each of them. A frozen value, in and out as TOML.
 
-Two kinds. A *staircase* holds a plateau at every `step_kpa` from `high_kpa` down to `low_kpa` and back up, cycle after
-cycle. A *continuous* plan only turns at the two ends. A cycle runs from `high_kpa` through `low_kpa` back to
-`high_kpa`.
+Three kinds. A *staircase* holds a plateau at every `step_kpa` from `high_kpa` down to `low_kpa` and back up, cycle
+after cycle. A *continuous* plan only turns at the two ends. A cycle of either runs from `high_kpa` through `low_kpa`
+back to `high_kpa`. A *profile* is a list of segments, steps, ramps and sines, in kilopascal or in millimetres of
+elongation; once through the list is a cycle. Its segments last a given time.
 
 Neighbouring cycles share the plateau at `high_kpa`: it is held once, numbered as the last of the cycle that ends there,
 and is also the point at which the next one begins. The plateau that opens the run belongs to no cycle and is marked
@@ -16,6 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import resources
@@ -27,23 +29,78 @@ import tomli_w
 from boat_daq.engine.toml_values import BadValue, build, parse_toml, read_text
 from boat_daq.errors import OperatorError
 
-KINDS = ("staircase", "continuous")
+KINDS = ("staircase", "continuous", "profile")
+SEGMENT_KINDS = ("step", "ramp", "sine")
+QUANTITIES = ("kPa", "mm")
 MAX_STEPS = 100_000
 
 Branch = Literal["start", "unloading", "loading", "end"]
 
 
 @dataclass(frozen=True, slots=True)
+class Segment:
+    """One part of a profile; values in the plan's quantity.
+
+    Parameters
+    ----------
+    kind : "step" to `target`, "ramp" to it, or "sine" about it.
+    target : where it leads, or the mean of a sine.
+    rate_per_s : of a ramp.
+    hold_s : at the target, after a step or ramp.
+    amplitude, frequency_hz, periods : of a sine; half periods are allowed, so that it ends at its mean.
+    reading : wait for a reading at its end, in a run that waits for readings.
+    """
+
+    kind: str
+    target: float
+    rate_per_s: float = 0.0
+    hold_s: float = 0.0
+    amplitude: float = 0.0
+    frequency_hz: float = 0.0
+    periods: float = 0.0
+    reading: bool = False
+
+    @property
+    def extremes(self) -> tuple[float, float]:
+        """Lowest and highest value it leads to."""
+        return self.target - self.amplitude, self.target + self.amplitude
+
+    def moving_s(self, start: float) -> float:
+        """Return how long it moves by itself from `start`: a step is over at once."""
+        if self.kind == "ramp":
+            return abs(self.target - start) / self.rate_per_s
+        return self.periods / self.frequency_hz if self.kind == "sine" else 0.0
+
+    def duration_s(self, start: float) -> float:
+        """Return how long it lasts from `start`."""
+        return self.moving_s(start) + self.hold_s
+
+    def at(self, elapsed_s: float, start: float) -> tuple[float, float, float]:
+        """Return value, rate (per s) and acceleration (per s2) so long after it began at `start`."""
+        if elapsed_s >= self.moving_s(start):
+            return self.target, 0.0, 0.0
+        if self.kind == "ramp":
+            rate = math.copysign(self.rate_per_s, self.target - start)
+            return start + rate * elapsed_s, rate, 0.0
+        w = 2.0 * math.pi * self.frequency_hz
+        sine, cosine = math.sin(w * elapsed_s), math.cos(w * elapsed_s)
+        return self.target + self.amplitude * sine, self.amplitude * w * cosine, -self.amplitude * w * w * sine
+
+
+@dataclass(frozen=True, slots=True)
 class PlannedStep:
     """One target: `cycle` is 0 outside the cycles.
 
-    `plateau` where it is held until it is steady.
+    `plateau` where it is held until it is steady. Of a profile, `segment` and the value `start` it begins at;
+    `target_kpa` is then in the plan's quantity.
     """
 
     cycle: int
     branch: Branch
     target_kpa: float
     plateau: bool
+    segment: Segment | None = None
+    start: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +130,7 @@ class Plan:
     Parameters
     ----------
     name : its name in lists and recordings.
-    kind : "staircase" or "continuous".
+    kind : "staircase", "continuous" or "profile".
     high_kpa, low_kpa : the two ends; a cycle starts at `high_kpa`.
     step_kpa : distance of the staircase's plateaus; divides the span.
     cycles : complete cycles to run.
@@ -86,6 +143,8 @@ class Plan:
     pressure_drift_kpa_per_s, signal_drift_mv_per_s : a plateau is steady when no drift faster than this is credible.
     arrival_timeout_s : time allowed beyond the ramp's own until the pressure has arrived.
     reading_timeout_s : longest wait at a plateau for its reading, where readings are waited for.
+    quantity : of a profile's values, "kPa" or "mm".
+    segments : of a profile.
 
     Raises
     ------
@@ -110,13 +169,30 @@ class Plan:
     signal_drift_mv_per_s: float = 1.0
     arrival_timeout_s: float = 10.0
     reading_timeout_s: float = 600.0
+    quantity: str = "kPa"
+    segments: tuple[Segment, ...] = ()
 
     def __post_init__(self) -> None:
         _check(self)
 
     @property
+    def controls_elongation(self) -> bool:
+        """Whether its values are elongations."""
+        return self.quantity == "mm"
+
+    @property
+    def extremes_kpa(self) -> tuple[float, ...]:
+        """The lowest and the highest pressure it commands; none where its values are elongations."""
+        if self.kind != "profile":
+            return self.low_kpa, self.high_kpa
+        ends = [] if self.controls_elongation else [end for segment in self.segments for end in segment.extremes]
+        return (min(ends), max(ends)) if ends else ()
+
+    @property
     def targets_kpa(self) -> tuple[float, ...]:
-        """Targets of one cycle after its start: down to `low_kpa`, then up to `high_kpa`."""
+        """Targets of one cycle after its start: down to `low_kpa`, then up to `high_kpa`; those of a profile's list."""
+        if self.kind == "profile":
+            return tuple(segment.target for segment in self.segments)
         if self.kind == "continuous":
             return (self.low_kpa, self.high_kpa)
         n = round((self.high_kpa - self.low_kpa) / self.step_kpa)
@@ -126,10 +202,20 @@ class Plan:
     @property
     def opening(self) -> PlannedStep:
         """The step that brings the unit to where the cycles start."""
+        if self.kind == "profile":
+            begin = Segment("step", self._start, hold_s=self.min_dwell_s)
+            return PlannedStep(0, "start", begin.target, False, begin)
         return PlannedStep(0, "start", self.high_kpa, self.kind == "staircase")
 
     def cycle_steps(self, cycle: int) -> tuple[PlannedStep, ...]:
         """Return the steps of one cycle (numbered from 1)."""
+        if self.kind == "profile":
+            ends = [segment.target for segment in self.segments]
+            starts = [self._start if cycle == 1 else ends[-1], *ends[:-1]]
+            return tuple(
+                PlannedStep(cycle, "loading" if s.target >= start else "unloading", s.target, s.reading, s, start)
+                for s, start in zip(self.segments, starts, strict=True)
+            )
         targets, plateau = self.targets_kpa, self.kind == "staircase"
         half = len(targets) // 2
         return tuple(
@@ -141,6 +227,12 @@ class Plan:
     def steps(self) -> tuple[PlannedStep, ...]:
         """All steps of an unbroken run: the opening and every cycle's."""
         return (self.opening, *(step for c in range(1, self.cycles + 1) for step in self.cycle_steps(c)))
+
+    @property
+    def _start(self) -> float:
+        """The value at which a profile begins."""
+        first = self.segments[0]
+        return 0.0 if first.kind == "ramp" else first.target
 
     def step_duration_s(self, from_kpa: float, to_kpa: float) -> float:
         """Estimate one step's time.
@@ -155,13 +247,16 @@ class Plan:
     @property
     def cycle_duration_s(self) -> float:
         """Estimated time of one cycle, seconds of board time."""
+        if self.kind == "profile":
+            return sum(s.segment.duration_s(s.start) for s in self.cycle_steps(2) if s.segment)
         path = (self.high_kpa, *self.targets_kpa)
         return sum(self.step_duration_s(a, b) for a, b in itertools.pairwise(path))
 
     @property
     def duration_s(self) -> float:
         """Estimated time of an unbroken run, seconds of board time."""
-        return self.step_duration_s(0.0, self.high_kpa) + self.cycles * self.cycle_duration_s
+        opening_s = self.min_dwell_s if self.kind == "profile" else self.step_duration_s(0.0, self.high_kpa)
+        return opening_s + self.cycles * self.cycle_duration_s
 
     def with_dwell(self, dwell_s: float) -> Plan:
         """Return the plan with this shortest hold.
@@ -221,6 +316,7 @@ def _check(plan: Plan) -> None:
             raise BadValue(where, low, f"must be below '{high}'", "swap the two" if getattr(plan, low) else "")
     if not plan.min_kpa <= 0 <= plan.max_kpa:
         raise BadValue(where, "min_kpa" if plan.min_kpa > 0 else "max_kpa", "excludes 0 kPa, a vented unit's pressure")
+    _check_profile(plan, where)
     if plan.low_kpa < plan.min_kpa:
         raise BadValue(where, "low_kpa", f"is below the plan's own limit of {plan.min_kpa:g} kPa")
     if plan.high_kpa > plan.max_kpa:
@@ -230,6 +326,42 @@ def _check(plan: Plan) -> None:
     _check_staircase(plan, where)
 
 
+def _check_profile(plan: Plan, where: str) -> None:
+    """Refuse by key segments that make no profile, or segments of another kind of plan."""
+    if plan.quantity not in QUANTITIES:
+        raise BadValue(where, "quantity", f"is {plan.quantity!r:.40}", "use one of " + ", ".join(QUANTITIES))
+    if plan.kind != "profile":
+        if plan.segments or plan.controls_elongation:
+            raise BadValue(where, "kind", "must be 'profile' for segments and millimetres")
+        return
+    if not plan.segments:
+        raise BadValue(where, "segments", "is empty", "add at least one [[segments]]")
+    for number, segment in enumerate(plan.segments, 1):
+        _check_segment(segment, f"{where}, segment {number}")
+    low, high = plan.extremes_kpa or (0.0, 0.0)
+    if low < plan.min_kpa or high > plan.max_kpa:
+        limits = f"{plan.min_kpa:g} to {plan.max_kpa:g} kPa"
+        raise BadValue(where, "segments", f"lead to {low:g} to {high:g} kPa, beyond the plan's own limits, {limits}")
+
+
+def _check_segment(segment: Segment, where: str) -> None:
+    """Refuse by key values that make no segment."""
+    if segment.kind not in SEGMENT_KINDS:
+        raise BadValue(where, "kind", f"is {segment.kind!r:.40}", "use one of " + ", ".join(SEGMENT_KINDS))
+    sine = segment.kind == "sine"
+    needed = {"ramp": ("rate_per_s",), "sine": ("amplitude", "frequency_hz", "periods"), "step": ("hold_s",)}
+    for key in needed[segment.kind]:
+        if not getattr(segment, key) > 0:
+            raise BadValue(where, key, f"must be above 0, not {getattr(segment, key)}")
+    if segment.hold_s < 0 or segment.hold_s > 1e6:
+        raise BadValue(where, "hold_s", f"must be 0 to 1e6, not {segment.hold_s}")
+    if sine and abs(2 * segment.periods - round(2 * segment.periods)) > 1e-9:
+        raise BadValue(where, "periods", "must be whole or half periods, so that the sine ends at its mean")
+    for key in ("amplitude", "frequency_hz", "periods"):
+        if not sine and getattr(segment, key):
+            raise BadValue(where, key, "is of a sine only")
+
+
 def _check_staircase(plan: Plan, where: str) -> None:
     """Refuse by key a staircase that does not meet both ends, or never ends."""
     steps = (plan.high_kpa - plan.low_kpa) / plan.step_kpa
@@ -237,7 +369,7 @@ def _check_staircase(plan: Plan, where: str) -> None:
         raise BadValue(where, "step_kpa", f"must divide the span of {plan.high_kpa - plan.low_kpa:g} kPa evenly")
     if plan.kind == "staircase" and plan.step_kpa <= 2 * plan.tolerance_kpa:
         raise BadValue(where, "step_kpa", "must be more than twice 'tolerance_kpa', to distinguish the plateaus")
-    per_cycle = 2 if plan.kind == "continuous" else 2 * steps
+    per_cycle = {"continuous": 2.0, "profile": float(len(plan.segments))}.get(plan.kind, 2 * steps)
     if plan.cycles < 1 or plan.cycles * per_cycle > MAX_STEPS:
         why = f"must be at least 1 and make no more than {MAX_STEPS} steps, not {plan.cycles}"
         raise BadValue(where, "cycles", why)
@@ -250,7 +382,22 @@ def plan_from_toml(text: str, where: str = "the plan") -> Plan:
     ------
     OperatorError : not TOML, or refused by key.
     """
-    return build(Plan, parse_toml(text, where), where)
+    return plan_from_table(parse_toml(text, where), where)
+
+
+def plan_from_table(table: Mapping[str, Any], where: str) -> Plan:
+    """Return the plan of a table, as `dataclasses.asdict` gives it.
+
+    Raises
+    ------
+    OperatorError : refused by key.
+    """
+    segments = table.get("segments", [])
+    if not isinstance(segments, list | tuple) or not all(isinstance(one, dict) for one in segments):
+        raise BadValue(where, "segments", "must be a list of tables", "write [[segments]] before each")
+    found = tuple(build(Segment, one, f"{where}, segment {number}") for number, one in enumerate(segments, 1))
+    rest = {key: value for key, value in table.items() if key != "segments"}
+    return build(Plan, rest, where, segments=found)
 
 
 def built_in_plans() -> dict[str, Plan]:

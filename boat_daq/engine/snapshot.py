@@ -86,6 +86,15 @@ class MessageKind(enum.StrEnum):
     BOARD_TARGET_NOT_REACHED = "board_target_not_reached"
     REFUSED = "refused"
     NO_ANSWER = "no_answer"
+    # control of the elongation
+    ELONGATION_CONTROL = "elongation_control"
+    SENSORS_DISAGREE = "sensors_disagree"
+    ELONGATION_UNKNOWN = "elongation_unknown"
+    ELONGATION_UNCERTAIN = "elongation_uncertain"
+    NOT_FOLLOWING = "not_following"
+    STALE_SAMPLES = "stale_samples"
+    LINK_DELAY = "link_delay"
+    SENSOR_LOST = "sensor_lost"
     # the board and its sensors
     SAMPLES_AGAIN = "samples_again"
     FLAT_LINE = "flat_line"
@@ -262,6 +271,21 @@ class Progress:
     step_time_s: float
     elapsed_s: float
     time_left_s: float
+    target_mm: float | None = None  # of a plan in millimetres; `target_kpa` is then the pressure the step began at
+
+
+@dataclass(frozen=True, slots=True)
+class ElongationControl:
+    """The closed loop now: setpoint, the shaped setpoint it follows, and the measured elongation with U (k = 2)."""
+
+    target_mm: float
+    setpoint_mm: float
+    elongation_mm: float
+    u_mm: float
+    saturated: bool = False  # the pressure is at a limit, or at its ramp
+    lost: tuple[int, ...] = ()  # sensors (from 1) that no longer take part
+    hold: bool = False  # a stop keeps the last pressure, in place of venting
+    delay_s: float = 0.0  # the slowest of the last answers
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,3 +314,4 @@ class SessionSnapshot:
     recording: Path | None = None
     recorded_s: float = 0.0
     unit: str = ""
+    elongation: ElongationControl | None = None  # while it is controlled

@@ -14,13 +14,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from boat_daq.engine.control.board_commands import BoardCommands, Check, Effect, Preflight, require
+from boat_daq.engine.control.elongation import FASTEST, ElongationLoop, LoopStop, Regulator
 from boat_daq.engine.control.interlock import FlatLine, Interlock, Trip
 from boat_daq.engine.control.sequencer import VENTED_KPA, GoTo, Sequencer, VentNow
 from boat_daq.engine.control.watchdog import StreamWatch
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.sample_columns import Columns, columns, last_sample
 from boat_daq.engine.snapshot import LastSample, MessageKind, RunEnding, SessionState
-from boat_daq.errors import OperatorError
+from boat_daq.errors import OperatorError, cause_and_remedy
 from protocol.link import messages
 from protocol.link.events import BoardEventReceived, BoardRestarted, CommandDone, CommandLost, HelloReceived, Samples
 from protocol.recording import BoardState, SampleFlag
@@ -28,6 +29,10 @@ from protocol.recording import BoardState, SampleFlag
 BOOT_S = 0.2  # after the first HELLO: a second one, with no sample yet, is a boot
 MANUAL_RAMP_KPA_PER_S = 10.0
 
+NO_REGULATOR = (
+    "the elongation of this unit cannot be controlled: it has no accepted calibration, or is not identified",
+    "accept a calibration of this unit, and identify its hysteresis from that run",
+)
 _EARLIER_FAULT = (
     "the board had vented and latched a fault before it was connected: its host may have failed under pressure"
 )
@@ -53,11 +58,15 @@ class Controller:
         self.hello: messages.Hello | None = None
         self.last: LastSample | None = None
         self.target_kpa: float | None = None
+        self.loop: ElongationLoop | None = None  # while the elongation is controlled
+        self._regulator: tuple[Regulator, bool] | None = None  # of an armed plan in millimetres, and whether it holds
+        self._newest: Columns | None = None
         self.hold_samples = False  # request no samples after HELLO yet: a recording opens first
         self.first_us = 0  # board time of the first sample on this link
         self.pressurised = False  # a pressure was sent, and the unit has not been seen vented since
         self.mv_per_count = 1.0
         self._cleared_by = ""
+        self._unanswered = 0  # pressures that the board has not acknowledged
         self._effects: list[Effect] = []
         self.board = BoardCommands(self._effects.append)
         self.preflight = Preflight(self.interlock, self.board, zero_tolerance_kpa=zero_tolerance_kpa)
@@ -86,6 +95,7 @@ class Controller:
         Nothing can be sent: the board's watchdog vents.
         """
         self.stream.begun = False
+        self.loop = None
         self.board.restart()
         if self.pressurised or self.sequencer.state in _RUN:
             self._trip(Trip(MessageKind.LINK_LOST, cause, "connect it again; the board vents by itself"))
@@ -135,16 +145,29 @@ class Controller:
         self.board.now_ns = now_ns
         if self.stream.falls_silent(now_ns):
             self._silence(f"no data for {self.stream.silence_s:g} s")
+        if self.loop is not None and self.stream.begun:
+            found = self.loop.stale(self.stream.age_s(now_ns) * max(self.board.meter.speed, 1.0))
+            if found is not None:
+                self._stop_loop(found, hold=self.loop.hold)
         self.board.tick(idle=self._idle)
 
     # ---- the operator ----------------------------------------------------------------------------------------------
 
-    def arm(self, plan: Plan, *, wait_for_reading: bool = False, resume_at: tuple[int, int] = (1, 0)) -> None:
+    def arm(
+        self,
+        plan: Plan,
+        *,
+        wait_for_reading: bool = False,
+        resume_at: tuple[int, int] = (1, 0),
+        regulator: Regulator | None = None,
+        hold: bool = False,
+    ) -> None:
         """Check a plan against the limits and make it ready.
 
         Parameters
         ----------
         plan, wait_for_reading, resume_at : as `Sequencer.arm`.
+        regulator, hold : of a plan in millimetres, as `control_elongation`.
 
         Raises
         ------
@@ -154,6 +177,12 @@ class Controller:
         latched = self.interlock.latched
         if latched is not None:
             raise OperatorError(f"cannot arm: {latched.cause}", latched.remedy or "clear the fault first")
+        if plan.controls_elongation:
+            if regulator is None:
+                raise OperatorError(f"plan {plan.name} is in millimetres: {NO_REGULATOR[0]}", NO_REGULATOR[1])
+            for end in (end for segment in plan.segments for end in segment.extremes):
+                regulator.check(end)
+        self._regulator = (regulator, hold) if regulator is not None else None
         self.sequencer.arm(plan, wait_for_reading=wait_for_reading, resume_at=resume_at)
         self.interlock.set_limits("plan", (plan.min_kpa, plan.max_kpa))
 
@@ -185,7 +214,7 @@ class Controller:
         """
         if self.sequencer.state is not SessionState.ARMED:
             raise OperatorError(f"cannot start while the run is {self.sequencer.state}", "arm a plan first")
-        self._once_guarded(self.sequencer.start, extra)
+        self._once_guarded(lambda: self._begin_run(self.sequencer.start), extra)
 
     def resume(self) -> None:
         """Resume after a pause, with the same checks as at the start.
@@ -196,7 +225,7 @@ class Controller:
         """
         if self.sequencer.state is not SessionState.PAUSED:
             raise OperatorError(f"cannot resume while the run is {self.sequencer.state}")
-        self._once_guarded(self.sequencer.resume)
+        self._once_guarded(lambda: self._begin_run(self.sequencer.resume))
 
     def pause(self) -> None:
         """Vent and wait."""
@@ -217,7 +246,8 @@ class Controller:
         `sent`: the command was sent already.
         """
         self.board.forget_pending()
-        self.target_kpa = None
+        self.target_kpa = self.loop = None
+        self._unanswered = 0
         if sent:
             self.board.vent_sent()
         else:
@@ -250,10 +280,49 @@ class Controller:
         if self.sequencer.state not in (SessionState.IDLE, SessionState.ARMED, SessionState.ABORTED):
             raise OperatorError(f"cannot set a pressure while the run is {self.sequencer.state}", "stop the run first")
         self.interlock.authorise(target_kpa, ramp_kpa_per_s)  # refuses now, not after the board's answers
+        self.loop = None
         if self.target_kpa is not None:
             self._go(target_kpa, ramp_kpa_per_s)
         else:
             self._once_guarded(lambda: self._go(target_kpa, ramp_kpa_per_s))
+
+    def control_elongation(self, mm: float, regulator: Regulator | None = None, *, hold: bool = False) -> None:
+        """Control the elongation manually; a second call only moves the setpoint.
+
+        Parameters
+        ----------
+        mm : the setpoint. regulator : of this unit; None where it is controlled already.
+        hold : keep the last pressure where the control stops by itself, in place of venting.
+
+        Raises
+        ------
+        OperatorError : see `Session.control_elongation`. AnalysisError : outside the calibrated range.
+        """
+        if self.loop is not None:
+            if self.sequencer.state in _RUN:
+                raise OperatorError("cannot set an elongation while a plan runs", "stop the run first")
+            self.loop.regulator.check(mm)
+            self.loop.target_mm = mm
+            return
+        self.preflight.require_command()
+        if regulator is None:
+            raise OperatorError(*NO_REGULATOR)
+        if self.sequencer.state not in (SessionState.IDLE, SessionState.ARMED, SessionState.ABORTED):
+            raise OperatorError(f"cannot set an elongation while the run is {self.sequencer.state}", "stop it first")
+        if self.interlock.latched is not None:
+            raise OperatorError(f"no pressure: {self.interlock.latched.cause}", self.interlock.latched.remedy)
+        regulator.check(mm)
+        self._require_speed()
+
+        def begin() -> None:
+            self._close_loop(regulator, hold=hold)
+            if self.loop is not None:
+                self.loop.target_mm = mm
+
+        if self.target_kpa is not None:
+            begin()
+        else:
+            self._once_guarded(begin)
 
     def clear_fault(self, by: str = "the operator") -> None:
         """Clear the latched fault, here and on the board.
@@ -306,6 +375,8 @@ class Controller:
             board.note(MessageKind.FLAT_LINE, text, "warning", "check its emitter, receiver and cable", value=sensor)
         self.sequencer.feed(block)
         self._act()
+        self._newest = block
+        self._regulate(block)
         if self.target_kpa is None and not board.venting and abs(self.last.pressure_kpa) <= VENTED_KPA:
             self.pressurised = False
         if int(self.last.flags) & _WATCHDOG_ARMED:
@@ -370,12 +441,81 @@ class Controller:
             self._trip(self.board.refused(command, status, pressurised=self.pressurised))
             return
         if isinstance(command, messages.SetPressure):
+            self._unanswered = max(0, self._unanswered - 1)
+            if self.loop is not None:
+                self.loop.answered(self.board.now_ns, self.board.meter.speed)
             if self.target_kpa is not None and command.target_pa == round(self.target_kpa * 1000):
                 self.sequencer.commanded()
         elif isinstance(command, messages.ClearFault):
             self._cleared()
         self.board.done(command)
         self._act()
+
+    # ---- elongation ------------------------------------------------------------------------------------------------
+
+    def _begin_run(self, begin: Callable[[], None]) -> None:
+        """Begin or resume a run; one in millimetres with its control closed."""
+        plan = self.sequencer.plan
+        if plan is not None and plan.controls_elongation:
+            assert self._regulator is not None  # `arm` requires it
+            regulator, hold = self._regulator
+            self._require_speed()
+            self._close_loop(regulator, hold=hold)
+            if self.loop is None:
+                return
+        begin()
+
+    def _require_speed(self) -> None:
+        speed = self.board.meter.speed
+        if speed > FASTEST:
+            text = (
+                f"this board runs at {speed:.0f} times real time: its elongation is controlled up to {FASTEST:g} times"
+            )
+            raise OperatorError(text, "choose a lower speed of the virtual board")
+
+    def _close_loop(self, regulator: Regulator, *, hold: bool) -> None:
+        """Close the loop at the present elongation; where it is not known, say so and leave it open."""
+        if self._newest is None or self.last is None:
+            raise OperatorError("no samples arrive from the board", "check the link")
+        loop = ElongationLoop(regulator, hold=hold)
+        start_kpa = self.last.pressure_kpa if self.target_kpa is None else self.target_kpa
+        try:
+            loop.begin(self._newest, start_kpa)
+        except Exception as error:
+            found = cause_and_remedy(error)
+            if found is None:
+                raise
+            self._stop_loop(LoopStop(MessageKind.ELONGATION_UNKNOWN, *found), hold=False)
+            return
+        self.loop = loop
+        self.board.note(MessageKind.ELONGATION_CONTROL, f"elongation controlled, unit {regulator.unit}", "info")
+
+    def _regulate(self, block: Columns) -> None:
+        """Pass samples to the loop, and request the pressure that it returns."""
+        loop, limits = self.loop, self.interlock.limits
+        if loop is None or limits is None:
+            return
+        before = loop.lost
+        point = self.sequencer.setpoint_mm(int(block.time_us[-1]))
+        found = loop.feed(block, point, (limits.min_kpa, limits.max_kpa))
+        for sensor in loop.lost[len(before) :]:
+            text = f"sensor {sensor} is lost: the elongation is controlled by the others"
+            self.board.note(MessageKind.SENSOR_LOST, text, "warning", "check its emitter and receiver", value=sensor)
+        if isinstance(found, LoopStop):
+            self._stop_loop(found, hold=loop.hold)
+        elif found is not None:
+            self._go(found.pressure_kpa, found.ramp_kpa_per_s, streamed=True)
+
+    def _stop_loop(self, stop: LoopStop, *, hold: bool) -> None:
+        """Open the loop for a cause: vent, or hold the last pressure, as set; a run in millimetres is aborted."""
+        self.loop = None
+        ending = "the last pressure is held" if hold else "vented"
+        self.board.note(stop.kind, f"{stop.cause}; {ending}", "error", stop.remedy)
+        if self.sequencer.state in _RUN:
+            self.sequencer.abort(stop.cause, SessionState.ABORTED)
+        if not hold:
+            self._vent()
+        self._act(hold=hold)
 
     def _cleared(self) -> None:
         self.interlock.latched = None
@@ -396,17 +536,18 @@ class Controller:
         assert limits is not None  # the pre-flight requires them
         self.board.once_guarded(limits, then)
 
-    def _act(self) -> None:
+    def _act(self, *, hold: bool = False) -> None:
         """Turn the sequencer's actions into effects.
 
-        A pressure goes through the interlock.
+        A pressure goes through the interlock. `hold`: none vents.
         """
         for action in self.sequencer.take():
             match action:
-                case GoTo(target_kpa, ramp_kpa_per_s):
-                    self._go(target_kpa, ramp_kpa_per_s)
+                case GoTo(target_kpa, ramp_kpa_per_s, streamed):
+                    self._go(target_kpa, ramp_kpa_per_s, streamed=streamed)
                 case VentNow():
-                    self._vent()
+                    if not hold:
+                        self._vent()
                 case _:
                     self._effects.append(action)
             if isinstance(action, RunEnding):  # the message of what aborted it has been given already
@@ -414,19 +555,26 @@ class Controller:
         if self.sequencer.state in (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT):
             self.interlock.set_limits("plan", None)
 
-    def _go(self, target_kpa: float, ramp_kpa_per_s: float) -> None:
+    def _go(self, target_kpa: float, ramp_kpa_per_s: float, *, streamed: bool = False) -> None:
+        """Command a pressure; of a stream only once the one before is acknowledged."""
+        if streamed and self._unanswered and self.target_kpa is not None:
+            return
         try:
             command = self.interlock.authorise(target_kpa, ramp_kpa_per_s)
         except OperatorError as error:  # latched since it was requested
             self._trip(Trip(MessageKind.REFUSED, error.cause, error.remedy))
             return
         self.pressurised, self.target_kpa = True, target_kpa
-        if self.board.feeder.armed_ms:  # a board that restarted an instant ago, undetected yet, has lost it
+        self._unanswered += 1
+        if self.loop is not None:
+            self.loop.sent(self.board.now_ns)
+        if self.board.feeder.armed_ms and not streamed:  # a board that restarted, undetected yet, has lost it
             self.board.send(messages.Heartbeat(self.board.feeder.armed_ms))
         self.board.send(command)
 
     def _vent(self) -> None:
-        self.target_kpa = None
+        self.target_kpa = self.loop = None
+        self._unanswered = 0
         self.board.vent()
 
     def _trip(self, found: Trip | None) -> None:

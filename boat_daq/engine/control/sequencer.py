@@ -14,7 +14,6 @@ as many complete cycles as the plan. Numbers of steps and cycles are never used 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import statistics
 from collections import deque
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from typing import TypeAlias
 import numpy as np
 
 from boat_daq.engine.control.plateau_dwell import StepWatch
+from boat_daq.engine.control.segment_watch import SegmentWatch
 from boat_daq.engine.plan import Plan, PlannedStep, StepMark
 from boat_daq.engine.sample_columns import Columns
 from boat_daq.engine.snapshot import MessageKind, Phase, Progress, ReadingRequest, RunEnding, SessionState
@@ -32,10 +32,11 @@ from protocol.recording import RunEnd
 
 @dataclass(frozen=True, slots=True)
 class GoTo:
-    """Request a pressure."""
+    """Request a pressure; `streamed` where the next follows within `STREAM_US`."""
 
     target_kpa: float
     ramp_kpa_per_s: float
+    streamed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +77,7 @@ Action: TypeAlias = GoTo | VentNow | StepChanged | SegmentBreak | ControlEvent |
 VENTED_KPA = 2.0  # a unit this close to 0 for VENTED_S counts as vented
 VENTED_S = 0.5
 VENT_TIMEOUT_S = 60.0
+STREAM_US = 50_000  # between two pressures of a sine
 PACE_STEPS = 40  # the last steps, from which the time left is estimated
 READING_S = 10.0  # of a reading by hand, until enough were timed
 FIRST_READINGS = 3  # fewer are filled up with READING_S, so that one long wait is no habit
@@ -99,7 +101,8 @@ class Sequencer:
         self._wait_for_reading = False
         self._queue: deque[PlannedStep] = deque()
         self._step: PlannedStep | None = None
-        self._watch: StepWatch | None = None
+        self._watch: StepWatch | SegmentWatch | None = None
+        self._streamed_us = 0
         self._time_us = self._started_us = 0
         self._pressure_kpa = self._from_kpa = 0.0
         self._paces: deque[float] = deque(maxlen=PACE_STEPS)  # of the last steps, taken over planned time, waits apart
@@ -220,8 +223,9 @@ class Sequencer:
         elif self.state is SessionState.FINISHING:
             self._follow_vent(block)
 
-    def _follow(self, watch: StepWatch, block: Columns) -> None:
+    def _follow(self, watch: StepWatch | SegmentWatch, block: Columns) -> None:
         watch.feed(block)
+        self._stream(watch)
         mark = self.marks[-1]
         now = dataclasses.replace(
             mark,
@@ -237,6 +241,22 @@ class Sequencer:
             self._reached(now)
         elif watch.outcome == "timeout":
             self._timed_out(now)
+
+    def _stream(self, watch: StepWatch | SegmentWatch) -> None:
+        """Request the next pressure of a sine."""
+        sine = isinstance(watch, SegmentWatch) and watch.segment.kind == "sine"
+        if not sine or self._planned.controls_elongation or self._time_us - self._streamed_us < STREAM_US:
+            return
+        assert isinstance(watch, SegmentWatch)
+        self._streamed_us = self._time_us
+        value_kpa, rate, _ = watch.setpoint(self._time_us + STREAM_US)
+        self._actions.append(GoTo(value_kpa, max(abs(rate), 1.0), streamed=True))
+
+    def setpoint_mm(self, time_us: int) -> tuple[float, float, float] | None:
+        """Return elongation, rate and acceleration that the run wants at a board time; None where it wants none."""
+        if self.plan is None or not self.plan.controls_elongation or not isinstance(self._watch, SegmentWatch):
+            return None
+        return self._watch.setpoint(time_us)
 
     def _reached(self, mark: StepMark) -> None:
         """Go to the next step, the next cycle, or the end."""
@@ -290,9 +310,14 @@ class Sequencer:
         """Begin the next step of the queue."""
         step = self._step = self._queue.popleft()
         self._from_kpa = self._pressure_kpa
-        self._watch = StepWatch(self._planned, step, started_us=self._time_us, wait_for_reading=self._wait_for_reading)
-        self._new_mark(step.cycle, step.branch, step.target_kpa)
-        self._actions.append(GoTo(step.target_kpa, self._planned.ramp_kpa_per_s))
+        watch = StepWatch if step.segment is None else SegmentWatch
+        self._watch = watch(self._planned, step, started_us=self._time_us, wait_for_reading=self._wait_for_reading)
+        elongation = self._planned.controls_elongation
+        self._new_mark(step.cycle, step.branch, self._pressure_kpa if elongation else step.target_kpa)
+        if elongation or (step.segment is not None and step.segment.kind == "sine"):
+            return
+        ramp = step.segment.rate_per_s if step.segment is not None else 0.0
+        self._actions.append(GoTo(step.target_kpa, ramp or self._planned.ramp_kpa_per_s))
 
     def _new_mark(self, cycle: int, branch: str, target_kpa: float) -> None:
         ramp = self.plan.ramp_kpa_per_s if self.plan and branch != "end" else 0.0
@@ -306,10 +331,10 @@ class Sequencer:
         self.marks[-1] = mark
         self._actions.append(StepChanged(mark, new=False))
 
-    def _learn(self, mark: StepMark, step: PlannedStep, watch: StepWatch) -> None:
+    def _learn(self, mark: StepMark, step: PlannedStep, watch: StepWatch | SegmentWatch) -> None:
         """Keep the pace of a step, and how long it waited for its reading."""
         assert mark.ended_us is not None
-        planned_s = self._planned.step_duration_s(self._from_kpa, step.target_kpa)
+        planned_s = self._duration_s(step, self._from_kpa)
         waited_s = watch.waited_s(mark.ended_us)
         if planned_s > 0:
             self._paces.append(((mark.ended_us - mark.started_us) / 1e6 - waited_s) / planned_s)
@@ -381,6 +406,7 @@ class Sequencer:
             step_time_s=(self._time_us - mark.started_us) / 1e6,
             elapsed_s=(self._time_us - self._started_us) / 1e6,
             time_left_s=left_s,
+            target_mm=self._step.target_kpa if self._step and self.plan.controls_elongation else None,
         )
 
     def _cycles_left(self) -> int:
@@ -397,12 +423,19 @@ class Sequencer:
         if self.state is SessionState.FINISHING:
             return 0.0, 0
         pace = statistics.median(self._paces) if self._paces else 1.0
-        path = [self._from_kpa, *([self._step.target_kpa] if self._step else []), *(s.target_kpa for s in self._queue)]
-        each_s = [pace * self._planned.step_duration_s(a, b) for a, b in itertools.pairwise(path)]
+        steps_now = [*([self._step] if self._step else []), *self._queue]
+        path = [self._from_kpa, *(step.target_kpa for step in steps_now)]
+        each_s = [pace * self._duration_s(step, before) for step, before in zip(steps_now, path, strict=False)]
         cycles = self._cycles_left()
         steps = len(self._queue) + cycles * len(self._planned.targets_kpa)
         plan_s = self._step_left_s(each_s[0] if each_s else 0.0) + sum(each_s[1:])
         return plan_s + pace * cycles * self._planned.cycle_duration_s + self._readings_left_s(cycles), steps
+
+    def _duration_s(self, step: PlannedStep, from_kpa: float) -> float:
+        """Estimate the time of a step that begins at a pressure."""
+        if step.segment is not None:
+            return step.segment.duration_s(step.start)
+        return self._planned.step_duration_s(from_kpa, step.target_kpa)
 
     def _step_left_s(self, planned_s: float) -> float:
         """Estimate the seconds left of the present step, without its wait for a reading."""

@@ -131,6 +131,10 @@ class StreamWatch:
             self._pause_ended_ns = now_ns
         self._last_ns, self.begun, self.silent = now_ns, True, False
 
+    def age_s(self, now_ns: int) -> float:
+        """Return the time since samples last arrived, s."""
+        return (now_ns - self._last_ns) / 1e9
+
     def falls_silent(self, now_ns: int) -> bool:
         """Return whether silence begins now; true once for each silence."""
         if not self.begun or self.silent or now_ns - self._last_ns <= self.silence_s * 1e9:

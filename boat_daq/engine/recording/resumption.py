@@ -19,13 +19,12 @@ from pathlib import Path
 from typing import Any
 
 from boat_daq import __version__
-from boat_daq.engine.plan import Plan, StepMark, resume_point
+from boat_daq.engine.plan import Plan, StepMark, plan_from_table, resume_point
 from boat_daq.engine.recording.file import RecordingFile, is_being_written, now_utc, set_meta
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.rows import INSERT_EVENT, Counters
 from boat_daq.engine.recording.upgrade import upgrade
 from boat_daq.engine.snapshot import Reading
-from boat_daq.engine.toml_values import build
 from boat_daq.errors import OperatorError, StorageError
 from protocol.recording import schema
 
@@ -127,7 +126,7 @@ def read_broken_run(path: Path) -> BrokenRun:
         meta = schema.read_session(db)
         if not isinstance(meta["plan"], dict):
             raise OperatorError(f"{path.name} was recorded without a plan: it has no run to resume", "begin a new one")
-        plan = build(Plan, meta["plan"], f"the plan of {path.name}")
+        plan = plan_from_table(meta["plan"], f"the plan of {path.name}")
         steps = db.execute(f"SELECT {', '.join(_STEP_COLUMNS)} FROM step ORDER BY id")  # noqa: S608 - names are ours
         marks = tuple(StepMark(*(*row[:-1], json.loads(row[-1]))) for row in steps)
         sql = "SELECT step, elongation_mm, resolution_mm, source, utc, reader, note FROM reading ORDER BY id"

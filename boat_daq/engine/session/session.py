@@ -25,6 +25,7 @@ import numpy as np
 
 from boat_daq.engine.control.board_commands import Check, Send
 from boat_daq.engine.control.controller import MANUAL_RAMP_KPA_PER_S, Controller
+from boat_daq.engine.control.elongation import Regulator
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.installation import shortcomings
 from boat_daq.engine.link.reader import Block
@@ -331,12 +332,21 @@ class Session:
 
     # ---- the run ---------------------------------------------------------------------------------------------------
 
-    def arm(self, plan: Plan, *, wait_for_reading: bool = False, resume: bool = False) -> None:
+    def arm(
+        self,
+        plan: Plan,
+        *,
+        wait_for_reading: bool = False,
+        resume: bool = False,
+        regulator: Regulator | None = None,
+        hold: bool = False,
+    ) -> None:
         """Check a plan against every limit and make it ready; nothing moves yet.
 
         Parameters
         ----------
         plan : what to run.
+        regulator, hold : of a plan in millimetres, as `control_elongation`.
         wait_for_reading : hold each plateau until its reading is given (or skipped, or the plan's timeout).
         resume : continue the broken run of this recording at its next whole cycle instead of starting over.
 
@@ -355,7 +365,9 @@ class Session:
             resume_at = resume_point(plan, control.sequencer.marks) if resume else (1, 0)
             if resume_at[1] >= plan.cycles:
                 raise OperatorError("the run has all its cycles", "begin a new one")
-            control.arm(plan, wait_for_reading=wait_for_reading, resume_at=resume_at)
+            control.arm(
+                plan, wait_for_reading=wait_for_reading, resume_at=resume_at, regulator=regulator, hold=hold
+            )  # fmt: skip
             self._resumes_at = resume_at if resume else None
             if recorder is not None and not resume:
                 limits = control.interlock.limits
@@ -436,6 +448,29 @@ class Session:
         """
         with self._acting() as control:
             control.set_pressure(target_kpa, MANUAL_RAMP_KPA_PER_S if ramp_kpa_per_s is None else ramp_kpa_per_s)
+
+    def control_elongation(self, mm: float, regulator: Regulator | None = None, *, hold: bool = False) -> None:
+        """Control the elongation, while no run is in progress; a second call only moves the setpoint.
+
+        A stop, a vent or a manual pressure ends it. The control itself ends it, and vents or holds, where sensors
+        disagree, the elongation is unknown or does not follow, or the link is too slow.
+
+        Parameters
+        ----------
+        mm : the setpoint, within the calibrated range.
+        regulator : made for this unit from its calibration in force; None where it is controlled already.
+        hold : keep the last pressure where the control ends by itself, in place of venting.
+
+        Raises
+        ------
+        OperatorError : no regulator, latched, a run is in progress, the board is too fast, or the pre-flight fails.
+        AnalysisError : outside the calibrated range.
+        """
+        with self._acting() as control:
+            if regulator is not None and self._recording.unit and regulator.unit != self._recording.unit:
+                cause = f"unit {self._recording.unit} is mounted; the control is for unit {regulator.unit}"
+                raise OperatorError(cause, "identify the unit that is mounted")
+            control.control_elongation(mm, regulator, hold=hold)
 
     # ---- readings --------------------------------------------------------------------------------------------------
 
@@ -531,6 +566,7 @@ class Session:
                 recording=recorder.path if recorder else None,
                 recorded_s=(control.board.board_us - since_us) / 1e6 if recorder else 0.0,
                 unit=self._recording.unit,
+                elongation=control.loop.state() if control.loop is not None else None,
             )
 
     def add_sink(self, sink: SampleSink) -> Callable[[], None]:

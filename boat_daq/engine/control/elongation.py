@@ -1,0 +1,196 @@
+"""Control of the elongation: a regulator of the analysis, at its period, on board time. A client of the interlock.
+
+The loop takes samples, and once a period returns a pressure to request, or why it stops; it commands nothing. Its
+clock is the board's, so that a virtual board is controlled alike at any speed that the link can follow. One pressure is
+under way at a time: the next is computed when the board has acknowledged the one before, and the time that this takes
+is compared with the delay that the regulator's margins allow.
+
+It stops for what the regulator finds in the signals, and for what only the link shows: samples older than
+`STALE_S`, a delay beyond the margin. What then happens to the pressure, vent or hold, is the operator's choice.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boat_daq.engine.sample_columns import Columns
+from boat_daq.engine.snapshot import ElongationControl, MessageKind
+from protocol.recording import NOT_FOR_FIGURES, SampleFlag
+
+STALE_S = 0.2
+SLOW_ANSWERS = 3  # in turn, that count as a delay of the link
+FASTEST = 8.0  # board time over host time that a host can control at
+
+_NO_SIGNAL = int(NOT_FOR_FIGURES & ~(SampleFlag.SATURATED | SampleFlag.PRESSURE_INVALID))
+
+Point = tuple[float, float, float]
+
+
+class Regulated(Protocol):
+    """What a regulator returns: see `analysis.twin.controller.Output`."""
+
+    @property
+    def pressure_kpa(self) -> float: ...
+    @property
+    def ramp_kpa_per_s(self) -> float: ...
+    @property
+    def setpoint_mm(self) -> float: ...
+    @property
+    def elongation_mm(self) -> float: ...
+    @property
+    def u_mm(self) -> float: ...
+    @property
+    def saturated(self) -> bool: ...
+    @property
+    def lost(self) -> tuple[int, ...]: ...
+    @property
+    def stop(self) -> str | None: ...
+    @property
+    def cause(self) -> str: ...
+    @property
+    def remedy(self) -> str: ...
+
+
+class Regulator(Protocol):
+    """Signals in, pressures out; `analysis.twin.controller.ElongationController` is one."""
+
+    @property
+    def period_s(self) -> float: ...
+    @property
+    def delay_margin_s(self) -> float: ...
+    @property
+    def unit(self) -> str: ...
+    def check(self, mm: float) -> None: ...
+    def begin(self, time_s: float, pressure_kpa: float, signal_mv: NDArray[np.float64]) -> float: ...
+    def advance(
+        self,
+        time_s: float,
+        sampled_s: float,
+        setpoint: Point,
+        signal_mv: NDArray[np.float64],
+        limits_kpa: tuple[float, float],
+        *,
+        shaped: bool,
+    ) -> Regulated: ...
+
+
+@dataclass(frozen=True, slots=True)
+class LoopStop:
+    """Why the elongation is no longer controlled."""
+
+    kind: MessageKind
+    cause: str
+    remedy: str
+
+
+class ElongationLoop:
+    """One closed loop, from its start to its stop.
+
+    Parameters
+    ----------
+    regulator : of the unit.
+    hold : keep the last pressure at a stop, in place of venting.
+
+    Attributes
+    ----------
+    target_mm : the manual setpoint; a plan's own replaces it while it runs.
+    """
+
+    def __init__(self, regulator: Regulator, *, hold: bool = False) -> None:
+        self.regulator, self.hold = regulator, hold
+        self.target_mm = 0.0
+        self.lost: tuple[int, ...] = ()
+        self._blocks: list[Columns] = []
+        self._last: Regulated | None = None
+        self._next_us = 0
+        self._sent_ns: int | None = None  # of the pressure that waits for its answer
+        self._answers_s: deque[float] = deque(maxlen=SLOW_ANSWERS)
+
+    def begin(self, block: Columns, pressure_kpa: float) -> None:
+        """Start from the newest samples, at the elongation that they show.
+
+        Parameters
+        ----------
+        block : the newest samples. pressure_kpa : commanded now, or measured on a vented unit.
+
+        Raises
+        ------
+        AnalysisError : no elongation is known.
+        """
+        self.target_mm = self.regulator.begin(int(block.time_us[-1]) / 1e6, pressure_kpa, _signals(block))
+        self._next_us = int(block.time_us[-1])
+
+    def sent(self, now_ns: int) -> None:
+        """Note that a pressure was sent."""
+        self._sent_ns = now_ns
+
+    def answered(self, now_ns: int, speed: float) -> None:
+        """Note its answer; `speed` is board time over host time."""
+        if self._sent_ns is not None:
+            self._answers_s.append((now_ns - self._sent_ns) / 1e9 * max(speed, 1.0))
+        self._sent_ns = None
+
+    def feed(self, block: Columns, point: Point | None, limits_kpa: tuple[float, float]) -> Regulated | LoopStop | None:
+        """Take samples; return the next pressure once a period is over, or why to stop.
+
+        Parameters
+        ----------
+        block : the newest samples.
+        point : setpoint of a plan, mm, mm/s and mm/s2; None for the manual one.
+        limits_kpa : in force.
+        """
+        self._blocks.append(block)
+        now_us = int(block.time_us[-1])
+        if now_us < self._next_us or self._sent_ns is not None:
+            return None
+        self._next_us = max(self._next_us + round(1e6 * self.regulator.period_s), now_us)
+        blocks, self._blocks = self._blocks, []
+        time_us, signals = np.concatenate([b.time_us for b in blocks]), np.concatenate([_signals(b) for b in blocks])
+        shaped = point is None or not any(point[1:])
+        setpoint = (self.target_mm, 0.0, 0.0) if point is None else point
+        sampled_s = float(time_us.mean()) / 1e6
+        found = self.regulator.advance(now_us / 1e6, sampled_s, setpoint, signals, limits_kpa, shaped=shaped)
+        self._last = found
+        self.lost += found.lost
+        if found.stop is not None:
+            return LoopStop(MessageKind(found.stop), found.cause, found.remedy)
+        slowest_s, margin_s = min(self._answers_s, default=0.0), self.regulator.delay_margin_s
+        if len(self._answers_s) == SLOW_ANSWERS and slowest_s > margin_s:
+            cause = f"the board answers after {1000 * slowest_s:.0f} ms, the control bears {1000 * margin_s:.0f} ms"
+            return LoopStop(MessageKind.LINK_DELAY, cause, "connect the board directly, or use slower gains")
+        return found
+
+    def stale(self, age_s: float) -> LoopStop | None:
+        """Return why to stop where the newest sample is too old.
+
+        Parameters
+        ----------
+        age_s : of the newest sample, in time of the board.
+        """
+        if age_s <= STALE_S:
+            return None
+        cause = f"the newest sample is {1000 * age_s:.0f} ms old, more than {1000 * STALE_S:.0f} ms"
+        return LoopStop(MessageKind.STALE_SAMPLES, cause, "check the link, and close other programs on this computer")
+
+    def state(self) -> ElongationControl:
+        """Return what is shown of it."""
+        last = self._last
+        if last is None:
+            return ElongationControl(self.target_mm, self.target_mm, self.target_mm, float("nan"), hold=self.hold)
+        delay_s, lost, hold = max(self._answers_s, default=0.0), self.lost, self.hold
+        measured = (last.setpoint_mm, last.elongation_mm, last.u_mm, last.saturated)
+        return ElongationControl(self.target_mm, *measured, lost, hold, delay_s)
+
+
+def _signals(block: Columns) -> NDArray[np.float64]:
+    """Return the signals [n, sensors] of a block, NaN where a sample is no measurement.
+
+    A saturated sensor's is kept: it lies far outside its range, and the flag does not say which sensor it is.
+    """
+    unusable = (block.flags & _NO_SIGNAL) != 0
+    return np.where(unusable[:, None], np.nan, block.signal_mv)

@@ -183,6 +183,7 @@ _WRITERS: Mapping[str, Callable[[pd.DataFrame, Mapping[str, Any], Path], None]] 
 def _description(recording: Recording, converted: ConvertedElongation | None) -> dict[str, Any]:
     meta = {key: value for key, value in recording.meta.items() if key != "sample_dtype"}
     frame = samples_frame(recording, slice(0, 1), converted)
+    derived = {channel.name: channel.unit for channel in recording.derived.channels}
     return {
         "SIMULATED": recording.simulated,
         "samples": recording.n,
@@ -190,7 +191,8 @@ def _description(recording: Recording, converted: ConvertedElongation | None) ->
         "rate_hz": recording.rate_hz if np.isfinite(recording.rate_hz) else None,
         "gaps": [{"time_s": gap.time_s, "lost": gap.lost} for gap in recording.gaps],
         "masked": dict(recording.masked),
-        "columns": {name: _unit(name) for name in frame.columns},
+        "columns": {name: derived.get(name) or _unit(name) for name in frame.columns},
+        "derived": [channel._asdict() for channel in recording.derived.channels],
         "calibration": None if converted is None else dict(converted.calibration),
         "session": meta,
         "steps": json.loads(recording.steps.to_json(orient="records")),

@@ -10,8 +10,8 @@ resampled; a value that is not finite, or whose flags mark it as no measurement,
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,15 @@ import pandas as pd
 
 from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.errors import DataError
-from protocol.recording import NOT_FOR_FIGURES, Metadata, SampleFlag
+from protocol.recording import (
+    NOT_FOR_FIGURES,
+    DerivedChannel,
+    DerivedColumns,
+    Metadata,
+    SampleFlag,
+    channel_units,
+    parse_definition,
+)
 
 GAP_FACTOR = 4.5  # without a running index, a hole is an interval longer than this many median intervals
 
@@ -156,6 +164,36 @@ class Recording:
         """The reading that counts for each step: the last one entered, also where it withdraws the one before."""
         return self.readings.sort_values("id").dropna(subset="step").drop_duplicates("step", keep="last")
 
+    @property
+    def derived(self) -> DerivedColumns:
+        """The derived channels that it states, checked against its own channels."""
+        stated = (DerivedChannel(*entry) for entry in self.meta.get("derived") or ())
+        kind = "signal" if self.lit is None or self.dark is None else "counts"
+        return DerivedColumns.of(stated, channel_units(self.n_sensors, kind))
+
+    def deriving(self, definitions: Sequence[str]) -> Recording:
+        """Return the recording with more derived channels, each ``NAME [UNIT] = EXPRESSION``.
+
+        Raises
+        ------
+        RecordingError : a definition is refused.
+        """
+        stated = [*(self.meta.get("derived") or ()), *(list(parse_definition(text)) for text in definitions)]
+        found = replace(self, meta={**self.meta, "derived": stated})
+        return found if found.derived else self
+
+    def derived_values(self, rows: slice | None = None) -> dict[str, FloatArray]:
+        """Return the values of the derived channels [n] by name, or of some rows; the same bits as live."""
+        derived, rows = self.derived, rows or slice(None)
+        if not derived.channels:
+            return {}
+        known: dict[str, npt.NDArray[Any]] = {"pressure_kpa": self.pressure_kpa[rows]}
+        known |= {f"{name}_mv": self.signal_mv[rows, i] for i, name in enumerate(self.sensor_names)}
+        for part, counts in (("lit", self.lit), ("dark", self.dark)):
+            if counts is not None:
+                known |= {f"{name}_{part}": counts[rows, i] for i, name in enumerate(self.sensor_names)}
+        return derived.evaluate(known)
+
     def to_frame(self, rows: slice | None = None) -> pd.DataFrame:
         """Return the samples, or some rows of them, in the columns and the order of the export."""
         first, last = ("index", "time_s", "pressure_kpa", "target_kpa"), ("state", "flags", "segment")
@@ -166,7 +204,8 @@ class Recording:
             for i, name in enumerate(self.sensor_names):
                 frame |= {f"{name}_lit": self.lit[:, i], f"{name}_dark": self.dark[:, i]}
         frame |= {name: getattr(self, name) for name in last}
-        return pd.DataFrame({name: column[rows or slice(None)] for name, column in frame.items()})
+        columns = {name: column[rows or slice(None)] for name, column in frame.items()}
+        return pd.DataFrame(columns | self.derived_values(rows))
 
     @classmethod
     def from_arrays(

@@ -38,6 +38,7 @@ from analysis.figures.uncertainty import ElongationBudgets, elongation_uncertain
 from analysis.figures.warnings import run_warnings
 from analysis.progress import Progress, part_of
 from analysis.segmentation.cycles import find_cycles
+from analysis.segmentation.derived_channels import derived_json
 from analysis.segmentation.loops import Loops, continuous_loops, loop_width, staircase_loops
 from analysis.segmentation.losses import LossCounter
 from analysis.segmentation.plateau_readings import elongations_of
@@ -121,6 +122,7 @@ class Analysis(AnalysedRun):
                 "mean": self.actuator_hysteresis.value,
                 "per_cycle": list(self.actuator_hysteresis_per_cycle),
             },
+            "derived": derived_json(recording, self.plateaus),
             "system_figures": {key: figure.as_json() for key, figure in self.system_figures.items()},
             "flags": [warning.as_flag() for warning in self.warnings],
             "warnings": [warning.as_json() for warning in self.warnings],
@@ -167,6 +169,7 @@ def analyse(
     options = options or Options(seed=seed, mcmc=mcmc)
     if not isinstance(recording, Recording):
         recording = load_recording(recording)
+    recording = recording.deriving(options.derived)
     run, parts, left_out = _segmented(recording, elongation, options)
     count = recording.n_sensors
     sensors = [analyse_sensor(run, number, progress=part_of(progress, number, 1, count)) for number in range(count)]

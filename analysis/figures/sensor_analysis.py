@@ -79,6 +79,7 @@ class Options:
     fidelity : how fine bootstrap and sampler are, see `analysis.fidelity`.
     leave_out : leave out readings whose points are off the curve, each with a warning.
     type_b : contributions to the uncertainty of an elongation that no run shows, see `analysis.calibration.type_b`.
+    derived : derived channels besides those that the recording states, see `protocol.recording.derived`.
     """
 
     degree: Degree = USUAL_DEGREE
@@ -90,6 +91,7 @@ class Options:
     fidelity: Level = "normal"
     leave_out: bool = False
     type_b: tuple[TypeBContribution, ...] = ()
+    derived: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -66,7 +66,8 @@ def code_state() -> str:
     analysis = Path(__file__).parents[1]
     sources = [file for package in _COMPUTING for file in sorted((analysis / package).glob("*.py"))]
     digest = hashlib.sha256()
-    for file in (*sources, analysis.parent / "protocol" / "recording" / "schema.py"):
+    protocol = (analysis.parent / "protocol" / "recording" / name for name in ("derived.py", "schema.py"))
+    for file in (*sources, *protocol):
         digest.update(file.name.encode() + file.read_bytes().replace(b"\r\n", b"\n"))
     for name in ("numpy", "scipy", "pandas", "emcee"):
         digest.update(f"{name} {version(name)}".encode())
@@ -110,5 +111,6 @@ def _stored_options(stored: Mapping[str, Any]) -> Options:
     read = {
         "degree": degree_of(str(table["degree"])), "seed": int(table["seed"]), "plateau": plateau,
         "fidelity": fidelity(str(table["fidelity"])).level, "type_b": contributions(table["type_b"] or {}),
+        "derived": tuple(map(str, table["derived"])),
     }  # fmt: skip
     return Options(**{**table, **read})

@@ -13,6 +13,7 @@ import typer
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show, show_table
 from boat_daq.commands.options import (
     DegreeOption,
+    DeriveOption,
     FidelityOption,
     LeaveOutOption,
     LimitOption,
@@ -49,6 +50,7 @@ def analyze(
     limit: LimitOption = None,
     type_b: TypeBOption = None,
     leave_out: LeaveOutOption = False,
+    derive: DeriveOption = None,
     no_shadow: NoShadowOption = False,
     no_store: Annotated[bool, typer.Option("--no-store", help="Do not store the result in the recording.")] = False,
     fidelity: FidelityOption = "normal",
@@ -79,6 +81,7 @@ def analyze(
             fidelity=fidelity,
             leave_out=leave_out,
             type_b=stated_contributions(recording, type_b),
+            derived=tuple(derive or ()),
         )
         analysis = analyse(recording, elongation, options=options, progress=advance)
     conformity = conformity_json(analysis, limits)

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show, show_table
-from boat_daq.commands.options import DegreeOption, MapOption, RateOption, RunArgument, TypeBOption, one_of
+from boat_daq.commands.options import (
+    DegreeOption,
+    DeriveOption,
+    MapOption,
+    RateOption,
+    RunArgument,
+    TypeBOption,
+    one_of,
+)
 
 if TYPE_CHECKING:
     from analysis.data.export import ConvertedElongation, Format
@@ -106,6 +114,7 @@ def export(
     elongation: Annotated[Path | None, typer.Option(help="CSV of elongation readings, one row a plateau.")] = None,
     degree: DegreeOption = "3",
     type_b: TypeBOption = None,
+    derive: DeriveOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Write the samples of a run with their elongation: CSV with a JSON file of metadata, Parquet, HDF5 or MAT.
@@ -124,7 +133,7 @@ def export(
     from boat_daq.viewmodels.common.reference import exported_elongation, stated_contributions
 
     require_library(format)
-    recording, void = load_recording(run), ""
+    recording, void = load_recording(run).deriving(derive or ()), ""
     if calibration is not None:
         found = read_calibration(calibration)
         for remark in other_unit(found, recording.unit):

@@ -75,6 +75,10 @@ SetOption = Annotated[
 TemplateOption = Annotated[
     str, typer.Option(metavar="NAME|FILE.toml", help="Metadata of a template, where none are stated.")
 ]
+DeriveOption = Annotated[
+    list[str] | None,
+    typer.Option("--derive", metavar="NAME=EXPRESSION", help="Derived channel: 'ratio = s1_mv / s2_mv'; repeatable."),
+]
 PlotOption = Annotated[Path | None, typer.Option(help="Also write a plot: PNG, SVG or PDF.")]
 
 

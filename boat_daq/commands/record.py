@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar
-from boat_daq.commands.options import SetOption, TemplateOption
+from boat_daq.commands.options import DeriveOption, SetOption, TemplateOption
 from boat_daq.engine.file_names import path_in
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ def record(
     template: TemplateOption = "",
     rate: Annotated[int | None, typer.Option(help="Samples per second; default as in the settings.", min=1)] = None,
     duration: Annotated[float | None, typer.Option(help="Without a plan: seconds to record.", min=0)] = None,
+    derive: DeriveOption = None,
     resume: Annotated[
         Path | None, typer.Option(metavar="FILE.boat", help="Resume the interrupted run of this recording.")
     ] = None,
@@ -52,6 +53,7 @@ def record(
     Example: boat-daq record --port /dev/ttyACM0 --plan calibration --unit SA1 --out SA1.boat
     """
     from boat_daq.commands.run_session import SessionRequest, run_session
+    from boat_daq.engine.derived_store import parse_lines
     from boat_daq.engine.session.readings import check_against_plan, enter_readings, read_elongation_csv
 
     if resume is not None and (out is not None or duration is not None):
@@ -68,6 +70,7 @@ def record(
         duration_s=duration,
         metadata={"operator": operator, "unit": unit, "note": note, **stated(set_values, template)},
         allow_remote=allow_remote,
+        derived=parse_lines("\n".join(derive)) if derive else None,
     )
     if resume is not None:
         request = resumed(request, broken_run(resume, plan, changes, unit=unit))

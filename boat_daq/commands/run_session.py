@@ -21,7 +21,7 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import load_settings
 from boat_daq.engine.snapshot import LinkState, LinkWarningCode, SessionSnapshot, SessionState
 from boat_daq.errors import BoatDaqError
-from protocol.recording import BoardState
+from protocol.recording import BoardState, DerivedChannel
 
 POLL_S = 0.1
 LASTING_S = 6.0  # a rate is that of the last 5 s; a start or a single loss within them is no lasting warning
@@ -43,6 +43,7 @@ class SessionRequest:
     metadata : operator, unit, note.
     broken : the run to resume, in its own recording `path`; None begins one.
     allow_remote : whether a TCP port may be on another computer, even against the settings.
+    derived : derived channels in place of the stored ones; None for those.
     """
 
     port: str
@@ -55,6 +56,7 @@ class SessionRequest:
     metadata: Mapping[str, Any] = field(default_factory=dict)
     broken: BrokenRun | None = None
     allow_remote: bool = False
+    derived: tuple[DerivedChannel, ...] | None = None
 
 
 def run_session(request: SessionRequest, after_run: Callable[[Session], object] | None = None) -> tuple[Summary, str]:
@@ -74,6 +76,8 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
     settings = load_settings()
     session = Session(dataclasses.replace(settings, allow_remote=settings.allow_remote or request.allow_remote))
     try:
+        if request.derived is not None:
+            session.set_derived(request.derived)
         session.connect(
             request.port,
             request.profile,

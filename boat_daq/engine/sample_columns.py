@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boat_daq.engine.snapshot import LastSample
-from protocol.recording import NOT_FOR_FIGURES, BoardState, SampleFlag
+from protocol.link.events import Link
+from protocol.recording import NOT_FOR_FIGURES, BoardState, ExtraChannel, SampleFlag, channel_units
 
 _PRESSURE_UNKNOWN = int(SampleFlag.PRESSURE_INVALID)
 
@@ -84,6 +85,29 @@ def columns(samples: NDArray[np.void], mv_per_count: float) -> Columns:
     return Columns(
         samples["time_us"], samples["pressure_pa"] / 1000.0, signal, raw, samples["state"], samples["flags"]
     )  # fmt: skip
+
+
+def units_of(link: Link) -> dict[str, str]:
+    """Return the units of the channels of a board's samples, by name."""
+    return channel_units(link.n_sensors or 0, link.sample_kind, link.channels)
+
+
+def channel_columns(
+    samples: NDArray[np.void], block: Columns, extra: Sequence[ExtraChannel]
+) -> dict[str, NDArray[Any]]:
+    """Return the columns that an expression may use, by the names of `protocol.recording.channel_units`.
+
+    Parameters
+    ----------
+    samples, block : the same samples.
+    extra : their extra channels.
+    """
+    known: dict[str, NDArray[Any]] = {"pressure_kpa": block.pressure_kpa}
+    known |= {f"s{n + 1}_mv": block.signal_mv[:, n] for n in range(block.signal_mv.shape[1])}
+    for part in ("lit", "dark"):
+        if part in (samples.dtype.names or ()):
+            known |= {f"s{n + 1}_{part}": samples[part][:, n] for n in range(samples[part].shape[1])}
+    return known | {channel.column: samples["channel"][:, i] for i, channel in enumerate(extra)}
 
 
 def last_sample(block: Columns, target_kpa: float | None) -> LastSample:

@@ -111,6 +111,7 @@ class MessageKind(enum.StrEnum):
     BACKUP_USED = "backup_used"
     SLOW = "slow"
     SINK_FAILED = "sink_failed"
+    DERIVED = "derived"
     MARK = "mark"
 
 

@@ -18,6 +18,7 @@ from boat_daq.gui.registry import Command
 from boat_daq.gui.results.metadata_form import MetadataForm
 from boat_daq.gui.results.runs_page import RunsPage
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
+from boat_daq.gui.widgets.text_dialog import TextDialog
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Page, Panel
 from boat_daq.viewmodels.live.shadow_live import SCALES
@@ -25,6 +26,11 @@ from boat_daq.viewmodels.results.metadata import MetadataModel
 
 CONNECTED = "Disconnect the board first."
 NO_GRID = "No plateau of the virtual board waits for a reading."
+DERIVED = (
+    "One a line: NAME [UNIT] = EXPRESSION, such as ratio = s1_mv / s2_mv. Use pressure_kpa, s1_mv, s1_lit, s1_dark, "
+    "those above, + - * / ** < >, and abs, sqrt, exp, log, min, max, where and others. They are plotted, and stored "
+    "with the next recordings."
+)
 CONTENTS = {  # what an operator types to find a page
     Page.CALIBRATE: "fit curve hysteresis",
     Page.REPEAT: "repeatability drift hysteresis",
@@ -95,8 +101,14 @@ def edit(window: MainWindow) -> list[Command]:
 
 def view(window: MainWindow) -> list[Command]:
     """Return the commands of the plots and the theme."""
-    live = window.live
+    live, run, attempt = window.live, window.model.run, window.model.notices.attempt
     add = partial(Command, "View")
+
+    def edit_derived() -> None:
+        def take(text: str) -> bool:
+            return attempt(partial(run.set_derived, text), done="The derived channels are in use.")
+
+        TextDialog(window, "Derived channels", DERIVED, run.derived_text(), "Use", take, lines=8)
 
     def is_live() -> bool:
         return window.page is Page.LIVE
@@ -125,6 +137,7 @@ def view(window: MainWindow) -> list[Command]:
         add("Both signals on one axis", "Ctrl+T", live.toggle_together),
         add("Layout of the plots …", "Ctrl+Shift+L", live.show_layout, also="hide order overlay axis curves xy"),
         add("Overlay the last cycles", "Ctrl+Shift+O", live.toggle_overlay),
+        add("Derived channels …", "Ctrl+Alt+H", edit_derived, also="expression formula ratio virtual channel"),
         add("Copy the plot", "Ctrl+Shift+C", partial(export_plot, "copy"), apart=True, also="screenshot clipboard"),
         add("Save the plot as PNG …", "Ctrl+S", partial(export_plot, "png"), also="screenshot picture image export"),
         add("Save the plot as SVG …", "Ctrl+Shift+S", partial(export_plot, "svg")),

@@ -4,6 +4,7 @@
 """
 
 from protocol.recording.channels import CHANNELS_MAX, ExtraChannel, channels_of, session_channels
+from protocol.recording.derived import DerivedChannel, DerivedColumns, channel_units, parse_definition
 from protocol.recording.metadata import METADATA_EVENT, Metadata, metadata_of
 from protocol.recording.schema import (
     ADDED,

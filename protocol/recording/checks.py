@@ -18,6 +18,7 @@ from typing import Any
 
 from protocol.errors import RecordingError, damaged
 from protocol.recording.channels import are_channels
+from protocol.recording.derived import are_derived
 
 Columns = Mapping[str, Mapping[str, tuple[str, bool]]]  # table -> column -> (declared type, whether it is required)
 
@@ -284,6 +285,7 @@ SESSION_VALUES: dict[str, Check] = {
     "run_end": _among("finished", "stopped", "aborted", "fault", "interrupted"),  # the code of stop_reason; newer files
     "resumptions": are_breaks,  # of a resumed run
     "channels": are_channels,  # [name, unit] of each column of the samples' `channel`; newer files
+    "derived": are_derived,  # definitions of derived channels, see `protocol.recording.derived`; newer files
     "metadata": _of(dict),  # as stated when it began, see `protocol.recording.metadata`; newer files
 }
 

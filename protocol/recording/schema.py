@@ -187,7 +187,7 @@ def session_dtype(meta: Mapping[str, Any]) -> np.dtype[np.void]:
 
 # of every recording
 SESSION_KEYS = tuple(
-    key for key in checks.SESSION_VALUES if key not in ("run_end", "resumptions", "metadata", "channels")
+    key for key in checks.SESSION_VALUES if key not in ("run_end", "resumptions", "metadata", "channels", "derived")
 )
 # Beside `stop_reason`, for people, its code "run_end" (`RunEnd`), for programs; files before November 2026 lack it.
 # Only in a resumed run: "resumptions", a list in order, one object for each break: utc and host_ns of the resumption,

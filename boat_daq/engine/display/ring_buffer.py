@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boat_daq.engine.link.reader import Block
-from boat_daq.engine.sample_columns import columns
+from boat_daq.engine.sample_columns import channel_columns, columns
 from protocol.link.events import Samples
-from protocol.recording import ExtraChannel, SampleFlag
+from protocol.recording import DerivedChannel, DerivedColumns, ExtraChannel, SampleFlag
 
 Columns2D = NDArray[np.float64]  # [column, entry]; column 0 never falls
 
@@ -184,7 +184,7 @@ _NOT_SHOWN = _IMPLAUSIBLE | int(SampleFlag.PRESSURE_INVALID)
 
 
 class RingBuffer:
-    """The newest samples. Columns: time_s, pressure_kpa, target_kpa, s1_mv, s2_mv ..
+    """The newest samples. Columns: time_s, pressure_kpa, target_kpa, s1_mv, s2_mv .., then those of `others`.
 
     `time_s` is for the screen: board time, 0 at the first sample, and continued where the board's clock restarts
     by the host time that passed. What the host found implausible is NaN here; the recording has it.
@@ -195,10 +195,12 @@ class RingBuffer:
     mv_per_count : vref_mv / 2**adc_bits; unused where the samples carry signals in mV.
     channels : extra channels of the samples; each is kept under its `column`, in its own unit.
     capacity : samples kept one by one; thinned ones go back much further.
+    derived : channels computed from them.
 
     Attributes
     ----------
     target_kpa : the present target pressure, NaN for none; stored with the samples that are appended.
+    channels : the extra channels, then the derived ones: the columns beyond pressures and signals.
     """
 
     def __init__(
@@ -208,12 +210,14 @@ class RingBuffer:
         mv_per_count: float,
         channels: tuple[ExtraChannel, ...] = (),
         capacity: int = DEFAULT_CAPACITY,
+        derived: DerivedColumns | None = None,
     ) -> None:
-        self.channels = channels
+        self._extra, self._derived = channels, derived or DerivedColumns()
+        self.channels: tuple[ExtraChannel | DerivedChannel, ...] = (*channels, *self._derived.channels)
         self.target_kpa = math.nan
         self._signals = slice(3, 3 + n_sensors)
         sensors = (f"s{n}_mv" for n in range(1, n_sensors + 1))
-        self.names = ("time_s", "pressure_kpa", "target_kpa", *sensors, *(channel.column for channel in channels))
+        self.names = ("time_s", "pressure_kpa", "target_kpa", *sensors, *(channel.column for channel in self.channels))
         self._mv_per_count = mv_per_count
         self._pyramid = MinMaxPyramid(len(self.names), capacity)
         self._offset_us: int | None = None
@@ -246,8 +250,11 @@ class RingBuffer:
         entries[1] = block.pressure_kpa
         entries[2] = self.target_kpa
         entries[self._signals] = block.signal_mv.T
-        if self.channels:
-            entries[self._signals.stop :] = samples["channel"].T
+        if self._extra:
+            entries[self._signals.stop : self._signals.stop + len(self._extra)] = samples["channel"].T
+        if self._derived.channels:
+            found = self._derived.evaluate(channel_columns(samples, block, self._extra))
+            entries[self._signals.stop + len(self._extra) :] = list(found.values())
         if int(np.bitwise_or.reduce(flags)) & _NOT_SHOWN:
             entries[1, (flags & _NOT_SHOWN) != 0] = np.nan
             entries[self._signals, (flags & _IMPLAUSIBLE) != 0] = np.nan

@@ -23,7 +23,7 @@ from boat_daq.engine.session.link_supervisor import LinkSupervisor
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.snapshot import MessageKind, RunEnding, SessionState
 from boat_daq.errors import OperatorError, StorageError
-from protocol.recording import RunEnd
+from protocol.recording import DerivedColumns, RunEnd
 
 _OF_THE_BOARD = ("board_id", "vref_mv", "adc_bits", "polarity", "rate_hz", "unit", "limits_pa")
 
@@ -36,7 +36,7 @@ class ActiveRecording:
     acting : gives the controller under the session's lock, and carries out what follows.
     journal : where the recorder is while one runs; used under that lock.
     link : whose reader brings the blocks.
-    settings : returns them. units : what a recording keeps of both.
+    settings : returns them. units, derived : what a recording keeps of all three.
 
     Attributes
     ----------
@@ -51,11 +51,12 @@ class ActiveRecording:
         link: LinkSupervisor,
         settings: Callable[[], Settings],
         units: UnitLibrary,
+        derived: Callable[[], DerivedColumns],
     ) -> None:
         self.unit = ""
         self.since_us = 0
         self._acting, self._journal, self._link = acting, journal, link
-        self._settings, self._units = settings, units
+        self._settings, self._units, self._derived = settings, units, derived
 
     def begin(self, path: Path, metadata: Mapping[str, Any] | None, broken: BrokenRun | None) -> None:
         """Record from now on, or resume the recording of a broken run.
@@ -164,6 +165,7 @@ class ActiveRecording:
             "rate_hz": control.stream.rate_hz,
             "limits_pa": limits.pascals if limits else None,
             "plan": dataclasses.asdict(plan) if plan else None,
+            "derived": [list(channel) for channel in self._derived().channels],
         }
         return described if port.replayed is None else described | {key: port.replayed[key] for key in _OF_THE_BOARD}
 

@@ -16,7 +16,7 @@ import dataclasses
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self, TypeAlias
@@ -26,6 +26,7 @@ import numpy as np
 from boat_daq.engine.control.board_commands import Check, Send
 from boat_daq.engine.control.controller import MANUAL_RAMP_KPA_PER_S, Controller
 from boat_daq.engine.control.elongation import Regulator
+from boat_daq.engine.derived_store import load_derived
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.installation import shortcomings
 from boat_daq.engine.link.reader import Block
@@ -33,6 +34,7 @@ from boat_daq.engine.log import note
 from boat_daq.engine.plan import Plan, StepMark, load_plan, resume_point
 from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.resumption import BrokenRun
+from boat_daq.engine.sample_columns import units_of
 from boat_daq.engine.session.active_recording import ActiveRecording
 from boat_daq.engine.session.journal import HealthLog, Journal, health_line
 from boat_daq.engine.session.link_supervisor import LinkSupervisor
@@ -49,9 +51,10 @@ from boat_daq.engine.snapshot import (
 )
 from boat_daq.engine.stored_file import take_warnings
 from boat_daq.errors import BoatDaqError, DeviceError, OperatorError, StorageError
+from protocol.errors import RecordingError
 from protocol.link.events import Samples
 from protocol.link.messages import SetPressure, Vent
-from protocol.recording import RunEnd
+from protocol.recording import DerivedChannel, DerivedColumns, RunEnd
 
 VENTING_WAIT_S = 5.0
 POLL_S = 0.01
@@ -78,6 +81,7 @@ class Session:
         self._journal = Journal()
         self.ring: RingBuffer | None = None  # for the screen: none until the first sample, another one after `connect`
         self._sinks: tuple[SampleSink, ...] = ()
+        self.derived: tuple[DerivedChannel, ...] = ()
         self._pressures = 0  # odd while a pressure is being sent: see `vent`
         self._resumes_at: tuple[int, int] | None = None  # first cycle and complete cycles of an armed resumption
         self._link = LinkSupervisor(
@@ -88,10 +92,13 @@ class Session:
             connected=self._remember_board,
             end_recording=self._end_recording,
         )
-        self._recording = ActiveRecording(self._acting, self._journal, self._link, lambda: self.settings, self.units)
+        self._recording = ActiveRecording(
+            self._acting, self._journal, self._link, lambda: self.settings, self.units, self.derived_columns
+        )
         self._health_log = HealthLog(self._health_line)
         self._report_backups()
         self._report_shortcomings()
+        self._load_derived()
 
     # ---- from a script ---------------------------------------------------------------------------------------------
 
@@ -583,6 +590,40 @@ class Session:
 
         return remove
 
+    def set_derived(self, channels: Sequence[DerivedChannel]) -> None:
+        """Use other derived channels from now on; the plots begin anew.
+
+        Raises
+        ------
+        OperatorError : a recording is in progress: it states those of its beginning.
+        RecordingError : one is refused.
+        """
+        with self._lock:
+            if self._journal.recorder is not None:
+                cause = "a recording in progress has the derived channels of its beginning"
+                raise OperatorError(cause, "stop the recording first")
+            port = self._link.port
+            if port is not None and port.link.n_sensors:
+                DerivedColumns.of(channels, units_of(port.link))
+            self.derived, self.ring = tuple(channels), None
+
+    def derived_columns(self) -> DerivedColumns:
+        """Return the derived channels that the board's samples allow; a warning names each of the others."""
+        port = self._link.port
+        if not self.derived or port is None or not port.link.n_sensors:
+            return DerivedColumns()
+        units, good = units_of(port.link), list[DerivedChannel]()
+        for channel in self.derived:
+            try:
+                DerivedColumns.of([*good, channel], units)
+            except RecordingError as error:
+                with self._lock:
+                    if all(told.cause != error.cause for told in self._journal.messages):
+                        self._journal.tell(MessageKind.DERIVED, "warning", error.cause, error.remedy)
+            else:
+                good.append(channel)
+        return DerivedColumns.of(good, units)
+
     @property
     def mv_per_count(self) -> float:
         """Millivolts of signal for one count of the board, known once it is connected."""
@@ -597,7 +638,12 @@ class Session:
         if self.ring is None:
             link = self._link.port.link if self._link.port else None
             assert link is not None and link.n_sensors is not None  # known from the board before its first sample
-            self.ring = RingBuffer(link.n_sensors, mv_per_count=control.mv_per_count, channels=link.channels)
+            self.ring = RingBuffer(
+                link.n_sensors,
+                mv_per_count=control.mv_per_count,
+                channels=link.channels,
+                derived=self.derived_columns(),
+            )
         self.ring.target_kpa = _kpa(control.target_kpa)
         self.ring(block)
         for sink in self._sinks:
@@ -656,6 +702,13 @@ class Session:
         with self._lock:
             for cause, remedy in take_warnings():
                 self._journal.tell(MessageKind.BACKUP_USED, "warning", cause, remedy)
+
+    def _load_derived(self) -> None:
+        """Take the stored derived channels; a file that is refused is named in a warning."""
+        try:
+            self.derived = load_derived()
+        except (OperatorError, RecordingError) as error:
+            self._journal.tell(MessageKind.DERIVED, "warning", error.cause, error.remedy)
 
     def _report_shortcomings(self) -> None:
         """Name what is slower here than it could be."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QDialog, QWidget
+from PySide6.QtWidgets import QDialog, QLineEdit, QPlainTextEdit, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
@@ -21,10 +21,18 @@ class TextDialog(QDialog):
     text : what it is now, selected.
     action : of the button.
     then : takes the text; returns whether it was accepted, else the panel stays open.
+    lines : height of a text of several lines; 1 for one that Enter accepts.
     """
 
     def __init__(
-        self, parent: QWidget, title: str, explanation: str, text: str, action: str, then: Callable[[str], bool]
+        self,
+        parent: QWidget,
+        title: str,
+        explanation: str,
+        text: str,
+        action: str,
+        then: Callable[[str], bool],
+        lines: int = 1,
     ) -> None:
         super().__init__(parent.window())
         self._then = then
@@ -32,7 +40,12 @@ class TextDialog(QDialog):
         self.setModal(False)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setMinimumWidth(style.FORM_WIDTH)
-        self.field = widgets.field(title, text, self._take)
+        self.field: QLineEdit | QPlainTextEdit = widgets.field(title, text, self._take)
+        if lines > 1:
+            self.field = QPlainTextEdit(text)
+            self.field.setAccessibleName(title)
+            self.field.setTabChangesFocus(True)
+            self.field.setMinimumHeight(lines * self.field.fontMetrics().lineSpacing())
         self.button = widgets.button(action, self._take, "primary")
         cancel = widgets.button("Cancel", self.close)
         words = widgets.label(explanation, "muted", wrap=True)
@@ -42,5 +55,6 @@ class TextDialog(QDialog):
         self.field.setFocus()
 
     def _take(self) -> None:
-        if self._then(self.field.text().strip()):
+        text = self.field.text() if isinstance(self.field, QLineEdit) else self.field.toPlainText()
+        if self._then(text.strip()):
             self.close()

@@ -6,6 +6,7 @@ quantity that a layout does not name (another board has more sensors) has a plot
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -25,7 +26,7 @@ Rows = tuple[tuple[str, ...], ...]
 
 def is_signal(quantity: str) -> bool:
     """Return whether a quantity is the signal of a sensor."""
-    return quantity.startswith("s") and quantity.endswith("_mv")
+    return re.fullmatch(r"s\d_mv", quantity) is not None
 
 
 def title(quantity: str) -> str:

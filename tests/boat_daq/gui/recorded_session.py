@@ -16,7 +16,7 @@ from boat_daq.engine.snapshot import LastSample, Limits, LinkState, Reading, Ses
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Services, UndoHistory
-from protocol.recording import BoardState, SampleFlag, sample_dtype
+from protocol.recording import BoardState, DerivedChannel, DerivedColumns, SampleFlag, sample_dtype
 
 if TYPE_CHECKING:
     from boat_daq.gui.main_window import MainWindow
@@ -24,9 +24,11 @@ if TYPE_CHECKING:
 RATE_HZ = 100
 
 
-def filled_ring(seconds: float, *, seed: int = 1, sensors: int = 2) -> RingBuffer:
+def filled_ring(
+    seconds: float, *, seed: int = 1, sensors: int = 2, derived: DerivedColumns | None = None
+) -> RingBuffer:
     """A ring with a triangle of pressure and signals that follow it, with noise; sensors 3 and 4 as 1 and 2."""
-    ring = RingBuffer(sensors, mv_per_count=1.0)
+    ring = RingBuffer(sensors, mv_per_count=1.0, derived=derived)
     ring.target_kpa = 30.0
     ring.append(_samples(seconds, seed, sensors))
     return ring
@@ -55,6 +57,7 @@ class RecordedSession:
 
     def __init__(self, shown: SessionSnapshot, ring: RingBuffer | None = None) -> None:
         self.shown, self.ring = shown, ring
+        self.derived: tuple[DerivedChannel, ...] = ()
         self.calls: list[str] = []
         self.kept: list[Reading] = []
         self.marks: tuple[StepMark, ...] = ()

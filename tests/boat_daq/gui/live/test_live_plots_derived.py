@@ -1,0 +1,22 @@
+"""Derived channels in the window: their plots, values, statistics, and the panel that defines them."""
+
+from __future__ import annotations
+
+from boat_daq.engine.derived_store import load_derived
+from boat_daq.gui.widgets.text_dialog import TextDialog
+from tests.boat_daq.gui.windows import run_shortcut
+
+
+def test_the_panel_takes_definitions_and_names_what_it_refuses(live):
+    """A line that is refused leaves the panel open and the stored definitions as they were."""
+    run_shortcut(live, "Ctrl+Alt+H")
+    dialog = live.findChild(TextDialog)
+    dialog.field.setPlainText("ratio = s1_mv /")
+    dialog.button.click()
+    assert dialog.isVisible()
+    assert "incomplete" in live.model.notices.current().cause
+    dialog.field.setPlainText("# note\nratio = s1_mv / s2_mv")
+    dialog.button.click()
+    assert not dialog.isVisible()
+    assert [channel.name for channel in load_derived()] == ["ratio"]
+    assert live.model.session.calls[-1] == "set_derived"

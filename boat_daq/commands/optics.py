@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from analysis.arrays import FloatArray
     from analysis.fidelity import Fidelity, Level
     from analysis.optics.scene.frame import SceneFrame
+    from analysis.optics.sweep.sweep import SweepRequest
 
 app = typer.Typer(no_args_is_help=True, help="The optical model: trace, scene, sweep, optimise.")
 
@@ -83,6 +84,13 @@ Attenuation = Annotated[float, typer.Option(help="Attenuation of the resin, dB/c
 Face = Annotated[str, typer.Option(help="Place of the cavities: the outer or inner face, both, or midline (voids).")]
 Emission = Annotated[str, typer.Option(help="Emission: uniform (in angle) or lambertian.")]
 Receiver = Annotated[float | None, typer.Option(help="Width of the receiver, mm; default the whole end face.")]
+Confidence = Annotated[
+    float | None,
+    typer.Option(
+        help="Race: trace few rays for all designs, and more only for those that may be the best with this "
+        "probability, as 0.95; up to --rays (default 256000)."
+    ),
+]
 Scheduler = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, as tcp://HOST:8786.")]
 
 
@@ -282,6 +290,8 @@ def sweep(
         int | None,
         typer.Option(min=1, help="Turns of the fan whose ranks are compared; default 7 with 250 rays, else 1."),
     ] = None,
+    confidence: Confidence = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the turns of the fan in a race.")] = 0,
     scheduler: Scheduler = None,
     allow_remote: AllowRemoteOption = False,
     out: Annotated[
@@ -294,6 +304,10 @@ def sweep(
 
     Example: boat-daq optics sweep --cavities 3,5,7 --rays 250 --out sweep
     """
+    if confidence is not None and (phase is not None or fans is not None):
+        raise typer.BadParameter("turns the fan at random: omit --phase and --fans", param_hint="--confidence")
+    if confidence is not None and fidelity is not None:
+        raise typer.BadParameter("chooses the rays itself: omit --fidelity", param_hint="--confidence")
     from analysis.optics.sweep.fans import compare_fans, fans_of
     from analysis.optics.sweep.report import sweep_json, sweep_text, write_sweep
     from analysis.optics.sweep.sweep import FILE_NAME, SweepRequest, paper_grid, run_sweep
@@ -304,12 +318,17 @@ def sweep(
         notify(f"{len(grid) - len(designs)} designs whose opposite cavities would meet are left out")
     released, budget = released_rays(rays, secondary, fidelity, lambda level: level.ranking_rays)
     guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
+    if confidence is not None:  # the model that the race samples more finely
+        most, released, budget = rays, PAPER_RAYS, PAPER_SECONDARY if secondary is None else secondary
     budget = ALL if by == "power" and secondary is None else budget
     light = _light(released, budget, phase, order, emission, faintest)
     request = SweepRequest(designs, guide, light, curves_of(curves), by)  # type: ignore[arg-type]  # checked above
     if out is not None:
         with writing(out):
             out.mkdir(parents=True, exist_ok=True)
+    if confidence is not None:
+        _race(request, confidence, most, seed, out, scheduler, allow_remote=allow_remote, as_json=as_json)
+        return
     file = None if out is None else out / FILE_NAME
     with progress_bar("sweep") as advance:
         result = run_sweep(request, file=file, scheduler=scheduler, allow_remote=allow_remote, progress=advance)
@@ -324,6 +343,25 @@ def sweep(
     present(sweep_json(result, turned), sweep_text(result, turned), as_json=as_json)
 
 
+def _race(
+    request: SweepRequest, confidence: float, most_rays: int | None, seed: int, out: Path | None,
+    scheduler: str | None, *, allow_remote: bool, as_json: bool,
+) -> None:  # fmt: skip
+    """Run the race of a sweep, write its files and print its result; parameters are those of the command."""
+    from analysis.optics.sweep.race import MOST_RAYS, race_sweep
+    from analysis.optics.sweep.race_report import race_json, race_text
+    from analysis.optics.sweep.report import write_race
+
+    with progress_bar("race") as advance:
+        found = race_sweep(
+            request, confidence, most_rays=most_rays or MOST_RAYS, seed=seed, folder=out, scheduler=scheduler,
+            allow_remote=allow_remote, progress=advance,
+        )  # fmt: skip
+    for path in write_race(found, request.by, out) if out is not None else ():
+        notify(f"wrote {path}")
+    present(race_json(found, request.by), race_text(found, request.by), as_json=as_json)
+
+
 @app.command()
 def optimise(
     rays: Annotated[int, typer.Option(help="Rays of each evaluation.")] = 2_000,
@@ -335,6 +373,9 @@ def optimise(
     face: Face = "outer",
     attenuation: Attenuation = 0.0,
     seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
+    confidence: Annotated[
+        float | None, typer.Option(help="Also find the best of the designs searched with this probability, as 0.95.")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the result as JSON.")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -360,6 +401,7 @@ def optimise(
             first_face=first,
             by=by,  # type: ignore[arg-type]  # checked above
             seed=seed,
+            confidence=confidence,
             progress=advance,
         )
     result = optimum_json(found)

@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import special, stats
 
 from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.errors import DataError
@@ -18,7 +19,11 @@ from analysis.errors import DataError
 DEGREE = 3
 DRAWS = 500
 _TIE = 0.025
+_LARGE = 1e4
+"""Noncentral chi-square above which its root is normal with sd 1, but for 0.05."""
 
+FLOOR = 1.0 / math.sqrt(12.0)
+"""RMSE below what the paper's 250 rays resolve counts as this where designs are compared at any number of rays."""
 PARTING = (
     "Printed and repaired P are the same number wherever NDR rises at least once and its scatter about aNDR is above "
     "the resolution of the ray count. They part for monotone designs (n_sign = 0), where the printed P divides by zero "
@@ -135,6 +140,55 @@ def uncertainty(ndr: FloatArray, sd: FloatArray, floor: float, *, draws: int = D
     best = int(np.argmax(p))
     tied = np.mean(drawn >= drawn[:, best : best + 1], axis=0) >= _TIE
     return Uncertainty(np.stack([np.minimum(low, p), np.maximum(high, p)], axis=1), tied)
+
+
+def p_bounds(
+    ndr: FloatArray, sd: FloatArray, floor: float, *, low_error: float, high_error: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return a lower and an upper bound (n,) of the P that infinitely many rays would give.
+
+    Parameters
+    ----------
+    ndr, sd : (n, states), rays scaled to 250.
+    floor : as in `merit`.
+    low_error, high_error : probabilities that the P of a design lies below its lower, above its upper bound.
+
+    Notes
+    -----
+    P is bounded by bounds of its three parts, each with a third of the error probability: Delta is normal; a step
+    counts as a rise, or as none, only where it is significant among all steps; the sum of squares about aNDR is
+    noncentral chi-square with states - 4 degrees of freedom, so that what noise adds to RMSE is taken out.
+    """
+    (low, _), (_, high) = (_bounds_at(ndr, sd, floor, error) for error in (low_error, high_error))
+    return low, high
+
+
+def _bounds_at(ndr: FloatArray, sd: FloatArray, floor: float, error: float) -> tuple[FloatArray, FloatArray]:
+    projector, states = cubic_projector(ndr.shape[-1]), ndr.shape[-1]
+    wide = stats.norm.isf(error / 3)
+    delta, spread = (ndr @ (projector[0] - projector[-1]), np.sqrt(sd**2 @ (projector[0] - projector[-1]) ** 2))
+    step = stats.norm.isf(error / 3 / (states - 1)) * np.hypot(sd[..., 1:], sd[..., :-1])
+    rises = [np.maximum(np.sum(np.diff(ndr, axis=-1) > limit, axis=-1), 1.0) for limit in (step, -step)]
+    rmse = [np.maximum(each, floor) for each in _rmse_bounds(ndr - ndr @ projector, sd, projector, error / 3)]
+    least, most = rises[0] * rmse[0], rises[1] * rmse[1]
+    low, high = delta - wide * spread, delta + wide * spread
+    return low / np.where(low > 0, most, least), high / np.where(high > 0, least, most)
+
+
+def _rmse_bounds(
+    residual: FloatArray, sd: FloatArray, projector: FloatArray, error: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return bounds (n,) of the RMSE without noise from residuals (n, states) with it, each wrong with `error`."""
+    states, dof = residual.shape[-1], residual.shape[-1] - DEGREE - 1
+    total, variance = np.sum(residual**2, axis=-1), sd**2 @ (1.0 - np.diag(projector)) / dof
+    x = total / np.where(variance > 0, variance, 1.0)
+    root, wide = np.sqrt(x), stats.norm.isf(error)
+    bounds = []
+    for part, sign in ((1.0 - error, -1.0), (error, 1.0)):
+        exact = np.where(special.chndtr(x, dof, 0.0) > part, special.chndtrinc(np.minimum(x, _LARGE), dof, part), 0.0)
+        centre = np.where(x < _LARGE, exact, np.maximum(root + sign * wide, 0.0) ** 2)
+        bounds.append(np.sqrt(np.where(variance > 0, centre * variance, total) / states))
+    return bounds[0], bounds[1]
 
 
 def ranks_within(p: FloatArray, group: BoolArray) -> IntArray:

@@ -28,13 +28,13 @@ from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.geometry import pattern_of
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, By, Design, Face, Light, Waveguide, light_by
 from analysis.optics.sweep.fans import turned
-from analysis.optics.sweep.figure_of_merit import merit, resolution
+from analysis.optics.sweep.figure_of_merit import FLOOR, merit
+from analysis.optics.sweep.race import FIRST_RAYS, Race
 from analysis.optics.sweep.sweep import SweepRequest, SweepResult, common_of, paper_grid, result_of, run_item
 from analysis.progress import Progress
 
-POPULATION = 16
-FLOOR = float(resolution(PAPER_RAYS))
-"""RMSE below what the paper's 250 rays resolve counts as this."""
+POPULATION, RACING = 16, 48
+"""Designs of a generation, which is the number of the grid's best that race too, and of the search's best that race."""
 BOUNDS = ((1.0, 9.0), (0.3, 2.0), (0.2, 1.6), (0.3, 2.0), (0.0, 1.0))
 PATIENCE, BETTER = 8, 0.01
 """Generations without a design better by that part, after which the search has converged."""
@@ -76,6 +76,7 @@ class Optimum:
     evaluations, seconds : its cost; rays, checked_rays : released in the search and in the final evaluation.
     finished : False if the time ran out before the search converged.
     by : what P is computed from.
+    race : of the best designs searched, where a confidence was asked for.
     """
 
     start: Winner
@@ -87,6 +88,7 @@ class Optimum:
     checked_rays: int
     finished: bool
     by: By
+    race: Race | None = None
 
     @property
     def gain(self) -> float:
@@ -115,8 +117,14 @@ class DesignMerit:
 
     def result(self, design: Design) -> SweepResult:
         """Return the sweep of one design."""
-        results = run_item(self._common, pattern_of(design)[None])
-        return result_of(replace(self.request, designs=(design,)), self._mirrored, results)
+        return self.swept([design], map)
+
+    def swept(self, designs: Sequence[Design], side_by_side: Callable[..., Iterable[Any]]) -> SweepResult:
+        """Return the sweep of some designs, one call each of a function such as `map`."""
+        each = side_by_side(lambda design: run_item(self._common, pattern_of(design)[None]), designs)
+        counts, energy, changes = map(np.concatenate, zip(*each, strict=True))
+        request = replace(self.request, designs=tuple(designs))
+        return result_of(request, self._mirrored, (counts, energy, changes))
 
     def p(self, design: Design) -> float:
         """Return P of 250 rays, or of their power; -inf for a design that cannot be built."""
@@ -147,6 +155,7 @@ def optimise(
     first_face: Face = "outer",
     by: By = "power",
     seed: int = 0,
+    confidence: float | None = None,
     progress: Progress | None = None,
 ) -> Optimum:
     """Search for the design with the largest P on power.
@@ -158,6 +167,7 @@ def optimise(
     seconds : time after which the search stops; it is repeatable if it converges before.
     first_face : face of the grid from which the search starts.
     by : what P is computed from. seed : of the random numbers.
+    confidence : with which a race finds the best of the designs searched; None evaluates the six best alike.
     progress : called with (seconds gone, seconds allowed); raising from it cancels.
 
     Raises
@@ -175,7 +185,8 @@ def optimise(
         search = _Search(frames, guide, light_by(by, rays), by, pool, _watch(began, seconds, progress))
         ranked = search.scan_grid(first_face, seed)
         found = search.evolve([design for _, design in ranked[:POPULATION]], seed)
-        return _evaluated(search, ranked, found, began)
+        race = None if confidence is None else search.race(ranked, confidence, seed)
+        return _evaluated(search, ranked, found, race, began)
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -276,19 +287,42 @@ class _Search:
         self.evaluations += int(found.nfev)
         return found
 
+    def race(self, grid: Sequence[Scored], confidence: float, seed: int) -> Race:
+        """Return the race of the best designs of the grid and of the search, up to ten times the search's rays."""
+        searched = _best([(p, design) for design, p in list(self.seen.items())])
+        entrants = dict.fromkeys([d for _, d in grid[:POPULATION]] + [d for _, d in searched[:RACING]])
+        able = tuple(design for design in entrants if self.merit.fits(design))
+        most_rays = max(_CHECK * self.light.rays, FIRST_RAYS)
+
+        def simulate(designs: Sequence[Design], light: Light) -> SweepResult:
+            self.evaluations += len(designs)
+            return self.merit_with(light).swept(designs, self.pool.map)
+
+        return Race(able, light_by(self.by, PAPER_RAYS), confidence, most_rays, seed).run(simulate)
+
 
 def _best(scored: Sequence[Scored]) -> list[Scored]:
     return sorted(scored, key=lambda pair: -pair[0])
 
 
-def _evaluated(search: _Search, grid: Sequence[Scored], found: OptimizeResult, began: float) -> Optimum:
-    """Return both winners with ten times the rays, and again with the fan turned; fewer finalists if it is late."""
+def _evaluated(
+    search: _Search, grid: Sequence[Scored], found: OptimizeResult, race: Race | None, began: float
+) -> Optimum:
+    """Return both winners with ten times the rays, and again with the fan turned; fewer finalists if it is late.
+
+    Parameters
+    ----------
+    search, grid, found : the search, the grid's best designs, and what differential evolution returned.
+    race : its candidates are finalists; without one the best designs of the search are.
+    began : time at which the search began.
+    """
     light, most = light_by(search.by, _CHECK * search.light.rays), _FEW if search.late(1.0) else _FINALISTS
     grid = grid[:most]
     final = search.merit_with(light)
     searched = _best([(p, design) for design, p in list(search.seen.items())])[:most]
     last = design_at(found.x)
-    finalists = dict.fromkeys([*(d for _, d in grid), *(d for _, d in searched), last, PAPER_OPTIMUM])
+    chosen = [d for _, d in searched] if race is None else [race.designs[i] for i in race.candidates[:_FINALISTS]]
+    finalists = dict.fromkeys([*(d for _, d in grid), *chosen, last, PAPER_OPTIMUM])
     able = [design for design in finalists if final.fits(design)]
     results = dict(zip(able, search.pool.map(final.result, able), strict=True))
     p = {design: p_of(result) for design, result in results.items()}
@@ -303,4 +337,4 @@ def _evaluated(search: _Search, grid: Sequence[Scored], found: OptimizeResult, b
 
     winners, paper_p = (winner(start), winner(best)), p.get(PAPER_OPTIMUM, np.nan)
     seconds, rays = time.perf_counter() - began, (search.light.rays, light.rays)
-    return Optimum(*winners, paper_p, search.evaluations, seconds, *rays, search.finished, search.by)
+    return Optimum(*winners, paper_p, search.evaluations, seconds, *rays, search.finished, search.by, race)

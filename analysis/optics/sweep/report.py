@@ -24,14 +24,16 @@ from analysis.arrays import FloatArray
 from analysis.errors import FileError, writing
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.outline import outline
-from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light, Waveguide
+from analysis.optics.scene.parameters import PAPER_OPTIMUM, By, Design, Light, Waveguide
 from analysis.optics.sweep.fans import FanResult, compare_fans
 from analysis.optics.sweep.figure_of_merit import PARTING, Merit, pareto
 from analysis.optics.sweep.optimise import BETTER, PATIENCE, Optimum
+from analysis.optics.sweep.race import Race
+from analysis.optics.sweep.race_report import design_label, race_json, race_text
 from analysis.optics.sweep.sweep import STEPS_MM, SweepResult
 from analysis.optics.tracer.simulation import ray_paths
 from analysis.version import program_version
-from protocol.whole_file import written_whole
+from protocol.whole_file import write_whole, written_whole
 
 BLUE, VERMILLION = style.SENSORS[:2]
 RESIN, GREEN = "#E3EDF5", style.PRESSURE
@@ -291,14 +293,10 @@ def sweep_text(result: SweepResult, fans: FanResult | None = None) -> str:
             f"it is {'' if spread.tied[paper] else 'not '}equal to the best within noise; its rank: {rank_text(found)}",
         ]
     if len(found.p) > 1:
-        most = [f"{_label(d)} {share:.0%}".replace("%", " %") for d, share in found.winners()[:_SHOWN]]
+        most = [f"{design_label(d)} {share:.0%}".replace("%", " %") for d, share in found.winners()[:_SHOWN]]
         number = f"{len(found.winners())} designs win one of {len(found.p)} turns of the fan"
         lines.append(f"{number}; share of the leading ones: {', '.join(most)}")
     return "\n".join(lines)
-
-
-def _label(design: Design) -> str:
-    return f"({design.cavities}, {design.width_mm:g}, {design.depth_mm:g}, {design.spacing_mm:g})"
 
 
 def rank_text(fans: FanResult) -> str:
@@ -345,6 +343,47 @@ def _write_table(result: SweepResult, path: Path) -> None:
             rows.writerow([*asdict(design).values(), *(1 * column[i] for column in shown.values())])  # flags as 0 and 1
 
 
+@style.styled
+def draw_race(race: Race, by: By) -> Figure:
+    """Draw the bounds of P of every design beside its rays, and the candidates left against the work."""
+    figure = Figure(figsize=(9.0, 3.9), layout="constrained")
+    bounds, cost = figure.subplots(1, 2)
+    rng, left = np.random.default_rng(0), race.left
+    rays = np.array(race.rays)[race.level - 1] * np.exp(rng.uniform(-0.45, 0.45, race.level.size))
+    for chosen, colour, name in ((~left, style.SOFT, "eliminated"), (left, VERMILLION, "may be the best")):
+        span = np.stack([race.p - race.low, race.high - race.p])[:, chosen]
+        bounds.errorbar(
+            rays[chosen], race.p[chosen], yerr=np.maximum(span, 0.0), fmt="o", markersize=3, linewidth=0.5,
+            color=colour, label=name,
+        )  # fmt: skip
+    bounds.axhline(float(np.max(race.low)), color=BLUE, linewidth=0.9, label="greatest lower bound")
+    bounds.set(xscale="log", xlabel="rays of the design in each state", ylabel=f"P by {by}", title="bounds of P")
+    bounds.set_yscale("symlog", linthresh=1.0)
+    bounds.legend(loc="lower right")
+    work, candidates = np.array([(0, len(race.designs)), *race.history], dtype=float).T
+    cost.step(work, candidates, where="post", color=VERMILLION, label="race")
+    cost.step([0.0, race.equal_work, race.equal_work], [len(race.designs), len(race.designs), candidates[-1]],
+              where="post", color=BLUE, label=f"{race.rays[-1]} rays for every design")  # fmt: skip
+    cost.set(xlabel="rays released in each state, all designs", ylabel="designs that may be the best")
+    cost.set_xscale("symlog", linthresh=float(race.history[0][0]))
+    cost.set_yscale("log")
+    cost.set_title(f"{race.saving:.0f} times less work")
+    cost.legend()
+    return figure
+
+
+def write_race(race: Race, by: By, folder: Path) -> list[Path]:
+    """Write `race.json` and the chart (PNG and SVG) into a folder; returns the paths."""
+    paths = [folder / "race.json"]
+    write_whole(paths[0], json.dumps(race_json(race, by), indent=1, default=float))
+    figure = draw_race(race, by)
+    for suffix in (".png", ".svg"):
+        paths.append(folder / f"race{suffix}")
+        save(figure, paths[-1])
+        figure.set_layout_engine("none")  # laid out once for both formats
+    return paths
+
+
 def optimum_json(found: Optimum) -> dict[str, Any]:
     """Return the object of `optics optimise --json`."""
     winners = {"start": found.start, "best": found.best}
@@ -356,6 +395,7 @@ def optimum_json(found: Optimum) -> dict[str, Any]:
         **{name: getattr(found, name) for name in OF_SEARCH},
         **{f"{name}_power": w.power.tolist() for name, w in winners.items()},
         **{f"{name}_power_sd": w.power_sd.tolist() for name, w in winners.items()},
+        "race": None if found.race is None else race_json(found.race, found.by),
     }
 
 
@@ -377,6 +417,8 @@ def optimum_text(found: Optimum) -> str:
             f"errors of its power: standard deviation {sd:.2g} % of the light at most, and at most "
             f"{100 * found.best.given_up:.2g} % was not followed"
         )
+    if found.race is not None:
+        lines.append(race_text(found.race, found.by))
     if found.finished:
         lines.append(f"converged: {PATIENCE} generations in a row improved by less than {100 * BETTER:g} %")
     else:

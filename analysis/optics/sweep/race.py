@@ -1,0 +1,185 @@
+"""The best design with a stated confidence: few rays for all designs, more only for those that may be the best.
+
+Strategy: every design is traced with 1,000 rays, from which on neighbouring rays of the fan are related and the error
+falls faster than its cost rises. Then, round after round, those with the largest P and, of those with the fewest rays,
+those with the largest upper bound of P are traced with four times the rays they had (lower and upper confidence
+bounds: Kalyanakrishnan et al., Proc. 29th ICML, 2012, 655), designs with as many rays all by the same fan, turned at
+random. A design is eliminated when its upper bound is below the greatest lower bound. The race ends when every design
+left has the most rays.
+
+The best design is lost only if one of its own upper bounds fails, or a lower bound of another design does: half of the
+error probability is shared by the numbers of rays for the one, half by numbers of rays and designs for the other
+(union bound), so that the designs left contain the best one with the stated confidence, whatever the relation between
+their errors and whichever designs were traced again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from analysis.arrays import BoolArray, FloatArray, IntArray
+from analysis.errors import RequestError
+from analysis.optics.scene.parameters import Design, Light
+from analysis.optics.sweep.figure_of_merit import FLOOR, merit, p_bounds
+from analysis.optics.sweep.sweep import SweepRequest, SweepResult, run_sweep
+from analysis.progress import Progress
+
+FIRST_RAYS, GROWTH = 1_000, 4
+MOST_RAYS = 256_000
+"""Rays of the best design unless stated otherwise."""
+LEADERS, CHALLENGERS = 2, 16
+"""Designs that a round traces again: those with the largest P, and of the others with the fewest rays those with the
+largest upper bound."""
+
+Simulate = Callable[[Sequence[Design], Light], SweepResult]
+
+
+def rays_of_rounds(most_rays: int) -> tuple[int, ...]:
+    """Return the numbers of rays of a race: four times as many each time, the last the most.
+
+    Raises
+    ------
+    RequestError : the most are fewer than the first.
+    """
+    if most_rays < FIRST_RAYS:
+        raise RequestError(f"a race with {most_rays} rays at most", f"allow {FIRST_RAYS} rays or more")
+    found = [most_rays]
+    while found[0] // GROWTH >= FIRST_RAYS:
+        found.insert(0, found[0] // GROWTH)
+    return tuple(found)
+
+
+@dataclass
+class Race:
+    """A race of designs (n,), and what is known of each.
+
+    Parameters
+    ----------
+    designs : compete.
+    light : its model, cone and emission are kept; rays and turn of the fan are those of each number of rays.
+    confidence : that the candidates contain the best design, above 0 and below 1.
+    most_rays : of the last number of rays. seed : of the fan's turns.
+
+    Attributes
+    ----------
+    level : (n,) how many of `rays` each design was traced with.
+    p, low, high : (n,) P with the most rays so far, and its tightest bounds.
+    work : rays released for each state so far, all designs together; history : (work, candidates) after each round.
+
+    Raises
+    ------
+    RequestError : the confidence or the rays are out of range.
+    """
+
+    designs: tuple[Design, ...]
+    light: Light
+    confidence: float
+    most_rays: int = MOST_RAYS
+    seed: int = 0
+    history: list[tuple[int, int]] = field(default_factory=list)
+    work: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.confidence < 1.0:
+            raise RequestError(f"a confidence of {self.confidence:g}", "choose above 0 and below 1, 0.95 is usual")
+        self.rays = rays_of_rounds(self.most_rays)
+        self.turns = np.random.default_rng(self.seed).uniform(-0.5, 0.5, len(self.rays))
+        n = len(self.designs)
+        self.level: IntArray = np.zeros(n, dtype=np.int64)
+        self.p: FloatArray = np.zeros(n)
+        self.low: FloatArray = np.full(n, -np.inf)
+        self.high: FloatArray = np.full(n, np.inf)
+
+    @property
+    def left(self) -> BoolArray:
+        """Return (n,) which designs may still be the best."""
+        return np.asarray(self.high >= np.max(self.low))
+
+    @property
+    def best(self) -> int:
+        """Return the number of the candidate with the largest P."""
+        return int(np.argmax(np.where(self.left, self.p, -np.inf)))
+
+    @property
+    def candidates(self) -> IntArray:
+        """Return the numbers of the designs that cannot be told apart, best first; one if the race is decided."""
+        found = np.flatnonzero(self.left)
+        return np.asarray(found[np.argsort(-self.p[found], kind="stable")])
+
+    @property
+    def equal_work(self) -> int:
+        """Return the rays that the best design's precision for every design would take, for each state."""
+        return self.rays[-1] * len(self.designs)
+
+    @property
+    def saving(self) -> float:
+        """Return how many times less work the race was than equal precision everywhere."""
+        return self.equal_work / self.work
+
+    def run(self, simulate: Simulate) -> Race:
+        """Trace designs until every candidate has the most rays; returns itself."""
+        chosen = np.arange(len(self.designs))
+        while chosen.size:
+            levels = self.level[chosen]
+            for level in np.unique(levels):
+                self._trace(chosen[levels == level], int(level), simulate)
+            self.history.append((self.work, int(np.sum(self.left))))
+            chosen = self._next()
+        return self
+
+    def _next(self) -> IntArray:
+        """Return the candidates to trace again: the leaders and the challengers that do not have the most rays yet."""
+        open_ = np.flatnonzero(self.left & (self.level < len(self.rays)))
+        leaders = open_[np.argsort(-self.p[open_], kind="stable")][:LEADERS]
+        cheap = open_[self.level[open_] == np.min(self.level[open_], initial=len(self.rays))]
+        challengers = cheap[np.argsort(-self.high[cheap], kind="stable")][:CHALLENGERS]
+        return np.unique(np.concatenate([leaders, challengers]))
+
+    def _trace(self, chosen: IntArray, level: int, simulate: Simulate) -> None:
+        """Trace designs of one level with the next number of rays."""
+        light = replace(self.light.with_rays(self.rays[level]), phase=float(self.turns[level]))
+        result = simulate([self.designs[i] for i in chosen], light)
+        own = 0.5 * (1.0 - self.confidence) / len(self.rays)
+        low, high = p_bounds(*result.response, FLOOR, low_error=own / len(self.designs), high_error=own)
+        self.p[chosen] = merit(result.response[0], FLOOR).p
+        self.low[chosen] = np.maximum(self.low[chosen], low)
+        self.high[chosen] = np.minimum(self.high[chosen], high)
+        self.level[chosen] += 1
+        self.work += self.rays[level] * chosen.size
+
+
+def race_sweep(
+    request: SweepRequest,
+    confidence: float,
+    *,
+    most_rays: int = MOST_RAYS,
+    seed: int = 0,
+    folder: Path | None = None,
+    scheduler: str | None = None,
+    allow_remote: bool = False,
+    progress: Progress | None = None,
+) -> Race:
+    """Find the best design of a sweep.
+
+    Parameters
+    ----------
+    request : what competes. confidence, most_rays, seed : as in `Race`.
+    folder : for the results file of each number of rays; a stopped race resumes from them.
+    scheduler, allow_remote : as in `run_sweep`.
+    progress : called with (simulations done, all) of each round; raising from it stops the race.
+
+    Raises
+    ------
+    RequestError, DataError, FileError : as `run_sweep` and `Race`.
+    """
+
+    def simulate(designs: Sequence[Design], light: Light) -> SweepResult:
+        part = replace(request, designs=tuple(designs), light=light)
+        file = None if folder is None else folder / f"race_{light.rays}_rays.sqlite"
+        return run_sweep(part, file=file, scheduler=scheduler, allow_remote=allow_remote, progress=progress)
+
+    return Race(tuple(dict.fromkeys(request.designs)), request.light, confidence, most_rays, seed).run(simulate)

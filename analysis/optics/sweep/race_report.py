@@ -1,0 +1,63 @@
+"""The result of a race as JSON and as text."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from analysis.optics.scene.parameters import By, Design
+from analysis.optics.sweep.race import Race
+from analysis.version import program_version
+
+_SHOWN = 5
+
+
+def race_json(race: Race, by: By) -> dict[str, Any]:
+    """Return the object of `optics sweep --confidence C --json`."""
+    rows = [_row(race, i) for i in race.candidates]
+    return {
+        "confidence": race.confidence,
+        "by": by,
+        "best": rows[0],
+        "candidates": rows,
+        "decided": len(rows) == 1,
+        "designs": len(race.designs),
+        "rays": [{"rays": rays, "designs": int(np.sum(race.level > number))} for number, rays in enumerate(race.rays)],
+        "work_rays": race.work,
+        "equal_work_rays": race.equal_work,
+        "times_less_work": race.saving,
+        "history": [{"work_rays": work, "candidates": left} for work, left in race.history],
+        "seed": race.seed,
+        "version": program_version(),
+    }
+
+
+def _row(race: Race, i: int) -> dict[str, Any]:
+    """Return a design with its P, the bounds of P, and the rays it was traced with."""
+    bounds = {"p": race.p[i], "p_low": race.low[i], "p_high": race.high[i]}
+    return {**asdict(race.designs[i]), **bounds, "rays": race.rays[race.level[i] - 1]}
+
+
+def race_text(race: Race, by: By) -> str:
+    """Return the same as a few lines of text."""
+    found, many = race.candidates, len(race.designs)
+    if len(found) == 1:
+        head = f"the best of {many} designs, at {100 * race.confidence:g} % confidence:"
+    else:
+        head = f"{len(found)} of {many} designs cannot be told apart; the best is one of them at "
+        head += f"{100 * race.confidence:g} % confidence:"
+    lines = [head]
+    for i in found[:_SHOWN]:
+        bounds = f"P {race.p[i]:.3f} by {by}, {race.low[i]:.3f} to {race.high[i]:.3f}"
+        lines.append(f"  {design_label(race.designs[i])}: {bounds}")
+    if len(found) > _SHOWN:
+        lines.append(f"  and {len(found) - _SHOWN} more")
+    lines.append(f"{race.work} rays in each state, {race.saving:.1f} times fewer than {race.rays[-1]} for every design")
+    return "\n".join(lines)
+
+
+def design_label(design: Design) -> str:
+    """Return number of cavities, width, depth and spacing, mm, in brackets."""
+    return f"({design.cavities}, {design.width_mm:.4g}, {design.depth_mm:.4g}, {design.spacing_mm:.4g})"

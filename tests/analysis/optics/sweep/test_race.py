@@ -1,0 +1,120 @@
+"""The race of designs: its bounds, what it eliminates, and that it is the same wherever it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.errors import RequestError
+from analysis.optics.scene.curves import frames_of, parametric_curves
+from analysis.optics.scene.geometry import pattern_of
+from analysis.optics.scene.parameters import Design, Light
+from analysis.optics.sweep.figure_of_merit import FLOOR, merit, p_bounds, resolution
+from analysis.optics.sweep.race import Race, race_sweep, rays_of_rounds
+from analysis.optics.sweep.race_report import race_json, race_text
+from analysis.optics.sweep.report import write_race
+from analysis.optics.sweep.sweep import SweepRequest, SweepResult, common_of, paper_grid, result_of, run_item
+
+BEST = Design(7, 1.0, 0.5, 0.6)
+
+
+def known(designs: Sequence[Design], truth: np.ndarray, light: Light, rng: np.random.Generator) -> SweepResult:
+    """Return a result whose counts are a truth with normal noise that falls as one over the rays."""
+    sd = np.full((len(designs), 15), 1_000.0 / light.rays)
+    rows = truth[[round(design.width_mm * 100) for design in designs]] + sd * rng.standard_normal(sd.shape)
+    request = SweepRequest(tuple(designs), light=light)
+    none = np.zeros((len(designs), 15, 10), dtype=np.int64)
+    return SweepResult(request, rows, sd, rows, sd, np.ones(15, dtype=bool), none, np.zeros((1, 15, 4)), 0.0, 0)
+
+
+def test_bounds_contain_p_as_often_as_stated() -> None:
+    """Each bound of P fails in no more than its probability of 2,000 noisy responses, with and without rises."""
+    rng = np.random.default_rng(1)
+    states = np.arange(15.0)
+    for wave, sd in ((0.0, 0.3), (1.0, 0.3), (3.0, 1.0)):
+        truth = 100.0 - 2.0 * states + wave * np.sin(2.1 * states)
+        noisy = truth + sd * rng.standard_normal((2_000, 15))
+        low, high = p_bounds(noisy, np.full(noisy.shape, sd), FLOOR, low_error=0.05, high_error=0.05)
+        p = float(merit(truth, FLOOR).p)
+        assert np.mean(low > p) < 0.07
+        assert np.mean(high < p) < 0.07
+        assert np.median(high / low) < 60
+
+
+def test_bounds_close_as_the_noise_vanishes() -> None:
+    """Without noise both bounds are P itself, as is the floor that the paper's rays give."""
+    ndr = 100.0 - 2.0 * np.arange(15.0) + np.cos(np.arange(15.0))
+    for sd in (0.0, 1e-6):
+        low, high = p_bounds(ndr[None], np.full((1, 15), sd), FLOOR, low_error=0.01, high_error=0.01)
+        assert low == pytest.approx(merit(ndr, FLOOR).p, rel=1e-4)
+        assert high == pytest.approx(low, rel=1e-4)
+    assert pytest.approx(resolution(250)) == FLOOR
+
+
+def test_the_best_is_among_the_candidates_as_often_as_stated() -> None:
+    """In 60 races of designs with a known truth the best is lost in no more than 5 %, and work is saved."""
+    rng = np.random.default_rng(3)
+    states = np.arange(15.0)
+    truth = np.array([100.0 - 2.0 * states + rng.normal(0.0, 0.4 + 0.05 * i, 15) for i in range(40)])
+    designs = tuple(Design(3, 0.01 * i, 0.5, 0.9) for i in range(1, 40))
+    best = designs[int(np.argmax(merit(truth[1:], FLOOR).p))]
+    lost, saved = 0, []
+    for seed in range(60):
+        race = Race(designs, Light(), 0.95, 64_000, seed)
+        race.run(lambda some, light: known(some, truth, light, rng))
+        lost += best not in [race.designs[i] for i in race.candidates]
+        saved.append(race.saving)
+    assert lost <= 3
+    assert min(saved) > 3
+
+
+def test_a_race_finds_the_best_of_traced_designs_on_any_thread(tmp_path: Path) -> None:
+    """The leader of the default states wins, resumes from its files, and tells what it saved."""
+    request = SweepRequest((*paper_grid((3,))[::60], BEST))
+    race = race_sweep(request, 0.95, most_rays=4_000, folder=tmp_path)
+    assert race.designs[race.best] == BEST
+    again = race_sweep(request, 0.95, most_rays=4_000, folder=tmp_path)
+    assert np.array_equal(again.p, race.p)
+    content, text = race_json(race, "count"), race_text(race, "count")
+    assert content["best"]["cavities"] == 7
+    assert content["work_rays"] * content["times_less_work"] == pytest.approx(content["equal_work_rays"])
+    assert "confidence" in text
+    assert {path.name for path in write_race(race, "count", tmp_path)} == {"race.json", "race.png", "race.svg"}
+
+
+@pytest.mark.parametrize(("confidence", "most_rays"), [(0.0, 4_000), (1.0, 4_000), (float("nan"), 4_000), (0.95, 999)])
+def test_a_race_without_sense_is_rejected(confidence: float, most_rays: int) -> None:
+    """A confidence outside 0 to 1, or fewer rays than the first round's, is refused with a remedy."""
+    with pytest.raises(RequestError) as refused:
+        Race((BEST,), Light(), confidence, most_rays)
+    assert refused.value.remedy
+
+
+def test_rays_grow_fourfold_up_to_the_most() -> None:
+    """The last number of rays is the most allowed; the first is near a thousand."""
+    assert rays_of_rounds(64_000) == (1_000, 4_000, 16_000, 64_000)
+    assert rays_of_rounds(20_000) == (1_250, 5_000, 20_000)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("curves", ["default", "parametric"])
+def test_traced_races_contain_the_best(curves: str) -> None:
+    """Of 200 races of 12 traced designs, at least 95 % contain the best one at 100,000 rays."""
+    designs = (BEST, Design(5, 0.6, 0.6, 1.0), Design(3, 0.8, 0.6, 0.8), *paper_grid()[::72])
+    request = SweepRequest(designs)
+    if curves == "parametric":
+        request = replace(request, curves=parametric_curves())
+    frames = frames_of(request.curves, request.guide)
+    mirrored = np.array([frame.mirrored for frame in frames])
+
+    def simulate(some: Sequence[Design], light: Light) -> SweepResult:
+        results = run_item(common_of(frames, request.guide, light), np.array([pattern_of(each) for each in some]))
+        return result_of(replace(request, designs=tuple(some), light=light), mirrored, results)
+
+    truth = merit(simulate(designs, Light().with_rays(100_000)).ndr, FLOOR).p
+    races = [Race(designs, Light(), 0.95, 16_000, seed).run(simulate) for seed in range(200)]
+    assert np.mean([int(np.argmax(truth)) in race.candidates for race in races]) >= 0.95

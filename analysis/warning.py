@@ -39,6 +39,7 @@ class WarningCode(StrEnum):
     MARKS_DISAGREE = "marks_disagree"
     CONSTANT_SIGNAL = "constant_signal"
     FLAT = "flat"
+    INFLUENCE = "influence"
     NO_SPAN = "no_span"
     HYSTERESIS_IS_A_BOUND = "hysteresis_is_a_bound"
     HYSTERESIS_IN_PART = "hysteresis_in_part"

@@ -86,6 +86,8 @@ def read_boat_file(path: str | Path) -> Recording:
     else:
         signal = samples["signal_mv"].astype(np.float64)
     kept = {name: samples[name] for name in ("state", "flags", "index", *(("lit", "dark") if counts else ()))}
+    if meta.get("channels"):
+        kept["channel"] = samples["channel"]
     kept |= {"segment": segment, "target_kpa": target_from_steps(clock.time_s, steps), "steps": steps}
     pressure_kpa = samples["pressure_pa"] / 1000.0
     recording = Recording.from_arrays(

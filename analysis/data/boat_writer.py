@@ -92,7 +92,7 @@ def packed_samples(recording: Recording) -> npt.NDArray[np.void]:
         text = f"a time of {np.abs(recording.time_s).max():g} s is out of range"
         raise FileError(text, "Check the time column and its unit.")
     counts = recording.lit is not None and recording.dark is not None and {"vref_mv", "adc_bits"} <= set(recording.meta)
-    samples = np.zeros(recording.n, schema.sample_dtype(recording.n_sensors, "counts" if counts else "signal"))
+    samples = np.zeros(recording.n, _dtype(recording, counts=counts))
     samples["index"] = _running_index(recording)
     samples["time_us"] = np.round(recording.time_s * 1e6)
     samples["pressure_pa"] = recording.pressure_kpa * 1000.0
@@ -103,7 +103,13 @@ def packed_samples(recording: Recording) -> npt.NDArray[np.void]:
         samples["lit"], samples["dark"] = recording.lit, recording.dark
     else:
         samples["signal_mv"] = recording.signal_mv
+    if recording.channel is not None:
+        samples["channel"] = recording.channel
     return samples
+
+
+def _dtype(recording: Recording, *, counts: bool) -> np.dtype[np.void]:
+    return schema.sample_dtype(recording.n_sensors, "counts" if counts else "signal", len(recording.channels))
 
 
 def _running_index(recording: Recording) -> npt.NDArray[np.int64]:
@@ -192,6 +198,7 @@ def first_difference(path: str | Path) -> str:
         file.write_bytes(original)
         options: dict[str, Any] = {"rate_hz": meta.get("import_rate_hz"), "separator": meta.get("import_separator")}
         again = packed_samples(import_csv(file, columns=meta["import_map"], **options))
+        again = schema.fitted(again, kept.dtype)  # an older recording has no channels
     if again.dtype != kept.dtype or again.size != kept.size:
         return f"the file gives {again.size} samples where {kept.size} are kept"
     different = np.flatnonzero(again != kept)

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Set
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +24,9 @@ from analysis.data.csv_table import Table, line_of_row, read_table
 from analysis.data.recording import META_KEYS, Recording
 from analysis.errors import DataError, FileError, RequestError
 from analysis.warning import Warning, WarningCode
-from protocol.recording import SampleFlag
+from protocol.recording import CHANNELS_MAX, RESERVED, ExtraChannel, SampleFlag, channels_of
 from protocol.regular_file import read_regular
-from protocol.units import KPA_PER_UNIT
+from protocol.units import KPA_PER_UNIT, find_unit
 from protocol.whole_file import write_whole
 
 UNITS: dict[str, dict[str, float]] = {
@@ -70,6 +70,7 @@ class ColumnMap:
     columns: Mapping[str, Column]
     warnings: tuple[Warning, ...]
     declined: tuple[str, ...] = ()
+    channels: Mapping[int, ExtraChannel] = field(default_factory=dict)  # by position: columns of other quantities
 
     def as_profile(self, table: Table) -> dict[str, str]:
         """Return the map as NAME -> COLUMN:UNIT, the form that a profile keeps and `--map` takes."""
@@ -101,10 +102,17 @@ def map_columns(table: Table, columns: Mapping[str, str] | None = None, *, toler
         if text:
             chosen[name] = _mapped(table, name, text)
     taken = {column.position for column in chosen.values()}
+    stated = _stated_channels(table)
     mapped_signals = any(map(is_signal, chosen))
     for position, (title, unit) in enumerate(zip(table.names, table.units, strict=True)):
         seen = recognised(title)
-        if seen is None or position in taken or seen in (*chosen, *given) or position in table.text:
+        if (
+            seen is None
+            or position in taken
+            or position in stated
+            or seen in (*chosen, *given)
+            or position in table.text
+        ):
             continue
         if mapped_signals and is_signal(seen):
             continue  # signals were mapped explicitly: no others are added
@@ -122,7 +130,37 @@ def map_columns(table: Table, columns: Mapping[str, str] | None = None, *, toler
         warnings.append(Warning(WarningCode.TIME_GUESSED, "", text))
         chosen["time_s"] = _with_unit(table, "time_s", found, table.units[found], warnings)
     declined = tuple(name for name, text in given.items() if not text)
-    return ColumnMap(dict(sorted(chosen.items(), key=lambda item: item[1].position)), tuple(warnings), declined)
+    by_position = dict(sorted(chosen.items(), key=lambda item: item[1].position))
+    taken = {column.position for column in chosen.values()}
+    return ColumnMap(by_position, tuple(warnings), declined, _channels(table, taken, stated))
+
+
+def _stated_channels(table: Table) -> dict[int, tuple[str, str]]:
+    """Return name and unit of the columns that comments of our own export call extra channels."""
+    stated = {}
+    for comment in table.dialect.comments:
+        key, _, text = comment.partition(":")
+        column = key.removeprefix("channel ").strip()
+        if key.startswith("channel ") and column in table.names:
+            name, _, unit = text.strip().removesuffix("]").rpartition(" [")
+            stated[table.names.index(column)] = name, unit
+    return stated
+
+
+def _channels(table: Table, taken: Set[int], stated: Mapping[int, tuple[str, str]]) -> dict[int, ExtraChannel]:
+    """Return the columns that are extra channels: stated as such, or of another quantity with a known unit."""
+    found = {}
+    for position, (title, unit) in enumerate(zip(table.names, table.units, strict=True)):
+        tail = re.split(r"[\s_,;]+", title.strip())[-1]
+        name, symbol = (title, unit) if unit or tail == title else (title.strip()[: -len(tail)].strip(" _,;"), tail)
+        known = find_unit(symbol)
+        if position in taken or position in table.text or not np.isfinite(table.columns[position]).any():
+            continue
+        if position in stated:
+            found[position] = stated[position]
+        elif known is not None and table.dialect.header and not RESERVED.fullmatch(ExtraChannel(name, symbol).column):
+            found[position] = name, symbol if unit else known.symbol
+    return dict(zip(found, channels_of(found.values()), strict=True)) if len(found) <= CHANNELS_MAX else {}
 
 
 def save_profile(path: str | Path, mapping: ColumnMap, table: Table) -> None:
@@ -363,6 +401,7 @@ def preview(
     table = read_table(path, separator)
     mapping = map_columns(table, columns, tolerant=True)
     by_position = {column.position: (name, column.unit) for name, column in mapping.columns.items()}
+    by_position |= {position: ("channel", channel.unit) for position, channel in mapping.channels.items()}
     return {
         "encoding": table.dialect.encoding,
         "separator": {" ": "white space", "\t": "tab"}.get(table.dialect.separator, table.dialect.separator),
@@ -416,12 +455,17 @@ def _recording(
         meta["repeated_times"] = repeated
         _note(meta, f"{repeated} rows left out: no time, or that of the row before")
     values = {name: column[keep] for name, column in values.items()}
+    channel = None
+    if mapping.channels:
+        meta["channels"] = [list(channel) for channel in mapping.channels.values()]
+        channel = np.stack([table.columns[position][keep] for position in mapping.channels], axis=1)
     signal, lit, dark = _signals(values, meta)
     whole = _whole_numbers(values, meta)
     pressure = values.get("pressure_kpa", np.full(signal.shape[0], np.nan))
     return Recording.from_arrays(
         values["time_s"] - values["time_s"][0], pressure, signal, lit=lit, dark=dark,
         **({"target_kpa": values["target_kpa"]} if "target_kpa" in values else {}), **whole, meta=meta,
+        channel=channel,
         source=str(path),
     )  # fmt: skip
 

@@ -132,6 +132,8 @@ def _write_csv(
         for key in META_KEYS:
             if recording.meta.get(key) is not None:
                 file.write(_comment(f"{key}: {json.dumps(recording.meta[key], ensure_ascii=False)}"))
+        for channel in recording.channels:
+            file.write(_comment(f"channel {channel.column}: {channel.quantity}"))
         for first in range(0, recording.n, ROWS_AT_ONCE):
             part = samples_frame(recording, slice(first, first + ROWS_AT_ONCE), converted)
             part.to_csv(file, index=False, header=first == 0, lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
@@ -183,7 +185,8 @@ _WRITERS: Mapping[str, Callable[[pd.DataFrame, Mapping[str, Any], Path], None]] 
 def _description(recording: Recording, converted: ConvertedElongation | None) -> dict[str, Any]:
     meta = {key: value for key, value in recording.meta.items() if key != "sample_dtype"}
     frame = samples_frame(recording, slice(0, 1), converted)
-    derived = {channel.name: channel.unit for channel in recording.derived.channels}
+    units = {channel.column: channel.unit or "1" for channel in recording.channels}
+    units |= {channel.name: channel.unit for channel in recording.derived.channels}
     return {
         "SIMULATED": recording.simulated,
         "samples": recording.n,
@@ -191,7 +194,7 @@ def _description(recording: Recording, converted: ConvertedElongation | None) ->
         "rate_hz": recording.rate_hz if np.isfinite(recording.rate_hz) else None,
         "gaps": [{"time_s": gap.time_s, "lost": gap.lost} for gap in recording.gaps],
         "masked": dict(recording.masked),
-        "columns": {name: derived.get(name) or _unit(name) for name in frame.columns},
+        "columns": {name: units.get(name) or _unit(name) for name in frame.columns},
         "derived": [channel._asdict() for channel in recording.derived.channels],
         "calibration": None if converted is None else dict(converted.calibration),
         "session": meta,

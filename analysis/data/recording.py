@@ -24,10 +24,12 @@ from protocol.recording import (
     NOT_FOR_FIGURES,
     DerivedChannel,
     DerivedColumns,
+    ExtraChannel,
     Metadata,
     SampleFlag,
     channel_units,
     parse_definition,
+    session_channels,
 )
 
 GAP_FACTOR = 4.5  # without a running index, a hole is an interval longer than this many median intervals
@@ -72,6 +74,7 @@ class Recording:
     masked : rows left out, by reason.
     interval_s : median sampling interval, NaN below two samples.
     gaps : where samples are missing.
+    channel : [n, channels] extra channels, each in its own unit, NaN where it was not measured; None without any.
     steps, readings : frames with STEP_COLUMNS and READING_COLUMNS; empty where the source has none.
     meta : the session's keys.
     source : the file it came from, or "".
@@ -96,6 +99,7 @@ class Recording:
     readings: pd.DataFrame
     meta: Mapping[str, Any] = field(default_factory=dict)
     source: str = ""
+    channel: FloatArray | None = None
 
     @property
     def n(self) -> int:
@@ -111,6 +115,11 @@ class Recording:
     def sensor_names(self) -> tuple[str, ...]:
         """Column names of the sensors: s1, s2, ..."""
         return tuple(f"s{i + 1}" for i in range(self.n_sensors))
+
+    @property
+    def channels(self) -> tuple[ExtraChannel, ...]:
+        """Names and units of the columns of `channel`."""
+        return () if self.channel is None else session_channels(self.meta)
 
     @property
     def simulated(self) -> bool:
@@ -169,7 +178,7 @@ class Recording:
         """The derived channels that it states, checked against its own channels."""
         stated = (DerivedChannel(*entry) for entry in self.meta.get("derived") or ())
         kind = "signal" if self.lit is None or self.dark is None else "counts"
-        return DerivedColumns.of(stated, channel_units(self.n_sensors, kind))
+        return DerivedColumns.of(stated, channel_units(self.n_sensors, kind, self.channels))
 
     def deriving(self, definitions: Sequence[str]) -> Recording:
         """Return the recording with more derived channels, each ``NAME [UNIT] = EXPRESSION``.
@@ -192,6 +201,8 @@ class Recording:
         for part, counts in (("lit", self.lit), ("dark", self.dark)):
             if counts is not None:
                 known |= {f"{name}_{part}": counts[rows, i] for i, name in enumerate(self.sensor_names)}
+        if self.channel is not None:
+            known |= {channel.column: self.channel[rows, i] for i, channel in enumerate(self.channels)}
         return derived.evaluate(known)
 
     def to_frame(self, rows: slice | None = None) -> pd.DataFrame:
@@ -204,6 +215,8 @@ class Recording:
             for i, name in enumerate(self.sensor_names):
                 frame |= {f"{name}_lit": self.lit[:, i], f"{name}_dark": self.dark[:, i]}
         frame |= {name: getattr(self, name) for name in last}
+        if self.channel is not None:
+            frame |= {channel.column: self.channel[:, i] for i, channel in enumerate(self.channels)}
         columns = {name: column[rows or slice(None)] for name, column in frame.items()}
         return pd.DataFrame(columns | self.derived_values(rows))
 
@@ -218,7 +231,7 @@ class Recording:
         time_s, pressure_kpa : [n].
         signal_mv : [n] or [n, sensors].
         columns : any of the other attributes: `target_kpa`, `lit`, `dark`, `state`, `flags`, `segment`, `index`,
-            `steps`, `readings`, `meta`, `source`.
+            `channel` (with `channels` in `meta`), `steps`, `readings`, `meta`, `source`.
 
         Raises
         ------
@@ -241,6 +254,7 @@ class Recording:
         return cls(
             time_s=_frozen(time), pressure_kpa=_frozen(pressure), signal_mv=_frozen(signal),
             **{name: _frozen(column) for name, column in filled.items()},
+            channel=_channel(columns.get("channel"), given.get("meta", {})),
             lit=_counts(columns.get("lit"), n), dark=_counts(columns.get("dark"), n), index=_frozen(index),
             usable=_frozen(usable), pressure_usable=_frozen(pressure_usable), masked=masked,
             interval_s=_typical_interval(time),
@@ -310,6 +324,18 @@ def _check_columns(n: int, columns: Mapping[str, Any]) -> None:
             continue
         if len(column) != n:
             raise DataError(f"column {name} has {len(column)} rows where time_s has {n}", "Give columns of one length.")
+
+
+def _channel(column: Any, meta: Mapping[str, Any]) -> FloatArray | None:
+    """Return the extra channels [n, channels]; None without any."""
+    names = session_channels(meta)
+    if column is None or not names:
+        return None
+    values = np.asarray(column, dtype=np.float64)
+    if values.ndim != 2 or values.shape[1] != len(names):
+        cause = f"channel has the shape {values.shape} for {len(names)} channels"
+        raise DataError(cause, "Give a column for each of meta['channels'].")
+    return _frozen(np.where(np.isfinite(values), values, np.nan))
 
 
 def _counts(column: Any, n: int) -> npt.NDArray[np.uint16] | None:

@@ -43,6 +43,7 @@ from analysis.figures.figure import Figure, Reason, marked_implausible, not_driv
 from analysis.figures.repeatability import FiguresByCycle, figures_by_cycle
 from analysis.progress import Progress, part_of
 from analysis.segmentation.cycles import Cycles
+from analysis.segmentation.influence import ChannelInfluence, influences
 from analysis.segmentation.loops import (
     MAX_DAMAGED_CYCLE,
     Loops,
@@ -109,6 +110,7 @@ class SensorAnalysis:
     by_cycle : the figures of each cycle.
     checks : of the calibration, see `analysis.calibration.checks.fit_checks`.
     joint_loop : the fit whose loop is that of the sensor; None where the loop is read from the points.
+    influences : what each extra channel of the run explains.
     """
 
     name: str
@@ -124,6 +126,7 @@ class SensorAnalysis:
     by_cycle: FiguresByCycle
     checks: Mapping[str, Any] | None
     joint_loop: JointFit | None = None
+    influences: tuple[ChannelInfluence, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return the sensor's object of `analyze --json`."""
@@ -150,6 +153,7 @@ class SensorAnalysis:
             "figures": {name: figure.as_json() for name, figure in figures.items()},
             "adequacy": self.checks["adequacy"] if self.checks is not None else None,
             "checks": dict(self.checks) if self.checks is not None else None,
+            "influences": [influence.as_json() for influence in self.influences],
         }
 
 
@@ -272,6 +276,10 @@ def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None 
         points.astype(np.float64), system, own,
         figures_by_cycle(run.loops, sensor, figures["fso_mv"].value, system, noise),
         _checks(calibration, cycle_of) if calibration is not None else None, joint,
+        influences(
+            run.recording, run.cycles, run.plateaus, run.loops, sensor, fso_mv=fso,
+            sensitivity_mv_per_mm=figures["sensitivity_mv_per_mm"].value if calibration is not None else float("nan"),
+        ),
     )  # fmt: skip
 
 

@@ -12,8 +12,9 @@ from analysis.arrays import FloatArray
 from analysis.calibration.adequacy import REFUSED_PERCENT, Adequacy, CurveVerdict
 from analysis.calibration.checks import calibration_warnings
 from analysis.figures.figure import Reason
-from analysis.numbers import percent
+from analysis.numbers import percent, with_uncertainty
 from analysis.segmentation.cycles import Excursion, disagreements_with_marks
+from analysis.segmentation.influence import ChannelInfluence
 from analysis.segmentation.losses import LossCounter
 from analysis.warning import Warning, WarningCode
 
@@ -95,6 +96,7 @@ def _sensor_warnings(sensor: SensorAnalysis, run: SegmentedRun) -> list[Warning]
         *_signal_texts(run, run.recording.sensor_names.index(sensor.name)),
         *_figure_texts(sensor),
     ]
+    found += [(WarningCode.INFLUENCE, influence_text(each)) for each in sensor.influences if each.matters]
     if sensor.calibration is None and run.plateaus:
         found.append((WarningCode.NO_CALIBRATION, sensor.calibration_void))
     warnings = [Warning(code, sensor.name, text) for code, text in found]
@@ -116,6 +118,17 @@ def _signal_texts(run: SegmentedRun, sensor: int) -> Iterator[tuple[WarningCode,
             WarningCode.FLAT,
             f"{standing} samples ({share}) are clipped, frozen or dropped out without a mark of the board: left out",
         )
+
+
+def influence_text(found: ChannelInfluence) -> str:
+    """Return what a channel explains of a signal as a sentence."""
+    unit = found.unit or "unit"
+    slope = with_uncertainty(found.coefficient_mv, found.expanded_mv)
+    verb = "follows" if found.significant else "does not measurably follow"
+    text = f"the signal {verb} {found.name}: {slope} mV/{unit} (95 %)"
+    if np.isfinite(found.effect_percent_fso):
+        text += f", {found.effect_percent_fso:.1f} % FSO over {found.low:.4g} to {found.high:.4g} {found.unit}".rstrip()
+    return f"{text}; it changed steadily with time, so this may be drift" if found.like_drift else text
 
 
 def _figure_texts(sensor: SensorAnalysis) -> Iterator[tuple[WarningCode, str]]:

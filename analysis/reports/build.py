@@ -92,6 +92,7 @@ def build_report(
     filled += [sections.loops(analysis)] if analysis.loops.n_cycles else []
     filled += [sections.over_cycles(analysis)] if analysis.loops.n_cycles > 1 else []
     filled += sections.budget(analysis.budgets, analysis=analysis)
+    filled += sections.influence_quantities(analysis)
     filled += [shadow_section(shadow)] if shadow is not None else []
     filled.append(sections.run(analysis))
     filled += [sections.readings(analysis)] if analysis.plateaus else []

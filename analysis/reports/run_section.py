@@ -120,6 +120,31 @@ def _lost(analysis: Analysis) -> list[str]:
     return [f"Samples lost or left out: {', '.join(parts)}."] if parts else []
 
 
+def influence_quantities(analysis: Analysis) -> list[Section]:
+    """Return the section with what the extra channels explain of the signals; none where there are none."""
+    rows, void = [], []
+    for i, sensor in enumerate(analysis.sensors, 1):
+        for found in sensor.influences:
+            per = f"/{found.unit}" if found.unit else ""
+            if found.void:
+                void.append(f"{found.name} of sensor {i}: {found.void}")
+                continue
+            share = percent(found.effect_percent_fso / 100.0, 1) if np.isfinite(found.effect_percent_fso) else NOTHING
+            span = f"{found.low:.4g} to {found.high:.4g} {found.unit}".rstrip()
+            slope = with_uncertainty(found.coefficient_mv, found.expanded_mv)
+            drift = "may be drift" if found.like_drift else ""
+            rows.append((str(i), found.name, span, f"{slope} mV{per}", f"{found.correlation:+.2f}", share, drift))
+    if not rows and not void:
+        return []
+    header = ("Sensor", "quantity", "range", "coefficient (95 %)", "correlation", "of FSO over the range", "")
+    caption = (
+        "The signal's difference from its mean at equal pressure and branch, over that of the quantity. May be drift: "
+        "the quantity changed steadily with time."
+    )
+    parts: list[SectionPart] = [ReportTable(header, tuple(rows), caption)] if rows else []
+    return [Section("Influence quantities", (*parts, *([f"No coefficient: {'; '.join(void)}."] if void else [])))]
+
+
 def curves(analysis: Analysis) -> Section:
     """Return the section with the calibration curves and their residuals."""
     parts: list[SectionPart] = []

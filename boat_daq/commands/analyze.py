@@ -118,6 +118,7 @@ def _show_shadow(shadow: Mapping[str, Any]) -> None:
 def _show(analysis: Analysis, limits: Mapping[str, float]) -> None:
     from analysis.figures.acceptance import judge
     from analysis.figures.figure import void_sentences, with_interval
+    from analysis.figures.warnings import influence_text
 
     content, sensors = analysis.to_json(), analysis.sensors
     cycles = content["cycles"]
@@ -144,6 +145,9 @@ def _show(analysis: Analysis, limits: Mapping[str, float]) -> None:
         assert analysis.budgets is not None
         expanded = f"U = {1000 * budget.expanded:.0f} µm (k = 2) at {analysis.budgets.x_mm:+.2f} mm"
         show(f"{sensor.name}: {expanded}, {budget.traceability.text if budget.traceability else ''}")
+    for sensor in sensors:
+        for found in sensor.influences:
+            show(f"{sensor.name}: {f'{found.name}: {found.void}' if found.void else influence_text(found)}")
     for one in judge(sensors, limits):
         show(f"{one.conformity.label}: {one.text}")
     for warning in analysis.warnings:

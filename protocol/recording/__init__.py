@@ -3,7 +3,7 @@
 `from protocol.recording import ...` is the public interface of this package: what is imported here.
 """
 
-from protocol.recording.channels import CHANNELS_MAX, ExtraChannel, channels_of, session_channels
+from protocol.recording.channels import CHANNELS_MAX, RESERVED, ExtraChannel, channels_of, session_channels
 from protocol.recording.derived import DerivedChannel, DerivedColumns, channel_units, parse_definition
 from protocol.recording.metadata import METADATA_EVENT, Metadata, metadata_of
 from protocol.recording.schema import (

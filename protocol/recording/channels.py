@@ -13,7 +13,7 @@ from protocol.units import in_a_name
 
 CHANNELS_MAX = 32
 _NAME_MAX, _UNIT_MAX = 40, 20  # characters
-_RESERVED: Final = re.compile(  # columns with a meaning of their own
+RESERVED: Final = re.compile(  # columns with a meaning of their own
     r"index|time(_s)?|pressure(_kpa)?|target(_kpa)?|state|flags|segment|s\d(_(mv|lit|dark|signal))?|host_ns"
     r"|elongation(_mm|_valid|_expanded_mm|_beyond)?|u_mm"
 )
@@ -33,6 +33,11 @@ class ExtraChannel(NamedTuple):
         return name if name[:1].isalpha() else f"channel_{name}"
 
     @property
+    def quantity(self) -> str:
+        """Its name and unit as they are shown, by which a picture knows it: `temperature [degC]`."""
+        return f"{self.name} [{self.unit}]"
+
+    @property
     def title(self) -> str:
         """Its name as a label: the first letter is a capital."""
         return self.name[:1].upper() + self.name[1:]
@@ -48,7 +53,7 @@ def channels_of(stated: Iterable[tuple[str, str]]) -> tuple[ExtraChannel, ...]:
     for name, unit in stated:
         first = ExtraChannel(_plain(name, _NAME_MAX) or "channel", _plain(unit, _UNIT_MAX))
         channel, number = first, 1
-        while channel.column in taken or _RESERVED.fullmatch(channel.column):
+        while channel.column in taken or RESERVED.fullmatch(channel.column):
             number += 1
             channel = ExtraChannel(f"{first.name} {number}", first.unit)
         channels.append(channel)

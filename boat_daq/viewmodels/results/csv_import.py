@@ -132,7 +132,9 @@ class CsvImport:
 
     def heading(self, column: int) -> str:
         """Return what a column of the file, counted from 1, is imported as; empty where it is left out."""
-        return next((ROLES[role] for role, source in self.sources.items() if source.column == column), "")
+        found = next((ROLES[role] for role, source in self.sources.items() if source.column == column), "")
+        extra = any(c["taken_as"] == "channel" for c in self._columns() if c["number"] == column)
+        return found or ("Extra channel" if extra else "")
 
     def units(self, role: str) -> tuple[str, ...]:
         """Return the units that a quantity may have, that of the file among them."""

@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from scipy.io import loadmat
 
 from analysis import load_recording
-from analysis.data.export import ConvertedElongation, export
+from analysis.data.boat_writer import first_difference, write_boat_file
+from analysis.data.export import SUFFIXES, ConvertedElongation, export
 from analysis.data.recording import Recording
 from analysis.errors import RequestError
 from analysis.numbers import neutral
@@ -139,3 +140,54 @@ def test_octave_reads_the_mat_file(tmp_path: Path) -> None:
         ["octave-cli", "--no-init-file", "--eval", script], cwd=tmp_path, capture_output=True, text=True, check=True
     )
     assert done.stdout == f"{recording.n} {recording.signal_mv[4, 0]:.17g} mm"
+
+
+def with_channels() -> Recording:
+    """Return a run with a temperature, which has holes, and a name that a table reserves."""
+    recording = Plant().run(*triangle(2, 5))
+    channel = np.stack([20.0 + 0.001 * recording.time_s, np.full(recording.n, 0.1)], axis=1)
+    channel[5:9, 0] = np.nan
+    meta = {"channels": [["temperature", "°C"], ["pressure", "bar"]]}
+    return replace(recording, channel=channel, meta=meta)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet", "h5", "mat"])
+def test_extra_channels_are_columns_of_every_format(tmp_path: Path, suffix: str) -> None:
+    """Named with their unit, holes included; a CSV gives the same channels when it is read again."""
+    recording, path = with_channels(), tmp_path / f"r.{suffix}"
+    export(recording, path, SUFFIXES[path.suffix])
+    column = "temperature_degc"
+    assert recording.channel is not None
+    if suffix == "csv":
+        again = load_recording(path)
+        assert again.channels == recording.channels == (("temperature", "°C"), ("pressure", "bar"))
+        np.testing.assert_array_equal(again.channel, recording.channel)
+        stated = json.loads(path.with_suffix(".json").read_text())["columns"]
+        assert (stated[column], stated["pressure_bar"], stated["pressure_kpa"]) == ("°C", "bar", "kPa")
+    elif suffix == "parquet":
+        np.testing.assert_array_equal(pd.read_parquet(path)[column], recording.channel[:, 0])
+    elif suffix == "h5":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path) as file:
+            np.testing.assert_array_equal(file[column], recording.channel[:, 0])
+            assert file[column].attrs["unit"] == "°C"
+    else:
+        np.testing.assert_array_equal(loadmat(path)[column][:, 0], recording.channel[:, 0])
+
+
+def test_channels_of_a_table_are_kept_in_its_recording(tmp_path: Path) -> None:
+    """A column with the unit of another quantity is a channel; the recording verifies, one without channels too."""
+    table, path = tmp_path / "lab.csv", tmp_path / "lab.boat"
+    head = "time (s),pressure (kPa),s1 (mV),Room temperature (°C),Flow [L/min],remark,elongation_mm\n"
+    table.write_text(head + "".join(f"{n / 10},{n},{1000 + n},{20 + n / 100},0.5,7,1\n" for n in range(30)))
+    recording = load_recording(table)
+    assert recording.channels == (("Room temperature", "°C"), ("Flow", "L/min"))
+    write_boat_file(path, recording, original=table)
+    again = load_recording(path)
+    assert again.channel is not None and again.channels == recording.channels
+    np.testing.assert_array_equal(again.channel[:, 0], 20 + np.arange(30) / 100)
+    assert first_difference(path) == ""
+    older = tmp_path / "older.boat"
+    meta = {key: value for key, value in recording.meta.items() if key != "channels"}
+    write_boat_file(older, replace(recording, channel=None, meta=meta), original=table)
+    assert load_recording(older).channels == () and first_difference(older) == ""

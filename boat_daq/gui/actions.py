@@ -35,6 +35,7 @@ CONTENTS = {  # what an operator types to find a page
     Page.CALIBRATE: "fit curve hysteresis",
     Page.REPEAT: "repeatability drift hysteresis",
     Page.RUNS: "recordings units export replay compare recover report",
+    Page.SETTINGS: "limits unit preferences options rate baud folder import export defaults",
 }
 
 

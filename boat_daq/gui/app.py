@@ -16,7 +16,8 @@ from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QApplication
 
 from boat_daq.engine.session.session import Session
-from boat_daq.engine.settings import home, load_settings, recordings_folder
+from boat_daq.engine.settings import Settings, home, load_settings, recordings_folder
+from boat_daq.errors import OperatorError
 from boat_daq.gui import actions, style
 from boat_daq.gui.main_window import MainWindow
 from boat_daq.viewmodels.app_model import AppModel
@@ -81,13 +82,24 @@ def make_application() -> QApplication:
 def make_window(rate_hz: int | None = None) -> MainWindow:
     """Return a window on a new session with the stored settings, at another rate where one is given.
 
+    Stored settings that are refused open it in safe mode: the defaults are used, and a bar names the cause.
+
     Raises
     ------
-    OperatorError : the stored settings are refused, by key.
+    OperatorError : the rate is refused.
     """
-    stored = load_settings()
+    refused: OperatorError | None = None
+    try:
+        stored = load_settings()
+    except OperatorError as error:
+        stored, refused = Settings(), error
     settings = replace(stored, rate_hz=rate_hz or stored.rate_hz)
-    return window_on(AppModel(Session(settings), home("config"), recordings_folder(settings)))
+    model = AppModel(Session(settings), home("config"), recordings_folder(settings))
+    model.settings.refused = refused
+    for key in ("unit", "port", "profile"):  # proposed until another one was used
+        if (proposed := getattr(settings, key)) and not model.preferences.get(key, ""):
+            model.preferences.set(key, proposed)
+    return window_on(model)
 
 
 def window_on(model: AppModel) -> MainWindow:
@@ -119,7 +131,7 @@ def run(
 
     Raises
     ------
-    OperatorError : the stored settings or the rate are refused, by key.
+    OperatorError : the rate is refused.
     """
     app = make_application()
     window = make_window(rate_hz)

@@ -32,6 +32,7 @@ from boat_daq.gui.results.calibration_page import CalibrationPage
 from boat_daq.gui.results.import_panel import ImportPanel
 from boat_daq.gui.results.repeat_page import RepeatPage
 from boat_daq.gui.results.runs_page import RunsPage
+from boat_daq.gui.settings_page import SafeModeBar, SettingsPage
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_save
@@ -113,12 +114,14 @@ class MainWindow(QMainWindow):
             Page.OPTICS: lambda: OpticsPage(m.optics, services),
             Page.SHADOW: lambda: ShadowPage(m.shadow, m.monitor, services),
             Page.TRADE_OFF: lambda: TradeoffPage(m.tradeoff, m.atlas, m.precision, services),
+            Page.SETTINGS: lambda: SettingsPage(m.settings, m.unit, services),
         }
         return makers[name]()
 
     def _lay_out(self) -> None:
         middle = widgets.row(self.navigation, (self.stack, 1), spacing=0)
-        body = widgets.holder(widgets.column(self.header, (middle, 1), self.strip, spacing=0))
+        self.safe_mode = SafeModeBar(self.model.settings, partial(self.go, Page.SETTINGS))
+        body = widgets.holder(widgets.column(self.header, self.safe_mode, (middle, 1), self.strip, spacing=0))
         body.setObjectName("body")
         self.setCentralWidget(body)
 
@@ -153,6 +156,7 @@ class MainWindow(QMainWindow):
         due = snapshot.waiting_for_reading is not None and self.page is not Page.LIVE
         self.navigation.mark(Page.LIVE, "a reading is due" if due else "")
         self.guard.show(self.strip, "The messages", self.strip.refresh)
+        self.safe_mode.refresh()
         self.guard.show(self.connect_panel, "The connection", lambda: self.connect_panel.refresh(snapshot))
         self.guard.show(self.import_panel, "The import", self.import_panel.refresh)
         title = self.model.title()

@@ -35,6 +35,7 @@ from boat_daq.viewmodels.results.calibration import CalibrationModel
 from boat_daq.viewmodels.results.csv_import import CsvImport
 from boat_daq.viewmodels.results.repeatability import RepeatabilityModel
 from boat_daq.viewmodels.results.runs import RunActions, RunsModel
+from boat_daq.viewmodels.settings_model import SettingsModel
 
 
 class AppModel:
@@ -83,6 +84,7 @@ class AppModel:
             ),
             self.services,
         )
+        self.settings = SettingsModel(session, self.units, folder, self.undo)
         self.run_actions = RunActions(
             calibrate=self.calibration.analyse,
             repeat=self.repeatability.analyse,

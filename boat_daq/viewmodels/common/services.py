@@ -24,6 +24,7 @@ class Page(StrEnum):
     OPTICS = "Optics"
     SHADOW = "Shadow"
     TRADE_OFF = "Trade-off"
+    SETTINGS = "Settings"
 
 
 class Panel(StrEnum):

@@ -1,0 +1,313 @@
+"""The Settings page: the values of the program and of each unit with range, default and meaning; what changed when."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QLineEdit, QListWidget, QListWidgetItem, QWidget
+
+from boat_daq.engine.described import Described, StoredChange, described
+from boat_daq.engine.settings import Settings, Unit
+from boat_daq.engine.snapshot import SessionSnapshot
+from boat_daq.errors import OperatorError
+from boat_daq.gui import style
+from boat_daq.gui.results.contributions_form import ContributionsForm
+from boat_daq.gui.results.metadata_form import MetadataForm
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets.data_table import DataTable
+from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
+from boat_daq.gui.widgets.layouts import Leaves, ReflowingPage
+from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.live.conversion import UnitInUse
+from boat_daq.viewmodels.settings_model import PROGRAM, SettingsModel, note, refusal
+
+EXPLANATION = "A value is stored when you leave its field. Undo: Ctrl+Z."
+LIMITS = "A plan outside these limits is refused, on virtual boards, too."
+NO_CHANGE = "None yet"
+EMPTY = "empty"
+NO_LIMIT = 16_777_215  # of Qt
+ON_OFF = [("off", "off"), ("on", "on")]
+SUBJECT_ROLE = Qt.ItemDataRole.UserRole
+
+
+class ValueRow:
+    """The row of one value: its label and field, range and default, and a button that sets the default.
+
+    Parameters
+    ----------
+    about : the value's description.
+    store : takes its text.
+    reset : sets its default.
+    """
+
+    def __init__(self, about: Described, store: Callable[[str], object], reset: Callable[[], object]) -> None:
+        self.about, self._store = about, store
+        self._text: str | None = None  # as stored
+        self.label = widgets.label(about.label)
+        self.meaning = widgets.label(f"{about.meaning}. {note(about)}".strip(), "small", wrap=True)
+        self.refused = widgets.label("", "small", wrap=True, name=f"Why {about.label} is refused")
+        widgets.set_state(self.refused, "fault")
+        self.refused.hide()
+        self.reset = widgets.button("Default", reset, "link", name=f"Default of {about.label}")
+        policy = self.reset.sizePolicy()
+        policy.setRetainSizeWhenHidden(True)
+        self.reset.setSizePolicy(policy)
+        self.field: QLineEdit | QComboBox
+        if about.choices or isinstance(about.default, bool):
+            entries = [(text, str(value)) for value, text in about.choices] or ON_OFF
+            self.field = widgets.choice(about.label, entries, lambda _: self._enter())
+        else:
+            self.field = widgets.field(about.label)
+            self.field.editingFinished.connect(self._enter)
+        self.field.setAccessibleDescription(about.meaning)
+
+    def text(self) -> str:
+        """Return what the field has."""
+        return str(self.field.currentData()) if isinstance(self.field, QComboBox) else self.field.text()
+
+    def show_text(self, text: str) -> None:
+        """Show what is stored, where that has changed."""
+        if text == self._text:
+            return  # what is being typed stays
+        self._text = text
+        if isinstance(self.field, QComboBox):
+            self.field.setCurrentIndex(self.field.findData(text))
+        else:
+            self.field.setText(text)
+        self._refuse("")
+        self.reset.setVisible(self.about.value_of(text, "") != self.about.default)
+
+    def _enter(self) -> None:
+        text = self.text()
+        self._refuse(refusal(self.about, text))
+        if not self.refused.text() and text != self._text:
+            self._store(text)
+
+    def _refuse(self, why: str) -> None:
+        self.refused.setText(why)
+        self.refused.setVisible(bool(why))
+        widgets.set_state(self.field, "true" if why else "", "wrong")
+
+
+class ValueForm(QWidget):
+    """The rows of the program, or those of a unit.
+
+    Parameters
+    ----------
+    shown : descriptions of the values.
+    store : takes key and text of a value that was entered.
+    reset : takes the key of a value whose default is wanted.
+    """
+
+    def __init__(
+        self, shown: Iterable[Described], store: Callable[[str, str], object], reset: Callable[[str], object]
+    ) -> None:
+        super().__init__()
+        self.setObjectName("inside")
+        self.rows = {
+            about.key: ValueRow(about, partial(store, about.key), partial(reset, about.key)) for about in shown
+        }
+        grid = QGridLayout()
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setVerticalSpacing(0)
+        grid.setColumnStretch(1, 1)
+        for i, row in enumerate(self.rows.values()):
+            for column, part in enumerate((row.label, row.field, widgets.label(row.about.unit, "muted"), row.reset)):
+                grid.addWidget(part, 4 * i, column)
+            grid.addWidget(row.refused, 4 * i + 1, 1, 1, 3)
+            grid.addWidget(row.meaning, 4 * i + 2, 1, 1, 3)
+            grid.setRowMinimumHeight(4 * i + 3, style.GAP)
+        self.setLayout(grid)
+
+    def show_texts(self, texts: Mapping[str, str]) -> None:
+        """Show what is stored, by key."""
+        for key, text in texts.items():
+            self.rows[key].show_text(text)
+
+
+class SettingsPage(ReflowingPage):
+    """Lists the program and the units; shows the values of the chosen one."""
+
+    def __init__(self, model: SettingsModel, unit: UnitInUse, services: Services) -> None:
+        super().__init__()
+        self.model, self._unit, self.services = model, unit, services
+        self._shown: tuple[object, ...] = ()
+        self.subject = PROGRAM
+        self.forms = {
+            of_unit: ValueForm(described(Unit if of_unit else Settings).values(), self._store, self._reset)
+            for of_unit in (False, True)
+        }
+        self.leaves = Leaves(*self.forms.values())
+        self.list = self.first = QListWidget()
+        self.list.setAccessibleName("Program and units")
+        self.list.setMinimumHeight(4 * style.CONTROL_HEIGHT)
+        self.list.currentItemChanged.connect(lambda item, _: self._choose(item))
+        self.name = widgets.field("Name of a new unit", on_enter=self._add, placeholder="New unit")
+        self.add = widgets.button("Add", self._add, name="Add a unit")
+        self.title = widgets.label("", "subtitle")
+        self.broken = widgets.label("", wrap=True, name="Why the file cannot be used")
+        widgets.set_state(self.broken, "fault")
+        self.calibrations = widgets.label("", "muted", wrap=True)
+        self.explanation = widgets.label("", "muted", wrap=True)
+        self.metadata = widgets.button("Metadata \u2026", self._metadata, tip="What its next recordings state")
+        self.contributions = widgets.button(
+            "Type B \u2026", self._contributions, tip="Contributions to the uncertainty that no run shows"
+        )
+        self.path = widgets.label("", "small", wrap=True)
+        self.changes = DataTable("What changed when", ("When (UTC)", "Value", "Change"), stretched=2)
+        self.changes.setMinimumHeight(style.QUESTION_LEAST)
+        self._lay_out()
+
+    def _lay_out(self) -> None:
+        files = widgets.row(
+            widgets.button("Import \u2026", self._import, tip="Settings or a unit from a TOML file"),
+            widgets.button("Export \u2026", self._export, tip="What is shown, as a TOML file"),
+            None,
+        )
+        self.side, _ = widgets.card((self.list, 1), widgets.row((self.name, 1), self.add), files)
+        self.reset = widgets.button("All defaults", self._reset, tip="Calibrations, metadata and contributions stay")
+        foot = widgets.row(self.metadata, self.contributions, None, self.reset)
+        values, _ = widgets.card(
+            self.title, self.explanation, self.broken, self.leaves, self.calibrations, None, foot, self.path
+        )
+        history, _ = widgets.card(widgets.label("What changed when", "subtitle"), (self.changes, 1))
+        body = widgets.row((self.side, 1), (values, 3), (history, 2), spacing=style.GAP)
+        widgets.page_layout(self).addLayout(body, 1)
+        self.rows, self.tall = (body,), (history,)
+        self.reflow()
+
+    def reflow(self) -> None:
+        """Keep the list narrow beside the values, and low above them."""
+        super().reflow()
+        self.list.setMaximumHeight(4 * style.CONTROL_HEIGHT if self.narrow else NO_LIMIT)
+        self.side.setMaximumWidth(NO_LIMIT if self.narrow else style.QUESTION_LEAST)
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Follow the stored files where something has changed."""
+        subjects = self.model.subjects(self._unit.name(snapshot))
+        followed = (subjects, self.subject, self.model.revision, snapshot.unit)
+        if followed == self._shown:
+            return
+        self._shown = followed
+        if [(self.list.item(i).text()) for i in range(self.list.count())] != [text for text, _ in subjects]:
+            self._list(subjects)
+        self.show_subject()
+
+    def _list(self, subjects: list[tuple[str, str]]) -> None:
+        self.list.blockSignals(True)
+        self.list.clear()
+        for text, subject in subjects:
+            item = QListWidgetItem(text)
+            item.setData(SUBJECT_ROLE, subject)
+            self.list.addItem(item)
+        names = [subject for _, subject in subjects]
+        self.subject = self.subject if self.subject in names else PROGRAM
+        self.list.setCurrentRow(names.index(self.subject))
+        self.list.blockSignals(False)
+
+    def _choose(self, item: QListWidgetItem | None) -> None:
+        if item is not None:
+            self.subject = str(item.data(SUBJECT_ROLE))
+            self.show_subject()
+
+    def show_subject(self) -> None:
+        """Show the values of the chosen subject; where its file is refused, why."""
+        is_unit = self.subject != PROGRAM
+        self.title.setText(f"Unit {self.subject}" if is_unit else "This program")
+        self.explanation.setText(f"{LIMITS} {EXPLANATION}" if is_unit else EXPLANATION)
+        self.path.setText(str(self.model.file(self.subject)))
+        for part in (self.metadata, self.contributions, self.calibrations):
+            part.setVisible(is_unit)
+        self.broken.hide()
+        try:
+            texts, changes = self.model.texts(self.subject), self.model.changes(self.subject)
+            self.calibrations.setText(self.model.calibration_text(self.subject) if is_unit else "")
+        except OperatorError as error:
+            texts, changes = {}, []
+            self.broken.setText(f"\u25a0 {error.cause}. {error.remedy}")
+            self.broken.show()
+        self.leaves.setCurrentWidget(self.forms[is_unit])
+        self.leaves.setEnabled(bool(texts))
+        self.forms[is_unit].show_texts(texts)
+        for button in (self.metadata, self.contributions, self.reset):
+            button.setEnabled(bool(texts))
+        rows = self.forms[is_unit].rows
+        self.changes.fill([self._change_cells(change, rows) for change in changes] or [("", NO_CHANGE, "")])
+
+    @staticmethod
+    def _change_cells(change: StoredChange, rows: Mapping[str, ValueRow]) -> tuple[str, str, str]:
+        label = rows[change.key].about.label if change.key in rows else change.key
+        values = f"{change.before or EMPTY} \u2192 {change.after or EMPTY}"
+        return change.utc[:16].replace("T", " "), label, values
+
+    def _store(self, key: str, text: str) -> None:
+        self._attempt(lambda: self.model.enter(self.subject, {key: text}))
+
+    def _reset(self, *keys: str) -> None:
+        self._attempt(lambda: self.model.reset(self.subject, *keys))
+
+    def _attempt(self, action: Callable[[], object]) -> None:
+        self.services.notices.attempt(action)
+        self.show_subject()
+
+    def _add(self) -> None:
+        name = self.name.text().strip()
+
+        def add() -> None:
+            self.model.add_unit(name)
+            self.subject = name
+            self.name.clear()
+
+        if name:
+            self._attempt(add)
+
+    def _metadata(self) -> None:
+        form = partial(self.model.metadata, self.subject)
+        self.services.notices.attempt(lambda: MetadataForm(self, form(), self.services).show())
+
+    def _contributions(self) -> None:
+        form = partial(self.model.contributions, self.subject)
+        self.services.notices.attempt(lambda: ContributionsForm(self.window(), form(), self.services).show())
+
+    def _import(self) -> None:
+        def take(path: Path) -> None:
+            self.subject = self.model.import_(path)
+
+        ask_open(self, self.services, "Import settings or a unit", "toml", take)
+
+    def _export(self) -> None:
+        stem = self.subject or "boat-daq settings"
+        ask_save(self, self.services, stem, "toml", partial(self.model.export, self.subject))
+
+
+class SafeModeBar(QWidget):
+    """A bar under the header while the stored settings are refused and the defaults are used.
+
+    Parameters
+    ----------
+    model : knows why.
+    show_page : shows the Settings page.
+    """
+
+    def __init__(self, model: SettingsModel, show_page: Callable[[], object]) -> None:
+        super().__init__()
+        self.model = model
+        self.mark = widgets.label("\u25b2  Safe mode")
+        widgets.set_state(self.mark, "warning")
+        self.text: QLabel = widgets.label("", wrap=True, name="Why the stored settings are not used")
+        parts = (self.mark, (self.text, 1), widgets.button("Settings", show_page, name="Show the settings"))
+        margins = (style.PAGE_MARGIN, style.STEP, style.PAGE_MARGIN, style.STEP)
+        widgets.surface(self, "strip", widgets.row(*parts, margins=margins))
+        widgets.set_state(self, "warning", "level")
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Show why, as long as it is so."""
+        refused = self.model.refused
+        self.setVisible(refused is not None)
+        if refused is not None:
+            widgets.set_text(self.text, f"Default settings are in use: {refused.cause}. The file is kept as it is.")
+            self.text.setToolTip(widgets.as_words(refused.remedy))

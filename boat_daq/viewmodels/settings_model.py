@@ -1,0 +1,240 @@
+"""The Settings page without Qt: what is stored of the program and of each unit, and what changed when.
+
+Rules: rows, ranges and meanings come from the descriptions of the stored fields. A value is stored as it is entered and
+is one step of the window's history. A settings file that is refused leaves the defaults in use (safe mode) until other
+settings are stored; the file is kept.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from boat_daq.engine.described import (
+    Applies,
+    Described,
+    StoredChange,
+    described,
+    text_of,
+    with_defaults,
+    with_typed,
+)
+from boat_daq.engine.session.session import Session
+from boat_daq.engine.settings import (
+    Settings,
+    Unit,
+    UnitLibrary,
+    load_settings,
+    read_settings,
+    read_unit,
+    save_settings,
+    settings_path,
+    settings_text,
+    stored_settings,
+)
+from boat_daq.engine.toml_values import read_text
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.services import Change, UndoHistory
+from boat_daq.viewmodels.results.contributions import ContributionsModel
+from boat_daq.viewmodels.results.metadata import MetadataModel
+from protocol.whole_file import write_whole
+
+PROGRAM = ""  # in place of the name of a unit
+
+
+class SettingsModel:
+    """State of the page; a subject is the program or the name of a unit.
+
+    Parameters
+    ----------
+    session : uses what is stored.
+    units : of real boards, whose limits hold on virtual ones, too.
+    folder : of the settings.
+    undo : the window's history.
+    """
+
+    def __init__(self, session: Session, units: UnitLibrary, folder: Path, undo: UndoHistory) -> None:
+        self._session, self._units, self._folder, self._undo = session, units, folder, undo
+        self.refused: OperatorError | None = None  # why the settings file was not used
+        self.revision = 0  # grows with every change from this page
+
+    # ---- what is shown ---------------------------------------------------------------------------------------------
+
+    def subjects(self, in_use: str) -> list[tuple[str, str]]:
+        """Return (text, subject): the program, the stored units, and the unit in use, which may not be stored yet."""
+        names = sorted({*self._units.names(), *([in_use] if in_use else [])})
+        return [("This program", PROGRAM), *((f"Unit {name}", name) for name in names)]
+
+    def stored(self, subject: str) -> Settings | Unit:
+        """Return what is stored, or the defaults.
+
+        Raises
+        ------
+        OperatorError : the file is refused.
+        """
+        if subject != PROGRAM:
+            return self._units.load(subject)
+        return Settings() if self.refused is not None else load_settings(self._folder)
+
+    def texts(self, subject: str) -> dict[str, str]:
+        """Return the texts of what is stored, by key.
+
+        Raises
+        ------
+        OperatorError : the file is refused.
+        """
+        values = self.stored(subject)
+        return {key: text_of(getattr(values, key)) for key in described(values)}
+
+    def changes(self, subject: str) -> list[StoredChange]:
+        """Return what changed when, newest first."""
+        values = self.stored(subject)
+        if isinstance(values, Unit):
+            return list(reversed(values.changes))
+        return [] if self.refused is not None else list(reversed(stored_settings(self._folder)[1]))
+
+    def file(self, subject: str) -> Path:
+        """Return the file of a subject."""
+        return settings_path(self._folder) if subject == PROGRAM else self._units.folder / f"{subject}.toml"
+
+    def calibration_text(self, subject: str) -> str:
+        """Return how many calibrations a unit has, and which is in force."""
+        unit = self._units.load(subject)
+        date = f"in force since {unit.calibration.utc[:10]}" if unit.calibration is not None else "none in force"
+        return f"{len(unit.history)} calibrations, {date}"
+
+    def metadata(self, unit: str) -> MetadataModel:
+        """Return the form of what the unit's next recordings state."""
+        return MetadataModel.of_unit(self._units, unit, self._undo)
+
+    def contributions(self, unit: str) -> ContributionsModel:
+        """Return the form of the unit's type B contributions."""
+        return ContributionsModel(self._units, unit, self._undo, self._grown)
+
+    # ---- what is stored --------------------------------------------------------------------------------------------
+
+    def enter(self, subject: str, typed: Mapping[str, str]) -> None:
+        """Store values that were typed, undoably; nothing where they are those that are stored.
+
+        Raises
+        ------
+        OperatorError : a value is refused, by key, or a run is in progress. StorageError : it cannot be stored.
+        """
+        before = self.stored(subject)
+        self._change(subject, before, with_typed(before, typed, _where(subject)))
+
+    def reset(self, subject: str, *keys: str) -> None:
+        """Store the defaults of some values, of all where none is named, undoably.
+
+        Raises
+        ------
+        OperatorError, StorageError : as `enter`.
+        """
+        before = self.stored(subject)
+        self._change(subject, before, with_defaults(before, keys, _where(subject)))
+
+    def add_unit(self, name: str) -> None:
+        """Store a unit with the default values.
+
+        Raises
+        ------
+        OperatorError : there is one of that name, or it cannot be used. StorageError : it cannot be stored.
+        """
+        if name in self._units.names():
+            raise OperatorError(f"there is a unit {name} already", "Choose another name.")
+        self._units.save(Unit(name))
+        self._grown()
+
+    def export(self, subject: str, path: Path) -> None:
+        """Write what is stored of a subject to a file.
+
+        Raises
+        ------
+        OSError, OperatorError : it cannot be written, or is not stored.
+        """
+        text = settings_text(load_settings(self._folder)) if subject == PROGRAM else self._units.text(subject)
+        write_whole(path, text)
+
+    def import_(self, path: Path) -> str:
+        """Take settings or a unit from a file; return the subject. Values of a stored subject are undone by undo.
+
+        Raises
+        ------
+        OperatorError : the file is refused, by key, or lacks a calibration that is stored.
+        StorageError : it cannot be stored.
+        """
+        text = read_text(path)
+        if _is_unit(text):
+            found = read_unit(path)
+            if found.name in self._units.names():
+                before = self._units.load(found.name)
+                self._session.store_unit(_with_values(found, before))  # calibrations, metadata and contributions
+                self._change(found.name, _with_values(found, before), found)
+            else:
+                self._session.store_unit(found)
+            self._grown()
+            return found.name
+        self._change(PROGRAM, self.stored(PROGRAM), read_settings(text, path.name)[0])
+        return PROGRAM
+
+    def _change(self, subject: str, before: Any, after: Any) -> None:
+        """Store the values of `after`, and those of `before` again where that is undone."""
+        new, old = _texts(before, after), _texts(after, before)
+        if not new and self.refused is None:
+            return
+        text = "the settings" if subject == PROGRAM else f"the settings of unit {subject}"
+        self._undo.push(Change(text, partial(self._store, subject, new), partial(self._store, subject, old)))
+
+    def _store(self, subject: str, typed: Mapping[str, str]) -> None:
+        after = with_typed(self.stored(subject), typed, _where(subject))
+        if isinstance(after, Unit):
+            self._session.store_unit(after)
+        else:
+            save_settings(after, self._folder)
+            self.refused = None
+            used = {key: getattr(after, key) for key in typed}
+            self._session.settings = dataclasses.replace(self._session.settings, **used)
+        self._grown()
+
+    def _grown(self) -> None:
+        self.revision += 1
+
+
+def refusal(about: Described, text: str) -> str:
+    """Return why a typed value is refused; empty where it is not."""
+    try:
+        about.check(about.value_of(text, ""), "")
+    except OperatorError as error:
+        return f"It {getattr(error, 'why', error.cause)}."
+    return ""
+
+
+def note(about: Described) -> str:
+    """Return range, default and effect of a value."""
+    text = next((text for value, text in about.choices if value == about.default), text_of(about.default))
+    shown = "" if about.choices or isinstance(about.default, bool) else about.range_text
+    effect = f"applies {about.applies}" if about.applies is not Applies.NOW else ""
+    parts = "; ".join(filter(None, (shown, f"default {text}" if text else "", effect)))
+    return f"{parts[:1].upper()}{parts[1:]}." if parts else ""
+
+
+def _where(subject: str) -> str:
+    return "settings" if subject == PROGRAM else f"unit {subject}"
+
+
+def _is_unit(text: str) -> bool:
+    return any(line.partition("=")[0].strip() == "min_kpa" for line in text.splitlines())
+
+
+def _texts(before: Any, after: Any) -> dict[str, str]:
+    """Return the texts of the values that differ, as they are after."""
+    pairs = ((key, getattr(before, key), getattr(after, key)) for key in described(after))
+    return {key: text_of(new) for key, old, new in pairs if old != new}
+
+
+def _with_values(unit: Unit, other: Unit) -> Unit:
+    """Return a unit with the described values of another one."""
+    return dataclasses.replace(unit, **{key: getattr(other, key) for key in described(other)})

@@ -1,0 +1,108 @@
+"""The Settings page without Qt: values with undo, limits that hold at once, safe mode, import and export."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from boat_daq.engine.plan import load_plan
+from boat_daq.engine.session.session import Session
+from boat_daq.engine.settings import Settings, Unit, UnitLibrary, load_settings, save_settings
+from boat_daq.engine.simulator.server import BoardSettings
+from boat_daq.engine.snapshot import SessionState
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.services import UndoHistory
+from boat_daq.viewmodels.settings_model import PROGRAM, SettingsModel
+from tests.boat_daq.engine.served_board import serve_in_thread
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Iterator[SettingsModel]:
+    units = UnitLibrary(tmp_path / "units")
+    session = Session(Settings(), units)
+    yield SettingsModel(session, units, tmp_path, UndoHistory())
+    session.close()
+
+
+def test_values_are_stored_used_and_undone(model, tmp_path):
+    """The session uses a setting from then on; undo stores the old one; the changes are listed, newest first."""
+    model.enter(PROGRAM, {"rate_hz": "1000"})
+    model.enter(PROGRAM, {"rate_hz": "1000"})  # as stored: no second step
+    assert load_settings(tmp_path).rate_hz == model._session.settings.rate_hz == 1000
+    model.reset(PROGRAM)
+    assert model.texts(PROGRAM)["rate_hz"] == "100"
+    model._undo.undo()
+    assert load_settings(tmp_path).rate_hz == model._session.settings.rate_hz == 1000
+    model._undo.undo()
+    assert load_settings(tmp_path) == Settings()
+    assert [(c.before, c.after) for c in model.changes(PROGRAM)][:2] == [("1000", "100"), ("100", "1000")]
+    assert not model._undo.done
+    with pytest.raises(OperatorError, match="'baud' must be 300"):
+        model.enter(PROGRAM, {"baud": "1"})
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
+def test_plan_below_a_limit_entered_while_connected_is_refused(model):
+    """A unit that buckles at -25 kPa: the plan to -40 kPa, armed before, is disarmed, and refused from then on."""
+    session, plan = model._session, load_plan("calibration")
+    with serve_in_thread(BoardSettings()) as board:
+        session.connect(board.url, unit="SA1")
+        session.wait_connected()
+        session.arm(plan)
+        model.enter("SA1", {"min_kpa": "-25"})
+        assert session.snapshot().state is SessionState.IDLE
+        with pytest.raises(OperatorError, match=r"-40 kPa is below the unit's limit of -25 kPa"):
+            session.arm(plan)
+        model._undo.undo()
+        session.arm(plan)
+        session.start()
+        session.wait(lambda s: s.state is SessionState.RUNNING, 5.0)
+        with pytest.raises(OperatorError, match="a run is in progress"):
+            model.enter("SA1", {"min_kpa": "-25"})
+        assert model.texts("SA1")["min_kpa"] == "-40"
+        session.close()
+
+
+def test_refused_settings_are_kept_until_others_are_stored(model, tmp_path):
+    """In safe mode the defaults are shown; what is stored then leaves the file beside, and the backup as it was."""
+    for rate_hz in (200, 300):
+        save_settings(Settings(rate_hz=rate_hz), tmp_path)
+    path = tmp_path / "settings.toml"
+    path.write_text("rate_hz = 'fast'\n")
+    with pytest.raises(OperatorError) as refused:
+        load_settings(tmp_path)
+    model.refused = refused.value
+    assert model.texts(PROGRAM)["rate_hz"] == "100" and model.changes(PROGRAM) == []
+    assert path.read_text() == "rate_hz = 'fast'\n"
+    model.enter(PROGRAM, {"operator": "Ada"})
+    assert model.refused is None
+    assert load_settings(tmp_path) == Settings(operator="Ada")
+    assert path.with_name("settings.toml.refused").read_text() == "rate_hz = 'fast'\n"
+    assert "rate_hz = 200" in path.with_name("settings.toml.bak").read_text()
+
+
+def test_a_unit_and_settings_are_exported_and_imported(model, tmp_path):
+    """An imported unit's values are undone; its calibrations stay. One that is refused names its key."""
+    model.add_unit("SA7")
+    with pytest.raises(OperatorError, match="already"):
+        model.add_unit("SA7")
+    model.enter("SA7", {"min_kpa": "-25"})
+    model.export("SA7", tmp_path / "SA7.toml")
+    model.export(PROGRAM, tmp_path / "settings-of-the-rig.toml")
+    model.enter("SA7", {"min_kpa": "-10"})
+    assert model.import_(tmp_path / "SA7.toml") == "SA7"
+    assert model.texts("SA7")["min_kpa"] == "-25"
+    model._undo.undo()
+    assert model.texts("SA7")["min_kpa"] == "-10"
+    model.enter(PROGRAM, {"operator": "Ada"})
+    assert model.import_(tmp_path / "settings-of-the-rig.toml") == PROGRAM
+    assert load_settings(tmp_path).operator == ""
+    (tmp_path / "bad.toml").write_text("min_kpa = -10\n")
+    with pytest.raises(OperatorError, match="'name' is missing"):
+        model.import_(tmp_path / "bad.toml")
+    assert model.subjects("SA1") == [("This program", PROGRAM), ("Unit SA1", "SA1"), ("Unit SA7", "SA7")]
+    model._units.save(Unit("SA9"))
+    assert "Unit SA9" in dict(model.subjects(""))

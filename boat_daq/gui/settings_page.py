@@ -20,6 +20,7 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.layouts import Leaves, ReflowingPage
+from boat_daq.viewmodels.common.notices import sentence
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.conversion import UnitInUse
 from boat_daq.viewmodels.settings_model import PROGRAM, SettingsModel, note, refusal
@@ -235,13 +236,15 @@ class SettingsPage(ReflowingPage):
         for button in (self.metadata, self.contributions, self.reset):
             button.setEnabled(bool(texts))
         rows = self.forms[is_unit].rows
-        self.changes.fill([self._change_cells(change, rows) for change in changes] or [("", NO_CHANGE, "")])
+        cells = [self._change_cells(change, rows) for change in changes]
+        tips = [f"{change.utc}: {' '.join(row[1:])}" for change, row in zip(changes, cells, strict=True)]
+        self.changes.fill(cells or [("", NO_CHANGE, "")], tips or [""])
 
     @staticmethod
     def _change_cells(change: StoredChange, rows: Mapping[str, ValueRow]) -> tuple[str, str, str]:
         label = rows[change.key].about.label if change.key in rows else change.key
         values = f"{change.before or EMPTY} \u2192 {change.after or EMPTY}"
-        return change.utc[:16].replace("T", " "), label, values
+        return change.utc[5:16].replace("T", " "), label, values
 
     def _store(self, key: str, text: str) -> None:
         self._attempt(lambda: self.model.enter(self.subject, {key: text}))
@@ -309,5 +312,6 @@ class SafeModeBar(QWidget):
         refused = self.model.refused
         self.setVisible(refused is not None)
         if refused is not None:
-            widgets.set_text(self.text, f"Default settings are in use: {refused.cause}. The file is kept as it is.")
-            self.text.setToolTip(widgets.as_words(refused.remedy))
+            remedy = sentence(refused.remedy) if refused.remedy else ""
+            text = f"Default settings are in use: {refused.cause}. The file is kept. {remedy}"
+            widgets.set_text(self.text, text.strip())

@@ -139,7 +139,7 @@ def check_numbers(path, card) -> None:
                     assert any(column[: len(written)] == written for column in columns), f"{card.title}: {layer.name}"
 
 
-@pytest.mark.parametrize("loaded", tuple(Page), indirect=True, ids=tuple(Page))
+@pytest.mark.parametrize("loaded", tuple(SHOWN), indirect=True, ids=tuple(SHOWN))
 def test_every_plot_is_copied_and_saved_by_menu_and_keys(loaded, tmp_path, request):
     """Copy, PNG, SVG and CSV of each plot; the file holds the picture, or the drawn numbers with units."""
     page, clipboard, seen = loaded.page, QGuiApplication.clipboard(), []

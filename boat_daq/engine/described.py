@@ -12,16 +12,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from boat_daq.engine.toml_values import BadValue, build
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-    D = TypeVar("D", bound=DataclassInstance)
-else:
-    D = TypeVar("D")
+D = TypeVar("D")  # a dataclass
 
 CHANGES = "changes"  # key of their list in a file
 MOST_CHANGES = 500  # in one file: the newest
@@ -128,13 +123,13 @@ def stated(default: Any, label: str, meaning: str, unit: str = "", **more: Any) 
     return dataclasses.field(default=default, metadata={_KEY: described})
 
 
-def described(cls: type[DataclassInstance] | DataclassInstance) -> dict[str, Described]:
+def described(cls: Any) -> dict[str, Described]:
     """Return the descriptions of a dataclass's fields by key, in their order."""
     found = ((f.name, f.metadata.get(_KEY)) for f in dataclasses.fields(cls))
     return {key: dataclasses.replace(about, key=key) for key, about in found if about is not None}
 
 
-def check_ranges(values: DataclassInstance, where: str) -> None:
+def check_ranges(values: object, where: str) -> None:
     """Refuse a value outside its described range.
 
     Raises
@@ -156,7 +151,8 @@ def with_typed(values: D, typed: Mapping[str, str], where: str) -> D:
     for key in typed:
         if key not in known:
             raise BadValue(where, key, "is not a known key", f"Known: {', '.join(known)}.")
-    return dataclasses.replace(values, **{key: known[key].value_of(text, where) for key, text in typed.items()})
+    new = {key: known[key].value_of(text, where) for key, text in typed.items()}
+    return dataclasses.replace(values, **new)  # type: ignore[type-var]
 
 
 def with_defaults(values: D, keys: Iterable[str], where: str) -> D:
@@ -205,9 +201,7 @@ def take_changes(table: dict[str, Any], where: str) -> tuple[StoredChange, ...]:
     return tuple(build(StoredChange, row, f"{where}, {CHANGES}") for row in rows)
 
 
-def with_changes(
-    stored: tuple[StoredChange, ...], before: DataclassInstance, after: DataclassInstance
-) -> list[dict[str, str]]:
+def with_changes(stored: tuple[StoredChange, ...], before: object, after: object) -> list[dict[str, str]]:
     """Return the changes to store in a file: those it has, and what differs now.
 
     Parameters

@@ -16,7 +16,6 @@ from boat_daq.engine.plan import StepMark
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
-from boat_daq.viewmodels.common.services import Page
 from boat_daq.viewmodels.live.shadow_live import REST, ShadowPicture
 from tests.boat_daq.gui.models.test_optics_page import swept, traced
 from tests.boat_daq.gui.models.test_shadow_page import mark

@@ -25,7 +25,8 @@ def metadata(
     """Show the metadata of a recording, or state them; the unit's next recording states them, too.
 
     Keys: operator, customer, item, serial_number, note, ambient_temperature_c, ambient_humidity_percent; any other key
-    names a field of your own. What was stated before stays in the file.
+    names a field of your own. What was stated before stays in the file. While a recording is in progress, the program
+    that records it states them, within two seconds.
 
     Example: boat-daq metadata SA1.boat --set customer="Soft Robotics Lab" --set serial_number=0042
     """

@@ -57,7 +57,15 @@ def session(window: MainWindow) -> list[Command]:
 
     def state_metadata() -> None:
         units, unit = model.units.of(simulated=model.snapshot.simulated), model.unit.name(model.snapshot)
-        attempt(lambda: MetadataForm(window, MetadataModel.of_unit(units, unit, model.undo), model.services).show())
+        path, about = model.snapshot.recording, (units, unit, model.undo)
+
+        def show() -> None:
+            stated = MetadataModel.of_unit(*about)
+            if path is not None:
+                stated = MetadataModel.of_session(model.session, path, *about)
+            MetadataForm(window, stated, model.services).show()
+
+        attempt(show)
 
     start = partial(attempt, connection.start_virtual_board)
     return [
@@ -76,7 +84,7 @@ def session(window: MainWindow) -> list[Command]:
         add("Disconnect", "Ctrl+Shift+K", partial(attempt, connection.disconnect), has_port),
         add("Start or close the recording", "Ctrl+R", run.toggle_recording, model.connected, apart=True),
         add("Add marker …", "Ctrl+M", window.live.ask_marker, model.connected, also="mark note comment moment"),
-        add("Metadata of the next recordings …", "Ctrl+Shift+E", state_metadata, also="operator customer item serial"),
+        add("Metadata …", "Ctrl+Shift+E", state_metadata, also="operator customer item serial note ambient recording"),
         add("Apply suggested action", "Ctrl+J", strip.apply, strip.has_action, apart=True, also="message do"),
         add("Dismiss message", "Ctrl+D", strip.dismiss, strip.has_notice),
         add("Cancel task", "Ctrl+.", strip.cancel_job, lambda: bool(model.jobs.running()), also="work job stop"),

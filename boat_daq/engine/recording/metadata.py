@@ -1,6 +1,8 @@
-"""State the metadata of a closed recording, remember them for its unit, keep templates of them.
+"""State the metadata of a recording, remember them for its unit, keep templates of them.
 
 Rules: what is stated is a newer event of the recording, so what was stated before stays, and samples are not touched.
+A recording has one writer: while it is in progress, another program leaves what it states in a file beside it, which
+the session that records takes within two seconds.
 A unit's file remembers what stays the same (operator, customer, item, serial number, free fields) for its next
 recording; ambient conditions and notes are of one recording. A template is a small TOML file with the same keys.
 """
@@ -9,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import time
 from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
@@ -17,14 +20,18 @@ from typing import Any
 import tomli_w
 
 from boat_daq.engine.file_names import path_in
-from boat_daq.engine.recording.file import RecordingFile
+from boat_daq.engine.recording.file import RecordingFile, is_being_written
 from boat_daq.engine.recording.rows import INSERT_EVENT
 from boat_daq.engine.settings import UnitLibrary, home
 from boat_daq.engine.stored_file import write_stored
-from boat_daq.engine.toml_values import BadValue, parse_toml, read_text
-from boat_daq.errors import OperatorError
+from boat_daq.engine.toml_values import BadValue, parse_toml, read_json, read_text
+from boat_daq.errors import OperatorError, StorageError
 from protocol.recording import METADATA_EVENT, NOTE_EVENT, Metadata, metadata_of, open_recording, read_session
 from protocol.recording.metadata import MOST
+from protocol.whole_file import write_whole
+
+REQUEST_S = 5.0  # for the program that records, which looks once a second
+POLL_S = 0.05
 
 
 def read_metadata(path: Path) -> Metadata:
@@ -39,18 +46,20 @@ def read_metadata(path: Path) -> Metadata:
 
 
 def state_metadata(path: Path, metadata: Metadata) -> None:
-    """Add metadata to a closed recording; the newest count.
+    """Add metadata to a recording; the newest count. One in progress is requested to take them.
 
     Raises
     ------
-    StorageError : the recording is in progress, or cannot be written. RecordingError : not a recording.
+    StorageError : the recording cannot be written, or its program does not answer. RecordingError : not a recording.
     """
     with closing(open_recording(path)) as db:
         before = metadata_of(db, read_session(db))
         number, last_ns = db.execute("SELECT coalesce(max(id), 0) + 1, coalesce(max(host_ns), 0) FROM event").fetchone()
-    texts = {METADATA_EVENT: event_text(metadata)} if dataclasses.replace(metadata, note=before.note) != before else {}
-    texts |= {NOTE_EVENT: metadata.note} if metadata.note != before.note else {}
+    texts = statements(before, metadata)
     if not texts:
+        return
+    if is_being_written(path):
+        _request(path, metadata)
         return
     file = RecordingFile.reopen(path)
     try:
@@ -60,9 +69,57 @@ def state_metadata(path: Path, metadata: Metadata) -> None:
         file.abandon()
 
 
-def event_text(metadata: Metadata) -> str:
-    """Return the text of the event that states metadata; the note is an event of its own."""
-    return json.dumps({key: value for key, value in metadata.as_json().items() if key != "note"}, ensure_ascii=False)
+def statements(before: Metadata, after: Metadata) -> dict[str, str]:
+    """Return the events that state what has changed, text by kind; the note is an event of its own."""
+    table = {key: value for key, value in after.as_json().items() if key != "note"}
+    texts = {METADATA_EVENT: json.dumps(table, ensure_ascii=False)}
+    return (texts if dataclasses.replace(after, note=before.note) != before else {}) | (
+        {NOTE_EVENT: after.note} if after.note != before.note else {}
+    )
+
+
+def take_request(path: Path) -> Metadata | None:
+    """Return what another program wants stated of a recording in progress, once; None where nothing is.
+
+    Raises
+    ------
+    OperatorError : the request is refused.
+    """
+    request = _request_path(path)
+    if not request.exists():
+        return None
+    try:
+        table = read_json(request)
+    finally:
+        request.unlink(missing_ok=True)
+    return _checked(table if isinstance(table, dict) else {}, str(request))
+
+
+def _request(path: Path, metadata: Metadata) -> None:
+    """Leave metadata for the session that records `path`, and wait until it has stated them.
+
+    Raises
+    ------
+    StorageError : they cannot be left there, or are not taken.
+    """
+    request, end_s = _request_path(path), time.monotonic() + REQUEST_S
+    try:
+        write_whole(request, json.dumps(metadata.as_json()))
+        while read_metadata(path) != metadata and time.monotonic() < end_s:
+            time.sleep(POLL_S)
+        taken = not request.exists()
+        request.unlink(missing_ok=True)
+    except OSError as error:
+        raise StorageError(
+            f"{request} cannot be written: {error.strerror}", "Check the folder and the disk."
+        ) from error
+    if not taken:
+        cause = f"the program that records {path.name} does not take metadata"
+        raise StorageError(cause, "State them there, or when the recording is closed.")
+
+
+def _request_path(path: Path) -> Path:
+    return path.with_name(f"{path.name}-metadata")
 
 
 def remembered(units: UnitLibrary, unit: str) -> Metadata:

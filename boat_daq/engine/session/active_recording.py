@@ -15,7 +15,7 @@ from boat_daq.engine.control.board_commands import Check
 from boat_daq.engine.control.controller import Controller
 from boat_daq.engine.log import RECORDING, note
 from boat_daq.engine.recording.file import check_space
-from boat_daq.engine.recording.metadata import remembered
+from boat_daq.engine.recording.metadata import read_metadata, remembered, state_metadata, statements, take_request
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.session.journal import Journal
@@ -23,7 +23,7 @@ from boat_daq.engine.session.link_supervisor import LinkSupervisor
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.snapshot import MessageKind, RunEnding, SessionState
 from boat_daq.errors import OperatorError, StorageError
-from protocol.recording import DerivedColumns, RunEnd
+from protocol.recording import DerivedColumns, Metadata, RunEnd
 
 _OF_THE_BOARD = ("board_id", "vref_mv", "adc_bits", "polarity", "rate_hz", "unit", "limits_pa")
 
@@ -55,6 +55,7 @@ class ActiveRecording:
     ) -> None:
         self.unit = ""
         self.since_us = 0
+        self._stated: tuple[Path, Metadata | None] = Path(), None  # of the recording in progress, where it has changed
         self._acting, self._journal, self._link = acting, journal, link
         self._settings, self._units, self._derived = settings, units, derived
 
@@ -98,6 +99,49 @@ class ActiveRecording:
         if raced:
             recorder.close(RunEnd.STOPPED)
             raise OperatorError("the session changed while the recording began", "try again")
+
+    def metadata(self, path: Path) -> Metadata:
+        """Return the metadata of a recording; of the one in progress with what is not yet on the disk.
+
+        Raises
+        ------
+        RecordingError : it cannot be read.
+        """
+        of, stated = self._stated
+        recorder = self._journal.recorder
+        active = recorder is not None and recorder.path == path == of
+        return stated if active and stated is not None else read_metadata(path)
+
+    def state(self, path: Path, metadata: Metadata) -> None:
+        """State metadata of a recording, in progress or closed; the newest count.
+
+        Raises
+        ------
+        RecordingError : not a recording. StorageError : it cannot be written.
+        """
+        before = self.metadata(path)
+        with self._acting():
+            recorder = self._journal.recorder
+            recording = recorder is not None and recorder.path == path
+            if recording:
+                for kind, text in statements(before, metadata).items():
+                    self._journal.event("user", kind, text)
+                self._stated = path, metadata
+        if not recording:
+            state_metadata(path, metadata)
+
+    def take_request(self) -> None:
+        """State what another program has left for the recording in progress."""
+        recorder = self._journal.recorder
+        if recorder is None:
+            return
+        try:
+            stated = take_request(recorder.path)
+            if stated is not None:
+                self.state(recorder.path, stated)
+        except (OperatorError, StorageError) as error:
+            with self._acting():
+                self._journal.tell(MessageKind.STORAGE, "warning", error.cause, error.remedy)
 
     def end(self, end: RunEnd) -> Path | None:
         """Close the recording as it is, without a command to the board.

@@ -54,7 +54,7 @@ from boat_daq.errors import BoatDaqError, DeviceError, OperatorError, StorageErr
 from protocol.errors import RecordingError
 from protocol.link.events import Samples
 from protocol.link.messages import SetPressure, Vent
-from protocol.recording import DerivedChannel, DerivedColumns, RunEnd
+from protocol.recording import DerivedChannel, DerivedColumns, Metadata, RunEnd
 
 VENTING_WAIT_S = 5.0
 POLL_S = 0.01
@@ -321,6 +321,24 @@ class Session:
         OperatorError : another board, unit or rate; or as `start_recording`. StorageError : it cannot be written.
         """
         self._recording.begin(broken.path, metadata, broken)
+
+    def metadata(self, path: Path) -> Metadata:
+        """Return the metadata of a recording, in progress or closed.
+
+        Raises
+        ------
+        RecordingError : it cannot be read.
+        """
+        return self._recording.metadata(path)
+
+    def state_metadata(self, path: Path, metadata: Metadata) -> None:
+        """State metadata of a recording, in progress or closed; the newest count.
+
+        Raises
+        ------
+        RecordingError : not a recording. StorageError : it cannot be written.
+        """
+        self._recording.state(path, metadata)
 
     def stop_recording(self) -> Path | None:
         """Close the recording properly and return its path.
@@ -651,6 +669,7 @@ class Session:
                 sink(array)
 
     def _health_line(self) -> str:
+        self._recording.take_request()
         with self._lock:
             recorder, state = self._journal.recorder, self._control.sequencer.state
         return health_line(self._link.state, state, self._link.health_now(), recorder)

@@ -19,6 +19,7 @@ from boat_daq.engine.recording.metadata import (
     state_metadata,
     template_names,
 )
+from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from protocol.recording import Metadata
@@ -78,6 +79,25 @@ class MetadataModel:
             remember(units, unit, stated)
 
         return cls(path.name, partial(read_metadata, path), write, undo, changed=changed)
+
+    @classmethod
+    def of_session(
+        cls, session: Session, path: Path, units: UnitLibrary, unit: str, undo: UndoHistory
+    ) -> MetadataModel:
+        """Return the form of a session's recording, in progress or closed since.
+
+        Parameters
+        ----------
+        session : which records it. path : of the recording.
+        units, unit : the library and name that they are remembered for.
+        undo : the window's history.
+        """
+
+        def write(stated: Metadata) -> None:
+            session.state_metadata(path, stated)
+            remember(units, unit, stated)
+
+        return cls(path.name, partial(session.metadata, path), write, undo)
 
     @classmethod
     def of_unit(cls, units: UnitLibrary, unit: str, undo: UndoHistory) -> MetadataModel:

@@ -17,6 +17,8 @@ from boat_daq.engine.snapshot import (
     ReadingRequest,
     SessionState,
 )
+from boat_daq.gui.results.metadata_form import MetadataForm
+from protocol.recording import Metadata
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import run_shortcut
 
@@ -95,3 +97,27 @@ def test_every_command_has_its_own_keys(live):
     keys = [QKeySequence(c.shortcut).toString() for c in live.commands.actions]
     assert all(keys)
     assert [key for key, n in Counter(keys).items() if n > 1] == []
+
+
+def test_metadata_are_stated_of_the_recording_in_progress(live, tmp_path):
+    """Without one, those of the unit's next recordings; while one is made, its own, undoably."""
+    session, stated = live.model.session, {}
+    path = tmp_path / "run.boat"
+    run_shortcut(live, "Ctrl+Shift+E")
+    form = live.findChild(MetadataForm)
+    assert form.windowTitle() == "Metadata of SA1"
+    form.close()
+    form.deleteLater()
+    session.metadata = lambda of: stated.get(of, Metadata())
+    session.state_metadata = stated.__setitem__
+    session.change(recording=path)
+    live.refresh()
+    run_shortcut(live, "Ctrl+Shift+E")
+    form = live.findChildren(MetadataForm)[-1]
+    assert form.windowTitle() == "Metadata of run.boat"
+    form.fields["customer"].setText("A & Co")
+    form.fields["ambient_temperature_c"].setText("21,5")
+    QTest.keyClick(form.fields["customer"], Qt.Key.Key_Return)
+    assert (stated[path].customer, stated[path].ambient_temperature_c) == ("A & Co", 21.5)
+    live.model.undo.undo()
+    assert stated[path] == Metadata()

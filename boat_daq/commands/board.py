@@ -1,4 +1,4 @@
-"""`boat-daq board` and `ports`: a virtual board on a port, and the boards on the ports of this computer."""
+"""`boat-daq board`, `ports` and `profile`: a virtual board, the boards on the ports, another firmware's profile."""
 
 from __future__ import annotations
 
@@ -117,3 +117,54 @@ def ports(
         show(f"{'*' if a.hello else ' '} {a.port}  {a.description}  {known}{board}".rstrip())
     if not all(a.queried for a in answers):
         notify("a port that is not queried is not opened; to query one: boat-daq ports --port PORT")
+
+
+def profile(
+    file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="What the board printed.")] = None,
+    port: Annotated[str | None, typer.Option(help="Listen on this port instead; nothing is sent.")] = None,
+    seconds: Annotated[
+        float | None,
+        typer.Option(min=0.1, max=600, help="Time of listening, 3 by default; that of the file, if known."),
+    ] = None,
+    name: Annotated[str, typer.Option(help="Name of the profile.")] = "Own board",
+    out: Annotated[Path | None, typer.Option(help="File to write.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Propose the text profile of a board from what it prints: separator, fields, units, rate, checksum.
+
+    What names tell is stated; what the numbers alone suggest is marked as a guess, and has to be checked: a wrong field
+    as pressure gives wrong data. Limits and commands are never proposed. Packets of bytes become an RX8 format.
+
+    Example: boat-daq profile capture.txt --out board.toml
+    """
+    if (file is None) == (port is None):
+        raise typer.BadParameter("give either a FILE or --port PORT")
+    import tomli_w
+
+    from boat_daq.engine.link.opening import listen
+    from protocol.text.proposal import propose_any
+
+    data, took_s = listen(port, seconds or 3.0) if port else (Path(file or "").read_bytes(), seconds or 0.0)
+    found = propose_any(data, took_s)
+    text = tomli_w.dumps(found.content(name))
+    fields = [{key: getattr(f, key) for key in ("label", "name", "unit", "guessed")} for f in found.fields]
+    if out is not None:
+        from protocol.whole_file import write_whole
+
+        write_whole(out, text)
+    if as_json:
+        keys = ("rate_hz", "fitting", "seen", "missing")
+        emit_json({"profile": text, "fields": fields, **{key: getattr(found, key) for key in keys}})
+        return
+    if out is None:
+        show(text)
+    notify(found.summary)
+    for field in fields:
+        if field["guessed"]:
+            notify(
+                f"a guess: {field['label'] or 'a field without a label'} is {field['name']} in {field['unit'] or '1'}"
+            )
+    if not took_s and not any(field["name"] == "time" for field in fields):
+        notify(f"the rate is not known: {found.rate_hz:g} Hz is assumed; state --seconds")
+    if found.missing:
+        notify(f"not a profile yet: {found.missing}")

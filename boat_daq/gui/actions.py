@@ -68,10 +68,12 @@ def session(window: MainWindow) -> list[Command]:
         attempt(show)
 
     start = partial(attempt, connection.start_virtual_board)
+    describe = partial(model.services.show, Panel.PROFILE)
     return [
         add("Vent now", "F4", window.vent, also="emergency release deflate"),
         add("Close what is open, else vent", "Esc", window.escape, also="cancel escape"),
         add("Connect …", "Ctrl+K", partial(model.services.show, Panel.CONNECT), apart=True, also="port serial board"),
+        add("Describe a board …", "Ctrl+Shift+D", describe, also="profile wizard text firmware Arduino RX8"),
         add("Start the virtual board", "Ctrl+Shift+B", start, also="demo simulate simulation"),
         add(
             "Quick trial",

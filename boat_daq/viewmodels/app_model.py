@@ -20,6 +20,7 @@ from boat_daq.viewmodels.common.jobs import Job, JobRunner, prepare
 from boat_daq.viewmodels.common.notices import Notices, SessionMessages, Severity
 from boat_daq.viewmodels.common.preferences import Precision, Preferences
 from boat_daq.viewmodels.common.services import Page, Panel, Services, UndoHistory
+from boat_daq.viewmodels.live.board_profile import BoardProfile
 from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.conversion import UnitInUse
 from boat_daq.viewmodels.live.layout import Layouts
@@ -57,6 +58,7 @@ class AppModel:
         self.jobs = JobRunner()
         self.services = Services(self.notices, self.preferences, self.undo, recordings)
         self.connection = ConnectionModel(session, self.preferences, self.units)
+        self.board_profile = BoardProfile(session.settings)
         self.layouts = Layouts(self.preferences, self.undo, lambda: self.unit.name(self.snapshot))
         self.live = LiveModel(lambda: session.ring, lambda: self.layouts.current)
         self.overlay = OverlayModel(lambda: session.ring, session.steps, self.live.time_of)

@@ -19,6 +19,8 @@
     checksum = "none"                        # or "nmea"
     fields = [{ name = "time", unit = "ms" }, "index", { name = "pressure", unit = "kPa" },
               "s1_lit", "s1_dark", "s2_lit", "s2_dark", { name = "temperature", unit = "degC" }, "_"]
+    style = "columns"                        # or "labels" (p=12.5 s1=420), "json", "width" (nothing between the fields)
+    assign = "="                             # between label and number; "labels" only
 
     [commands]
     set_pressure = "P{kpa:.1f}\\n"
@@ -26,7 +28,9 @@
 
 The names used are time, index, pressure, and for each sensor either sN_lit and sN_dark (counts) or sN_signal. A field
 of any other name is an extra channel: it is recorded in its unit, which may be any text; one without a name, or with a
-name that begins with `_`, is left out. A value is `field * scale + offset` in `unit`; that of a channel is NaN where
+name that begins with `_`, is left out. A field may have the `label` with which it is printed, where that is not its
+name, a `suffix` behind its number, such as a unit, and `base = 16` for hexadecimal digits (`signed = true` for a two's
+complement of them). A value is `field * scale + offset` in `unit`; that of a channel is NaN where
 the field is no number. A profile is user input: an unknown key, a wrong type or a missing part is refused by name, and
 a limit has no default.
 
@@ -54,7 +58,7 @@ from protocol.link import messages
 from protocol.link.messages import Command
 from protocol.recording import CHANNELS_MAX, ExtraChannel, SampleKind, channels_of
 from protocol.regular_file import read_regular
-from protocol.text.readers import LINE_MAX, LineFormat, PacketFormat, parse_format
+from protocol.text.readers import LINE_MAX, FieldText, LineFormat, LineStyle, PacketFormat, parse_format
 from protocol.toml_text import read_toml
 from protocol.units import KPA_PER_UNIT, find_unit
 
@@ -157,8 +161,10 @@ _TOP: Rules = {"name": str, "kind": str, "device": dict, "lines": {}, "rx8": {},
 _DEVICE: Rules = {"n_sensors": int, "rate_hz": _NUMBER, "vref_mv": 0, "adc_bits": 0, "polarity": 1, "simulated": False}
 _DEVICE |= dict.fromkeys(("pressure_min_kpa", "pressure_max_kpa"), _NUMBER | None)
 _LINES: Rules = {"delimiter": ",", "line_end": "\n", "decimal": ".", "comments": [], "checksum": "none", "fields": list}
+_LINES |= {"style": "columns", "assign": "="}
 _RX8: Rules = {"format": str, "variables": dict}
 _FIELD: Rules = {"name": str, "unit": str | None, "scale": 1.0, "offset": 0.0, "wraps_at": int | None, "signed": False}
+_FIELD |= {"label": str | None, "base": 10, "suffix": ""}
 
 
 @dataclass(frozen=True, slots=True)
@@ -327,6 +333,9 @@ def _lines(table: dict[str, Any]) -> tuple[list[dict[str, Any]], LineFormat]:
     if table["line_end"] not in ("\n", "\r", "\r\n") or table["checksum"] not in ("none", "nmea"):
         cause = f"lines.line_end = {table['line_end']!r} with lines.checksum = {table['checksum']!r}"
         raise ProfileError(cause, r'line ends are "\n", "\r\n" or "\r", checksums "none" or "nmea"')
+    if table["style"] not in get_args(LineStyle) or len(table["assign"].encode()) != 1:
+        cause = f"lines.style = {table['style']!r:.60} with lines.assign = {table['assign']!r:.60}"
+        raise ProfileError(cause, f"styles are {', '.join(get_args(LineStyle))}; assign is one character such as =")
     comments = table["comments"]
     if not all(isinstance(comment, str) and comment for comment in comments):
         raise ProfileError(f"lines.comments = {comments!r:.60}", 'write a list of prefixes such as ["#"]')
@@ -344,8 +353,27 @@ def _lines(table: dict[str, Any]) -> tuple[list[dict[str, Any]], LineFormat]:
         n_fields=len(entries),
         columns=tuple(used),
         channels=tuple(channels),
+        style=table["style"],
+        assign=table["assign"].encode(),
+        texts=_texts(entries, table["style"]),
     )
     return [entries[at] for at in (*used, *channels)], format_
+
+
+def _texts(entries: list[dict[str, Any]], style: str) -> tuple[FieldText, ...]:
+    """Return how each field is printed; empty where all are plain numbers in their order."""
+    if bad := next((entry for entry in entries if entry["base"] not in (10, 16)), None):
+        raise ProfileError(f"the field {bad['name']} has the base {bad['base']}", "write 10 or 16")
+    labels = [entry["name"] if entry["label"] is None else entry["label"] for entry in entries]
+    if style in ("labels", "json") and len(set(labels)) != len(labels):
+        twice = next(label for label in labels if labels.count(label) > 1)
+        raise ProfileError(f"the label {twice:.60} is given twice", "give each field the label that it is printed with")
+    texts = tuple(
+        FieldText(label.encode(), entry["base"], entry["suffix"].encode(), entry["signed"])
+        for label, entry in zip(labels, entries, strict=True)
+    )
+    plain = style in ("columns", "width") and all(text.base == 10 and not text.suffix for text in texts)
+    return () if plain else texts
 
 
 def _rx8(table: dict[str, Any]) -> tuple[list[dict[str, Any]], PacketFormat]:

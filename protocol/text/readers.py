@@ -5,6 +5,8 @@ Delimited lines:
 - A line has exactly the profile's fields. A line with one more or less, a wrong checksum or an invalid number is
   counted, never an error: two lines run together must not pass for one.
 - Comments and empty lines are ignored.
+- The fields of a line are in their order, or each is printed with its label (`p=12.5 s1=420`), or the line is JSON, or
+  all fields have one width and nothing between them. A line then has exactly the labels of the profile, in any order.
 - The first line may be incomplete: unless a checksum or a start command protects it, it is dropped, since half a number
   is still a number.
 
@@ -25,17 +27,30 @@ costs no packet.
 
 from __future__ import annotations
 
+import json
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import reduce
 from operator import xor
-from typing import Any
+from typing import Any, Literal
 
 from protocol.errors import ProfileError
 from protocol.link.framing import ByteReader
 
+LineStyle = Literal["columns", "labels", "json", "width"]
 LINE_MAX = 1000  # bytes; a longer run without a line end is not text
+
+
+@dataclass(frozen=True, slots=True)
+class FieldText:
+    """How a field is printed: its label, the base of its number, what follows the number."""
+
+    label: bytes = b""
+    base: int = 10
+    suffix: bytes = b""
+    signed: bool = False  # whether a hexadecimal number is a two's complement of its digits
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +65,9 @@ class LineFormat:
     n_fields: int
     columns: tuple[int, ...]
     channels: tuple[int, ...] = ()  # after them; text there is no error, but NaN
+    style: LineStyle = "columns"
+    assign: bytes = b"="  # between label and number
+    texts: tuple[FieldText, ...] = ()  # of every field; empty where all are plain decimal numbers without a label
 
 
 class LineReader(ByteReader):
@@ -65,6 +83,8 @@ class LineReader(ByteReader):
         super().__init__()
         self._format = format_
         self._skipping = not (first_is_whole or format_.checksum)
+        self._places = {text.label: at for at, text in enumerate(format_.texts)}
+        self._split = {"labels": self._by_label, "json": self._of_json, "width": self._by_width}.get(format_.style)
 
     def receive(self, data: bytes) -> list[list[float]]:
         """Return the values of the good lines that `data` completes."""
@@ -89,24 +109,66 @@ class LineReader(ByteReader):
             self.oversize += 1
             return None
         if self._format.checksum:
-            line, good = self._checked(line)
+            line, good = checked(line)
             if not good:
                 self.crc_errors += 1
                 return None
-        fields = line.split(None if self._format.delimiter == b" " else self._format.delimiter)
+        if self._split is not None:
+            try:
+                fields = self._split(line)
+            except ValueError:
+                fields = []
+        else:
+            fields = line.split(None if self._format.delimiter == b" " else self._format.delimiter)
         if len(fields) != self._format.n_fields:
             self.malformed += 1
             return None
         try:
-            row = [self._number(fields[at]) for at in self._format.columns]
+            row = [self._read(fields[at], at) for at in self._format.columns]
         except ValueError:
             self.malformed += 1
             return None
-        return row + [self._channel(fields[at]) for at in self._format.channels] if self._format.channels else row
+        return row + [self._channel(fields[at], at) for at in self._format.channels] if self._format.channels else row
 
-    def _channel(self, text: bytes) -> float:
+    def _by_label(self, line: bytes) -> list[bytes]:
+        """Return the fields in the order of the profile; none where a label is unknown, missing or given twice."""
+        assign, delimiter = self._format.assign, self._format.delimiter
+        line = assign.join(part.strip() for part in line.split(assign))
+        parts = line.split(None if delimiter == b" " else delimiter)
+        return self._in_order([(label.strip(), text) for label, _, text in (part.partition(assign) for part in parts)])
+
+    def _of_json(self, line: bytes) -> list[bytes]:
+        """Return the values of a line of JSON in the order of the profile; those inside others by `outer.inner`."""
         try:
+            return self._in_order([(label.encode(), text.encode()) for label, text in json_values(line)])
+        except RecursionError:
+            raise ValueError from None
+
+    def _in_order(self, pairs: list[tuple[bytes, bytes]]) -> list[bytes]:
+        found = dict(pairs)
+        if len(found) != len(pairs) or found.keys() != self._places.keys():
+            return []
+        return [found[label] for label in self._places]
+
+    def _by_width(self, line: bytes) -> list[bytes]:
+        """Return the fields of a line of equally wide ones; none where its length differs."""
+        width, rest = divmod(len(line), self._format.n_fields)
+        return [] if rest or not width else [line[at : at + width] for at in range(0, len(line), width)]
+
+    def _read(self, text: bytes, at: int) -> float:
+        """Return the number of a field, as its text is described."""
+        if not self._format.texts:
             return self._number(text)
+        printed, text = self._format.texts[at], text.strip()
+        if printed.suffix:
+            if not text.endswith(printed.suffix):
+                raise ValueError
+            text = text[: -len(printed.suffix)]
+        return self._number(text) if printed.base == 10 else hexadecimal(text, signed=printed.signed)
+
+    def _channel(self, text: bytes, at: int) -> float:
+        try:
+            return self._read(text, at)
         except ValueError:
             return math.nan
 
@@ -116,14 +178,50 @@ class LineReader(ByteReader):
             raise ValueError
         return float(text.replace(self._format.decimal, b"."))
 
-    @staticmethod
-    def _checked(line: bytes) -> tuple[bytes, bool]:
-        """Return the line between $ and *, and whether its checksum is right."""
-        text, star, digits = line.removeprefix(b"$").rpartition(b"*")
-        try:
-            return text, bool(star) and len(digits) == 2 and reduce(xor, text, 0) == int(digits, 16)
-        except ValueError:
-            return text, False
+
+def checked(line: bytes) -> tuple[bytes, bool]:
+    """Return the line between $ and *, and whether its checksum is right."""
+    text, star, digits = line.removeprefix(b"$").rpartition(b"*")
+    try:
+        return text, bool(star) and len(digits) == 2 and reduce(xor, text, 0) == int(digits, 16)
+    except ValueError:
+        return text, False
+
+
+def hexadecimal(text: bytes, *, signed: bool) -> float:
+    """Return a hexadecimal number, with 0x or without; a `signed` one is a two's complement of its digits.
+
+    Raises
+    ------
+    ValueError : it is not one.
+    """
+    digits = text.strip().lower().removeprefix(b"0x")
+    if not digits.isalnum():  # no sign, no 12_34
+        raise ValueError
+    value = int(digits, 16)
+    return float(value - (1 << 4 * len(digits)) if signed and value >> (4 * len(digits) - 1) else value)
+
+
+def json_values(line: bytes | str) -> Iterator[tuple[str, str]]:
+    """Yield label and text of each value in a line of JSON; a value inside another one as `outer.inner`.
+
+    Raises
+    ------
+    ValueError : it is not JSON, or not an object or a list.
+    """
+    content = json.loads(line)
+    if not isinstance(content, dict | list):
+        raise ValueError("not an object")  # noqa: TRY004 - as json reports what is not JSON
+
+    def flat(inside: Any, label: str) -> Iterator[tuple[str, str]]:
+        if isinstance(inside, dict | list):
+            entries = inside.items() if isinstance(inside, dict) else enumerate(inside)
+            for name, value in entries:
+                yield from flat(value, f"{label}.{name}" if label else str(name))
+        else:
+            yield label, str(inside)
+
+    yield from flat(content, "")
 
 
 _FORMAT = re.compile(r"\s*rx8\s+(?:\[h=(?P<head>[^\]]*)\])?(?P<body>[^\[\]]*)(?:\[t=(?P<tail>[^\]]*)\])?\s*", re.I)

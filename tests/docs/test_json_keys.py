@@ -54,6 +54,7 @@ CASES = [
     ("strokes RUN", ["strokes", "RUN"]),
     ("fit FILE.csv --x COL --y COL --bands", ["fit", "TABLE", "--x", "x", "--y", "y", "--bands"]),
     ("metadata RUN", ["metadata", "RUN"]),
+    ("profile FILE", ["profile", "TABLE"]),
     ("config get", ["config", "get"]),
     pytest.param("certificate RUN --out FILE", ["certificate", "RUN", "--out", "FILE"], marks=pytest.mark.nightly),
     pytest.param("analyze RUN", ["analyze", "RUN", "--no-store"], marks=pytest.mark.nightly),

@@ -32,6 +32,7 @@ class Panel(StrEnum):
 
     CONNECT = "connect"
     PLAN = "plan"
+    PROFILE = "profile"
     PHOTOGRAPH = "photograph"
     REPORT = "report"
 

@@ -12,7 +12,9 @@ import pytest
 
 from boat_daq.engine.simulator.server import BoardServer
 from protocol.simulator.faults import FAULTS
+from protocol.text.profile import load_profile
 from tests.boat_daq.commands.calls import program
+from tests.protocol.text.firmwares import OUTPUTS
 
 BOARD = [sys.executable, "-m", "boat_daq", "board"]
 
@@ -69,3 +71,17 @@ def test_faults_are_listed():
     table = json.loads(program("board", "--list-faults", "--json").out)
     assert list(table) == list(FAULTS)
     assert all(kind.sentence in text for kind in FAULTS.values())
+
+
+def test_profile_is_proposed_from_a_file(tmp_path):
+    """The TOML is printed or written; what is only a guess is said; a file that is no table is refused."""
+    path, out = tmp_path / "printed.txt", tmp_path / "board.toml"
+    path.write_bytes(OUTPUTS["Arduino plotter without labels"])
+    done = program("profile", str(path), "--out", str(out), "--seconds", "0.6")
+    assert load_profile(out).rate_hz == pytest.approx(100, rel=0.05)
+    assert "a guess: a field without a label is pressure in kPa" in done.err
+    printed = json.loads(program("profile", str(path), "--json").out)
+    assert [field["guessed"] for field in printed["fields"]] == [True] * 3
+    path.write_text("no table\n" * 9, encoding="utf-8")
+    assert "fit most of the lines" in program("profile", str(path)).err
+    assert program("profile").code == 2

@@ -105,3 +105,22 @@ def test_other_file_is_refused(tmp_path: Path, content: bytes | None) -> None:
     with pytest.raises(ProfileError) as caught:
         load_profile(path)
     assert caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ('style = "xml"', "lines.style = 'xml'"),
+        ('style = "labels"\nassign = "=>"', "lines.assign = '=>'"),
+        ('style = "json"', "the label pressure is given twice"),
+        ("base = 8", "unknown key lines.base"),
+    ],
+)
+def test_unknown_style_of_lines_is_refused(line: str, message: str) -> None:
+    """A style, a sign or a label that cannot be read is named."""
+    fields = '["pressure", "s1_signal", { name = "flow", label = "pressure" }]'
+    text = f'name = "x"\nkind = "lines"\n[device]\nn_sensors = 1\nrate_hz = 10\n[lines]\n{line}\nfields = {fields}\n'
+    with pytest.raises(ProfileError, match=message):
+        load_profile(text)
+    with pytest.raises(ProfileError, match="has the base 8"):
+        load_profile(text.replace(line, "").replace('label = "pressure"', "base = 8"))

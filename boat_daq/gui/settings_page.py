@@ -23,7 +23,7 @@ from boat_daq.gui.widgets.layouts import Leaves, ReflowingPage
 from boat_daq.viewmodels.common.notices import sentence
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.conversion import UnitInUse
-from boat_daq.viewmodels.settings_model import PROGRAM, SettingsModel, note, refusal
+from boat_daq.viewmodels.settings_model import PROGRAM, SettingsModel, StoredValues, note, refusal
 
 EXPLANATION = "A value is stored when you leave its field. Undo: Ctrl+Z."
 LIMITS = "A plan outside these limits is refused, on virtual boards, too."
@@ -224,27 +224,28 @@ class SettingsPage(ReflowingPage):
             part.setVisible(is_unit)
         self.broken.hide()
         try:
-            texts, changes = self.model.texts(self.subject), self.model.changes(self.subject)
-            self.calibrations.setText(self.model.calibration_text(self.subject) if is_unit else "")
+            shown = self.model.shown(self.subject)
         except OperatorError as error:
-            texts, changes = {}, []
+            shown = StoredValues({}, ())
             self.broken.setText(f"\u25a0 {error.cause}. {error.remedy}")
             self.broken.show()
         self.leaves.setCurrentWidget(self.forms[is_unit])
-        self.leaves.setEnabled(bool(texts))
-        self.forms[is_unit].show_texts(texts)
+        self.calibrations.setText(shown.calibrations)
+        self.leaves.setVisible(bool(shown.texts))
+        self.forms[is_unit].show_texts(shown.texts)
         for button in (self.metadata, self.contributions, self.reset):
-            button.setEnabled(bool(texts))
+            button.setEnabled(bool(shown.texts))
         rows = self.forms[is_unit].rows
-        cells = [self._change_cells(change, rows) for change in changes]
-        tips = [f"{change.utc}: {' '.join(row[1:])}" for change, row in zip(changes, cells, strict=True)]
+        cells = [self._change_cells(change, rows) for change in shown.changes]
+        tips = [f"{change.utc}: {' '.join(row[1:])}" for change, row in zip(shown.changes, cells, strict=True)]
         self.changes.fill(cells or [("", NO_CHANGE, "")], tips or [""])
 
     @staticmethod
     def _change_cells(change: StoredChange, rows: Mapping[str, ValueRow]) -> tuple[str, str, str]:
-        label = rows[change.key].about.label if change.key in rows else change.key
-        values = f"{change.before or EMPTY} \u2192 {change.after or EMPTY}"
-        return change.utc[5:16].replace("T", " "), label, values
+        when = change.utc[5:16].replace("T", " ")
+        if change.key not in rows:
+            return when, change.key, change.after
+        return when, rows[change.key].about.label, f"{change.before or EMPTY} \u2192 {change.after or EMPTY}"
 
     def _store(self, key: str, text: str) -> None:
         self._attempt(lambda: self.model.enter(self.subject, {key: text}))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,16 @@ from boat_daq.viewmodels.results.metadata import MetadataModel
 from protocol.whole_file import write_whole
 
 PROGRAM = ""  # in place of the name of a unit
+CALIBRATION = "Calibration"  # in place of a key, for what changed
+
+
+@dataclass(frozen=True, slots=True)
+class StoredValues:
+    """What the page shows: texts by key, what changed when, newest first, and a unit's calibrations."""
+
+    texts: Mapping[str, str]
+    changes: tuple[StoredChange, ...]
+    calibrations: str = ""
 
 
 class SettingsModel:
@@ -79,32 +90,28 @@ class SettingsModel:
             return self._units.load(subject)
         return Settings() if self.refused is not None else load_settings(self._folder)
 
-    def texts(self, subject: str) -> dict[str, str]:
-        """Return the texts of what is stored, by key.
+    def shown(self, subject: str) -> StoredValues:
+        """Return what the page shows of a subject; its file is read once.
 
         Raises
         ------
         OperatorError : the file is refused.
         """
-        values = self.stored(subject)
-        return {key: text_of(getattr(values, key)) for key in described(values)}
-
-    def changes(self, subject: str) -> list[StoredChange]:
-        """Return what changed when, newest first."""
-        values = self.stored(subject)
-        if isinstance(values, Unit):
-            return list(reversed(values.changes))
-        return [] if self.refused is not None else list(reversed(stored_settings(self._folder)[1]))
+        if subject == PROGRAM:
+            settings, changes = (Settings(), ()) if self.refused is not None else stored_settings(self._folder)
+            return StoredValues(_all_texts(settings), changes[::-1])
+        unit = self._units.load(subject)
+        calibrations = (
+            StoredChange(entry.utc, CALIBRATION, "", entry.recording or "accepted" if entry.accepted else "withdrawn")
+            for entry in unit.history
+        )
+        changes = tuple(sorted((*unit.changes, *calibrations), key=lambda change: change.utc, reverse=True))
+        date = f"in force since {unit.calibration.utc[:10]}" if unit.calibration is not None else "none in force"
+        return StoredValues(_all_texts(unit), changes, f"{len(unit.history)} calibrations, {date}")
 
     def file(self, subject: str) -> Path:
         """Return the file of a subject."""
         return settings_path(self._folder) if subject == PROGRAM else self._units.folder / f"{subject}.toml"
-
-    def calibration_text(self, subject: str) -> str:
-        """Return how many calibrations a unit has, and which is in force."""
-        unit = self._units.load(subject)
-        date = f"in force since {unit.calibration.utc[:10]}" if unit.calibration is not None else "none in force"
-        return f"{len(unit.history)} calibrations, {date}"
 
     def metadata(self, unit: str) -> MetadataModel:
         """Return the form of what the unit's next recordings state."""
@@ -227,6 +234,10 @@ def _where(subject: str) -> str:
 
 def _is_unit(text: str) -> bool:
     return any(line.partition("=")[0].strip() == "min_kpa" for line in text.splitlines())
+
+
+def _all_texts(values: Settings | Unit) -> dict[str, str]:
+    return {key: text_of(getattr(values, key)) for key in described(values)}
 
 
 def _texts(before: Any, after: Any) -> dict[str, str]:

@@ -257,8 +257,9 @@ class LinkSupervisor:
         elif self._greeted is not None and not identifying:
             self._greet()
         elif self._greeted is None and up:
-            self.state, self._seeking = LinkState.UP, False
-            if self._usb is not None:
+            again, self._seeking = self._seeking, False
+            self.state = LinkState.UP
+            if self._usb is not None and not again:
                 self._connected(self._usb.usb_serial)
         elif self._greeted is None and no_samples is not None and waited_s > REFUSED_S:
             self._fail(*no_samples)

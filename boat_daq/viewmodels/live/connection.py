@@ -18,6 +18,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from boat_daq.engine.link.opening import PortIdentity, identify_known, listed_ports
+from boat_daq.engine.link.transports import list_ports
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
@@ -147,6 +148,12 @@ def meaning(variable: str) -> str:
     return next((entry for pattern, entry in _OTHERS if pattern.fullmatch(variable)), "")
 
 
+def _board_text(answer: PortIdentity) -> str:
+    """Return how a board that was used before is listed: by its identity, where it has answered."""
+    identity = f"\u25cf BOAT board {answer.hello.board_id}" if answer.hello is not None else "\u25cb board"
+    return f"{identity} of {answer.unit}"
+
+
 class VirtualBoardProcess:
     """A virtual board in its own process, started in the background; `url` is its port once it is ready."""
 
@@ -205,7 +212,7 @@ class ConnectionModel:
         self._preferences, self._units = preferences, units
         self.board: VirtualBoardProcess | None = None
         self.starting = False  # whether the virtual board is
-        self.boards: dict[str, str] = {}  # port -> identity from the board's hello
+        self.answers: list[PortIdentity] = []  # of the last query
         self._query: Background[list[PortIdentity]] = Background("ports")
 
     @property
@@ -220,10 +227,10 @@ class ConnectionModel:
 
     def ports(self) -> list[tuple[str, str]]:
         """Return the ports as (text, port), those of BOAT boards first, then the last one used."""
-        listed, last = listed_ports(self._units.boards()), self._preferences.get("port", "")
-        found = {p.port: f"board of {p.unit}" if p.unit else p.description for p in listed}
-        found |= {port: f"\u25cf BOAT board {board}" for port, board in self.boards.items() if port in found}
-        order = sorted(found, key=lambda port: (port not in self.boards, port != last, port))
+        found, last = {p.port: p.description for p in list_ports()}, self._preferences.get("port", "")
+        known = {a.port: a for a in self.answers if a.port in found and a.unit}
+        found |= {port: _board_text(answer) for port, answer in known.items()}
+        order = sorted(found, key=lambda port: (port not in known, port != last, port))
         return [(f"{port}   {found[port]}".strip(), port) for port in order]
 
     def query_boards(self) -> None:
@@ -232,13 +239,13 @@ class ConnectionModel:
         Other ports are not opened: they may be those of other instruments.
         """
         if not self._query.pending and self.session.snapshot().link is LinkState.CLOSED:
-            self._query.call(identify_known, listed_ports(self._units.boards()))
+            self._query.call(lambda: identify_known(listed_ports(self._units.boards())))
 
     def take_answers(self) -> bool:
         """Take the answers once they have arrived; return whether they have."""
         answers = self._query.take()
         if answers is not None:
-            self.boards = {answer.port: answer.hello.board_id for answer in answers if answer.hello is not None}
+            self.answers = answers
         return answers is not None
 
     def set_unit(self, unit: str) -> None:

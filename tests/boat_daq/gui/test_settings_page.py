@@ -60,11 +60,12 @@ def test_units_are_added_and_a_refused_one_shows_why(page, empty):
     file.write_text("name = 3\n")
     page.show_subject()
     assert not page.broken.isHidden() and "'min_kpa' is missing" in page.broken.text()
+    assert page.leaves.isHidden() and not page.reset.isEnabled()
     page.list.setCurrentRow(0)
     assert page.broken.isHidden()
     page.forms[False].rows["allow_remote"].field.setCurrentIndex(1)
     page.forms[False].rows["allow_remote"].field.activated.emit(1)
-    assert empty.model.settings.texts("")["allow_remote"] == "on"
+    assert empty.model.settings.shown("").texts["allow_remote"] == "on"
     assert file.read_text() == "name = 3\n"
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from boat_daq.engine.plan import load_plan
 from boat_daq.engine.session.session import Session
-from boat_daq.engine.settings import Settings, Unit, UnitLibrary, load_settings, save_settings
+from boat_daq.engine.settings import Settings, UnitLibrary, load_settings, save_settings
 from boat_daq.engine.simulator.server import BoardSettings
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
@@ -33,12 +33,12 @@ def test_values_are_stored_used_and_undone(model, tmp_path):
     model.enter(PROGRAM, {"rate_hz": "1000"})  # as stored: no second step
     assert load_settings(tmp_path).rate_hz == model._session.settings.rate_hz == 1000
     model.reset(PROGRAM)
-    assert model.texts(PROGRAM)["rate_hz"] == "100"
+    assert model.shown(PROGRAM).texts["rate_hz"] == "100"
     model._undo.undo()
     assert load_settings(tmp_path).rate_hz == model._session.settings.rate_hz == 1000
     model._undo.undo()
     assert load_settings(tmp_path) == Settings()
-    assert [(c.before, c.after) for c in model.changes(PROGRAM)][:2] == [("1000", "100"), ("100", "1000")]
+    assert [(c.before, c.after) for c in model.shown(PROGRAM).changes][:2] == [("1000", "100"), ("100", "1000")]
     assert not model._undo.done
     with pytest.raises(OperatorError, match="'baud' must be 300"):
         model.enter(PROGRAM, {"baud": "1"})
@@ -62,7 +62,7 @@ def test_plan_below_a_limit_entered_while_connected_is_refused(model):
         session.wait(lambda s: s.state is SessionState.RUNNING, 5.0)
         with pytest.raises(OperatorError, match="a run is in progress"):
             model.enter("SA1", {"min_kpa": "-25"})
-        assert model.texts("SA1")["min_kpa"] == "-40"
+        assert model.shown("SA1").texts["min_kpa"] == "-40"
         session.close()
 
 
@@ -75,7 +75,7 @@ def test_refused_settings_are_kept_until_others_are_stored(model, tmp_path):
     with pytest.raises(OperatorError) as refused:
         load_settings(tmp_path)
     model.refused = refused.value
-    assert model.texts(PROGRAM)["rate_hz"] == "100" and model.changes(PROGRAM) == []
+    assert model.shown(PROGRAM).texts["rate_hz"] == "100" and model.shown(PROGRAM).changes == ()
     assert path.read_text() == "rate_hz = 'fast'\n"
     model.enter(PROGRAM, {"operator": "Ada"})
     assert model.refused is None
@@ -94,9 +94,9 @@ def test_a_unit_and_settings_are_exported_and_imported(model, tmp_path):
     model.export(PROGRAM, tmp_path / "settings-of-the-rig.toml")
     model.enter("SA7", {"min_kpa": "-10"})
     assert model.import_(tmp_path / "SA7.toml") == "SA7"
-    assert model.texts("SA7")["min_kpa"] == "-25"
+    assert model.shown("SA7").texts["min_kpa"] == "-25"
     model._undo.undo()
-    assert model.texts("SA7")["min_kpa"] == "-10"
+    assert model.shown("SA7").texts["min_kpa"] == "-10"
     model.enter(PROGRAM, {"operator": "Ada"})
     assert model.import_(tmp_path / "settings-of-the-rig.toml") == PROGRAM
     assert load_settings(tmp_path).operator == ""
@@ -104,5 +104,6 @@ def test_a_unit_and_settings_are_exported_and_imported(model, tmp_path):
     with pytest.raises(OperatorError, match="'name' is missing"):
         model.import_(tmp_path / "bad.toml")
     assert model.subjects("SA1") == [("This program", PROGRAM), ("Unit SA1", "SA1"), ("Unit SA7", "SA7")]
-    model._units.save(Unit("SA9"))
+    model._units.add_calibration("SA9", {"b0": 1.5, "simulated": False}, recording="run.boat")
+    assert [(c.key, c.after) for c in model.shown("SA9").changes] == [("Calibration", "run.boat")]
     assert "Unit SA9" in dict(model.subjects(""))

@@ -9,6 +9,7 @@ from boat_daq.engine.link.opening import PortIdentity
 from boat_daq.engine.link.transports import PortInfo
 from boat_daq.engine.settings import Unit, UnitLibrary
 from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.viewmodels.live import connection
 from boat_daq.viewmodels.live.connection import ConnectionModel
 from tests.boat_daq.gui.recorded_session import idle
 
@@ -24,16 +25,16 @@ def test_panel_queries_only_boards_used_before(monkeypatch, tmp_path):
         return PortIdentity(port, description, hello, "")
 
     found = [PortInfo("/dev/ttyACM0", "thermometer", "T-1"), PortInfo("/dev/ttyACM1", "KitProg", "PSOC-7")]
-    monkeypatch.setattr(opening, "list_ports", lambda: found)
+    for module in (opening, connection):
+        monkeypatch.setattr(module, "list_ports", lambda: found)
     monkeypatch.setattr(opening, "identify_port", identify)
     model = ConnectionModel(SimpleNamespace(snapshot=idle), Preferences(tmp_path), units)
     try:
-        listed = model.ports()
-        assert listed[1] == ("/dev/ttyACM1   board of SA7", "/dev/ttyACM1")
+        assert model.ports()[1] == ("/dev/ttyACM1   KitProg", "/dev/ttyACM1")
         model.query_boards()
         while not model.take_answers():
             pass
         assert opened == ["/dev/ttyACM1"]
-        assert model.ports()[0] == ("/dev/ttyACM1   \u25cf BOAT board PSOC-7A", "/dev/ttyACM1")
+        assert model.ports()[0] == ("/dev/ttyACM1   \u25cf BOAT board PSOC-7A of SA7", "/dev/ttyACM1")
     finally:
         model.close()

@@ -56,7 +56,7 @@ MODULES: dict[str, tuple[str, ...]] = {  # the tests that reach most of a module
     "boat_daq/engine/control/interlock.py": (f"{_CONTROL}/test_interlock.py",),
     "boat_daq/engine/control/sequencer.py": tuple(f"{_CONTROL}/test_sequencer{a}.py" for a in ("", "_by_hand")),
     "protocol/link/connection.py": tuple(
-        f"{_LINK}/test_connection{aspect}.py" for aspect in ("_pending_commands", "", "_vectors")
+        f"{_LINK}/test_connection{aspect}.py" for aspect in ("_pending_commands", "_layout", "", "_vectors")
     ),
     "boat_daq/engine/recording/recorder.py": tuple(
         f"{_RECORDING}/test_{name}.py" for name in ("recorder", "recorder_disk", "recorder_names", "resumption")
@@ -235,11 +235,12 @@ def _spans(node: ast.stmt, line: int) -> bool:
 class Reach:
     """Pytest plugin that runs every test once and notes the lines it reaches, with its fixtures, and its time."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, module: str) -> None:
         import coverage
 
-        self._coverage = coverage.Coverage(data_file=None, config_file=False, include=[str(path)])
-        self._path = str(path)
+        self._module = sys.modules[_import_name(module)]
+        self._path = str(ROOT / module)
+        self._coverage = coverage.Coverage(data_file=None, config_file=False, include=[self._path])
         self._context = ""
         self.seconds: dict[str, float] = defaultdict(float)
         self.failed: list[str] = []
@@ -265,6 +266,9 @@ class Reach:
         self._coverage.start()
         for item, following in zip(session.items, [*session.items[1:], None], strict=True):
             self._switch(item.nodeid)
+            for function in vars(self._module).values():
+                if hasattr(function, "cache_clear"):  # what one test has had computed hides its lines from the next
+                    function.cache_clear()
             item.ihook.pytest_runtest_protocol(item=item, nextitem=following)
         self._coverage.stop()
         lines: dict[str, set[int]] = defaultdict(set)
@@ -320,7 +324,7 @@ class Runner:
         return True
 
     def _reach(self, session: pytest.Session) -> dict[str, tuple[float, set[int]]]:
-        plugin = Reach(self._path)
+        plugin = Reach(self._module)
         session.config.pluginmanager.register(plugin)
         return plugin.run(session)
 
@@ -351,8 +355,7 @@ class Runner:
             limit = int(_LEAST_CPU_S + 5 * seconds)
             resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
             self._stopping = True
-            name = self._module.removesuffix(".py").replace("/", ".")
-            replace_code(sys.modules[name], mutant.source)
+            replace_code(sys.modules[_import_name(self._module)], mutant.source)
             for item, following in zip(items, [*items[1:], None], strict=True):
                 item.ihook.pytest_runtest_protocol(item=item, nextitem=following)
             code = 0
@@ -373,6 +376,10 @@ def _in_fork(compute: Callable[[], Any]) -> Any:
         content = pipe.read()
     os.waitpid(pid, 0)
     return pickle.loads(content)
+
+
+def _import_name(module: str) -> str:
+    return module.removesuffix(".py").replace("/", ".")
 
 
 def _results_file(module: str) -> Path:

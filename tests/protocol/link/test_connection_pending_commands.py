@@ -359,3 +359,63 @@ def test_hello_that_nobody_asked_for_leaves_no_debt() -> None:
     assert pending.hellos_due == 1
     assert len(pending.identified(MS)) == 1
     assert pending.hellos_due == 0
+
+
+def test_caller_is_late_from_one_nanosecond_beyond_100_ms() -> None:
+    """At 100 ms after the last deadline the command is lost, a nanosecond later it has another window."""
+    for late_ns, lost in ((100_000_001, False), (100_000_000, True)):
+        rig = LinkRig()
+        rig.send(Heartbeat(5000), 0)
+        rig.poll(250)
+        rig.poll(500)
+        assert bool(rig.link.poll(750 * MS + late_ns)[0]) is lost
+
+
+def test_backlog_of_a_late_caller_is_waited_for_up_to_100_ms(rig: LinkRig) -> None:
+    """The last bytes were read before the deadline: 100 ms after it the answer may still wait in the port."""
+    seq = rig.send(Heartbeat(5000), 0)
+    rig.poll(250)
+    rig.poll(500)
+    assert rig.link.poll(850 * MS, 749 * MS) == ([], b"")
+    assert rig.poll(851) == ([], [])  # now the program is late itself
+    assert rig.poll(1101) == ([CommandLost(Heartbeat(5000), seq)], [])
+
+
+def test_command_that_is_not_due_holds_up_no_other(rig: LinkRig) -> None:
+    """The first was repeated and waits until 500 ms; the second is due at 350 ms."""
+    rig.send(Vent(), 0)
+    other = rig.send(SetLimits(-1, 1), 100)
+    rig.poll(250)
+    assert rig.poll(360) == ([], [(SetLimits(-1, 1), other)])
+
+
+def test_lost_command_holds_up_no_other(rig: LinkRig) -> None:
+    """One is late, one is waited for, one is lost: each on its own."""
+    first, second = rig.send(Vent(), 0), rig.send(SetLimits(-1, 1), 0)
+    for at_ms in (250, 500):
+        rig.poll(at_ms)
+    assert rig.poll(750) == ([CommandLost(Vent(), first), CommandLost(SetLimits(-1, 1), second)], [])
+
+
+def test_impossible_value_is_refused_while_it_would_wait(in_turn: LinkRig) -> None:
+    """At once, not when its turn comes; and a command that waits already waits once."""
+    in_turn.send(Heartbeat(500), 0)
+    with pytest.raises(LocalError):
+        in_turn.link.send(Start(70_000), 0)
+    assert [in_turn.link.send(Stop(), 0) for _ in range(2)] == [b"", b""]
+    in_turn.answer(MessageType.HEARTBEAT, 0, 1)
+    assert in_turn.poll(2) == ([], [(Stop(), 1)])
+    in_turn.answer(MessageType.STOP, 1, 3)
+    assert in_turn.poll(4) == ([], [])
+
+
+def test_superseded_command_is_lost_only_where_nothing_was_answered_since() -> None:
+    """An answer at the very instant it was sent counts."""
+    for answered_ms, lost in ((None, True), (0, False)):
+        rig = LinkRig()
+        old = rig.send(SetPressure(1, 0), 0)
+        new = rig.send(SetPressure(2, 0), 0)
+        if answered_ms is not None:
+            rig.answer(MessageType.SET_PRESSURE, new, answered_ms)
+        events = [event for at_ms in (250, 500, 750) for event in rig.poll(at_ms)[0]]
+        assert (CommandLost(SetPressure(1, 0), old) in events) is lost

@@ -195,11 +195,12 @@ def test_vented_time_counts_from_the_first_low_sample_of_a_block() -> None:
 def test_vent_that_does_not_end_is_reported_after_a_minute() -> None:
     """At 60 s not yet; behind it an error with the pressure, and ABORTED without a second ending."""
     sequencer = started()
+    at(sequencer, 3.0, 30.0)
     sequencer.stop()
     sequencer.take()
-    at(sequencer, 61.0, 30.0)
+    at(sequencer, 63.0, 30.0)
     assert (sequencer.state, sequencer.take()) == (SessionState.FINISHING, [])
-    at(sequencer, 61.01, 30.0)
+    at(sequencer, 63.01, 30.0)
     changed, event, vent = sequencer.take()
     assert isinstance(changed, StepChanged) and (changed.mark.status, changed.new) == ("timeout", False)
     assert event == ControlEvent(
@@ -304,6 +305,7 @@ def test_reading_is_awaited_given_and_missed() -> None:
     sequencer.commanded()
     sequencer.feed(samples(50.0 - ramp_and_hold(45.0, 11.0), 8_000_000))
     (event,) = messages(sequencer.take())
+    assert sequencer.waiting() is None
     assert (event.kind, event.text, event.level) == (
         MessageKind.READING_MISSING, "no reading at +5 kPa, cycle 1", "warning",
     )  # fmt: skip
@@ -312,3 +314,40 @@ def test_reading_is_awaited_given_and_missed() -> None:
     pace = sorted(sequencer._paces)[0] / 2 + sorted(sequencer._paces)[1] / 2
     left_s = 3 * STAIRS.step_duration_s(5.0, -40.0) + STAIRS.cycle_duration_s
     assert progress(sequencer).time_left_s == pytest.approx(pace * left_s + 7 * sequencer._waits_s[1])
+
+
+def test_start_before_the_first_sample() -> None:
+    """Time and pressure are 0 until the board has sent some."""
+    sequencer = Sequencer()
+    sequencer.arm(TURNS)
+    sequencer.start()
+    assert sequencer.marks[0].started_us == 0
+    assert (progress(sequencer).time_left_s, progress(sequencer).elapsed_s) == (46.0, 0.0)
+
+
+def test_step_without_a_way_or_a_hold_gives_no_pace() -> None:
+    """The unit is at 50 kPa already, and nothing is held: 0 s planned."""
+    plan = dataclasses.replace(TURNS, min_dwell_s=0.0)
+    sequencer = Sequencer()
+    at(sequencer, 1.0, 50.0)
+    sequencer.arm(plan)
+    sequencer.start()
+    sequencer.commanded()
+    at(sequencer, 2.0, 50.0, 50.0)
+    assert sequencer.marks[0].status == "reached"
+    assert progress(sequencer).time_left_s == pytest.approx(36.0)
+
+
+def test_reading_given_ahead_is_waited_for_no_more() -> None:
+    """Given while the pressure still rises: 10 s less are left; the next plateau asks with its own number."""
+    sequencer = started(STAIRS, wait_for_reading=True)
+    before_s = progress(sequencer).time_left_s
+    sequencer.reading_given(1)
+    assert progress(sequencer).time_left_s == pytest.approx(before_s - 10.0)
+    sequencer.commanded()
+    sequencer.feed(samples(ramp_and_hold(50.0, 4.0), 1_010_000))
+    sequencer.commanded()
+    sequencer.feed(samples(50.0 - ramp_and_hold(45.0, 4.0), 8_000_000))
+    waiting = sequencer.waiting()
+    assert waiting is not None
+    assert (waiting.step_id, waiting.cycle, waiting.branch, waiting.target_kpa) == (2, 1, "unloading", 5.0)

@@ -59,7 +59,8 @@ MODULES: dict[str, tuple[str, ...]] = {  # the tests that reach most of a module
         f"{_LINK}/test_connection{aspect}.py" for aspect in ("_pending_commands", "_layout", "", "_vectors")
     ),
     "boat_daq/engine/recording/recorder.py": tuple(
-        f"{_RECORDING}/test_{name}.py" for name in ("recorder", "recorder_disk", "recorder_names", "resumption")
+        f"{_RECORDING}/test_{name}.py"
+        for name in ("recorder", "recorder_waiting", "recorder_disk", "recorder_names", "resumption")
     ),
 }
 _COMPARISONS = {  # one relation that moves the border, one that turns it round

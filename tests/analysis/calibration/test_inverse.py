@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from analysis import AnalysisError, Fusion, Inverse, fit_calibration
 from analysis.calibration.adequacy import expanded
+from analysis.calibration.fit import fit_by_branch
 from analysis.calibration.inverse import NODES, U_NODES, _uncertainty, signal_at
 from tests.analysis.boat_builder import PAPER
 
@@ -255,3 +256,36 @@ def test_residuals_of_the_same_points_correlate_by_what_raises_x() -> None:
     assert Fusion.of([rising, rising]).correlation[0, 1] == pytest.approx(1.0)
     other = fit_calibration(X[:40], rising.y[:40])
     np.testing.assert_array_equal(Fusion.of([rising, other]).correlation, np.eye(2))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_spline_is_kept_piece_by_piece(sign: float) -> None:
+    """A monotone spline with knots: the pieces are its very values, and x -> mV -> x closes across every knot."""
+    mm = np.linspace(-2.7, 3.8, 37)
+    x, y = np.tile(mm, 2), sign * np.tile(1500.0 + 200.0 * np.tanh(mm - 0.4), 2)
+    calibration = fit_by_branch(x, y, "spline", positions=np.tile(np.arange(37), 2), branch=np.repeat([0, 1], 37))
+    assert calibration.spline is not None and len(calibration.spline.knots) > 2
+    inverse = Inverse.of(calibration)
+    low, high = calibration.x_range
+    u = np.linspace(-1.0, 1.0, 301)
+    at = low + 0.5 * (high - low) * (u + 1.0)
+    assert signal_at(u, inverse.starts, inverse.powers) == pytest.approx(calibration.predict(at), abs=1e-8)
+    assert inverse(calibration.predict(at)) == pytest.approx(at, abs=1e-9)
+
+
+def test_readings_count_only_where_they_are_stated() -> None:
+    """Without `reading_sd` the shared part is that of a reading without error; with 0.1 mm it is larger."""
+    calibration = fitted()
+    plain, none, some = (Inverse.of(calibration, **given) for given in ({}, {"reading_sd": 0.0}, {"reading_sd": 0.1}))
+    np.testing.assert_array_equal(plain.shared_mm, none.shared_mm)
+    assert (some.shared_mm > 1.1 * plain.shared_mm).all()
+
+
+@pytest.mark.parametrize("slope", [-25.0, 25.0])
+def test_ends_themselves_are_inside(slope: float) -> None:
+    """To the rounding of the signal, clamped or not; a signal that is not known stays so."""
+    inverse = straight(slope)
+    ends = 1500.0 + slope * np.array([-2.0, 4.0])
+    for clamp in (False, True):
+        assert inverse(ends, clamp=clamp) == pytest.approx([-2.0, 4.0])
+        assert np.isnan(inverse(np.nan, clamp=clamp))

@@ -15,6 +15,7 @@ from analysis.figures import sensor_figures as metrics
 from analysis.figures.figure import Figure, Reason
 from analysis.figures.sensor_figures import CurveDraws
 from analysis.segmentation.loops import LoopWidth
+from analysis.statistics import bootstrap_interval
 
 WEIGHTS = np.array([[1.0, 1.0, 1.0], [3.0, 0.0, 0.0], [0.0, 2.0, 1.0], [1.0, 0.0, 2.0]])
 
@@ -194,6 +195,7 @@ def test_drift_is_the_slope_of_all_levels_over_the_cycles() -> None:
     assert metrics.drift(loops_of(signal[:, :2]), 0, 150.0).reason is Reason.FEW_CYCLES
     assert metrics.drift(loops_of(base[:, :3]), 0, 150.0).value == pytest.approx(0.0, abs=1e-9)
     assert metrics.drift(loops_of(signal), 0, 0.0).reason is Reason.NO_FULL_SCALE
+    assert metrics.drift(loops_of(base + 0.001 * np.arange(4.0)[:, None]), 0, 0.5).value == pytest.approx(20.0)
     nowhere = loops_of(signal, own=np.zeros(signal.shape, bool))
     assert metrics.drift(nowhere, 0, 150.0).reason is Reason.NO_COMMON_LEVEL
 
@@ -229,6 +231,8 @@ def test_pooled_and_worst_of_resamples() -> None:
 def test_pressure_figures_of_a_parabola() -> None:
     """0, 60, 150 mV at -40, 0, 40 kPa: span 150, off its line by 10 mV in the middle: 6.67 %."""
     signal = np.broadcast_to(np.array([0.0, 60.0, 150.0]), (2, 3, 3)) + np.array([-1.0, 1.0])[:, None, None]
+    lifted = signal + 1000.0 + np.array([0.0, 1.0, 5.0])[:, None] * [1.0, 1.0, 1.0]  # a lift of all levels is no span
+    assert metrics.pressure_full_scale(loops_of(lifted), 0, WEIGHTS).high == pytest.approx(150.0)
     span = metrics.pressure_full_scale(loops_of(signal), 0, WEIGHTS)
     assert (span.value, span.low, span.high) == pytest.approx((150.0, 150.0, 150.0))
     found = metrics.pressure_nonlinearity(loops_of(signal), 0, 150.0, WEIGHTS)
@@ -266,6 +270,19 @@ def test_noise_that_agrees_by_chance_has_the_interval_of_its_samples() -> None:
     assert (rounding.value, rounding.reason) == (math.inf, Reason.NO_NOISE)
     empty = tuple(part[:0] for part in noise_parts(1.0, 1.0, 1.0))
     assert {one.reason for one in metrics.noise_and_snr(empty, (), 100.0, WEIGHTS)} == {Reason.NO_SAMPLES}
+
+
+def test_interval_of_the_noise_is_that_of_the_cycles_drawn() -> None:
+    """Cycles of 0.6, 1 and 1.4 mV: each resample has the rms of its cycles; none drawn gives no interval."""
+    parts = noise_parts(18.0, 50.0, 98.0)
+    noise, _ = metrics.noise_and_snr(parts, (1, 2, 3), 100.0, WEIGHTS)
+    drawn = np.sqrt(WEIGHTS @ parts[0] / (WEIGHTS @ parts[1]))
+    value = math.sqrt(166.0 / 150.0)
+    low, high = bootstrap_interval(value, drawn, 3, positive=True)
+    assert (noise.value, noise.low, noise.high) == pytest.approx((value, low, high))
+    alone, snr = metrics.noise_and_snr(parts, (), 100.0, np.ones((4, 0)))
+    assert (alone.value, snr.value) == pytest.approx((value, 20.0 * math.log10(100.0 / value)))
+    assert math.isnan(alone.low)
 
 
 def test_noise_of_a_staircase_takes_the_plateaus_that_count() -> None:

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy import signal, stats
+from scipy.optimize import brentq
 
 from analysis import AnalysisError, Options, Recording, analyse
 from analysis.calibration.adequacy import expanded
@@ -22,6 +23,8 @@ from analysis.figures.uncertainty import (
     curve_candidates_of,
     elongation_budget,
     elongation_reader,
+    elongation_uncertainty,
+    middle_budgets,
     signal_parts,
 )
 from analysis.numbers import finite
@@ -118,6 +121,7 @@ def test_spread_between_runs_enters_the_budget(tmp_path: Path) -> None:
     alone, among = (elongation_budget(runs[0], 0.5, runs=part)[0] for part in ((), runs))
     assert not next(c for c in alone.components if c.name == "reproducibility").assessed
     found = next(c for c in among.components if c.name == "reproducibility")
+    assert found.source == "between 3 runs, less fit"
     slope = float(np.polynomial.Polynomial(PAPER[0]).deriv()(0.5))
     assert found.contribution == pytest.approx(np.std(offsets, ddof=1) / slope, rel=0.05)
     assert found.dof == 2
@@ -274,6 +278,9 @@ def test_signal_parts_by_hand() -> None:
     assert (parts.hysteresis, parts.ambient) == (0.0, 0.0)
     assert parts.independent == pytest.approx(1.5)
     assert parts.shared == pytest.approx(np.sqrt(1.25**2 - 0.2**2))
+    continuous = a_run()
+    continuous.plateaus = []
+    assert signal_parts(continuous, 0).repeatability == pytest.approx(np.sqrt(1.25**2 - drift**2))
 
 
 @pytest.mark.parametrize("lacks", ["lit", "vref_mv", "adc_bits"])
@@ -342,6 +349,83 @@ def test_ambient_light_is_found_through_the_noise_of_the_dark_readings() -> None
         assert found == pytest.approx(abs(left - 0.01) * 20.0 if light_sd else 0.0, abs=0.08)
 
 
+def lit_run(dark: np.ndarray, signal: np.ndarray, *plateaus: tuple[int, int, str]) -> SimpleNamespace:
+    """Return a run with dark readings and plateaus: first and last row, and whether it is damaged."""
+    run = a_run()
+    run.recording.dark, run.recording.signal_mv = dark[:, None], signal[:, None]
+    run.recording.usable = np.isfinite(signal)[:, None]
+    run.plateaus = [
+        SimpleNamespace(settled_first=first, last=last, damaged=(damaged,), signal_se_mv=(0.1,))
+        for first, last, damaged in plateaus
+    ]
+    return run
+
+
+def test_ambient_light_by_its_formula() -> None:
+    """cov(y_t, d_t+1) over the root of cov(d_t, d_t+1), of the plateaus that are whole, each about its own mean."""
+    wave, half = 10.0 * np.sin(np.arange(200) / 15.0), 100
+    dark, signal = 300.0 + wave, 1500.0 + 0.3 * wave + 0.2 * np.cos(np.arange(200) / 15.0)
+    signal[half:] += 7.0
+    parts = [
+        (dark[rows] - dark[rows].mean(), signal[rows] - signal[rows].mean()) for rows in (slice(half), slice(half, 200))
+    ]
+    with_light, of_light = (sum(float(p[k][:-1] @ p[0][1:]) for p in parts) / 200 for k in (1, 0))
+    run = lit_run(dark, signal, (0, 99, ""), (100, 199, ""))
+    assert signal_parts(run, 0).ambient == pytest.approx(with_light / np.sqrt(of_light))
+    wild = np.concatenate([signal, 1e4 * np.sin(np.arange(60.0)), [1.0, 2.0, 5.0]])
+    more = np.concatenate([dark, np.cos(np.arange(60.0)), [1.0, 9.0, 2.0]])
+    also = lit_run(more, wild, (0, 99, ""), (100, 199, ""), (200, 259, "gap"), (260, 262, ""))
+    assert signal_parts(also, 0).ambient == pytest.approx(with_light / np.sqrt(of_light))
+    assert signal_parts(lit_run(dark, signal), 0).ambient == 0.0
+    assert signal_parts(lit_run(0.0 * dark + 300.0, signal, (0, 199, "")), 0).ambient == 0.0
+
+
+@pytest.mark.parametrize(("light", "leak", "found"), [(3.3, 3.3, True), (2.7, 4.5, False), (9.0, 2.7, False)])
+def test_ambient_light_begins_at_three_times_its_scatter(light: float, leak: float, found: bool) -> None:
+    """Covariances of 400 samples, `light` and `leak` times the scatter that unrelated samples would have."""
+    n, rng = 400, np.random.default_rng(2)
+    pairs = rng.standard_normal((2, n))
+
+    def ratios(share: float, part: float) -> tuple[float, float]:
+        """Covariances over their scatter, of dark and of signal, with so much light in each."""
+        dark, signal = series(share, part)
+        d, y = dark - dark.mean(), signal - signal.mean()
+        return (
+            abs(d[:-1] @ d[1:]) / (d @ d) * np.sqrt(n), abs(y[:-1] @ d[1:]) / np.sqrt((y @ y) * (d @ d)) * np.sqrt(n),
+        )  # fmt: skip
+
+    def series(share: float, part: float) -> tuple[np.ndarray, np.ndarray]:
+        wave = np.sin(np.arange(n) / 9.0)
+        return 300.0 + pairs[0] + share * wave, 1500.0 + pairs[1] + part * wave
+
+    share = brentq(lambda s: ratios(s, 0.0)[0] - light, 0.05, 9.0)
+    part = brentq(lambda p: ratios(share, p)[1] - leak, 0.02, 90.0)
+    dark, signal = series(share, part)
+    assert (signal_parts(lit_run(dark, signal, (0, n - 1, "")), 0).ambient > 0.0) is found
+
+
+@pytest.mark.parametrize(("expanded_mm", "known"), [(0.25, 41 - 5), (9.0, 0)])
+def test_u_is_not_given_within_u_of_a_turn(monkeypatch: pytest.MonkeyPatch, expanded_mm: float, known: int) -> None:
+    """41 points, 0.125 mm apart, about a turn at 0.5 mm: five are within 0.25 mm of it, the borders too."""
+    curve = SimpleNamespace(
+        x_range=(-2.0, 3.0), turns_inside=(0.5,), monotone=False, adequacy=None, slope=lambda x: np.ones(np.shape(x))
+    )
+    stub = SimpleNamespace(calibration=curve, at=lambda _: SimpleNamespace(expanded=expanded_mm))
+    monkeypatch.setattr(BudgetOfSensor, "of", lambda *_: stub)
+    table, reason = elongation_uncertainty(SimpleNamespace(), 0)
+    assert table.shape == ((41, 2) if known else (0, 2))
+    assert np.isfinite(table[:, 1]).sum() == known
+    assert reason.startswith("the curve turns at 0.5 mm")
+
+
+def test_middle_budget_is_of_the_middle_of_the_range(monkeypatch: pytest.MonkeyPatch) -> None:
+    """-2 to 6 mm: 2 mm."""
+    monkeypatch.setattr("analysis.figures.uncertainty.elongation_budget", lambda *_, **__: ())
+    middle = middle_budgets(a_run(calibration=SimpleNamespace(x_range=(-2.0, 6.0))))
+    assert middle is not None and middle.x_mm == 2.0
+    assert middle_budgets(a_run()) is None
+
+
 @pytest.mark.parametrize(("dof", "inside"), [(np.inf, 0.954500), (1.0, 0.704833), (2.0, 2.0 / 6.0**0.5)])
 def test_coverage_of_twice_u_by_the_degrees_of_freedom(dof: float, inside: float) -> None:
     """The normal's 95.45 %; Student's with 1 and 2 in closed form: 2/pi arctan 2, and 2 / sqrt(2 + 4)."""
@@ -356,15 +440,15 @@ def test_a_budget_of_nothing_has_no_shares() -> None:
     assert "without a (75 % of" in combine([Component("a", 3.0**0.5), Component("b", 1.0)]).what_halves_it()
 
 
-PARTS = SignalParts(1.0, 2.0, 2.0, 2.0, 3.0, 6.0, noise_dof=50.0, repeatability_dof=18.0)
+PARTS = SignalParts(1.0, 4.0, 8.0, 2.0, 3.0, 6.0, noise_dof=50.0, repeatability_dof=18.0)
 
 
 def test_parts_add_in_squares() -> None:
-    """1, 2, 2 from sample to sample make 3; 2, 3, 6 that the curve leaves out make 7."""
-    assert (PARTS.independent, PARTS.shared) == (3.0, 7.0)
+    """1, 4, 8 from sample to sample make 9; 2, 3, 6 that the curve leaves out make 7."""
+    assert (PARTS.independent, PARTS.shared) == (9.0, 7.0)
 
 
-@pytest.mark.parametrize("away_mm", [0.0, 0.4])
+@pytest.mark.parametrize("away_mm", [0.0, 0.6])
 def test_budget_at_an_elongation_by_hand(away_mm: float) -> None:
     """Each part over 25 mV/mm; a deviation of the curve brings U to what covers it, GUM F.2.4.5."""
     adequacy = SimpleNamespace(deviation_in_x=lambda _: away_mm, verdict="doubtful")
@@ -375,8 +459,8 @@ def test_budget_at_an_elongation_by_hand(away_mm: float) -> None:
     budget = BudgetOfSensor(curve, (), PARTS, (), 4, counted=True).at(1.0)
     mm = {one.name: one.contribution for one in budget.components if one.assessed}
     of_signal = {
-        "reading": 0.25, "noise": 1.0, "repeatability": 2.0, "hysteresis": 6.0, "zero drift": 3.0, "resolution": 2.0,
-        "ambient residual": 2.0, "fit": 0.5,
+        "reading": 0.25, "noise": 1.0, "repeatability": 2.0, "hysteresis": 6.0, "zero drift": 3.0, "resolution": 4.0,
+        "ambient residual": 8.0, "fit": 0.5,
     }  # fmt: skip
     assert {name: mm[name] for name in of_signal} == pytest.approx({name: mv / 25.0 for name, mv in of_signal.items()})
     u = np.sqrt(sum(mv**2 for mv in of_signal.values())) / 25.0

@@ -142,12 +142,12 @@ def test_a_nearly_full_disk_is_reported_while_closing_is_possible(path, source, 
 
 
 def test_a_disk_that_takes_nothing_is_waited_for_with_up_to_128_mib(path, source):
-    """Blocks of 1 MiB count twice: 63 of them wait (decision 0017), the 64th is refused with a message."""
+    """Blocks of 0.5 MiB count twice: 127 of them wait (decision 0017), the next is refused with a message."""
     errors = []
     recorder = begin(path, source, on_error=errors.append)
     limit_pages(recorder, 1)
-    block = Block(0, bytes(2**20))
-    for _ in range(63):
+    block = Block(0, bytes(2**19))
+    for _ in range(127):
         recorder(block)
     assert recorder._refusing is None
     recorder(block)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 
 from analysis.arrays import FloatArray
-from analysis.compiled import inner
+from analysis.compiled import inner_fusing
 from analysis.optics.scene import geometry as table
 from analysis.optics.scene.frame import FREE, JUNCTION_START, NO_CELL, RECEIVER
 from analysis.optics.scene.geometry import C_LEFT, C_RIGHT, CELL_COLUMNS, SURFACE_COLUMNS, Geometry
@@ -22,7 +22,7 @@ from analysis.optics.scene.geometry import C_LEFT, C_RIGHT, CELL_COLUMNS, SURFAC
 _JOINT = 1e-9
 
 
-@inner
+@inner_fusing
 def root(b: float, c: float, k: float, slope: float) -> float:
     """Return the first t > 0 with k t^2 + 2 b t + c = 0 and slope's sign, or inf.
 
@@ -36,7 +36,7 @@ def root(b: float, c: float, k: float, slope: float) -> float:
     return t if 0.0 < t < math.inf else math.inf
 
 
-@inner
+@inner_fusing
 def _reach(table: FloatArray, i: int, px: float, py: float, dx: float, dy: float, slope: float, left: bool) -> float:
     """Return the distance along a ray to surface `i` within its extent, or inf."""
     r = i * SURFACE_COLUMNS
@@ -63,7 +63,7 @@ def _reach(table: FloatArray, i: int, px: float, py: float, dx: float, dy: float
     return t
 
 
-@inner
+@inner_fusing
 def _by_bvh(g: Geometry, px: float, py: float, dx: float, dy: float, last: int) -> tuple[float, int]:
     """Return the nearest of all surfaces from the air: distance and number, or (inf, -1)."""
     best, found, node, count = math.inf, -1, 0, g.bvh_nodes[0]
@@ -87,7 +87,7 @@ def _by_bvh(g: Geometry, px: float, py: float, dx: float, dy: float, last: int) 
     return best, found
 
 
-@inner
+@inner_fusing
 def _in_cavity(g: Geometry, px: float, py: float, dx: float, dy: float, cavity: int, last: int) -> tuple[float, int]:
     """Return the nearest wall or bottom of a cavity seen from inside it, or (inf, -1) through its mouth."""
     best, found, r = math.inf, -1, table.CAVITY_COLUMNS * cavity
@@ -101,7 +101,7 @@ def _in_cavity(g: Geometry, px: float, py: float, dx: float, dy: float, cavity: 
     return best, found
 
 
-@inner
+@inner_fusing
 def in_air(g: Geometry, px: float, py: float, dx: float, dy: float, last: int) -> tuple[float, int]:
     """Return the nearest surface in front of a ray in the air: distance and number, or (inf, -1).
 
@@ -119,7 +119,7 @@ def in_air(g: Geometry, px: float, py: float, dx: float, dy: float, last: int) -
     return _by_bvh(g, px, py, dx, dy, last)
 
 
-@inner
+@inner_fusing
 def _in_junction(
     g: Geometry, px: float, py: float, dx: float, dy: float, junction: int, last: int
 ) -> tuple[float, int, int]:
@@ -145,7 +145,7 @@ def _in_junction(
     return best, found, cell
 
 
-@inner
+@inner_fusing
 def _at_edge(
     g: Geometry, px: float, py: float, dx: float, dy: float, cell: int, last: int, forward: bool
 ) -> tuple[float, int]:
@@ -174,7 +174,7 @@ def _at_edge(
     return t, side
 
 
-@inner
+@inner_fusing
 def in_resin(g: Geometry, px: float, py: float, dx: float, dy: float, cell: int, last: int) -> tuple[float, int]:
     """Return the first surface that a ray in the resin meets, from cell to cell: distance and number, or (inf, -1).
 

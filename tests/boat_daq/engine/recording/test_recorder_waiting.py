@@ -12,7 +12,7 @@ import pytest
 
 from boat_daq.engine.link.reader import Block
 from boat_daq.engine.recording import recorder as recorder_module
-from boat_daq.engine.recording.recorder import COMMIT_S, LATENCIES_KEPT, Recorder
+from boat_daq.engine.recording.recorder import COMMIT_S, Recorder
 from boat_daq.engine.recording.resumption import RESUMED
 from boat_daq.errors import StorageError
 from protocol.recording import RunEnd
@@ -64,18 +64,15 @@ def test_block_from_ahead_of_the_clock_has_no_age(idle: Recorder) -> None:
     [((), 0, 100.0), ((30.0,), 0, 130.0), ((20.0, 150.0), 0, 300.0), ((150.0, 20.0), 0, 300.0), ((30.0,), 900, 900.0)],
 )
 def test_cost_of_a_crash(path, source, clock, monkeypatch, commits_ms, waits_ms, cost_ms) -> None:
-    """The interval of 100 ms, or a commit as slow, and the slowest commit; what waits where that is more."""
+    """The interval of 100 ms, or a commit as slow, and the slowest of ten seconds; what waits where that is more."""
     recorder = Recorder(path, meta_of(source.link))
+    assert recorder._latencies_ms.maxlen == round(10.0 / COMMIT_S)
+    assert recorder._thread.daemon  # a program that ends without closing it is not held up
     monkeypatch.setattr(recorder._file, "commit", lambda _: None)
     recorder._latencies_ms.extend(commits_ms)
     recorder._oldest_ns = NOW_NS - 1_000_000 * waits_ms if waits_ms else None
     assert recorder.at_risk_ms == pytest.approx(cost_ms)
     recorder.close(RunEnd.STOPPED)
-
-
-def test_slowest_commit_is_that_of_ten_seconds() -> None:
-    """As many commits are kept as fit."""
-    assert pytest.approx(10.0) == LATENCIES_KEPT * COMMIT_S
 
 
 def test_latency_of_a_commit_is_measured_in_ms(path, source, monkeypatch) -> None:
@@ -111,17 +108,17 @@ def gate(path, source, clock, monkeypatch) -> Iterator[tuple[Recorder, threading
 def test_age_during_a_commit_is_that_of_its_first(gate) -> None:
     """A commit that hangs keeps the age of what it writes; the next one that of the first that came meanwhile."""
     recorder, may, begun = gate
-    recorder(Block(4_000_000_000, b"\0"))
+    recorder(Block(4_000_000_000, bytes(3)))
     wait_for(lambda: len(begun) == 1)
     assert recorder.lag_ms == 1000.0
-    recorder(Block(4_500_000_000, b"\0"))
-    recorder(Block(4_700_000_000, b"\0"))
+    recorder(Block(4_500_000_000, bytes(3)))
+    recorder(Block(4_700_000_000, bytes(3)))
     assert recorder.lag_ms == 1000.0
-    assert recorder._held_bytes == 3 * (2 + 400)
+    assert (recorder._held_bytes, recorder.queued) == (3 * (6 + 400), 2 + begun[0])
     may.release()
     wait_for(lambda: len(begun) == 2)
     assert recorder.lag_ms == 500.0
-    assert recorder._held_bytes == 2 * (2 + 400)
+    assert recorder._held_bytes == 2 * (6 + 400)
     may.release()
     assert recorder.flush()
     assert (recorder.lag_ms, recorder._held_bytes, recorder.queued) == (0.0, 0, 0)
@@ -142,20 +139,22 @@ def test_memory_counts_bytes_twice_and_400_a_block(idle: Recorder, monkeypatch, 
 
 
 def test_failed_commit_is_tried_again_after_a_while_and_when_closing(path, source, monkeypatch) -> None:
-    """Not at every interval: the disk is slow already."""
+    """A second later, not at every interval: the disk is slow already."""
     monkeypatch.setattr(recorder_module, "COMMIT_S", 0.002)
-    monkeypatch.setattr(recorder_module, "RETRY_S", 1e6)
     reported, tries = [], []
     recorder = begin(path, source, on_error=reported.append)
     assert recorder.flush()
 
     def fail(_) -> None:
-        tries.append(1)
+        tries.append(time.monotonic())
         raise StorageError("full", "")
 
     monkeypatch.setattr(recorder._file, "commit", fail)
     recorder(source.next())
     wait_for(lambda: bool(tries))
+    wait_for(lambda: recorder._next_try_s > 0)
+    assert recorder._next_try_s - tries[0] == pytest.approx(1.0, abs=0.5)
+    recorder._next_try_s += 1e6
     time.sleep(0.05)
     assert len(tries) == 1
     with pytest.raises(StorageError, match="full"):
@@ -181,6 +180,17 @@ def test_break_of_a_run_that_resumes_while_it_is_recorded(recorder, source, path
     assert [second[key] for key in keys] == ["again", None, 4, 5, 3, 5, 0]
     segments = rows(path, "SELECT id, reason, paused FROM segment ORDER BY id DESC LIMIT 2")
     assert segments == [(second["first_segment"], RESUMED, 0), (first["first_segment"], RESUMED, 0)]
+
+
+def test_recording_that_was_opened_to_be_resumed_has_its_break(recorder, source, path) -> None:
+    """It is kept once: the first that is reported is that one, the second another."""
+    recorder._break_kept = True
+    for cause in ("the one that is kept", "another"):
+        recorder(source.next())
+        recorder.run_resumed(cause, first_cycle=2, complete_cycles=1)
+    assert recorder.flush()
+    ((text,),) = rows(path, "SELECT value FROM session WHERE key = 'resumptions'")
+    assert [entry["cause"] for entry in json.loads(text)] == ["another"]
 
 
 def test_segment_is_not_of_a_pause_unless_stated(recorder, source, path) -> None:

@@ -105,7 +105,7 @@ class SettingsModel:
             StoredChange(entry.utc, CALIBRATION, "", entry.recording or "accepted" if entry.accepted else "withdrawn")
             for entry in unit.history
         )
-        changes = tuple(sorted((*unit.changes, *calibrations), key=lambda change: change.utc, reverse=True))
+        changes = tuple(sorted((*unit.changes, *calibrations), key=lambda change: change.utc))[::-1]
         date = f"in force since {unit.calibration.utc[:10]}" if unit.calibration is not None else "none in force"
         return StoredValues(_all_texts(unit), changes, f"{len(unit.history)} calibrations, {date}")
 

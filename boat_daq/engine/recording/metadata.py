@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,7 @@ from protocol.recording.metadata import MOST
 from protocol.whole_file import write_whole
 
 REQUEST_S = 5.0  # for the program that records, which looks once a second
+COMMITTED_S = 1.0  # then, for its next commit
 POLL_S = 0.05
 
 
@@ -102,12 +103,10 @@ def _request(path: Path, metadata: Metadata) -> None:
     ------
     StorageError : they cannot be left there, or are not taken.
     """
-    request, end_s = _request_path(path), time.monotonic() + REQUEST_S
+    request = _request_path(path)
     try:
         write_whole(request, json.dumps(metadata.as_json()))
-        while read_metadata(path) != metadata and time.monotonic() < end_s:
-            time.sleep(POLL_S)
-        taken = not request.exists()
+        taken = _holds(lambda: not request.exists(), REQUEST_S)
         request.unlink(missing_ok=True)
     except OSError as error:
         raise StorageError(
@@ -116,6 +115,15 @@ def _request(path: Path, metadata: Metadata) -> None:
     if not taken:
         cause = f"the program that records {path.name} does not take metadata"
         raise StorageError(cause, "State them there, or when the recording is closed.")
+    _holds(lambda: read_metadata(path) == metadata, COMMITTED_S)
+
+
+def _holds(condition: Callable[[], bool], timeout_s: float) -> bool:
+    """Return whether a condition holds before the time is over."""
+    end_s = time.monotonic() + timeout_s
+    while not (met := condition()) and time.monotonic() < end_s:
+        time.sleep(POLL_S)
+    return met
 
 
 def _request_path(path: Path) -> Path:

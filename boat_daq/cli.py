@@ -17,7 +17,7 @@ from typing import Annotated
 import typer
 
 import boat_daq
-from boat_daq.commands import configuration, demo, optics, reproduce, shadow
+from boat_daq.commands import configuration, demo, optics, reproduce, shadow, twin
 from boat_daq.commands.console import emit_error, show
 from boat_daq.errors import cause_and_remedy
 
@@ -69,6 +69,7 @@ GROUPS = (
     ("unit", configuration.unit),
     ("optics", optics.app),
     ("shadow", shadow.app),
+    ("twin", twin.app),
     ("reproduce", reproduce.app),
 )
 for name, group in GROUPS:

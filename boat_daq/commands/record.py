@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def record(
     port: Annotated[str, typer.Option(help="Serial port, pty, socket://HOST:PORT or replay:FILE[@SPEED].")],
     profile: Annotated[Path | None, typer.Option(help="Text profile (TOML) of other firmware.")] = None,
-    plan: Annotated[str | None, typer.Option(help="calibration, repeatability, or the TOML file of a plan.")] = None,
+    plan: Annotated[str | None, typer.Option(help="calibration, repeatability, step-test, ... or a TOML file.")] = None,
     cycles: Annotated[int | None, typer.Option(help="Cycles, in place of the plan's.", min=1)] = None,
     dwell: Annotated[float | None, typer.Option(help="Shortest hold, s, in place of the plan's.", min=0)] = None,
     ramp: Annotated[float | None, typer.Option(help="Ramp, kPa/s, in place of the plan's.", min=0.01)] = None,
@@ -43,6 +43,12 @@ def record(
     allow_remote: Annotated[
         bool, typer.Option("--allow-remote", help="Allow socket://HOST:PORT on another computer.")
     ] = False,
+    hold: Annotated[
+        bool, typer.Option("--hold", help="Plan in mm: hold the pressure where the control stops; default: vent.")
+    ] = False,
+    max_u: Annotated[
+        float | None, typer.Option(min=0.001, metavar="MM", help="Plan in mm: U of the elongation that stops it.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Record a session: with a plan its pressure sequence is run, without one the samples are only recorded.
@@ -71,6 +77,8 @@ def record(
         metadata={"operator": operator, "unit": unit, "note": note, **stated(set_values, template)},
         allow_remote=allow_remote,
         derived=parse_lines("\n".join(derive)) if derive else None,
+        hold=hold,
+        max_u_mm=max_u,
     )
     if resume is not None:
         request = resumed(request, broken_run(resume, plan, changes, unit=unit))

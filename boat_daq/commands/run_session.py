@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from boat_daq.commands.console import Advance, notify, progress_bar
+from boat_daq.engine.control.elongation import Regulator
 from boat_daq.engine.log import start_log
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.recording.resumption import BrokenRun
@@ -44,6 +45,8 @@ class SessionRequest:
     broken : the run to resume, in its own recording `path`; None begins one.
     allow_remote : whether a TCP port may be on another computer, even against the settings.
     derived : derived channels in place of the stored ones; None for those.
+    hold : of a plan in millimetres, keep the last pressure where the control ends by itself, in place of venting.
+    max_u_mm : of a plan in millimetres, the uncertainty (k = 2) of the elongation that ends the control.
     """
 
     port: str
@@ -57,6 +60,8 @@ class SessionRequest:
     broken: BrokenRun | None = None
     allow_remote: bool = False
     derived: tuple[DerivedChannel, ...] | None = None
+    hold: bool = False
+    max_u_mm: float | None = None
 
 
 def run_session(request: SessionRequest, after_run: Callable[[Session], object] | None = None) -> tuple[Summary, str]:
@@ -94,7 +99,7 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
         if request.plan is not None:
             shown = clear_latched_fault(session, seen)
             vent_residual_pressure(session)
-            run_plan(session, request.plan, shown=shown, resume=request.broken is not None)
+            run_plan(session, request, shown=shown)
         else:
             listen(session, request.duration_s)
         if after_run is not None:
@@ -139,23 +144,40 @@ def vent_residual_pressure(session: Session) -> None:
     session.wait(lambda _: all(check.ok for check in session.preflight() if check.name == "zero"), VENTING_S)
 
 
-def run_plan(session: Session, plan: Plan, *, shown: int = 0, resume: bool = False) -> None:
-    """Arm and start a plan, and wait until it has ended.
+def run_plan(session: Session, request: SessionRequest, *, shown: int = 0) -> None:
+    """Arm and start the plan of a request, and wait until it has ended.
 
     Parameters
     ----------
     session : connected and recording.
-    plan : to run.
+    request : with a plan; where it resumes, at the next whole cycle of the interrupted run in this recording.
     shown : messages up to that number need not be printed.
-    resume : at the next whole cycle of the interrupted run in this recording.
     """
-    session.arm(plan, resume=resume)
+    plan = request.plan
+    assert plan is not None
+    regulator = session_regulator(session, request) if plan.controls_elongation else None
+    session.arm(plan, resume=request.broken is not None, regulator=regulator, hold=request.hold)
     session.start()
     for seen, advance in _snapshots(session, plan.name, shown):
         if seen.progress is not None:
             advance(seen.progress.elapsed_s, max(seen.progress.elapsed_s + seen.progress.time_left_s, 1e-9))
         if seen.state in ENDED or seen.link in (LinkState.LOST, LinkState.FAILED, LinkState.CLOSED):
             return
+
+
+def session_regulator(session: Session, request: SessionRequest) -> Regulator:
+    """Return the regulator of the unit that is mounted.
+
+    Raises
+    ------
+    OperatorError, AnalysisError : it has no accepted calibration, or is not identified.
+    """
+    from analysis.twin.controller import Bounds
+    from boat_daq.viewmodels.common.twin import regulator_of
+
+    units = session.units.of(simulated=session.snapshot().simulated)
+    bounds = Bounds() if request.max_u_mm is None else Bounds(u_mm=request.max_u_mm)
+    return regulator_of(units, request.unit, step_mv=session.mv_per_count, bounds=bounds)
 
 
 def listen(session: Session, duration_s: float | None) -> None:

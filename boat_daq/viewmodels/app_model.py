@@ -64,7 +64,9 @@ class AppModel:
         self.overlay = OverlayModel(lambda: session.ring, session.steps, self.live.time_of)
         self.shadow = ShadowLive(self.live, self.jobs)
         self.monitor = ShadowMonitor(lambda: self.shadow.model, self.overlay)
-        self.sequence = SequenceModel(session, self.undo, self.preferences)
+        self.sequence = SequenceModel(
+            session, self.undo, self.preferences, lambda: self.unit.regulator(self.snapshot, session.mv_per_count)
+        )  # fmt: skip
         self.readings = ReadingsModel(session, self.undo, self.shadow.nominal_at)
         self.unit = UnitInUse(self.units, self.connection, self.live)
         self.runs = RunsModel(recordings, self.units, self.jobs, self.notices, self.undo, self._renamed)

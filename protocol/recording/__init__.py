@@ -36,3 +36,4 @@ from protocol.recording.schema import (
     sample_dtype,
     session_dtype,
 )
+from protocol.recording.segments import SEGMENT_KINDS, Segment

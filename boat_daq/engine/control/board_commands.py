@@ -417,7 +417,7 @@ class Preflight:
         OperatorError : it is outside them, or the link cannot command.
         """
         self.require_command()
-        for target_kpa in plan.extremes_kpa:
+        for target_kpa in reversed(plan.extremes_kpa):
             self._interlock.check(target_kpa, new_plan=True)
 
     def require_command(self) -> None:

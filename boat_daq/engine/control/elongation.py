@@ -170,7 +170,7 @@ class ElongationLoop:
 
         Parameters
         ----------
-        age_s : of the newest sample, in time of the board.
+        age_s : since samples last arrived. A virtual board that this computer is too busy for stops its clock too.
         """
         if age_s <= STALE_S:
             return None

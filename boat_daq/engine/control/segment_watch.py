@@ -8,13 +8,15 @@ the segment times out. Of one in millimetres the controller of the elongation wa
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from boat_daq.engine.plan import Plan, PlannedStep, Segment
+from boat_daq.engine.plan import Plan, PlannedStep
 from boat_daq.engine.sample_columns import Columns
 from boat_daq.engine.snapshot import Phase
+from protocol.recording import Segment
 
 LAG_S = 0.5  # how far a pressure may stay behind a setpoint that moves
 
@@ -97,7 +99,9 @@ class SegmentWatch:
 
     def detail(self) -> dict[str, Any]:
         """Return what is kept of the segment beside its times."""
-        kept = {"kind": self.segment.kind, f"target_{self._plan.quantity.lower()}": self.segment.target}
+        kept: dict[str, Any] = {
+            "segment": asdict(self.segment), "start": self._start, "quantity": self._plan.quantity
+        }  # fmt: skip
         if math.isfinite(self._extremes[0]):
             kept |= {"pressure_min_kpa": self._extremes[0], "pressure_max_kpa": self._extremes[1]}
         return kept | ({"reading_timed_out": True} if self.reading_timed_out else {})

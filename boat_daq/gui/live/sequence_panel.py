@@ -21,6 +21,7 @@ from boat_daq.viewmodels.live.sequence import (
     ENTRIES,
     SequenceModel,
     StaircaseDrawing,
+    elongation_text,
     limits_text,
     progress_text,
     state_text,
@@ -168,7 +169,7 @@ class PlanForm(QScrollArea):
         self.sequence, self.services = sequence, services
         self._revision = -1
         self.setWidgetResizable(True)
-        self.setAccessibleName("Plan, and manual pressure")
+        self.setAccessibleName("Plan, manual pressure and elongation")
         self.choice = widgets.choice("Plan", [(name, name) for name in sequence.plans], sequence.choose)
         self.fields = {entry.key: self._field(entry.key, entry.label, entry.help) for entry in ENTRIES}
         self.refused = widgets.label("", wrap=True, name="Why the entry is invalid")
@@ -193,7 +194,20 @@ class PlanForm(QScrollArea):
             widgets.form((("Target", self.target, "kPa"), ("Ramp", self.ramp, "kPa/s"))),
             widgets.row((self.limits, 1), self.set_button),
         )
-        layout = widgets.column(plan, manual, None, spacing=style.GAP)
+        self.mm = widgets.field("Target elongation in mm", "0", self._set_elongation, width=FIELD_WIDTH)
+        tip = "Controls the pressure so that the unit has this elongation"
+        self.elongation_button = widgets.button("Set elongation", self._set_elongation, tip=tip)
+        self.elongation = widgets.label("", "muted", wrap=True)
+        self.hold = QCheckBox("Hold the pressure if it stops")
+        self.hold.setToolTip("Where sensors disagree or the elongation does not follow; otherwise the unit is vented")
+        self.hold.toggled.connect(self._hold)
+        elongation, _ = widgets.card(
+            widgets.label("Manual elongation", "subtitle"),
+            widgets.form((("Target", self.mm, "mm"),)),
+            self.hold,
+            widgets.row((self.elongation, 1), self.elongation_button),
+        )
+        layout = widgets.column(plan, manual, elongation, None, spacing=style.GAP)
         self.setWidget(widgets.holder(layout))
         layout.setContentsMargins(0, style.GAP, style.STEP, 0)
 
@@ -236,6 +250,12 @@ class PlanForm(QScrollArea):
         """Save the plan to a file."""
         ask_save(self, self.services, self.sequence.plan.name, "toml", self.sequence.save)
 
+    def _set_elongation(self) -> None:
+        self.services.notices.attempt(lambda: self.sequence.set_elongation(self.mm.text()))
+
+    def _hold(self, hold: bool) -> None:
+        self.sequence.hold = hold
+
     def _set_pressure(self) -> None:
         self.services.notices.attempt(lambda: self.sequence.set_pressure(self.target.text(), self.ramp.text()))
 
@@ -245,7 +265,11 @@ class PlanForm(QScrollArea):
         idle = snapshot.progress is None or "arm" in model.allowed(snapshot) or not snapshot.can_command
         for field in (*self.fields.values(), self.choice, self.ask_readings):
             field.setEnabled(idle)
-        self.set_button.setEnabled("arm" in model.allowed(snapshot))
+        for button in (self.set_button, self.elongation_button):
+            button.setEnabled("arm" in model.allowed(snapshot))
+        self.hold.setEnabled(snapshot.elongation is None)
+        free = "Connect to a board to set an elongation." if snapshot.limits is None else "Not controlled"
+        widgets.set_text(self.elongation, elongation_text(snapshot) or free)
         widgets.set_text(self.limits, limits_text(snapshot.limits) or "Connect to a board to set a pressure.")
         if model.revision == self._revision:
             return

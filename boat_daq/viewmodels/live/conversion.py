@@ -16,28 +16,30 @@ from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.viewmodels.common.jobs import Background
 from boat_daq.viewmodels.common.reference import stored_inverse
+from boat_daq.viewmodels.common.twin import regulator_of
 from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.live_model import LiveElongation, LiveModel
 
 if TYPE_CHECKING:
     from analysis.calibration.inverse import Fusion
+    from analysis.twin.controller import ElongationController
 
 
 class Conversion:
     """mV -> mm of one unit: all sensors together, or each by itself."""
 
     def __init__(self, fusion: Fusion) -> None:
-        self._fusion = fusion
+        self.fusion = fusion
 
     def __call__(self, signal_mv: FloatArray) -> LiveElongation:
         """Return the elongation of [n, sensors] signals, sensors fused."""
-        found = self._fusion.evaluate(signal_mv)
+        found = self.fusion.evaluate(signal_mv)
         expanded = 2.0 * found.standard_uncertainty_mm
         return LiveElongation(found.elongation_mm, expanded, found.disagreement, found.beyond)
 
     def each(self, signal_mv: FloatArray) -> FloatArray:
         """Return the elongation by each sensor, [n, sensors] mm; NaN farther beyond its range than is read."""
-        each = (inverse.evaluate(signal_mv[:, i]) for i, inverse in enumerate(self._fusion.inverses))
+        each = (inverse.evaluate(signal_mv[:, i]) for i, inverse in enumerate(self.fusion.inverses))
         return np.column_stack([found.elongation_mm for found in each])
 
 
@@ -115,6 +117,21 @@ class UnitInUse:
         self.preparation.pending.clear()  # of another calibration
         if stored is not None:
             self.preparation.call(prepare, stored.content)
+
+    def regulator(self, snapshot: SessionSnapshot, step_mv: float) -> ElongationController:
+        """Return what controls the elongation of the unit on the bench.
+
+        Parameters
+        ----------
+        snapshot : of the session. step_mv : of the board's converter.
+
+        Raises
+        ------
+        OperatorError : it has no calibration in force, or is not identified. AnalysisError : its file is damaged.
+        """
+        fusion = self.conversion.fusion if self.conversion is not None else None
+        units = self._units.of(simulated=snapshot.simulated)
+        return regulator_of(units, self.name(snapshot), fusion=fusion, step_mv=step_mv)
 
     def close(self) -> None:
         """End the helper thread."""

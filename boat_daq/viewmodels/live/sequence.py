@@ -6,6 +6,7 @@ are one table over the states.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -15,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis.arrays import FloatArray
+from boat_daq.engine.control.elongation import Regulator
 from boat_daq.engine.plan import Plan, built_in_plans, plan_from_toml
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import Limits, Phase, SessionSnapshot, SessionState
@@ -68,7 +70,12 @@ BRANCH_WORDS = {"start": "opening", "unloading": "unloading", "loading": "loadin
 
 @lru_cache(maxsize=4)
 def staircase(plan: Plan) -> tuple[FloatArray, FloatArray]:
-    """Return time (s) and pressure (kPa) of a plan: the begin, then the estimated end of ramp and end of each step."""
+    """Return time (s) and pressure (kPa) of a plan: the begin, then the estimated end of ramp and end of each step.
+
+    Of a profile, points along its segments; of one in millimetres, elongations.
+    """
+    if plan.kind == "profile":
+        return _profile(plan)
     time_s, pressure = [0.0], [0.0]
     for step in plan.steps:
         begin, before = time_s[-1], pressure[-1]
@@ -77,6 +84,28 @@ def staircase(plan: Plan) -> tuple[FloatArray, FloatArray]:
         time_s += [begin + ramp, begin + whole]
         pressure += [step.target_kpa, step.target_kpa]
     return np.array(time_s), np.array(pressure)
+
+
+def _profile(plan: Plan) -> tuple[FloatArray, FloatArray]:
+    """Return times and values along the segments of a profile."""
+    begins, values, times = step_begins(plan), [0.0], [0.0]
+    for begin, step in zip(begins, plan.steps, strict=False):
+        assert step.segment is not None
+        moving, whole = step.segment.moving_s(step.start), step.segment.duration_s(step.start)
+        points = round(16 * step.segment.periods) + 2
+        at = [*np.linspace(0.0, moving, points).tolist(), whole]
+        times += [float(begin) + t for t in at]
+        values += [step.segment.at(t, step.start)[0] for t in at]
+    return np.array(times), np.array(values)
+
+
+@lru_cache(maxsize=4)
+def step_begins(plan: Plan) -> FloatArray:
+    """Return the estimated begin of each step of a plan, and the end of the last, s."""
+    if plan.kind != "profile":
+        return staircase(plan)[0][::2]
+    durations = [step.segment.duration_s(step.start) for step in plan.steps if step.segment is not None]
+    return np.concatenate([[0.0], np.cumsum(durations)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +133,9 @@ def drawing(plan: Plan, done_to_s: float, limits_kpa: tuple[float, float] | None
 def _undone(plan: Plan, limits_kpa: tuple[float, float] | None) -> StaircaseDrawing:
     """Return the staircase in the unit square, nothing done; cached while the plan is the same."""
     (time_s, pressure_kpa), edges = staircase(plan), limits_kpa or ()
-    low = min(float(pressure_kpa.min()), 0.0, *edges) - 4
-    high = max(float(pressure_kpa.max()), 0.0, *edges) + 4
+    margin = 0.3 if plan.controls_elongation else 4.0  # mm or kPa
+    low = min(float(pressure_kpa.min()), 0.0, *edges) - margin
+    high = max(float(pressure_kpa.max()), 0.0, *edges) + margin
     across = time_s / (float(time_s[-1]) or 1.0)
     line = tuple(zip(across.tolist(), ((pressure_kpa - low) / (high - low)).tolist(), strict=True))
     return StaircaseDrawing(line, (), tuple((edge - low) / (high - low) for edge in edges), -low / (high - low))
@@ -125,9 +155,17 @@ class SequenceModel:
     session : runs the plan.
     undo : takes the edits of the plan.
     preferences : keep the plan between starts; a stored one that is invalid is ignored.
+    regulator : makes what controls the elongation of the unit on the bench.
     """
 
-    def __init__(self, session: Session, undo: UndoHistory, preferences: Preferences) -> None:
+    def __init__(
+        self,
+        session: Session,
+        undo: UndoHistory,
+        preferences: Preferences,
+        regulator: Callable[[], Regulator | None] = lambda: None,
+    ) -> None:
+        self._regulator, self.hold = regulator, False  # whether a stop of the control holds the pressure
         self.session, self._undo, self._preferences = session, undo, preferences
         self.plans = built_in_plans()
         self.plan = self.plans["calibration"]
@@ -155,7 +193,8 @@ class SequenceModel:
     def drawing(self, snapshot: SessionSnapshot) -> StaircaseDrawing:
         """Return the staircase with limits and the done part of the run."""
         limits, plan = snapshot.limits, snapshot.plan or self.plan
-        return drawing(plan, done_s(plan, snapshot), (limits.min_kpa, limits.max_kpa) if limits else None)
+        shown = limits is not None and not plan.controls_elongation
+        return drawing(plan, done_s(plan, snapshot), (limits.min_kpa, limits.max_kpa) if limits and shown else None)
 
     def choose(self, name: str) -> None:
         """Select one of the plans by name."""
@@ -270,8 +309,10 @@ class SequenceModel:
         if plan is None and self.refused:
             cause = f"the plan is invalid: {next(iter(self.refused.values()))}"
             raise OperatorError(cause, "Correct the marked fields of the plan, then arm.")
-        waits = (self.wait_for_reading and self.plan.kind == "staircase") if plan is None else True
-        self.session.arm(plan or self.plan, wait_for_reading=waits, resume=resume)
+        waits = (self.wait_for_reading and self.plan.kind != "continuous") if plan is None else True
+        chosen = plan or self.plan
+        regulator = self._regulator() if chosen.controls_elongation else None
+        self.session.arm(chosen, wait_for_reading=waits, resume=resume, regulator=regulator, hold=self.hold)
         self._needs_readings = waits
 
     def set_pressure(self, text: str, ramp: str) -> None:
@@ -289,6 +330,34 @@ class SequenceModel:
                 f"{text!r} kPa at {ramp!r} kPa/s are not two numbers", "Type numbers, such as 20 and 5."
             ) from None
         self.session.set_pressure(target_kpa, ramp_kpa_per_s)
+
+
+    def set_elongation(self, text: str) -> None:
+        """Control the elongation: close the loop, or move its setpoint.
+
+        Raises
+        ------
+        OperatorError : not a number, or the unit cannot be controlled. BoatDaqError, AnalysisError : not now.
+        """
+        try:
+            mm = plain_number(text)
+        except ValueError:
+            raise OperatorError(f"{text!r} mm is not a number", "Type a number, such as 1.5.") from None
+        controlled = self.session.snapshot().elongation is not None
+        self.session.control_elongation(mm, None if controlled else self._regulator(), hold=self.hold)
+
+
+def elongation_text(snapshot: SessionSnapshot) -> str:
+    """Return the control of the elongation in a line; empty while it is not controlled."""
+    found = snapshot.elongation
+    if found is None:
+        return ""
+    measured = "not known" if math.isnan(found.elongation_mm) else f"{number(found.elongation_mm, 2, sign=True)} mm"
+    parts = [f"Setpoint {number(found.setpoint_mm, 2, sign=True)} mm, measured {measured}"]
+    if found.saturated:
+        parts.append("pressure at its limit or ramp")
+    parts += [f"sensor {sensor} lost" for sensor in found.lost]
+    return ", ".join(parts)
 
 
 def _in_terms_of_form(text: str) -> str:
@@ -318,7 +387,9 @@ def progress_text(snapshot: SessionSnapshot) -> str:
     if snapshot.state is SessionState.PAUSED:
         return f"{where}   {step}   {left}   will repeat this cycle"
     phase = PHASE_WORDS.get(progress.phase, progress.phase.value)
-    return f"{where}   {step}   {left}   {phase} at {target(progress.target_kpa)}"
+    mm = progress.target_mm
+    goal = target(progress.target_kpa) if mm is None else f"{number(mm, 2, sign=True)} mm"
+    return f"{where}   {step}   {left}   {phase} at {goal}"
 
 
 def done_s(plan: Plan, snapshot: SessionSnapshot) -> float:
@@ -326,7 +397,7 @@ def done_s(plan: Plan, snapshot: SessionSnapshot) -> float:
     progress = snapshot.progress
     if progress is None or not progress.step:
         return 0.0
-    edges = staircase(plan)[0][::2]  # begin of each step, and end of the last
+    edges = step_begins(plan)
     i = min(progress.step, edges.size - 1) - 1
     return float(min(edges[i] + progress.step_time_s, edges[i + 1]))
 

@@ -26,7 +26,7 @@ from analysis.numbers import decimals_for, finite
 from analysis.warning import WarningCode
 from boat_daq.engine.recording.rename import companions
 from boat_daq.engine.session.session import Session
-from boat_daq.engine.settings import StoredCalibration, UnitLibrary
+from boat_daq.engine.settings import StoredCalibration, Unit, UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, SUBSCRIPT, SUPERSCRIPT, count, duration, number, sensor_words
@@ -480,16 +480,8 @@ class CalibrationModel:
         if obstacle is not None or self.result is None:
             remedy = "See the warnings, and read or record what is missing."
             raise OperatorError(f"this calibration cannot be accepted: {obstacle}".rstrip("."), remedy)
-        content: dict[str, Any] = {
-            "sensors": [dict(s.fit.content) for s in self.result.sensors if s.fit is not None],
-            "simulated": self.result.simulated,
-            "cycles": self.result.cycles,
-            "recording_id": self.result.recording_id,
-            "curve": self.result.curve,
-            "posterior": [dict(p.content) for p in self.posterior],
-            "poor": list(self.out_of_tolerance()),
-        }
-        self._services.undo.push(Change("acceptance", *self._acceptance(self.result, finite(content))))
+        content = accepted_content(self.result, self.posterior)
+        self._services.undo.push(Change("acceptance", *self._acceptance(self.result, content)))
 
     def _acceptance(self, result: RunResult, content: dict[str, Any]) -> tuple[Callable[[], None], Callable[[], None]]:
         """Return acceptance and its reversal; both only add to the unit's history."""
@@ -529,6 +521,45 @@ def obstacle_to(result: RunResult | None) -> Obstacle | None:
         if not sensor.fit.content["fit"]["monotone"]:
             return Obstacle(f"{sensor.label}: the curve turns inside its range", TWO_ELONGATIONS)
     return None if result.sensors else Obstacle("The run has no sensor")
+
+
+def accepted_content(result: RunResult, posterior: Sequence[CurveBands] = ()) -> dict[str, Any]:
+    """Return what is stored with the unit when the calibration of a run is accepted."""
+    content = {
+        "sensors": [dict(s.fit.content) for s in result.sensors if s.fit is not None],
+        "simulated": result.simulated,
+        "cycles": result.cycles,
+        "recording_id": result.recording_id,
+        "curve": result.curve,
+        "posterior": [dict(p.content) for p in posterior],
+        "poor": list(missed_bounds(result, posterior)),
+    }
+    return dict(finite(content))
+
+
+def accept_run(path: Path, units: UnitLibrary, *, anyway: bool = False, operator: str = "") -> Unit:
+    """Analyse a run, put its calibration into force for its unit, and return the unit.
+
+    Parameters
+    ----------
+    path : of the recording. units : of either kind of board.
+    anyway : accept figures out of tolerance. operator : who accepts.
+
+    Raises
+    ------
+    OperatorError : it cannot be accepted, or is out of tolerance. AnalysisError : it cannot be read.
+    StorageError : the unit's file cannot be written.
+    """
+    result = analyse_run(str(path))
+    obstacle, missed = obstacle_to(result), missed_bounds(result)
+    if obstacle is not None or not result.unit:
+        cause = obstacle.cause if obstacle is not None else "the recording names no unit"
+        raise OperatorError(f"this calibration cannot be accepted: {cause}", "record a calibration run of a named unit")
+    if missed and not anyway:
+        cause = f"this calibration is out of tolerance: {'. '.join(missed)}"
+        raise OperatorError(cause, "check its readings, or accept it as it is", command="add --anyway")
+    library = units.of(simulated=result.simulated)
+    return library.add_calibration(result.unit, accepted_content(result), recording=path.name, operator=operator)
 
 
 def readings_text(result: RunResult) -> str:

@@ -6,8 +6,9 @@ import math
 
 import pytest
 
-from boat_daq.engine.plan import Plan, Segment, plan_from_toml
+from boat_daq.engine.plan import Plan, plan_from_toml
 from boat_daq.errors import OperatorError
+from protocol.recording import Segment
 
 SEGMENTS = (
     Segment("step", 10.0, hold_s=2.0, reading=True),

@@ -8,10 +8,11 @@ import pytest
 from analysis.errors import RequestError
 from analysis.twin.controller import Bounds
 from boat_daq.engine.control.elongation import SLOW_ANSWERS
-from boat_daq.engine.plan import Plan, Segment
+from boat_daq.engine.plan import Plan
 from boat_daq.engine.snapshot import MessageKind, SessionState
 from boat_daq.errors import OperatorError
 from protocol.link.messages import SetPressure, Vent
+from protocol.recording import Segment
 from tests.analysis.twin_unit import regulator
 from tests.boat_daq.engine.controller_rig import QUICK, ControllerRig
 
@@ -64,7 +65,7 @@ def test_a_plan_in_millimetres_runs_to_its_end():
     rig.do(lambda: rig.control.arm(plan, regulator=regulator()), rig.control.start)
     assert rig.run(2.0, lambda: rig.state is SessionState.RUNNING)
     assert rig.run(8.0, lambda: rig.state is SessionState.FINISHING)
-    assert rig.marks[2].detail["target_mm"] == 1.0
+    assert rig.marks[2].detail["segment"]["target"] == 1.0
     assert rig.control.sequencer.ended.end == "finished"
     assert rig.control.loop is None
     assert rig.sent_of(Vent)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from boat_daq.engine.plan import Plan, Segment
+from boat_daq.engine.plan import Plan
 from boat_daq.engine.snapshot import MessageKind, Phase, SessionState
 from protocol.link.messages import SetPressure
+from protocol.recording import Segment
 from tests.boat_daq.engine.controller_rig import ControllerRig
 
 SINE = Segment("sine", 10.0, amplitude=8.0, frequency_hz=0.25, periods=1.0)
@@ -32,7 +33,7 @@ def test_ramp_moves_at_its_own_rate_and_marks_carry_the_segment():
     rig = ControllerRig().running(plan(Segment("ramp", 12.0, rate_per_s=3.0, hold_s=0.5)))
     assert rig.run(9.0, lambda: rig.state is not SessionState.RUNNING)
     mark = rig.marks[2]
-    assert (mark.status, mark.detail["kind"], mark.detail["target_kpa"]) == ("reached", "ramp", 12.0)
+    assert (mark.status, mark.detail["segment"]["kind"], mark.detail["quantity"]) == ("reached", "ramp", "kPa")
     assert (mark.ended_us - mark.started_us) / 1e6 == pytest.approx(4.5, abs=0.1)
 
 

@@ -1,0 +1,201 @@
+"""What a recorded run tells of the dynamics: its segments, their setpoints, and the elongation that followed them.
+
+A recording of a profile keeps each segment with its step; the setpoint is computed from it again. The elongation is
+that of the calibration in force, all sensors fused.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.calibration.inverse import Fusion
+from analysis.data.recording import Recording
+from analysis.errors import DataError
+from analysis.twin.controller import Tuning
+from analysis.twin.dynamics import BodePoint, DynamicFigure, Lag, bode_point, fit_lag, step_figures
+from analysis.twin.hysteresis import HysteresisModel, identify
+from protocol.recording import NOT_FOR_FIGURES, SampleFlag, Segment
+
+GRID_S = 0.01
+BEFORE_S = 0.3  # of rest before a step, whose mean is its begin
+LEAST_STEP_KPA = 3.0
+_NO_SIGNAL = int(NOT_FOR_FIGURES & ~SampleFlag.PRESSURE_INVALID)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedSegment:
+    """One segment of a run: what was wanted, and from when to when, s."""
+
+    segment: Segment
+    start: float
+    quantity: str
+    ramp_kpa_per_s: float
+    begin_s: float
+    end_s: float
+
+    def setpoint(self, time_s: FloatArray) -> FloatArray:
+        """Return the setpoint at times [n], in its quantity."""
+        return np.asarray([self.segment.at(t - self.begin_s, self.start)[0] for t in time_s.tolist()])
+
+
+def run_elongation(recording: Recording, fusion: Fusion) -> tuple[FloatArray, FloatArray]:
+    """Return the elongation of every sample [n] and its expanded uncertainty (k = 2), mm; NaN where unknown."""
+    usable = (recording.flags & _NO_SIGNAL) == 0
+    found = fusion.evaluate(np.where(usable[:, None], recording.signal_mv, np.nan))
+    return found.elongation_mm, 2.0 * found.standard_uncertainty_mm
+
+
+def recorded_segments(recording: Recording) -> tuple[RecordedSegment, ...]:
+    """Return the whole segments of a run.
+
+    Raises
+    ------
+    DataError : it has none.
+    """
+    found = []
+    row: Any
+    for row in recording.steps.itertuples():
+        detail: dict[str, Any] = json.loads(str(row.detail) or "{}")
+        if row.status != "reached" or "segment" not in detail:
+            continue
+        segment = Segment(**{k: v for k, v in detail["segment"].items() if k in Segment.__dataclass_fields__})
+        times = float(row.ramp_kpa_per_s), float(row.started_s), float(row.ended_s)
+        found.append(RecordedSegment(segment, float(detail["start"]), str(detail["quantity"]), *times))
+    if not found:
+        raise DataError("this run has no steps, ramps or sines", "Record one with the plan step-test or steps-mm.")
+    return tuple(found)
+
+
+def identify_run(recording: Recording, fusion: Fusion) -> HysteresisModel:
+    """Return the hysteresis of a run by its elongation.
+
+    Raises
+    ------
+    DataError : as `identify`.
+    """
+    return identify(recording.pressure_kpa, run_elongation(recording, fusion)[0])
+
+
+def tune_run(recording: Recording, fusion: Fusion, model: HysteresisModel) -> Tuning:
+    """Return the gains from a recorded step test: steps of pressure, all averaged after scaling.
+
+    Parameters
+    ----------
+    recording : of the plan step-test, or another profile in kilopascal with steps.
+    fusion, model : of the unit.
+
+    Raises
+    ------
+    DataError : no step of pressure, or one that the elongation does not follow.
+    """
+    lag, ramp = step_test_lag(recording, fusion, model)
+    return Tuning.of(lag, ramp)
+
+
+def step_test_lag(recording: Recording, fusion: Fusion, model: HysteresisModel) -> tuple[Lag, float]:
+    """Return lag and ramp (kPa/s) of a step test; parameters as `tune_run`."""
+    elongation, _ = run_elongation(recording, fusion)
+    steps = [
+        one for one in recorded_segments(recording)
+        if one.segment.kind == "step" and one.quantity == "kPa" and abs(one.segment.target - one.start) > LEAST_STEP_KPA
+    ]  # fmt: skip
+    if not steps:
+        raise DataError("this run has no steps of pressure", "Record the plan step-test.")
+    grid = np.arange(0.0, min(one.end_s - one.begin_s for one in steps), GRID_S)
+    commands, responses = [], []
+    for one in steps:
+        ramp = math.copysign(one.ramp_kpa_per_s, one.segment.target - one.start)
+        moved = np.minimum(np.abs(ramp) * grid, abs(one.segment.target - one.start))
+        pressure = one.start + math.copysign(1.0, ramp) * moved
+        x, before = _aligned(recording.time_s, elongation, one.begin_s, grid)
+        memory = model.rest(one.start, before)
+        command = np.asarray([model.elongation(model.after(memory, kpa)) for kpa in pressure.tolist()])
+        size = command[-1] - command[0]
+        commands.append((command - command[0]) / size)
+        responses.append((x - before) / size)
+    return fit_lag(grid, np.mean(commands, axis=0), np.mean(responses, axis=0)), steps[0].ramp_kpa_per_s
+
+
+def bode_of_run(recording: Recording, fusion: Fusion) -> tuple[BodePoint, ...]:
+    """Return gain and phase of the elongation over its setpoint, at each sine of a run in millimetres.
+
+    Raises
+    ------
+    DataError : no sine of elongation.
+    """
+    elongation, _ = run_elongation(recording, fusion)
+    points = []
+    for one in recorded_segments(recording):
+        if one.segment.kind != "sine" or one.quantity != "mm":
+            continue
+        period_s = 1.0 / one.segment.frequency_hz
+        last_s = one.begin_s + one.segment.moving_s(one.start)
+        first_s = min(one.begin_s + max(period_s, 1.0), last_s - period_s)
+        first_s = last_s - math.floor((last_s - first_s) / period_s + 1e-9) * period_s  # whole periods
+        rows = slice(*np.searchsorted(recording.time_s, [first_s, last_s]).tolist())
+        t = recording.time_s[rows]
+        points.append(bode_point(t - one.begin_s, one.setpoint(t), elongation[rows], one.segment.frequency_hz))
+    if not points:
+        raise DataError("this run has no sines of elongation", "Record the plan sine-sweep-mm.")
+    return tuple(points)
+
+
+def step_response_figures(
+    recording: Recording, fusion: Fusion, tolerance_mm: float = 0.05
+) -> dict[float, dict[str, DynamicFigure]]:
+    """Return the figures of a run's steps in millimetres, by the size of the step.
+
+    Parameters
+    ----------
+    recording : of the plan steps-mm, say. fusion : of the unit.
+    tolerance_mm : of settling.
+
+    Raises
+    ------
+    DataError : no step of elongation.
+    """
+    elongation, _ = run_elongation(recording, fusion)
+    smooth = _smoothed(elongation)
+    sizes: dict[float, list[tuple[FloatArray, FloatArray, float]]] = {}
+    for one in recorded_segments(recording):
+        size = one.segment.target - one.start
+        if one.segment.kind != "step" or one.quantity != "mm" or abs(size) < 1e-6:
+            continue
+        grid = np.arange(0.0, one.end_s - one.begin_s - GRID_S, GRID_S)
+        x, _ = _aligned(recording.time_s, smooth, one.begin_s, grid)
+        sizes.setdefault(round(abs(size), 6), []).append((grid, x - one.start, size))
+    if not sizes:
+        raise DataError("this run has no steps of elongation", "Record the plan steps-mm.")
+    found = {}
+    for size, rows in sorted(sizes.items()):
+        times, away, signed = zip(*rows, strict=True)
+        found[size] = step_figures(times, away, signed, tolerance_mm)
+    return found
+
+
+def _smoothed(values: FloatArray, samples: int = 9) -> FloatArray:
+    """Return the running mean: noise would else count as overshoot, and as leaving the tolerance."""
+    known = np.isfinite(values)
+    weights = np.ones(samples)
+    total = np.convolve(np.where(known, values, 0.0), weights, "same")
+    count = np.convolve(known.astype(np.float64), weights, "same")
+    return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
+
+
+def _aligned(time_s: FloatArray, values: FloatArray, begin_s: float, grid: FloatArray) -> tuple[FloatArray, float]:
+    """Return values on a grid of times since `begin_s`, and their mean before it."""
+    first, at, last = np.searchsorted(time_s, [begin_s - BEFORE_S, begin_s, begin_s + grid[-1] + 0.1]).tolist()
+    part = slice(max(at - 1, 0), last)
+    known = np.isfinite(values[part])
+    if not known.any() or not np.isfinite(values[first:at]).any():
+        raise DataError(f"the elongation at {begin_s:.1f} s is not known", "Choose steps inside the calibrated range.")
+    return (
+        np.interp(grid, time_s[part][known] - begin_s, values[part][known]),
+        float(np.nanmean(values[first:at])),
+    )

@@ -1,0 +1,208 @@
+"""`boat-daq twin`: elongation as a setpoint. Accept, identify, tune, hold, and the dynamics of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show, show_table
+from boat_daq.commands.options import RecordingArgument
+from boat_daq.engine.settings import UnitLibrary
+
+if TYPE_CHECKING:
+    from analysis.calibration.inverse import Fusion
+    from analysis.data.recording import Recording
+    from analysis.twin.dynamics import DynamicFigure
+    from analysis.twin.unit_file import TwinFile
+
+app = typer.Typer(no_args_is_help=True, help="Control the elongation of a unit, and find its dynamics.")
+
+
+@app.command()
+def accept(
+    run: RecordingArgument,
+    anyway: Annotated[bool, typer.Option("--anyway", help="Accept figures out of tolerance.")] = False,
+    operator: Annotated[str, typer.Option(help="Who accepts it.")] = "",
+    as_json: JsonOption = False,
+) -> None:
+    """Accept the calibration of a run: it comes into force for its unit, as in the window.
+
+    Example: boat-daq twin accept SA1.boat
+    """
+    from boat_daq.viewmodels.results.calibration import accept_run
+
+    with progress_bar("calibrating"):
+        unit = accept_run(run, UnitLibrary(), anyway=anyway, operator=operator)
+    entry = unit.history[-1]
+    present(
+        {"unit": unit.name, "calibrated_utc": entry.utc, "simulated": bool(entry.content["simulated"])},
+        f"unit {unit.name}: calibration of {run.name} in force since {entry.utc}",
+        as_json=as_json,
+    )
+
+
+@app.command()
+def identify(run: RecordingArgument, as_json: JsonOption = False) -> None:
+    """Identify the hysteresis of a run's unit: a generalised Prandtl-Ishlinskii model, by the calibration in force.
+
+    Example: boat-daq twin identify SA1.boat
+    """
+    from boat_daq.viewmodels.common.twin import identify_unit
+
+    recording, units = _recording(run)
+    twin = identify_unit(recording, units)
+    model = twin.model
+    _present(
+        twin,
+        f"R² {model.r2:.5f}, rms {model.rms_mm:.3f} mm over {model.pressure_range_kpa[0]:+.0f} to "
+        f"{model.pressure_range_kpa[1]:+.0f} kPa",
+        as_json=as_json,
+    )
+    if twin.tuning is None:
+        notify("without a step test the gains are slow: record the plan step-test, then boat-daq twin tune RUN")
+
+
+@app.command()
+def tune(run: RecordingArgument, as_json: JsonOption = False) -> None:
+    """Take the gains of the control from a step test: a run of the plan step-test.
+
+    Example: boat-daq twin tune step-test.boat
+    """
+    from analysis.twin.dynamics import lag_figures
+    from boat_daq.viewmodels.common.twin import tune_unit
+
+    recording, units = _recording(run)
+    twin = tune_unit(recording, units)
+    tuning = twin.tuning
+    assert tuning is not None and tuning.lag is not None
+    figures, margins = lag_figures(tuning.lag), tuning.margins
+    if as_json:
+        emit_json(twin.as_json() | {"step_response": figures.as_json()})
+        return
+    _present(
+        twin,
+        f"delay {1000 * tuning.lag.delay_s:.0f} ms, natural frequency {tuning.lag.omega_rad_per_s:.2f} rad/s, "
+        f"damping {tuning.lag.damping:.2f}",
+        f"integral gain {tuning.integral_per_s:.2f} /s, lead {tuning.lead_s:.3f} s, "
+        f"ramp {tuning.ramp_kpa_per_s:g} kPa/s",
+        f"gain margin {margins.gain_db:.1f} dB, phase margin {margins.phase_deg:.0f}°, delay margin "
+        f"{1000 * margins.delay_s:.0f} ms, crossover {margins.crossover_hz:.2f} Hz",
+        as_json=False,
+    )
+    _show_figures({"step of pressure": {name: getattr(figures, name) for name in figures.__dataclass_fields__}})
+
+
+@app.command()
+def hold(
+    port: Annotated[str, typer.Option(help="Serial port, pty or socket://HOST:PORT.")],
+    unit: Annotated[str, typer.Option(help="Name of the unit.")],
+    mm: Annotated[float, typer.Option(help="Elongation to hold, mm.")],
+    seconds: Annotated[float, typer.Option(min=0.1, help="How long.")] = 10.0,
+    on_stop_hold: Annotated[
+        bool, typer.Option("--hold", help="Hold the pressure where the control stops by itself; default: vent.")
+    ] = False,
+    max_u: Annotated[
+        float | None, typer.Option(min=0.001, metavar="MM", help="U of the elongation that stops the control.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Recording to write; default a dated name.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Hold an elongation, record it, and vent.
+
+    Example: boat-daq twin hold --port /dev/ttyACM0 --unit SA1 --mm 1.5 --seconds 20
+    """
+    from boat_daq.commands.record import dated_name
+    from boat_daq.commands.run_session import SessionRequest, run_session
+    from boat_daq.engine.plan import Plan
+    from boat_daq.viewmodels.common.twin import fusion_of
+    from protocol.recording import Segment
+
+    segment = Segment("step", mm, hold_s=seconds)
+    plan = Plan("hold", "profile", 1, quantity="mm", min_dwell_s=3.0, segments=(segment,))
+    request = SessionRequest(
+        port, out or dated_name(unit), plan, unit=unit, metadata={"unit": unit}, hold=on_stop_hold, max_u_mm=max_u
+    )
+    summary, failure = run_session(request)
+    recording, units = _recording(summary.path)
+    held = _held(recording, fusion_of(units, recording.unit), seconds)
+    content = {"recording": str(summary.path), "setpoint_mm": mm, **held, "failed": bool(failure), "failure": failure}
+    text = f"{summary.path}: {held['elongation_mm']:+.3f} mm, rms about the setpoint of {mm:g} mm"
+    present(content, text, as_json=as_json)
+    if failure:
+        notify(f"the control ended early: {failure}")
+        raise typer.Exit(1)
+
+
+@app.command()
+def dynamics(
+    run: RecordingArgument,
+    tolerance: Annotated[float, typer.Option(min=0.001, metavar="MM", help="Tolerance of settling.")] = 0.05,
+    as_json: JsonOption = False,
+) -> None:
+    """Compute the dynamics of a run of steps or sines of elongation: rise, settling, overshoot, bandwidth, phase.
+
+    Example: boat-daq twin dynamics steps.boat
+    """
+    from analysis.twin.dynamic_calibration import dynamic_calibration
+    from boat_daq.viewmodels.common.twin import fusion_of
+
+    recording, units = _recording(run)
+    found = dynamic_calibration(recording, fusion_of(units, recording.unit), tolerance)
+    if as_json:
+        emit_json(found.as_json())
+        return
+    if recording.simulated:
+        show("SIMULATED")
+    _show_figures({f"{size:g} mm": figures for size, figures in found.steps.items()})
+    if found.bode:
+        rows = (
+            (f"{p.frequency_hz:g}", f"{p.gain_db:+.2f} ± {2 * p.u_gain_db:.2f}", f"{p.phase_deg:+.1f}")
+            for p in found.bode
+        )
+        show_table(("Hz", "gain, dB", "phase, °"), rows, left=0, title="Bode plot: elongation over setpoint")
+        show(f"bandwidth (-3 dB): {found.bandwidth_hz:.2f} Hz")
+
+
+def _recording(run: Path) -> tuple[Recording, UnitLibrary]:
+    """Return a recording and the units of its kind of board."""
+    from analysis import load_recording
+
+    recording = load_recording(run)
+    return recording, UnitLibrary().of(simulated=recording.simulated)
+
+
+def _held(recording: Recording, fusion: Fusion, seconds: float) -> dict[str, Any]:
+    """Return mean and rms deviation of the elongation over the last half of the hold."""
+    import numpy as np
+
+    from analysis.twin.runs import recorded_segments, run_elongation
+
+    elongation, u_mm = run_elongation(recording, fusion)
+    last = recorded_segments(recording)[-1]
+    rows = slice(*np.searchsorted(recording.time_s, [last.end_s - seconds / 2, last.end_s]).tolist())
+    x = elongation[rows]
+    away = x - last.segment.target
+    return {
+        "elongation_mm": float(np.nanmean(x)),
+        "u_mm": float(np.nanmean(u_mm[rows])),
+        "deviation_mm": float(np.nanmean(away)),
+        "rms_mm": float(np.sqrt(np.nanmean(away**2))),
+        "simulated": recording.simulated,
+    }
+
+
+def _present(twin: TwinFile, *lines: str, as_json: bool) -> None:
+    head = f"unit {twin.unit}, identified from {twin.recording}"
+    present(twin.as_json(), *(["SIMULATED"] if twin.simulated else []), head, *lines, as_json=as_json)
+
+
+def _show_figures(groups: dict[str, dict[str, DynamicFigure]]) -> None:
+    """Print figures with their intervals, a row each."""
+    rows = [
+        (group, name.replace("_", " "), unit, f"{figure.value:.3g}", f"{figure.low:.3g} .. {figure.high:.3g}")
+        for group, figures in groups.items()
+        for (name, _, unit), figure in ((key.rpartition("_"), value) for key, value in figures.items())
+    ]  # fmt: skip
+    show_table(("step", "figure", "unit", "value", "95 % interval"), rows, left=3)

@@ -1,0 +1,154 @@
+"""A unit under control: its file beside the unit's, and the regulator made from it and the calibration in force.
+
+Rules: without an accepted calibration of this unit, on this kind of board, there is no regulator; nor with one that the
+unit was not identified with. The file is NAME.twin.json in the folder of the unit library.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from boat_daq.engine.file_names import path_in
+from boat_daq.engine.settings import StoredCalibration, UnitLibrary
+from boat_daq.errors import OperatorError, StorageError
+from boat_daq.viewmodels.common.reference import stored_inverse
+
+if TYPE_CHECKING:
+    from analysis.calibration.inverse import Fusion
+    from analysis.data.recording import Recording
+    from analysis.twin.controller import Bounds, ElongationController
+    from analysis.twin.unit_file import TwinFile
+
+
+def in_force(units: UnitLibrary, name: str) -> StoredCalibration:
+    """Return the calibration of a unit in force.
+
+    Raises
+    ------
+    OperatorError : it has none, or its file is refused.
+    """
+    stored = units.load(name).calibration if name else None
+    if stored is None:
+        kind = "simulated unit" if units.simulated else "unit"
+        cause = f"{kind} {name} has no accepted calibration" if name else "the unit is not named"
+        raise OperatorError(cause, "accept a calibration of this unit first", command="boat-daq twin accept RUN")
+    return stored
+
+
+def fusion_of(units: UnitLibrary, name: str) -> Fusion:
+    """Return what turns the signals of a unit into elongation, by its calibration in force.
+
+    Raises
+    ------
+    OperatorError : it has none, or its file is refused. AnalysisError : the calibration gives no elongation.
+    """
+    from analysis.calibration.inverse import Fusion
+
+    return Fusion.of([stored_inverse(sensor) for sensor in in_force(units, name).content["sensors"]])
+
+
+def twin_path(units: UnitLibrary, name: str) -> Path:
+    """Return where the file of a unit under control is."""
+    return path_in(units.folder, f"{name}.twin.json")
+
+
+def load_twin(units: UnitLibrary, name: str) -> TwinFile:
+    """Return the file of a unit under control.
+
+    Raises
+    ------
+    OperatorError : it is not identified, or was with another calibration. AnalysisError : the file is damaged.
+    """
+    from analysis.twin.unit_file import read_twin
+
+    stored = in_force(units, name)
+    twin = read_twin(twin_path(units, name))
+    command = "boat-daq twin identify RUN"
+    if twin is None:
+        raise OperatorError(f"the hysteresis of unit {name} is not identified", "identify it first", command=command)
+    if twin.calibration_utc != stored.utc:
+        cause = f"unit {name} has had another calibration since its hysteresis was identified"
+        raise OperatorError(cause, "identify it again", command=command)
+    return twin
+
+
+def identify_unit(recording: Recording, units: UnitLibrary) -> TwinFile:
+    """Identify the hysteresis of a recording's unit by its calibration in force, and store it; gains are kept.
+
+    Raises
+    ------
+    OperatorError : the unit has no accepted calibration. AnalysisError : the run shows no hysteresis.
+    StorageError : the file cannot be written.
+    """
+    from analysis.twin.runs import identify_run
+    from analysis.twin.unit_file import TwinFile, read_twin
+
+    stored = in_force(units, recording.unit)
+    before = read_twin(twin_path(units, recording.unit))
+    model = identify_run(recording, fusion_of(units, recording.unit))
+    kept = before.tuning if before is not None else None
+    name = Path(recording.source).name
+    twin = TwinFile(recording.unit, units.simulated, stored.utc, name, model, kept)
+    store_twin(units, twin)
+    return twin
+
+
+def tune_unit(recording: Recording, units: UnitLibrary) -> TwinFile:
+    """Take the gains of a recording's unit from its step test, and store them.
+
+    Raises
+    ------
+    OperatorError : as `load_twin`. AnalysisError : the run is no step test. StorageError : the file cannot be written.
+    """
+    from analysis.twin.runs import tune_run
+
+    twin = load_twin(units, recording.unit)
+    twin = twin.tuned(tune_run(recording, fusion_of(units, recording.unit), twin.model))
+    store_twin(units, twin)
+    return twin
+
+
+def store_twin(units: UnitLibrary, twin: TwinFile) -> None:
+    """Write the file of a unit under control.
+
+    Raises
+    ------
+    StorageError : it cannot be written.
+    """
+    path = twin_path(units, twin.unit)
+    try:
+        twin.write(path)
+    except OSError as error:
+        raise StorageError(f"{path} cannot be written: {error.strerror}", "check the folder and the disk") from error
+
+
+def regulator_of(
+    units: UnitLibrary,
+    name: str,
+    *,
+    fusion: Fusion | None = None,
+    step_mv: float = 0.0,
+    bounds: Bounds | None = None,
+) -> ElongationController:
+    """Return the regulator of a unit, ready to use: its code is compiled.
+
+    Parameters
+    ----------
+    units : of the kind of board. name : of the unit.
+    fusion : of its calibration in force, where it is known already.
+    step_mv : of the board's converter. bounds : what stops it.
+
+    Raises
+    ------
+    OperatorError, AnalysisError : as `load_twin` and `fusion_of`.
+    """
+    import numpy as np
+
+    from analysis.twin.controller import ElongationController, Tuning
+
+    twin = load_twin(units, name)
+    fusion = fusion or fusion_of(units, name)
+    fusion.evaluate(np.zeros((1, len(fusion.inverses))))
+    tuning = twin.tuning or Tuning.cautious()
+    return ElongationController(twin.model, fusion, tuning, bounds, unit=name, step_mv=step_mv)

@@ -21,12 +21,13 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq, least_squares
+from scipy.signal import lsim
 from scipy.stats import t as student
 
 from analysis.arrays import FloatArray
 from analysis.errors import DataError
 
-STEP_S = 0.005  # of the integration of a response
+STEP_S = 0.01  # of the integration of a response
 LEAST_R2 = 0.9
 
 
@@ -59,14 +60,10 @@ class Lag:
     def follow(self, time_s: FloatArray, command: FloatArray) -> FloatArray:
         """Return the response [n] at times [n] to a command [n] that was constant before the first."""
         grid = np.arange(time_s[0], time_s[-1] + STEP_S, STEP_S)
-        wanted = np.interp(grid - self.delay_s, time_s, command)
-        w, z, x, v = self.omega_rad_per_s, self.damping, float(command[0]), 0.0
-        found = np.empty(len(grid))
-        for i, u in enumerate(wanted.tolist()):
-            found[i] = x
-            v = (v + STEP_S * w * w * (u - x)) / (1.0 + 2.0 * z * w * STEP_S)  # implicit in the damping: stable
-            x += STEP_S * v
-        return np.interp(time_s, grid, found)
+        moved = np.interp(grid - self.delay_s, time_s, command) - command[0]
+        w, z = self.omega_rad_per_s, self.damping
+        _, found, _ = lsim(([w * w], [1.0, 2.0 * z * w, w * w]), moved, grid - grid[0])
+        return np.asarray(command[0] + np.interp(time_s, grid, found))
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,7 +289,8 @@ def _recorded_values(time_s: FloatArray, share: FloatArray, tolerance: float) ->
             return float(time_s[0])
         return float(np.interp(level, share[at - 1 : at + 1], time_s[at - 1 : at + 1]))
 
-    outside = np.flatnonzero(np.abs(share - 1.0) > tolerance)
+    noise = 2.0 * float(share[-(len(share) // 4) :].std())  # of the settled part: it is no departure
+    outside = np.flatnonzero(np.abs(share - 1.0) > tolerance + noise)
     settled = float(time_s[min(int(outside[-1]) + 1, len(time_s) - 1)]) if len(outside) else float(time_s[0])
     return first(0.632), first(0.9) - first(0.1), settled, max(0.0, 100.0 * (float(share.max()) - 1.0))
 

@@ -62,7 +62,7 @@ def recorded_segments(recording: Recording) -> tuple[RecordedSegment, ...]:
     row: Any
     for row in recording.steps.itertuples():
         detail: dict[str, Any] = json.loads(str(row.detail) or "{}")
-        if row.status != "reached" or "segment" not in detail:
+        if row.status != "reached" or "segment" not in detail or not row.cycle:  # the opening begins anywhere
             continue
         segment = Segment(**{k: v for k, v in detail["segment"].items() if k in Segment.__dataclass_fields__})
         times = float(row.ramp_kpa_per_s), float(row.started_s), float(row.ended_s)

@@ -109,7 +109,10 @@ def _parsed(content: Mapping[str, Any]) -> TwinFile:
         lag, margins = gains.pop("lag"), gains.pop("margins")
         known = {key: float("nan") if value is None else float(value) for key, value in margins.items()}
         numbers = {key: float(value) for key, value in gains.items()}
-        tuning = Tuning(**numbers, margins=Margins(**known), lag=Lag(**lag) if lag is not None else None)
+        rows = tuple(tuple(map(float, row)) for row in lag.pop("covariance")) if lag is not None else ()
+        tuning = Tuning(
+            **numbers, margins=Margins(**known), lag=Lag(**lag, covariance=rows) if lag is not None else None
+        )
         if not all(value > 0 for key, value in numbers.items() if not key.startswith("lead")):
             raise ValueError("the gains make no control")
     head = [str(content[key]) for key in ("unit", "calibration_utc", "recording")]

@@ -331,7 +331,6 @@ class SequenceModel:
             ) from None
         self.session.set_pressure(target_kpa, ramp_kpa_per_s)
 
-
     def set_elongation(self, text: str) -> None:
         """Control the elongation: close the loop, or move its setpoint.
 

@@ -1,0 +1,67 @@
+"""A unit under control: refused without its calibration, identified, tuned, and made into a regulator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis import fit_calibration
+from analysis.data.recording import Recording
+from boat_daq.engine.settings import UnitLibrary
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.twin import identify_unit, load_twin, regulator_of, store_twin
+from tests.analysis.twin_unit import swings
+
+
+@pytest.fixture
+def units(tmp_path) -> UnitLibrary:
+    return UnitLibrary(tmp_path, simulated=True)
+
+
+@pytest.fixture(scope="module")
+def run() -> Recording:
+    pressure_kpa, x, signals = swings("SA1")
+    return Recording.from_arrays(
+        np.arange(x.size) / 100.0, pressure_kpa, signals, meta={"unit": "SA1"}, source="a.boat"
+    )
+
+
+def accept(units: UnitLibrary) -> None:
+    """Accept a calibration of SA1."""
+    _, x, signals = swings("SA1")
+    x, signals = x[1000::200], signals[1000::200]
+    sensors = [
+        {
+            "name": f"s{i + 1}", "fit": fit_calibration(x, signals[:, i], 3).as_json(), "elongation_mm": x.tolist(),
+            "signal_mv": signals[:, i].tolist(), "noise_mv": 1.5, "model_mv": 0.7,
+        }
+        for i in range(2)
+    ]  # fmt: skip
+    units.add_calibration("SA1", {"sensors": sensors, "simulated": True})
+
+
+def test_without_an_accepted_calibration_there_is_no_control(units, run):
+    for refused in (
+        lambda: identify_unit(run, units),
+        lambda: regulator_of(units, "SA1"),
+        lambda: load_twin(units, ""),
+    ):
+        with pytest.raises(OperatorError, match=r"no accepted calibration|not named"):
+            refused()
+
+
+def test_an_identified_unit_has_a_regulator_until_its_calibration_changes(units, run):
+    accept(units)
+    with pytest.raises(OperatorError, match="not identified"):
+        regulator_of(units, "SA1")
+    identify_unit(run, units)
+    regulator = regulator_of(units, "SA1")
+    assert regulator.unit == "SA1"
+    assert regulator.tuning.lag is None  # no step test yet: slow gains
+    assert regulator.sensors.range_mm[1] == pytest.approx(3.8, abs=0.05)
+    twin = load_twin(units, "SA1")
+    store_twin(units, replace(twin, calibration_utc="2026-01-01T00:00:00+00:00"))
+    with pytest.raises(OperatorError, match="another calibration"):
+        regulator_of(units, "SA1")

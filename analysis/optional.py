@@ -12,6 +12,7 @@ EXTRAS = {  # module: name of the library, extra that brings it
     "distributed": ("Dask", "cluster"),
     "h5py": ("h5py", "hdf5"),
     "pyarrow": ("pyarrow", "parquet"),
+    "pylsl": ("pylsl", "lsl"),
     "skfem": ("scikit-fem", "atlas"),
 }
 

@@ -54,7 +54,7 @@ def start(
 
 
 COMMANDS = (  # in the order of --help; each is a function in the module named, or of its own name
-    ("demo.gui", "demo", "board.ports", "board.board", "board.profile", "record", "importing.importing"),
+    ("demo.gui", "demo", "board.ports", "board.board", "board.profile", "record", "serve", "importing.importing"),
     ("recordings.recover", "recordings.upgrade", "recordings.verify", "recordings.info", "metadata"),
     ("analyze", "analyze.report", "certificate"),
     ("folders.batch", "folders.history", "analyze.strokes", "methods.tradeoff", "methods.atlas"),
@@ -63,7 +63,8 @@ COMMANDS = (  # in the order of --help; each is a function in the module named, 
 for command in chain.from_iterable(COMMANDS):
     module, _, function = command.rpartition(".")
     name = "import" if function == "importing" else function
-    app.command(name)(getattr(import_module(f"boat_daq.commands.{module or function}"), function))
+    imported = import_module(f"boat_daq.commands.{module or function}")
+    app.command(name, cls=getattr(imported, "COMMAND_CLASS", None))(getattr(imported, function))
 GROUPS = (
     ("config", configuration.config),
     ("unit", configuration.unit),

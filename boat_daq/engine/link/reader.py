@@ -31,6 +31,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
+
 from boat_daq.engine.link.transports import Transport
 from boat_daq.engine.snapshot import HealthSnapshot, LinkWarning, LinkWarningCode
 from boat_daq.errors import DeviceError
@@ -275,6 +278,7 @@ WARN_FRACTION = 0.005  # of rate and drift
 RATE_WINDOW_US = 5_000_000  # of board time
 FIT_MIN_S = 10.0  # of host time, before which no drift is given
 SILENT_WARN_S = 1.0
+ROUGH_S, REAL_TIME = 0.3, 0.1  # from when on another speed is seen, that of a virtual board; share that is none
 
 
 class ClockFit:
@@ -285,6 +289,7 @@ class ClockFit:
         self._n = 0
         self._mean_x = self._mean_y = self._xx = self._xy = self._yy = 0.0
         self._span_s = 0.0
+        self._newest_us = -(1 << 62)
 
     def add(self, time_us: int, host_ns: int) -> None:
         """Take a pair."""
@@ -299,12 +304,28 @@ class ClockFit:
         self._xx += dx * (x - self._mean_x)
         self._xy += dx * (y - self._mean_y)
         self._yy += dy * (y - self._mean_y)
-        self._span_s = y
+        self._span_s, self._newest_us = y, time_us
 
     @property
     def slope(self) -> float | None:
         """Host seconds for one board second; None before `FIT_MIN_S`."""
         return self._xy / self._xx if self._span_s >= FIT_MIN_S and self._xx > 0 else None
+
+    def host_s(self, time_us: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the host's monotonic time of instants of board time, s, once a pair was added.
+
+        A board in real time is believed to run at the host's rate until the fit gives a slope.
+        """
+        assert self._origin is not None
+        first_us, first_ns = self._origin
+        rough = self._xy / self._xx if self._span_s > ROUGH_S and self._xx > 0 else 1.0
+        slope = self.slope or (1.0 if abs(rough - 1.0) < REAL_TIME else rough)
+        x = (time_us - first_us) * 1e-6
+        return np.asarray(first_ns * 1e-9 + self._mean_y + slope * (x - self._mean_x), dtype=np.float64)
+
+    def before(self, time_us: int) -> bool:
+        """Return whether an instant lies before the newest pair: the board's clock has restarted."""
+        return time_us < self._newest_us
 
     @property
     def jitter_ms(self) -> float | None:

@@ -34,6 +34,7 @@ class MeasuredBlock:
     ----------
     index : [n] sampling instants, counted from the start of the stream; a gap is loss.
     time_s : [n] board time.
+    host_ns : [n] host's monotonic clock at the arrival.
     pressure_kpa : [n] gauge.
     target_kpa : [n] commanded, NaN while nothing is.
     signal_mv : [n, sensors].
@@ -43,6 +44,7 @@ class MeasuredBlock:
 
     index: NDArray[np.uint32]
     time_s: NDArray[np.float64]
+    host_ns: NDArray[np.int64]
     pressure_kpa: NDArray[np.float64]
     target_kpa: NDArray[np.float64]
     signal_mv: NDArray[np.float64]
@@ -64,9 +66,8 @@ class MeasuredBlock:
         """
         block = columns(samples, mv_per_count)
         time_s = block.time_us.astype(np.float64) * 1e-6
-        return cls(
-            samples["index"], time_s, block.pressure_kpa, target_kpa, block.signal_mv, block.state, block.flags, skipped
-        )  # fmt: skip
+        given = (block.pressure_kpa, target_kpa, block.signal_mv, block.state, block.flags)
+        return cls(samples["index"], time_s, samples["host_ns"], *given, skipped)
 
     def __len__(self) -> int:
         """Return the number of samples."""

@@ -143,7 +143,7 @@ class Session:
         seconds : of board time; None for as long as the link is there.
         every_s : samples are collected for so long before they are yielded.
         """
-        queue = SampleQueue(lambda: _kpa(self._control.target_kpa), lambda: self.mv_per_count)
+        queue = SampleQueue(self.target_kpa, lambda: self.mv_per_count)
         remove = self.add_sink(queue)
 
         def stream() -> Iterator[MeasuredBlock]:
@@ -608,6 +608,10 @@ class Session:
 
         return remove
 
+    def target_kpa(self) -> float:
+        """Return the pressure that is commanded now, NaN for none."""
+        return _kpa(self._control.target_kpa)
+
     def set_derived(self, channels: Sequence[DerivedChannel]) -> None:
         """Use other derived channels from now on; the plots begin anew.
 
@@ -662,7 +666,7 @@ class Session:
                 channels=link.channels,
                 derived=self.derived_columns(),
             )
-        self.ring.target_kpa = _kpa(control.target_kpa)
+        self.ring.target_kpa = self.target_kpa()
         self.ring(block)
         for sink in self._sinks:
             for array in arrays:

@@ -1,0 +1,188 @@
+"""`boat-daq serve`: a board's samples as LSL streams, and the session as a SECoP node, without a window."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperCommand
+
+from boat_daq.commands.console import JsonOption, emit_json, notify, show
+
+if TYPE_CHECKING:
+    from boat_daq.engine.outlets.lsl import Convert, LslOutlet
+    from boat_daq.engine.outlets.secop_server import SecopServer
+    from boat_daq.engine.session.session import Session
+
+SECOP = "localhost:10767"
+
+
+class ServeCommand(TyperCommand):
+    """Gives `--secop` its usual address where none follows it."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the arguments."""
+        for at in (i for i, arg in enumerate(args) if arg == "--secop"):
+            if at + 1 == len(args) or args[at + 1].startswith("-"):
+                return super().parse_args(ctx, [*args[: at + 1], SECOP, *args[at + 1 :]])
+        return super().parse_args(ctx, args)
+
+
+COMMAND_CLASS = ServeCommand
+
+
+def serve(
+    port: Annotated[str, typer.Option(help="Serial port, pty, socket://HOST:PORT or replay:FILE[@SPEED].")],
+    profile: Annotated[Path | None, typer.Option(help="Text profile (TOML) of other firmware.")] = None,
+    unit: Annotated[str, typer.Option(help="Name of the unit: its limits hold, its calibration gives mm.")] = "",
+    rate: Annotated[int | None, typer.Option(help="Samples per second; default as in the settings.", min=1)] = None,
+    lsl: Annotated[bool, typer.Option("--lsl", help="Stream samples and markers over LSL, on this computer.")] = False,
+    lsl_network: Annotated[bool, typer.Option("--lsl-network", help="The same, for other computers too.")] = False,
+    secop: Annotated[str, typer.Option(metavar="[HOST:PORT]", help=f"Serve as a SECoP node; default {SECOP}.")] = "",
+    allow_control: Annotated[
+        bool, typer.Option("--allow-control", help="SECoP clients may command pressure, runs and recordings.")
+    ] = False,
+    listen: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Accept SECoP clients on this address; needs --token-file.")
+    ] = "",
+    token_file: Annotated[Path | None, typer.Option(metavar="FILE", help="Token that clients must send first.")] = None,
+    record: Annotated[Path | None, typer.Option(metavar="FILE.boat", help="Record as well.")] = None,
+    duration: Annotated[float | None, typer.Option(min=0, help="Seconds to serve; default until Ctrl-C.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Serve a board's live data to other programs: LSL streams, a SECoP node, or both.
+
+    Clients read. With --allow-control they may also command, within the limits of unit, board and interlock; VENT is
+    always accepted. Nothing is reachable from another computer unless --lsl-network or --listen says so. Ctrl-C vents.
+
+    Example: boat-daq serve --port /dev/ttyACM0 --unit SA1 --lsl --secop
+    """
+    if not (lsl or lsl_network or secop or listen):
+        raise typer.BadParameter("give --lsl, --secop, or both")
+    from boat_daq.engine.log import start_log
+    from boat_daq.engine.session.session import Session
+
+    start_log("serve")
+    options: dict[str, Any] = {
+        "profile": str(profile) if profile else None,
+        "rate_hz": rate,
+        "unit": unit,
+        "record_to": record,
+    }
+    with Session.open(port, **options) as session:
+        seen = session.wait(lambda s: session.ring is not None, 5.0)
+        if seen.simulated:
+            notify("SIMULATED: this is the virtual board")
+        convert, calibration = _conversion(session, unit)
+        outlet = _lsl(session, convert, calibration, network=lsl_network) if lsl or lsl_network else None
+        node = None
+        try:
+            if secop or listen:
+                node = _secop(session, convert, secop or SECOP, listen, token_file, allow_control=allow_control)
+            _wait(session, duration)
+        finally:
+            for server in (node, outlet):
+                if server is not None:
+                    server.close()
+            content = _summary(session, outlet, node)
+    if as_json:
+        emit_json(content)
+
+
+def _conversion(session: Session, unit: str) -> tuple[Convert | None, str]:
+    """Return the conversion by the calibration in force of a unit, and its identity; none without one."""
+    units = session.units.of(simulated=session.snapshot().simulated)
+    stored = units.load(unit).calibration if unit else None
+    if stored is None:
+        notify("without elongation: the unit has no calibration" if unit else "without elongation: no --unit is given")
+        return None, ""
+    from boat_daq.viewmodels.live.conversion import prepare
+
+    conversion = prepare(stored.content)
+
+    def convert(signal_mv: Any) -> Any:
+        found = conversion(signal_mv)
+        return found.mm, found.expanded_mm
+
+    return convert, f"{unit} {stored.utc}"
+
+
+def _lsl(session: Session, convert: Convert | None, calibration: str, *, network: bool) -> LslOutlet:
+    from analysis.errors import RequestError
+    from analysis.optional import optional
+    from boat_daq.engine.outlets.lsl import MARKERS, STREAM, LslOutlet
+
+    try:
+        pylsl = optional("pylsl")
+    except RuntimeError as error:  # the module is there, its library is not
+        raise RequestError(f"liblsl cannot be loaded: {error}", "Install liblsl of your system.") from error
+    outlet = LslOutlet(session, pylsl, network=network, convert=convert, calibration_id=calibration)
+    show(f"LSL streams {STREAM!r} and {MARKERS!r}, source_id {outlet.source_id}")
+    return outlet
+
+
+def _secop(
+    session: Session, convert: Convert | None, secop: str, listen: str, token_file: Path | None, *, allow_control: bool
+) -> SecopServer:
+    import numpy as np
+
+    from boat_daq.engine.outlets.secop_node import SecopNode
+    from boat_daq.engine.outlets.secop_server import PORT, SecopServer, read_token
+    from boat_daq.engine.settings import recordings_folder
+
+    def elongation(signal_mv: tuple[float, ...]) -> tuple[float, float]:
+        assert convert is not None
+        mm, u_mm = convert(np.array([signal_mv]))
+        return float(mm[0]), float(u_mm[0])
+
+    host, _, number = (listen or secop).rpartition(":") if ":" in (listen or secop) else (listen or secop, "", "")
+    if number and not number.isdecimal():
+        raise typer.BadParameter(f"{number!r} is no port", param_hint="--secop")
+    token = read_token(token_file) if token_file is not None else ""
+    node = SecopNode(
+        session,
+        recordings_folder(session.settings),
+        allow_control=allow_control,
+        elongation=None if convert is None else elongation,
+    )
+    server = SecopServer(node, (host or "localhost", int(number or PORT)), token=token)
+    show(f"SECoP node {host}:{server.port}, control {'allowed' if allow_control else 'not allowed'}")
+    return server
+
+
+def _wait(session: Session, duration_s: float | None) -> None:
+    """Print messages until the time is over or the link is closed."""
+    from boat_daq.commands.run_session import MessagePrinter
+    from boat_daq.engine.snapshot import LinkState
+
+    told, end_s = MessagePrinter(), None if duration_s is None else time.monotonic() + duration_s
+    while end_s is None or time.monotonic() < end_s:
+        seen = session.snapshot()
+        told(seen)
+        if seen.link in (LinkState.CLOSED, LinkState.FAILED):
+            return
+        time.sleep(0.1)
+
+
+def _summary(session: Session, outlet: LslOutlet | None, node: SecopServer | None) -> dict[str, Any]:
+    """Return what was served, and print it."""
+    seen = session.snapshot()
+    lost = seen.health.statistics.lost if seen.health else 0
+    content: dict[str, Any] = {"simulated": seen.simulated, "lost": lost, "lsl": None, "secop": None}
+    if outlet is not None:
+        content["lsl"] = {"pushed": outlet.pushed, "skipped": outlet.skipped, "clock": outlet.clock}
+        notify(f"LSL: {outlet.pushed} samples pushed, {outlet.skipped} skipped, {_clock_text(outlet.clock)}")
+    if node is not None:
+        content["secop"] = {"port": node.port, "requests": node.requests, "refused": node.refused}
+        notify(f"SECoP: {node.requests} requests, {node.refused} clients refused")
+    notify(f"{lost} samples lost on the link")
+    return content
+
+
+def _clock_text(clock: dict[str, float | None]) -> str:
+    drift, jitter = clock["drift_ppm"], clock["jitter_ms"]
+    if drift is None or jitter is None:
+        return "clock not yet known"
+    return f"board's clock {drift:+.0f} ppm against LSL's, arrivals scatter by {jitter:.2f} ms"

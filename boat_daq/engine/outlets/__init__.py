@@ -1,0 +1,1 @@
+"""Outlets: what leaves the program while it runs, each a sink or a client of the session that delays neither."""

@@ -1,0 +1,430 @@
+"""A SECoP node: the session as modules that sample-environment clients read and, where it is allowed, drive.
+
+Strategy: no input or output here. A line of a client becomes one call of `Session` and one line in answer, so that
+every rule of the interlock and the pre-flight check holds as it does for a button; what carries the lines
+(`secop_server`) decides only who may send them. Values are those of the session's snapshot.
+
+Rules: without `allow_control` every command but VENT is refused, and pressure is a Readable; VENT is never refused.
+What a client sends is JSON of a bounded line, checked against the type that the description states.
+
+Source: SECoP specification 1.0 (sampleenvironment.github.io/secop-site); the error classes are its own.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from boat_daq.engine.file_names import path_in
+from boat_daq.engine.plan import Plan, built_in_plans, load_plan
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
+from boat_daq.errors import BoatDaqError, DeviceError, StorageError
+from protocol.recording import BoardState
+
+IDENT = "ISSE&SINE2020,SECoP,V2019-09-16,v1.0"
+MAX_LINE = 8192  # bytes of a request
+UNKNOWN, IDLE, WARN, BUSY, ERROR = 0, 100, 200, 300, 400
+_CODES = {"UNKNOWN": UNKNOWN, "IDLE": IDLE, "WARN": WARN, "BUSY": BUSY, "ERROR": ERROR}
+_STATUS = {"type": "tuple", "members": [{"type": "enum", "members": _CODES}, {"type": "string"}]}
+_STATES = {str(state): number for number, state in enumerate(SessionState)}
+_NO_VALUE = ("Impossible", "there is no value now")
+_REQUEST = re.compile(r"([a-z*][A-Za-z?_]{0,31})(?: (\S*)(?: (.*))?)?", re.DOTALL)
+_WORD = re.compile(r"[\w:.]{1,80}", re.ASCII)
+
+
+class SecopError(Exception):
+    """A refusal, by the class that the protocol names."""
+
+    def __init__(self, name: str, text: str) -> None:
+        super().__init__(text)
+        self.name = name
+
+
+class Driven(Protocol):
+    """What a node uses of `Session`."""
+
+    def snapshot(self) -> SessionSnapshot: ...
+    def arm(self, plan: Plan, /) -> None: ...
+    def disarm(self) -> None: ...
+    def start(self) -> None: ...
+    def pause(self) -> None: ...
+    def resume(self) -> None: ...
+    def stop(self) -> None: ...
+    def vent(self) -> None: ...
+    def clear_fault(self, by: str = ..., /) -> None: ...
+    def set_pressure(self, target_kpa: float, ramp_kpa_per_s: float | None = ..., /) -> None: ...
+    def start_recording(self, path: Path, /) -> None: ...
+    def stop_recording(self) -> Path | None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class _Parameter:
+    """A value of a module: its type, how it is read, and how it is changed; None where it cannot be."""
+
+    text: str
+    datainfo: Mapping[str, Any]
+    read: Callable[[SessionSnapshot], Any]
+    change: Callable[[Any], None] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Command:
+    """A command of a module: the type of its argument, None for none, and what it does."""
+
+    text: str
+    run: Callable[..., Any]
+    argument: Mapping[str, Any] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Module:
+    """A module: its class in the protocol and what can be accessed."""
+
+    text: str
+    kind: str
+    parameters: Mapping[str, _Parameter]
+    commands: Mapping[str, _Command] = field(default_factory=dict)
+
+
+Elongation = Callable[[tuple[float, ...]], tuple[float, float]]
+
+
+class SecopNode:
+    """The modules of one session.
+
+    Parameters
+    ----------
+    session : that is read and driven.
+    recordings : folder of the recordings that a client starts.
+    allow_control : whether clients may do more than read and vent.
+    elongation : signals to elongation and its U, mm; None without a calibration.
+    """
+
+    def __init__(
+        self, session: Driven, recordings: Path, *, allow_control: bool = False, elongation: Elongation | None = None
+    ) -> None:
+        self._session, self._recordings, self._elongation = session, recordings, elongation
+        self.allow_control = allow_control
+        self._ramp_kpa_per_s = 5.0
+        seen = session.snapshot()
+        sensors = len(seen.last.signal_mv) if seen.last else 2
+        self.modules = {f"s{n}": self._sensor(n) for n in range(1, sensors + 1)} | {
+            "elongation": self._elongation_module(),
+            "pressure": self._pressure(seen),
+            "sequence": self._sequence(),
+            "vent": self._vent(),
+            "recording": self._recording(),
+        }
+        self._simulated = seen.simulated
+        self._name = f"boat-daq.{seen.hello.board_id if seen.hello else 'board'}"
+
+    # ---- what a client sends ---------------------------------------------------------------------------------------
+
+    def answer(self, line: str) -> Iterator[str]:
+        """Yield the lines that answer a request, in order; `activate` and `deactivate` are the carrier's to act on."""
+        found = _REQUEST.fullmatch(line.strip())
+        action, where, data = (found[1], found[2] or "", found[3]) if found else ("request", "", None)
+        try:
+            yield from self._answer(action, where, data)
+        except SecopError as error:
+            yield self._error(action, where, error.name, str(error))
+        except BoatDaqError as error:
+            name = {DeviceError: "CommunicationFailed", StorageError: "HardwareError"}.get(type(error), "Impossible")
+            yield self._error(action, where, name, f"{error.cause}; {error.remedy}" if error.remedy else error.cause)
+
+    def updates(self, where: str = "") -> dict[str, str]:
+        """Return an update of every parameter, or of those of one module, by name."""
+        seen, now_s = self._session.snapshot(), time.time()
+        chosen = {where.partition(":")[0]: self._module(where)} if where else self.modules
+        found = {}
+        for name, module in chosen.items():
+            for key, parameter in module.parameters.items():
+                where, value = f"{name}:{key}", parameter.read(seen)
+                known = f"update {where} {_json([value, {'t': now_s}])}" if _is_known(value) else ""
+                found[where] = known or f"error_update {where} {_json([*_NO_VALUE, {'t': now_s}])}"
+        return found
+
+    def _answer(self, action: str, where: str, data: str | None) -> Iterator[str]:
+        match action:
+            case "*IDN?":
+                yield IDENT
+            case "describe":
+                yield f"describing . {_json(self.description())}"
+            case "ping":
+                yield f"pong {where} {_json([None, {'t': time.time()}])}"
+            case "activate":
+                yield from self.updates(where).values()
+                yield f"active {where}".rstrip()
+            case "deactivate":
+                yield f"inactive {where}".rstrip()
+            case "read":
+                yield f"reply {where} {self._value(where, 'value')}"
+            case "change":
+                yield f"changed {where} {_json([self._change(where, data), {'t': time.time()}])}"
+            case "do":
+                result = self._do(where, data)
+                yield f"done {where} {_json([result, {'t': time.time()}])}"
+            case "logging":
+                yield f"logging {where} {data or 'off'}"
+            case "help":
+                yield "helping 1 " + _json("*IDN? describe activate deactivate ping read change do")
+            case _:
+                raise SecopError("ProtocolError", f"there is no request {action[:32]!r}")
+
+    def description(self) -> dict[str, Any]:
+        """Return the description of the node."""
+        about = "A board for soft optical sensors in a pneumatic actuator, by boat-daq."
+        return {
+            "modules": {name: self._described(module) for name, module in self.modules.items()},
+            "equipment_id": self._name,
+            "firmware": "boat-daq",
+            "description": f"SIMULATED. {about}" if self._simulated else about,
+        }
+
+    def _described(self, module: _Module) -> dict[str, Any]:
+        parameters = {
+            key: {"description": p.text, "datainfo": p.datainfo, "readonly": p.change is None or not self.allow_control}
+            for key, p in module.parameters.items()
+        }
+        commands = {
+            key: {
+                "description": command.text,
+                "datainfo": {"type": "command"} | ({"argument": command.argument} if command.argument else {}),
+            }
+            for key, command in module.commands.items()
+        }
+        kind = module.kind if self.allow_control else "Readable"
+        return {"accessibles": parameters | commands, "description": module.text, "interface_classes": [kind]}
+
+    # ---- inside ----------------------------------------------------------------------------------------------------
+
+    def _error(self, action: str, where: str, name: str, text: str) -> str:
+        echoed = where if _WORD.fullmatch(where) else "."  # nothing that would break the line
+        return f"error_{action} {echoed} {_json([name, text, {}])}"
+
+    def _module(self, where: str) -> _Module:
+        name = where.partition(":")[0]
+        if name not in self.modules:
+            raise SecopError("NoSuchModule", f"there is no module {name[:32]!r}")
+        return self.modules[name]
+
+    def _parameter(self, where: str, usual: str) -> _Parameter:
+        key = where.partition(":")[2] or usual
+        found = self._module(where).parameters.get(key)
+        if found is None:
+            raise SecopError("NoSuchParameter", f"there is no parameter {key[:32]!r}")
+        return found
+
+    def _value(self, where: str, usual: str) -> str:
+        value = self._parameter(where, usual).read(self._session.snapshot())
+        if not _is_known(value):
+            raise SecopError(*_NO_VALUE)
+        return _json([value, {"t": time.time()}])
+
+    def _change(self, where: str, data: str | None) -> Any:
+        parameter = self._parameter(where, "target")
+        if parameter.change is None or not self.allow_control:
+            raise SecopError("ReadOnly", "this value cannot be changed; control is allowed where the program runs")
+        value = _checked(_parsed(data), parameter.datainfo)
+        parameter.change(value)
+        return value
+
+    def _do(self, where: str, data: str | None) -> Any:
+        module, key = self._module(where), where.partition(":")[2]
+        command = module.commands.get(key)
+        if command is None:
+            raise SecopError("NoSuchCommand", f"there is no command {key[:32]!r}")
+        if not self.allow_control and not is_vent(where):
+            raise SecopError("Disabled", "only VENT is accepted; control is allowed where the program runs")
+        given = None if data is None or data.strip() == "null" else _parsed(data)
+        if command.argument is None:
+            if given is not None:
+                raise SecopError("WrongType", "the command has no argument")
+            return command.run()
+        return command.run(_checked(given, command.argument))
+
+    # ---- the modules -----------------------------------------------------------------------------------------------
+
+    def _readable(self, unit: str, read: Callable[[SessionSnapshot], Any], text: str) -> dict[str, _Parameter]:
+        info = {"type": "double", "unit": unit}
+        return {"value": _Parameter(text, info, read), "status": _Parameter("Status.", _STATUS, _link_status)}
+
+    def _sensor(self, number: int) -> _Module:
+        def read(seen: SessionSnapshot) -> float:
+            return seen.last.signal_mv[number - 1] if seen.last and len(seen.last.signal_mv) >= number else math.nan
+
+        return _Module(f"Sensor {number}.", "Readable", self._readable("mV", read, "Signal, lit less dark."))
+
+    def _elongation_module(self) -> _Module:
+        def read(seen: SessionSnapshot, which: int = 0) -> float:
+            known = self._elongation is not None and seen.last is not None
+            return (
+                self._elongation(seen.last.signal_mv)[which] if known and self._elongation and seen.last else math.nan
+            )
+
+        parameters = self._readable("mm", read, "Elongation by the calibration; none without one or outside its range.")
+        u = _Parameter("Expanded uncertainty, k = 2.", {"type": "double", "unit": "mm"}, lambda seen: read(seen, 1))
+        return _Module("Elongation of the actuator.", "Readable", parameters | {"_uncertainty": u})
+
+    def _pressure(self, seen: SessionSnapshot) -> _Module:
+        limits = seen.limits
+        info: dict[str, Any] = {"type": "double", "unit": "kPa"}
+        if limits is not None:
+            info |= {"min": limits.min_kpa, "max": limits.max_kpa}
+
+        def go(kpa: float) -> None:
+            now = self._session.snapshot().limits
+            if now is not None and not now.min_kpa <= kpa <= now.max_kpa:
+                raise SecopError("RangeError", f"{kpa:g} kPa is outside {now.min_kpa:g} to {now.max_kpa:g} kPa")
+            self._session.set_pressure(kpa, self._ramp_kpa_per_s)
+
+        def set_ramp(kpa_per_s: float) -> None:
+            self._ramp_kpa_per_s = kpa_per_s
+
+        def hold() -> None:
+            last = self._session.snapshot().last
+            if last is not None and last.state is BoardState.RAMPING:
+                go(last.pressure_kpa)
+
+        ramp = {"type": "double", "unit": "kPa/s", "min": 0.1, "max": 100.0}
+        parameters = self._readable("kPa", lambda s: s.last.pressure_kpa if s.last else math.nan, "Gauge pressure.") | {
+            "status": _Parameter("BUSY while it changes.", _STATUS, _pressure_status),
+            "target": _Parameter("Commanded pressure.", info, _target_kpa, go),
+            "_ramp": _Parameter("Rate towards the target.", ramp, lambda _: self._ramp_kpa_per_s, set_ramp),
+        }
+        return _Module(
+            "Pressure in the actuator.", "Drivable", parameters, {"stop": _Command("Hold the pressure.", hold)}
+        )
+
+    def _sequence(self) -> _Module:
+        def arm(name: str) -> None:
+            if name not in built_in_plans():
+                raise SecopError(
+                    "RangeError", f"there is no plan {name[:32]!r}; there are {', '.join(built_in_plans())}"
+                )
+            self._session.arm(load_plan(name))
+
+        def fraction(seen: SessionSnapshot) -> float:
+            if seen.progress is None:
+                return 0.0
+            return seen.progress.elapsed_s / max(seen.progress.elapsed_s + seen.progress.time_left_s, 1e-9)
+
+        session = self._session
+        states = {"type": "enum", "members": _STATES}
+        parameters = {
+            "value": _Parameter("State of the run.", states, lambda seen: _STATES[str(seen.state)]),
+            "status": _Parameter("Status.", _STATUS, _run_status),
+            "_progress": _Parameter("Share of the run.", {"type": "double", "min": 0.0, "max": 1.0}, fraction),
+            "_plan": _Parameter("Armed plan.", {"type": "string"}, lambda seen: seen.plan.name if seen.plan else ""),
+        }
+        commands = {
+            "_arm": _Command("Check a built-in plan and make it ready.", arm, {"type": "string"}),
+            "_disarm": _Command("Discard the armed plan.", session.disarm),
+            "_start": _Command("Run the armed plan.", session.start),
+            "_pause": _Command("Vent and wait.", session.pause),
+            "_resume": _Command("Continue at the next whole cycle.", session.resume),
+            "_abort": _Command("End the run and vent.", session.stop),
+            "clear_errors": _Command(
+                "Clear a fault whose cause is gone.", lambda: session.clear_fault("a SECoP client")
+            ),
+        }
+        return _Module("The run of a plan.", "Readable", parameters, commands)
+
+    def _vent(self) -> _Module:
+        vented = _Parameter(
+            "Whether the valve is open.", {"type": "bool"}, lambda s: bool(s.last and s.last.state is BoardState.VENTED)
+        )
+        parameters = {"value": vented, "status": _Parameter("Status.", _STATUS, _link_status)}
+        return _Module("The vent valve.", "Readable", parameters, {"_vent": _Command("Vent now.", self._session.vent)})
+
+    def _recording(self) -> _Module:
+        def begin(name: str) -> None:
+            self._session.start_recording(path_in(self._recordings, name if name.endswith(".boat") else f"{name}.boat"))
+
+        parameters = {
+            "value": _Parameter("Whether samples are recorded.", {"type": "bool"}, lambda s: s.recording is not None),
+            "status": _Parameter("Status.", _STATUS, _link_status),
+            "_file": _Parameter("Its file.", {"type": "string"}, lambda s: s.recording.name if s.recording else ""),
+        }
+        commands = {
+            "_start": _Command("Record into a new file of this name.", begin, {"type": "string"}),
+            "_stop": _Command("Close the recording; a run is stopped and vented.", self._stop_recording),
+        }
+        return _Module("The recording.", "Readable", parameters, commands)
+
+    def _stop_recording(self) -> None:
+        self._session.stop_recording()
+
+
+def is_vent(where: str) -> bool:
+    """Return whether a command is VENT, which is never refused."""
+    return where == "vent:_vent"
+
+
+def _link_status(seen: SessionSnapshot) -> list[Any]:
+    if seen.link is LinkState.UP:
+        return [ERROR, seen.latched] if seen.latched else [IDLE, "SIMULATED" if seen.simulated else ""]
+    return [ERROR, str(seen.link)]
+
+
+def _pressure_status(seen: SessionSnapshot) -> list[Any]:
+    if seen.link is not LinkState.UP or seen.latched:
+        return _link_status(seen)
+    ramping = seen.last is not None and seen.last.state is BoardState.RAMPING
+    return [BUSY, "ramping"] if ramping else [IDLE, str(seen.last.state.name).lower() if seen.last else ""]
+
+
+def _target_kpa(seen: SessionSnapshot) -> float:
+    """Return the commanded pressure; 0 where none is: the unit is vented, or will be."""
+    return seen.last.target_kpa if seen.last is not None and math.isfinite(seen.last.target_kpa) else 0.0
+
+
+def _run_status(seen: SessionSnapshot) -> list[Any]:
+    if seen.state in (SessionState.FAULT, SessionState.ABORTED):
+        return [ERROR, seen.latched or (seen.run_ended.text if seen.run_ended else str(seen.state))]
+    return [BUSY if seen.state in (SessionState.RUNNING, SessionState.FINISHING) else IDLE, str(seen.state)]
+
+
+def _is_known(value: Any) -> bool:
+    return not isinstance(value, float) or math.isfinite(value)
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, allow_nan=False, separators=(", ", ": "))
+
+
+def _no_constant(text: str) -> Any:
+    raise SecopError("BadJSON", f"{text} is not JSON")
+
+
+def _parsed(data: str | None) -> Any:
+    if data is None:
+        raise SecopError("ProtocolError", "a value is missing")
+    try:
+        return json.loads(data, parse_constant=_no_constant)
+    except (ValueError, RecursionError) as error:
+        raise SecopError("BadJSON", "the value is not JSON") from error
+
+
+def _checked(value: Any, info: Mapping[str, Any]) -> Any:
+    """Return a value of the type that a description states.
+
+    Raises
+    ------
+    SecopError : of another type, or outside its range.
+    """
+    if info["type"] == "string":
+        if not isinstance(value, str) or len(value) > 200 or not value.isprintable():
+            raise SecopError("WrongType", "a short text is expected")
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise SecopError("WrongType", "a number is expected")
+    if not info.get("min", -math.inf) <= value <= info.get("max", math.inf):
+        raise SecopError("RangeError", f"{value:g} is outside {info.get('min'):g} to {info.get('max'):g}")
+    return float(value)

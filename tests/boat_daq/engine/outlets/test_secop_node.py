@@ -1,0 +1,120 @@
+"""The SECoP node in random orders of requests, faults and timings: what holds for the buttons holds for clients."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import invariant, rule
+
+from boat_daq.engine.outlets.secop_node import SecopNode
+from boat_daq.engine.plan import Plan
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot
+from boat_daq.errors import OperatorError
+from tests.boat_daq.engine.control.test_controller_random_orders import ORDERS, Operators
+from tests.boat_daq.engine.controller_rig import QUICK, ControllerRig
+
+LINES = {
+    "arm": 'do sequence:_arm "calibration"', "start": "do sequence:_start", "pause": "do sequence:_pause",
+    "resume": "do sequence:_resume", "stop": "do sequence:_abort", "vent": "do vent:_vent",
+    "clear_fault": "do sequence:clear_errors",
+}  # fmt: skip
+
+
+class RigSession:
+    """A session on a rig without threads."""
+
+    def __init__(self, rig: ControllerRig) -> None:
+        self.rig = rig
+        for name in ("disarm", "start", "pause", "resume", "stop", "vent", "clear_fault", "set_pressure"):
+            setattr(self, name, getattr(rig.control, name))
+
+    def arm(self, _: Plan) -> None:
+        self.rig.control.arm(QUICK)
+
+    def snapshot(self) -> SessionSnapshot:
+        control = self.rig.control
+        link, latched = LinkState.UP if control.up else LinkState.LOST, control.interlock.latched
+        return SessionSnapshot(
+            control.sequencer.state,
+            link,
+            last=control.last,
+            limits=control.interlock.limits,
+            latched=latched.cause if latched else "",
+            run_ended=control.sequencer.ended,
+            progress=control.sequencer.progress(),
+        )
+
+    def start_recording(self, path: Path) -> None:
+        raise OperatorError(f"{path} is not recorded here", "use a session")
+
+    def stop_recording(self) -> None:
+        self.rig.control.stop()
+
+
+class Clients(Operators):
+    """Two clients, one of which may only read, in place of the operator."""
+
+    def nodes(self) -> tuple[SecopNode, SecopNode]:
+        session = RigSession(self.rig)
+        return SecopNode(session, Path("none"), allow_control=True), SecopNode(session, Path("none"))
+
+    def press(self, button: Any, *arguments: Any, **options: Any) -> None:
+        """Send the line of a button; a refusal has a class of the protocol."""
+        name = button.__name__
+        if name == "set_pressure":
+            self.lines(f"change pressure:_ramp {arguments[1]}", f"change pressure:target {arguments[0]}")
+        else:
+            self.lines(LINES[name])
+
+    def lines(self, *lines: str, control: bool = True) -> None:
+        node = self.nodes()[0 if control else 1]
+        for line in lines:
+            answers = list(node.answer(line))
+            self.rig.flush()
+            assert answers
+            if answers[-1].startswith("error_"):
+                assert len(json.loads(answers[-1].split(" ", 2)[2])) == 3
+
+    @rule(action=st.sampled_from(sorted(LINES.values())))
+    def a_reader_tries(self, action: str) -> None:
+        """A client without control changes nothing, except that VENT is obeyed."""
+        before = len(self.rig.sent)
+        self.lines(action, "change pressure:target 20", control=False)
+        if action != LINES["vent"]:
+            assert self.rig.sent[before:] == []
+
+    @rule(text=st.text(max_size=60), start=st.sampled_from(["", "do ", "change pressure:target ", "do sequence:_arm "]))
+    def garbage(self, text: str, start: str) -> None:
+        """No line raises."""
+        self.lines(start + text.replace("\n", " "))
+
+    @rule()
+    def read_all(self) -> None:
+        for node in self.nodes():
+            assert all(line.startswith(("update ", "error_update ")) for line in node.updates().values())
+            json.dumps(node.description())
+
+    @invariant()
+    def values_are_json(self) -> None:
+        if hasattr(self, "rig"):
+            answer = next(self.nodes()[1].answer("read sequence:status"))
+            assert answer.startswith("reply ")
+
+
+class TestRandomRequests(Clients.TestCase):  # type: ignore[misc, name-defined]
+    """What every change must pass."""
+
+    settings = settings(ORDERS, max_examples=5)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(3 * 3600)
+class TestTenThousandRandomRequests(Clients.TestCase):  # type: ignore[misc, name-defined]
+    """The same, ten thousand times."""
+
+    settings = settings(ORDERS, max_examples=10_000)

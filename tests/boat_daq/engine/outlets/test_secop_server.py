@@ -1,0 +1,228 @@
+"""The SECoP node over TCP: two clients, and some that are silent, flooding, lying or killed."""
+
+from __future__ import annotations
+
+import json
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from boat_daq.engine.outlets import secop_server
+from boat_daq.engine.outlets.secop_node import IDENT, SecopNode
+from boat_daq.engine.outlets.secop_server import SecopServer, read_token
+from boat_daq.engine.session.session import Session
+from boat_daq.engine.settings import Settings, UnitLibrary
+from boat_daq.engine.simulator.server import BoardSettings
+from boat_daq.engine.snapshot import SessionState
+from boat_daq.errors import OperatorError
+from protocol.recording import BoardState
+from tests.boat_daq.engine.served_board import serve_in_thread
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Iterator[Session]:
+    """A session on a virtual board, 20 times as fast as a real one."""
+    with serve_in_thread(BoardSettings(speed=20.0)) as board:
+        found = Session(Settings(), UnitLibrary(tmp_path / "units"))
+        try:
+            found.connect(board.url)
+            found.wait_connected()
+            found.wait(lambda s: s.last is not None, 5)
+            yield found
+        finally:
+            found.close()
+
+
+@pytest.fixture
+def server(session: Session, tmp_path: Path) -> Iterator[SecopServer]:
+    """A server that allows control."""
+    found = SecopServer(SecopNode(session, tmp_path, allow_control=True), ("127.0.0.1", 0))
+    yield found
+    found.close()
+
+
+class Client:
+    """A client written from the specification alone: lines over TCP."""
+
+    def __init__(self, port: int) -> None:
+        self.socket = socket.create_connection(("127.0.0.1", port), timeout=10)
+        self.file = self.socket.makefile("rb")
+
+    def send(self, text: str) -> None:
+        self.socket.sendall(text.encode() + b"\n")
+
+    def line(self) -> str:
+        return self.file.readline().decode().strip()
+
+    def ask(self, text: str) -> list[Any]:
+        """Return action, specifier and data of the answer; updates in between are left out."""
+        self.send(text)
+        while (answer := self.line()).startswith("update "):
+            pass
+        action, _, rest = answer.partition(" ")
+        where, _, data = rest.partition(" ")
+        return [action, where, json.loads(data) if data else None]
+
+    def close(self) -> None:
+        self.file.close()
+        self.socket.close()
+
+
+def test_a_client_of_the_specification_reads_and_drives(session: Session, server: SecopServer) -> None:
+    """Identification, description, reading, a pressure within limits, a run, a recording, VENT."""
+    client = Client(server.port)
+    client.send("*IDN?")
+    assert client.line() == IDENT
+    _, _, described = client.ask("describe")
+    assert described["modules"]["pressure"]["interface_classes"] == ["Drivable"]
+    assert described["description"].startswith("SIMULATED")
+    assert 1000 < client.ask("read s1:value")[2][0] < 2500
+    assert client.ask("change pressure:target 1000")[0:3:2] == [
+        "error_change", ["RangeError", "1000 is outside -45 to 55", {}]
+    ]  # fmt: skip
+    assert client.ask("change pressure:_ramp 50")[2][0] == 50
+    assert client.ask("change pressure:target 10")[0] == "changed"
+    session.wait(lambda s: s.last.state is BoardState.HOLDING, 10)
+    assert client.ask("read pressure")[2][0] == pytest.approx(10, abs=1.5)
+    assert client.ask("do vent:_vent")[0] == "done"
+    session.wait(lambda s: s.last.state is BoardState.VENTED and abs(s.last.pressure_kpa) < 0.5, 10)
+    assert client.ask('do recording:_start "by_secop"')[0] == "done"
+    assert client.ask("read recording:_file")[2][0] == "by_secop.boat"
+    assert client.ask('do sequence:_arm "calibration"')[0] == "done"
+    assert client.ask("do sequence:_start")[0] == "done"
+    assert session.wait(lambda s: s.state is SessionState.RUNNING, 5).state is SessionState.RUNNING
+    assert client.ask("do sequence:_abort")[0] == "done"
+    assert client.ask("do recording:_stop")[0] == "done"
+    assert session.snapshot().recording is None
+    client.close()
+
+
+def test_the_client_of_frappy_reads_and_drives(session: Session, server: SecopServer) -> None:
+    """The framework's own client understands the description, receives updates, and drives the pressure."""
+    frappy = pytest.importorskip("frappy.client", reason="frappy-core is not installed")
+    client = frappy.SecopClient(f"localhost:{server.port}")
+    client.connect(5)
+    try:
+        assert {"s1", "s2", "elongation", "pressure", "sequence", "vent", "recording"} <= set(client.modules)
+        value, _, error = client.getParameter("s1", "value", trycache=False)
+        assert error is None
+        assert 1000 < value < 2500
+        client.setParameter("pressure", "_ramp", 50.0)
+        client.setParameter("pressure", "target", 8.0)
+        session.wait(lambda s: s.last.state is BoardState.HOLDING, 10)
+        deadline = time.monotonic() + 5
+        while client.cache["pressure", "value"][0] < 6 and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert client.cache["pressure", "value"][0] == pytest.approx(8, abs=1.5)
+        client.execCommand("vent", next(iter(client.modules["vent"]["commands"])))
+        session.wait(lambda s: s.last.state is BoardState.VENTED, 5)
+    finally:
+        client.disconnect()
+
+
+def test_updates_follow_an_activation(session: Session, server: SecopServer) -> None:
+    """All values at once, then `active`, then what changes; nothing after a deactivation."""
+    client = Client(server.port)
+    client.send("activate pressure")
+    lines = []
+    while not (line := client.line()).startswith("active"):
+        lines.append(line)
+    assert {line.split()[1] for line in lines} >= {"pressure:value", "pressure:status", "pressure:target"}
+    assert client.line().startswith("update pressure:")
+    assert client.ask("deactivate pressure")[0] == "inactive"
+    client.close()
+
+
+def test_read_only_refuses_all_but_vent(session: Session, tmp_path: Path) -> None:
+    server = SecopServer(SecopNode(session, tmp_path), ("127.0.0.1", 0))
+    client = Client(server.port)
+    assert client.ask("describe")[2]["modules"]["pressure"]["interface_classes"] == ["Readable"]
+    assert client.ask("change pressure:target 10")[2][0] == "ReadOnly"
+    for command in ('sequence:_arm "calibration"', "sequence:_start", "pressure:stop", 'recording:_start "x"'):
+        assert client.ask(f"do {command}")[2][0] == "Disabled"
+    assert client.ask("do vent:_vent")[0] == "done"
+    session.wait(lambda s: s.last.state is BoardState.VENTED, 5)
+    client.close()
+    server.close()
+
+
+def test_other_computers_need_a_token(session: Session, tmp_path: Path) -> None:
+    """No address beyond loopback without one; without it not even VENT; a wrong one is refused late."""
+    node = SecopNode(session, tmp_path)
+    with pytest.raises(OperatorError, match="can be reached from other computers"):
+        SecopServer(node, ("0.0.0.0", 0))
+    path = tmp_path / "token"
+    path.write_text("short\n")
+    with pytest.raises(OperatorError, match="no usable token"):
+        read_token(path)
+    path.write_text("0123456789abcdef\n")
+    server = SecopServer(node, ("0.0.0.0", 0), token=read_token(path))
+    wrong, right = Client(server.port), Client(server.port)
+    wrong.send("do vent:_vent")
+    right.send("_authenticate 0123456789abcdef")
+    assert right.line() == "_authenticated"
+    assert right.ask("read s1:value")[0] == "reply"
+    assert "a token is required" in wrong.line()
+    assert wrong.line() == ""
+    for client in (wrong, right):
+        client.close()
+    server.close()
+
+
+def test_the_number_of_clients_is_limited(server: SecopServer) -> None:
+    clients = [Client(server.port) for _ in range(secop_server.CLIENTS)]
+    for client in clients:
+        assert client.ask("ping 1")[0] == "pong"
+    more = Client(server.port)
+    assert "IsBusy" in more.line()
+    for client in (*clients, more):
+        client.close()
+
+
+def test_bad_clients_leave_vent_and_others_at_once(session: Session, server: SecopServer) -> None:
+    """One that never reads, one that floods, one without lines, one that is killed: VENT by another is at once."""
+    session.set_pressure(15.0, 50.0)
+    silent, flooding, endless, killed = (Client(server.port) for _ in range(4))
+    silent.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    silent.send("activate")
+    flooding.socket.setblocking(False)
+    for bad, data in ((flooding, b"describe\n" * 20_000), (endless, b"x" * 100_000)):
+        try:
+            bad.socket.send(data)
+        except (BlockingIOError, ConnectionError):
+            continue
+    killed.send("activate")
+    killed.close()
+    good = Client(server.port)
+    assert good.ask("do vent:_vent")[0] == "done"
+    assert session.wait(lambda s: s.last.state is BoardState.VENTED, 5).last.state is BoardState.VENTED
+    assert good.ask("read s1:value")[0] == "reply"
+    assert session.snapshot().health.statistics.lost == 0
+    for client in (silent, flooding, endless, good):
+        client.close()
+
+
+@pytest.mark.parametrize(
+    ("line", "name"),
+    [
+        ("change pressure:target NaN", "BadJSON"), ("change pressure:target 1e999", "WrongType"),
+        ("change pressure:target true", "WrongType"), ('change pressure:target "5"', "WrongType"),
+        ("change pressure:target [5]", "WrongType"), ("change pressure:target", "ProtocolError"),
+        ("change pressure:target " + "[" * 8000, "BadJSON"), ("change pressure:value 5", "ReadOnly"),
+        ("change nothing 5", "NoSuchModule"), ("read s1:none", "NoSuchParameter"), ("do vent:open", "NoSuchCommand"),
+        ("do vent:_vent 5", "WrongType"), ("do sequence:_arm 5", "WrongType"), ('do sequence:_arm "x"', "RangeError"),
+        ("do sequence:_start", "Impossible"), ('do recording:_start "../x"', "Impossible"),
+        ('do recording:_start "a\\u0000b"', "WrongType"), ("burn", "ProtocolError"), ("", "ProtocolError"),
+        ("change pressure:_ramp 1e9", "RangeError"), ("\x00\xff", "ProtocolError"),
+    ],
+)  # fmt: skip
+def test_a_lie_is_refused_by_name(session: Session, server: SecopServer, line: str, name: str) -> None:
+    """Wrong types, values, names and texts: an error of the protocol's class, and the pressure stays as it is."""
+    client = Client(server.port)
+    assert client.ask(line)[2][0] == name
+    assert session.snapshot().last.state is BoardState.IDLE
+    client.close()

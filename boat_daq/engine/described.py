@@ -168,10 +168,17 @@ def with_defaults(values: D, keys: Iterable[str], where: str) -> D:
 
 
 def text_of(value: object) -> str:
-    """Return a value as text that `Described.value_of` reads."""
+    """Return a value as text that `Described.value_of` reads; a table as its keys and values."""
     if isinstance(value, bool):
         return "on" if value else "off"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} = {text_of(inner)}" for key, inner in value.items())
     return f"{value:.12g}" if isinstance(value, float) else str(value)
+
+
+def texts_of(values: object) -> dict[str, str]:
+    """Return the texts of a dataclass's described values, by key."""
+    return {key: text_of(getattr(values, key)) for key in described(values)}
 
 
 def _number(value: float) -> str:
@@ -201,14 +208,16 @@ def take_changes(table: dict[str, Any], where: str) -> tuple[StoredChange, ...]:
     return tuple(build(StoredChange, row, f"{where}, {CHANGES}") for row in rows)
 
 
-def with_changes(stored: tuple[StoredChange, ...], before: object, after: object) -> list[dict[str, str]]:
+def with_changes(
+    stored: tuple[StoredChange, ...], before: Mapping[str, str], after: Mapping[str, str]
+) -> list[dict[str, str]]:
     """Return the changes to store in a file: those it has, and what differs now.
 
     Parameters
     ----------
-    stored : of the file. before, after : the same dataclass.
+    stored : of the file. before, after : texts by key (`texts_of`).
     """
     utc = datetime.now(UTC).isoformat(timespec="seconds")
-    differing = ((key, getattr(before, key), getattr(after, key)) for key in described(after))
-    new = [StoredChange(utc, key, text_of(old), text_of(value)) for key, old, value in differing if old != value]
+    pairs = ((key, before.get(key, ""), after.get(key, "")) for key in dict.fromkeys((*before, *after)))
+    new = [StoredChange(utc, key, old, text) for key, old, text in pairs if old != text]
     return [dataclasses.asdict(change) for change in (*stored, *new)][-MOST_CHANGES:]

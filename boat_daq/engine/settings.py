@@ -37,6 +37,8 @@ from boat_daq.engine.described import (
     check_ranges,
     stated,
     take_changes,
+    text_of,
+    texts_of,
     with_changes,
 )
 from boat_daq.engine.file_names import is_device_name, path_in
@@ -241,7 +243,7 @@ def save_settings(settings: Settings, folder: Path | None = None) -> None:
         before, changes = Settings(), ()
         if path.exists():
             _keep_refused(path)
-    write_stored(path, settings_text(settings, with_changes(changes, before, settings)))
+    write_stored(path, settings_text(settings, with_changes(changes, texts_of(before), texts_of(settings))))
 
 
 def settings_text(settings: Settings, changes: Sequence[Mapping[str, str]] = ()) -> str:
@@ -280,6 +282,13 @@ class UnitLibrary:
     def of(self, *, simulated: bool) -> UnitLibrary:
         """Return the library of simulated boards, or that of real ones."""
         return self if simulated is self.simulated else UnitLibrary(self._units, simulated=simulated)
+
+    def stamp(self, name: str) -> int:
+        """Return a number that changes with the file of a unit's limits; 0 without a file."""
+        try:
+            return path_in(self._units, f"{name}.toml").stat().st_mtime_ns
+        except OSError:
+            return 0
 
     def names(self) -> list[str]:
         """Return the names of the stored units, sorted."""
@@ -366,7 +375,8 @@ class UnitLibrary:
         kept = own.history if own is not None else ()
         table = dataclasses.asdict(dataclasses.replace(unit, history=(*kept, *new)))
         imported = bool(unit.changes) and not stored.changes
-        table[CHANGES] = with_changes(*((unit.changes, unit) if imported else (stored.changes, stored)), unit)
+        changes, before = (unit.changes, unit) if imported else (stored.changes, stored)
+        table[CHANGES] = with_changes(changes, _stated_texts(before), _stated_texts(unit))
         table["history"] = [{**entry, "content": json.dumps(dict(entry["content"]))} for entry in table["history"]]
         write_stored(path_in(self.folder, f"{unit.name}.toml"), tomli_w.dumps(table))
 
@@ -395,6 +405,13 @@ class UnitLibrary:
         unit = dataclasses.replace(unit, history=(*unit.history, entry))
         self.save(unit)
         return unit
+
+
+def _stated_texts(unit: Unit) -> dict[str, str]:
+    """Return the texts of what is stated of a unit, by key; its calibrations have dates of their own."""
+    tables = {"metadata": unit.metadata, "type_b": unit.type_b}
+    stated = {f"{table}.{key}": text_of(value) for table, values in tables.items() for key, value in values.items()}
+    return texts_of(unit) | stated
 
 
 def read_unit(path: Path) -> Unit:

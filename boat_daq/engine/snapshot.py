@@ -109,6 +109,7 @@ class MessageKind(enum.StrEnum):
     REPLAY_ENDED = "replay_ended"
     STORAGE = "storage"
     BACKUP_USED = "backup_used"
+    UNIT_LIMITS = "unit_limits"
     SLOW = "slow"
     SINK_FAILED = "sink_failed"
     DERIVED = "derived"

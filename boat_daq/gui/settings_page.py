@@ -23,12 +23,13 @@ from boat_daq.gui.widgets.layouts import Leaves, ReflowingPage
 from boat_daq.viewmodels.common.notices import sentence
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.conversion import UnitInUse
-from boat_daq.viewmodels.settings_model import PROGRAM, SettingsModel, StoredValues, note, refusal
+from boat_daq.viewmodels.settings_model import CALIBRATION, PROGRAM, SettingsModel, StoredValues, note, refusal
 
 EXPLANATION = "A value is stored when you leave its field. Undo: Ctrl+Z."
 LIMITS = "A plan outside these limits is refused, on virtual boards, too."
 NO_CHANGE = "None yet"
 EMPTY = "empty"
+TABLES = {"type_b": "Type B", "metadata": "Metadata"}
 NO_LIMIT = 16_777_215  # of Qt
 ON_OFF = [("off", "off"), ("on", "on")]
 SUBJECT_ROLE = Qt.ItemDataRole.UserRole
@@ -189,7 +190,7 @@ class SettingsPage(ReflowingPage):
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Follow the stored files where something has changed."""
         subjects = self.model.subjects(self._unit.name(snapshot))
-        followed = (subjects, self.subject, self.model.revision, snapshot.unit)
+        followed = (subjects, self.subject, self.model.revision, self.model.stamp(self.subject))
         if followed == self._shown:
             return
         self._shown = followed
@@ -243,9 +244,11 @@ class SettingsPage(ReflowingPage):
     @staticmethod
     def _change_cells(change: StoredChange, rows: Mapping[str, ValueRow]) -> tuple[str, str, str]:
         when = change.utc[5:16].replace("T", " ")
-        if change.key not in rows:
-            return when, change.key, change.after
-        return when, rows[change.key].about.label, f"{change.before or EMPTY} \u2192 {change.after or EMPTY}"
+        if change.key == CALIBRATION:
+            return when, CALIBRATION, change.after
+        table, _, key = change.key.partition(".")
+        label = rows[table].about.label if table in rows else f"{TABLES.get(table, table)}: {key}".rstrip(": ")
+        return when, label, f"{change.before or EMPTY} \u2192 {change.after or EMPTY}"
 
     def _store(self, key: str, text: str) -> None:
         self._attempt(lambda: self.model.enter(self.subject, {key: text}))

@@ -20,6 +20,7 @@ from boat_daq.engine.described import (
     StoredChange,
     described,
     text_of,
+    texts_of,
     with_defaults,
     with_typed,
 )
@@ -99,7 +100,7 @@ class SettingsModel:
         """
         if subject == PROGRAM:
             settings, changes = (Settings(), ()) if self.refused is not None else stored_settings(self._folder)
-            return StoredValues(_all_texts(settings), changes[::-1])
+            return StoredValues(texts_of(settings), changes[::-1])
         unit = self._units.load(subject)
         calibrations = (
             StoredChange(entry.utc, CALIBRATION, "", entry.recording or "accepted" if entry.accepted else "withdrawn")
@@ -107,7 +108,14 @@ class SettingsModel:
         )
         changes = tuple(sorted((*unit.changes, *calibrations), key=lambda change: change.utc))[::-1]
         date = f"in force since {unit.calibration.utc[:10]}" if unit.calibration is not None else "none in force"
-        return StoredValues(_all_texts(unit), changes, f"{len(unit.history)} calibrations, {date}")
+        return StoredValues(texts_of(unit), changes, f"{len(unit.history)} calibrations, {date}")
+
+    def stamp(self, subject: str) -> int:
+        """Return a number that changes with the file of a subject; 0 without a file."""
+        try:
+            return self.file(subject).stat().st_mtime_ns
+        except OSError:
+            return 0
 
     def file(self, subject: str) -> Path:
         """Return the file of a subject."""
@@ -236,14 +244,10 @@ def _is_unit(text: str) -> bool:
     return any(line.partition("=")[0].strip() == "min_kpa" for line in text.splitlines())
 
 
-def _all_texts(values: Settings | Unit) -> dict[str, str]:
-    return {key: text_of(getattr(values, key)) for key in described(values)}
-
-
 def _texts(before: Any, after: Any) -> dict[str, str]:
     """Return the texts of the values that differ, as they are after."""
-    pairs = ((key, getattr(before, key), getattr(after, key)) for key in described(after))
-    return {key: text_of(new) for key, old, new in pairs if old != new}
+    old = texts_of(before)
+    return {key: text for key, text in texts_of(after).items() if text != old[key]}
 
 
 def _with_values(unit: Unit, other: Unit) -> Unit:

@@ -186,19 +186,20 @@ class Controller:
         self.sequencer.arm(plan, wait_for_reading=wait_for_reading, resume_at=resume_at)
         self.interlock.set_limits("plan", (plan.min_kpa, plan.max_kpa))
 
-    def use_unit_limits(self, limits_kpa: tuple[float, float]) -> None:
-        """Take other limits of the unit, where they are others; an armed plan was checked against the old ones.
+    def use_unit_limits(self, limits_kpa: tuple[float, float]) -> bool:
+        """Take limits of the unit, disarm a plan that was checked against others; return whether they are others.
 
         Raises
         ------
         OperatorError : a run is in progress.
         """
         if self.interlock.of("unit") == limits_kpa:
-            return
+            return False
         if self.sequencer.state in (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING):
             raise OperatorError("a run is in progress with the unit", "stop the run first")
         self.disarm()
         self.interlock.set_limits("unit", limits_kpa)
+        return True
 
     def checks(self) -> list[Check]:
         """Return the lines of the check before the first pressure."""

@@ -60,6 +60,7 @@ VENTING_WAIT_S = 5.0
 POLL_S = 0.01
 _NO_LINK = (LinkState.CLOSED, LinkState.FAILED)
 _RUN_OVER = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
+_RUN_OVER_OR_ARMED = (*_RUN_OVER, SessionState.ARMED)
 
 SampleSink: TypeAlias = Callable[[np.ndarray[Any, Any]], None]
 
@@ -95,6 +96,7 @@ class Session:
         self._recording = ActiveRecording(
             self._acting, self._journal, self._link, lambda: self.settings, self.units, self.derived_columns
         )
+        self._unit_stamp = 0  # of the file whose limits hold
         self._health_log = HealthLog(self._health_line)
         self._report_backups()
         self._report_shortcomings()
@@ -213,6 +215,7 @@ class Session:
         """
         rate_hz = rate_hz or self.settings.rate_hz
         control = Controller(rate_hz=rate_hz, zero_tolerance_kpa=self.settings.zero_tolerance_kpa)
+        stamp = self.units.stamp(unit) if unit else 0
         if unit:
             limits = self.units.load(unit)
             control.interlock.set_limits("unit", (limits.min_kpa, limits.max_kpa))
@@ -229,6 +232,7 @@ class Session:
         with self._lock:
             self._link.open(port, profile, greeted=None if path is None else greeted)
             self._control, self.ring, self._recording.unit = control, None, unit
+            self._unit_stamp = stamp
             control.hold_samples = path is not None
         given = "none" if profile is None else "given"
         note("info", f"connecting to {port}, profile {given}, {control.stream.rate_hz} Hz")
@@ -279,6 +283,26 @@ class Session:
                 with self._acting() as control:
                     control.use_unit_limits(old)
             raise
+
+    def _follow_unit(self) -> None:
+        """Take the limits of the unit under test where another program has changed its file; in a run, after it."""
+        unit, before = self._recording.unit, self._unit_stamp
+        stamp = self.units.stamp(unit) if unit else before
+        if stamp == before:
+            return
+        with self._acting() as control:
+            if control.sequencer.state not in _RUN_OVER_OR_ARMED:
+                return
+        self._unit_stamp = stamp
+        try:
+            stored = self.units.load(unit)
+            with self._acting() as control:
+                if control.use_unit_limits((stored.min_kpa, stored.max_kpa)):
+                    text = f"the limits of unit {unit} are now {stored.min_kpa:g} to {stored.max_kpa:g} kPa"
+                    self._journal.tell(MessageKind.UNIT_LIMITS, "info", text, "arm the plan again where one was armed")
+        except OperatorError as error:
+            with self._lock:
+                self._journal.tell(MessageKind.UNIT_LIMITS, "warning", error.cause, error.remedy)
 
     def disconnect(self) -> None:
         """Vent, stop the stream, close the recording and the port.
@@ -674,6 +698,7 @@ class Session:
 
     def _health_line(self) -> str:
         self._recording.take_request()
+        self._follow_unit()
         with self._lock:
             recorder, state = self._journal.recorder, self._control.sequencer.state
         return health_line(self._link.state, state, self._link.health_now(), recorder)

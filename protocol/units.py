@@ -7,10 +7,11 @@ never in between. Factors are exact, or those of NIST SP 811.
 
 from __future__ import annotations
 
+import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
-from typing import Final
+from typing import Any, Final
 
 KPA_PER_UNIT = {
     "kpa": 1.0, "pa": 1e-3, "hpa": 0.1, "mpa": 1e3, "bar": 100.0, "mbar": 0.1, "psi": 6.894757293168361,
@@ -99,3 +100,93 @@ def in_a_name(symbol: str) -> str:
     found = find_unit(symbol)
     text = (found.symbol if found else symbol).replace("%", "percent").replace("/", "_per_")
     return re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_").lower()
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """How values of one stored unit are shown: `value * factor + offset`, in `symbol`."""
+
+    symbol: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def value(self, stored: float) -> float:
+        """Return a stored value as it is shown."""
+        return stored * self.factor + self.offset
+
+    def decimals(self, stored: int) -> int:
+        """Return the decimals that show as much as so many of the stored unit."""
+        return max(0, stored - round(math.log10(self.factor)))
+
+
+CHOICES: Final = {  # quantity -> the units in which it can be shown, the stored one first
+    "pressure": ("kPa", "bar", "mbar", "psi", "MPa", "Pa", "mmHg"),
+    "voltage": ("mV", "V", "uV"),
+    "length": ("mm", "%", "um", "cm", "in"),
+    "temperature": ("degC", "degF", "K"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ShownUnits:
+    """The units in which values are shown, by quantity; what is stored and computed does not depend on them.
+
+    `rest_length_mm` is what an elongation is a percentage of.
+    """
+
+    pressure: str = "kPa"
+    voltage: str = "mV"
+    length: str = "mm"
+    temperature: str = "degC"
+    rest_length_mm: float = 75.0
+
+    @classmethod
+    def of(cls, text: str) -> ShownUnits:
+        """Return the units that a text such as `bar,V,%` names; a quantity that it does not name keeps its own.
+
+        Raises
+        ------
+        ValueError : a part is none of `CHOICES`; names those.
+        """
+        chosen: dict[str, Any] = {}
+        for part in filter(None, (part.strip() for part in text.split(","))):
+            found = find_unit(part)
+            quantities = [name for name, units in CHOICES.items() if found is not None and found.symbol in units]
+            if found is None or not quantities:
+                known = ", ".join(unit for units in CHOICES.values() for unit in units)
+                raise ValueError(f"{part!r:.40} is none of the units {known}")
+            chosen[quantities[0]] = found.symbol
+        return replace(STORED_UNITS, **chosen)
+
+    def shown(self, stored: str) -> Shown:
+        """Return how values of a unit such as kPa, mV/mm or degC are shown."""
+        return _shown(self, stored)
+
+    def _part(self, stored: str) -> Shown:
+        found = find_unit(stored)
+        if found is None or found.quantity not in CHOICES:
+            return Shown(stored)
+        own, wanted = CHOICES[found.quantity][0], getattr(self, found.quantity)
+        if wanted == own:  # a channel in another unit keeps it until one is chosen
+            return Shown(stored)
+        if wanted == "%":
+            return Shown("%", 100.0 * found.factor / self.rest_length_mm)
+        factor, offset = conversion(stored, wanted) or (1.0, 0.0)
+        return Shown(wanted, factor, offset)
+
+
+STORED_UNITS: Final = ShownUnits()
+
+
+@cache
+def _shown(units: ShownUnits, stored: str) -> Shown:
+    above, slash, below = stored.partition("/")
+    if not slash:
+        return units._part(stored)
+    top, bottom = units._part(above), units._part(below)
+    return Shown(f"{top.symbol}/{bottom.symbol}", top.factor / bottom.factor)
+
+
+def as_text(symbol: str) -> str:
+    """Return a unit as it is printed: degC as °C, um as µm."""
+    return re.sub(r"\bu(?=[A-Zm])", "µ", symbol.replace("deg", "°").replace("ohm", "Ω")) if symbol != "deg" else "°"

@@ -11,6 +11,7 @@ from typing import cast
 from PySide6.QtWidgets import QApplication
 
 from analysis.fidelity import LEVELS
+from boat_daq.gui.live.units_panel import UnitsPanel
 from boat_daq.gui.main_window import MainWindow
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
@@ -121,6 +122,14 @@ def view(window: MainWindow) -> list[Command]:
 
         TextDialog(window, "Derived channels", DERIVED, run.derived_text(), "Use", take, lines=8)
 
+    def show_units() -> None:
+        if window.units_panel is None:
+            choice, services = window.model.unit_choice, window.model.services
+            window.units_panel = UnitsPanel(window, choice, services, window.follow_theme)
+        window.units_panel.refresh()
+        window.units_panel.show()
+        window.units_panel.raise_()
+
     def is_live() -> bool:
         return window.page is Page.LIVE
 
@@ -148,6 +157,7 @@ def view(window: MainWindow) -> list[Command]:
         add("Both signals on one axis", "Ctrl+T", live.toggle_together),
         add("Layout of the plots …", "Ctrl+Shift+L", live.show_layout, also="hide order overlay axis curves xy"),
         add("Overlay the last cycles", "Ctrl+Shift+O", live.toggle_overlay),
+        add("Units of the values …", "Ctrl+Alt+J", show_units, also="psi bar volt percent celsius fahrenheit inch"),
         add("Derived channels …", "Ctrl+Alt+H", edit_derived, also="expression formula ratio virtual channel"),
         add("Copy the plot", "Ctrl+Shift+C", partial(export_plot, "copy"), apart=True, also="screenshot clipboard"),
         add("Save the plot as PNG …", "Ctrl+S", partial(export_plot, "png"), also="screenshot picture image export"),

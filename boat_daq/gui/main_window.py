@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import monotonic, thread_time
@@ -21,6 +22,7 @@ from boat_daq.gui import style
 from boat_daq.gui.connect_panel import ConnectPanel
 from boat_daq.gui.header import Header, Navigation, Strip
 from boat_daq.gui.live.live_page import LivePage
+from boat_daq.gui.live.units_panel import UnitsPanel
 from boat_daq.gui.models.optics_page import OpticsPage
 from boat_daq.gui.models.shadow_page import ShadowPage
 from boat_daq.gui.models.tradeoff_page import TradeoffPage
@@ -50,6 +52,7 @@ CALM_MS = 150
 FRAMES_MEAN = 0.1  # weight of the newest frame in their mean cost
 LEAVE_S = 10.0  # two requests to close within it stop a run
 FRAME = 48  # of the system around a window, at most
+MODEL_PAGES = (Page.OPTICS, Page.SHADOW, Page.TRADE_OFF)
 THEMES = {"system": None, "light": style.LIGHT, "dark": style.DARK}
 
 
@@ -61,6 +64,7 @@ class MainWindow(QMainWindow):
     def __init__(self, model: AppModel) -> None:
         super().__init__()
         self.model = model
+        self.pages: dict[Page, Any] = {}  # those that have been shown
         self.follow_theme()  # before there is a widget: each is styled once, where it is shown
         self._leave_until = 0.0
         self._used_s, self._frame_ms = thread_time(), 0.0  # processor time of this thread; of a frame, smoothed
@@ -75,7 +79,6 @@ class MainWindow(QMainWindow):
         self.scrolls = {name: PageScroll() for name in Page}
         for scroll in self.scrolls.values():
             self.stack.addWidget(scroll)
-        self.pages: dict[Page, Any] = {}  # those that have been shown
         self.live: LivePage = self.open_page(Page.LIVE)
         self._lay_out()
         self.connect_panel = ConnectPanel(self, model.connection, model.services)
@@ -85,6 +88,7 @@ class MainWindow(QMainWindow):
         self.commands = Registry(self, model.notices)
         self.palette_ = Palette(self, self.commands)
         self.keys: ShortcutSheet | None = None
+        self.units_panel: UnitsPanel | None = None  # made where it is first shown
         self.window_keys = WindowKeys(self, self.vent, self.escape, lambda: self.page is Page.LIVE)
         application().focusWindowChanged.connect(self.window_keys.watch)
         application().focusChanged.connect(self.window_keys.follow_focus)
@@ -296,11 +300,18 @@ class MainWindow(QMainWindow):
         self._paint(self)
 
     def _paint(self, root: QWidget) -> None:
-        """Apply the theme to what the style sheet does not reach in `root`: plots and pictures."""
+        """Apply the theme to what the style sheet does not reach in `root`: plots and pictures.
+
+        Values of a run are shown in the units that the operator chose; the models keep those of their papers.
+        """
+        units = self.model.unit_choice.units
+        shown = self.theme if units == self.theme.units else replace(self.theme, units=units)
+        models = [page for name, page in self.pages.items() if name in MODEL_PAGES]
         for widget in (root, *root.findChildren(QWidget)):
             paint = getattr(widget, "paint_theme", None)
             if paint is not None:
-                paint(self.theme)
+                of_model = any(page is widget or page.isAncestorOf(widget) for page in models)
+                paint(self.theme if of_model else shown)
 
     # ---- open and close -------------------------------------------------------------------------------------------
 

@@ -15,6 +15,8 @@ from string import Template
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QFont, QFontDatabase, QFontMetrics, QGuiApplication, QPalette
 
+from protocol.units import STORED_UNITS, ShownUnits
+
 HERE = Path(__file__).parent
 
 
@@ -45,6 +47,7 @@ class Theme:
     pressure: str
     elongation: str
     target: str
+    units: ShownUnits = STORED_UNITS  # of the values that are shown, as the operator chose them
 
 
 LIGHT = Theme(

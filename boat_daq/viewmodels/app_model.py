@@ -18,7 +18,7 @@ from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, prepare
 from boat_daq.viewmodels.common.notices import Notices, SessionMessages, Severity
-from boat_daq.viewmodels.common.preferences import Precision, Preferences
+from boat_daq.viewmodels.common.preferences import Precision, Preferences, UnitChoice
 from boat_daq.viewmodels.common.services import Page, Panel, Services, UndoHistory
 from boat_daq.viewmodels.live.board_profile import BoardProfile
 from boat_daq.viewmodels.live.connection import ConnectionModel
@@ -37,6 +37,7 @@ from boat_daq.viewmodels.results.csv_import import CsvImport
 from boat_daq.viewmodels.results.repeatability import RepeatabilityModel
 from boat_daq.viewmodels.results.runs import RunActions, RunsModel
 from boat_daq.viewmodels.settings_model import SettingsModel
+from protocol.units import ShownUnits
 
 
 class AppModel:
@@ -96,9 +97,13 @@ class AppModel:
             replay=self.connection.replay,
             unit=lambda: self.unit.name(self.snapshot),
         )
+        self.unit_choice = UnitChoice(self.preferences, self._use_units)
         self.precision = Precision(self.preferences, self._use_fidelity)
         self.snapshot = session.snapshot()
         self._messages = SessionMessages(self.notices, self.snapshot)
+
+    def _use_units(self, units: ShownUnits) -> None:
+        self.live.units = units
 
     def _use_fidelity(self, chosen: Fidelity) -> None:
         self.live.points_a_column = chosen.points_a_column

@@ -11,8 +11,9 @@ from PySide6.QtWidgets import QCheckBox, QComboBox, QDialog, QGridLayout, QWidge
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Layout, Layouts, title, unit
+from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Layout, Layouts
 from boat_daq.viewmodels.live.live_model import LiveModel
+from protocol.units import as_text
 
 OWN, HIDDEN = "", "hidden"  # places besides the plot of another quantity
 AGAINST = {PRESSURE: "Pressure", ELONGATION: "Elongation"}
@@ -95,24 +96,26 @@ class LayoutPanel(QDialog):
         hosts = [plot.all[0] for plot in plots]
         self.places, self.sides = {}, {}
         for i, quantity in enumerate([*shown, *(q for q in quantities if q not in shown)], 1):
-            plot = next((plot for plot in plots if quantity in plot.all), None)
+            plot, name = next((plot for plot in plots if quantity in plot.all), None), self.live.title(quantity)
             own = plot is None or len(plot.all) == 1 or quantity == plot.all[0]
             entries = [("in a plot of its own", OWN)]
-            entries += [(f"with {title(host).lower()}", host) for host in hosts if host != quantity]
-            place = self._choice(f"Place of {title(quantity)}", [*entries, ("hidden", HIDDEN)], quantity, self._place)
+            entries += [(f"with {self.live.title(host).lower()}", host) for host in hosts if host != quantity]
+            place = self._choice(f"Place of {name}", [*entries, ("hidden", HIDDEN)], quantity, self._place)
             at = HIDDEN if plot is None else OWN if own else plot.all[0]
             place.setCurrentIndex(place.findData(at))
-            side = self._choice(f"Axis of {title(quantity)}", [("left", False), ("right", True)], quantity, self._side)
+            side = self._choice(f"Axis of {name}", [("left", False), ("right", True)], quantity, self._side)
             side.setCurrentIndex(int(plot is not None and quantity in plot.right))
             widgets.allow(side, "" if plot is not None and len(plot.all) > 1 else "It is alone in its plot.")
             up, down = (
-                widgets.button(sign, partial(self._move, quantity, by), "quiet", name=f"Move {title(quantity)} {way}")
+                widgets.button(sign, partial(self._move, quantity, by), "quiet", name=f"Move {name} {way}")
                 for sign, by, way in (("\u2191", -1, "up"), ("\u2193", 1, "down"))
             )
             for button, end in ((up, hosts[:1]), (down, hosts[-1:])):
                 button.setVisible(bool(own and plot is not None))
                 widgets.allow(button, "It is at the end already." if quantity in end else "")
-            cells = (widgets.label(f"{title(quantity)} ({unit(quantity)})"), place, side, up, down)
+            stored = self.live.unit(quantity)
+            in_unit = f" ({as_text(self.live.units.shown(stored).symbol)})" if stored else ""
+            cells = (widgets.label(f"{name}{in_unit}"), place, side, up, down)
             for k, widget in enumerate(cells):
                 self.grid.addWidget(widget, i, k)
             self.places[quantity], self.sides[quantity] = place, side

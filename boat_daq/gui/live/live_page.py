@@ -30,6 +30,7 @@ from boat_daq.viewmodels.live.layout import Layouts
 from boat_daq.viewmodels.live.live_model import HEADINGS, HEADINGS_SHORT, WINDOWS_S, OverlayModel, Span
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.shadow_live import ShadowLive
+from protocol.units import as_text
 
 SPACING = 6  # between the parts of a value
 ELONGATION_NOTES = (("\u00b18.88 (k = 2)", "\u25b2 out of range"), ("\u00b18.88", "\u25b2 differ"))
@@ -54,6 +55,12 @@ STEPS = {
 
 
 Notes = tuple[Sequence[str], Sequence[str]]
+SHOWN = {  # value -> its stored unit, its widest text, the decimals of it
+    "s": ("mV", "8 888.8", 1),
+    "mm": ("mm", "+88.88", 2),
+    "kpa": ("kPa", "+88.8", 1),
+    "target": ("kPa", "+88.8", 1),
+}
 
 
 class ValueDisplay(QWidget):
@@ -105,6 +112,12 @@ class ValueDisplay(QWidget):
             head += SPACING + max(style.text_width(small, note) for note in notes)
         line = self.value.minimumWidth() + SPACING + style.text_width(unit, self.unit.text())
         self.setFixedWidth(max(head, line) + style.STEP)
+
+    def set_unit(self, unit: str, example: str) -> None:
+        """Show values in another unit, whose widest one is `example`; the size is to be set again."""
+        if (unit, example) != (self.unit.text(), self.example):
+            self.example, self._size = example, (0, False)
+            self.unit.setText(unit)
 
     def set(self, text: str, note: str = "", age: str = "") -> None:
         """Show a value; grey where it has an `age`, as that of data that have ended."""
@@ -209,10 +222,10 @@ class LivePage(QWidget):
         self.page.addWidget(self.sides)
 
     def _figures(self) -> dict[str, ValueDisplay]:
-        figures = {f"s{n}": ValueDisplay(f"Sensor {n}", "mV", "8 888.8") for n in range(1, SENSORS + 1)} | {
-            "mm": ValueDisplay("Elongation", "mm", "+88.88", ELONGATION_NOTES),
-            "kpa": ValueDisplay("Pressure", "kPa", "+88.8", TARGET_NOTES),
-            "target": ValueDisplay("Target", "kPa", "+88.8"),
+        figures = {f"s{n}": ValueDisplay(f"Sensor {n}", *SHOWN["s"][:2]) for n in range(1, SENSORS + 1)} | {
+            "mm": ValueDisplay("Elongation", *SHOWN["mm"][:2], ELONGATION_NOTES),
+            "kpa": ValueDisplay("Pressure", *SHOWN["kpa"][:2], TARGET_NOTES),
+            "target": ValueDisplay("Target", *SHOWN["target"][:2]),
         }
         figures["mm"].note.explain(BAND)
         return figures
@@ -424,7 +437,15 @@ class LivePage(QWidget):
             self.pane.removeTab(at)
 
     def paint_theme(self, theme: Theme) -> None:
-        """Take the colours of `theme`."""
+        """Take the colours and the units of `theme`."""
+        for name, figure in self.figures.items():
+            stored, example, decimals = SHOWN[name.rstrip("1234")]
+            shown = theme.units.shown(stored)
+            if shown.symbol != stored:
+                widest = shown.value(float(example.replace(" ", "")))
+                example = formatting.number(widest, shown.decimals(decimals), sign=example.startswith("+"))
+            figure.set_unit(as_text(shown.symbol), example)
+        self._fit_figures()
         colours = (*theme.sensors, theme.elongation, theme.pressure, theme.target)
         for figure, colour in zip(self.figures.values(), colours, strict=True):
             figure.swatch.setStyleSheet(f"background: {colour}; border-radius: 2px;")

@@ -25,18 +25,20 @@ from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.live.axis import SteadyRange, extremes
 from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Axes, title, titles, unit
 from boat_daq.viewmodels.live.live_model import CYCLES_KEPT, LiveModel, OverlayModel, PlotFrame, sensor_names
+from protocol.units import as_text
 
 MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
 WHOLE_S = 0.1  # a change that no sample tells of, such as another calibration, is seen after so long
 
 
-def value_text(quantity: str, values: Mapping[str, float]) -> str:
+def value_text(quantity: str, values: Mapping[str, float], model: LiveModel) -> str:
     """Return a value at the mouse with its unit; elongation with its band."""
-    if quantity == ELONGATION:
-        known = math.isfinite(values[ELONGATION])
-        band = f" \u00b1{number(values['expanded_mm'], 2)}" if known else ""
-        return f"{number(values[ELONGATION], 2, sign=True)}{band} mm"
-    return f"{number(values[quantity], 1, sign=quantity == PRESSURE)} {unit(quantity)}"
+    if quantity != ELONGATION:
+        return model.text(quantity, values[quantity])
+    mm = model.units.shown("mm")
+    known = math.isfinite(values[ELONGATION])
+    band = f" \u00b1{number(mm.factor * values['expanded_mm'], mm.decimals(2))}" if known else ""
+    return f"{number(mm.value(values[ELONGATION]), mm.decimals(2), sign=True)}{band} {as_text(mm.symbol)}"
 
 
 def shortened(note: str) -> str:
@@ -94,7 +96,8 @@ class LivePlots(PlotCard):
 
     def _own(self, quantity: str, *, x_title: str = "", x_unit: str = "") -> Plot:
         """Add the plot of a quantity; its time is linked, and the mouse moves it along time only."""
-        plot = self.add(title(quantity), unit(quantity), x_title=x_title, x_unit=x_unit, time=True)
+        name, stored = self.model.title(quantity), self.model.unit(quantity)
+        plot = self.add(name, stored, x_title=x_title, x_unit=x_unit, time=True)
         box = plot.item.getViewBox()
         box.setMouseEnabled(x=True, y=False)
         box.sigRangeChangedManually.connect(self._moved)  # no lambda: it would keep all this alive
@@ -117,6 +120,11 @@ class LivePlots(PlotCard):
         for sensor in range(3, self.model.sensors() + 1):
             if f"s{sensor}_mv" not in self.own:
                 self._add_signal(sensor)
+                self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
+        for quantity, channel in self.model.channels().items():
+            if quantity not in self.own:
+                curve = self._own(quantity).curve(channel.title, lambda t: t.target, gaps=True)
+                self.curves[quantity], self.layers[quantity] = curve, [curve]
                 self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
         layout = self.model.plots()
         rows = self._fitting(layout)
@@ -144,8 +152,9 @@ class LivePlots(PlotCard):
         """Draw the quantities of a row in its plot."""
         left, right = ([layer for name in names for layer in self.layers[name]] for names in (row.left, row.right))
         plot.hold(left, right)
-        plot.set_title(titles(row.left), unit(row.left[0]))
-        plot.set_right(titles(row.right), unit(row.right[0]) if row.right else "", right_px)
+        plot.set_title(self.model.titles(row.left), self.model.unit(row.left[0]))
+        right_unit = self.model.unit(row.right[0]) if row.right else ""
+        plot.set_right(self.model.titles(row.right), right_unit, right_px)
         for which, cursors in self._cursors.items():
             for each, line in cursors:
                 line.label.setFormat(which.upper() if each is self.first else " ")
@@ -157,7 +166,7 @@ class LivePlots(PlotCard):
 
     def _fitting(self, layout: tuple[Axes, ...]) -> tuple[Axes, ...]:
         """Return the rows from the chosen one on that are high enough to be read; the choice is hidden if all are."""
-        names = [titles(row.all) for row in layout]
+        names = [self.model.titles(row.all) for row in layout]
         if names != [self.first_row.itemText(i) for i in range(self.first_row.count())]:
             self.first_row.clear()
             self.first_row.addItems(names)
@@ -266,7 +275,10 @@ class LivePlots(PlotCard):
         if not values:
             return {}
         shown = zip(self.rows, self._shown, strict=True)
-        texts = {plot: ", ".join(value_text(name, values) for name in row.all if name in values) for plot, row in shown}
+        texts = {
+            plot: ", ".join(value_text(name, values, self.model) for name in row.all if name in values)
+            for plot, row in shown
+        }
         lowest = self.rows[-1]
         texts[lowest] = f"{texts[lowest]}   {clock(values['time_s'])}"
         return texts

@@ -22,6 +22,7 @@ from boat_daq.gui import style
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.common.formatting import power_text
 from boat_daq.viewmodels.live import axis
+from protocol.units import Shown, as_text
 
 CACHED_LABELS = 500
 OVER = 0.1  # of a label's height, which may be outside the axis above and below it, as in pyqtgraph
@@ -43,6 +44,7 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
     _across: TickAxis | None = None  # whose lines lie along this axis
     _title = ""
     _clock = "min:s"  # what the labels of a time axis show
+    _shown = Shown("")  # how the labels show the values of the plot
 
     def __init__(self, orientation: str, *, time: bool = False, whole: bool = False) -> None:
         self.time, self.whole = time, whole
@@ -66,8 +68,8 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
 
     def set_title(self, title: str, unit: str) -> None:
         """Set what the axis measures; the unit of a time axis follows its labels."""
-        self._title = title
-        text = named(title, self._clock if self.time else unit) if title else ""
+        self._title, self._shown = title, self._theme.units.shown(unit)
+        text = named(title, self._clock if self.time else as_text(self._shown.symbol)) if title else ""
         self.setLabel(text, **label_style(self._theme))
         self.label.setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)
         self.resizeEvent()  # else it is centred with the width of the label before it
@@ -92,19 +94,22 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         return min(0.5, (title.height() + CORNER) / height) if 0 < height < title.width() else 0.0
 
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
-        """Return one level of ticks: the multiples of its step in the range, ends included."""
+        """Return one level of ticks: the multiples of its step in the range, ends included; the step as it is shown."""
+        shown = self._shown
+        minVal, maxVal = shown.value(minVal), shown.value(maxVal)
         span = maxVal - minVal
         step = axis.time_step(span) if self.time else axis.tick_step(span, size)
         if self.whole:
             step = max(1.0, axis.tick_step(span))
         first, last = math.ceil(minVal / step - ON_TICK), math.floor(maxVal / step + ON_TICK)
-        return [(step, [n * step for n in range(first, last + 1)])]
+        return [(step, [(n * step - shown.offset) / shown.factor for n in range(first, last + 1)])]
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
         """Return the labels of `values`."""
         if self.time:
             return [axis.clock(value, spacing, self._clock) for value in values]
-        return [str(text).replace("-", "\u2212") for text in super().tickStrings(values, scale, spacing)]
+        shown = [self._shown.value(value) for value in values]
+        return [str(text).replace("-", "\u2212") for text in super().tickStrings(shown, scale, spacing)]
 
     def setRange(self, mn: float, mx: float) -> None:
         """Set the range, and lay the grid where other ticks are in it; what has no labels is not painted again."""

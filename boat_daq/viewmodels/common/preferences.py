@@ -6,15 +6,19 @@ If it cannot be written, that is reported once, and the values last as long as t
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from analysis.fidelity import LEVELS, Fidelity, Level, fidelity
 from boat_daq.engine.toml_values import read_json
 from boat_daq.errors import OperatorError
+from protocol.units import CHOICES, STORED_UNITS, ShownUnits
 from protocol.whole_file import write_whole
 
+LENGTHS_MM = (1.0, 10_000.0)  # of an actuator at rest
 NAME = "window.json"
 DEFAULT: Level = "normal"
 
@@ -67,6 +71,52 @@ class Preferences:
                 report, self._report = self._report, None
                 cause = f"window settings cannot be saved in {self.path.parent}: {error.strerror}"
                 report(cause, "This session is not affected. Check the folder and the disk before the next start.")
+
+
+class UnitChoice:
+    """The units in which the window shows values.
+
+    Parameters
+    ----------
+    preferences : keep them.
+    apply : is called with the units now and after each choice.
+    """
+
+    KEY = "units"
+
+    def __init__(self, preferences: Preferences, apply: Callable[[ShownUnits], None]) -> None:
+        self._preferences, self._apply = preferences, apply
+        apply(self.units)
+
+    @property
+    def units(self) -> ShownUnits:
+        """Return the units in use; what is stored and is none is left out."""
+        kept = self._preferences.get(self.KEY, {})
+        chosen = {name: kept[name] for name, units in CHOICES.items() if kept.get(name) in units}
+        length = kept.get("rest_length_mm", STORED_UNITS.rest_length_mm)
+        known = isinstance(length, int | float) and LENGTHS_MM[0] <= length <= LENGTHS_MM[1]
+        return replace(STORED_UNITS, rest_length_mm=length if known else STORED_UNITS.rest_length_mm, **chosen)
+
+    def choose(self, units: ShownUnits) -> None:
+        """Show values in `units` from now on."""
+        self._preferences.set(self.KEY, asdict(units))
+        self._apply(units)
+
+    def set_length(self, text: str) -> None:
+        """Set the length of the actuator at rest, of which an elongation in % is a part.
+
+        Raises
+        ------
+        OperatorError : the text is no such length.
+        """
+        try:
+            length_mm = float(text.replace(",", "."))
+        except ValueError:
+            length_mm = math.nan
+        low, high = LENGTHS_MM
+        if not low <= length_mm <= high:
+            raise OperatorError(f"{text!r} is not a length at rest", f"enter {low:g} to {high:g} mm")
+        self.choose(replace(self.units, rest_length_mm=length_mm))
 
 
 class Precision:

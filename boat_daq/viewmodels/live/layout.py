@@ -15,6 +15,7 @@ from typing import Any
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Change, UndoHistory
+from protocol.units import find_unit
 
 ELONGATION, PRESSURE = "elongation_mm", "pressure_kpa"
 UNIT = {ELONGATION: "mm", PRESSURE: "kPa"}
@@ -30,25 +31,29 @@ def is_signal(quantity: str) -> bool:
 
 
 def title(quantity: str) -> str:
-    """Return the name of a quantity as the plots show it."""
-    return f"Sensor {quantity[1:-3]}" if is_signal(quantity) else quantity.rpartition("_")[0].capitalize()
+    """Return the name of a quantity as the plots show it; of an extra channel its column."""
+    if quantity in UNIT:
+        return quantity.rpartition("_")[0].capitalize()
+    return f"Sensor {quantity[1:-3]}" if is_signal(quantity) else quantity
 
 
 def unit(quantity: str) -> str:
-    """Return the unit of a quantity."""
-    return "mV" if is_signal(quantity) else UNIT[quantity]
+    """Return the unit of a quantity; that of an extra channel without a known one is its own."""
+    tail = quantity.rpartition("_")[2]
+    return "mV" if is_signal(quantity) else UNIT.get(quantity) or (tail if find_unit(tail) else quantity)
 
 
-def titles(quantities: Sequence[str]) -> str:
+def titles(quantities: Sequence[str], name: Callable[[str], str] = title) -> str:
     """Return the names of quantities that share an axis: `Sensors 1, 2`."""
     if len(quantities) > 1 and all(map(is_signal, quantities)):
         return f"Sensors {', '.join(quantity[1:-3] for quantity in quantities)}"
-    return ", ".join(map(title, quantities))
+    return ", ".join(map(name, quantities))
 
 
 def _rank(quantity: str) -> tuple[int, str]:
-    """Return the usual place of a quantity: signals, elongation, pressure."""
-    return (0 if is_signal(quantity) else 1 if quantity == ELONGATION else 2, quantity)
+    """Return the usual place of a quantity: signals, elongation, pressure, extra channels."""
+    place = {ELONGATION: 1, PRESSURE: 2}.get(quantity, 3)
+    return (0 if is_signal(quantity) else place, quantity)
 
 
 @dataclass(frozen=True, slots=True)

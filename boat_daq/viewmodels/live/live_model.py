@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,7 +21,10 @@ from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.viewmodels.common.formatting import NOTHING, number
 from boat_daq.viewmodels.live.axis import SteadyRange, extremes
-from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Axes, Layout, is_signal
+from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Axes, Layout, is_signal, titles, unit
+from boat_daq.viewmodels.live.layout import title as layout_title
+from protocol.recording import DerivedChannel, ExtraChannel
+from protocol.units import STORED_UNITS, ShownUnits, as_text
 
 Columns = Mapping[str, FloatArray]
 
@@ -32,6 +35,8 @@ PIXELS_A_FRAME = 0.6  # a smaller motion need not be drawn
 FASTEST_MS, CALM_MS, REST_MS = 16, 40, 250
 FRAMES_SHARE = 0.2  # of a core, that frames may take: where each costs more, fewer are drawn
 CYCLES_KEPT, CYCLE_POINTS = 5, 1200  # of the overlay
+RECENT = 200  # samples among which a channel has a value, or is taken for text
+CHANNEL_DECIMALS = 2
 CURVE_POINTS = 2000  # of a signal against pressure, at most
 
 
@@ -165,6 +170,8 @@ class LiveModel:
     cursors_s: dict[str, float] = field(default_factory=dict)  # "a", "b"
     markers: list[tuple[float, str]] = field(default_factory=list)  # notes at instants of the ring's time
     frozen_s: tuple[float, float] | None = None  # the span, where it does not follow the data
+    units: ShownUnits = STORED_UNITS  # of the values as they are shown
+    _measured: set[str] = field(default_factory=set)  # extra channels that have had a value
     _ranges: dict[str, SteadyRange] = field(default_factory=dict)
 
     @property
@@ -184,7 +191,37 @@ class LiveModel:
     def quantities(self) -> list[str]:
         """Return what the plots can show; the signals of two sensors before the first sample."""
         names = [f"s{n}_mv" for n in range(1, (self.sensors() or 2) + 1)]
-        return [*names, *([ELONGATION] if self.inverse is not None else []), PRESSURE]
+        return [*names, *([ELONGATION] if self.inverse is not None else []), PRESSURE, *self.channels()]
+
+    def channels(self) -> dict[str, ExtraChannel | DerivedChannel]:
+        """Return the extra and derived channels that have had a value, by column."""
+        ring = self.ring()
+        found = {channel.column: channel for channel in ring.channels} if ring is not None else {}
+        if ring is not None and not found.keys() <= self._measured:
+            recent = ring.view(last=RECENT)
+            self._measured |= {name for name in found if np.isfinite(recent[name]).any()}
+        return {name: channel for name, channel in found.items() if name in self._measured}
+
+    def title(self, quantity: str) -> str:
+        """Return the name of a quantity as the plots show it."""
+        channel = self.channels().get(quantity)
+        return channel.title if channel is not None else layout_title(quantity)
+
+    def titles(self, quantities: Sequence[str]) -> str:
+        """Return the names of quantities that share an axis."""
+        return titles(quantities, self.title)
+
+    def unit(self, quantity: str) -> str:
+        """Return the unit in which a quantity is stored."""
+        channel = self.channels().get(quantity)
+        return channel.unit if channel is not None else unit(quantity)
+
+    def text(self, quantity: str, value: float) -> str:
+        """Return a value of a quantity with its unit, as it is shown."""
+        shown = self.units.shown(self.unit(quantity))
+        decimals = shown.decimals(CHANNEL_DECIMALS if quantity in self.channels() else 1)
+        text = number(shown.value(value), decimals, sign=quantity == PRESSURE)
+        return f"{text} {as_text(shown.symbol)}".rstrip()
 
     def plots(self) -> tuple[Axes, ...]:
         """Return what each plot shows, from the top."""
@@ -311,7 +348,8 @@ class LiveModel:
         wanted = self._extremes(frame)
         smallest = {"pressure_kpa": 10.0, "elongation_mm": 1.0}
         for name in wanted:
-            self._ranges.setdefault(name, SteadyRange(smallest=smallest.get(name, 10.0)))
+            usual = 10.0 if is_signal(name) else 1.0
+            self._ranges.setdefault(name, SteadyRange(smallest=smallest.get(name, usual)))
         return {name: self._ranges[name].update(low, high, now_s) for name, (low, high) in wanted.items()}
 
     def _extremes(self, frame: PlotFrame) -> dict[str, tuple[float, float]]:
@@ -365,8 +403,11 @@ class LiveModel:
         ageless = snapshot.link is not LinkState.UP and snapshot.health is None
         if not means or last is None or ageless:
             return Headline((), NOTHING, NOTHING, NOTHING, "")
-        pressure, target = (number(kpa, 1, sign=True) for kpa in (means["pressure_kpa"], last.target_kpa))
-        signals_mv = tuple(number(means[name], 1) for name in sensor_names(means))
+        kpa, mv = self.units.shown("kPa"), self.units.shown("mV")
+        pressure, target = (
+            number(kpa.value(value), kpa.decimals(1), sign=True) for value in (means["pressure_kpa"], last.target_kpa)
+        )
+        signals_mv = tuple(number(mv.value(means[name]), mv.decimals(1)) for name in sensor_names(means))
         return Headline(signals_mv, pressure, target, *self._elongation_text(signals(means)))
 
     def _elongation_text(self, means: FloatArray) -> tuple[str, str, str]:
@@ -376,7 +417,9 @@ class LiveModel:
         found = self.inverse(means)
         if not math.isfinite(found.mm[0]):
             return NOTHING, "\u25b2 out of range", "\u25b2 range"
-        elongation, band = number(float(found.mm[0]), 2, sign=True), f"\u00b1{number(float(found.expanded_mm[0]), 2)}"
+        mm = self.units.shown("mm")
+        elongation = number(mm.value(float(found.mm[0])), mm.decimals(2), sign=True)
+        band = f"\u00b1{number(mm.factor * float(found.expanded_mm[0]), mm.decimals(2))}"
         if found.disagree[0]:  # the band does not hold then
             return elongation, "\u25b2 disagree", "\u25b2 differ"
         if found.beyond is not None and found.beyond[0]:
@@ -405,11 +448,19 @@ class LiveModel:
         if time_s.size < 2:
             return []
         sign = 1.0 if apart_s >= 0 else -1.0
-        result = [_span(f"Sensor {name[1:-3]}", "mV", 1, time_s, columns[name], sign) for name in sensor_names(columns)]
+        measured: list[tuple[str, str, int, FloatArray]] = [
+            (f"Sensor {name[1:-3]}", "mV", 1, columns[name]) for name in sensor_names(columns)
+        ]
         if self.inverse is not None:
-            result.append(_span("Elongation", "mm", 3, time_s, self.inverse(signals(columns)).mm, sign))
-        result.append(_span("Pressure", "kPa", 2, time_s, columns["pressure_kpa"], sign))
-        return result
+            measured.append(("Elongation", "mm", 3, self.inverse(signals(columns)).mm))
+        measured.append(("Pressure", "kPa", 2, columns["pressure_kpa"]))
+        measured += [(c.title, c.unit, CHANNEL_DECIMALS + 1, columns[name]) for name, c in self.channels().items()]
+        spans = []
+        for title, stored, decimals, values in measured:
+            shown = self.units.shown(stored)
+            text, places = as_text(shown.symbol), shown.decimals(decimals)
+            spans.append(_span(title, text, places, time_s, values * shown.factor + shown.offset, sign))
+        return spans
 
     def _samples(self, low_s: float, high_s: float) -> dict[str, FloatArray]:
         """Return every sample of a span; empty before the first connection."""

@@ -106,7 +106,7 @@ def test_layouts_are_saved_by_name_for_each_unit(layouts):
         3,
         {},
         {**asdict(Layout()), "rows": 4},
-        {**asdict(Layout()), "rows": [["nothing_known", "s1_mv"]]},
+        {**asdict(Layout()), "rows": [["nothing_known", "s1_mv", "pressure_kpa"]]},
         {**asdict(Layout()), "rows": [["s1_mv"], ["s1_mv"]]},
         {**asdict(Layout()), "rows": [["s1_mv", "pressure_kpa", "elongation_mm"]]},
         {**asdict(Layout()), "heights": {"s1_mv": "high"}},

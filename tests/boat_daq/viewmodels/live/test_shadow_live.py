@@ -24,7 +24,7 @@ def ring():
 
 
 def pane_on(ring, model, inverse):
-    pane = ShadowLive(LiveModel(lambda: ring, inverse), JobRunner())
+    pane = ShadowLive(LiveModel(lambda: ring, inverse=inverse), JobRunner())
     pane.model = model
     return pane
 

@@ -1,0 +1,82 @@
+"""The panel for the units in which the window shows values. Not modal; each choice is seen at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QWidget
+
+from boat_daq.gui import style
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.viewmodels.common.preferences import UnitChoice
+from boat_daq.viewmodels.common.services import Services
+from protocol.units import CHOICES, STORED_UNITS, ShownUnits, as_text
+
+EXPLANATION = (
+    "Axes, values, cursors and tables of this window. Recordings, plans, readings that are typed and exported files "
+    "keep kPa, mV and mm."
+)
+NAMES = {"pressure": "Pressure", "voltage": "Signal", "length": "Elongation", "temperature": "Temperature"}
+
+
+class UnitsPanel(QDialog):
+    """Chooses the units.
+
+    Parameters
+    ----------
+    parent : the window.
+    choice : keeps the units. services : report what cannot be used.
+    changed : is called after each choice.
+    """
+
+    def __init__(self, parent: QWidget, choice: UnitChoice, services: Services, changed: Callable[[], None]) -> None:
+        super().__init__(parent)
+        self.choice, self.attempt, self.changed = choice, services.notices.attempt, changed
+        self.setWindowTitle("Units of the values")
+        self.setModal(False)
+        self.setMinimumWidth(style.FORM_WIDTH)
+        self.grid = QGridLayout()
+        self.grid.setColumnStretch(1, 1)
+        self.units: dict[str, QComboBox] = {}
+        for row, (quantity, name) in enumerate(NAMES.items()):
+            entries = [
+                (as_text(unit) if unit != "%" else "% of the length at rest", unit) for unit in CHOICES[quantity]
+            ]
+            self.units[quantity] = widgets.choice(f"Unit of {name.lower()}", entries, partial(self._choose, quantity))
+            self.grid.addWidget(widgets.label(name), row, 0)
+            self.grid.addWidget(self.units[quantity], row, 1)
+        self.length = widgets.field("Length at rest, mm", on_enter=self._set_length)
+        self.length.editingFinished.connect(self._set_length)
+        self.grid.addWidget(widgets.label("Length at rest, mm"), len(NAMES), 0)
+        self.grid.addWidget(self.length, len(NAMES), 1)
+        usual = widgets.button("Stored units", partial(self._use, STORED_UNITS))
+        words = widgets.label(EXPLANATION, "muted", wrap=True)
+        close = widgets.button("Close", self.close)
+        self.setLayout(widgets.column(words, self.grid, widgets.row(usual, None, close)))
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Show the units in use."""
+        units = self.choice.units
+        for quantity, box in self.units.items():
+            box.setCurrentIndex(box.findData(getattr(units, quantity)))
+        self.length.setText(f"{units.rest_length_mm:g}")
+        self.length.setEnabled(units.length == "%")
+
+    def _use(self, units: ShownUnits) -> None:
+        self.choice.choose(units)
+        self.changed()
+        self.refresh()
+
+    def _choose(self, quantity: str, unit: str) -> None:
+        if unit != getattr(self.choice.units, quantity):
+            chosen = {quantity: unit}
+            self._use(replace(self.choice.units, **chosen))  # type: ignore[arg-type]
+
+    def _set_length(self) -> None:
+        text = self.length.text()
+        if text != f"{self.choice.units.rest_length_mm:g}":
+            self.attempt(lambda: self.choice.set_length(text))
+            self._use(self.choice.units)

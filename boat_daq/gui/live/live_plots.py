@@ -20,12 +20,11 @@ from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, Layer, Plot, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.widgets import controls as widgets
-from boat_daq.viewmodels.common.formatting import clock, number
+from boat_daq.viewmodels.common.formatting import clock, in_units
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.live.axis import SteadyRange, extremes
 from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Axes, title, titles, unit
 from boat_daq.viewmodels.live.live_model import CYCLES_KEPT, LiveModel, OverlayModel, PlotFrame, sensor_names
-from protocol.units import as_text
 
 MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
 WHOLE_S = 0.1  # a change that no sample tells of, such as another calibration, is seen after so long
@@ -35,10 +34,8 @@ def value_text(quantity: str, values: Mapping[str, float], model: LiveModel) -> 
     """Return a value at the mouse with its unit; elongation with its band."""
     if quantity != ELONGATION:
         return model.text(quantity, values[quantity])
-    mm = model.units.shown("mm")
     known = math.isfinite(values[ELONGATION])
-    band = f" \u00b1{number(mm.factor * values['expanded_mm'], mm.decimals(2))}" if known else ""
-    return f"{number(mm.value(values[ELONGATION]), mm.decimals(2), sign=True)}{band} {as_text(mm.symbol)}"
+    return in_units(model.units, "mm", values[ELONGATION], 2, band=values["expanded_mm"] if known else -1.0)
 
 
 def shortened(note: str) -> str:

@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 import re
 
+from protocol.units import ShownUnits, as_text
+
 MINUS = "\u2212"
 NOTHING = "\u2013"
 THIN = "\u2009"  # between thousands and before units
@@ -26,6 +28,22 @@ def number(value: float | None, decimals: int, *, sign: bool = False) -> str:
     if rounded < 0:
         return MINUS + text
     return f"+{text}" if sign and rounded > 0 else text
+
+
+def in_units(units: ShownUnits, stored: str, value: float, decimals: int, *, band: float = -1.0) -> str:
+    """Return a value with its unit as it is shown, with a band of half this width where it is not negative.
+
+    Parameters
+    ----------
+    units : in which values are shown.
+    stored : unit of the value; `decimals` are in it. An elongation and a pressure have a sign.
+    value : in that unit.
+    """
+    shown = units.shown(stored)
+    places = shown.decimals(decimals)
+    text = number(shown.value(value), places, sign=stored in ("mm", "kPa"))
+    width = f" \u00b1{number(shown.factor * band, places)}" if band >= 0 else ""
+    return f"{text}{width} {as_text(shown.symbol)}".rstrip()
 
 
 def pressure(kpa: float | None) -> str:

@@ -19,7 +19,7 @@ from analysis.arrays import FloatArray
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
-from boat_daq.viewmodels.common.formatting import NOTHING, number
+from boat_daq.viewmodels.common.formatting import NOTHING, in_units, number
 from boat_daq.viewmodels.live.axis import SteadyRange, extremes
 from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Axes, Layout, is_signal, titles, unit
 from boat_daq.viewmodels.live.layout import title as layout_title
@@ -218,10 +218,7 @@ class LiveModel:
 
     def text(self, quantity: str, value: float) -> str:
         """Return a value of a quantity with its unit, as it is shown."""
-        shown = self.units.shown(self.unit(quantity))
-        decimals = shown.decimals(CHANNEL_DECIMALS if quantity in self.channels() else 1)
-        text = number(shown.value(value), decimals, sign=quantity == PRESSURE)
-        return f"{text} {as_text(shown.symbol)}".rstrip()
+        return in_units(self.units, self.unit(quantity), value, CHANNEL_DECIMALS if quantity in self.channels() else 1)
 
     def plots(self) -> tuple[Axes, ...]:
         """Return what each plot shows, from the top."""

@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 from analysis.arrays import FloatArray
 from analysis.published import LOOP_HALF_WIDTH_MM
 from boat_daq.engine.snapshot import SessionSnapshot
-from boat_daq.viewmodels.common.formatting import MINUS, NOTHING, THIN, count, duration, number
+from boat_daq.viewmodels.common.formatting import MINUS, NOTHING, THIN, count, duration, in_units, number
 from boat_daq.viewmodels.common.jobs import Background, Job, JobRunner, JobState
 from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel, signals
 from boat_daq.viewmodels.live.shadow_jobs import can_be_unstable, place_of, shadow_of, unstable_held_states, warm
+from protocol.units import ShownUnits
 
 if TYPE_CHECKING:
     from analysis.shadow.model.frames import Shadow, ShadowState
@@ -266,7 +267,7 @@ class ShadowLive:
     def lines(self) -> tuple[tuple[str, str, str], ...]:
         """Return (name, value, state) of the current figures, which follow every change, unlike the picture."""
         now = self.now()
-        place, lines = self._place(now), list(_measured_lines(now))
+        place, lines = self._place(now), list(_measured_lines(now, self._live.units))
         if self.model is None:
             waits = "preparing \u2026" if math.isfinite(now.pressure) else NOTHING
             return (*lines, ("Shadow", self.problem or waits, ""))
@@ -274,13 +275,13 @@ class ShadowLive:
             text = f"\u25b2 not drawn: outside the reduced model ({self.model.table.rectangle})"
             return (*lines, ("Shadow", text.replace("-", MINUS), "warning"))
         (nominal,), (half,) = (value.tolist() for value in self._nominal(self.model, np.array([place[0]])))
-        lines.append(("Nominal", f"{number(nominal, 2, sign=True)} \u00b1{number(half, 2)} mm", ""))
+        lines.append(("Nominal", in_units(self._live.units, "mm", nominal, 2, band=half), ""))
         deviation = now.measured - nominal
         if math.isfinite(deviation):
             band = LOOP_HALF_WIDTH_MM + math.hypot(half - LOOP_HALF_WIDTH_MM, now.expanded)
             inside = abs(deviation) <= band
             level, mark = ("ok", "\u25cf inside the band") if inside else ("warning", "\u25b2 outside the band")
-            lines.append(("Deviation", f"{number(deviation, 2, sign=True)} \u00b1{number(band, 2)} mm", level))
+            lines.append(("Deviation", in_units(self._live.units, "mm", deviation, 2, band=band), level))
             lines.append(("", mark, level))
         stability = self._stability(*place, place[1] - nominal)
         if stability:
@@ -297,15 +298,15 @@ def _step(value: float, step: float) -> int | None:
     return round(value / step) if math.isfinite(value) else None
 
 
-def _measured_lines(now: Moment) -> tuple[tuple[str, str, str], ...]:
+def _measured_lines(now: Moment, units: ShownUnits) -> tuple[tuple[str, str, str], ...]:
     if not math.isfinite(now.pressure):
         return (("Measured", "no data: drawn at rest", ""),)
     text, state = "not calibrated: nominal drawn", ""
     if math.isfinite(now.measured):
-        text = f"{number(now.measured, 2, sign=True)} \u00b1{number(now.expanded, 2)} mm"
+        text = in_units(units, "mm", now.measured, 2, band=now.expanded)
     elif now.calibrated:
         text, state = "\u25b2 outside the calibration", "warning"
-    return (("Measured", text, state), ("Pressure", f"{number(now.pressure, 1, sign=True)} kPa", ""))
+    return (("Measured", text, state), ("Pressure", in_units(units, "kPa", now.pressure, 1), ""))
 
 
 @dataclass(frozen=True, slots=True)

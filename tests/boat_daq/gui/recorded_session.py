@@ -16,7 +16,7 @@ from boat_daq.engine.snapshot import LastSample, Limits, LinkState, Reading, Ses
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Services, UndoHistory
-from protocol.recording import BoardState, DerivedChannel, DerivedColumns, SampleFlag, sample_dtype
+from protocol.recording import BoardState, DerivedChannel, DerivedColumns, ExtraChannel, SampleFlag, sample_dtype
 
 if TYPE_CHECKING:
     from boat_daq.gui.main_window import MainWindow
@@ -25,12 +25,28 @@ RATE_HZ = 100
 
 
 def filled_ring(
-    seconds: float, *, seed: int = 1, sensors: int = 2, derived: DerivedColumns | None = None
+    seconds: float,
+    *,
+    seed: int = 1,
+    sensors: int = 2,
+    derived: DerivedColumns | None = None,
+    channels: tuple[ExtraChannel, ...] = (),
 ) -> RingBuffer:
-    """A ring with a triangle of pressure and signals that follow it, with noise; sensors 3 and 4 as 1 and 2."""
-    ring = RingBuffer(sensors, mv_per_count=1.0, derived=derived)
+    """A ring with a triangle of pressure and signals that follow it, with noise; sensors 3 and 4 as 1 and 2.
+
+    The first of `channels` rises from 20 by 3 in the time, others have no value.
+    """
+    ring = RingBuffer(sensors, mv_per_count=1.0, derived=derived, channels=channels)
     ring.target_kpa = 30.0
-    ring.append(_samples(seconds, seed, sensors))
+    samples = _samples(seconds, seed, sensors)
+    if channels:
+        wider = np.zeros(len(samples), sample_dtype(sensors, "signal", len(channels)))
+        for name in samples.dtype.names or ():
+            wider[name] = samples[name]
+        wider["channel"] = np.nan
+        wider["channel"][:, 0] = np.linspace(20.0, 23.0, len(samples))
+        samples = wider
+    ring.append(samples)
     return ring
 
 

@@ -1,0 +1,91 @@
+"""Units of the values, and extra channels among the live plots."""
+
+from __future__ import annotations
+
+import pytest
+from PySide6.QtTest import QTest
+
+from boat_daq.gui.plotting.plot_card import PlotCard
+from boat_daq.viewmodels.common.services import Page
+from protocol.recording import channels_of
+from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
+from tests.boat_daq.gui.windows import run_shortcut
+
+CHANNELS = channels_of([("temperature", "degC"), ("tag", "")])
+
+
+@pytest.fixture
+def measured(make):
+    """A window on a board with a temperature, and a field that holds no numbers."""
+    return make(RecordedSession(connected(), filled_ring(60.0, channels=CHANNELS)))
+
+
+def labels(plot) -> list[str]:
+    """Return title and labels of the left axis."""
+    _, values, _ = plot.left._ticks()
+    return [plot.left.labelText, *plot.left.tickStrings(values, 1.0, plot.left._ticks()[0])]
+
+
+def draw(window) -> None:
+    """Show the newest values and a frame."""
+    window.refresh()
+    window.draw()
+
+
+def test_a_channel_with_values_has_a_plot_and_statistics(measured):
+    """Its name and unit are at the axis; a field without numbers is not shown."""
+    window, plots, model = measured, measured.live.plots, measured.model.live
+    window.resize(1280, 1400)
+    draw(window)
+    assert [plot.title for plot in plots.rows] == ["Sensor 1", "Sensor 2", "Pressure", "Temperature"]
+    assert labels(plots.rows[-1])[0] == "Temperature (\u00b0C)"
+    assert model.text("temperature_degc", 21.456) == "21.46 \u00b0C"
+    model.cursors_s.update(a=10.0, b=50.0)
+    name, unit = [(span.name, span.unit) for span in model.statistics()][-1]
+    assert (name, unit) == ("Temperature", "\u00b0C")
+
+
+def test_units_are_chosen_for_axes_values_and_cursors(measured):
+    """bar, V and °F at once, in every plot of the run, kept for the next start; what is stored keeps its unit."""
+    window, plots, model = measured, measured.live.plots, measured.model.live
+    window.resize(1280, 1400)
+    draw(window)
+    before = model.headline(window.model.snapshot)
+    run_shortcut(window, "Ctrl+Alt+J")
+    panel = window.units_panel
+    for quantity, unit in (("pressure", "bar"), ("voltage", "V"), ("temperature", "degF")):
+        panel.units[quantity].setCurrentIndex(panel.units[quantity].findData(unit))
+        panel.units[quantity].activated.emit(panel.units[quantity].currentIndex())
+    draw(window)
+    signal, _, pressure, temperature = plots.rows
+    assert [labels(plot)[0] for plot in (signal, pressure, temperature)] == [
+        "Sensor 1 (V)", "Pressure (bar)", "Temperature (\u00b0F)",
+    ]  # fmt: skip
+    assert {float(text.replace("\u2212", "-")) for text in labels(pressure)[1:]} >= {0.0, 0.4}
+    after = model.headline(window.model.snapshot)
+    number = float(before.signals[0].replace("\u2009", ""))
+    assert float(after.signals[0]) == pytest.approx(number / 1000, abs=1e-4)
+    assert window.live.figures["kpa"].unit.text() == "bar"
+    assert model.means()["s1_mv"] == pytest.approx(number, abs=0.06)
+    assert model.text("temperature_degc", 20.0) == "68.00 \u00b0F"
+    pressures = [
+        window.open_page(page).findChildren(PlotCard)[0].theme.units.pressure for page in (Page.CALIBRATE, Page.OPTICS)
+    ]
+    assert pressures == ["bar", "kPa"]
+    assert window.model.unit_choice.units.voltage == "V"
+
+
+def test_elongation_is_a_share_of_the_length_at_rest(measured):
+    """The length is entered in the panel; one that cannot be is refused with its range."""
+    run_shortcut(measured, "Ctrl+Alt+J")
+    panel = measured.units_panel
+    panel.units["length"].setCurrentIndex(panel.units["length"].findData("%"))
+    panel.units["length"].activated.emit(panel.units["length"].currentIndex())
+    panel.length.setText("50")
+    QTest.keyClick(panel.length, "\r")
+    shown = measured.model.live.units.shown("mm")
+    assert (shown.symbol, shown.value(1.0)) == ("%", 2.0)
+    panel.length.setText("-3")
+    QTest.keyClick(panel.length, "\r")
+    assert "length at rest" in measured.model.notices.current().cause
+    assert panel.length.text() == "50"

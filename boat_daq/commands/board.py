@@ -113,10 +113,13 @@ def ports(
         notify("no serial ports; for a virtual board: boat-daq board --pty")
     for a in answers:
         board = f"BOAT {a.hello.board_id}, {a.hello.n_sensors} sensors" if a.hello else a.problem
-        known = f"board of {a.unit}: " if a.unit else ""
-        show(f"{'*' if a.hello else ' '} {a.port}  {a.description}  {known}{board}".rstrip())
-    if not all(a.queried for a in answers):
-        notify("a port that is not queried is not opened; to query one: boat-daq ports --port PORT")
+        serial, unit = (f"{label} {text}, " if text else "" for label, text in (("USB", a.usb_serial), ("of", a.unit)))
+        show(f"{'*' if a.hello else ' '} {a.port}  {a.description}  {serial}{unit}{board}".rstrip())
+    unknown = [a.port for a in answers if not a.queried and not a.unit]
+    if unknown:
+        notify(f"ports that are not queried were not opened; to query one: boat-daq ports --port {unknown[0]}")
+    if any(a.unit and not a.queried for a in answers):
+        notify("to query the boards used before: boat-daq ports --ask")
 
 
 def profile(

@@ -70,10 +70,16 @@ class ValueRow:
         """Return what the field has."""
         return str(self.field.currentData()) if isinstance(self.field, QComboBox) else self.field.text()
 
-    def show_text(self, text: str) -> None:
-        """Show what is stored, where that has changed."""
-        if text == self._text:
-            return  # what is being typed stays
+    def show_text(self, text: str, *, other: bool) -> None:
+        """Show what is stored, where that has changed; what is being typed stays.
+
+        Parameters
+        ----------
+        text : as stored.
+        other : whether it is of another subject than before.
+        """
+        if text == self._text and not other:
+            return
         self._text = text
         if isinstance(self.field, QComboBox):
             self.field.setCurrentIndex(self.field.findData(text))
@@ -109,6 +115,7 @@ class ValueForm(QWidget):
     ) -> None:
         super().__init__()
         self.setObjectName("inside")
+        self._subject = ""  # whose values are shown
         self.rows = {
             about.key: ValueRow(about, partial(store, about.key), partial(reset, about.key)) for about in shown
         }
@@ -124,10 +131,11 @@ class ValueForm(QWidget):
             grid.setRowMinimumHeight(4 * i + 3, style.GAP)
         self.setLayout(grid)
 
-    def show_texts(self, texts: Mapping[str, str]) -> None:
-        """Show what is stored, by key."""
+    def show_texts(self, texts: Mapping[str, str], subject: str) -> None:
+        """Show what is stored of a subject, by key."""
         for key, text in texts.items():
-            self.rows[key].show_text(text)
+            self.rows[key].show_text(text, other=subject != self._subject)
+        self._subject = subject
 
 
 class SettingsPage(ReflowingPage):
@@ -233,7 +241,7 @@ class SettingsPage(ReflowingPage):
         self.leaves.setCurrentWidget(self.forms[is_unit])
         self.calibrations.setText(shown.calibrations)
         self.leaves.setVisible(bool(shown.texts))
-        self.forms[is_unit].show_texts(shown.texts)
+        self.forms[is_unit].show_texts(shown.texts, self.subject)
         for button in (self.metadata, self.contributions, self.reset):
             button.setEnabled(bool(shown.texts))
         rows = self.forms[is_unit].rows

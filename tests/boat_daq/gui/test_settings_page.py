@@ -61,6 +61,13 @@ def test_units_are_added_and_a_refused_one_shows_why(page, empty):
     page.show_subject()
     assert not page.broken.isHidden() and "'min_kpa' is missing" in page.broken.text()
     assert page.leaves.isHidden() and not page.reset.isEnabled()
+    file.unlink()
+    page.show_subject()
+    enter(page, "min_kpa", "nothing")
+    page.list.setCurrentRow(1)  # what was refused for one unit is not shown for another
+    row = page.forms[True].rows["min_kpa"]
+    assert (page.title.text(), row.field.text(), row.refused.text()) == ("Unit SA1", "-40", "")
+    file.write_text("name = 3\n")
     page.list.setCurrentRow(0)
     assert page.broken.isHidden()
     page.forms[False].rows["allow_remote"].field.setCurrentIndex(1)

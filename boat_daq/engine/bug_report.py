@@ -53,6 +53,7 @@ _FILE = re.compile(rf"(?:\b[A-Za-z]:)?[\\/][^\n'\"]*?\.({_ENDINGS})\b", re.IGNOR
 _NAMED = re.compile(rf"(?<=\] )[^\n\[\]'\"]*?\.({_ENDINGS})\b", re.IGNORECASE)
 # of TOML or JSON, and not an empty one
 _STRING = r'''("""(?s:.*?)"""|"(?:[^"\\\n]|\\.)+"|\'\'\'(?s:.*?)\'\'\'|'[^'\n]+')'''
+_CHANGED = re.compile(rf"\b(before|after)(\s*=\s*){_STRING}")  # values in the list of what changed when
 _HERE = ("127.0.0.1", "localhost", "[::1]")
 _HOST = re.compile(r"socket://(\[[^\]\s]+\]|[^\s:/]+)")
 _KEPT = re.compile(r"/dev/(tty|pts|cu)|//(127\.0\.0\.1|localhost|\[)")
@@ -135,6 +136,7 @@ class Redaction:
 
     def __call__(self, text: str) -> str:
         """Return the text without what is personal."""
+        text = _CHANGED.sub(r'\1\2"[value]"', text)
         text = _MARKED.sub(rf"\1: {_NOTE}", text)
         for key in _PERSONAL_KEYS:
             text = re.sub(rf'^(\s*"?{key}"?\s*[=:]\s*){_STRING}', rf'\1"[{key}]"', text, flags=re.MULTILINE)

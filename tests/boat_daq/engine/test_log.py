@@ -119,7 +119,9 @@ def test_a_home_with_a_name_in_it_stays_here(place: Path, tmp_path: Path, monkey
     monkeypatch.setenv("USERPROFILE", str(home_folder))
     place.mkdir()
     (place / "settings.toml").write_text(
-        "operator = 'Mary Somerville'\nrate_hz = = 3\nnote = '''for\nFrau Gr\u00fcnwald'''\n", encoding="utf-8"
+        "operator = 'Mary Somerville'\nrate_hz = = 3\nnote = '''for\nFrau Gr\u00fcnwald'''\n"
+        'changes = [\n    { utc = "2026", key = "operator", before = "Ada", after = "Ada King" },\n]\n',
+        encoding="utf-8",
     )
     log.start_log()
     log.note_failure("the page failed", OSError(f'File "{home_folder}/venv/lib/x.py", line 7'))
@@ -129,7 +131,7 @@ def test_a_home_with_a_name_in_it_stays_here(place: Path, tmp_path: Path, monkey
     log.stop_log()
     with zipfile.ZipFile(write_bug_report(tmp_path / "bug.zip")) as archive:
         whole = "\n".join(archive.read(name).decode() for name in archive.namelist())
-    for secret in ("Caroline", "Herschel", "Byron", "Mary", "Somerville", "nwald"):
+    for secret in ("Caroline", "Herschel", "Byron", "Mary", "Somerville", "nwald", "Ada", "King"):
         assert secret not in whole, secret
     for kept in (
         "rate_hz = = 3",

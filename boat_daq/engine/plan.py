@@ -3,7 +3,7 @@
 Three kinds. A *staircase* holds a plateau at every `step_kpa` from `high_kpa` down to `low_kpa` and back up, cycle
 after cycle. A *continuous* plan only turns at the two ends. A cycle of either runs from `high_kpa` through `low_kpa`
 back to `high_kpa`. A *profile* is a list of segments, steps, ramps and sines, in kilopascal or in millimetres of
-elongation; once through the list is a cycle. Its segments last a given time.
+elongation, parts of which may be repeated in loops; once through the list is a cycle. Its segments last a given time.
 
 Neighbouring cycles share the plateau at `high_kpa`: it is held once, numbered as the last of the cycle that ends there,
 and is also the point at which the next one begins. The plateau that opens the run belongs to no cycle and is marked
@@ -34,6 +34,15 @@ QUANTITIES = ("kPa", "mm")
 MAX_STEPS = 100_000
 
 Branch = Literal["start", "unloading", "loading", "end"]
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """Segments of a profile that are run several times: from `first` to `last`, numbered from 1, `times` times."""
+
+    first: int
+    last: int
+    times: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +103,7 @@ class Plan:
     reading_timeout_s : longest wait at a plateau for its reading, where readings are waited for.
     quantity : of a profile's values, "kPa" or "mm".
     segments : of a profile.
+    loops : of a profile; one may lie inside another.
 
     Raises
     ------
@@ -120,6 +130,7 @@ class Plan:
     reading_timeout_s: float = 600.0
     quantity: str = "kPa"
     segments: tuple[Segment, ...] = ()
+    loops: tuple[Loop, ...] = ()
 
     def __post_init__(self) -> None:
         _check(self)
@@ -138,10 +149,15 @@ class Plan:
         return (min(ends), max(ends)) if ends else ()
 
     @property
+    def unrolled(self) -> tuple[Segment, ...]:
+        """The segments of one cycle of a profile in the order in which they are run, loops unrolled."""
+        return tuple(self.segments[at] for at in _unrolled(0, len(self.segments), self.loops))
+
+    @property
     def targets_kpa(self) -> tuple[float, ...]:
         """Targets of one cycle after its start: down to `low_kpa`, then up to `high_kpa`; those of a profile's list."""
         if self.kind == "profile":
-            return tuple(segment.target for segment in self.segments)
+            return tuple(segment.target for segment in self.unrolled)
         if self.kind == "continuous":
             return (self.low_kpa, self.high_kpa)
         n = round((self.high_kpa - self.low_kpa) / self.step_kpa)
@@ -159,11 +175,12 @@ class Plan:
     def cycle_steps(self, cycle: int) -> tuple[PlannedStep, ...]:
         """Return the steps of one cycle (numbered from 1)."""
         if self.kind == "profile":
-            ends = [segment.target for segment in self.segments]
+            segments = self.unrolled
+            ends = [segment.target for segment in segments]
             starts = [self._start if cycle == 1 else ends[-1], *ends[:-1]]
             return tuple(
                 PlannedStep(cycle, "loading" if s.target >= start else "unloading", s.target, s.reading, s, start)
-                for s, start in zip(self.segments, starts, strict=True)
+                for s, start in zip(segments, starts, strict=True)
             )
         targets, plateau = self.targets_kpa, self.kind == "staircase"
         half = len(targets) // 2
@@ -247,6 +264,42 @@ def resume_point(plan: Plan, marks: list[StepMark]) -> tuple[int, int]:
     return max(reached, default=0) + 1, sum(n == per_cycle for n in reached.values())
 
 
+def _unrolled(first: int, last: int, loops: tuple[Loop, ...]) -> list[int]:
+    """Return the places of the segments from `first` up to `last` in the order in which they are run."""
+    order: list[int] = []
+    at = first
+    while at < last:
+        inside = [loop for loop in loops if loop.first - 1 == at and loop.last <= last]
+        if not inside:
+            order.append(at)
+            at += 1
+            continue
+        outer = max(inside, key=lambda loop: loop.last)
+        order += _unrolled(at, outer.last, tuple(loop for loop in loops if loop is not outer)) * outer.times
+        at = outer.last
+    return order
+
+
+def _check_loops(plan: Plan, where: str) -> float:
+    """Refuse by key loops that cross, or are not of this list; return the number of segments that a cycle runs."""
+    times = [1.0] * len(plan.segments)
+    for number, loop in enumerate(plan.loops, 1):
+        here = f"{where}, loop {number}"
+        if not 1 <= loop.first <= loop.last <= len(plan.segments):
+            why = f"is {loop.last}: the loop must be of segments 1 to {len(plan.segments)}, 'first' not after 'last'"
+            raise BadValue(here, "last", why)
+        if not 2 <= loop.times <= MAX_STEPS:
+            raise BadValue(here, "times", f"must be 2 to {MAX_STEPS}, not {loop.times}")
+        for other in plan.loops[: number - 1]:
+            apart = loop.last < other.first or other.last < loop.first
+            inside = other.first <= loop.first <= loop.last <= other.last
+            around = loop.first <= other.first <= other.last <= loop.last
+            if not (apart or inside or around) or (loop.first, loop.last) == (other.first, other.last):
+                raise BadValue(here, "first", f"crosses the loop of segments {other.first} to {other.last}")
+        times[loop.first - 1 : loop.last] = [n * loop.times for n in times[loop.first - 1 : loop.last]]
+    return sum(times)
+
+
 def _check(plan: Plan) -> None:
     """Refuse by key values that make no plan."""
     where = f"plan {plan.name!r:.60}"
@@ -280,8 +333,8 @@ def _check_profile(plan: Plan, where: str) -> None:
     if plan.quantity not in QUANTITIES:
         raise BadValue(where, "quantity", f"is {plan.quantity!r:.40}", "use one of " + ", ".join(QUANTITIES))
     if plan.kind != "profile":
-        if plan.segments or plan.controls_elongation:
-            raise BadValue(where, "kind", "must be 'profile' for segments and millimetres")
+        if plan.segments or plan.loops or plan.controls_elongation:
+            raise BadValue(where, "kind", "must be 'profile' for segments, loops and millimetres")
         return
     if not plan.segments:
         raise BadValue(where, "segments", "is empty", "add at least one [[segments]]")
@@ -318,7 +371,7 @@ def _check_staircase(plan: Plan, where: str) -> None:
         raise BadValue(where, "step_kpa", f"must divide the span of {plan.high_kpa - plan.low_kpa:g} kPa evenly")
     if plan.kind == "staircase" and plan.step_kpa <= 2 * plan.tolerance_kpa:
         raise BadValue(where, "step_kpa", "must be more than twice 'tolerance_kpa', to distinguish the plateaus")
-    per_cycle = {"continuous": 2.0, "profile": float(len(plan.segments))}.get(plan.kind, 2 * steps)
+    per_cycle = {"continuous": 2.0, "profile": _check_loops(plan, where)}.get(plan.kind, 2 * steps)
     if plan.cycles < 1 or plan.cycles * per_cycle > MAX_STEPS:
         why = f"must be at least 1 and make no more than {MAX_STEPS} steps, not {plan.cycles}"
         raise BadValue(where, "cycles", why)
@@ -341,12 +394,14 @@ def plan_from_table(table: Mapping[str, Any], where: str) -> Plan:
     ------
     OperatorError : refused by key.
     """
-    segments = table.get("segments", [])
-    if not isinstance(segments, list | tuple) or not all(isinstance(one, dict) for one in segments):
-        raise BadValue(where, "segments", "must be a list of tables", "write [[segments]] before each")
-    found = tuple(build(Segment, one, f"{where}, segment {number}") for number, one in enumerate(segments, 1))
-    rest = {key: value for key, value in table.items() if key != "segments"}
-    return build(Plan, rest, where, segments=found)
+    found: dict[str, tuple[Any, ...]] = {}
+    for key, kind in (("segments", Segment), ("loops", Loop)):
+        entries = table.get(key, [])
+        if not isinstance(entries, list | tuple) or not all(isinstance(one, dict) for one in entries):
+            raise BadValue(where, key, "must be a list of tables", f"write [[{key}]] before each")
+        found[key] = tuple(build(kind, one, f"{where}, {key[:-1]} {number}") for number, one in enumerate(entries, 1))
+    rest = {key: value for key, value in table.items() if key not in found}
+    return build(Plan, rest, where, **found)
 
 
 def built_in_plans() -> dict[str, Plan]:

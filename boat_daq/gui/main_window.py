@@ -204,6 +204,7 @@ class MainWindow(QMainWindow):
             return
         panels = {
             Panel.CONNECT: self.connect_panel.open_fresh, Panel.REPORT: self.ask_report,
+            Panel.SEGMENTS: self.live.edit_segments,
             Panel.PROFILE: self.profile_panel.open_fresh,
             Panel.PLAN: self.live.show_plan, Panel.PHOTOGRAPH: self.live.open_photograph,
         }  # fmt: skip
@@ -365,6 +366,8 @@ class MainWindow(QMainWindow):
         if event.spontaneous() and not self._may_leave():
             event.ignore()
             return
+        if (focus := QApplication.focusWidget()) is not None:
+            focus.clearFocus()  # takes what is typed, while there is a window for it
         self.model.preferences.set("geometry", base64.b64encode(bytes(self.saveGeometry().data())).decode())
         self.live.remember()
         self.frame_timer.stop()

@@ -183,10 +183,7 @@ class ProfilePanel(QDialog):
     def _fill(self) -> None:
         """Fill the fields with the proposal, but for those in which the operator types."""
         proposal = self.model.proposal
-        while (item := self.grid.takeAt(0)) is not None:
-            if widget := item.widget():
-                widget.hide()
-                widget.deleteLater()
+        widgets.clear(self.grid)
         self.meanings, self.units, self.scales = [], [], []
         fields = proposal.fields if proposal is not None else ()
         for k, text in enumerate(("Printed", "Example", "Meaning", "Unit", "Scale", "") if fields else ()):

@@ -85,10 +85,7 @@ class LayoutPanel(QDialog):
 
     def _fill(self, layout: Layout, quantities: list[str]) -> None:
         """Fill the grid with a row for each quantity, in the order of the plots."""
-        while (item := self.grid.takeAt(0)) is not None:
-            if widget := item.widget():
-                widget.hide()
-                widget.deleteLater()
+        widgets.clear(self.grid)
         for k, text in enumerate(("Quantity", "Shown", "Axis", "")):
             self.grid.addWidget(widgets.label(text, "muted"), 0, k)
         plots = layout.plots(quantities)

@@ -16,6 +16,7 @@ from boat_daq.gui import style
 from boat_daq.gui.live.layout_panel import LayoutPanel
 from boat_daq.gui.live.live_plots import LivePlots, OverlayPlots, SignalCurves
 from boat_daq.gui.live.photograph_panel import PhotographPanel
+from boat_daq.gui.live.plan_editor_panel import PlanEditorPanel
 from boat_daq.gui.live.readings_panel import ReadingBar, ReadingsTable
 from boat_daq.gui.live.sequence_panel import PlanForm, SequencePanel
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
@@ -209,6 +210,7 @@ class LivePage(QWidget):
         self.overlaid = self.narrow = self.low = False
         self.sensors = BESIDE
         self.photograph = PhotographPanel(self, run, services)
+        self.plan_editor = PlanEditorPanel(self, run.sequence, services)
         self.layout_panel = LayoutPanel(self, layouts, self.model, services)
         self.marker = self._marker()
         self.head = self._head()
@@ -336,6 +338,10 @@ class LivePage(QWidget):
         self.pane.setCurrentWidget(self.plan)
         self.plan.choice.setFocus()
 
+    def edit_segments(self) -> None:
+        """Show the editor of a plan of segments."""
+        self.plan_editor.open_fresh(self.run.snapshot)
+
     def show_manual(self) -> None:
         """Show the field for a manual pressure."""
         self.show_plan()
@@ -370,6 +376,7 @@ class LivePage(QWidget):
         if self.overlay.isVisible():
             self.guard.show(self.overlay, "The overlay", self.overlay.draw)
         self._show_curves()
+        self.guard.show(self.plan_editor, "The plan of segments", partial(self.plan_editor.refresh, snapshot))
         self.guard.show(self.layout_panel, "The layout", self.layout_panel.refresh)
         self.freeze.setChecked(not self.model.following)
         shown_s = self.model.window_s

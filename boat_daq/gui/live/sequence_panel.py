@@ -15,7 +15,7 @@ from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.viewmodels.common.notices import Notices
-from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.common.services import Panel, Services
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.sequence import (
     ENTRIES,
@@ -38,6 +38,7 @@ BUTTONS = {  # key -> text, explanation
 }
 PRIMARY = ("arm", "start", "resume", "clear")
 FIELD_WIDTH = 64
+OF_CYCLES = ("high_kpa", "low_kpa", "step_kpa", "ramp_kpa_per_s", "max_dwell_s", "settling_s")  # not of segments
 UNLIMITED = (1 << 24) - 1  # Qt's QWIDGETSIZE_MAX, which PySide6 does not name
 START_OVER = ("Start over", "Arm the whole plan from its first cycle, in a new recording")
 
@@ -173,6 +174,8 @@ class PlanForm(QScrollArea):
         self.choice = widgets.choice("Plan", [(name, name) for name in sequence.plans], sequence.choose)
         self.fields = {entry.key: self._field(entry.key, entry.label, entry.help) for entry in ENTRIES}
         self.refused = widgets.label("", wrap=True, name="Why the entry is invalid")
+        show = partial(services.show, Panel.SEGMENTS)
+        self.segments = widgets.button("Segments …", show, tip="Steps, ramps, sines, loops, readings (Ctrl+Alt+J)")
         self.estimate = widgets.label("", "muted", wrap=True)
         self.limits = widgets.label("", "muted", wrap=True)
         self.ask_readings = QCheckBox("Wait for each reading")
@@ -187,7 +190,7 @@ class PlanForm(QScrollArea):
             self.refused,
             self.ask_readings,
             self.estimate,
-            widgets.row(widgets.button("Open …", self.open), widgets.button("Save …", self.save), None),
+            widgets.row(widgets.button("Open …", self.open), widgets.button("Save …", self.save), self.segments, None),
         )
         manual, _ = widgets.card(
             widgets.label("Manual pressure", "subtitle"),
@@ -242,9 +245,6 @@ class PlanForm(QScrollArea):
         OperatorError : it cannot be read, or is invalid, by key.
         """
         self.sequence.open(path)
-        name = self.sequence.plan.name
-        if self.choice.findData(name) < 0:
-            self.choice.addItem(name, name)
 
     def save(self) -> None:
         """Save the plan to a file."""
@@ -265,6 +265,9 @@ class PlanForm(QScrollArea):
         idle = snapshot.progress is None or "arm" in model.allowed(snapshot) or not snapshot.can_command
         for field in (*self.fields.values(), self.choice, self.ask_readings):
             field.setEnabled(idle)
+        unused = {"staircase": (), "continuous": ("step_kpa",)}.get(model.plan.kind, OF_CYCLES)
+        for key in unused:
+            self.fields[key].setEnabled(False)
         for button in (self.set_button, self.elongation_button):
             button.setEnabled("arm" in model.allowed(snapshot))
         self.hold.setEnabled(snapshot.elongation is None)
@@ -275,10 +278,11 @@ class PlanForm(QScrollArea):
             return
         self._revision = model.revision
         self.ask_readings.setChecked(model.wait_for_reading)
+        if self.choice.findData(model.plan.name) < 0:
+            self.choice.addItem(model.plan.name, model.plan.name)
         self.choice.setCurrentIndex(self.choice.findData(model.plan.name))
         for key, field in self.fields.items():
             if key not in model.refused:
                 widgets.set_text(field, model.value(key))
-        self.fields["step_kpa"].setEnabled(model.plan.kind == "staircase")
         widgets.set_text(self.estimate, model.estimate)
         self._show_refused()

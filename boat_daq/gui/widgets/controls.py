@@ -141,6 +141,14 @@ def form(rows: Iterable[tuple[str, QWidget, str]]) -> QGridLayout:
     return grid
 
 
+def clear(grid: QGridLayout) -> None:
+    """Take every widget out of a grid, and delete it."""
+    while (item := grid.takeAt(0)) is not None:
+        if widget := item.widget():
+            widget.hide()
+            widget.deleteLater()
+
+
 def row(*items: Item, spacing: int = style.GAP, margins: Margins | None = None) -> QHBoxLayout:
     """Return a horizontal layout of `Item`s."""
     return _filled(QHBoxLayout(), items, spacing, margins)

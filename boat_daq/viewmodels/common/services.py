@@ -33,6 +33,7 @@ class Panel(StrEnum):
     CONNECT = "connect"
     PLAN = "plan"
     PROFILE = "profile"
+    SEGMENTS = "segments"
     PHOTOGRAPH = "photograph"
     REPORT = "report"
 

@@ -272,6 +272,8 @@ class SequenceModel:
 
     def _take(self, plan: Plan) -> None:
         self.plan = plan
+        if plan.kind == "profile":
+            self.plans[plan.name] = plan
         self.refused, self._typed = {}, {}
         self._store()
 

@@ -61,7 +61,7 @@ class AppModel:
         self.connection = ConnectionModel(session, self.preferences, self.units)
         self.board_profile = BoardProfile(session.settings)
         self.layouts = Layouts(self.preferences, self.undo, lambda: self.unit.name(self.snapshot))
-        self.live = LiveModel(lambda: session.ring, lambda: self.layouts.current)
+        self.live = LiveModel(lambda: session.ring, layout=lambda: self.layouts.current)
         self.overlay = OverlayModel(lambda: session.ring, session.steps, self.live.time_of)
         self.shadow = ShadowLive(self.live, self.jobs)
         self.monitor = ShadowMonitor(lambda: self.shadow.model, self.overlay)

@@ -5,7 +5,7 @@ opened automatically. The virtual board runs in its own process and is reached t
 
 A profile is TOML, the path of one, or the RX8 line of a Bridge Control Panel, which names its variables but not their
 meaning. As in the profile that is shipped, S1, S2 .. are signals in counts, T is milliseconds, P is hundredths of a kPa
-with a sign, I is the index; every other variable is skipped. Other units need a profile in TOML.
+with a sign, I is the index; every other variable is an extra channel. Other units need a profile in TOML.
 """
 
 from __future__ import annotations

@@ -163,7 +163,6 @@ class LiveModel:
     """
 
     ring: Callable[[], RingBuffer | None]
-    layout: Callable[[], Layout] = Layout
     inverse: Inverse | None = None
     window_s: float = 60.0
     points_a_column: int = 16  # read for each column of pixels, of which two are painted; set by the fidelity
@@ -172,6 +171,7 @@ class LiveModel:
     frozen_s: tuple[float, float] | None = None  # the span, where it does not follow the data
     units: ShownUnits = STORED_UNITS  # of the values as they are shown
     _measured: set[str] = field(default_factory=set)  # extra channels that have had a value
+    layout: Callable[[], Layout] = Layout
     _ranges: dict[str, SteadyRange] = field(default_factory=dict)
 
     @property

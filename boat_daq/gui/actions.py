@@ -190,7 +190,7 @@ def sequence(window: MainWindow) -> list[Command]:
         button("Disarm", "Shift+F5", "disarm"),
         button("Clear the fault", "Shift+F8", "clear"),
         add("Edit the plan", "Ctrl+L", live.show_plan, apart=True),
-        add("Edit a plan of segments …", "Ctrl+Alt+J", live.edit_segments, also="step ramp sine loop profile"),
+        add("Edit a plan of segments …", "Ctrl+Shift+G", live.edit_segments, also="step ramp sine loop profile"),
         add("Open a plan …", "Ctrl+Alt+O", live.plan.open),
         add("Save the plan …", "Ctrl+Alt+W", live.plan.save),
         add("Manual pressure", "Ctrl+G", live.show_manual, also="set by hand"),

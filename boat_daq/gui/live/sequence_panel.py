@@ -175,7 +175,7 @@ class PlanForm(QScrollArea):
         self.fields = {entry.key: self._field(entry.key, entry.label, entry.help) for entry in ENTRIES}
         self.refused = widgets.label("", wrap=True, name="Why the entry is invalid")
         show = partial(services.show, Panel.SEGMENTS)
-        self.segments = widgets.button("Segments …", show, tip="Steps, ramps, sines, loops, readings (Ctrl+Alt+J)")
+        self.segments = widgets.button("Segments …", show, tip="Steps, ramps, sines, loops, readings (Ctrl+Shift+G)")
         self.estimate = widgets.label("", "muted", wrap=True)
         self.limits = widgets.label("", "muted", wrap=True)
         self.ask_readings = QCheckBox("Wait for each reading")

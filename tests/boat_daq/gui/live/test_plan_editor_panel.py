@@ -13,7 +13,7 @@ from tests.boat_daq.gui.windows import RAMPING, run_shortcut
 
 @pytest.fixture
 def panel(live):
-    run_shortcut(live, "Ctrl+Alt+J")
+    run_shortcut(live, "Ctrl+Shift+G")
     panel = live.live.plan_editor
     assert "staircase" in panel.summary.text()
     panel.new.click()

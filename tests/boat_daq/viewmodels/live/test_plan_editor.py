@@ -86,7 +86,7 @@ def test_preview_is_the_course_of_the_plan_with_limits_and_readings(editor):
     curve = editor.curve((-35.0, 45.0))
     opening_s = editor.plan.min_dwell_s
     at = np.interp([opening_s + 5.0 + 1.0, opening_s + 5.0 + 2.0 + 5.0 + 2.5], curve.time_s, curve.value)
-    np.testing.assert_allclose(at, [10.0, 30.0], atol=1e-9)
+    np.testing.assert_allclose(at, [10.0, 30.0], atol=0.1)  # a chord of the sine
     assert curve.time_s[-1] == pytest.approx(editor.plan.duration_s)
     assert (curve.readings_s.tolist(), curve.readings.tolist()) == ([opening_s + 12.0], [20.0])
     assert curve.limits == (-40.0, 50.0, -35.0, 45.0)

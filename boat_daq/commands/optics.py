@@ -91,6 +91,13 @@ Confidence = Annotated[
         "probability, as 0.95; up to --rays (default 256000)."
     ),
 ]
+Tolerance = Annotated[
+    float | None,
+    typer.Option(
+        metavar="RAYS",
+        help="Greatest error of a count at 95 %, rays of 250: chooses the rays; the answer states its own error.",
+    ),
+]
 Scheduler = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, as tcp://HOST:8786.")]
 
 
@@ -173,6 +180,7 @@ def trace(
     faintest: Faintest = None,
     receiver: Receiver = None,
     out: Annotated[Path | None, typer.Option(help="Write an image of the rays: PNG or SVG.")] = None,
+    tolerance: Tolerance = None,
     fidelity: OptionalFidelity = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -181,13 +189,23 @@ def trace(
     Example: boat-daq optics trace --cavities 5 --width 1.0 --depth 0.5 --spacing 0.9 --state 0
     """
     from analysis.optics.tracer.simulation import trace as trace_scene
+    from analysis.optics.tracer.tolerance import stated_error, trace_within
 
+    if tolerance is not None and (rays is not None or fidelity is not None):
+        raise typer.BadParameter("chooses the rays: omit --rays and --fidelity", param_hint="--tolerance")
     design = Design(cavities, width, depth, spacing, face)  # type: ignore[arg-type]  # checked there
     guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
     released, budget = released_rays(rays, secondary, fidelity, lambda level: level.rays)
     light = _light(released, budget, phase, order, emission, faintest)
     frame, number = _frame(curves_of(curves), state, guide)
-    outcome = trace_scene(frame, design, guide, light)
+    work = released
+    if tolerance is not None:
+        if phase is not None:
+            raise typer.BadParameter("chooses the turn of the fan: omit --phase", param_hint="--tolerance")
+        met = trace_within(frame, design, guide, light, tolerance)
+        outcome, light, released, work = met.result, met.light, met.light.rays, met.work
+    else:
+        outcome = trace_scene(frame, design, guide, light)
     if out is not None:
         from analysis.optics.sweep.report import draw_scene, save
 
@@ -204,12 +222,17 @@ def trace(
         "ledger": outcome.ledger,
         "hits": outcome.hits,
         "ndr_sd": outcome.ndr_sd,
+        "error": float(stated_error(outcome.ndr_sd, released)),
+        "tolerance": tolerance,
+        "work_rays": work,
         "energy": outcome.energy,
         "secondaries": {"followed": outcome.granted, "refused": outcome.refused},
         "order": order,
         "index": index,
     }
-    spread = f" +- {outcome.ndr_sd:.1f}" if math.isfinite(outcome.ndr_sd) else ""  # a single ray has no spread
+    spread = (
+        f" +- {outcome.ndr_sd:.{1 if tolerance is None else 3}f}" if math.isfinite(outcome.ndr_sd) else ""
+    )  # a single ray has no spread
     power_spread = f" +- {outcome.power_sd:.4f}" if spread else ""
     count = f"NDR {outcome.ndr:.1f}{spread} of 250"
     if outcome.granted > released:
@@ -291,6 +314,7 @@ def sweep(
         typer.Option(min=1, help="Turns of the fan whose ranks are compared; default 7 with 250 rays, else 1."),
     ] = None,
     confidence: Confidence = None,
+    tolerance: Tolerance = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the turns of the fan in a race.")] = 0,
     scheduler: Scheduler = None,
     allow_remote: AllowRemoteOption = False,
@@ -306,9 +330,13 @@ def sweep(
     """
     if confidence is not None and (phase is not None or fans is not None):
         raise typer.BadParameter("turns the fan at random: omit --phase and --fans", param_hint="--confidence")
+    if tolerance is not None and (rays, phase, fidelity, confidence) != (None, None, None, None):
+        raise typer.BadParameter(
+            "chooses the rays: omit --rays, --phase, --fidelity and --confidence", param_hint="--tolerance"
+        )
     if confidence is not None and fidelity is not None:
         raise typer.BadParameter("chooses the rays itself: omit --fidelity", param_hint="--confidence")
-    from analysis.optics.sweep.fans import compare_fans, fans_of
+    from analysis.optics.sweep.fans import compare_fans, fans_of, light_within
     from analysis.optics.sweep.report import sweep_json, sweep_text, write_sweep
     from analysis.optics.sweep.sweep import FILE_NAME, SweepRequest, paper_grid, run_sweep
 
@@ -323,6 +351,9 @@ def sweep(
     budget = ALL if by == "power" and secondary is None else budget
     light = _light(released, budget, phase, order, emission, faintest)
     request = SweepRequest(designs, guide, light, curves_of(curves), by)  # type: ignore[arg-type]  # checked above
+    if tolerance is not None:
+        request = replace(request, light=light_within(request, tolerance))
+        released = request.light.rays
     if out is not None:
         with writing(out):
             out.mkdir(parents=True, exist_ok=True)

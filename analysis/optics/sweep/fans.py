@@ -16,10 +16,13 @@ import numpy as np
 from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, Design, Light
 from analysis.optics.sweep.figure_of_merit import ranks_within
-from analysis.optics.sweep.sweep import SweepResult, find_design, run_sweep
+from analysis.optics.sweep.sweep import SweepRequest, SweepResult, find_design, run_sweep
+from analysis.optics.tracer.tolerance import PILOT_RAYS, rays_for, stated_error
 from analysis.progress import Progress, part_of
 
 PAPER_FANS = 7
+CERTAIN = 0.95
+"""Part of a sweep's counts that meet its tolerance."""
 _GOLDEN = (5**0.5 - 1) / 2
 
 
@@ -76,6 +79,32 @@ class FanResult:
         at, wins = np.unique(np.argmax(self.p, axis=1), return_counts=True)
         order = np.argsort(-wins, kind="stable")
         return [(self.designs[at[i]], float(wins[i] / len(self.p))) for i in order]
+
+
+def light_within(request: SweepRequest, tolerance: float) -> Light:
+    """Return the light whose rays leave 95 % of the counts of a sweep with an error within a tolerance.
+
+    Parameters
+    ----------
+    request : of the sweep; about every 20th of its designs is traced with a pilot fan.
+    tolerance : of a count, rays of 250, at 2 standard deviations.
+
+    Raises
+    ------
+    RequestError : the tolerance cannot be met, or as `run_sweep`.
+    """
+    fan = request.light.with_rays(PILOT_RAYS)
+    pilot = run_sweep(replace(request, designs=request.designs[:: max(1, len(request.designs) // 32)], light=fan))
+    sd = np.quantile(pilot.ndr_sd, CERTAIN)
+    thickness = request.guide.thickness_mm
+    rays = rays_for(fan, float(sd), tolerance, thickness, bool(np.all(pilot.mirrored)))
+    return request.light.with_rays(rays)
+
+
+def count_errors(result: SweepResult) -> dict[str, float]:
+    """Return the error that 95 % of a sweep's counts have at most, and the greatest, at 2 standard deviations."""
+    errors = stated_error(result.ndr_sd, result.request.light.rays)
+    return {"of_95_percent": float(np.quantile(errors, CERTAIN)), "greatest": float(np.max(errors))}
 
 
 def compare_fans(

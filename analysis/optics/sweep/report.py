@@ -25,7 +25,7 @@ from analysis.errors import FileError, writing
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.outline import outline
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, By, Design, Light, Waveguide
-from analysis.optics.sweep.fans import FanResult, compare_fans
+from analysis.optics.sweep.fans import FanResult, compare_fans, count_errors
 from analysis.optics.sweep.figure_of_merit import PARTING, Merit, pareto
 from analysis.optics.sweep.optimise import BETTER, PATIENCE, Optimum
 from analysis.optics.sweep.race import Race
@@ -240,6 +240,7 @@ def sweep_json(result: SweepResult, fans: FanResult | None = None) -> dict[str, 
         "rays": result.request.light.rays,
         "phase": result.request.light.phase,
         "by": result.request.by,
+        "error": count_errors(result),
         "not_followed": _not_followed(result),
         "version": program_version(),
         "designs": designs,
@@ -287,6 +288,11 @@ def sweep_text(result: SweepResult, fans: FanResult | None = None) -> str:
     ]
     if result.request.by == "power":
         lines.append(power_text(result))
+    errors = count_errors(result)
+    lines.append(
+        f"{result.request.light.rays} rays: counts of 250 rays within {errors['of_95_percent']:.2g} "
+        f"(95 % of them; all within {errors['greatest']:.2g}), at k = 2"
+    )
     if paper is not None:
         lines += [
             _line(f"paper's optimum, rank {result.ranks()[paper]}", result.designs[paper], merit, paper),

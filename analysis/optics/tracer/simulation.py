@@ -270,19 +270,39 @@ def fan_sd(changes: FloatArray, light: Light, thickness_mm: float, mirrored: Boo
 
     Notes
     -----
-    Detections along the fan are a process with covariance exp(-angle / angle0). The sum of its samples a step apart
-    has variance coth(x / 2) - 2 / x a ray, x = step / angle0: 1 where neighbours are unrelated, x / 6 where each
-    change is resolved (systematic sampling: Cochran, Sampling Techniques, 3rd edition, 1977, chapter 8). In a
-    mirrored scene the other half of the fan is a second sample of the same process, shifted by twice the phase.
+    Detections along the fan are a process with covariance exp(-angle / angle0), of which neighbouring rays give the
+    variance; `sd_of_sum` has the rest.
     """
-    x, shift = light.cone_deg / light.rays / (CORRELATION_DEG_PER_MM2 * thickness_mm**2), (2 * light.phase) % 1
+    variance = changes / max(light.rays - 1, 1) / (-2 * math.expm1(-_step(light, thickness_mm)))
+    return np.asarray(np.sqrt(variance) * sd_of_sum(light, thickness_mm, mirrored))
+
+
+def sd_of_sum(light: Light, thickness_mm: float, mirrored: BoolArray) -> FloatArray:
+    """Return the standard deviation of the sum of a fan's rays, scaled to 250, for a process of unit variance.
+
+    Parameters
+    ----------
+    light, thickness_mm, mirrored : as in `fan_sd`.
+
+    Notes
+    -----
+    The sum of a process's samples a step apart has variance coth(x / 2) - 2 / x a ray, x = step / angle0: 1 where
+    neighbours are unrelated, x / 6 where each change is resolved (systematic sampling: Cochran, Sampling Techniques,
+    3rd edition, 1977, chapter 8). In a mirrored scene the other half of the fan is a second sample of the same process,
+    shifted by twice the phase.
+    """
+    x, shift = _step(light, thickness_mm), (2 * light.phase) % 1
 
     def shared(at: float) -> float:
         """Return the sum of covariances with the samples at a shift of `at` steps, less that of their mean."""
         return (math.exp(-at * x) + math.exp((at - 1) * x)) / -math.expm1(-x) - 2 / x
 
-    each = changes * light.rays / max(light.rays - 1, 1) / (-2 * math.expm1(-x))
-    return np.asarray(PAPER_RAYS / light.rays * np.sqrt(each * (shared(0.0) + mirrored * shared(shift))))
+    return np.asarray(PAPER_RAYS / light.rays * np.sqrt(light.rays * (shared(0.0) + mirrored * shared(shift))))
+
+
+def _step(light: Light, thickness_mm: float) -> float:
+    """Return the step of the fan over the angle within which neighbouring rays end alike."""
+    return light.cone_deg / light.rays / (CORRELATION_DEG_PER_MM2 * thickness_mm**2)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,131 @@
+"""As many rays as an error allows: a pilot fan predicts them, the traced fan gives the error of its own answer.
+
+Strategy: the model of `sd_of_sum` gives how the error of a count falls with the rays. A pilot fan measures how often
+detection changes along the fan, from which the standard deviation for any number of rays follows. The answer carries
+its own error, measured along its own fan; where that is above the tolerance, more rays are traced.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from analysis.arrays import FloatArray
+from analysis.errors import RequestError
+from analysis.optics.scene.frame import SceneFrame
+from analysis.optics.scene.parameters import MOST_RAYS, PAPER_RAYS, Design, Light, Waveguide
+from analysis.optics.tracer.simulation import TraceResult, sd_of_sum, trace
+from analysis.progress import Progress
+
+COVERAGE = 2.0
+"""Standard deviations of a stated error: about 95 %."""
+PILOT_RAYS, FEWEST_RAYS = 150, 50
+SPARE, MORE, TRIES = 1.1, 1.5, 6
+"""Part by which the prediction stays below the tolerance; factor of rays of another try, and how many there are."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToleratedTrace:
+    """A simulation with the error that it has.
+
+    Parameters
+    ----------
+    result, light : the simulation, and the light it was made with.
+    error : of its NDR, 2 standard deviations, rays of 250; tolerance : the error asked for.
+    work : rays released altogether, the pilot's among them.
+    """
+
+    result: TraceResult
+    light: Light
+    error: float
+    tolerance: float
+    work: int
+
+
+def check_tolerance(tolerance: float, unit: str) -> None:
+    """Reject a tolerance that is not a number above 0.
+
+    Raises
+    ------
+    RequestError : it is none.
+    """
+    if not 0.0 < tolerance < np.inf:
+        raise RequestError(f"a tolerance of {tolerance:g} {unit}", "give a number above 0")
+
+
+def rays_for(light: Light, sd: float, tolerance: float, thickness_mm: float, mirrored: bool) -> int:
+    """Return the rays at which the error of a count is predicted to be the tolerance.
+
+    Parameters
+    ----------
+    light, sd : a fan, and the standard deviation of its count, rays of 250.
+    tolerance : of the count, rays of 250, at 2 standard deviations.
+    thickness_mm, mirrored : as in `fan_sd`.
+
+    Raises
+    ------
+    RequestError : even the most rays have a larger error.
+    """
+    check_tolerance(tolerance, "rays")
+    allowed, symmetric = tolerance / COVERAGE / SPARE, np.array(mirrored)
+    now = sd_of_sum(light, thickness_mm, symmetric)
+
+    def predicted(rays: int) -> float:
+        return float(sd * sd_of_sum(replace(light, rays=rays), thickness_mm, symmetric) / now)
+
+    if predicted(MOST_RAYS) > allowed:
+        best = COVERAGE * SPARE * predicted(MOST_RAYS)
+        raise RequestError(
+            f"an error of {tolerance:g} rays takes more than {MOST_RAYS:,} rays".replace(",", " "),
+            f"allow {best:.2g} rays or more",
+        )
+    low, high = FEWEST_RAYS, MOST_RAYS
+    while high > 1.02 * low:  # the error falls with the rays
+        middle = int((low * high) ** 0.5) + 1
+        low, high = (low, middle) if predicted(middle) <= allowed else (middle, high)
+    return low if predicted(low) <= allowed else high
+
+
+def trace_within(
+    frame: SceneFrame,
+    design: Design,
+    guide: Waveguide,
+    light: Light,
+    tolerance: float,
+    *,
+    progress: Progress | None = None,
+) -> ToleratedTrace:
+    """Trace one scene with no more rays than an error of its count takes.
+
+    Parameters
+    ----------
+    frame, design, guide : the scene.
+    light : its model; the rays are chosen, secondaries are in proportion.
+    tolerance : of NDR, rays of 250, at 2 standard deviations.
+    progress : called with (rays done, rays) of each fan; raising from it cancels.
+
+    Raises
+    ------
+    RequestError : the tolerance cannot be met, or the cavities do not fit the guide.
+    """
+    check_tolerance(tolerance, "rays")
+    thickness, mirrored, work = 2 * frame.half_mm, bool(frame.mirrored), 0
+    fan = light.with_rays(PILOT_RAYS)
+    for _ in range(TRIES):
+        result = trace(frame, design, guide, fan, progress=progress)
+        work += fan.rays
+        error = float(stated_error(result.ndr_sd, fan.rays))
+        if error <= tolerance and fan.rays >= FEWEST_RAYS:
+            return ToleratedTrace(result, fan, error, tolerance, work)
+        needed = rays_for(fan, error / COVERAGE, tolerance, thickness, mirrored)
+        fan = light.with_rays(max(needed, round(MORE * fan.rays)))
+    raise RequestError(
+        f"the error of {fan.rays} rays is {error:.2g} rays of {PAPER_RAYS}", f"allow {1.1 * error:.2g} rays or more"
+    )
+
+
+def stated_error(sd: npt.ArrayLike, rays: int) -> FloatArray:
+    """Return the errors of counts with standard deviations (...), no smaller than rounding to whole rays leaves."""
+    return np.asarray(COVERAGE * np.hypot(sd, PAPER_RAYS / rays / np.sqrt(12.0)))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show_table, writing
-from boat_daq.commands.options import FidelityOption, NoMcmcOption
+from boat_daq.commands.options import FidelityOption, NoMcmcOption, UncertaintyOption
 from boat_daq.engine.file_names import path_in
 from boat_daq.errors import OperatorError
 
@@ -63,6 +63,7 @@ def demo(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the board, the readings and the posterior.")] = 0,
     speed: Annotated[float, typer.Option(min=1, max=100, help="Board time over real time.")] = 50.0,
     cycles: Annotated[int, typer.Option(min=1, help="Cycles of the calibration.")] = 5,
+    uncertainty: UncertaintyOption = None,
     no_mcmc: NoMcmcOption = False,
     no_report: Annotated[bool, typer.Option("--no-report", help="Omit the reports and the digital shadow.")] = False,
     fidelity: FidelityOption = "normal",
@@ -87,7 +88,7 @@ def demo(
 
     plan = dataclasses.replace(load_plan("calibration"), cycles=cycles)
     run = free_name(out_dir, f"demo_{unit}_seed{seed}")
-    record_on_virtual_board(run, plan, unit=unit, seed=seed, speed=speed)
+    record_on_virtual_board(run, plan, unit=unit, seed=seed, speed=speed, uncertainty_mm=uncertainty)
     options = Options(seed=seed, mcmc=not no_mcmc, fidelity=fidelity)
     with progress_bar("analysing") as advance:
         analysis = analyse(run, options=options, progress=advance)
@@ -127,7 +128,9 @@ def free_name(folder: Path, stem: str) -> Path:
     return next(name for name in names if not name.exists())
 
 
-def record_on_virtual_board(run: Path, plan: Plan, *, unit: str, seed: int, speed: float) -> None:
+def record_on_virtual_board(
+    run: Path, plan: Plan, *, unit: str, seed: int, speed: float, uncertainty_mm: float | None = None
+) -> None:
     """Run a plan on a virtual board over a real port, and enter readings from its true values, marked as simulated.
 
     Parameters
@@ -137,6 +140,7 @@ def record_on_virtual_board(run: Path, plan: Plan, *, unit: str, seed: int, spee
     unit : of the virtual board.
     seed : of the board and of the readings.
     speed : board time over real time.
+    uncertainty_mm : U at which the run has enough cycles; None runs all.
 
     Raises
     ------
@@ -153,7 +157,9 @@ def record_on_virtual_board(run: Path, plan: Plan, *, unit: str, seed: int, spee
         with serve(BoardSettings(port=port, speed=speed, unit=unit, seed=seed, truth=str(truth))) as board:
             metadata = {"operator": "demo", "unit": unit, "note": f"SIMULATED, seed {seed}, {speed:g}x"}
             known = unit.removesuffix("-falling")
-            request = SessionRequest(port=board.url, path=run, plan=plan, unit=known, metadata=metadata)
+            request = SessionRequest(
+                port=board.url, path=run, plan=plan, unit=known, metadata=metadata, uncertainty_mm=uncertainty_mm
+            )
             _, failure = run_session(request, lambda session: enter_simulated_readings(session, truth, seed=seed))
     if failure:
         raise DeviceError(f"the demo's run ended early: {failure}", "try a lower --speed on a busy computer")

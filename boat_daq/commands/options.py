@@ -65,6 +65,14 @@ OptionalDegree = Annotated[str | None, _DEGREE]
 XResolutionOption = Annotated[
     float | None, typer.Option(min=0.0, metavar="MM", help="Resolution of the readings; 0 = exact.")
 ]
+UncertaintyOption = Annotated[
+    float | None,
+    typer.Option(
+        "--uncertainty",
+        metavar="MM",
+        help="End the run as soon as U (k = 2) of an elongation in the middle of the range is this; say what is left.",
+    ),
+]
 LeaveOutOption = Annotated[
     bool, typer.Option("--leave-out", help="Leave out readings that are off the curve; each is named.")
 ]

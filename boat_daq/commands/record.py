@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar
-from boat_daq.commands.options import DeriveOption, SetOption, TemplateOption
+from boat_daq.commands.options import DeriveOption, SetOption, TemplateOption, UncertaintyOption
 from boat_daq.engine.file_names import path_in
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from boat_daq.engine.plan import Plan
     from boat_daq.engine.recording.resumption import BrokenRun
     from boat_daq.engine.recording.summary import Summary
+    from boat_daq.engine.session.session import Session
 
 
 def record(
@@ -28,6 +29,7 @@ def record(
     dwell: Annotated[float | None, typer.Option(help="Shortest hold, s, in place of the plan's.", min=0)] = None,
     ramp: Annotated[float | None, typer.Option(help="Ramp, kPa/s, in place of the plan's.", min=0.01)] = None,
     elongation: Annotated[Path | None, typer.Option(help="CSV of readings: pressure_kpa,elongation_mm.")] = None,
+    uncertainty: UncertaintyOption = None,
     out: Annotated[Path | None, typer.Option(help="Recording to write; default a dated name.")] = None,
     operator: Annotated[str, typer.Option(help="Name of the operator.")] = "",
     unit: Annotated[str, typer.Option(help="Name of the unit: SA1 ...")] = "",
@@ -60,13 +62,20 @@ def record(
     """
     from boat_daq.commands.run_session import SessionRequest, run_session
     from boat_daq.engine.derived_store import parse_lines
-    from boat_daq.engine.session.readings import check_against_plan, enter_readings, read_elongation_csv
+    from boat_daq.engine.session.readings import (
+        check_against_plan,
+        enter_readings,
+        read_elongation_csv,
+        readings_so_far,
+    )
 
     if resume is not None and (out is not None or duration is not None):
         raise typer.BadParameter("--resume continues its own recording: omit --out and --duration")
     values = {"cycles": cycles, "dwell_s": dwell, "ramp_kpa_per_s": ramp}
     changes = {name: value for name, value in values.items() if value is not None}
     readings = read_elongation_csv(elongation) if elongation is not None else None
+    if uncertainty is not None and (plan is None or elongation is None):
+        raise typer.BadParameter("needs --plan and --elongation", param_hint="--uncertainty")
     request = SessionRequest(
         port=port,
         path=resume or out or dated_name(unit),
@@ -79,16 +88,24 @@ def record(
         derived=parse_lines("\n".join(derive)) if derive else None,
         hold=hold,
         max_u_mm=max_u,
+        uncertainty_mm=uncertainty,
     )
     if resume is not None:
         request = resumed(request, broken_run(resume, plan, changes, unit=unit))
     else:
         request = dataclasses.replace(request, plan=chosen_plan(plan, changes))
-        if readings is not None and request.plan is not None:
+        if readings is not None and request.plan is not None and uncertainty is None:
             check_against_plan(readings, request.plan)
-    summary, failure = run_session(
-        request, (lambda session: enter_readings(session, readings)) if readings is not None else None
-    )
+
+    def enter(session: Session) -> None:
+        """Enter the readings of the plateaus reached; the file may still grow while an uncertainty is asked for."""
+        assert elongation is not None and readings is not None
+        rows = readings
+        if uncertainty is not None and request.plan is not None:
+            rows = readings_so_far(read_elongation_csv(elongation), request.plan, session.steps())
+        enter_readings(session, rows)
+
+    summary, failure = run_session(request, enter if readings is not None else None)
     if as_json:
         emit_json({**dataclasses.asdict(summary), "failed": bool(failure), "failure": failure})
     _report(summary, failure, request)

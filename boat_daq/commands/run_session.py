@@ -5,10 +5,12 @@ Used by `record` and `demo`. The session decides and acts; this module waits, sh
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import load_settings
 from boat_daq.engine.snapshot import LinkState, LinkWarningCode, SessionSnapshot, SessionState
 from boat_daq.errors import BoatDaqError
+from boat_daq.viewmodels.live.enough_cycles import EnoughCycles
 from protocol.recording import BoardState, DerivedChannel
 
 POLL_S = 0.1
@@ -47,6 +50,7 @@ class SessionRequest:
     derived : derived channels in place of the stored ones; None for those.
     hold : of a plan in millimetres, keep the last pressure where the control ends by itself, in place of venting.
     max_u_mm : of a plan in millimetres, the uncertainty (k = 2) of the elongation that ends the control.
+    uncertainty_mm : U of an elongation at which the plan has enough cycles; None runs all of them.
     """
 
     port: str
@@ -62,6 +66,7 @@ class SessionRequest:
     derived: tuple[DerivedChannel, ...] | None = None
     hold: bool = False
     max_u_mm: float | None = None
+    uncertainty_mm: float | None = None
 
 
 def run_session(request: SessionRequest, after_run: Callable[[Session], object] | None = None) -> tuple[Summary, str]:
@@ -70,13 +75,19 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
     Parameters
     ----------
     request : what to record.
-    after_run : called when the plan has ended and the recording is still open, to enter readings.
+    after_run : called when the plan has ended and the recording is still open, to enter readings; with an uncertainty
+        also after each of its cycles.
 
     Raises
     ------
+    RequestError : the uncertainty is no length above 0.
     DeviceError, OperatorError, StorageError : nothing could be recorded. A run that fails midway is not an error
         here: the recording holds the samples until then.
     """
+    if request.uncertainty_mm is not None:
+        from analysis.sequential.stopping import check_asked
+
+        check_asked(request.uncertainty_mm)
     start_log("record")
     settings = load_settings()
     session = Session(dataclasses.replace(settings, allow_remote=settings.allow_remote or request.allow_remote))
@@ -99,7 +110,13 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
         if request.plan is not None:
             shown = clear_latched_fault(session, seen)
             vent_residual_pressure(session)
-            run_plan(session, request, shown=shown)
+            if request.uncertainty_mm is None or after_run is None:
+                run_plan(session, request, shown=shown)
+            else:
+                enough = EnoughCycles(session, partial(after_run, session), notify)
+                enough.ask(request.uncertainty_mm)
+                with contextlib.closing(enough):
+                    run_plan(session, request, shown=shown, enough=enough)
         else:
             listen(session, request.duration_s)
         if after_run is not None:
@@ -144,7 +161,9 @@ def vent_residual_pressure(session: Session) -> None:
     session.wait(lambda _: all(check.ok for check in session.preflight() if check.name == "zero"), VENTING_S)
 
 
-def run_plan(session: Session, request: SessionRequest, *, shown: int = 0) -> None:
+def run_plan(
+    session: Session, request: SessionRequest, *, shown: int = 0, enough: EnoughCycles | None = None
+) -> None:
     """Arm and start the plan of a request, and wait until it has ended.
 
     Parameters
@@ -152,6 +171,7 @@ def run_plan(session: Session, request: SessionRequest, *, shown: int = 0) -> No
     session : connected and recording.
     request : with a plan; where it resumes, at the next whole cycle of the interrupted run in this recording.
     shown : messages up to that number need not be printed.
+    enough : may end the run before its last cycle.
     """
     plan = request.plan
     assert plan is not None
@@ -161,6 +181,8 @@ def run_plan(session: Session, request: SessionRequest, *, shown: int = 0) -> No
     for seen, advance in _snapshots(session, plan.name, shown):
         if seen.progress is not None:
             advance(seen.progress.elapsed_s, max(seen.progress.elapsed_s + seen.progress.time_left_s, 1e-9))
+        if enough is not None:
+            enough.follow(seen)
         if seen.state in ENDED or seen.link in (LinkState.LOST, LinkState.FAILED, LinkState.CLOSED):
             return
 

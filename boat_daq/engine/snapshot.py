@@ -63,6 +63,7 @@ class MessageKind(enum.StrEnum):
     RUN_ENDED = "run_ended"
     PAUSED = "paused"
     RESUMED = "resumed"
+    ENOUGH_CYCLES = "enough_cycles"
     NOT_STEADY = "not_steady"
     READING_MISSING = "reading_missing"
     STEP_TIMEOUT = "step_timeout"

@@ -189,5 +189,14 @@ class AppModel:
 
     def close(self) -> None:
         """Vent, close the recording and the link, cancel background work."""
-        for part in (self.jobs, self.unit, self.runs, self.shadow, self.monitor, self.session, self.connection):
+        for part in (
+            self.run.enough,
+            self.jobs,
+            self.unit,
+            self.runs,
+            self.shadow,
+            self.monitor,
+            self.session,
+            self.connection,
+        ):
             part.close()

@@ -241,6 +241,12 @@ class Controller:
             self._vent()
         self._act()
 
+    def finish_early(self, cause: str) -> None:
+        """End a run as finished after its last complete cycle, for a recorded cause."""
+        self.board.forget_pending()
+        self.sequencer.finish_early(cause)
+        self._act()
+
     def vent(self, *, sent: bool = False) -> None:
         """Vent now, in any state, even while another vent is unacknowledged.
 

@@ -180,6 +180,24 @@ class Sequencer:
             self._break_step()
             self._finish(RunEnd.STOPPED)
 
+    def finish_early(self, cause: str) -> None:
+        """End a run as finished after its last complete cycle; the present one is left out.
+
+        Parameters
+        ----------
+        cause : why it has enough cycles; recorded with the run.
+
+        Raises
+        ------
+        OperatorError : no cycle is complete, or no run is in progress.
+        """
+        self._require("finish", *_RUN)
+        if not self.complete_cycles:
+            raise OperatorError("no cycle is complete", "wait for the end of the first cycle, or stop the run")
+        self._break_step()
+        self._report(MessageKind.ENOUGH_CYCLES, cause, "info")
+        self._finish(RunEnd.FINISHED)
+
     def abort(self, cause: str, state: SessionState) -> None:
         """Enter ABORTED or FAULT from any state; only a run has an ending."""
         if self.state in _RUN:

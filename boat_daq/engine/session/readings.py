@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import groupby, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -138,8 +138,40 @@ def enter_readings(session: Session, readings: Sequence[FileReading], *, source:
     """
     matched = match_readings(readings, [step for step in session.steps() if step.status == "reached"])
     for step_id, elongation_mm in matched.items():
-        session.add_reading(step_id, elongation_mm, source)
+        _add_once(session, step_id, elongation_mm, source)
     return len(matched)
+
+
+def readings_so_far(readings: Sequence[FileReading], plan: Plan, steps: Sequence[StepMark]) -> tuple[FileReading, ...]:
+    """Return the rows of a file for the plateaus that a run has reached.
+
+    Parameters
+    ----------
+    readings : rows of the file, of the whole plan or of its first plateaus.
+    plan : that is run. steps : of the run.
+
+    Raises
+    ------
+    OperatorError : the rows fit neither the whole plan nor the plateaus reached.
+    """
+    reached = [step for step in steps if step.status == "reached" and step.branch != "end"]
+    if readings and readings[0].cycle is not None:
+        return tuple(row for row in readings if row.cycle is not None and row.cycle <= max(s.cycle for s in reached))
+    planned = [StepMark(n, s.cycle, s.branch, s.target_kpa, 0.0, 0) for n, s in enumerate(plan.steps, 1)]
+    try:
+        matched = match_readings(readings, planned)
+    except OperatorError:
+        return tuple(readings)
+    known = [(step, matched[number]) for number, step in enumerate(planned, 1) if number in matched]
+    offset = 1 if known and known[0][0].branch != "start" else 0
+    rows = [FileReading(n, step.target_kpa, mm) for n, (step, mm) in enumerate(known, 1)]
+    return tuple(rows[: len(reached) - offset])
+
+
+def _add_once(session: Session, step_id: int, elongation_mm: float, source: str, **details: Any) -> None:
+    """Add a reading that the recording does not have yet."""
+    if not any(r.step_id == step_id and r.elongation_mm == elongation_mm for r in session.readings()):
+        session.add_reading(step_id, elongation_mm, source, **details)
 
 
 def simulated_reading(truth_mm: float, rng: np.random.Generator, *, resolution_mm: float, reader_sd_mm: float) -> float:
@@ -209,5 +241,5 @@ def enter_simulated_readings(
     truth = truth_at_plateaus(truth_csv, session.steps())
     for step_id, truth_mm in truth.items():
         seen_mm = simulated_reading(truth_mm, rng, resolution_mm=resolution_mm, reader_sd_mm=reader_sd_mm)
-        session.add_reading(step_id, seen_mm, SIMULATED, resolution_mm=resolution_mm, reader="virtual reader")
+        _add_once(session, step_id, seen_mm, SIMULATED, resolution_mm=resolution_mm, reader="virtual reader")
     return len(truth)

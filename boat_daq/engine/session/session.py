@@ -465,6 +465,20 @@ class Session:
         with self._acting() as control:
             control.stop()
 
+    def finish_early(self, cause: str) -> None:
+        """End a run as finished, with the complete cycles that it has.
+
+        Parameters
+        ----------
+        cause : why they are enough; recorded with the run.
+
+        Raises
+        ------
+        OperatorError : no run is in progress, or no cycle is complete.
+        """
+        with self._acting() as control:
+            control.finish_early(cause)
+
     def vent(self) -> None:
         """Vent now, in any state, from any thread.
 

@@ -26,6 +26,7 @@ from boat_daq.viewmodels.common.formatting import count
 from boat_daq.viewmodels.common.notices import Notice, Severity
 from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.live.connection import ENDED, ConnectionModel
+from boat_daq.viewmodels.live.enough_cycles import EnoughCycles
 from boat_daq.viewmodels.live.live_model import LiveModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.sequence import SequenceModel
@@ -241,6 +242,7 @@ class RunModel:
     live, sequence, readings : of the same session.
     resumption, calibration : what is offered after a run.
     read_all : whether every plateau of a simulated unit is read from its grid.
+    trial, enough : the quick trial, and the U at which a run ends.
     services : of the window.
     """
 
@@ -254,9 +256,11 @@ class RunModel:
     services: Services
     read_all: bool = False
     trial: QuickTrial = field(init=False)
+    enough: EnoughCycles = field(init=False)
 
     def __post_init__(self) -> None:
         self.trial = QuickTrial(self)
+        self.enough = EnoughCycles(self.session)
 
     @property
     def snapshot(self) -> SessionSnapshot:
@@ -306,6 +310,7 @@ class RunModel:
         if self.read_all and snapshot.waiting_for_reading is not None:
             self.read_simulated(snapshot.waiting_for_reading.step_id)
         self.trial.follow(snapshot)
+        self.enough.follow(snapshot)
 
     def may_read_grid(self) -> bool:
         """Return whether a plateau of this window's virtual board waits for its reading."""

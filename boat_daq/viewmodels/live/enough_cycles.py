@@ -1,0 +1,112 @@
+"""Ends a calibration run as soon as its cycles leave no larger U than the one asked for.
+
+The run is analysed after each complete cycle, in a process of its own, so that the analysis delays neither samples nor
+the window; meanwhile the run continues.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from boat_daq.engine.session.session import Session
+from boat_daq.engine.snapshot import SessionSnapshot, SessionState
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.formatting import count, duration
+from boat_daq.viewmodels.common.jobs import Job, JobState
+
+if TYPE_CHECKING:
+    from analysis.sequential.stopping import Enough
+
+
+class EnoughCycles:
+    """What a run knows, and the U at which it ends.
+
+    Parameters
+    ----------
+    session : with the run, which is being recorded.
+    enter : enters the readings of the plateaus reached; None where they are entered otherwise.
+    report : called with each assessment in words.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        enter: Callable[[], object] = lambda: None,
+        report: Callable[[str], object] = lambda _: None,
+    ) -> None:
+        self._session, self._enter, self._report = session, enter, report
+        self._cycles = 0
+        self._job: Job | None = None
+        self.asked_mm: float | None = None
+        self.known: Enough | None = None
+
+    def ask(self, asked_mm: float | None) -> None:
+        """Set U of an elongation (k = 2) at which runs end; None runs all cycles.
+
+        Raises
+        ------
+        RequestError : it is no length above 0.
+        """
+        if asked_mm is not None:
+            from analysis.sequential.stopping import check_asked
+
+            check_asked(asked_mm)
+        self.asked_mm, self.known = asked_mm, None
+
+    def close(self) -> None:
+        """End the process of an assessment."""
+        if self._job is not None:
+            self._job.cancel()
+
+    def follow(self, snapshot: SessionSnapshot) -> None:
+        """Assess the run after each further complete cycle; end it where U is small enough."""
+        progress = snapshot.progress
+        if snapshot.state is not SessionState.RUNNING or progress is None or self.asked_mm is None:
+            self.close()
+            self._job, self._cycles = None, 0
+            self.known = self.known if snapshot.state is SessionState.FINISHING else None
+            return
+        if self._job is not None and self._job.poll() is not JobState.RUNNING:
+            self._take(self._job)
+            self._job = None
+        if self._job is None and progress.complete_cycles > self._cycles and snapshot.recording is not None:
+            self._cycles = progress.complete_cycles
+            self._begin(snapshot, self.asked_mm)
+
+    def _begin(self, snapshot: SessionSnapshot, asked_mm: float) -> None:
+        """Start to assess the run."""
+        from analysis.sequential.stopping import assess_run
+
+        assert snapshot.recording is not None
+        try:
+            self._enter()
+        except OperatorError as error:
+            self._report(f"U is not known after {count(self._cycles, 'cycle')}: {error.cause}")
+            return
+        self._job = Job("Assessing the uncertainty", assess_run, snapshot.recording, asked_mm)
+
+    def _take(self, job: Job) -> None:
+        """Report an assessment, and end the run where it is enough."""
+        if job.state is not JobState.DONE:
+            cause = job.failure.cause if job.failure is not None else str(job.state.value)
+            self._report(f"U is not known after {count(self._cycles, 'cycle')}: {cause}")
+            return
+        self.known = job.result
+        self._report(job.result.text)
+        if job.result.reached:
+            self._session.finish_early(job.result.text)
+
+    def text(self, snapshot: SessionSnapshot) -> str:
+        """Return U now, U asked and the time left to it; "" where none is asked for."""
+        if self.asked_mm is None or snapshot.progress is None:
+            return ""
+        if self.known is None:
+            return f"U {self.asked_mm:g} mm asked, known after a cycle"
+        if self.known.void or self.known.more_cycles is None:
+            return self.known.text
+        progress, more = snapshot.progress, self.known.more_cycles
+        begun = progress.complete_cycles - self.known.cycles
+        planned = max(progress.cycles - progress.complete_cycles, 1)
+        left_s = progress.time_left_s * max(more - begun, 0) / planned
+        return f"U {self.known.u_mm:.3f} mm, {self.asked_mm:g} mm asked, {duration(left_s)} left"

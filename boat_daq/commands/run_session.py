@@ -161,9 +161,7 @@ def vent_residual_pressure(session: Session) -> None:
     session.wait(lambda _: all(check.ok for check in session.preflight() if check.name == "zero"), VENTING_S)
 
 
-def run_plan(
-    session: Session, request: SessionRequest, *, shown: int = 0, enough: EnoughCycles | None = None
-) -> None:
+def run_plan(session: Session, request: SessionRequest, *, shown: int = 0, enough: EnoughCycles | None = None) -> None:
     """Arm and start the plan of a request, and wait until it has ended.
 
     Parameters

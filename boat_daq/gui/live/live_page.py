@@ -299,7 +299,7 @@ class LivePage(QWidget):
         self.shadow = ShadowPane(shadow, self.services)
         self.table = ReadingsTable(self.run.readings, self.services)
         self.table.model.corrected.connect(self.focus_reading, Qt.ConnectionType.QueuedConnection)
-        self.plan = PlanForm(self.run.sequence, self.services)
+        self.plan = PlanForm(self.run.sequence, self.run.enough, self.services)
         pages = ((self.shadow, "Shadow"), (self.plan, "Plan"), (self.table, "Readings"))
         tabs = widgets.tabs("Shadow, plan, readings", *pages)
         tabs.setMinimumWidth(style.PANE_WIDTH_NARROW)

@@ -10,12 +10,14 @@ from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QCheckBox, QFrame, QLineEdit, QPushButton, QScrollArea, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
+from boat_daq.errors import OperatorError
 from boat_daq.gui import style
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.services import Panel, Services
+from boat_daq.viewmodels.live.enough_cycles import EnoughCycles
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.sequence import (
     ENTRIES,
@@ -152,7 +154,8 @@ class SequencePanel(QFrame):
         """Show state, progress and the buttons that may be pressed."""
         model = self.run.sequence
         widgets.set_text(self.state, state_text(snapshot))
-        widgets.set_text(self.progress, progress_text(snapshot) or f"{model.plan.name}: {model.estimate}")
+        shown = "   ".join(filter(None, (progress_text(snapshot), self.run.enough.text(snapshot))))
+        widgets.set_text(self.progress, shown or f"{model.plan.name}: {model.estimate}")
         allowed = model.allowed(snapshot)
         for key, button in self.buttons.items():
             if key not in allowed and button.hasFocus():
@@ -165,9 +168,9 @@ class SequencePanel(QFrame):
 class PlanForm(QScrollArea):
     """The plan of a `SequenceModel`."""
 
-    def __init__(self, sequence: SequenceModel, services: Services) -> None:
+    def __init__(self, sequence: SequenceModel, enough: EnoughCycles, services: Services) -> None:
         super().__init__()
-        self.sequence, self.services = sequence, services
+        self.sequence, self.enough, self.services = sequence, enough, services
         self._revision = -1
         self.setWidgetResizable(True)
         self.setAccessibleName("Plan, manual pressure and elongation")
@@ -181,6 +184,10 @@ class PlanForm(QScrollArea):
         self.ask_readings = QCheckBox("Wait for each reading")
         self.ask_readings.setChecked(sequence.wait_for_reading)
         self.ask_readings.toggled.connect(sequence.require_readings)
+        self.asked = widgets.field("Uncertainty at which a calibration ends, in mm", "", width=FIELD_WIDTH)
+        self.asked.setPlaceholderText("all cycles")
+        self.asked.setToolTip("Ends the run after the first cycle that leaves this U (k = 2) of an elongation")
+        self.asked.editingFinished.connect(self._ask)
         self.target = widgets.field("Target pressure in kPa", "0", self._set_pressure, width=FIELD_WIDTH)
         self.ramp = widgets.field("Ramp in kPa per second", "5", width=FIELD_WIDTH)
         self.set_button = widgets.button("Set pressure", self._set_pressure, tip="Within limits, without a run")
@@ -189,6 +196,7 @@ class PlanForm(QScrollArea):
             widgets.form((entry.label, self.fields[entry.key], entry.unit) for entry in ENTRIES),
             self.refused,
             self.ask_readings,
+            widgets.form((("End at U", self.asked, "mm"),)),
             self.estimate,
             widgets.row(widgets.button("Open …", self.open), widgets.button("Save …", self.save), self.segments, None),
         )
@@ -219,6 +227,18 @@ class PlanForm(QScrollArea):
         field.setToolTip(tip)
         field.editingFinished.connect(lambda: self._edit(key, field))
         return field
+
+    def _ask(self) -> None:
+        """Set U at which runs end; an empty field runs all cycles."""
+        text = self.asked.text().strip().replace(",", ".")
+
+        def ask() -> None:
+            try:
+                self.enough.ask(float(text) if text else None)
+            except ValueError:
+                raise OperatorError(f"{text!r} is no length", "Enter a number of mm, as 0.08, or nothing.") from None
+
+        widgets.set_state(self.asked, "" if self.services.notices.attempt(ask) else "true", "wrong")
 
     def _edit(self, key: str, field: QLineEdit) -> None:
         self.sequence.edit(key, field.text())
@@ -263,7 +283,7 @@ class PlanForm(QScrollArea):
         """Show the plan where it has changed; lock it during a run."""
         model = self.sequence
         idle = snapshot.progress is None or "arm" in model.allowed(snapshot) or not snapshot.can_command
-        for field in (*self.fields.values(), self.choice, self.ask_readings):
+        for field in (*self.fields.values(), self.choice, self.ask_readings, self.asked):
             field.setEnabled(idle)
         unused = {"staircase": (), "continuous": ("step_kpa",)}.get(model.plan.kind, OF_CYCLES)
         for key in unused:

@@ -32,7 +32,7 @@ def covered(scenes: int, seed: int) -> tuple[float, float]:
 
 
 def test_the_stated_error_is_true_of_random_scenes() -> None:
-    """Ten scenes: the error is within the stated one in eight or more (99 % of samples so small), the pilot is cheap."""
+    """Ten scenes: the error is within the stated one in eight or more (99 % of such samples), the pilot is cheap."""
     share, cost = covered(10, 3)
     assert share >= 0.8
     assert cost < 2.0

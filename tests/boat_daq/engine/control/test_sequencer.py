@@ -219,6 +219,23 @@ def test_pause_leaves_the_cycle_out_and_continues_the_count() -> None:
     assert [m.branch for m in rig.marks.values()].count("start") == 2
 
 
+def test_enough_cycles_finish_the_run_without_the_present_one() -> None:
+    """Refused in the first cycle; in the second the run is finished, vented, and keeps its one complete cycle."""
+    rig = Rig()
+    rig.run(15)
+    with pytest.raises(OperatorError, match="no cycle"):
+        rig.sequencer.finish_early("U is small enough")
+    while rig.sequencer.complete_cycles < 1:
+        rig.run(1)
+    rig.run(5)
+    rig.sequencer.finish_early("U is small enough")
+    rig.run(20)
+    assert (rig.ended, rig.vents, rig.sequencer.state) == ([RunEnding(RunEnd.FINISHED)], 1, SessionState.IDLE)
+    assert rig.sequencer.incomplete_cycles == (2,)
+    with pytest.raises(OperatorError):
+        rig.sequencer.finish_early("again")
+
+
 def test_stop_twice_is_one_end() -> None:
     """One stop record, one vent, and the run is idle once vented."""
     rig = Rig()

@@ -1,0 +1,107 @@
+"""The end of a run at the uncertainty asked for, without a board."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from analysis.errors import RequestError
+from analysis.sequential.stopping import Enough
+from boat_daq.engine.snapshot import SessionState
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.jobs import JobFailure, JobState
+from boat_daq.viewmodels.live import enough_cycles
+from boat_daq.viewmodels.live.enough_cycles import EnoughCycles
+
+
+class Done:
+    """A job that has ended with a result, or failed."""
+
+    result: Any = None
+    failure: JobFailure | None = None
+
+    def __init__(self, *_: object) -> None:
+        self.state = JobState.DONE if self.failure is None else JobState.FAILED
+
+    def poll(self) -> JobState:
+        """Return its state."""
+        return self.state
+
+    def cancel(self) -> None:
+        """Do nothing: it has ended."""
+
+
+def snapshot(complete: int, state: SessionState = SessionState.RUNNING) -> Any:
+    """Return a snapshot of a run of five cycles of 100 s."""
+    progress = SimpleNamespace(complete_cycles=complete, cycles=5, time_left_s=100.0 * (5 - complete))
+    return SimpleNamespace(state=state, progress=progress, recording=Path("run.boat"))
+
+
+@pytest.fixture
+def ended() -> list[str]:
+    """Return why the session's run was ended."""
+    return []
+
+
+@pytest.fixture
+def model(ended: list[str], monkeypatch: pytest.MonkeyPatch) -> EnoughCycles:
+    """Return the model of a run that ends at 0.08 mm; its jobs are done at once."""
+    monkeypatch.setattr(enough_cycles, "Job", Done)
+    monkeypatch.setattr(Done, "failure", None)
+    made = EnoughCycles(cast(Any, SimpleNamespace(finish_early=ended.append)))
+    made.ask(0.08)
+    return made
+
+
+def test_a_run_ends_after_the_cycle_that_leaves_the_u(model: EnoughCycles, ended: list[str]) -> None:
+    """Nothing ends before a cycle is complete, nor by a larger U; the time left follows from the cycles needed."""
+    model.follow(snapshot(0))
+    assert "0.08 mm asked" in model.text(snapshot(0))
+    Done.result = Enough(1, 0.1, 0.08, 0.05, 2)
+    model.follow(snapshot(1))
+    model.follow(snapshot(1))
+    assert not ended
+    assert model.text(snapshot(1)).startswith("U 0.100 mm, 0.08 mm asked, 3:20 left")
+    Done.result = Enough(2, 0.079, 0.08, 0.05, 0)
+    model.follow(snapshot(2))
+    model.follow(snapshot(2))
+    assert ended == [Done.result.text]
+
+
+def test_what_cannot_be_reached_or_assessed_is_reported(model: EnoughCycles, ended: list[str]) -> None:
+    """A U below the noise, readings that do not fit, a failed analysis: the run continues, with the cause."""
+    said: list[str] = []
+    model._report = said.append
+    Done.result = Enough(1, 0.1, 0.08, 0.09, None)
+    for _ in range(2):
+        model.follow(snapshot(1))
+    assert "at best" in model.text(snapshot(1))
+    Done.failure = JobFailure("the file is damaged", "", "")
+    for _ in range(2):
+        model.follow(snapshot(2))
+
+    def refuse() -> None:
+        raise OperatorError("9 rows for 19 plateaus")
+
+    model._enter = refuse
+    model.follow(snapshot(3))
+    assert [text.rsplit(": ", 1)[-1] for text in said[1:]] == ["the file is damaged", "9 rows for 19 plateaus"]
+    assert not ended
+
+
+def test_an_ended_run_and_no_u_leave_nothing(model: EnoughCycles) -> None:
+    """The next run begins without an assessment; without a U asked for nothing is shown; a wrong one is refused."""
+    model.known = Enough(2, 0.079, 0.08, 0.05, 0)
+    model.follow(snapshot(2, SessionState.FINISHING))
+    assert model.known is not None
+    model.follow(snapshot(2, SessionState.IDLE))
+    assert model.known is None
+    for wrong in (0.0, math.nan):
+        with pytest.raises(RequestError):
+            model.ask(wrong)
+    model.ask(None)
+    assert model.text(snapshot(2)) == ""

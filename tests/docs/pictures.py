@@ -49,6 +49,13 @@ def main(folder: Path) -> None:
     QTest.qWait(2500)
     scenario.keep("live")
     model.session.vent()
+    scenario.click(window.navigation.buttons[Page.SETTINGS])
+    settings = window.pages[Page.SETTINGS]
+    settings.list.setCurrentRow(1)
+    model.settings.enter(settings.subject, {"min_kpa": "-25", "note": "buckles below"})
+    QTest.qWait(500)
+    settings.path.clear()  # it is another on each computer
+    scenario.keep("settings")
     scenario.click(window.navigation.buttons[Page.OPTICS])
     QTest.qWait(500)
     model.optics.set_rays(250)  # the paper's; more take minutes

@@ -64,6 +64,21 @@ def config_reset(keys: KeysArgument = None, as_json: JsonOption = False) -> None
     _show_settings(settings, keys, as_json=as_json)
 
 
+@config.command("undo")
+def config_undo(as_json: JsonOption = False) -> None:
+    """Take the newest change back; a second call makes it again.
+
+    Example: boat-daq config undo
+    """
+    from boat_daq.engine.described import with_undone
+    from boat_daq.engine.settings import save_settings, stored_settings
+
+    settings, changes = stored_settings()
+    settings = with_undone(settings, changes, "settings")
+    save_settings(settings)
+    _show_settings(settings, None, as_json=as_json)
+
+
 @config.command("changes")
 def config_changes(as_json: JsonOption = False) -> None:
     """Show what changed when, newest first.
@@ -186,6 +201,21 @@ def unit_reset(name: NameArgument, keys: KeysArgument = None, as_json: JsonOptio
 
     library = UnitLibrary()
     library.save(with_defaults(library.stored(name), keys or (), f"unit {name}"))
+    _show_unit(library, name, as_json=as_json)
+
+
+@unit.command("undo")
+def unit_undo(name: NameArgument, as_json: JsonOption = False) -> None:
+    """Take the newest change of a unit's values back; a second call makes it again. Calibrations stay.
+
+    Example: boat-daq unit undo SA1
+    """
+    from boat_daq.engine.described import with_undone
+    from boat_daq.engine.settings import UnitLibrary
+
+    library = UnitLibrary()
+    stored = library.stored(name)
+    library.save(with_undone(stored, stored.changes, f"unit {name}"))
     _show_unit(library, name, as_json=as_json)
 
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any, TypeVar
 
 from boat_daq.engine.toml_values import BadValue, build
+from boat_daq.errors import OperatorError
 
 D = TypeVar("D")  # a dataclass
 
@@ -167,6 +168,20 @@ def with_defaults(values: D, keys: Iterable[str], where: str) -> D:
     return with_typed(values, typed, where)
 
 
+def with_undone(values: D, changes: Sequence[StoredChange], where: str) -> D:
+    """Return the dataclass with the newest changes taken back: those of one moment.
+
+    Raises
+    ------
+    OperatorError : nothing was changed.
+    """
+    known = [change for change in changes if change.key in described(values)]
+    if not known:
+        raise OperatorError(f"{where}: nothing was changed", "Values are changed one by one, by key.")
+    newest = [change for change in known if change.utc == known[-1].utc]
+    return with_typed(values, {change.key: change.before for change in reversed(newest)}, where)
+
+
 def text_of(value: object) -> str:
     """Return a value as text that `Described.value_of` reads; a table as its keys and values."""
     if isinstance(value, bool):
@@ -217,7 +232,7 @@ def with_changes(
     ----------
     stored : of the file. before, after : texts by key (`texts_of`).
     """
-    utc = datetime.now(UTC).isoformat(timespec="seconds")
+    utc = datetime.now(UTC).isoformat(timespec="milliseconds")  # also the name of one step, for undo
     pairs = ((key, before.get(key, ""), after.get(key, "")) for key in dict.fromkeys((*before, *after)))
     new = [StoredChange(utc, key, old, text) for key, old, text in pairs if old != text]
     return [dataclasses.asdict(change) for change in (*stored, *new)][-MOST_CHANGES:]

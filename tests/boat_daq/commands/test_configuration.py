@@ -32,9 +32,11 @@ def test_settings_are_set_shown_and_reset():
     ]["value"] == pytest.approx(0.25)
     assert (load_settings().rate_hz, load_settings().allow_remote) == (1000, True)
     assert call("config", "reset", "rate_hz", "--json")["settings"]["rate_hz"]["value"] == 100
+    assert call("config", "undo", "--json")["settings"]["rate_hz"]["value"] == 1000
+    assert call("config", "undo", "--json")["settings"]["rate_hz"]["value"] == 100
     changes = call("config", "changes", "--json")["changes"]
     assert [(c["key"], c["before"], c["after"]) for c in changes][:1] == [("rate_hz", "1000", "100")]
-    assert len(changes) == 4
+    assert len(changes) == 6
 
 
 @pytest.mark.parametrize(
@@ -65,9 +67,12 @@ def test_a_unit_is_added_changed_and_carried_to_another_computer(tmp_path: Path,
     call("unit", "new", "SA7", "min_kpa=-25", "note=thin wall", "--json")
     assert program("unit", "new", "SA7").code == 1
     UnitLibrary().add_calibration("SA7", {"b0": 1.5, "simulated": False})
+    assert "nothing was changed" in program("config", "undo").err
+    call("unit", "set", "SA7", "max_kpa=10", "--json")
+    assert call("unit", "undo", "SA7", "--json")["max_kpa"] == 50.0
     shown = call("unit", "set", "SA7", "max_kpa=20", "--json")
     assert (shown["min_kpa"], shown["max_kpa"], shown["calibrations"]) == (-25.0, 20.0, 1)
-    assert [change["key"] for change in shown["changes"]] == ["min_kpa", "note", "max_kpa"]
+    assert [change["key"] for change in shown["changes"]] == ["min_kpa", "note", *["max_kpa"] * 3]
     file = tmp_path / "SA7.toml"
     call("unit", "export", "SA7", file, "--json")
     monkeypatch.setenv("BOAT_DAQ_HOME", str(tmp_path / "other"))

@@ -6,6 +6,7 @@ Rules: an uncertainty is given with two significant digits, the value to the sam
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
@@ -13,7 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from protocol.units import Shown
+
 NOTHING = "–"
+MINUS = "\u2212"
+NUMBER = r"(?<![\w.])[-+\u2212]?\d+(?:\u2009\d{3})*(?:\.\d+)?(?![\w.]*\w)"  # thin spaces part thousands
+_NUMBERS = re.compile(NUMBER)
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -50,6 +56,19 @@ def with_uncertainty(value: float, uncertainty: float) -> str:
     if not math.isfinite(uncertainty) or not math.isfinite(value):
         return rounded(value, uncertainty)
     return f"{rounded(value, uncertainty)} ± {rounded(uncertainty, uncertainty)}"
+
+
+def in_unit(text: str, shown: Shown) -> str:
+    """Return a text with each of its numbers converted to another unit, to as many significant digits."""
+
+    def one(found: re.Match[str]) -> str:
+        number = re.sub(r"\s", "", found[0].replace(MINUS, "-"))
+        places = shown.decimals(len(number.partition(".")[2]))
+        sign = "+" if number.startswith("+") else ""
+        converted = f"{shown.value(float(number)):{sign}.{places}f}"
+        return converted.replace("-", MINUS) if MINUS in found[0] else converted
+
+    return _NUMBERS.sub(one, text)
 
 
 def finite(value: Any) -> Any:

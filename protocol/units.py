@@ -183,8 +183,17 @@ def _shown(units: ShownUnits, stored: str) -> Shown:
     above, slash, below = stored.partition("/")
     if not slash:
         return units._part(stored)
-    top, bottom = units._part(above), units._part(below)
-    return Shown(f"{top.symbol}/{bottom.symbol}", top.factor / bottom.factor)
+    (top, high), (bottom, low) = ((units._part(part.rstrip("²³")), part) for part in (above, below))
+    factor = top.factor ** _power(high) / bottom.factor ** _power(low)
+    return Shown(f"{top.symbol}{_exponent(high)}/{bottom.symbol}{_exponent(low)}", factor)
+
+
+def _exponent(text: str) -> str:
+    return text[-1] if text[-1:] in ("²", "³") else ""
+
+
+def _power(text: str) -> int:
+    return {"²": 2, "³": 3}.get(_exponent(text), 1)
 
 
 def as_text(symbol: str) -> str:

@@ -30,7 +30,9 @@ from analysis.reports.document import Report, ReportDrawing, ReportTable, Sectio
 from analysis.reports.run_section import breaks
 from analysis.reports.shadow import shadow_section
 from analysis.reports.unit import history_of_unit, write_built
+from analysis.reports.units import in_units
 from analysis.version import program_version
+from protocol.units import STORED_UNITS, ShownUnits
 
 if TYPE_CHECKING:
     from analysis.figures.against_shadow import AgainstShadow
@@ -42,6 +44,7 @@ def write_report(
     limits: Mapping[str, float] | None = None,
     shadow: AgainstShadow | None = None,
     *,
+    units: ShownUnits = STORED_UNITS,
     progress: Progress | None = None,
 ) -> Report:
     """Write a report of one run, or a comparison of several.
@@ -52,6 +55,7 @@ def write_report(
     path : ends in .html or .pdf.
     limits : name -> value, see `analysis.figures.acceptance.LIMITS`; the verdict is given against them.
     shadow : the run beside the digital shadow, for a report on one run; None leaves it out.
+    units : in which the reader sees the values.
     progress : is called with the pages or sections that are set and their number; raising from it leaves no file.
 
     Returns
@@ -62,7 +66,7 @@ def write_report(
     ------
     RequestError : another ending, no run, an unknown limit. FileError : the file cannot be written.
     """
-    return write_built(partial(build_report, analyses, limits, shadow), Path(path), progress)
+    return write_built(lambda: in_units(build_report(analyses, limits, shadow), units), Path(path), progress)
 
 
 def build_report(

@@ -212,6 +212,12 @@ def report(
     no_mcmc: NoMcmcOption = False,
     no_shadow: NoShadowOption = False,
     fidelity: FidelityOption = "normal",
+    units: Annotated[
+        str, typer.Option(metavar="UNIT,...", help="Units of the report, such as bar,V,% (elongation over its length).")
+    ] = "",
+    rest_length: Annotated[
+        float, typer.Option(min=1.0, metavar="MM", help="Length at rest, of which an elongation in % is a part.")
+    ] = 75.0,
     as_json: JsonOption = False,
 ) -> None:
     """Write a calibration or repeatability report, by the kind of the run; several runs are compared.
@@ -228,7 +234,12 @@ def report(
     from analysis.figures.against_shadow import against_shadow
     from analysis.progress import part_of
     from boat_daq.viewmodels.common.reference import stated_contributions
+    from protocol.units import ShownUnits
 
+    try:
+        shown = replace(ShownUnits.of(units), rest_length_mm=rest_length)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--units") from error
     options = Options(degree_of(degree), seed=seed, mcmc=not no_mcmc, fidelity=fidelity, leave_out=leave_out)
     limits = limits_of(limit)
     files: list[Path | None] = [*elongation] if elongation else [None]
@@ -241,7 +252,8 @@ def report(
             analyses.append(analyse(recording, files[number % len(files)], options=stated, progress=part))
         compared = len(analyses) == 1 and analyses[0].kind == "calibration" and not no_shadow
         shadow = against_shadow(analyses[0]) if compared else None
-        content = write_report(analyses, to, limits, shadow, progress=part_of(advance, len(runs), 1, len(runs) + 1))
+        setting = part_of(advance, len(runs), 1, len(runs) + 1)
+        content = write_report(analyses, to, limits, shadow, units=shown, progress=setting)
     if as_json:
         conformity = [conformity_json(analysis, limits) for analysis in analyses]
         head = {"file": to, "title": content.title, "verdict": content.verdict, "simulated": content.simulated}

@@ -103,7 +103,7 @@ class AppModel:
         self._messages = SessionMessages(self.notices, self.snapshot)
 
     def _use_units(self, units: ShownUnits) -> None:
-        self.live.units = units
+        self.live.units = self.runs.shown_units = units
 
     def _use_fidelity(self, chosen: Fidelity) -> None:
         self.live.points_a_column = chosen.points_a_column

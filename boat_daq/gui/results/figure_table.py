@@ -8,10 +8,12 @@ from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QSize, Qt
 from PySide6.QtGui import QColor, QPainter, QResizeEvent
 from PySide6.QtWidgets import QHeaderView, QStyledItemDelegate, QStyleOptionViewItem
 
+from analysis.numbers import in_unit
 from boat_daq.gui import style
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.viewmodels.results.analysis_jobs import Cell
+from protocol.units import STORED_UNITS, ShownUnits, as_text
 
 SIDE = style.PANE_WIDTH_WIDE + 10 * style.STEP
 """Width of the table beside the plots of a page."""
@@ -56,22 +58,40 @@ class TwoLines(QStyledItemDelegate):
         return QSize(max(hint.width(), width), hint.height() + style.small_font().pixelSize() + style.STEP)
 
 
+def shown_row(row: Sequence[Cell], units: ShownUnits) -> Sequence[Cell]:
+    """Return a row of figures in the chosen units: the unit begins the second line of its name."""
+    label, _, below = row[0][0].partition("\n")
+    unit, comma, limit = below.partition(", ")
+    shown = units.shown(unit)
+    if shown.symbol == unit:
+        return row
+    name = f"{label}\n{as_text(shown.symbol)}{comma}{in_unit(limit, shown)}"
+    return ((name, row[0][1]), *((in_unit(text, shown), tip) for text, tip in row[1:]))
+
+
 class FigureTable(DataTable):
     """Figures of all sensors."""
 
     def __init__(self, name: str = "Figures with units, intervals and limits; definitions as tooltips") -> None:
         super().__init__(name)
+        self.units = STORED_UNITS
+        self._rows: tuple[Sequence[Sequence[Cell]], Sequence[str]] = ((), ())
         self.lines = TwoLines(self)
         self.setItemDelegate(self.lines)
 
     def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
         self.lines.colour = QColor(theme.muted)
+        if theme.units != self.units:
+            self.units = theme.units
+            if self._rows[0]:
+                self.show_rows(*self._rows)
 
     def show_rows(self, rows: Sequence[Sequence[Cell]], sensors: Sequence[str]) -> None:
         """Show other figures, with a column for each sensor."""
+        self._rows = rows, sensors
         self.set_headings(["Figure", *sensors], stretched=0, right=range(1, 1 + len(sensors)))
-        self.fill(rows)
+        self.fill([shown_row(row, self.units) for row in rows])
         self.resizeRowsToContents()
         self._share()
 

@@ -23,6 +23,7 @@ from analysis.progress import Progress, part_of
 from analysis.warning import Warning
 from boat_daq.viewmodels.common.formatting import NOTHING, number, sensor_words
 from boat_daq.viewmodels.common.reference import chosen_curve, exported_elongation, identity, stated_contributions
+from protocol.units import STORED_UNITS, ShownUnits
 
 if TYPE_CHECKING:
     from analysis.conformity import Conformity
@@ -550,7 +551,14 @@ def import_table(
     return [*recording.meta.get("import_notes", ()), *recording.meta.get("import_issues", ())]
 
 
-def report_runs(paths: list[Path], target: Path, *, curve: str = "", progress: Progress | None = None) -> str:
+def report_runs(
+    paths: list[Path],
+    target: Path,
+    *,
+    curve: str = "",
+    units: ShownUnits = STORED_UNITS,
+    progress: Progress | None = None,
+) -> str:
     """Write the report of one or several recordings; returns its verdict.
 
     Parameters
@@ -558,6 +566,7 @@ def report_runs(paths: list[Path], target: Path, *, curve: str = "", progress: P
     paths : of the recordings.
     target : .html or .pdf.
     curve : that is fitted, see `chosen_curve`.
+    units : in which the report shows values.
     progress : is called with the parts that are analysed and set, and their number.
 
     Raises
@@ -574,7 +583,8 @@ def report_runs(paths: list[Path], target: Path, *, curve: str = "", progress: P
         options = Options(chosen_curve(recording, curve), type_b=stated_contributions(recording))
         readings = readings_beside(path)
         analyses.append(analyse(recording, readings, options=options, progress=part_of(progress, i, 1, parts)))
-    return write_report(analyses, target, progress=part_of(progress, len(paths), WRITING, parts)).verdict
+    setting = part_of(progress, len(paths), WRITING, parts)
+    return write_report(analyses, target, units=units, progress=setting).verdict
 
 
 def compare_runs(paths: list[Path], *, progress: Progress | None = None) -> tuple[RunResult, ...]:

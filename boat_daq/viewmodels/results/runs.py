@@ -41,6 +41,7 @@ from boat_daq.viewmodels.results.metadata import MetadataModel
 from boat_daq.viewmodels.results.unit_over_time import UnitOverTimeModel
 from protocol.errors import DamagedRecordingError, ProtocolError
 from protocol.recording import SUFFIX, RunEnd, open_recording, schema
+from protocol.units import STORED_UNITS
 
 HEADINGS = ("", "Unit", "Recorded", "Length", "Cycles", "Readings", "State", "File")
 POINTS = 160  # of a thumbnail
@@ -260,6 +261,7 @@ class RunsModel:
         self.comparison: tuple[RunResult, ...] = ()
         self.wanted: Path | None = None  # is chosen once it is listed
         self.revision = 0
+        self.shown_units = STORED_UNITS  # of its reports
         self.simulated = False  # whether the board in use is, or was last
         self._kinds: tuple[bool, ...] = (False, True)  # of the units that are shown
         self._scanned_at = -SCAN_INTERVAL_S
@@ -457,7 +459,7 @@ class RunsModel:
         """
         if not paths:
             raise OperatorError("no recording is chosen", "Choose one line or several.")
-        job = Job("Making the report", report_runs, paths, target, curve=curve)
+        job = Job("Making the report", report_runs, paths, target, curve=curve, units=self.shown_units)
         self.start("report", job, lambda _: self._notices.inform_saved(target))
 
     def start(self, name: str, job: Job, done: str | Callable[[Any], None]) -> None:

@@ -61,7 +61,7 @@ def test_a_save_that_fails_leaves_the_old_one(tmp_path: Path, monkeypatch: pytes
     assert [p.name for p in tmp_path.iterdir()] == ["settings.toml"]
 
 
-@pytest.mark.fault(53, how="settings with an unknown key, a wrong type, an impossible value, a newer version", times=8)
+@pytest.mark.fault(53, how="settings with an unknown key, a wrong type, an impossible value, a newer version", times=10)
 @pytest.mark.parametrize(
     ("line", "part"),
     [
@@ -73,6 +73,8 @@ def test_a_save_that_fails_leaves_the_old_one(tmp_path: Path, monkeypatch: pytes
         ("version = 2", "'version' is 2"),
         ("allow_remote = 1", "'allow_remote' must be of type bool"),
         ("rate_hz = ", "not a readable TOML"),
+        ("changes = 3", "'changes' must be a list of tables"),
+        ("changes = [{ utc = 1, key = 'baud', before = '', after = '' }]", "'utc' must be of type str"),
     ],
 )
 def test_a_hand_edited_file_is_refused_by_key(tmp_path: Path, line: str, part: str) -> None:

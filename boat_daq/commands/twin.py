@@ -165,6 +165,52 @@ def dynamics(
         show(f"bandwidth (-3 dB): {found.bandwidth_hz:.2f} Hz")
 
 
+@app.command()
+def predict(
+    run: RecordingArgument,
+    out: Annotated[Path | None, typer.Option(help="CSV of measured and predicted signals, a row a sample.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Predict the signals of a run by the chain from pressure to light, fitted to the calibration in force.
+
+    Prints what the chain explains of the calibration and of the paper's published curves, and what disagrees in the
+    run: mechanics (elongation against pressure), optics (one signal against elongation) or electronics (both alike).
+
+    Example: boat-daq twin predict SA1.boat --out predicted.csv
+    """
+    from analysis.twin.prediction import predict_run, published_prediction
+    from boat_daq.commands.console import writing
+    from boat_daq.viewmodels.common.twin import fusion_of, load_twin, predicted_sensors
+    from protocol.whole_file import written_whole
+
+    recording, units = _recording(run)
+    name = recording.unit
+    twin, sensors, published = load_twin(units, name), predicted_sensors(units, name), published_prediction()
+    found = predict_run(recording, twin.model, fusion_of(units, name), sensors)
+    if out is not None:
+        with writing(out), written_whole(out) as part:
+            found.frame.to_csv(part, index=False)
+        notify(f"wrote {out}")
+    content = {
+        "unit": name, "simulated": recording.simulated, "sensors": [one.as_json() for one in sensors],
+        "published": [one.as_json() for one in published], "disagreement_percent": dict(found.words),
+    }  # fmt: skip
+    rows = [
+        (f"{kind} {number}", stage, f"{fit.r2:.3f}", f"{fit.rms_percent_fso:.1f}", f"{fit.gain_mv_per_percent:+.1f}",
+         f"{fit.loss_db_per_cm:.2f}")
+        for kind, fits in (("calibration, sensor", sensors), ("published, sensor", published))
+        for number, one in enumerate(fits, 1)
+        for stage, fit in (("gain and offset", one.before), ("and loss", one.after))
+    ]  # fmt: skip
+    if as_json:
+        emit_json(content)
+        return
+    if recording.simulated:
+        show("SIMULATED")
+    show_table(("curve", "fitted", "R²", "rms, % FSO", "gain, mV/%", "loss, dB/cm"), rows, left=2)
+    show("of the run: " + ", ".join(f"{word} {share:.0f} %" for word, share in found.words.items()))
+
+
 def _recording(run: Path) -> tuple[Recording, UnitLibrary]:
     """Return a recording and the units of its kind of board."""
     from analysis import load_recording

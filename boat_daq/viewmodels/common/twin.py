@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from analysis.calibration.inverse import Fusion
     from analysis.data.recording import Recording
     from analysis.twin.controller import Bounds, ElongationController
+    from analysis.twin.prediction import SensorPrediction
     from analysis.twin.unit_file import TwinFile
 
 
@@ -107,6 +108,22 @@ def tune_unit(recording: Recording, units: UnitLibrary) -> TwinFile:
     twin = twin.tuned(tune_run(recording, fusion_of(units, recording.unit), twin.model))
     store_twin(units, twin)
     return twin
+
+
+def predicted_sensors(units: UnitLibrary, name: str) -> tuple[SensorPrediction, ...]:
+    """Return the forward models of a unit's signals, fitted to the readings of its calibration in force.
+
+    Raises
+    ------
+    OperatorError : it has none. AnalysisError : too few readings.
+    """
+    import numpy as np
+
+    from analysis.twin.prediction import predict_sensors
+
+    stored = in_force(units, name).content["sensors"]
+    points = [(np.asarray(one["elongation_mm"], float), np.asarray(one["signal_mv"], float)) for one in stored]
+    return predict_sensors(points)
 
 
 def store_twin(units: UnitLibrary, twin: TwinFile) -> None:

@@ -31,8 +31,10 @@ class ControllerRig:
     pressures : true gauge pressure (kPa) after every step.
     """
 
-    def __init__(self, *faults: str, speed: float = 1.0, seed: int = 0, rate_hz: int = 100) -> None:
-        self.board = VirtualBoard(seed=seed, faults=[parse_fault(fault) for fault in faults])
+    def __init__(
+        self, *faults: str, speed: float = 1.0, seed: int = 0, rate_hz: int = 100, specimen: str = "SA1"
+    ) -> None:
+        self.board = VirtualBoard(specimen, seed=seed, faults=[parse_fault(fault) for fault in faults])
         self.link = Connection(in_turn=True)
         self.control = Controller(rate_hz=rate_hz)
         self.speed = speed

@@ -1,0 +1,155 @@
+"""Figures of the control on three units, rising and falling, against the virtual board's true elongation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from analysis.arrays import FloatArray
+from analysis.twin.controller import Bounds, ElongationController
+from analysis.twin.hysteresis import identify
+from boat_daq.engine.plan import Plan
+from boat_daq.engine.snapshot import SessionState
+from protocol.recording import BoardState, Segment
+from protocol.simulator.faults import FAULTS
+from protocol.simulator.specimens import SPECIMEN_NAMES
+from tests.analysis.twin_unit import identified, regulator, swings
+from tests.boat_daq.engine.controller_rig import ControllerRig
+
+FREE = Bounds(deviation_mm=5.0)  # open loop may be far away
+TRACK = Segment("sine", 0.5, amplitude=2.5, frequency_hz=0.1, periods=3.0)
+SLOW = Segment("sine", 0.5, amplitude=2.9, frequency_hz=0.02, periods=1.5)
+SETTINGS = ("closed loop", "open loop, inverse with hysteresis", "open loop, inverse of the mean curve")
+
+
+def controllers(specimen: str) -> dict[str, ElongationController]:
+    """Return a controller for each of `SETTINGS`."""
+    closed = regulator(specimen)
+    tuning = replace(closed.tuning, integral_per_s=1e-9)
+    pressure_kpa, x, _ = swings(specimen)
+    mean = identify(pressure_kpa, x, plays=1)
+    fusion = identified(specimen)[1]
+    models = closed.model, mean
+    opened = [ElongationController(model, fusion, tuning, FREE, unit=specimen) for model in models]
+    return dict(zip(SETTINGS, [closed, *opened], strict=True))
+
+
+def run(
+    specimen: str, controller: ElongationController, *segments: Segment, faults: tuple[str, ...] = ()
+) -> FloatArray:
+    """Return time since the first segment, setpoint and true elongation [n, 3] of a plan."""
+    plan = Plan("figures", "profile", 1, quantity="mm", min_dwell_s=4.0, segments=segments)
+    rig = ControllerRig(*faults, specimen=specimen).connected()
+    rig.do(lambda: rig.control.arm(plan, regulator=controller), rig.control.start)
+    assert rig.run(8.0, lambda: rig.control.sequencer.cycle == 1)
+    begin_us, rows = rig.board.now_us, []
+    while rig.state is SessionState.RUNNING:
+        wanted = rig.control.sequencer.setpoint_mm(rig.board.now_us)
+        rows.append(((rig.board.now_us - begin_us) / 1e6, wanted[0], rig.board.elongation_mm))
+        rig.step()
+    assert rig.state is SessionState.FINISHING, rig.notes[-1]
+    return np.asarray(rows)
+
+
+def settling(rows: FloatArray, begin_s: float, start: float, goal: float) -> tuple[float, float]:
+    """Return settling time to 0.05 mm, s, and overshoot, % of the step, of 4 s from `begin_s`."""
+    part = rows[(rows[:, 0] >= begin_s) & (rows[:, 0] < begin_s + 4.0)]
+    away = part[:, 2] - goal
+    outside = np.flatnonzero(np.abs(away) > 0.05)
+    settled = float(part[outside[-1], 0] - begin_s) if len(outside) else 0.0
+    over = float((away * math.copysign(1.0, goal - start)).max())
+    return settled, max(0.0, 100.0 * over / abs(goal - start))
+
+
+def loop_percent(rows: FloatArray) -> float:
+    """Return the largest distance of the branches of a slow sine over the setpoint, % of 6.5 mm."""
+    rows = rows[rows[:, 0] > 0.5 / SLOW.frequency_hz - 12.5]
+    rising = np.gradient(rows[:, 1]) > 0
+    grid = np.linspace(-2.1, 3.1, 40)
+    branches = []
+    for branch in (rising, ~rising):
+        part = rows[branch]
+        part = part[np.argsort(part[:, 1])]
+        bins = np.digitize(part[:, 1], grid)
+        branches.append([part[bins == k, 2].mean() for k in range(1, len(grid))])
+    return float(np.nanmax(np.abs(np.subtract(*branches)))) / 6.5 * 100.0
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("specimen", SPECIMEN_NAMES)
+def test_steps_settle_and_sines_are_tracked_on_every_unit(specimen, record_property):
+    goals = [0.0, 0.5, 0.0, 1.0, 0.0, 3.0, 0.0, -2.0, 1.0, -2.0]
+    steps = [Segment("step", goal, hold_s=4.0) for goal in goals]
+    rows = run(specimen, regulator(specimen), *steps, faults=("drift_ppm@0:200", "softening@0:5"))
+    found = [
+        settling(rows, 4.0 * k, start, goal)
+        for k, (start, goal) in enumerate(pairwise(goals), 1)
+    ]  # fmt: skip
+    slowest, highest = (max(values) for values in zip(*found, strict=True))
+    rms = {}
+    for name, controller in controllers(specimen).items():
+        rows = run(specimen, controller, TRACK)
+        rows = rows[rows[:, 0] > 10.0]
+        rms[name] = float(np.sqrt(np.mean((rows[:, 2] - rows[:, 1]) ** 2)))
+    record_property("figures", {"settling_s": slowest, "overshoot_percent": highest, "rms_mm": rms})
+    print(f"{specimen}: settles in {slowest:.2f} s, overshoot {highest:.1f} %, tracking rms mm {rms}")
+    assert slowest < 2.0
+    assert highest < 10.0
+    assert rms["closed loop"] < 0.1
+    assert rms["closed loop"] < rms["open loop, inverse of the mean curve"]
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("specimen", SPECIMEN_NAMES)
+def test_hysteresis_over_the_setpoint_is_that_of_the_sensors(specimen):
+    found = {name: loop_percent(run(specimen, one, SLOW)) for name, one in controllers(specimen).items()}
+    print(f"{specimen}: hysteresis of the true elongation over the setpoint, % of 6.5 mm: {found}")
+    assert found["closed loop"] < 0.85
+    assert found["open loop, inverse of the mean curve"] > 2.5
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("fault", sorted(FAULTS))
+def test_any_fault_of_the_board_ends_vented_or_held_within_limits(fault):
+    at = "" if fault in ("reset_on_open", "wrong_protocol", "clock_wrap") else "@5"
+    rig = ControllerRig(f"{fault}{at}" + (":3" if fault == "clock_wrap" else ""))
+    if not rig.run(5.0, lambda: rig.control.up):
+        assert not rig.control.loop  # nothing was under pressure
+        return
+    rig.do(lambda: rig.control.control_elongation(2.5, regulator()))
+    rig.run(16.0)
+    if fault == "unplug":
+        rig.plugged = False
+        rig.run(3.0)
+    limits = (-47.0, 57.0)
+    jumped = fault == "beyond_limit"
+    pressures = np.asarray(rig.pressures)
+    assert jumped or (pressures.min() >= limits[0] and pressures.max() <= limits[1])
+    if rig.control.loop is None:
+        assert abs(rig.pressure_kpa) < 2.0
+        assert any(note.level in ("error", "warning") for note in rig.notes)
+    else:
+        assert rig.board.elongation_mm == pytest.approx(2.5, abs=0.8)
+        assert rig.board._control.state is not BoardState.FAULT
+
+
+@pytest.mark.nightly
+def test_hours_under_control_leave_no_limit():
+    hours = 2.0  # 24 of them: twelve nights, or this call with other seeds
+    rig = ControllerRig(seed=int(np.random.SeedSequence(7).generate_state(1)[0] % 1000)).connected()
+    rig.do(lambda: rig.control.control_elongation(0.0, regulator()))
+    goals = np.random.default_rng(7)
+    rig.run(1.0)
+    for _ in range(round(hours * 3600 / 10)):
+        goal = float(goals.uniform(-2.4, 3.6))
+        rig.do(lambda goal=goal: rig.control.control_elongation(goal))
+        rig.run(10.0, step_s=0.04)
+        assert rig.control.loop is not None, rig.notes[-1]
+        assert rig.board.elongation_mm == pytest.approx(goal, abs=0.15)
+        rig.pressures, low, high = [], min(rig.pressures), max(rig.pressures)
+        assert low >= -47.0
+        assert high <= 57.0

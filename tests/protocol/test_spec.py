@@ -105,9 +105,9 @@ def test_the_sizes_on_the_page_are_those_of_the_code() -> None:
     for name, message in messages.items():
         (frame,) = FrameReader().receive(encode_message(message, 0))
         assert f"{name} ({len(frame.payload)} bytes)" in SPEC
-    (frame,) = FrameReader().receive(encode_message(Sample(0, 0, 0, 0, 0, (1, 2, 3), (1, 2, 3)), 0))
-    assert len(frame.payload) == 14 + 4 * 3
-    assert "SAMPLE (14 + 4 n_sensors bytes)" in SPEC
+    (frame,) = FrameReader().receive(encode_message(Sample(0, 0, 0, 0, 0, (1, 2, 3), (1, 2, 3), (20.5, 1.0)), 0))
+    assert len(frame.payload) == 14 + 4 * 3 + 4 * 2
+    assert "SAMPLE (14 + 4 n_sensors + 4 n_channels bytes)" in SPEC
 
 
 def test_the_page_lists_every_command_status_and_event() -> None:

@@ -9,6 +9,7 @@ from typing import Any
 from analysis.errors import RequestError
 
 EXTRAS = {  # module: name of the library, extra that brings it
+    "cv2": ("OpenCV", "camera"),
     "distributed": ("Dask", "cluster"),
     "h5py": ("h5py", "hdf5"),
     "pyarrow": ("pyarrow", "parquet"),

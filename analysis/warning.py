@@ -46,6 +46,11 @@ class WarningCode(StrEnum):
     NO_CALIBRATION = "no_calibration"
     NOT_MONOTONE = "not_monotone"
     OUT_OF_TOLERANCE = "out_of_tolerance"
+    # of a camera
+    CAMERA_DELAY = "camera_delay"
+    CAMERA_CONTRADICTS = "camera_contradicts"
+    CAMERA_REST = "camera_rest"
+    CAMERA_NO_VALUE = "camera_no_value"
     # of a calibration
     CONSTANT_Y = "constant_y"
     NO_UNCERTAINTY = "no_uncertainty"

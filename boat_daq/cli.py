@@ -17,7 +17,7 @@ from typing import Annotated
 import typer
 
 import boat_daq
-from boat_daq.commands import configuration, demo, optics, reproduce, shadow, twin
+from boat_daq.commands import camera, configuration, demo, optics, reproduce, shadow, twin
 from boat_daq.commands.console import emit_error, show
 from boat_daq.errors import cause_and_remedy
 
@@ -66,6 +66,7 @@ for command in chain.from_iterable(COMMANDS):
     imported = import_module(f"boat_daq.commands.{module or function}")
     app.command(name, cls=getattr(imported, "COMMAND_CLASS", None))(getattr(imported, function))
 GROUPS = (
+    ("camera", camera.app),
     ("config", configuration.config),
     ("unit", configuration.unit),
     ("optics", optics.app),

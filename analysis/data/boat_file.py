@@ -26,6 +26,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from analysis.arrays import FloatArray, IntArray
+from analysis.data.camera_record import CameraRecord
 from analysis.data.recording import READING_COLUMNS, STEP_COLUMNS, Gap, Recording
 from analysis.errors import FileError, RequestError
 from analysis.version import program_version
@@ -75,6 +76,7 @@ def read_boat_file(path: str | Path) -> Recording:
         steps = _steps(db, clock)
         readings = pd.read_sql_query(f"SELECT {', '.join(READING_COLUMNS)} FROM reading ORDER BY id", db)  # noqa: S608
         failures = _crc_failures(db, clock)
+        camera = _camera(schema.camera_rows(path, db), clock.time_s, samples["host_ns"], segment)
     if failures:
         meta["crc_errors"] = sum(failed.frames for failed in failures)
     if damaged:
@@ -93,7 +95,36 @@ def read_boat_file(path: str | Path) -> Recording:
     recording = Recording.from_arrays(
         clock.time_s, pressure_kpa, signal, **kept, readings=readings, meta=meta, source=str(path)
     )
-    return replace(recording, gaps=tuple(_attributed(recording.gaps, failures)))
+    return replace(recording, gaps=tuple(_attributed(recording.gaps, failures)), camera=camera)
+
+
+def _camera(
+    rows: list[tuple[Any, ...]], time_s: FloatArray, host_ns: IntArray, segment: IntArray
+) -> CameraRecord | None:
+    """Return a camera's readings in the time of the samples that arrived about each frame; those outside are left out.
+
+    Parameters
+    ----------
+    rows : as `schema.camera_rows` gives them.
+    time_s, host_ns, segment : [n] of the samples.
+    """
+    if not rows:
+        return None
+    arrived, of, elongation, u, fault, dropped = zip(*rows, strict=True)
+    frames_ns, of_segment = np.array(arrived, np.int64), np.array([-1 if s is None else s for s in of])
+    at_s = np.full(frames_ns.size, np.nan)
+    for number in np.unique(of_segment[of_segment >= 0]):
+        own = np.flatnonzero(segment == number)
+        if own.size < 2:
+            continue
+        last = own[np.append(np.flatnonzero(np.diff(host_ns[own])), own.size - 1)]  # of the samples of one arrival
+        mine = of_segment == number
+        start_ns = int(host_ns[last[0]])
+        since_s = (host_ns[last] - start_ns) / 1e9
+        at_s[mine] = np.interp((frames_ns[mine] - start_ns) / 1e9, since_s, time_s[last], np.nan, np.nan)
+    kept = np.flatnonzero(np.isfinite(at_s) & (np.maximum.accumulate(np.nan_to_num(at_s, nan=-np.inf)) <= at_s))
+    values, spread = (np.array([np.nan if v is None else v for v in column], float) for column in (elongation, u))
+    return CameraRecord(at_s[kept], values[kept], spread[kept], np.array(fault, np.str_)[kept], int(sum(dropped)))
 
 
 def target_from_steps(time_s: FloatArray, steps: pd.DataFrame) -> FloatArray:

@@ -19,6 +19,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from analysis.arrays import BoolArray, FloatArray, IntArray
+from analysis.data.camera_record import CameraRecord
 from analysis.errors import DataError
 from protocol.recording import (
     NOT_FOR_FIGURES,
@@ -78,6 +79,7 @@ class Recording:
     steps, readings : frames with STEP_COLUMNS and READING_COLUMNS; empty where the source has none.
     meta : the session's keys.
     source : the file it came from, or "".
+    camera : the elongation at every frame of a camera; None without one.
     """
 
     time_s: FloatArray
@@ -100,6 +102,7 @@ class Recording:
     meta: Mapping[str, Any] = field(default_factory=dict)
     source: str = ""
     channel: FloatArray | None = None
+    camera: CameraRecord | None = None
 
     @property
     def n(self) -> int:
@@ -251,9 +254,10 @@ class Recording:
         }
         index = np.asarray(given.get("index", np.arange(n)), dtype=np.int64)
         usable, pressure_usable, masked = _usable(time, pressure, signal, filled["flags"])
+        frozen: dict[str, Any] = {name: _frozen(column) for name, column in filled.items()}
         return cls(
             time_s=_frozen(time), pressure_kpa=_frozen(pressure), signal_mv=_frozen(signal),
-            **{name: _frozen(column) for name, column in filled.items()},
+            **frozen,
             channel=_channel(columns.get("channel"), given.get("meta", {})),
             lit=_counts(columns.get("lit"), n), dark=_counts(columns.get("dark"), n), index=_frozen(index),
             usable=_frozen(usable), pressure_usable=_frozen(pressure_usable), masked=masked,

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from analysis.arrays import FloatArray
+from analysis.calibration.type_b import SCALE
 from analysis.data.load import load_recording
 from analysis.data.recording import Recording
 from analysis.fidelity import fidelity
@@ -45,6 +46,9 @@ from analysis.segmentation.plateau_readings import elongations_of
 from analysis.segmentation.plateaus import find_plateaus
 from analysis.segmentation.signal_faults import mask_faulty_signals
 from analysis.statistics import resampling_weights
+from analysis.tracking.continuous import SOURCE as CAMERA
+from analysis.tracking.continuous import CameraFigures, camera_elongations, camera_figures, scale_of
+from analysis.tracking.run import Filmed, filmed
 from analysis.warning import Warning
 
 
@@ -66,6 +70,7 @@ class Analysis(AnalysedRun):
     u_elongation : of each sensor [points, 2], x and U of an elongation there, mm, NaN where it is not known.
     u_elongation_void : of each sensor, why U is not given everywhere in the range, or "".
     parts : of a run whose parts differ over a break; `sensors` are those of the largest.
+    camera : what the camera adds; None without one.
     """
 
     system_sensitivity: Figure
@@ -76,6 +81,7 @@ class Analysis(AnalysedRun):
     u_elongation: tuple[FloatArray, ...]
     u_elongation_void: tuple[str, ...]
     parts: tuple[Part, ...]
+    camera: CameraFigures | None = None
 
     @property
     def kind(self) -> str:
@@ -129,6 +135,7 @@ class Analysis(AnalysedRun):
             "seed": self.options.seed,
             "fidelity": self.options.fidelity,
             **self._breaks_json(),
+            **({"camera": self.camera.as_json()} if self.camera else {}),
         }
 
     def _breaks_json(self) -> dict[str, Any]:
@@ -170,7 +177,12 @@ def analyse(
     if not isinstance(recording, Recording):
         recording = load_recording(recording)
     recording = recording.deriving(options.derived)
-    run, parts, left_out = _segmented(recording, elongation, options)
+    film = filmed(recording) if recording.camera is not None else None
+    if film is not None:
+        recording = film.recording
+        if all(one.name != SCALE for one in options.type_b):
+            options = replace(options, type_b=(*options.type_b, scale_of(film)))
+    run, parts, left_out = _segmented(recording, elongation, options, film)
     count = recording.n_sensors
     sensors = [analyse_sensor(run, number, progress=part_of(progress, number, 1, count)) for number in range(count)]
     analysed = AnalysedRun(**_values(run), sensors=tuple(sensors))
@@ -181,16 +193,23 @@ def analyse(
         system_sensitivity=_system_sensitivity(sensors),
         actuator_hysteresis=actuator,
         actuator_hysteresis_per_cycle=actuator_cycles,
-        warnings=(*left_out, *run_warnings(run, sensors)),
+        warnings=(*(film.warnings if film else ()), *left_out, *run_warnings(run, sensors)),
         budgets=middle_budgets(analysed),
         u_elongation=tuple(u for u, _ in over_x),
         u_elongation_void=tuple(why for _, why in over_x),
         parts=tuple(_part(run, part) for part in parts) if len(parts) > 1 else (),
+        camera=_camera(film, run, sensors) if film is not None else None,
     )
 
 
+def _camera(film: Filmed, run: SegmentedRun, sensors: Sequence[SensorAnalysis]) -> CameraFigures:
+    numbers = set(run.loops.numbers)
+    cycles = [cycle for cycle in run.cycles.used if cycle.number in numbers]
+    return camera_figures(film, run.recording, cycles, [sensor.calibration for sensor in sensors])
+
+
 def _segmented(
-    recording: Recording, elongation: str | Path | None, options: Options
+    recording: Recording, elongation: str | Path | None, options: Options, film: Filmed | None
 ) -> tuple[SegmentedRun, list[Loops], tuple[Warning, ...]]:
     """Return a run in cycles, plateaus and loops, its loops between breaks, and a warning for each reading left out.
 
@@ -199,11 +218,16 @@ def _segmented(
     Parameters
     ----------
     recording, elongation, options : as `analyse` takes them.
+    film : the recording with its camera; None without one.
     """
     cycles = find_cycles(recording, options.plateau.tolerance_kpa)
     recording = mask_faulty_signals(recording, cycles.smooth_kpa)
     plateaus = find_plateaus(recording, cycles, options.plateau)
-    elongations = elongations_of(recording, plateaus, elongation)
+    if film is None or elongation is not None:
+        elongations = elongations_of(recording, plateaus, elongation)
+    else:
+        own = recording.readings[recording.readings["source"] != CAMERA]
+        elongations = camera_elongations(film, plateaus, elongations_of(replace(recording, readings=own), plateaus))
     if plateaus:
         x = elongations.elongation_mm if elongations else None
         loops = staircase_loops(plateaus, cycles, x, recording.n_sensors)

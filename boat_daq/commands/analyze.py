@@ -16,16 +16,21 @@ from boat_daq.commands.options import (
     DeriveOption,
     FidelityOption,
     LeaveOutOption,
+    LensOption,
     LimitOption,
     MapOption,
+    MarkOption,
+    MarkUncertaintyOption,
     NoMcmcOption,
     NoShadowOption,
+    PatchOption,
     RateOption,
     RunArgument,
     SeedOption,
     TypeBOption,
     XResolutionOption,
     limits_of,
+    patches_of,
 )
 
 if TYPE_CHECKING:
@@ -35,6 +40,13 @@ if TYPE_CHECKING:
 def analyze(
     run: RunArgument,
     elongation: Annotated[Path | None, typer.Option(help="CSV of elongation readings, one row a plateau.")] = None,
+    video: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Video of the marks during this run, taken with any camera.")
+    ] = None,
+    mark_mm: MarkOption = 10.0,
+    u_mark_mm: MarkUncertaintyOption = 0.02,
+    lens: LensOption = None,
+    patch: PatchOption = None,
     mapping: MapOption = None,
     rate: RateOption = None,
     seed: SeedOption = 0,
@@ -70,8 +82,14 @@ def analyze(
     from boat_daq.viewmodels.common.reference import stated_contributions
 
     limits = limits_of(limit)
+    recording = load_recording(run, columns=column_map(mapping) or None, rate_hz=rate)
+    if video is not None:
+        from boat_daq.viewmodels.common.camera import CameraChoice, film
+
+        with progress_bar("Tracking") as advance:
+            choice = CameraChoice(str(video), mark_mm, u_mark_mm, lens, recording.unit, patches_of(patch))
+            recording = film(recording, choice, advance)
     with progress_bar("Analysing") as advance:
-        recording = load_recording(run, columns=column_map(mapping) or None, rate_hz=rate)
         options = Options(
             degree_of(degree),
             seed=seed,
@@ -85,7 +103,9 @@ def analyze(
         )
         analysis = analyse(recording, elongation, options=options, progress=advance)
     conformity = conformity_json(analysis, limits)
-    if not no_store and (reason := store_analysis(run, analysis, elongation)):
+    if video is not None and not no_store:
+        notify("the result is not stored: its elongations are those of a video, which the recording does not hold")
+    elif not no_store and (reason := store_analysis(run, analysis, elongation)):
         notify(reason)
     shadow = None
     if analysis.kind == "calibration" and not no_shadow:
@@ -148,10 +168,33 @@ def _show(analysis: Analysis, limits: Mapping[str, float]) -> None:
     for sensor in sensors:
         for found in sensor.influences:
             show(f"{sensor.name}: {f'{found.name}: {found.void}' if found.void else influence_text(found)}")
+    if analysis.camera is not None:
+        _show_camera(analysis.camera.as_json())
     for one in judge(sensors, limits):
         show(f"{one.conformity.label}: {one.text}")
     for warning in analysis.warnings:
         notify(f"{warning.code}: {warning.sentence}")
+
+
+def _show_camera(camera: Mapping[str, Any]) -> None:
+    """Print what the camera adds."""
+    delay = "not found" if camera["delay_s"] is None else f"{1e3 * camera['delay_s']:+.1f} ms"
+    u_delay = "" if camera["delay_s"] is None else f" ± {1e3 * camera['u_delay_s']:.1f} ms"
+    drift = "" if camera["delay_s"] is None else f", drift {camera['drift_ppm']:+.0f} ppm"
+    frames = f"{camera['valid']} of {camera['frames']} frames, {camera['dropped']} missing"
+    show(f"camera: {frames}, u {camera['u_mm']:.4f} mm")
+    show(f"camera: delay {delay}{u_delay}{drift}; scale u {camera['u_scale_percent']:.2f} %")
+    for number, sensor in enumerate(camera["sensors"], 1):
+        if sensor["calibration"] is None:
+            show(f"s{number} on the continuous record: {sensor['calibration_void']}")
+            continue
+        loop = sensor["hysteresis_percent_fso"]
+        show(
+            f"s{number} on the continuous record: {sensor['sensitivity_mv_per_mm']:.4g} mV/mm, "
+            f"R2 = {sensor['r2']:.5f}, "
+            f"hysteresis {loop['mean']:.2f} % FSO, dynamic error {sensor['dynamic_mv_per_mm_per_s']:+.2g} mV per mm/s, "
+            f"{sensor['from_plateaus_percent_fso']:.2f} % FSO from the plateaus' curve"
+        )
 
 
 def strokes(

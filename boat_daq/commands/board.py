@@ -31,6 +31,26 @@ def board(
     truth: Annotated[Path | None, typer.Option(help="CSV to write with the noise-free values of each sample.")] = None,
     link: Annotated[Path | None, typer.Option(help="Symbolic link to make to the pseudo-terminal.")] = None,
     allow_remote: AllowRemoteOption = False,
+    video: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Video of a virtual camera to write: .mkv (lossless), .avi, .mp4."),
+    ] = None,
+    mjpeg: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=65535, metavar="PORT", help="Serve a virtual camera as MJPEG on this computer; 0 = any."
+        ),
+    ] = None,
+    camera: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--camera", metavar="KEY=VALUE", help="Of the camera: tilt_deg, distortion, noise_grey, texture, ..."
+        ),
+    ] = None,
+    camera_fault: Annotated[
+        list[str] | None,
+        typer.Option("--camera-fault", metavar="NAME@SECONDS[:DURATION]", help="See --list-faults; may be repeated."),
+    ] = None,
     list_faults: Annotated[bool, typer.Option("--list-faults", help="List the faults and exit.")] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -42,14 +62,20 @@ def board(
     Example: boat-daq board --pty --speed 100 --fault estop@30:5 --truth truth.csv
     """
     if list_faults:
+        from boat_daq.engine.simulator.camera import CAMERA_FAULTS
         from protocol.simulator.faults import FAULTS, fault_list
 
-        present(FAULTS, fault_list(), as_json=as_json)
+        listed = "\n".join(f"  {name:20} {sentence}" for name, (sentence, _) in CAMERA_FAULTS.items())
+        present(FAULTS, f"{fault_list()}\nof the camera:\n{listed}", as_json=as_json)
         return
     if pty == (tcp is not None):
         raise typer.BadParameter("use either --pty or --tcp HOST:PORT")
     if tcp is not None and link is not None:
         raise typer.BadParameter("--link goes with --pty")
+    if video is not None and mjpeg is not None:
+        raise typer.BadParameter("use either --video or --mjpeg")
+    if (camera or camera_fault) and video is None and mjpeg is None:
+        raise typer.BadParameter("--camera and --camera-fault go with --video or --mjpeg")
     from boat_daq.engine.simulator.server import BoardServer, BoardSettings
 
     server = BoardServer(
@@ -62,14 +88,21 @@ def board(
             truth=str(truth) if truth else None,
             link=str(link) if link else None,
             allow_remote=allow_remote,
+            video=str(video) if video else None,
+            mjpeg=mjpeg,
+            scene=tuple(camera or ()),
+            camera_faults=tuple(camera_fault or ()),
         )
     )
     try:
         notify(f"SIMULATED board {unit} at {speed:g}x on {server.url}; Ctrl-C ends it")
+        if server.camera_url:
+            notify(f"SIMULATED camera on {server.camera_url}")
         if as_json:
             from protocol.simulator.truth import truth_figures
 
-            emit_json({"port": server.url, "unit": unit, "seed": seed, "speed": speed, "truth": truth_figures(unit)})
+            head = {"port": server.url, "camera": server.camera_url or None, "unit": unit, "seed": seed, "speed": speed}
+            emit_json(head | {"truth": truth_figures(unit)})
         else:
             show(server.url)
         server.run(lambda: False, show)

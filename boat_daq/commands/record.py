@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import dataclasses
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar
-from boat_daq.commands.options import DeriveOption, SetOption, TemplateOption, UncertaintyOption
+from boat_daq.commands.options import (
+    DeriveOption,
+    LensOption,
+    MarkOption,
+    MarkUncertaintyOption,
+    PatchOption,
+    SetOption,
+    TemplateOption,
+    UncertaintyOption,
+    patches_of,
+)
 from boat_daq.engine.file_names import path_in
 
 if TYPE_CHECKING:
@@ -39,11 +50,22 @@ def record(
     rate: Annotated[int | None, typer.Option(help="Samples per second; default as in the settings.", min=1)] = None,
     duration: Annotated[float | None, typer.Option(help="Without a plan: seconds to record.", min=0)] = None,
     derive: DeriveOption = None,
+    camera: Annotated[
+        str | None,
+        typer.Option(metavar="SOURCE", help="Camera that reads the elongation: a number, http:// or rtsp://."),
+    ] = None,
+    mark_mm: MarkOption = 10.0,
+    u_mark_mm: MarkUncertaintyOption = 0.02,
+    lens: LensOption = None,
+    patch: PatchOption = None,
+    video: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Store the pictures too: .mkv (lossless), .avi or .mp4.")
+    ] = None,
     resume: Annotated[
         Path | None, typer.Option(metavar="FILE.boat", help="Resume the interrupted run of this recording.")
     ] = None,
     allow_remote: Annotated[
-        bool, typer.Option("--allow-remote", help="Allow socket://HOST:PORT on another computer.")
+        bool, typer.Option("--allow-remote", help="Allow a port or a camera on another computer.")
     ] = False,
     hold: Annotated[
         bool, typer.Option("--hold", help="Plan in mm: hold the pressure where the control stops; default: vent.")
@@ -58,6 +80,9 @@ def record(
     Ctrl-C vents, closes the recording properly and exits 130. A run that was interrupted, by a crash or an unplugged
     board, is resumed in its own recording at its next whole cycle with --resume; board, unit and plan must be the same.
 
+    With --camera the elongation is read at every frame, and each plateau gets its reading from it. `camera marks`
+    writes the marks to print.
+
     Example: boat-daq record --port /dev/ttyACM0 --plan calibration --unit SA1 --out SA1.boat
     """
     from boat_daq.commands.run_session import SessionRequest, run_session
@@ -71,6 +96,8 @@ def record(
 
     if resume is not None and (out is not None or duration is not None):
         raise typer.BadParameter("--resume continues its own recording: omit --out and --duration")
+    if video is not None and camera is None:
+        raise typer.BadParameter("--video goes with --camera")
     values = {"cycles": cycles, "dwell_s": dwell, "ramp_kpa_per_s": ramp}
     changes = {name: value for name, value in values.items() if value is not None}
     readings = read_elongation_csv(elongation) if elongation is not None else None
@@ -105,7 +132,14 @@ def record(
             rows = readings_so_far(read_elongation_csv(elongation), request.plan, session.steps())
         enter_readings(session, rows)
 
-    summary, failure = run_session(request, enter if readings is not None else None)
+    open_camera = None
+    if camera is not None:
+        from boat_daq.viewmodels.common.camera import CameraChoice, open_channel
+
+        choice = CameraChoice(camera, mark_mm, u_mark_mm, lens, request.unit, patches_of(patch), allow_remote)
+        choice.tracker()  # refuses what cannot be before the board is opened
+        open_camera = partial(open_channel, choice=choice, video=video)
+    summary, failure = run_session(request, enter if readings is not None else None, open_camera)
     if as_json:
         emit_json({**dataclasses.asdict(summary), "failed": bool(failure), "failure": failure})
     _report(summary, failure, request)

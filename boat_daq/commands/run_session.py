@@ -20,10 +20,11 @@ from boat_daq.engine.log import start_log
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.recording.summary import Summary, summarise
+from boat_daq.engine.session.camera_channel import FAULT_TEXTS, REST_S, CameraChannel
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import load_settings
 from boat_daq.engine.snapshot import LinkState, LinkWarningCode, SessionSnapshot, SessionState
-from boat_daq.errors import BoatDaqError
+from boat_daq.errors import BoatDaqError, DeviceError
 from boat_daq.viewmodels.live.enough_cycles import EnoughCycles
 from protocol.recording import BoardState, DerivedChannel
 
@@ -31,6 +32,7 @@ POLL_S = 0.1
 LASTING_S = 6.0  # a rate is that of the last 5 s; a start or a single loss within them is no lasting warning
 CLEARING_S = 3.0
 VENTING_S = 20.0
+MARKS_S = 10.0  # longest wait for the marks in the picture
 ENDED = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
 
 
@@ -69,7 +71,11 @@ class SessionRequest:
     uncertainty_mm: float | None = None
 
 
-def run_session(request: SessionRequest, after_run: Callable[[Session], object] | None = None) -> tuple[Summary, str]:
+def run_session(
+    request: SessionRequest,
+    after_run: Callable[[Session], object] | None = None,
+    open_camera: Callable[[Session], CameraChannel] | None = None,
+) -> tuple[Summary, str]:
     """Run one session to its end; return a summary of the recording, and why the run failed (empty if it did not).
 
     Parameters
@@ -77,6 +83,7 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
     request : what to record.
     after_run : called when the plan has ended and the recording is still open, to enter readings; with an uncertainty
         also after each of its cycles.
+    open_camera : opens the camera that reads the elongation; None without one.
 
     Raises
     ------
@@ -89,6 +96,7 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
 
         check_asked(request.uncertainty_mm)
     start_log("record")
+    camera: CameraChannel | None = None
     settings = load_settings()
     session = Session(dataclasses.replace(settings, allow_remote=settings.allow_remote or request.allow_remote))
     try:
@@ -107,6 +115,9 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
         seen = session.wait_connected()
         if seen.simulated:
             notify("SIMULATED: this is the virtual board")
+        if open_camera is not None:
+            camera = open_camera(session)
+            _wait_for_marks(camera)
         if request.plan is not None:
             shown = clear_latched_fault(session, seen)
             vent_residual_pressure(session)
@@ -121,14 +132,43 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
             listen(session, request.duration_s)
         if after_run is not None:
             after_run(session)
+        if camera is not None:
+            camera.finish()
         failure = why_failed(session.snapshot(), request.plan)
     except BoatDaqError:
         if session.snapshot().recording is not None:
             notify(f"{request.path} holds the samples until then")
         raise
     finally:
+        if camera is not None:
+            camera.close()
         session.close()
     return summarise(request.path), failure
+
+
+def _wait_for_marks(channel: CameraChannel) -> None:
+    """Wait until the camera gives an elongation, for longer than rest is measured.
+
+    Raises
+    ------
+    DeviceError, DataError : why it gives none.
+    """
+    deadline = time.monotonic() + MARKS_S
+    first_valid: float | None = None
+    while first_valid is None or time.monotonic() < first_valid + 1.2 * REST_S:
+        state = channel.state
+        if state.error is not None:
+            raise state.error
+        if first_valid is None and state.valid:
+            first_valid = time.monotonic()
+        if time.monotonic() > deadline:
+            fault = state.reading.fault if state.reading is not None else ""
+            cause, remedy = FAULT_TEXTS.get(fault, ("it gives no picture", "check its cable"))
+            raise DeviceError(f"the camera gives no elongation: {cause}", remedy)
+        time.sleep(POLL_S)
+    notify(
+        f"camera: {channel.state.rate_hz or 0:.0f} frames/s, {1e3 * (channel.about['mm_per_px'] or 0):.1f} µm a pixel"
+    )
 
 
 def clear_latched_fault(session: Session, seen: SessionSnapshot) -> int:

@@ -124,8 +124,8 @@ class Unit:
     Its limits, how its stage is wired, and its calibrations, oldest first.
 
     `type_b` are tables of contributions to the uncertainty of an elongation, as `analysis.calibration.type_b` reads
-    them. `metadata` are those that its next recording states, too (`protocol.recording.Metadata`). `changes` are those
-    of its limits and other values, oldest first.
+    them. `lens` is that of its camera (`analysis.tracking.lens`). `metadata` are those that its next recording states,
+    too (`protocol.recording.Metadata`). `changes` are those of its limits and other values, oldest first.
     """
 
     name: str
@@ -161,6 +161,7 @@ class Unit:
     version: int = VERSION
     type_b: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    lens: Mapping[str, Any] = field(default_factory=dict)
     history: tuple[StoredCalibration, ...] = field(default=())
     changes: tuple[StoredChange, ...] = field(default=())
 
@@ -438,15 +439,16 @@ def parse_unit(text: str, path: Path) -> Unit:
     type_b = table.pop("type_b", {})
     if not isinstance(type_b, dict) or not all(isinstance(entry, dict) for entry in type_b.values()):
         raise BadValue(str(path), "type_b", "must hold tables", "write [type_b.scale] and its keys below it")
-    metadata = table.pop("metadata", {})
-    if not isinstance(metadata, dict):
-        raise BadValue(str(path), "metadata", "must be a table")
+    metadata, lens = table.pop("metadata", {}), table.pop("lens", {})
+    for key, value in (("metadata", metadata), ("lens", lens)):
+        if not isinstance(value, dict):
+            raise BadValue(str(path), key, "must be a table")
     changes = take_changes(table, str(path))
     for key in _UNIT_KEYS:  # no default replaces a limit
         if key not in table:
             raise BadValue(str(path), key, "is missing")
     history = tuple(_entry(entry, str(path)) for entry in entries)
-    return build(Unit, table, str(path), history=history, type_b=type_b, metadata=metadata, changes=changes)
+    return build(Unit, table, str(path), history=history, type_b=type_b, metadata=metadata, lens=lens, changes=changes)
 
 
 def _of_kind(history: tuple[StoredCalibration, ...], *, simulated: bool, first: bool) -> tuple[StoredCalibration, ...]:

@@ -113,6 +113,7 @@ class MessageKind(enum.StrEnum):
     UNIT_LIMITS = "unit_limits"
     SLOW = "slow"
     SINK_FAILED = "sink_failed"
+    CAMERA = "camera"
     DERIVED = "derived"
     MARK = "mark"
 
@@ -203,6 +204,25 @@ class Reading:
     utc: str
     reader: str = ""
     note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraReading:
+    """The elongation of one frame.
+
+    Attributes
+    ----------
+    host_ns : host monotonic clock at the frame's arrival.
+    elongation_mm, u_mm : None where there is no value.
+    fault : why there is none; empty where there is one.
+    dropped : frames missing before this one.
+    """
+
+    host_ns: int
+    elongation_mm: float | None
+    u_mm: float | None
+    fault: str = ""
+    dropped: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -114,7 +114,7 @@ class MainWindow(QMainWindow):
     def _make_page(self, name: Page) -> QWidget:
         m, services = self.model, self.model.services
         makers: dict[Page, Callable[[], QWidget]] = {
-            Page.LIVE: lambda: LivePage(m.run, m.overlay, m.layouts, m.shadow, services),
+            Page.LIVE: lambda: LivePage(m.run, m.overlay, m.layouts, m.shadow, m.camera, services),
             Page.CALIBRATE: lambda: CalibrationPage(m.calibration, m.repeatability.show, services),
             Page.REPEAT: lambda: RepeatPage(m.repeatability, m.choose_repeatability, services),
             Page.RUNS: lambda: RunsPage(m.runs, m.run_actions, services),

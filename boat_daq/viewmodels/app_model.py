@@ -21,6 +21,7 @@ from boat_daq.viewmodels.common.notices import Notices, SessionMessages, Severit
 from boat_daq.viewmodels.common.preferences import Precision, Preferences, UnitChoice
 from boat_daq.viewmodels.common.services import Page, Panel, Services, UndoHistory
 from boat_daq.viewmodels.live.board_profile import BoardProfile
+from boat_daq.viewmodels.live.camera import CameraModel
 from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.conversion import UnitInUse
 from boat_daq.viewmodels.live.layout import Layouts
@@ -69,6 +70,7 @@ class AppModel:
             session, self.undo, self.preferences, lambda: self.unit.regulator(self.snapshot, session.mv_per_count)
         )  # fmt: skip
         self.readings = ReadingsModel(session, self.undo, self.shadow.nominal_at)
+        self.camera = CameraModel(session, self.preferences)
         self.unit = UnitInUse(self.units, self.connection, self.live)
         self.runs = RunsModel(recordings, self.units, self.jobs, self.notices, self.undo, self._renamed)
         self.csv_import = CsvImport(recordings, self.jobs, self.preferences, self._imported)
@@ -128,6 +130,7 @@ class AppModel:
         self.run.calibration.follow(snapshot, analysing=self.calibration.working)
         self.run.resumption.follow(snapshot)
         attempt(lambda: self.run.follow(snapshot))
+        attempt(lambda: self.camera.follow(snapshot))
         attempt(lambda: self.unit.follow(snapshot, self.calibration.units_revision))
         self._messages.follow(snapshot)
         return snapshot
@@ -197,6 +200,7 @@ class AppModel:
             self.shadow,
             self.monitor,
             self.session,
+            self.camera,
             self.connection,
         ):
             part.close()

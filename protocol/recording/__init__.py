@@ -10,6 +10,7 @@ from protocol.recording.schema import (
     ADDED,
     APPLICATION_ID,
     BRANCHES,
+    CAMERA_TABLE,
     NOT_FOR_FIGURES,
     NOTE_EVENT,
     SCHEMA_VERSION,

@@ -286,6 +286,7 @@ SESSION_VALUES: dict[str, Check] = {
     "resumptions": are_breaks,  # of a resumed run
     "channels": are_channels,  # [name, unit] of each column of the samples' `channel`; newer files
     "derived": are_derived,  # definitions of derived channels, see `protocol.recording.derived`; newer files
+    "camera": _of(dict),  # source, mark_mm, u_scale ...; of recordings with a camera
     "metadata": _of(dict),  # as stated when it began, see `protocol.recording.metadata`; newer files
 }
 

@@ -187,7 +187,9 @@ def session_dtype(meta: Mapping[str, Any]) -> np.dtype[np.void]:
 
 # of every recording
 SESSION_KEYS = tuple(
-    key for key in checks.SESSION_VALUES if key not in ("run_end", "resumptions", "metadata", "channels", "derived")
+    key
+    for key in checks.SESSION_VALUES
+    if key not in ("run_end", "resumptions", "metadata", "channels", "derived", "camera")
 )
 # Beside `stop_reason`, for people, its code "run_end" (`RunEnd`), for programs; files before November 2026 lack it.
 # Only in a resumed run: "resumptions", a list in order, one object for each break: utc and host_ns of the resumption,
@@ -247,6 +249,13 @@ CREATE TABLE result (
     id INTEGER PRIMARY KEY, utc TEXT NOT NULL, kind TEXT NOT NULL, program_version TEXT NOT NULL, seed INTEGER,
     parameters TEXT NOT NULL, content TEXT NOT NULL);
 """
+
+# Only in a recording with a camera: the elongation of each frame, null where there is none and `fault` says why;
+# `dropped` frames are missing before it.
+CAMERA_TABLE = """
+CREATE TABLE IF NOT EXISTS camera (
+    id INTEGER PRIMARY KEY, host_ns INTEGER NOT NULL, segment INTEGER, elongation_mm REAL, u_mm REAL,
+    fault TEXT NOT NULL DEFAULT '', dropped INTEGER NOT NULL DEFAULT 0)"""
 
 TABLE_NAMES = tuple(re.findall(r"^CREATE TABLE (\w+)", TABLES, re.MULTILINE))
 
@@ -313,6 +322,28 @@ def _unreadable(path: Path, error: Exception) -> RecordingError:
 def layout() -> checks.Columns:
     """Return the columns that `TABLES` declares."""
     return checks.declared(TABLES, TABLE_NAMES)
+
+
+@cache
+def camera_layout() -> checks.Columns:
+    """Return the columns of the table that only recordings with a camera have."""
+    return checks.declared(CAMERA_TABLE, ("camera",))
+
+
+def camera_rows(path: Path | str, connection: sqlite3.Connection) -> list[tuple[Any, ...]]:
+    """Return host_ns, segment, elongation_mm, u_mm, fault and dropped of each frame; none without a camera.
+
+    Raises
+    ------
+    RecordingError : the table is not that of a recording, or a value does not fit its column.
+    sqlite3.Error : the rows cannot be read.
+    """
+    if not checks.columns_of(connection, ("camera",))["camera"]:
+        return []
+    checks.check_layout(Path(path), connection, camera_layout(), set())
+    checks.check_values(Path(path), connection, camera_layout())
+    columns = ", ".join(name for name in camera_layout()["camera"] if name != "id")
+    return connection.execute(f"SELECT {columns} FROM camera ORDER BY id").fetchall()  # noqa: S608 - names are ours
 
 
 def check_long_tables(path: Path | str, connection: sqlite3.Connection) -> None:

@@ -44,6 +44,7 @@ class VirtualBoard:
     seed : of all noise and of damage on the channel.
     faults : the faults and their times (`protocol.simulator.faults`).
     log_truth : keep the noise-free values of each sample for `take_truth`.
+    log_elongation : keep the true elongation of each tick for `take_elongation`.
 
     Raises
     ------
@@ -51,7 +52,13 @@ class VirtualBoard:
     """
 
     def __init__(
-        self, specimen: str = "SA1", *, seed: int = 0, faults: Iterable[Fault] = (), log_truth: bool = False
+        self,
+        specimen: str = "SA1",
+        *,
+        seed: int = 0,
+        faults: Iterable[Fault] = (),
+        log_truth: bool = False,
+        log_elongation: bool = False,
     ) -> None:
         self.specimen = find_specimen(specimen)
         self.n_sensors = len(self.specimen.sensors)
@@ -66,6 +73,7 @@ class VirtualBoard:
         self._boot_at_us: int | None = None  # a booting board neither receives nor sends
         self._refusal: AckStatus | None = None
         self._truth: list[NDArray[np.void]] | None = [] if log_truth else None
+        self._elongation: list[NDArray[np.float64]] | None = [] if log_elongation else None
         self._pneumatics = Pneumatics()
         self._body = Body(self.specimen.actuator)
         self._sensors = Sensors(self.specimen.sensors, self.specimen.range_mm)
@@ -149,6 +157,12 @@ class VirtualBoard:
         """Return the true values of the samples made since the last call (`sampler.truth_dtype`)."""
         parts, self._truth = self._truth, [] if self._truth is not None else None
         return np.concatenate([np.empty(0, sampler.truth_dtype(self.n_sensors)), *(parts or [])])
+
+    def take_elongation(self) -> tuple[int, NDArray[np.float64]]:
+        """Return the number of the first tick since the last call, and the true elongation of each, mm."""
+        parts, self._elongation = self._elongation, [] if self._elongation is not None else None
+        elongation = np.concatenate([np.empty(0), *(parts or [])])
+        return self._last_tick - elongation.size + 1, elongation
 
     # ---- time ----------------------------------------------------------------------------------------------------
 
@@ -323,6 +337,8 @@ class VirtualBoard:
             bladder.append(pneumatics.bladder_kpa)
         rows = self._rows(np.array(bladder), self._softening(gauge))
         rows[:, 0] = gauge
+        if self._elongation is not None:
+            self._elongation.append(rows[:, 1])
         before = self._plant
         self._plant = sampler.PlantBlock(
             before.first_tick + before.states.size - 1,

@@ -265,7 +265,10 @@ class RecordingFile:
         try:
             self._connection.execute("BEGIN IMMEDIATE")
             for sql, group in groupby(statements, key=lambda statement: statement[0]):
-                self._connection.executemany(sql, [values for _, values in group])
+                if sql.lstrip().startswith("CREATE"):
+                    self._connection.execute(sql)
+                else:
+                    self._connection.executemany(sql, [values for _, values in group])
             self._connection.execute("COMMIT")
         except (sqlite3.Error, OSError) as error:
             with contextlib.suppress(sqlite3.Error):

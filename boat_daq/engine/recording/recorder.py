@@ -24,8 +24,8 @@ from boat_daq.engine.log import note_failure
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.file import RecordingFile, Statement, now_utc, set_meta
 from boat_daq.engine.recording.resumption import RESUMED, BrokenRun, break_entry, break_text, reopen
-from boat_daq.engine.recording.rows import Counters, RowMaker, health_row, reading_row, step_row
-from boat_daq.engine.snapshot import HealthSnapshot, Reading, RunEnding
+from boat_daq.engine.recording.rows import Counters, RowMaker, camera_row, health_row, reading_row, step_row
+from boat_daq.engine.snapshot import CameraReading, HealthSnapshot, Reading, RunEnding
 from boat_daq.errors import OperatorError, StorageError
 from protocol.recording import RunEnd, describe_dtype, open_recording, sample_dtype
 
@@ -201,6 +201,10 @@ class Recorder:
         """
         statement = reading_row(reading)
         self._later(lambda *_: iter([statement]))
+
+    def camera(self, reading: CameraReading) -> None:
+        """Keep the reading of a camera's frame."""
+        self._later(lambda rows, _: camera_row(reading, rows.here[0]))
 
     def update_meta(self, **values: Any) -> None:
         """Set keys of `session`."""

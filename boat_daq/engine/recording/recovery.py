@@ -255,10 +255,13 @@ def _salvage(path: Path, faults: list[str], progress: Progress | None) -> Recove
         reader = _RowReader(db, bytes_of(path))
         try:
             file.commit(set_meta(meta))
-            for done, table in enumerate(name for name in schema.TABLE_NAMES if name not in {"session", "overview"}):
+            if camera := ["camera"] if reader.columns("camera") else []:
+                file.commit([(schema.CAMERA_TABLE, ())])
+            tables = [name for name in schema.TABLE_NAMES if name not in {"session", "overview"}]
+            for done, table in enumerate([*tables, *camera]):
                 _copy(reader, file, table)
                 if progress is not None:
-                    progress(done + 1, len(schema.TABLE_NAMES) - 2)
+                    progress(done + 1, len(tables) + len(camera))
         except BaseException:
             file.abandon()
             target.unlink(missing_ok=True)
@@ -319,7 +322,7 @@ class _RowReader:
 
     def rows(self, table: str, names: list[str]) -> Iterator[tuple[Any, ...]]:
         """Give the readable rows in order, without those that do not fit the schema."""
-        kinds = [schema.layout()[table][name] for name in names]
+        kinds = [{**schema.layout(), **schema.camera_layout()}[table][name] for name in names]
         for row in self._readable(table, names):
             self.left -= _length(row)
             if self.left < 0:

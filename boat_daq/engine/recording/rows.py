@@ -19,12 +19,12 @@ from boat_daq.engine.link.reader import Block, EngineEvent, PortLost, PortSilent
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.file import Statement
 from boat_daq.engine.sample_columns import mv_per_count
-from boat_daq.engine.snapshot import HealthSnapshot, Reading
+from boat_daq.engine.snapshot import CameraReading, HealthSnapshot, Reading
 from boat_daq.errors import OperatorError
 from protocol.link import events as link
 from protocol.link.framing import FrameReader
 from protocol.link.messages import AckStatus, EventCode, Heartbeat, Identify, MessageType, SetPressure, Start
-from protocol.recording import BRANCHES, dtype_from_description, fitted, overview_extremes
+from protocol.recording import BRANCHES, CAMERA_TABLE, dtype_from_description, fitted, overview_extremes
 
 LONGEST_MM = 1000.0
 BLOCK_SAMPLES_MAX = 20_000  # of one row; keeps a row below a megabyte
@@ -41,6 +41,7 @@ INSERT_STEP = """INSERT OR IGNORE INTO step
 UPDATE_STEP = """UPDATE step SET arrived_us = coalesce(?, arrived_us), settled_us = coalesce(?, settled_us),
     ended_us = coalesce(?, ended_us), status = coalesce(?, status), detail = coalesce(?, detail) WHERE id = ?"""
 INSERT_READING = "INSERT INTO reading VALUES (NULL, ?, ?, ?, ?, ?, ?, ?)"
+INSERT_CAMERA = "INSERT INTO camera VALUES (NULL, ?, ?, ?, ?, ?, ?)"
 INSERT_HEALTH = "INSERT INTO health VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 
 # `event.kind` of what a board reports: its end is the unit of the value
@@ -92,6 +93,19 @@ def reading_row(reading: Reading) -> Statement:
     if resolution is not None and not 0 < resolution <= LONGEST_MM:
         raise OperatorError(f"{resolution} mm is not a resolution", "give that of the grid, such as 0.5")
     return INSERT_READING, (reading.utc, reading.step_id, x, resolution, reading.source, reading.reader, reading.note)
+
+
+def camera_row(reading: CameraReading, segment: int | None) -> Iterator[Statement]:
+    """Give the row of a camera's reading; the first one makes its table.
+
+    Parameters
+    ----------
+    reading : of one frame.
+    segment : of the newest sample.
+    """
+    r = reading
+    yield CAMERA_TABLE, ()
+    yield INSERT_CAMERA, (r.host_ns, segment, r.elongation_mm, r.u_mm, r.fault, r.dropped)
 
 
 def health_row(host_ns: int, health: HealthSnapshot, segment: int | None, time_us: int | None) -> Iterator[Statement]:

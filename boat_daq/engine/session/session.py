@@ -41,6 +41,7 @@ from boat_daq.engine.session.link_supervisor import LinkSupervisor
 from boat_daq.engine.session.measured_blocks import MeasuredBlock, SampleQueue, blocks
 from boat_daq.engine.settings import Settings, Unit, UnitLibrary, load_settings
 from boat_daq.engine.snapshot import (
+    CameraReading,
     LinkError,
     LinkState,
     MessageKind,
@@ -83,6 +84,8 @@ class Session:
         self.ring: RingBuffer | None = None  # for the screen: none until the first sample, another one after `connect`
         self._sinks: tuple[SampleSink, ...] = ()
         self.derived: tuple[DerivedChannel, ...] = ()
+        self._filmed: object = None  # the recorder that knows of the camera, and what it knows
+        self._about_camera: dict[str, Any] = {}
         self._pressures = 0  # odd while a pressure is being sent: see `vent`
         self._resumes_at: tuple[int, int] | None = None  # first cycle and complete cycles of an armed resumption
         self._link = LinkSupervisor(
@@ -589,6 +592,31 @@ class Session:
         """
         with self._lock:
             return tuple(self._journal.readings)
+
+    # ---- the camera ------------------------------------------------------------------------------------------------
+
+    def keep_camera(self, reading: CameraReading, about: Mapping[str, Any]) -> None:
+        """Keep the reading of a camera's frame, where a recording runs.
+
+        Parameters
+        ----------
+        reading : of the frame.
+        about : source, marks and scale, for the session's `camera`.
+        """
+        with self._lock:
+            recorder = self._journal.recorder
+            if recorder is None:
+                return
+            if recorder is not self._filmed or about != self._about_camera:
+                self._filmed, self._about_camera = recorder, dict(about)
+                recorder.update_meta(camera=self._about_camera)
+            recorder.camera(reading)
+
+    def warn_of_camera(self, cause: str, remedy: str = "") -> None:
+        """Give a warning of the camera, and keep it with the recording."""
+        with self._lock:
+            self._journal.event("host", MessageKind.CAMERA, cause, time_us=self._control.board.board_us)
+            self._journal.tell(MessageKind.CAMERA, "warning", cause, remedy)
 
     def mark(self, note: str) -> None:
         """Put a marker with a note at the newest sample, into the recording."""

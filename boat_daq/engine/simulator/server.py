@@ -36,10 +36,11 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TypeAlias
+from typing import IO, Any, TypeAlias
 
 import numpy as np
 
+from boat_daq.engine.simulator.camera import MjpegStream, VideoFile, VirtualCamera, parse_camera_fault, scene_of
 from boat_daq.errors import BoatDaqError, DeviceError, OperatorError
 from boat_daq.own_packages import start_module
 from protocol.errors import ProtocolError
@@ -252,6 +253,10 @@ class BoardSettings:
     link : symbolic link to the pseudo-terminal, which finds it again after a replug.
     buffer_bytes : transmit buffer; what does not fit into it is dropped.
     allow_remote : let TCP listen on other addresses than loopback.
+    video : file for the pictures of a virtual camera, or None.
+    mjpeg : port for them on this computer (0 = any free one), or None.
+    scene : fields of the camera's `CameraScene` as KEY=VALUE.
+    camera_faults : as NAME@SECONDS[:DURATION].
     """
 
     port: str = "pty"
@@ -263,6 +268,10 @@ class BoardSettings:
     link: str | None = None
     buffer_bytes: int = 1 << 20
     allow_remote: bool = False
+    video: str | None = None
+    mjpeg: int | None = None
+    scene: tuple[str, ...] = ()
+    camera_faults: tuple[str, ...] = ()
 
 
 class BoardServer:
@@ -282,7 +291,10 @@ class BoardServer:
         self._buffer_bytes = settings.buffer_bytes
         faults = [parse_fault(text) for text in settings.faults]
         log_truth = settings.truth is not None
-        self.board = VirtualBoard(settings.unit, seed=settings.seed, faults=faults, log_truth=log_truth)
+        filmed = settings.video is not None or settings.mjpeg is not None
+        self.board = VirtualBoard(
+            settings.unit, seed=settings.seed, faults=faults, log_truth=log_truth, log_elongation=filmed
+        )
         if settings.port == "pty":
             self._carrier: Carrier = PtyCarrier(Path(settings.link) if settings.link else None)
         else:
@@ -295,6 +307,18 @@ class BoardServer:
         self._looked_s = self._seen_s = 0.0  # time spent looking for the host, and when it last was
         self._heard_s = self._taken_s = 0.0  # of the time spent looking: when the host last sent, and took, a byte
         self._carrier.plug()
+        self.camera_url = ""
+        self._camera = self._open_camera(settings) if filmed else None
+
+    def _open_camera(self, settings: BoardSettings) -> VirtualCamera:
+        """Return the camera that films the board's unit, and set where its stream is."""
+        scene = scene_of(dict(text.partition("=")[::2] for text in (f"seed={settings.seed}", *settings.scene)))
+        faults = [parse_camera_fault(text) for text in settings.camera_faults]
+        if settings.mjpeg is None:
+            return VirtualCamera(scene, VideoFile(Path(settings.video or "")), faults, newest_only=False)
+        stream = MjpegStream(settings.mjpeg)
+        self.camera_url = stream.url
+        return VirtualCamera(scene, stream, faults, newest_only=True)
 
     @property
     def url(self) -> str:
@@ -344,6 +368,8 @@ class BoardServer:
             self._flush()
         if self._truth is not None:
             _write_truth(self._truth, self.board)
+        if self._camera is not None:
+            self._camera.take(*self.board.take_elongation())
 
     def _for_host_us(self) -> int:
         """Return how far a fast board's time may advance before it waits for its host."""
@@ -387,8 +413,10 @@ class BoardServer:
                 self._connected = False
 
     def close(self) -> None:
-        """Take the port away and close the truth file."""
+        """Take the port away, finish the video and close the truth file."""
         self._carrier.unplug()
+        if self._camera is not None:
+            self._camera.close()
         if self._truth is not None:
             self._truth.close()
 
@@ -462,9 +490,9 @@ def _serve_for_parent(text: str) -> None:
     Ctrl-C is left to the parent: a board that ended first could not be vented any more.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    settings = json.loads(text)
+    stated: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(text).items()}
     try:
-        server = BoardServer(BoardSettings(**{**settings, "faults": tuple(settings["faults"])}))
+        server = BoardServer(BoardSettings(**stated))
     except (BoatDaqError, ProtocolError):
         sys.exit(1)  # the parent finds the same, and reports it
     stop = threading.Event()

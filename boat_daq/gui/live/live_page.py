@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QBoxLayout, QFrame, QGridLayout, QScrollArea, QTab
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
+from boat_daq.gui.live.camera_panel import CameraPanel
 from boat_daq.gui.live.layout_panel import LayoutPanel
 from boat_daq.gui.live.live_plots import LivePlots, OverlayPlots, SignalCurves
 from boat_daq.gui.live.photograph_panel import PhotographPanel
@@ -26,6 +27,7 @@ from boat_daq.gui.widgets.layouts import Divided, Leaves, Shares
 from boat_daq.gui.widgets.panel_guard import PanelGuard
 from boat_daq.viewmodels.common import formatting
 from boat_daq.viewmodels.common.services import Page, Panel, Services
+from boat_daq.viewmodels.live.camera import CameraModel
 from boat_daq.viewmodels.live.connection import age_text
 from boat_daq.viewmodels.live.layout import Layouts
 from boat_daq.viewmodels.live.live_model import HEADINGS, HEADINGS_SHORT, WINDOWS_S, OverlayModel, Span
@@ -182,7 +184,13 @@ class LivePage(QWidget):
     """The live page on a `RunModel`."""
 
     def __init__(
-        self, run: RunModel, overlay: OverlayModel, layouts: Layouts, shadow: ShadowLive, services: Services
+        self,
+        run: RunModel,
+        overlay: OverlayModel,
+        layouts: Layouts,
+        shadow: ShadowLive,
+        camera: CameraModel,
+        services: Services,
     ) -> None:
         super().__init__()
         self.run, self.model, self.layouts, self.services = run, run.live, layouts, services
@@ -200,7 +208,7 @@ class LivePage(QWidget):
         self.between.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.sequence = SequencePanel(run, services.notices)
         self.reading = ReadingBar(run, services)
-        self.pane = self._pane(shadow)
+        self.pane = self._pane(shadow, camera)
         self.middle = Leaves()
         self.first_steps, self.overlay = FirstSteps(run, services), OverlayPlots(overlay)
         self.over_time = Shares("curves", services.preferences, (self.plots, 3.0), (self.curves, 2.0), beside=True)
@@ -295,13 +303,14 @@ class LivePage(QWidget):
         self.services.show(Page.LIVE)
         self.middle.setCurrentWidget(self.first_steps)
 
-    def _pane(self, shadow: ShadowLive) -> QTabWidget:
+    def _pane(self, shadow: ShadowLive, camera: CameraModel) -> QTabWidget:
         self.shadow = ShadowPane(shadow, self.services)
         self.table = ReadingsTable(self.run.readings, self.services)
         self.table.model.corrected.connect(self.focus_reading, Qt.ConnectionType.QueuedConnection)
         self.plan = PlanForm(self.run.sequence, self.run.enough, self.services)
-        pages = ((self.shadow, "Shadow"), (self.plan, "Plan"), (self.table, "Readings"))
-        tabs = widgets.tabs("Shadow, plan, readings", *pages)
+        self.camera = CameraPanel(camera, self.services)
+        pages = ((self.shadow, "Shadow"), (self.plan, "Plan"), (self.table, "Readings"), (self.camera, "Camera"))
+        tabs = widgets.tabs("Shadow, plan, readings, camera", *pages)
         tabs.setMinimumWidth(style.PANE_WIDTH_NARROW)
         return tabs
 
@@ -367,6 +376,8 @@ class LivePage(QWidget):
             self.guard.show(self.plots, "Live plots", self.plots.draw)
         if self.shadow.isVisible():
             self.guard.show(self.shadow, "The shadow", self.shadow.draw)
+        if self.camera.isVisible():
+            self.guard.show(self.camera, "The camera", self.camera.draw)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show values, run and readings; called a few times a second."""
@@ -385,7 +396,12 @@ class LivePage(QWidget):
         self.guard.show(self.sequence, "The run", partial(self.sequence.refresh, snapshot))
         self.guard.show(self.reading, "The reading", partial(self.reading.refresh, snapshot))
         self.guard.show(self.photograph, "The photograph", self.photograph.refresh)
-        for tab, name in ((self.shadow, "The shadow"), (self.plan, "The plan"), (self.table, "The readings")):
+        for tab, name in (
+            (self.shadow, "The shadow"),
+            (self.plan, "The plan"),
+            (self.table, "The readings"),
+            (self.camera, "The camera"),
+        ):
             if tab is self.pane.currentWidget():
                 self.guard.show(tab, name, partial(tab.refresh, snapshot))
 

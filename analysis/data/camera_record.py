@@ -1,0 +1,55 @@
+"""A camera's readings of a run: one row a frame, in the time of the recording."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from analysis.arrays import BoolArray, FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class CameraRecord:
+    """The elongation at every frame.
+
+    Attributes
+    ----------
+    time_s : [frames] in order; of the recording, except for the camera's delay.
+    elongation_mm, u_mm : [frames] value and standard uncertainty, NaN where there is none.
+    fault : [frames] code of why there is none, "" where there is one.
+    dropped : frames that are missing.
+    """
+
+    time_s: FloatArray
+    elongation_mm: FloatArray
+    u_mm: FloatArray
+    fault: npt.NDArray[np.str_]
+    dropped: int = 0
+
+    @property
+    def valid(self) -> BoolArray:
+        """[frames] True where there is a value."""
+        return np.isfinite(self.elongation_mm)
+
+    @property
+    def faults(self) -> dict[str, int]:
+        """Frames without a value, by code."""
+        return dict(sorted(Counter(code for code in self.fault.tolist() if code).items()))
+
+    def shifted(self, delay_s: float, drift: float = 0.0, about_s: float = 0.0) -> CameraRecord:
+        """Return the record on the recording's clock.
+
+        Parameters
+        ----------
+        delay_s : by which frames are later than the samples of the same instant, at `about_s`.
+        drift : growth of the delay, s/s.
+        about_s : time at which the delay holds.
+        """
+        return replace(self, time_s=self.time_s - delay_s - drift * (self.time_s - about_s))
+
+    def from_rest(self, rest_mm: float) -> CameraRecord:
+        """Return the record with elongations counted from another one."""
+        return replace(self, elongation_mm=self.elongation_mm - rest_mm)

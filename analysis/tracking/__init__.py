@@ -1,0 +1,1 @@
+"""From pictures to elongation: arrays in, elongation out; no camera, no thread."""

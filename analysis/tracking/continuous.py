@@ -1,0 +1,261 @@
+"""What a camera adds to a run: elongations of its plateaus, and the calibration on the continuous record.
+
+Each plateau's elongation is the mean over exactly the samples of its signals; what the operator entered counts before
+it. The continuous record pairs every sample with the elongation between the two frames about it. Its curve is fitted to
+the mean of both branches in equal bins of elongation, so that neither branch nor a hold weighs more; its hysteresis is
+that of every cycle, signal over elongation; its dynamic error is the change of the signal with speed that is left.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from analysis.arrays import BoolArray, FloatArray
+from analysis.calibration.fit import Calibration, fit_calibration
+from analysis.calibration.type_b import SCALE, Distribution, TypeBContribution
+from analysis.data.recording import Recording
+from analysis.errors import AnalysisError
+from analysis.segmentation.cycles import Cycle
+from analysis.segmentation.loops import loop_width
+from analysis.segmentation.plateau_readings import Elongations
+from analysis.segmentation.plateaus import Plateau
+from analysis.tracking.run import Filmed, plateau_means
+
+SOURCE = "camera"
+BINS = 40
+FEWEST_PER_BIN = 3
+LONGEST_BETWEEN = 3.5  # frame intervals: no elongation is interpolated over a longer gap
+
+
+@dataclass(frozen=True, slots=True)
+class ContinuousCalibration:
+    """One sensor on the continuous record.
+
+    Attributes
+    ----------
+    calibration : of the means of both branches; None and `void` where it cannot be.
+    r2 : of its curve over all samples.
+    sensitivity_mv_per_mm : end to end.
+    hysteresis_percent_fso, per_cycle : of the mean loop and of each cycle, signal over elongation.
+    samples : paired with an elongation.
+    dynamic_mv_per_mm_per_s, u_dynamic : change of the signal with speed, and its standard uncertainty.
+    apart_percent_fso : largest distance from the plateaus' curve; NaN without one.
+    """
+
+    calibration: Calibration | None
+    void: str
+    r2: float = math.nan
+    sensitivity_mv_per_mm: float = math.nan
+    hysteresis_percent_fso: float = math.nan
+    per_cycle: tuple[float, ...] = ()
+    samples: int = 0
+    dynamic_mv_per_mm_per_s: float = math.nan
+    u_dynamic: float = math.nan
+    apart_percent_fso: float = math.nan
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the object of `analyze --json`."""
+        return {
+            "calibration": self.calibration.as_json() if self.calibration else None,
+            "calibration_void": self.void,
+            "r2": self.r2,
+            "samples": self.samples,
+            "sensitivity_mv_per_mm": self.sensitivity_mv_per_mm,
+            "hysteresis_percent_fso": {
+                "abscissa": "elongation_mm",
+                "mean": self.hysteresis_percent_fso,
+                "per_cycle": list(self.per_cycle),
+            },
+            "dynamic_mv_per_mm_per_s": self.dynamic_mv_per_mm_per_s,
+            "u_dynamic_mv_per_mm_per_s": self.u_dynamic,
+            "from_plateaus_percent_fso": self.apart_percent_fso,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFigures:
+    """The camera of a run, and each sensor on its continuous record."""
+
+    film: Filmed
+    sensors: tuple[ContinuousCalibration, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the key `camera` of `analyze --json`."""
+        record, delay = self.film.record, self.film.delay
+        return {
+            "frames": record.time_s.size,
+            "valid": int(record.valid.sum()),
+            "dropped": record.dropped,
+            "faults": record.faults,
+            "u_mm": float(np.median(record.u_mm[record.valid])) if record.valid.any() else math.nan,
+            "u_scale_percent": 100 * self.film.u_scale,
+            "delay_s": delay.delay_s if delay else None,
+            "u_delay_s": delay.u_s if delay else None,
+            "drift_ppm": 1e6 * delay.drift if delay else None,
+            "u_drift_ppm": 1e6 * delay.u_drift if delay else None,
+            "rest_mm": self.film.rest_mm,
+            "sensors": [sensor.as_json() for sensor in self.sensors],
+        }
+
+
+def scale_of(film: Filmed) -> TypeBContribution:
+    """Return the contribution of the camera's scale to the uncertainty of an elongation."""
+    source = f"camera {film.recording.meta.get('camera', {}).get('source', '')}".strip()
+    return TypeBContribution(SCALE, 100 * film.u_scale, "percent", 1.0, math.inf, Distribution.NORMAL, "", source)
+
+
+def camera_elongations(film: Filmed, plateaus: Sequence[Plateau], entered: Elongations | None) -> Elongations:
+    """Return the elongation of each plateau by the camera; what the operator entered counts before it.
+
+    Parameters
+    ----------
+    film : with the record.
+    plateaus : of the run.
+    entered : by the operator, the camera's own readings left out.
+    """
+    time_s = film.recording.time_s
+    windows = np.array([(time_s[p.settled_first], time_s[p.last]) for p in plateaus], float).reshape(-1, 2)
+    mean, u = plateau_means(film.record, windows, film.u_scale)
+    current = film.recording.current_readings
+    withdrawn = set(current.loc[pd.to_numeric(current["elongation_mm"], errors="coerce").isna(), "step"].tolist())
+    mean = np.where([p.step in withdrawn for p in plateaus], np.nan, mean)
+    resolution = float(np.nanmedian(u)) * math.sqrt(12.0) if np.isfinite(u).any() else math.nan
+    if entered is None or not entered.known.any():
+        return Elongations(mean, resolution, SOURCE)
+    both = np.where(entered.known, entered.elongation_mm, mean)
+    most = entered if entered.known.sum() > np.isfinite(mean).sum() / 2 else None
+    return Elongations(both, most.resolution_mm if most else resolution, f"{SOURCE}, {entered.source}")
+
+
+def camera_figures(
+    film: Filmed, recording: Recording, cycles: Sequence[Cycle], calibrations: Sequence[Calibration | None]
+) -> CameraFigures:
+    """Return the calibrations on the continuous record, beside those of the plateaus.
+
+    Parameters
+    ----------
+    film : with the camera's record.
+    recording : the same run, what is not usable marked.
+    cycles : to use.
+    calibrations : of each sensor's plateaus, or None.
+    """
+    x, speed = sample_elongations(film)
+    return CameraFigures(
+        film, tuple(_continuous(recording, cycles, i, (x, speed), plateaus) for i, plateaus in enumerate(calibrations))
+    )
+
+
+def sample_elongations(film: Filmed) -> tuple[FloatArray, FloatArray]:
+    """Return elongation, mm, and its speed, mm/s, at every sample [n]; NaN where no frames are near enough."""
+    record, time_s = film.record, film.recording.time_s
+    t, x = record.time_s[record.valid], record.elongation_mm[record.valid]
+    if t.size < 3:
+        nothing = np.full(time_s.size, np.nan)
+        return nothing, nothing
+    elongation = np.interp(time_s, t, x, np.nan, np.nan)
+    interval_s = float(np.median(np.diff(t)))
+    after = np.clip(np.searchsorted(t, time_s), 1, t.size - 1)
+    far = t[after] - t[after - 1] > LONGEST_BETWEEN * interval_s
+    speed = np.interp(time_s, t, np.gradient(x, t))
+    return np.where(far, np.nan, elongation), np.where(far, np.nan, speed)
+
+
+def _continuous(
+    recording: Recording,
+    cycles: Sequence[Cycle],
+    sensor: int,
+    motion: tuple[FloatArray, FloatArray],
+    plateaus: Calibration | None,
+) -> ContinuousCalibration:
+    """Return the calibration of a sensor, counted from 0, on all samples with an elongation.
+
+    Parameters
+    ----------
+    recording, cycles : of the run.
+    sensor : counted from 0.
+    motion : [n] elongation and its speed.
+    plateaus : the curve of the plateaus, or None.
+    """
+    x, speed = motion
+    y, usable = recording.signal_mv[:, sensor], recording.usable[:, sensor] & np.isfinite(x)
+    inside = np.zeros(x.size, bool)
+    for cycle in cycles:
+        inside[cycle.rows] = True
+    inside &= usable
+    if inside.sum() < 10 * BINS:
+        return ContinuousCalibration(None, "too few samples of complete cycles have an elongation of the camera")
+    low_mm, high_mm = np.quantile(x[inside], [0.001, 0.999]).tolist()
+    edges = np.linspace(low_mm, high_mm, BINS + 1)
+    abscissa, ordinate = (np.full((2, len(cycles), BINS), np.nan) for _ in range(2))
+    for k, cycle in enumerate(cycles):
+        for b, rows in enumerate((cycle.unloading, cycle.loading)):
+            abscissa[b, k], ordinate[b, k] = _bin_means(x[rows], y[rows], usable[rows], edges)
+    with np.errstate(invalid="ignore"):
+        known = np.isfinite(ordinate).all(axis=0)
+        at, middle = abscissa.mean(axis=0)[known], ordinate.mean(axis=0)[known]
+    degree = plateaus.degree if plateaus is not None and plateaus.spline is None else 3
+    try:
+        calibration = fit_calibration(at, middle, degree)
+    except AnalysisError as error:
+        return ContinuousCalibration(None, error.cause)
+    fso = calibration.full_scale
+    left = y[inside] - calibration.predict(x[inside])
+    width = loop_width(abscissa, ordinate, np.ones((1, len(cycles))))
+    slope, u_slope = _dynamic(left, speed[inside])
+    apart = math.nan
+    if plateaus is not None and plateaus.full_scale:
+        low, high = (max(calibration.x_range[0], plateaus.x_range[0]), min(calibration.x_range[1], plateaus.x_range[1]))
+        grid = np.linspace(low, high, 101)
+        apart = 100.0 * float(np.abs(calibration.predict(grid) - plateaus.predict(grid)).max()) / plateaus.full_scale
+    return ContinuousCalibration(
+        calibration,
+        "",
+        1.0 - float(left @ left) / float(((y[inside] - y[inside].mean()) ** 2).sum()),
+        fso / (calibration.x_range[1] - calibration.x_range[0]),
+        100.0 * width.mean_loop / fso,
+        tuple((100.0 / fso * width.per_cycle).tolist()),
+        int(inside.sum()),
+        slope,
+        u_slope,
+        apart,
+    )
+
+
+def _bin_means(x: FloatArray, y: FloatArray, usable: BoolArray, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return mean abscissa and ordinate of one branch in bins of x; NaN where a bin has too few samples."""
+    cell = np.digitize(np.where(usable, x, np.nan), edges) - 1
+    good = usable & (cell >= 0) & (cell < BINS)
+    count = np.bincount(cell[good], minlength=BINS).astype(float)
+    count[count < FEWEST_PER_BIN] = np.nan
+    return (
+        np.bincount(cell[good], x[good], minlength=BINS) / count,
+        np.bincount(cell[good], y[good], minlength=BINS) / count,
+    )
+
+
+def _dynamic(left_mv: FloatArray, speed: FloatArray) -> tuple[float, float]:
+    """Return the slope of the residual over speed within each direction, and its standard uncertainty.
+
+    The mean of a direction is that branch's hysteresis, which does not depend on speed.
+    """
+    rows, values = [], []
+    for direction in (-1.0, 1.0):
+        moving = direction * speed > 0.05
+        if moving.sum() > 30:
+            rows.append(speed[moving] - speed[moving].mean())
+            values.append(left_mv[moving] - left_mv[moving].mean())
+    if not rows:
+        return math.nan, math.nan
+    v, r = np.concatenate(rows), np.concatenate(values)
+    lever = float(v @ v)
+    if lever <= 0:
+        return math.nan, math.nan
+    slope = float(v @ r) / lever
+    # neighbouring samples share their frame: count one of three
+    return slope, math.sqrt(3.0 * float(((r - slope * v) ** 2).mean()) / lever)

@@ -1,0 +1,161 @@
+"""The lens: pixels of a picture to pixels of an ideal pinhole camera, and its calibration from a checkerboard.
+
+The model is Brown's with three radial and two tangential terms, fitted by OpenCV's `calibrateCamera` (Zhang's method).
+A lens is stored with the unit's settings as JSON, with the reprojection error of its fit.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from analysis.arrays import FloatArray
+from analysis.errors import DataError, FileError, RequestError, writing
+from analysis.optional import optional
+from protocol.regular_file import read_regular
+from protocol.whole_file import write_whole
+
+Picture = npt.NDArray[np.uint8]
+
+LENS_BYTES_MAX = 100_000
+FEWEST_VIEWS = 5
+LARGEST_REPROJECTION_PX = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """A calibrated lens.
+
+    Attributes
+    ----------
+    matrix : [3, 3] of the pinhole camera, pixels.
+    distortion : k1, k2, p1, p2, k3.
+    size : width and height of the pictures, pixels.
+    reprojection_px : rms distance of the checkerboard's corners from the model.
+    views : pictures of the fit.
+    """
+
+    matrix: tuple[tuple[float, float, float], ...]
+    distortion: tuple[float, ...]
+    size: tuple[int, int]
+    reprojection_px: float
+    views: int = 0
+
+    def undistorted(self, points_px: FloatArray) -> FloatArray:
+        """Return where an ideal lens would show points [n, 2] of the picture, pixels."""
+        matrix = np.array(self.matrix)
+        points = np.ascontiguousarray(points_px, dtype=np.float64).reshape(-1, 1, 2)
+        found = optional("cv2").undistortPoints(points, matrix, np.array(self.distortion), P=matrix)
+        return np.asarray(found, dtype=np.float64).reshape(-1, 2)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the object of a lens file."""
+        return {
+            "matrix": [list(row) for row in self.matrix],
+            "distortion": list(self.distortion),
+            "width_px": self.size[0],
+            "height_px": self.size[1],
+            "reprojection_px": self.reprojection_px,
+            "views": self.views,
+        }
+
+    def write(self, path: Path) -> None:
+        """Write the lens as JSON.
+
+        Raises
+        ------
+        FileError : the file cannot be written.
+        """
+        with writing(path):
+            write_whole(path, json.dumps(self.as_json(), indent=2) + "\n")
+
+
+def lens_of(content: Mapping[str, Any], name: str) -> Lens:
+    """Return the lens of an object of `Lens.as_json`.
+
+    Parameters
+    ----------
+    content : the object.
+    name : where it is from, for the message.
+
+    Raises
+    ------
+    FileError : it is no lens.
+    """
+    remedy = "Calibrate the lens from pictures of a checkerboard."
+    try:
+        matrix = np.array(content["matrix"], dtype=float).reshape(3, 3)
+        distortion = np.array(content["distortion"], dtype=float).reshape(5)
+        numbers = [float(content[key]) for key in ("width_px", "height_px", "reprojection_px", "views")]
+    except (ValueError, KeyError, TypeError) as error:
+        raise FileError(f"{name} is no lens: {error}", remedy) from error
+    if not (np.isfinite([*matrix.ravel(), *distortion, *numbers]).all() and matrix[0, 0] > 0 and matrix[1, 1] > 0):
+        raise FileError(f"{name} is no lens: its numbers are impossible", remedy)
+    rows = tuple((float(a), float(b), float(c)) for a, b, c in matrix)
+    size = (round(numbers[0]), round(numbers[1]))
+    return Lens(rows, tuple(distortion.tolist()), size, numbers[2], round(numbers[3]))
+
+
+def read_lens(path: Path) -> Lens:
+    """Return the lens in a file of `Lens.write`.
+
+    Raises
+    ------
+    FileError : it cannot be read, or is no lens.
+    """
+    try:
+        text = read_regular(path, LENS_BYTES_MAX).decode("utf-8")
+        content = json.loads(text)
+    except OSError as error:
+        raise FileError(f"{path} cannot be read: {error.strerror or error}", "Check the name.") from error
+    except (ValueError, RecursionError) as error:
+        raise FileError(f"{path.name} is no lens: {error}", "Give the file of a calibrated lens.") from error
+    return lens_of(content if isinstance(content, dict) else {}, path.name)
+
+
+def calibrate_lens(pictures: Sequence[Picture], *, corners: tuple[int, int], pitch_mm: float) -> Lens:
+    """Fit a lens to pictures of a checkerboard in different orientations.
+
+    Parameters
+    ----------
+    pictures : [height, width] grey or [height, width, 3] BGR, all of one size.
+    corners : inner corners of the board, columns and rows.
+    pitch_mm : side of a square.
+
+    Raises
+    ------
+    RequestError : an impossible board, or OpenCV is not installed.
+    DataError : pictures of different size, the board is found in too few of them, or the fit is not good.
+    """
+    if min(corners) < 3 or not pitch_mm > 0:
+        raise RequestError("a checkerboard has at least 3 by 3 inner corners and squares above 0 mm", "Check both.")
+    cv2 = optional("cv2")
+    sizes = {picture.shape[:2] for picture in pictures}
+    if len(sizes) != 1:
+        raise DataError(f"the pictures have {len(sizes)} different sizes", "Give pictures of one camera and setting.")
+    found = []
+    for picture in pictures:
+        grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+        seen, points = cv2.findChessboardCornersSB(grey, corners, flags=cv2.CALIB_CB_ACCURACY)
+        if seen:
+            found.append(np.asarray(points, np.float32))
+    if len(found) < FEWEST_VIEWS:
+        cause = f"the board of {corners[0]} x {corners[1]} inner corners was found in {len(found)} of {len(pictures)}"
+        remedy = f"Give at least {FEWEST_VIEWS} sharp pictures of the whole board, tilted differently."
+        raise DataError(f"{cause} pictures", remedy)
+    board = np.zeros((corners[0] * corners[1], 3), np.float32)
+    board[:, :2] = pitch_mm * np.mgrid[0 : corners[0], 0 : corners[1]].T.reshape(-1, 2)
+    (height, width) = sizes.pop()
+    rms, matrix, distortion, _, _ = cv2.calibrateCamera([board] * len(found), found, (width, height), None, None)
+    if not rms < LARGEST_REPROJECTION_PX:
+        cause = f"the corners are {rms:.2f} px from the fitted lens"
+        raise DataError(cause, "Leave out blurred pictures; keep the board flat and the focus fixed.")
+    rows = tuple((float(a), float(b), float(c)) for a, b, c in matrix)
+    terms = tuple(np.asarray(distortion, float).ravel()[:5].tolist())
+    return Lens(rows, terms, (width, height), float(rms), len(found))

@@ -1,0 +1,191 @@
+"""A camera's record laid over its run: its delay removed, elongations counted from rest.
+
+Rest is the second before the first pressure; without a frame there, elongations count from where the tracker began, and
+a warning says so. What the run's figures take from the record is in `analysis.figures.camera`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.data.camera_record import CameraRecord
+from analysis.data.recording import Recording
+from analysis.tracking.clock import Delay, find_delay, find_place
+from analysis.tracking.lens import Picture
+from analysis.tracking.tracker import Tracked
+from analysis.warning import Warning, WarningCode
+
+REST_S = 1.5
+DRIVEN_KPA = 1.0
+LARGEST_U_S = 0.05  # of a delay that is used
+LEAST_R2 = 0.8  # of elongation over pressure: hysteresis and creep leave more
+INDEPENDENT_MM = 0.0005  # least standard uncertainty of a frame's own
+
+
+@dataclass(frozen=True, slots=True)
+class Filmed:
+    """A recording with its camera's record on its clock.
+
+    Attributes
+    ----------
+    recording : whose `camera` is placed; elongations from rest.
+    delay : None where no ramp showed it: then the frames' own times are used.
+    rest_mm : elongation that was subtracted; NaN where rest was not seen.
+    u_scale : relative standard uncertainty of the scale.
+    warnings : what a reader must know.
+    """
+
+    recording: Recording
+    delay: Delay | None
+    rest_mm: float
+    u_scale: float
+    warnings: tuple[Warning, ...]
+
+    @property
+    def record(self) -> CameraRecord:
+        """The camera's record."""
+        assert self.recording.camera is not None
+        return self.recording.camera
+
+
+class Tracker(Protocol):
+    """What reads the elongation in one picture after the other: `MarkTracker` or `PatchTracker`."""
+
+    def read_checked(self, picture: Picture, time_s: float) -> Tracked:
+        """Return the elongation in a picture."""
+
+
+def track(pictures: Iterable[tuple[Picture, float]], tracker: Tracker) -> CameraRecord:
+    """Return the elongation in pictures with their times, in order.
+
+    Raises
+    ------
+    DataError : the marks' size contradicts the millimetre grid in the picture.
+    """
+    seen = [tracker.read_checked(picture, time_s) for picture, time_s in pictures]
+    columns = np.array([(t.time_s, t.elongation_mm, t.u_mm) for t in seen], float).reshape(-1, 3)
+    faults = np.array([t.fault or "" for t in seen], np.str_)
+    intervals = np.diff(columns[:, 0])
+    typical = float(np.median(intervals)) if intervals.size else 1.0
+    missing = np.maximum(np.rint(intervals / typical) - 1, 0)[intervals > 1.6 * typical] if typical > 0 else np.zeros(0)
+    return CameraRecord(columns[:, 0], columns[:, 1], columns[:, 2], faults, int(missing.sum()))
+
+
+def with_video(recording: Recording, record: CameraRecord, about: Mapping[str, Any]) -> Recording:
+    """Return the recording with the record of a video taken elsewhere, whose beginning is not known.
+
+    Parameters
+    ----------
+    recording : of the same run.
+    record : in the video's own time.
+    about : `source`, `mark_mm`, `u_scale`, as of a recording with a camera.
+
+    Raises
+    ------
+    DataError : the video does not show this run.
+    """
+    usable = recording.pressure_usable
+    begin_s = find_place(record.time_s, record.elongation_mm, recording.time_s[usable], recording.pressure_kpa[usable])
+    placed = replace(record, time_s=record.time_s + begin_s)
+    return replace(recording, camera=placed, meta={**recording.meta, "camera": dict(about)})
+
+
+def filmed(recording: Recording) -> Filmed:
+    """Return a recording with its camera's record placed."""
+    record = recording.camera
+    assert record is not None
+    warnings = []
+    delay = _delay(recording, record)
+    if delay is not None and delay.u_s > LARGEST_U_S:
+        delay = None
+    if delay is None:
+        text = "no ramp shows the delay of the camera: its frames are used at the times of their arrival"
+        warnings.append(Warning(WarningCode.CAMERA_DELAY, "", text))
+    else:
+        record = record.shifted(delay.delay_s, delay.drift, delay.about_s)
+    if not _follows_pressure(recording, record):
+        text = (
+            "the elongation of the camera does not follow the pressure: it may be of another run, or of another thing"
+        )
+        warnings.append(Warning(WarningCode.CAMERA_CONTRADICTS, "", text))
+    rest_mm = _rest(recording, record)
+    if math.isfinite(rest_mm):
+        record = record.from_rest(rest_mm)
+    else:
+        text = "the camera did not see the unit at rest before the run: elongations count from its first frames"
+        warnings.append(Warning(WarningCode.CAMERA_REST, "", text))
+    if faults := record.faults:
+        without = sum(faults.values())
+        listed = ", ".join(f"{code.replace('_', ' ')} {n}" for code, n in faults.items())
+        text = f"{without} of {record.time_s.size} frames of the camera give no elongation: {listed}"
+        warnings.append(Warning(WarningCode.CAMERA_NO_VALUE, "", text))
+    u_scale = float(recording.meta.get("camera", {}).get("u_scale") or 0.0)
+    return Filmed(replace(recording, camera=record), delay, rest_mm, u_scale, tuple(warnings))
+
+
+def plateau_means(record: CameraRecord, windows_s: FloatArray, u_scale: float) -> tuple[FloatArray, FloatArray]:
+    """Return mean elongation and its standard uncertainty without that of the scale, mm, in windows of time.
+
+    Parameters
+    ----------
+    record : placed.
+    windows_s : [plateaus, 2] begin and end; NaN and u of NaN where fewer than three frames give a value.
+    u_scale : relative.
+    """
+    t, x = record.time_s[record.valid], record.elongation_mm[record.valid]
+    own = np.sqrt(np.maximum(record.u_mm[record.valid] ** 2 - (u_scale * x) ** 2, INDEPENDENT_MM**2))
+    mean, u = np.full(len(windows_s), np.nan), np.full(len(windows_s), np.nan)
+    for i, (first, last) in enumerate(np.searchsorted(t, windows_s)):
+        if last - first >= 3:
+            mean[i] = x[first:last].mean()
+            u[i] = math.hypot(x[first:last].std(ddof=1) / math.sqrt(last - first), np.median(own[first:last]))
+    return mean, u
+
+
+def _delay(recording: Recording, record: CameraRecord) -> Delay | None:
+    """Return the delay against the sensors' signals, else against the pressure."""
+    signals = np.where(recording.usable, recording.signal_mv, np.nan)
+    alive = np.isfinite(signals).mean(axis=0) > 0.5
+    pressure = np.where(recording.pressure_usable, recording.pressure_kpa, np.nan)[:, None]
+    for columns in (signals[:, alive], pressure):
+        if columns.shape[1]:
+            delay = find_delay(record.time_s, record.elongation_mm, recording.time_s, columns)
+            if delay is not None:
+                return delay
+    return None
+
+
+def _follows_pressure(recording: Recording, record: CameraRecord) -> bool:
+    """Return whether the elongation is that of an actuator at this pressure; True where neither changes."""
+    usable = recording.pressure_usable
+    valid = record.valid & (record.time_s >= recording.time_s[0]) & (record.time_s <= recording.time_s[-1])
+    if valid.sum() < 30 or usable.sum() < 30:
+        return True
+    x = record.elongation_mm[valid]
+    p = np.interp(record.time_s[valid], recording.time_s[usable], recording.pressure_kpa[usable])
+    if np.ptp(p) < 10.0 * DRIVEN_KPA:
+        return True
+    slope = np.polynomial.Polynomial.fit(p, x, 3)
+    left = x - slope(p)
+    rises = float(slope(p.max()) - slope(p.min())) > 0
+    return rises and float(left.var()) <= (1.0 - LEAST_R2) * float(x.var())
+
+
+def _rest(recording: Recording, record: CameraRecord) -> float:
+    """Return the mean elongation before the first pressure, mm; NaN where no frame shows it."""
+    started = recording.steps["started_s"].to_numpy(dtype=float)
+    driven = np.flatnonzero(np.abs(np.where(recording.pressure_usable, recording.pressure_kpa, 0.0)) > DRIVEN_KPA)
+    if started.size and np.isfinite(started[0]):
+        end_s = float(started[0])
+    elif driven.size:
+        end_s = float(recording.time_s[driven[0]]) - 0.2
+    else:
+        return math.nan
+    inside = record.valid & (record.time_s > end_s - REST_S) & (record.time_s < end_s)
+    return float(record.elongation_mm[inside].mean()) if inside.sum() >= 3 else math.nan

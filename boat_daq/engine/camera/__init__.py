@@ -1,0 +1,1 @@
+"""Cameras: their sources, and the thread that captures."""

@@ -1,0 +1,143 @@
+"""The camera's panel: its picture with the marks, the elongation, and what is wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from PySide6.QtCore import QPointF, QRectF, QSize
+from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent, QPen, QPolygonF
+from PySide6.QtWidgets import QSizePolicy, QWidget
+
+from boat_daq.engine.snapshot import SessionSnapshot
+from boat_daq.gui import style
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.live.camera import CameraModel, CameraView
+
+HELP = (
+    "A camera reads the elongation by itself: print the two marks, glue one to the base and one to the tip, and let "
+    "the camera see both. Each plateau then gets its reading; you can correct it in the table."
+)
+MARK_TIP = "Side of the marks' black square; 0 takes the scale from the millimetre grid in the picture"
+SOURCE_TIP = "Number of the camera (0 is the first), or the http:// or rtsp:// address of one on this computer"
+
+
+class MarkedPicture(QWidget):
+    """The newest picture, fitted, with an outline on each mark."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setAccessibleName("Picture of the camera")
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        self.setMinimumSize(style.PANE_WIDTH_NARROW, style.PANE_WIDTH_NARROW // 2)
+        self._image = QImage()
+        self._kept: npt.NDArray[np.uint8] | None = None  # the image's own memory
+        self._outlines: list[npt.NDArray[np.float64]] = []
+
+    def sizeHint(self) -> QSize:
+        """Return the size of a picture in the pane."""
+        return QSize(style.PANE_WIDTH, 3 * style.PANE_WIDTH // 4)
+
+    def show_view(self, view: CameraView) -> None:
+        """Show the newest picture; nothing is drawn where it is the one before."""
+        picture = view.state.picture if view.state is not None else None
+        if picture is self._kept:
+            return
+        self._kept = picture
+        if picture is None:
+            self._image = QImage()
+        else:
+            kind = QImage.Format.Format_Grayscale8 if picture.ndim == 2 else QImage.Format.Format_BGR888
+            height, width = picture.shape[:2]
+            self._image = QImage(picture.data, width, height, picture.strides[0], kind)
+        tracked = view.state.tracked if view.state is not None else None
+        corners = (getattr(tracked, "base_px", None), getattr(tracked, "tip_px", None))
+        self._outlines = [quad for quad in corners if quad is not None]
+        self.update()
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Draw the picture and the outlines."""
+        if self._image.isNull():
+            return
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        scale = min(self.width() / self._image.width(), self.height() / self._image.height())
+        size = (scale * self._image.width(), scale * self._image.height())
+        painter.drawImage(QRectF(0, 0, *size), self._image)
+        for quad in self._outlines:
+            shown = QPolygonF([QPointF(scale * (x + 0.5), scale * (y + 0.5)) for x, y in quad])
+            for colour, width in ((QColor("white"), 4), (style.colour(style.LIGHT.elongation), 2)):
+                painter.setPen(QPen(colour, width))
+                painter.drawPolygon(shown)
+
+
+class CameraPanel(QWidget):
+    """Opens a camera and shows what it reads.
+
+    Parameters
+    ----------
+    model : of the camera.
+    services : of the window.
+    """
+
+    def __init__(self, model: CameraModel, services: Services) -> None:
+        super().__init__()
+        self.model, self.notices = model, services.notices
+        self.source = widgets.field("Camera", model.source, on_enter=self.toggle)
+        self.source.setToolTip(SOURCE_TIP)
+        self.mark = widgets.field(
+            "Side of the marks in mm", model.mark, on_enter=self.toggle, width=2 * style.CONTROL_HEIGHT
+        )
+        self.mark.setToolTip(MARK_TIP)
+        self.button = widgets.button("Open", self.toggle, "primary", name="Open or close the camera")
+        self.picture = MarkedPicture()
+        self.value = widgets.label("", "title", name="Elongation by the camera")
+        self.u = widgets.label("", "muted")
+        self.line = widgets.label("", "small")
+        self.warning = widgets.label("", "small", name="Why the camera gives no elongation", wrap=True)
+        self.help = widgets.label(HELP, "muted", wrap=True)
+        asked = widgets.row(widgets.label("Camera", "muted"), (self.source, 1), spacing=style.STEP)
+        marks = widgets.row(
+            widgets.label("Marks", "muted"),
+            self.mark,
+            widgets.label("mm", "muted"),
+            None,
+            self.button,
+            spacing=style.STEP,
+        )
+        values = widgets.row(self.value, self.u, None, spacing=style.STEP)
+        parts = (asked, marks, self.help, (self.picture, 1), values, self.warning, self.line)
+        self.setLayout(widgets.column(*parts, None, spacing=style.GAP, margins=(0, style.GAP, 0, 0)))
+        self._show(model.view())
+
+    def toggle(self) -> None:
+        """Open the camera, or close it."""
+        if self.model.channel is not None:
+            self.model.close()
+        else:
+            self.notices.attempt(lambda: self.model.open(self.source.text(), self.mark.text()))
+        self._show(self.model.view())
+
+    def draw(self) -> None:
+        """Draw the newest picture; called for each frame of the screen."""
+        self._show(self.model.view())
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Follow the camera; called a few times a second."""
+        self._show(self.model.view())
+
+    def _show(self, view: CameraView) -> None:
+        is_open = view.state is not None
+        widgets.set_text(self.button, "Close" if is_open else "Open")
+        for control in (self.source, self.mark):
+            control.setReadOnly(is_open)
+        self.help.setVisible(not is_open)
+        for shown in (self.picture, self.value, self.u, self.line, self.warning):
+            shown.setVisible(is_open)
+        widgets.set_text(self.value, f"{view.elongation} mm")
+        widgets.set_text(self.u, view.u)
+        widgets.set_text(self.line, view.line)
+        widgets.set_text(self.warning, f"\u25b2 {view.warning}" if view.warning else "")
+        widgets.set_state(self.warning, "warning" if view.warning else "")
+        self.picture.show_view(view)

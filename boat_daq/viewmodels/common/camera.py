@@ -1,0 +1,158 @@
+"""A camera's tracker with its source: for a session, or for a video file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from boat_daq.engine.camera.source import Picture, open_source
+from boat_daq.engine.session.camera_channel import CameraChannel
+from boat_daq.engine.settings import UnitLibrary
+from boat_daq.errors import OperatorError
+
+if TYPE_CHECKING:
+    from analysis.data.camera_record import CameraRecord
+    from analysis.data.recording import Recording
+    from analysis.progress import Progress
+    from analysis.tracking.lens import Lens
+    from analysis.tracking.patches import PatchTracker
+    from analysis.tracking.tracker import MarkTracker
+    from boat_daq.engine.session.session import Session
+
+
+@dataclass(frozen=True, slots=True)
+class CameraChoice:
+    """A camera and its marks, as the operator states them.
+
+    Attributes
+    ----------
+    source : as `open_source` takes it.
+    mark_mm : side of the marks' black square; 0 takes the millimetre grid in the picture.
+    u_mark_mm : its standard uncertainty.
+    lens : file of the calibrated lens; None takes the unit's.
+    unit : name of the unit, whose lens is taken; empty for none.
+    patches : left, top, width and height, px, of two textured parts in place of the marks, base first; empty for marks.
+    allow_remote : whether the source may be on another computer.
+    """
+
+    source: str
+    mark_mm: float = 10.0
+    u_mark_mm: float = 0.02
+    lens: Path | None = None
+    unit: str = ""
+    patches: tuple[tuple[int, int, int, int], ...] = ()
+    allow_remote: bool = False
+
+    def tracker(self) -> MarkTracker | PatchTracker:
+        """Return a tracker for it.
+
+        Raises
+        ------
+        OperatorError : an impossible side of the marks.
+        FileError : the lens cannot be read.
+        """
+        from analysis.tracking.lens import lens_of, read_lens
+        from analysis.tracking.patches import Patch, PatchTracker
+        from analysis.tracking.tracker import MarkTracker, Optics
+
+        if not (0 <= self.mark_mm <= 500 and 0 <= self.u_mark_mm <= 10):
+            raise OperatorError(f"marks of {self.mark_mm:g} mm are not possible", "measure the black square of a mark")
+        if self.patches:
+            if len(self.patches) != 2:
+                raise OperatorError(f"{len(self.patches)} patches are given", "give two: on the base, then on the tip")
+            return PatchTracker(Patch(*self.patches[0]), Patch(*self.patches[1]))
+        stored = UnitLibrary().load(self.unit).lens if self.unit and self.lens is None else {}
+        lens = read_lens(self.lens) if self.lens is not None else None
+        if stored:
+            lens = lens_of(stored, f"the lens of unit {self.unit}")
+        return MarkTracker(Optics(self.mark_mm, self.u_mark_mm, lens))
+
+    def about(self, tracker: MarkTracker | PatchTracker) -> dict[str, Any]:
+        """Return what a recording keeps of the camera."""
+        plane = tracker.plane
+        return {
+            "source": self.source,
+            "mark_mm": None if self.patches else tracker.side_mm,
+            "u_mark_mm": self.u_mark_mm,
+            "patches": [list(patch) for patch in self.patches],
+            "lens": tracker.lens.as_json() if tracker.lens is not None else None,
+            "u_scale": plane.u_scale if plane is not None else None,
+            "mm_per_px": plane.mm_per_px if plane is not None else None,
+        }
+
+
+def keep_lens(unit: str, lens: Lens) -> None:
+    """Store a lens with a unit.
+
+    Raises
+    ------
+    OperatorError, StorageError : no usable name, or it cannot be written.
+    """
+    library = UnitLibrary()
+    library.save(replace(library.load(unit), lens=lens.as_json()))
+
+
+def open_channel(session: Session, choice: CameraChoice, *, video: Path | None = None) -> CameraChannel:
+    """Open a camera beside a session.
+
+    Parameters
+    ----------
+    session : whose recording and plateaus get the readings.
+    choice : the camera and its marks.
+    video : file for the pictures; None stores none.
+
+    Raises
+    ------
+    OperatorError, DeviceError, FileError : as `open_source`, `CameraChoice.tracker` and `VideoStore`.
+    """
+    tracker = choice.tracker()
+    source = open_source(choice.source, allow_remote=choice.allow_remote)
+    return CameraChannel(session, source, tracker.read_checked, lambda: choice.about(tracker), video=video)
+
+
+def track_video(choice: CameraChoice, progress: Progress | None = None) -> tuple[CameraRecord, dict[str, Any]]:
+    """Return the elongation at every frame of a video file, and what a recording keeps of the camera.
+
+    Raises
+    ------
+    OperatorError : it is no video file.
+    DataError : the marks are not found in it, or contradict the grid.
+    """
+    from analysis.errors import DataError
+    from analysis.tracking.run import track
+
+    tracker = choice.tracker()
+    source = open_source(choice.source, allow_remote=choice.allow_remote)
+    if source.live:
+        source.close()
+        raise OperatorError(f"{choice.source} is no video file", "record with the camera instead")
+
+    def pictures() -> Iterator[tuple[Picture, float]]:
+        for number, frame in enumerate(source.frames(), 1):
+            if progress is not None and number % 30 == 0:
+                progress(number, max(number, source.frame_count))
+            yield frame.decode(), frame.time_s
+
+    record = track(pictures(), tracker)
+    if not record.valid.any():
+        faults = ", ".join(f"{code.replace('_', ' ')} {n}" for code, n in record.faults.items()) or "no frames"
+        cause = f"the video shows no elongation ({faults})"
+        remedy = "Film the marks of base and tip, sharp and whole, for at least a second."
+        raise DataError(cause, remedy)
+    return record, choice.about(tracker) | {"u_scale": tracker.plane.u_scale if tracker.plane else math.nan}
+
+
+def film(recording: Recording, choice: CameraChoice, progress: Progress | None = None) -> Recording:
+    """Return a recording with the elongations of a video of its run.
+
+    Raises
+    ------
+    OperatorError, DataError : as `track_video`, or the video does not show this run.
+    """
+    from analysis.tracking.run import with_video
+
+    record, about = track_video(choice, progress)
+    return with_video(recording, record, about)

@@ -1,0 +1,118 @@
+"""The camera of the window: opened and closed by the operator, shown with its marks and its value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from boat_daq.engine.camera.capture import CameraState
+from boat_daq.engine.session.camera_channel import FAULT_TEXTS, CameraChannel
+from boat_daq.engine.session.session import Session
+from boat_daq.engine.snapshot import SessionSnapshot
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.camera import CameraChoice, open_channel
+from boat_daq.viewmodels.common.formatting import NOTHING, count, number, plain_number
+from boat_daq.viewmodels.common.preferences import Preferences
+
+SOURCE, MARK = "camera_source", "camera_mark_mm"
+LEARNING = "learning"
+
+
+@dataclass(frozen=True, slots=True)
+class CameraView:
+    """What the panel shows.
+
+    Attributes
+    ----------
+    state : of the camera; None while none is open.
+    elongation, u : as text.
+    line : frames, losses and rate.
+    warning : why there is no value, with the remedy; empty where there is one.
+    """
+
+    state: CameraState | None
+    elongation: str = NOTHING
+    u: str = ""
+    line: str = ""
+    warning: str = ""
+
+
+class CameraModel:
+    """The camera beside the session.
+
+    Parameters
+    ----------
+    session : whose recording and plateaus get the readings.
+    preferences : keep source and marks.
+    """
+
+    def __init__(self, session: Session, preferences: Preferences) -> None:
+        self._session, self._preferences = session, preferences
+        self.channel: CameraChannel | None = None
+
+    @property
+    def source(self) -> str:
+        """The source last used."""
+        return str(self._preferences.get(SOURCE, "0"))
+
+    @property
+    def mark(self) -> str:
+        """Side of the marks last used, mm."""
+        return str(self._preferences.get(MARK, "10"))
+
+    def open(self, source: str, mark: str, video: Path | None = None) -> None:
+        """Open a camera, in place of the one that is open.
+
+        Parameters
+        ----------
+        source : number or address.
+        mark : side of the marks' black square, mm, as typed; 0 takes the millimetre grid.
+        video : file for the pictures; None stores none.
+
+        Raises
+        ------
+        OperatorError, DeviceError : no such camera, it does not answer, or an impossible side.
+        """
+        try:
+            mark_mm = plain_number(mark)
+        except ValueError:
+            raise OperatorError(f"{mark!r} is not a length", "Type the side of a mark's black square in mm.") from None
+        choice = CameraChoice(source.strip(), mark_mm, unit=self._session.snapshot().unit)
+        self.close()
+        self.channel = open_channel(self._session, choice, video=video)
+        self._preferences.set(SOURCE, source.strip())
+        self._preferences.set(MARK, mark.strip())
+
+    def close(self) -> None:
+        """Close the camera; the session stays."""
+        channel, self.channel = self.channel, None
+        if channel is not None:
+            channel.close()
+
+    def follow(self, snapshot: SessionSnapshot) -> None:
+        """Close a camera that has failed.
+
+        Raises
+        ------
+        BoatDaqError : why it failed.
+        """
+        if self.channel is not None and (error := self.channel.state.error) is not None:
+            self.close()
+            raise error
+
+    def view(self) -> CameraView:
+        """Return what the panel shows now."""
+        if self.channel is None:
+            return CameraView(None)
+        state = self.channel.state
+        reading = state.reading
+        if reading is None:
+            return CameraView(state, line="waiting for the first picture")
+        rate = f"{state.rate_hz:.0f} frames/s" if state.rate_hz else "starting"
+        line = f"{rate}, {count(state.frames, 'frame')}, {state.dropped} missing"
+        if reading.elongation_mm is None or reading.u_mm is None:
+            cause, remedy = FAULT_TEXTS.get(reading.fault, ("", ""))
+            text = "learning the marks' plane" if reading.fault == LEARNING else f"{cause}: {remedy}" if cause else ""
+            return CameraView(state, line=line, warning=text[:1].upper() + text[1:])
+        x_mm = reading.elongation_mm - self.channel.rest_mm
+        return CameraView(state, number(x_mm, 3, sign=True), f"u {number(reading.u_mm, 3)} mm", line)

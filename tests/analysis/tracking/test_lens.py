@@ -1,0 +1,65 @@
+"""A lens from pictures of a checkerboard, against the lens that they were rendered with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.errors import DataError, FileError, RequestError
+from analysis.tracking.lens import Lens, calibrate_lens, lens_of, read_lens
+from boat_daq.engine.simulator.picture import checkerboard
+from tests.analysis.tracking.filmed_run import SMALL
+
+BENT = replace(SMALL, distortion=-0.12)
+LENS = Lens(((500.0, 0.0, 160.0), (0.0, 500.0, 120.0), (0.0, 0.0, 1.0)), (-0.1, 0.0, 0.0, 0.0, 0.0), (320, 240), 0.1, 6)
+
+
+def test_calibration_finds_the_distortion() -> None:
+    """The corrected points of a bent picture are those of an ideal one to a few hundredths of a pixel."""
+    pictures = [checkerboard(BENT, tilt, pitch_mm=3.0) for tilt in (-25.0, -12.0, 0.0, 10.0, 18.0, 28.0)]
+    lens = calibrate_lens(pictures, corners=(8, 6), pitch_mm=3.0)
+    assert lens.views >= 5
+    assert lens.reprojection_px < 0.1
+    matrix = BENT.matrix
+    ideal = np.array([[60.0, 40.0], [160.0, 60.0], [260.0, 190.0]])
+    rays = (ideal - matrix[:2, 2]) / matrix[0, 0]
+    bent = rays * (1 - 0.12 * (rays**2).sum(axis=1, keepdims=True)) * matrix[0, 0] + matrix[:2, 2]
+    straight = lens.undistorted(bent)
+    span = np.linalg.norm(straight[2] - straight[0]) / np.linalg.norm(ideal[2] - ideal[0])
+    middle = np.linalg.norm(straight[1] - straight[0]) / np.linalg.norm(ideal[1] - ideal[0])
+    assert middle / span == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_lens_is_read_as_it_was_written(tmp_path: Path) -> None:
+    """Through its file."""
+    LENS.write(tmp_path / "lens.json")
+    assert read_lens(tmp_path / "lens.json") == LENS
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"matrix": 1}', "[" * 5000, '{"matrix": "NaN"}'])
+def test_a_file_that_is_no_lens_is_refused(tmp_path: Path, text: str) -> None:
+    """Cause and remedy, for any content."""
+    path = tmp_path / "lens.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(FileError, match="is no lens"):
+        read_lens(path)
+
+
+def test_impossible_numbers_of_a_lens_are_refused() -> None:
+    """A focal length of 0."""
+    with pytest.raises(FileError, match="impossible"):
+        lens_of(LENS.as_json() | {"matrix": np.zeros((3, 3)).tolist()}, "it")
+
+
+def test_unusable_pictures_of_a_board_are_refused() -> None:
+    """Too few boards, pictures of two sizes, an impossible board."""
+    blank = np.full((60, 80), 200, np.uint8)
+    with pytest.raises(DataError, match="found in 0 of 3 pictures"):
+        calibrate_lens([blank] * 3, corners=(8, 6), pitch_mm=3.0)
+    with pytest.raises(DataError, match="2 different sizes"):
+        calibrate_lens([blank, blank[:50]], corners=(8, 6), pitch_mm=3.0)
+    with pytest.raises(RequestError, match="checkerboard"):
+        calibrate_lens([blank], corners=(2, 6), pitch_mm=3.0)

@@ -10,6 +10,7 @@ Rules: coordinates are (r, axis, 0) in mm. A file that is not such a mesh is rej
 from __future__ import annotations
 
 import base64
+import re
 import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
@@ -32,10 +33,12 @@ from protocol.whole_file import written_whole
 
 MAX_BYTES = 32 << 20  # a hundred thousand elements take 20 MB
 MAX_EXPANDED_BYTES = 128 << 20  # of compressed arrays, which may shrink to a thousandth
+MOST_BLOCKS = 100_000  # entities, blocks and names of a Gmsh file, each read on its own: 4 s
 PARTS = {"lattice": 1, "wall": 2, "cavity": 3, "base": 4, "tip": 5}
 FLAT_SHARE = 1e-6
 """Of the length: how far a node of a flat end may lie from it."""
 FARTHEST_MM = 1e6  # of a point: beyond, areas overflow
+_SECTION = re.compile(rb"\$(Entities|Nodes|Elements|PhysicalNames|Periodic)[ \t\r]*\n")
 _REVERSED = [0, 3, 2, 1, 7, 6, 5, 4]
 
 
@@ -112,11 +115,31 @@ def read_mesh(path: Path) -> Mesh:
     if path.stat().st_size > MAX_BYTES:
         raise FileError(f"{path} is larger than {MAX_BYTES >> 20} MB", "give a coarser mesh")
     try:
+        blocks = _stated_blocks(path.read_bytes()) if kind == "gmsh" else 0
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # meshio prints, and exits
-            found = _Vtu(path).mesh if kind == "vtu" else meshio.read(path, file_format=kind)
+            found = None if blocks > MOST_BLOCKS else _Vtu(path).mesh if kind == "vtu" else meshio.read(path, kind)
     except (Exception, SystemExit) as error:
         raise refusal from error
+    if found is None:
+        cause = f"{path} has {blocks:,} entities, blocks and names of groups, {MOST_BLOCKS:,} can be read"
+        raise FileError(cause, "save one group for each part, without the geometry")
     return from_meshio(found, path)
+
+
+def _stated_blocks(content: bytes) -> int:
+    """Return how many entities, blocks and names the sections of a Gmsh file state."""
+    version, binary, *_ = content.split(b"\n", 2)[1].split()
+    total = 0
+    for section in _SECTION.finditer(content):
+        name, at = section[1], section.end()
+        if version < b"4" and name != b"PhysicalNames":  # nodes and elements one after another, in no blocks
+            continue
+        numbers = 4 if name == b"Entities" else 1
+        if binary == b"1" and name != b"PhysicalNames":
+            total += sum(np.frombuffer(content, np.uint64, numbers, at).tolist())
+        else:
+            total += sum(int(number) for number in content[at : at + 200].split(b"\n", 1)[0].split()[:numbers])
+    return total
 
 
 class _Vtu(VtuReader):  # type: ignore[misc]

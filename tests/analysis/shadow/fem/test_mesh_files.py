@@ -76,6 +76,41 @@ def test_what_is_no_mesh_is_refused(actuator: FullModel, tmp_path: Path) -> None
         from_meshio(meshio.Mesh(made.points, made.cells), tmp_path / "bare.vtu")
 
 
+def test_msh_of_version_4_is_read(tmp_path: Path) -> None:
+    """A point, in one block; it marks no parts."""
+    nodes, elements = (
+        "$Nodes\n1 1 1 1\n0 1 0 1\n1\n0 0 0\n$EndNodes\n",
+        "$Elements\n1 1 1 1\n0 1 15 1\n1 1\n$EndElements\n",
+    )
+    (path := tmp_path / "m.msh").write_text("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n" + nodes + elements)
+    with pytest.raises(FileError, match="does not mark which cells"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        b"$Entities\n99998 1 1 1\n", b"$Nodes\n100001 5 1 5\n",
+        b"$Elements\n60000 1 1 1\n$EndElements\n$Nodes \n40001\n",
+        b"$PhysicalNames\n100001\n", b"$Periodic\n100001\n",
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("end", [b"\n", b"\r\n"])
+def test_msh_of_too_many_blocks_is_refused(tmp_path: Path, section: bytes, end: bytes) -> None:
+    """By what its sections state, before they are read one by one; a file of 32 MiB may have three million."""
+    (path := tmp_path / "m.msh").write_bytes((b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n" + section).replace(b"\n", end))
+    with pytest.raises(FileError, match="has 100,001 entities, blocks and names of groups, 100,000 can be read"):
+        read_mesh(path)
+
+
+def test_binary_msh_of_too_many_blocks_is_refused(tmp_path: Path) -> None:
+    """Its numbers are of eight bytes."""
+    numbers = np.array([1, 100_000, 0, 0], np.uint64).tobytes()
+    (path := tmp_path / "m.msh").write_bytes(b"$MeshFormat\n4.1 1 8\n\1\0\0\0\n$EndMeshFormat\n$Entities\n" + numbers)
+    with pytest.raises(FileError, match="has 100,001 entities"):
+        read_mesh(path)
+
+
 def write(model: FullModel, solution: Solution, path: Path, kind: str) -> None:
     """Write a model's state."""
     write_state(path, kind, model.parameters, model.mesh, solution)

@@ -7,10 +7,11 @@ import struct
 import numpy as np
 import pytest
 
-from protocol import Connection, Samples
+from protocol import BoardRestarted, Connection, Samples
 from protocol.link.framing import encode_frame
 from protocol.link.messages import MessageType
 from protocol.link.sample_stream import SampleFlag
+from tests.protocol.link.streams import HELLO, stream
 
 
 def body(index: int, sensors: int, *, add: int = 0) -> bytes:
@@ -85,3 +86,12 @@ def test_samples_of_unknown_sensors_are_counted() -> None:
     link = Connection()
     assert len(taken(link, body(3, 2), body(4, 2))) == 0
     assert (link.statistics.unknown, link.statistics.malformed) == (2, 0)
+
+
+def test_samples_are_what_a_restart_would_lose() -> None:
+    """A HELLO that nobody asked for, after samples and no answered command: the board has restarted."""
+    link = Connection()
+    link.receive(stream(HELLO), 0)
+    assert not any(isinstance(event, BoardRestarted) for event in link.receive(stream(HELLO), 0))
+    link.receive(body(3, 2), 0)
+    assert any(isinstance(event, BoardRestarted) for event in link.receive(stream(HELLO), 0))

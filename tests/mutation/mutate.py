@@ -54,7 +54,9 @@ MODULES: dict[str, tuple[str, ...]] = {  # the tests that reach most of a module
         f"{_FIGURES}/test_{name}.py" for name in ("sensor_figures", "sensor_figures_by_hand", "repeatability")
     ),
     "boat_daq/engine/control/interlock.py": (f"{_CONTROL}/test_interlock.py",),
-    "boat_daq/engine/control/sequencer.py": tuple(f"{_CONTROL}/test_sequencer{a}.py" for a in ("", "_by_hand")),
+    "boat_daq/engine/control/sequencer.py": tuple(
+        f"{_CONTROL}/test_{name}.py" for name in ("sequencer", "sequencer_by_hand", "segment_watch", "elongation")
+    ),
     "protocol/link/connection.py": tuple(
         f"{_LINK}/test_connection{aspect}.py" for aspect in ("_pending_commands", "_layout", "", "_vectors")
     ),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -326,6 +327,8 @@ def test_combined_error_by_hand() -> None:
     assert (found.value, found.n) == (13.0, 5)
     assert found.low == pytest.approx(13.0 - math.sqrt(3.0**2 + 4.0**2 + 12.0**2) / 13.0)
     assert found.high == pytest.approx(13.0 + math.sqrt(6.0**2 + 2.0**2 + 2.4**2) / 13.0)
+    small = metrics.combined_error([replace(p, value=p.value / 100, low=p.low / 100, high=p.high / 100) for p in parts])
+    assert (small.value, small.low, small.high) == pytest.approx((0.13, found.low / 100, found.high / 100))
     zero = Figure(0.0, "% FSO", 5, 0.0, 0.0)
     assert (metrics.combined_error([zero, zero]).low, metrics.combined_error([zero, zero]).high) == (0.0, 0.0)
     void = Figure.nothing("% FSO", Reason.FEW_CYCLES, "few")

@@ -419,3 +419,20 @@ def test_superseded_command_is_lost_only_where_nothing_was_answered_since() -> N
             rig.answer(MessageType.SET_PRESSURE, new, answered_ms)
         events = [event for at_ms in (250, 500, 750) for event in rig.poll(at_ms)[0]]
         assert (CommandLost(SetPressure(1, 0), old) in events) is lost
+
+
+def test_stall_gives_every_command_another_window(rig: LinkRig) -> None:
+    """Two that were sent three times, and a program that was late by 750 ms."""
+    rig.send(Vent(), 0)
+    rig.send(SetLimits(-1, 1), 0)
+    for at_ms in (250, 500, 1500):
+        assert rig.poll(at_ms)[0] == []
+    assert rig.link.next_deadline_ns == 1750 * MS
+
+
+def test_heartbeat_that_feeds_is_sent_where_none_waits(rig: LinkRig, in_turn: LinkRig) -> None:
+    """In turn with nothing pending; out of turn whatever is."""
+    rig.send(Vent(), 0)
+    for one, seq in ((in_turn, 0), (rig, 1)):
+        (frame,) = one.board.receive(one.link.feed(Heartbeat(500), MS))
+        assert (decode_command(frame), frame.seq) == (Heartbeat(500), seq)

@@ -38,6 +38,7 @@ class ConnectPanel(QDialog):
         self.port.setAccessibleName("Port")
         hint = "a port, socket://HOST:PORT or replay:FILE"
         self.port.setLineEdit(widgets.field("Port", on_enter=self.connect_board, placeholder=hint))
+        self.port.activated.connect(lambda _: self._propose_unit())
         self.unit = widgets.field("Unit connected to the board", connection.bench_unit, width=3 * style.CONTROL_HEIGHT)
         last = str(services.preferences.get("profile", ""))  # empty for a board that speaks the BOAT protocol
         self.profile = QPlainTextEdit(last, tabChangesFocus=True, placeholderText=PROFILE_HINT)
@@ -102,15 +103,27 @@ class ConnectPanel(QDialog):
         self.connection.query_boards()
 
     def list_ports(self) -> None:
-        """List the ports; what was typed stays."""
-        typed = self.port.currentText() or str(self.services.preferences.get("port", ""))
+        """List the ports; what was selected or typed stays, also where its description is another one now."""
+        typed, chosen = self.port.currentText() or str(self.services.preferences.get("port", "")), self._chosen()
         ports = self.connection.ports()
         self.port.clear()
         for text, port in ports:
             self.port.addItem(text, port)
         self.none.setVisible(not ports)
         self._fit()
-        self.port.setEditText(typed)
+        self.port.setEditText(next((text for text, port in ports if port == chosen), typed))
+
+    def _chosen(self) -> str:
+        """Return the port that is selected, or what was typed."""
+        text = self.port.currentText()
+        known = self.port.findText(text)
+        return str(self.port.itemData(known)) if known >= 0 else text
+
+    def _propose_unit(self) -> None:
+        """Propose the unit that the selected board was used with last."""
+        unit = self.connection.unit_at(self._chosen())
+        if unit:
+            self.unit.setText(unit)
 
     def _fit(self) -> None:
         """Take the height of what is shown; Qt's `adjustSize` takes no more than two thirds of the screen's."""
@@ -124,9 +137,7 @@ class ConnectPanel(QDialog):
 
     def connect_board(self) -> None:
         """Connect to the port that is selected or typed; what was typed stays here if it is refused."""
-        text = self.port.currentText()
-        known = self.port.findText(text)
-        port = str(self.port.itemData(known)) if known >= 0 else text
+        port = self._chosen()
 
         def connect() -> None:
             self.connection.set_unit(self.unit.text())

@@ -233,6 +233,11 @@ class ConnectionModel:
         order = sorted(found, key=lambda port: (port not in known, port != last, port))
         return [(f"{port}   {found[port]}".strip(), port) for port in order]
 
+    def unit_at(self, port: str) -> str:
+        """Return the unit that the board at a port was used with; empty for an unknown one, or for several units."""
+        units = {answer.unit for answer in self.answers if answer.port == port}
+        return next((unit for unit in units if ", " not in unit), "")
+
     def query_boards(self) -> None:
         """Query the boards used before, on a helper thread; not while one is connected, whose port is in use.
 

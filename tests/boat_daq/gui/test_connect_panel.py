@@ -82,3 +82,23 @@ def test_virtual_board_has_the_chosen_number_of_sensors(live, monkeypatch):
         panel.sensors.setCurrentText(text)
         panel.start_virtual()
     assert started == ["SA1", "SA1x1", "SA1x4"]
+
+
+def test_selected_port_stays_when_its_board_has_answered(empty, monkeypatch):
+    """Its description changed under the selection, and its old text was then opened as a port; its unit is proposed."""
+    panel, connection = empty.connect_panel, empty.connect_panel.connection
+    listed = [("/dev/ttyACM0   KitProg", "/dev/ttyACM0"), ("/dev/ttyACM1   scale", "/dev/ttyACM1")]
+    monkeypatch.setattr(connection, "ports", lambda: listed)
+    monkeypatch.setattr(connection, "unit_at", lambda port: "SA7" if port == "/dev/ttyACM0" else "")
+    panel.open_fresh()
+    panel.port.setCurrentIndex(0)
+    listed[0] = ("/dev/ttyACM0   \u25cf BOAT board 7 of SA7", "/dev/ttyACM0")
+    panel.list_ports()
+    assert panel.port.currentText() == listed[0][0]
+    panel.port.activated.emit(0)
+    assert panel.unit.text() == "SA7"
+    opened = []
+    monkeypatch.setattr(connection, "connect", lambda port, profile: opened.append(port))
+    panel.connect_board()
+    assert opened == ["/dev/ttyACM0"]
+    assert connection.bench_unit == "SA7"

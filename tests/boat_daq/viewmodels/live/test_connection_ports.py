@@ -36,5 +36,6 @@ def test_panel_queries_only_boards_used_before(monkeypatch, tmp_path):
             pass
         assert opened == ["/dev/ttyACM1"]
         assert model.ports()[0] == ("/dev/ttyACM1   \u25cf BOAT board PSOC-7A of SA7", "/dev/ttyACM1")
+        assert (model.unit_at("/dev/ttyACM1"), model.unit_at("/dev/ttyACM0")) == ("SA7", "")
     finally:
         model.close()

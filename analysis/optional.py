@@ -14,6 +14,7 @@ EXTRAS = {  # module: name of the library, extra that brings it
     "h5py": ("h5py", "hdf5"),
     "pyarrow": ("pyarrow", "parquet"),
     "pylsl": ("pylsl", "lsl"),
+    "rosbags": ("rosbags", "rosbag"),
     "skfem": ("scikit-fem", "atlas"),
 }
 

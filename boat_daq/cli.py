@@ -54,7 +54,17 @@ def start(
 
 
 COMMANDS = (  # in the order of --help; each is a function in the module named, or of its own name
-    ("demo.gui", "demo", "board.ports", "board.board", "board.profile", "record", "serve", "importing.importing"),
+    (
+        "demo.gui",
+        "demo",
+        "board.ports",
+        "board.board",
+        "board.profile",
+        "record",
+        "run_queue.queue",
+        "serve",
+        "importing.importing",
+    ),
     ("recordings.recover", "recordings.upgrade", "recordings.verify", "recordings.info", "metadata"),
     ("analyze", "analyze.report", "certificate"),
     ("folders.batch", "folders.history", "analyze.strokes", "methods.tradeoff", "methods.atlas"),

@@ -22,13 +22,16 @@ import pandas as pd
 
 from analysis.arrays import BoolArray, FloatArray
 from analysis.data.recording import META_KEYS, Recording
+from analysis.data.ros_bag import write_bag
 from analysis.errors import RequestError, writing
 from analysis.optional import optional
 from analysis.progress import Progress
 from protocol.whole_file import write_whole, written_whole
 
-Format = Literal["csv", "parquet", "hdf5", "mat"]
+Format = Literal["csv", "parquet", "hdf5", "mat", "rosbag", "rosbag-sqlite3"]
 SUFFIXES: Mapping[str, Format] = {".csv": "csv", ".parquet": "parquet", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
+
+BAGS: Mapping[str, str] = {"rosbag": "mcap", "rosbag-sqlite3": "sqlite3"}  # storage of each
 
 ROWS_AT_ONCE = 100_000
 
@@ -94,7 +97,7 @@ def export(
     ----------
     recording : to export.
     path : of the file.
-    format : csv, parquet, hdf5 or mat.
+    format : csv, parquet, hdf5, mat, rosbag (MCAP storage) or rosbag-sqlite3.
     converted : the elongation of the samples; None without a calibration.
     progress : called as progress(done, total) for CSV; raising from it cancels.
 
@@ -108,8 +111,14 @@ def export(
         written.
     """
     path = Path(path)
-    if format not in ("csv", *_WRITERS):
-        raise RequestError(f"format {format!r} is not one of csv, {', '.join(_WRITERS)}", "Give one of them.")
+    if format not in ("csv", *_WRITERS, *BAGS):
+        known = ", ".join(("csv", *_WRITERS, *BAGS))
+        raise RequestError(f"format {format!r} is not one of {known}", "Give one of them.")
+    if format in BAGS:
+        frame, about = samples_frame(recording, None, converted), _description(recording, converted)
+        with writing(path, "Choose another folder."):
+            write_bag(frame, json.loads(_description_text(about)), path, BAGS[format], progress)
+        return [path]
     with writing(path, "Choose another folder."):
         with written_whole(path) as part:
             if format == "csv":
@@ -174,7 +183,7 @@ def _write_mat(frame: pd.DataFrame, description: Mapping[str, Any], path: Path) 
     savemat(str(path), columns | stated, appendmat=False, long_field_names=True, do_compression=True, oned_as="column")
 
 
-_LIBRARIES = {"parquet": "pyarrow", "hdf5": "h5py"}
+_LIBRARIES = {"parquet": "pyarrow", "hdf5": "h5py", "rosbag": "rosbags", "rosbag-sqlite3": "rosbags"}
 _WRITERS: Mapping[str, Callable[[pd.DataFrame, Mapping[str, Any], Path], None]] = {
     "parquet": _write_parquet,
     "hdf5": _write_hdf5,

@@ -204,3 +204,18 @@ def with_interval(figure: Figure) -> str:
     if math.isfinite(figure.low) and math.isfinite(figure.high):
         text += f" [{rounded(figure.low, half)}, {rounded(figure.high, half)}]"
     return f"{text} {figure.unit}"
+
+
+@dataclass(frozen=True, slots=True)
+class LabFigure:
+    """A figure of a lab's own plugin: a value for each sensor, or one for the unit."""
+
+    label: str
+    unit: str
+    values: tuple[float, ...]
+    plugin: str
+
+    @property
+    def label_with_unit(self) -> str:
+        """Label and unit."""
+        return f"{self.label}, {self.unit}" if self.unit else self.label

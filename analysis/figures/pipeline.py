@@ -11,7 +11,7 @@ same numbers, bit for bit.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from analysis.data.recording import Recording
 from analysis.fidelity import fidelity
 from analysis.figures import sensor_figures as metrics
 from analysis.figures.across_breaks import compare_breaks, of_cycles, parts_of
-from analysis.figures.figure import Figure, Reason
+from analysis.figures.figure import Figure, LabFigure, Reason
 from analysis.figures.outliers import without_wrong_readings
 from analysis.figures.sensor_analysis import (
     AnalysedRun,
@@ -71,6 +71,7 @@ class Analysis(AnalysedRun):
     u_elongation_void : of each sensor, why U is not given everywhere in the range, or "".
     parts : of a run whose parts differ over a break; `sensors` are those of the largest.
     camera : what the camera adds; None without one.
+    lab_figures : of the lab's plugins, which are not computed here.
     """
 
     system_sensitivity: Figure
@@ -82,6 +83,7 @@ class Analysis(AnalysedRun):
     u_elongation_void: tuple[str, ...]
     parts: tuple[Part, ...]
     camera: CameraFigures | None = None
+    lab_figures: tuple[LabFigure, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -128,6 +130,7 @@ class Analysis(AnalysedRun):
                 "mean": self.actuator_hysteresis.value,
                 "per_cycle": list(self.actuator_hysteresis_per_cycle),
             },
+            "lab_figures": [asdict(figure) for figure in self.lab_figures],
             "derived": derived_json(recording, self.plateaus),
             "system_figures": {key: figure.as_json() for key, figure in self.system_figures.items()},
             "flags": [warning.as_flag() for warning in self.warnings],

@@ -44,12 +44,26 @@ def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
         (
             *tables,
             *_unit_table(analysis),
+            *_lab_table(analysis),
             *([_conformity_table(analysis, limits)] if limits else []),
             *curves,
             *_lost(analysis),
             *undefined,
         ),
     )
+
+
+def _lab_table(analysis: Analysis) -> list[ReportTable]:
+    """The figures of the lab's plugins, beside ours; none without plugins."""
+    sensors = max((len(figure.values) for figure in analysis.lab_figures), default=0)
+    heads = [f"Sensor {i}" for i in range(1, sensors + 1)] if sensors > 1 else ["value"]
+    rows = [
+        (f.label_with_unit, *(f"{v:.4g}" if np.isfinite(v) else NOTHING for v in f.values),
+         *[""] * (sensors - len(f.values)), f.plugin)
+        for f in analysis.lab_figures
+    ]  # fmt: skip
+    caption = "Computed by plugins of the laboratory, not by boat-daq."
+    return [ReportTable(("Figure of the laboratory", *heads, "plugin"), tuple(rows), caption)] if rows else []
 
 
 def _conformity_table(analysis: Analysis, limits: Mapping[str, float]) -> ReportTable:

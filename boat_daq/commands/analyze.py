@@ -79,6 +79,7 @@ def analyze(
     from analysis.figures.acceptance import conformity_json
     from analysis.figures.stored_results import store_analysis
     from boat_daq.commands.importing import column_map
+    from boat_daq.viewmodels.common.plugged import with_plugins
     from boat_daq.viewmodels.common.reference import stated_contributions
 
     limits = limits_of(limit)
@@ -107,6 +108,7 @@ def analyze(
         notify("the result is not stored: its elongations are those of a video, which the recording does not hold")
     elif not no_store and (reason := store_analysis(run, analysis, elongation)):
         notify(reason)
+    analysis = with_plugins(analysis, str(run))
     shadow = None
     if analysis.kind == "calibration" and not no_shadow:
         from analysis.figures.against_shadow import against_shadow
@@ -154,6 +156,9 @@ def _show(analysis: Analysis, limits: Mapping[str, float]) -> None:
             for name, first in sensors[0].figures.items()  # their names end in the unit
         ),
     )
+    if analysis.lab_figures:
+        rows = ([f.label_with_unit, *(f"{v:.4g}" for v in f.values), f.plugin] for f in analysis.lab_figures)
+        show_table(["figure of the laboratory, plugin last"], rows)
     for sentence in void_sentences([*((s.name, s.figures) for s in sensors), ("system", analysis.system_figures)]):
         show(sentence)
     for sensor in sensors:
@@ -276,6 +281,7 @@ def report(
     from analysis.figures.acceptance import conformity_json
     from analysis.figures.against_shadow import against_shadow
     from analysis.progress import part_of
+    from boat_daq.viewmodels.common.plugged import with_plugins
     from boat_daq.viewmodels.common.reference import stated_contributions
     from protocol.units import ShownUnits
 
@@ -292,7 +298,8 @@ def report(
             recording = load_recording(run)
             stated = replace(options, type_b=stated_contributions(recording, type_b))
             part = part_of(advance, number, 1, len(runs) + 1)
-            analyses.append(analyse(recording, files[number % len(files)], options=stated, progress=part))
+            found = analyse(recording, files[number % len(files)], options=stated, progress=part)
+            analyses.append(with_plugins(found, str(run)))
         compared = len(analyses) == 1 and analyses[0].kind == "calibration" and not no_shadow
         shadow = against_shadow(analyses[0]) if compared else None
         setting = part_of(advance, len(runs), 1, len(runs) + 1)

@@ -21,7 +21,7 @@ from boat_daq.commands.options import (
 if TYPE_CHECKING:
     from analysis.data.export import ConvertedElongation, Format
 
-FORMATS: tuple[Format, ...] = ("csv", "parquet", "hdf5", "mat")
+FORMATS: tuple[Format, ...] = ("csv", "parquet", "hdf5", "mat", "rosbag", "rosbag-sqlite3")
 
 
 def importing(
@@ -105,7 +105,9 @@ def _show(content: dict[str, Any]) -> None:
 
 def export(
     run: RunArgument,
-    format: Annotated[str, typer.Option(callback=one_of(*FORMATS), help="csv, parquet, hdf5 or mat.")],
+    format: Annotated[
+        str, typer.Option(callback=one_of(*FORMATS), help="csv, parquet, hdf5, mat, rosbag or rosbag-sqlite3.")
+    ],
     to: Annotated[Path, typer.Option("--out", metavar="PATH", help="File to write.")],
     calibration: Annotated[
         Path | None,
@@ -117,7 +119,7 @@ def export(
     derive: DeriveOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the samples of a run with their elongation: CSV with a JSON file of metadata, Parquet, HDF5 or MAT.
+    """Write the samples of a run with their elongation: CSV with a JSON file of metadata, Parquet, HDF5, MAT, ROS 2.
 
     The elongation and its expanded uncertainty (u_mm, k = 2) are by the calibration given, else by the run's own, else
     by the one that its unit was accepted with; without any the columns are left out.

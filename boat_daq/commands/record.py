@@ -22,7 +22,7 @@ from boat_daq.commands.options import (
     UncertaintyOption,
     patches_of,
 )
-from boat_daq.engine.file_names import path_in
+from boat_daq.engine.file_names import named, path_in
 
 if TYPE_CHECKING:
     from boat_daq.commands.run_session import SessionRequest
@@ -41,7 +41,9 @@ def record(
     ramp: Annotated[float | None, typer.Option(help="Ramp, kPa/s, in place of the plan's.", min=0.01)] = None,
     elongation: Annotated[Path | None, typer.Option(help="CSV of readings: pressure_kpa,elongation_mm.")] = None,
     uncertainty: UncertaintyOption = None,
-    out: Annotated[Path | None, typer.Option(help="Recording to write; default a dated name.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Recording to write, or a template: '{unit}_{plan}_{number}'.")
+    ] = None,
     operator: Annotated[str, typer.Option(help="Name of the operator.")] = "",
     unit: Annotated[str, typer.Option(help="Name of the unit: SA1 ...")] = "",
     note: Annotated[str, typer.Option(help="Note to store in the recording.")] = "",
@@ -105,7 +107,7 @@ def record(
         raise typer.BadParameter("needs --plan and --elongation", param_hint="--uncertainty")
     request = SessionRequest(
         port=port,
-        path=resume or out or dated_name(unit),
+        path=resume or _path(out, unit, plan or "", operator),
         profile=str(profile) if profile else None,
         rate_hz=rate,
         unit=unit,
@@ -224,6 +226,27 @@ def chosen_plan(name: str | None, changes: dict[str, Any]) -> Plan | None:
     if name is None and changes:
         raise OperatorError("--cycles, --dwell and --ramp need a plan", "add --plan NAME")
     return load_plan(name).changed(**changes) if name is not None else None
+
+
+def _path(out: Path | None, unit: str, plan: str, operator: str) -> Path:
+    """Return the file to record into: as given, by a template, or a dated name.
+
+    Parameters
+    ----------
+    out : file, or a template with fields in braces; None for the template of the settings.
+    unit, plan, operator : values of its fields.
+
+    Raises
+    ------
+    OperatorError : the template gives no name of a file.
+    """
+    from boat_daq.engine.settings import load_settings
+
+    template = out.name if out is not None else load_settings().file_name
+    if "{" not in template:
+        return out or dated_name(unit)
+    values = {"unit": unit, "plan": Path(plan).stem, "operator": operator}
+    return named(template, out.parent if out is not None else Path(), datetime.now().astimezone(), **values)
 
 
 def dated_name(unit: str) -> Path:

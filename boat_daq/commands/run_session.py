@@ -23,7 +23,7 @@ from boat_daq.engine.recording.summary import Summary, summarise
 from boat_daq.engine.session.camera_channel import FAULT_TEXTS, REST_S, CameraChannel
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import load_settings
-from boat_daq.engine.snapshot import LinkState, LinkWarningCode, SessionSnapshot, SessionState
+from boat_daq.engine.snapshot import LinkState, LinkWarningCode, MessageKind, SessionSnapshot, SessionState
 from boat_daq.errors import BoatDaqError, DeviceError
 from boat_daq.viewmodels.live.enough_cycles import EnoughCycles
 from protocol.recording import BoardState, DerivedChannel
@@ -143,6 +143,9 @@ def run_session(
         if camera is not None:
             camera.close()
         session.close()
+        for message in session.snapshot().messages:
+            if message.kind is MessageKind.PLUGIN:
+                notify(f"warning: {message.cause}; {message.remedy}")
     return summarise(request.path), failure
 
 

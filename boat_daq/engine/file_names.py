@@ -5,7 +5,10 @@ A function that takes a path writes there; one that takes a folder and a name wr
 
 from __future__ import annotations
 
+import itertools
 import os
+import re
+from datetime import datetime
 from pathlib import Path
 
 from boat_daq.errors import OperatorError
@@ -43,3 +46,44 @@ def path_in(folder: Path, name: str) -> Path:
     """
     check_file_name(name)
     return folder / name
+
+
+FIELDS = ("unit", "operator", "plan", "date", "time", "number")
+
+
+def named(template: str, folder: Path, now: datetime, **values: str) -> Path:
+    """Return the path that a template gives, such as ``{unit}_{plan}_{number}``.
+
+    `{number}` counts from 1 to the first name that is free. What a value has that no name can hold becomes a hyphen.
+
+    Parameters
+    ----------
+    template : of the name, without its ending.
+    folder : of the recordings.
+    now : local time.
+    values : unit, operator and plan; those not given are empty.
+
+    Raises
+    ------
+    OperatorError : another field, or the result is no name of a file.
+    """
+    given = {"date": f"{now:%Y-%m-%d}", "time": f"{now:%H%M%S}"} | values
+    unknown = sorted(set(re.findall(r"\{([^{}]*)\}", template)) - set(FIELDS))
+    if unknown or template.count("{") != template.count("}"):
+        named_fields = ", ".join(f"{{{field}}}" for field in FIELDS)
+        raise OperatorError(f"the template {template!r:.60} has another field", f"use {named_fields}")
+
+    def name_of(number: int) -> str:
+        plain = {key: re.sub(r'[<>:"/\\|?*\x00-\x1f]', "-", value) for key, value in given.items()}
+        fields = dict.fromkeys(FIELDS, "") | plain | {"number": f"{number:03}"}
+        name = re.sub(r"\{(\w+)\}", lambda found: fields[found[1]], template)
+        stem = name.strip(" _-").removesuffix(".boat")
+        if not stem:
+            raise OperatorError(f"the template {template!r:.60} gives no name here", "add {date}_{time} to it")
+        return f"{stem}.boat"
+
+    path = path_in(folder, name_of(1))
+    numbers = itertools.count(2)
+    while "{number}" in template and path.exists():
+        path = path_in(folder, name_of(next(numbers)))
+    return path

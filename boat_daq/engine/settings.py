@@ -89,6 +89,12 @@ class Settings:
         "Folder of the window's recordings; empty: boat-daq in your documents",
         applies=Applies.START,
     )
+    file_name: str = stated(
+        "",
+        "File names",
+        "Template of the names of recordings: {unit} {operator} {plan} {date} {time} {number}; empty: unit and time",
+        applies=Applies.RECORDING,
+    )
     operator: str = stated(
         "", "Operator", "Stated in each recording where its metadata name nobody", applies=Applies.RECORDING
     )

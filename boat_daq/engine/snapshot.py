@@ -115,6 +115,7 @@ class MessageKind(enum.StrEnum):
     SINK_FAILED = "sink_failed"
     CAMERA = "camera"
     DERIVED = "derived"
+    PLUGIN = "plugin"
     MARK = "mark"
 
 

@@ -37,6 +37,7 @@ class Journal:
         self.steps: dict[int, StepMark] = {}
         self.readings: list[Reading] = []
         self.ended: RunEnding | None = None  # the recording's last run
+        self.warned: Callable[[MessageKind, str, str], None] = lambda *_: None  # called with each warning
         self._last = 0
         self._late = False
 
@@ -74,6 +75,8 @@ class Journal:
         cause, remedy : sentences without their full stop.
         command : the remedy on the command line.
         """
+        if level != "info" and kind is not MessageKind.PLUGIN:
+            self.warned(kind, cause, remedy)
         self._last += 1
         note(level, f"{kind}: {cause}" + (f" (try: {remedy})" if remedy else ""))
         self.messages.append(Message(self._last, kind, level, cause, remedy, time.monotonic_ns(), command))

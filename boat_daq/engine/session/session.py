@@ -32,6 +32,7 @@ from boat_daq.engine.installation import shortcomings
 from boat_daq.engine.link.reader import Block
 from boat_daq.engine.log import note
 from boat_daq.engine.plan import Plan, StepMark, load_plan, resume_point
+from boat_daq.engine.plugins import Hooks
 from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.sample_columns import units_of
@@ -101,6 +102,8 @@ class Session:
         )
         self._unit_stamp = 0  # of the file whose limits hold
         self._health_log = HealthLog(self._health_line)
+        self._hooks = Hooks(self._plugin_failed)
+        self._journal.warned = self._warned
         self._report_backups()
         self._report_shortcomings()
         self._load_derived()
@@ -317,8 +320,9 @@ class Session:
     def close(self) -> None:
         """Disconnect and end the threads; waits for them. The session is not used again."""
         self._link.end()
-        self._recording.end(RunEnd.STOPPED)
+        self._end_recording(RunEnd.STOPPED)
         self._health_log.stop()
+        self._hooks.close()
 
     # ---- the recording ---------------------------------------------------------------------------------------------
 
@@ -380,7 +384,7 @@ class Session:
         """
         self.stop()
         self.wait(lambda s: s.state is not SessionState.FINISHING or s.link is not LinkState.UP, VENTING_WAIT_S)
-        return self._recording.end(RunEnd.STOPPED)
+        return self._end_recording(RunEnd.STOPPED)
 
     # ---- the run ---------------------------------------------------------------------------------------------------
 
@@ -784,8 +788,18 @@ class Session:
                 cause = f"the board's USB serial number is not stored with unit {unit}: {error.cause}"
                 self._journal.tell(MessageKind.STORAGE, "warning", cause, error.remedy)
 
-    def _end_recording(self, end: RunEnd) -> None:
-        self._recording.end(end)
+    def _end_recording(self, end: RunEnd) -> Path | None:
+        path = self._recording.end(end)
+        if path is not None:
+            self._hooks.emit("recording_closed", run=str(path))
+        return path
+
+    def _warned(self, kind: MessageKind, cause: str, remedy: str) -> None:
+        self._hooks.emit("warning_raised", kind=str(kind), cause=cause, remedy=remedy)
+
+    def _plugin_failed(self, cause: str, remedy: str) -> None:
+        with self._lock:
+            self._journal.tell(MessageKind.PLUGIN, "warning", cause, remedy)
 
     def _report_backups(self) -> None:
         """Warn that a backup replaces a stored file."""

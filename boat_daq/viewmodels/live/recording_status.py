@@ -12,6 +12,7 @@ from pathlib import Path
 from time import monotonic
 
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
+from boat_daq.errors import BoatDaqError
 from boat_daq.viewmodels.common.formatting import duration, size_text
 from boat_daq.viewmodels.live.run_model import UNDER_WAY, RunModel
 
@@ -43,6 +44,7 @@ class RecordingStatus:
     def __init__(self, run: RunModel, clock: Callable[[], float] = monotonic) -> None:
         self._run, self._clock = run, clock
         self._looked: tuple[Path, float] = (Path(), float("-inf"))
+        self._named = ("", float("-inf"))
         self._size = self._left = 0
 
     @property
@@ -60,7 +62,8 @@ class RecordingStatus:
         path = snapshot.recording
         if path is None:
             can = snapshot.link is LinkState.UP
-            return RecordingText(tip=f"Record without a plan, into {self.folder}", button=RECORD if can else "")
+            tip = f"Record without a plan, into {self.folder}\n{self._preview()}"
+            return RecordingText(tip=tip.rstrip(), button=RECORD if can else "")
         self._look(path)
         short = f"\u25cf REC {duration(snapshot.recorded_s)}"
         left = f"{size_text(self._left)} free"
@@ -74,6 +77,18 @@ class RecordingStatus:
         text = "   ".join((short, size_text(self._size), left))
         wrong = little or (health is not None and health.late)
         return RecordingText(text, f"{short}   {left}" if little else short, tip, "warning" if wrong else "", button)
+
+    def _preview(self) -> str:
+        """Return the name that a recording begun now would have, where the settings have a template of it."""
+        if not self._run.session.settings.file_name:
+            return ""
+        if self._clock() - self._named[1] >= LOOK_S:
+            try:
+                name = self._run.next_recording().name
+            except BoatDaqError as error:
+                name = error.cause
+            self._named = (name, self._clock())
+        return self._named[0]
 
     def _look(self, path: Path) -> None:
         """Look at size and disk where it is due."""

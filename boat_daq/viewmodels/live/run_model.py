@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from boat_daq.engine.derived_store import as_lines, parse_lines, save_derived
-from boat_daq.engine.file_names import path_in
+from boat_daq.engine.file_names import named
 from boat_daq.engine.plan import Plan, built_in_plans, resume_point
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.session.session import Session
@@ -346,10 +346,21 @@ class RunModel:
         """
         folder, unit = self.services.recordings, self.connection.unit
         folder.mkdir(parents=True, exist_ok=True)
-        stamp = datetime.now(UTC).astimezone().strftime("%Y-%m-%d_%H%M%S")
-        path = path_in(folder, f"{unit}_{stamp}.boat")
+        path = self.next_recording()
         self.session.start_recording(path, {"unit": unit})
         return path
+
+    def next_recording(self) -> Path:
+        """Return the path that a recording begun now would have.
+
+        Raises
+        ------
+        OperatorError : the template of the settings gives no name.
+        """
+        settings = self.session.settings
+        template = settings.file_name or "{unit}_{date}_{time}"
+        values = {"unit": self.connection.unit, "operator": settings.operator, "plan": self.sequence.plan.name}
+        return named(template, self.services.recordings, datetime.now(UTC).astimezone(), **values)
 
     def toggle_recording(self) -> None:
         """Start a recording, or close the current one."""

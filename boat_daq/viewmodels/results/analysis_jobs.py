@@ -22,6 +22,7 @@ from analysis.figures.figure import SENSOR_FIGURES, Figure
 from analysis.progress import Progress, part_of
 from analysis.warning import Warning
 from boat_daq.viewmodels.common.formatting import NOTHING, number, sensor_words
+from boat_daq.viewmodels.common.plugged import with_plugins
 from boat_daq.viewmodels.common.reference import chosen_curve, exported_elongation, identity, stated_contributions
 from protocol.units import STORED_UNITS, ShownUnits
 
@@ -92,6 +93,17 @@ def verdict_rows(sensors: Sequence[SensorAnalysis]) -> list[tuple[Cell, ...]]:
     found = [sensor.calibration.adequacy if sensor.calibration is not None else None for sensor in sensors]
     cells = [(str(a.verdict), a.sentence) if a is not None else (NOTHING, "not tested") for a in found]
     return [(("Curve", "Whether the curve follows the readings within their scatter"), *cells)] if any(found) else []
+
+
+def lab_rows(found: Analysis) -> list[tuple[Cell, ...]]:
+    """Return a row for each figure of the lab's plugins; one of the unit is shown with the first sensor."""
+    rows: list[tuple[Cell, ...]] = []
+    for figure in found.lab_figures:
+        tip = f"{figure.label_with_unit}\nComputed by the plugin {figure.plugin}, not by boat-daq"
+        values = [*figure.values, *[math.nan] * len(found.sensors)][: len(found.sensors)]
+        cells: list[Cell] = [(f"{value:.4g}" if math.isfinite(value) else NOTHING, tip) for value in values]
+        rows.append(((f"{figure.label}\n{figure.unit}, {figure.plugin}", tip), *cells))
+    return rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,7 +270,7 @@ def analyse_run(
     degree, type_b = chosen_curve(recording, curve), stated_contributions(recording)
     options = Options(degree, mcmc=False, fidelity=level, type_b=type_b)
     readings = readings_beside(Path(path))
-    found = analyse(recording, readings, options=options, progress=part_of(progress, 1, 1, 4))
+    found = with_plugins(analyse(recording, readings, options=options, progress=part_of(progress, 1, 1, 4)), path)
     candidates = []
     if compare and found.budgets is not None:
         for i in range(len(found.sensors)):
@@ -274,7 +286,7 @@ def analyse_run(
         cycles=loops.n_cycles,
         partial=len(found.cycles.partial),
         sensors=tuple(_sensor(found, i) for i in range(len(found.sensors))),
-        figures=(*figure_rows(found.sensors), *verdict_rows(found.sensors)),
+        figures=(*figure_rows(found.sensors), *verdict_rows(found.sensors), *lab_rows(found)),
         loops=LoopSet(loops.numbers, loops.pressure_kpa, loops.elongation_mm, loops.signal_mv),
         warnings=found.warnings,
         reading_sd_mm=found.reading_sd_mm,
@@ -582,7 +594,8 @@ def report_runs(
         recording = load_recording(path)
         options = Options(chosen_curve(recording, curve), type_b=stated_contributions(recording))
         readings = readings_beside(path)
-        analyses.append(analyse(recording, readings, options=options, progress=part_of(progress, i, 1, parts)))
+        found = analyse(recording, readings, options=options, progress=part_of(progress, i, 1, parts))
+        analyses.append(with_plugins(found, str(path)))
     setting = part_of(progress, len(paths), WRITING, parts)
     return write_report(analyses, target, units=units, progress=setting).verdict
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from boat_daq.engine.settings import Settings
 from boat_daq.engine.snapshot import HealthSnapshot, LinkState, SessionState
 from boat_daq.viewmodels.live import recording_status
 from boat_daq.viewmodels.live.recording_status import RECORD, STOP, RecordingStatus
@@ -17,7 +18,9 @@ def status_of(tmp_path, now=lambda: 0.0, **changes):
     """A status of a session that shows these changes."""
     session = RecordedSession(connected())
     session.change(**changes)
-    run = SimpleNamespace(services=services_in(tmp_path), snapshot=session.shown)
+    run = SimpleNamespace(
+        services=services_in(tmp_path), snapshot=session.shown, session=SimpleNamespace(settings=Settings())
+    )
     return RecordingStatus(run, now), session.shown
 
 

@@ -241,7 +241,7 @@ def list_ports() -> list[PortInfo]:
 
 def usb_port(url: str) -> PortInfo | None:
     """Return the port of a USB device with a serial number that is at `url`, a device or a link to it; else None."""
-    names = {url, os.path.realpath(url)}
+    names = {url, os.path.realpath(url), url.replace("/dev/tty.", "/dev/cu.")}  # macOS lists the latter only
     return next((port for port in list_ports() if port.usb_serial and port.port in names), None)
 
 

@@ -374,7 +374,7 @@ def test_ambient_light_by_its_formula() -> None:
     assert signal_parts(run, 0).ambient == pytest.approx(with_light / np.sqrt(of_light))
     wild = np.concatenate([signal, 1e4 * np.sin(np.arange(60.0)), [1.0, 2.0, 5.0]])
     more = np.concatenate([dark, np.cos(np.arange(60.0)), [1.0, 9.0, 2.0]])
-    also = lit_run(more, wild, (0, 99, ""), (100, 199, ""), (200, 259, "gap"), (260, 262, ""))
+    also = lit_run(more, wild, (200, 259, "gap"), (260, 262, ""), (0, 99, ""), (100, 199, ""))
     assert signal_parts(also, 0).ambient == pytest.approx(with_light / np.sqrt(of_light))
     assert signal_parts(lit_run(dark, signal), 0).ambient == 0.0
     assert signal_parts(lit_run(0.0 * dark + 300.0, signal, (0, 199, "")), 0).ambient == 0.0
@@ -416,6 +416,12 @@ def test_u_is_not_given_within_u_of_a_turn(monkeypatch: pytest.MonkeyPatch, expa
     assert table.shape == ((41, 2) if known else (0, 2))
     assert np.isfinite(table[:, 1]).sum() == known
     assert reason.startswith("the curve turns at 0.5 mm")
+
+
+def test_sensor_without_a_calibration_has_no_u() -> None:
+    """No points, and the reason."""
+    table, reason = elongation_uncertainty(a_run(name="s1", calibration_void="no readings"), 0)
+    assert (table.shape, reason) == ((0, 2), "s1 is not calibrated: no readings")
 
 
 def test_middle_budget_is_of_the_middle_of_the_range(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,7 +22,8 @@ from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.recording.summary import Summary, summarise
 from boat_daq.engine.session.camera_channel import FAULT_TEXTS, REST_S, CameraChannel
 from boat_daq.engine.session.session import Session
-from boat_daq.engine.settings import load_settings
+from boat_daq.engine.session.shared_vent import SharedVent
+from boat_daq.engine.settings import home, load_settings
 from boat_daq.engine.snapshot import LinkState, LinkWarningCode, MessageKind, SessionSnapshot, SessionState
 from boat_daq.errors import BoatDaqError, DeviceError
 from boat_daq.viewmodels.live.enough_cycles import EnoughCycles
@@ -99,6 +100,7 @@ def run_session(
     camera: CameraChannel | None = None
     settings = load_settings()
     session = Session(dataclasses.replace(settings, allow_remote=settings.allow_remote or request.allow_remote))
+    shared = SharedVent(session.vent, lambda: request.unit or request.path.name, home("config"))
     try:
         if request.derived is not None:
             session.set_derived(request.derived)
@@ -142,6 +144,7 @@ def run_session(
     finally:
         if camera is not None:
             camera.close()
+        shared.close()
         session.close()
         for message in session.snapshot().messages:
             if message.kind is MessageKind.PLUGIN:

@@ -22,6 +22,7 @@ from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.text_dialog import TextDialog
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Page, Panel
+from boat_daq.viewmodels.live.open_windows import start_window
 from boat_daq.viewmodels.live.shadow_live import SCALES
 from boat_daq.viewmodels.results.metadata import MetadataModel
 
@@ -72,6 +73,7 @@ def session(window: MainWindow) -> list[Command]:
     describe = partial(model.services.show, Panel.PROFILE)
     return [
         add("Vent now", "F4", window.vent, also="emergency release deflate"),
+        add("Vent all windows now", "Shift+F4", model.windows.vent_all, also="emergency release every board"),
         add("Close what is open, else vent", "Esc", window.escape, also="cancel escape"),
         add("Connect …", "Ctrl+K", partial(model.services.show, Panel.CONNECT), apart=True, also="port serial board"),
         add("Describe a board …", "Ctrl+Shift+D", describe, also="profile wizard text firmware Arduino RX8"),
@@ -83,6 +85,9 @@ def session(window: MainWindow) -> list[Command]:
             run.trial.possible,
             why=lambda: CONNECTED,
             also="demo",
+        ),
+        add(
+            "Open a window for another board", "Ctrl+Shift+W", partial(attempt, start_window), also="second session new"
         ),
         add("Disconnect", "Ctrl+Shift+K", partial(attempt, connection.disconnect), has_port),
         add("Start or close the recording", "Ctrl+R", run.toggle_recording, model.connected, apart=True),

@@ -137,6 +137,7 @@ def run(
     window = make_window(rate_hz)
     model = window.model
     Collector(window, window.page_made)
+    model.notices.attempt(model.windows.join)
     window.fit_screen()
     window.show()
     if board:

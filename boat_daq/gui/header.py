@@ -6,6 +6,7 @@ The strip shows the most severe notice with its remedy and action, and the runni
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 from PySide6.QtCore import Qt
@@ -29,6 +30,15 @@ SEPARATOR = "  \u00b7  "
 CHOOSE = "Choose the port (Ctrl+K)"
 
 
+@dataclass(frozen=True, slots=True)
+class Vents:
+    """What the red buttons do: vent this window's board, or those of all windows; `others` names these."""
+
+    this: Callable[[], None]
+    all: Callable[[], None]
+    others: Callable[[], Sequence[str]]
+
+
 class Header(QWidget):
     """The header; `refresh` shows a snapshot."""
 
@@ -37,10 +47,11 @@ class Header(QWidget):
         connection: ConnectionModel,
         unit: UnitInUse,
         recording: RecordingStatus,
-        vent: Callable[[], None],
+        vents: Vents,
         services: Services,
     ) -> None:
         super().__init__()
+        self._vents = vents
         self.connection, self.unit_in_use = connection, unit
         self.recording = RecordingBadge(recording, services)
         self.setFixedHeight(style.HEADER_HEIGHT)
@@ -51,12 +62,16 @@ class Header(QWidget):
         self._unit_text = ""
         self._lengths: tuple[object, ...] = ()
         self._short = False  # whether the recording's size is left out
-        self.vent = vent_button(vent)
+        self.vent = vent_button(vents.this)
+        self.vent_all = vent_all_button(vents.all)
+        self.vent_all.hide()
         self.brand = widgets.label("boat-daq", "brand")
         left = (self.brand, self.simulated, self.link, *self.figures)
         ends = (style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0)
         record = self.recording.badge, self.recording.button
-        self.line = widgets.row(*left, None, *record, self.unit, self.vent, spacing=style.CARD_PADDING, margins=ends)
+        self.line = widgets.row(
+            *left, None, *record, self.unit, self.vent_all, self.vent, spacing=style.CARD_PADDING, margins=ends
+        )
         for widget in left:
             self.line.setAlignment(widget, Qt.AlignmentFlag.AlignVCenter)
         widgets.surface(self, "header", self.line)
@@ -84,7 +99,7 @@ class Header(QWidget):
         widths = {name: self.unit.fontMetrics().horizontalAdvance(name) for name in names}
         around = self.unit.sizeHint().width() - self.unit.fontMetrics().horizontalAdvance(self.unit.text())
         record = self.recording.badge, self.recording.button
-        fixed = (self.simulated, self.link, self.vent, *record, *([self.brand] if wide else []))
+        fixed = (self.simulated, self.link, self.vent, self.vent_all, *record, *([self.brand] if wide else []))
 
         def fixed_width() -> int:
             return self._needed([w for w in fixed if w is self.brand or not w.isHidden()]) + around
@@ -115,6 +130,12 @@ class Header(QWidget):
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the link, its figures, the unit."""
+        others = self._vents.others()
+        if bool(others) is self.vent_all.isHidden():
+            self.vent_all.setVisible(bool(others))
+            self._lengths = ()  # place all again
+        if others:
+            self.vent_all.setToolTip(f"Vent this board and those of the other windows now: {', '.join(others)}")
         text = link_text(snapshot)
         words = text.word if not text.who else f"{text.who}  {text.word}"
         starting = "\u25d4  starting the virtual board \u2026"
@@ -147,6 +168,17 @@ def vent_button(vent: Callable[[], None]) -> QPushButton:
     button.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
     button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
     button.pressed.connect(vent)
+    return button
+
+
+def vent_all_button(vent_all: Callable[[], None]) -> QPushButton:
+    """Return the button that vents the boards of all windows; shown where there are others."""
+    button = QPushButton("ALL   Shift+F4")
+    button.setObjectName("vent-all")
+    button.setAccessibleName("Vent the actuators of all windows now")
+    button.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
+    button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+    button.pressed.connect(vent_all)
     return button
 
 

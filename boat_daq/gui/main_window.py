@@ -20,7 +20,7 @@ from PySide6.QtWidgets import QApplication, QMainWindow, QStackedWidget, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.connect_panel import ConnectPanel
-from boat_daq.gui.header import Header, Navigation, Strip
+from boat_daq.gui.header import Header, Navigation, Strip, Vents
 from boat_daq.gui.live.live_page import LivePage
 from boat_daq.gui.live.units_panel import UnitsPanel
 from boat_daq.gui.models.optics_page import OpticsPage
@@ -72,7 +72,8 @@ class MainWindow(QMainWindow):
         model.services.show, model.services.open = self.show_place, self.open_file
         self.setAcceptDrops(True)
         self.setMinimumSize(*style.WINDOW_MINIMUM)
-        self.header = Header(model.connection, model.unit, RecordingStatus(model.run), self.vent, model.services)
+        vents = Vents(self.vent, model.windows.vent_all, lambda: model.windows.others)
+        self.header = Header(model.connection, model.unit, RecordingStatus(model.run), vents, model.services)
         self.strip = Strip(model.notices, model.jobs)
         self.navigation = Navigation(tuple(Page), self.go, self.show_keys)
         self.stack = QStackedWidget()
@@ -89,7 +90,9 @@ class MainWindow(QMainWindow):
         self.palette_ = Palette(self, self.commands)
         self.keys: ShortcutSheet | None = None
         self.units_panel: UnitsPanel | None = None  # made where it is first shown
-        self.window_keys = WindowKeys(self, self.vent, self.escape, lambda: self.page is Page.LIVE)
+        self.window_keys = WindowKeys(
+            self, self.vent, model.windows.vent_all, self.escape, lambda: self.page is Page.LIVE
+        )
         application().focusWindowChanged.connect(self.window_keys.watch)
         application().focusChanged.connect(self.window_keys.follow_focus)
         QGuiApplication.styleHints().colorSchemeChanged.connect(self.follow_theme)

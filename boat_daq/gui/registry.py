@@ -112,10 +112,10 @@ class Registry:
 class WindowKeys(QObject):
     """Event filter of the program's windows, and where the focus may go.
 
-    F4 vents over everything. Esc closes what is open: a menu, a list, a panel; with nothing open it is a shortcut.
-    Space freezes the plots where they are shown, whatever has the focus but a text field; elsewhere it goes to the
-    control with the focus. Enter presses a focused button. Undo and redo go to a field while it has edits to undo, else
-    to the window's history: the reading field has the focus for a whole run.
+    F4 vents over everything, Shift+F4 all windows. Esc closes what is open: a menu, a list, a panel; with nothing open
+    it is a shortcut. Space freezes the plots where they are shown, whatever has the focus but a text field; elsewhere
+    it goes to the control with the focus. Enter presses a focused button. Undo and redo go to a field while it has
+    edits to undo, else to the window's history: the reading field has the focus for a whole run.
 
     Where a control with the focus disappears, Qt gives the focus to the next one, and a window that is opened to its
     first: a key would press it. Here it then goes nowhere.
@@ -123,16 +123,22 @@ class WindowKeys(QObject):
     Parameters
     ----------
     window : the main window, whose focus is watched.
-    vent : vents at once.
+    vent, vent_all : vent at once, this window's board or all.
     escape : does what Esc does with nothing open.
     shows_plots : returns whether the page with the live plots is shown.
     """
 
     def __init__(
-        self, window: QWidget, vent: Callable[[], None], escape: Callable[[], None], shows_plots: Callable[[], bool]
+        self,
+        window: QWidget,
+        vent: Callable[[], None],
+        vent_all: Callable[[], None],
+        escape: Callable[[], None],
+        shows_plots: Callable[[], bool],
     ) -> None:
         super().__init__(window)
-        self.window, self.vent, self.escape, self.shows_plots = window, vent, escape, shows_plots
+        self.window, self.vent, self.vent_all = window, vent, vent_all
+        self.escape, self.shows_plots = escape, shows_plots
         self._moving = False  # whether the operator moves the focus, by mouse, Tab or an arrow
         self._chosen: QWidget | None = None  # the button that the operator gave the focus last
 
@@ -154,7 +160,7 @@ class WindowKeys(QObject):
         if event.type() is not QEvent.Type.KeyPress:
             return False
         if event.key() == Qt.Key.Key_F4:
-            self.vent()
+            (self.vent_all if event.modifiers() & Qt.KeyboardModifier.ShiftModifier else self.vent)()
             return True
         if event.key() == Qt.Key.Key_Escape and isinstance(focus, QMenuBar) and _nothing_open():
             self.escape()  # the menu bar keeps the keyboard after its menu was closed

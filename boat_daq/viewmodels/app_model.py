@@ -26,6 +26,7 @@ from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.conversion import UnitInUse
 from boat_daq.viewmodels.live.layout import Layouts
 from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel
+from boat_daq.viewmodels.live.open_windows import OpenWindows
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.run_model import CalibrationOffer, ResumeRun, RunModel
 from boat_daq.viewmodels.live.sequence import SequenceModel
@@ -61,6 +62,7 @@ class AppModel:
         self.services = Services(self.notices, self.preferences, self.undo, recordings)
         self.connection = ConnectionModel(session, self.preferences, self.units)
         self.board_profile = BoardProfile(session.settings)
+        self.windows = OpenWindows(session, lambda: self.unit.name(self.snapshot), self.notices, folder)
         self.layouts = Layouts(self.preferences, self.undo, lambda: self.unit.name(self.snapshot))
         self.live = LiveModel(lambda: session.ring, layout=lambda: self.layouts.current)
         self.overlay = OverlayModel(lambda: session.ring, session.steps, self.live.time_of)
@@ -133,6 +135,7 @@ class AppModel:
         attempt(lambda: self.camera.follow(snapshot))
         attempt(lambda: self.unit.follow(snapshot, self.calibration.units_revision))
         self._messages.follow(snapshot)
+        self.windows.follow()
         return snapshot
 
     def _report_alarms(self) -> None:
@@ -194,6 +197,7 @@ class AppModel:
         """Vent, close the recording and the link, cancel background work."""
         for part in (
             self.run.enough,
+            self.windows,
             self.jobs,
             self.unit,
             self.runs,

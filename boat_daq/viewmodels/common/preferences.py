@@ -1,6 +1,7 @@
 """Values kept between starts in a small JSON file, which is ignored if broken; one of them is the fidelity.
 
-If it cannot be written, that is reported once, and the values last as long as the window.
+If it cannot be written, that is reported once, and the values last as long as the window. Several windows share the
+file: each writes only the values that it has set, and goes by its own until its next start.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class Preferences:
         self.path = folder / NAME
         self._report: Callable[[str, str], object] | None = report
         self._values: dict[str, Any] = self._load()
-        self._waits = False
+        self._unsaved: set[str] = set()
 
     def get(self, key: str, default: Any = None) -> Any:
         """Return the value of `key`; `default` if it is missing or of another type."""
@@ -45,14 +46,19 @@ class Preferences:
 
     def set(self, key: str, value: Any) -> None:
         """Store a JSON value."""
-        if self._waits or self._values.get(key) != value:
+        if self._unsaved or self._values.get(key) != value:
             self._values[key] = value
+            self._unsaved.add(key)
             self._save()
+
+    def change(self, key: str, change: Callable[[Any], Any]) -> None:
+        """Store what `change` makes of the value in the file, which another window may have written."""
+        self.set(key, change(self._load().get(key, self._values.get(key))))
 
     def set_later(self, key: str, value: Any) -> None:
         """Store a JSON value that changes with every movement of the mouse: the next `set` writes it to the disk."""
         self._values[key] = value
-        self._waits = True
+        self._unsaved.add(key)
 
     def _load(self) -> dict[str, Any]:
         try:
@@ -62,10 +68,11 @@ class Preferences:
         return values if isinstance(values, dict) else {}
 
     def _save(self) -> None:
-        self._waits = False
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(self.path, json.dumps(self._values, indent=1))
+            kept = {**self._values, **self._load()} | {key: self._values[key] for key in self._unsaved}
+            write_whole(self.path, json.dumps(kept, indent=1))
+            self._unsaved.clear()
         except OSError as error:
             if self._report is not None:
                 report, self._report = self._report, None

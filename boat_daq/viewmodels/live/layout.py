@@ -277,11 +277,10 @@ class Layouts:
         return {name: layout for name, layout in read.items() if layout is not None}
 
     def _write(self, unit: str, name: str, layout: Layout | None) -> None:
-        stored = self._preferences.get(KEY, {})
-        kept: dict[str, dict[str, Any]] = {u: dict(names) for u, names in stored.items() if isinstance(names, dict)}
-        mine = kept.setdefault(unit, {})
-        if layout is not None:
-            mine[name] = asdict(layout)
-        else:
-            mine.pop(name, None)
-        self._preferences.set(KEY, kept)
+        def changed(stored: Any) -> dict[str, dict[str, Any]]:
+            kept = dict(stored) if isinstance(stored, dict) else {}
+            mine = kept.get(unit, {})
+            rest = {other: one for other, one in mine.items() if other != name} if isinstance(mine, dict) else {}
+            return {**kept, unit: rest if layout is None else {**rest, name: asdict(layout)}}
+
+        self._preferences.change(KEY, changed)

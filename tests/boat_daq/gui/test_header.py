@@ -12,6 +12,7 @@ from boat_daq.engine.snapshot import (
     HealthSnapshot,
     LinkState,
 )
+from boat_daq.gui.header import Vents
 from protocol.link.events import LinkStatistics
 from tests.boat_daq.gui.results.run_results import run_result
 from tests.boat_daq.gui.windows import NARROW
@@ -98,3 +99,25 @@ def test_unplugged_board_leaves_nothing_that_looks_current(live):
     live.model.session.change(link=LinkState.UP)
     live.refresh()
     assert (live.header.figures[0].text(), pane.view.stale) == ("100.0 Hz", False)
+
+
+def test_all_windows_are_vented_by_one_key_where_there_are_others(live):
+    """The button is shown while another window is open; it and Shift+F4 vent all, F4 this one alone; none is cut."""
+    pressed = []
+    live.header._vents = Vents(live.vent, lambda: pressed.append("all"), lambda: ["SA2"])
+    live.window_keys.vent_all = lambda: pressed.append("key")
+    live.window_keys.vent = lambda: pressed.append("this")
+    for width in (NARROW, 1280):
+        live.resize(width, 533)
+        live.refresh()
+        QApplication.processEvents()
+        for button in (live.header.vent, live.header.vent_all):
+            assert button.isVisible()
+            assert live.header.rect().contains(button.geometry()), width
+    assert "SA2" in live.header.vent_all.toolTip()
+    QTest.keyClick(live.windowHandle(), Qt.Key.Key_F4, Qt.KeyboardModifier.ShiftModifier)
+    QTest.keyClick(live.windowHandle(), Qt.Key.Key_F4)
+    assert pressed == ["key", "this"]
+    live.header._vents = Vents(live.vent, lambda: None, list)
+    live.refresh()
+    assert not live.header.vent_all.isVisible()

@@ -1,0 +1,97 @@
+"""VENT ALL: every session that answers is vented, whatever another one does."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from boat_daq.engine.session import shared_vent
+from boat_daq.engine.session.shared_vent import FOLDER, SharedVent, VentAnswer
+
+
+@pytest.fixture
+def join(tmp_path):
+    """Return a function that takes part under a name, and the names that were vented."""
+    joined, vented = [], []
+
+    def take_part(name: str) -> SharedVent:
+        joined.append(SharedVent(lambda: vented.append(name), lambda: name, tmp_path))
+        return joined[-1]
+
+    yield take_part, vented
+    for each in joined:
+        each.close()
+
+
+def test_every_other_session_is_vented_and_confirms(join, tmp_path):
+    """Three sessions: one asks, the two others vent and answer with their names; one that left is not asked."""
+    take_part, vented = join
+    one, two, three = (take_part(name) for name in ("SA1", "SA2", "SA3"))
+    assert sorted(one.others()) == ["SA2", "SA3"]
+    assert sorted(answer.name for answer in one.vent_others() if answer.vented) == ["SA2", "SA3"]
+    assert sorted(vented) == ["SA2", "SA3"]
+    three.close()
+    assert two.others() == ["SA1"]
+    assert all(path.stat().st_mode & 0o077 == 0 for path in (tmp_path / FOLDER).iterdir() if os.name == "posix")
+
+
+def test_a_stranger_vents_nothing(join, tmp_path):
+    """Without the key a request is not answered: neither another user's nor a wrong one."""
+    take_part, vented = join
+    take_part("SA1")
+    content = json.loads(next((tmp_path / FOLDER).iterdir()).read_text(encoding="utf-8"))
+    for line in (b"vent\n", b"0000 vent\n", b"\xff\xfe\n"):
+        with socket.create_connection(("127.0.0.1", content["port"]), timeout=5) as link:
+            link.sendall(line)
+            assert link.recv(100) == b""
+    assert vented == []
+
+
+def test_one_that_does_not_answer_delays_no_other(join, tmp_path, monkeypatch):
+    """A program that hangs is named as not vented; broken files and those of ended programs are left out."""
+    monkeypatch.setattr(shared_vent, "ANSWER_S", 0.3)
+    take_part, vented = join
+    one = take_part("SA1")
+    take_part("SA2")
+    hangs = socket.create_server(("127.0.0.1", 0))
+    folder = tmp_path / FOLDER
+    (folder / "hangs.json").write_text(json.dumps({"port": hangs.getsockname()[1], "key": "x"}), encoding="utf-8")
+    (folder / "broken.json").write_text("{", encoding="utf-8")
+    gone = socket.create_server(("127.0.0.1", 0))
+    (folder / "gone.json").write_text(json.dumps({"port": gone.getsockname()[1], "key": "x"}), encoding="utf-8")
+    gone.close()
+    answers = one.vent_others()
+    hangs.close()
+    assert set(answers) == {VentAnswer("SA2", vented=True), VentAnswer("hangs", vented=False)}
+    assert vented == ["SA2"]
+    assert not (folder / "gone.json").exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL and SIGSTOP")
+def test_killed_process_is_left_out(join, tmp_path):
+    """A second process takes part, vents on request while its main thread is busy, and is gone once it is killed."""
+    take_part, _ = join
+    one = take_part("SA1")
+    code = (
+        "import sys, pathlib, time\n"
+        "from boat_daq.engine.session.shared_vent import SharedVent\n"
+        "s = SharedVent(lambda: print('vented', flush=True), lambda: 'SA2', pathlib.Path(sys.argv[1]))\n"
+        "print('ready', flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout.readline() == "ready\n"
+        assert one.vent_others() == [VentAnswer("SA2", vented=True)]
+        assert other.stdout.readline() == "vented\n"
+        other.send_signal(signal.SIGKILL)
+        other.wait()
+        assert one.vent_others() == []
+    assert threading.active_count() < 20

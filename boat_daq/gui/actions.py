@@ -21,8 +21,8 @@ from boat_daq.gui.results.runs_page import RunsPage
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.text_dialog import TextDialog
 from boat_daq.viewmodels.common.notices import Severity
+from boat_daq.viewmodels.common.open_windows import start_window
 from boat_daq.viewmodels.common.services import Page, Panel
-from boat_daq.viewmodels.live.open_windows import start_window
 from boat_daq.viewmodels.live.shadow_live import SCALES
 from boat_daq.viewmodels.results.metadata import MetadataModel
 

@@ -18,6 +18,7 @@ from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, prepare
 from boat_daq.viewmodels.common.notices import Notices, SessionMessages, Severity
+from boat_daq.viewmodels.common.open_windows import OpenWindows
 from boat_daq.viewmodels.common.preferences import Precision, Preferences, UnitChoice
 from boat_daq.viewmodels.common.services import Page, Panel, Services, UndoHistory
 from boat_daq.viewmodels.live.board_profile import BoardProfile
@@ -26,7 +27,6 @@ from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.conversion import UnitInUse
 from boat_daq.viewmodels.live.layout import Layouts
 from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel
-from boat_daq.viewmodels.live.open_windows import OpenWindows
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.run_model import CalibrationOffer, ResumeRun, RunModel
 from boat_daq.viewmodels.live.sequence import SequenceModel

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.plan import StepMark
+from boat_daq.engine.settings import Settings
 from boat_daq.engine.snapshot import LastSample, Limits, LinkState, Reading, SessionSnapshot, SessionState
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.preferences import Preferences
@@ -73,6 +74,7 @@ class RecordedSession:
 
     def __init__(self, shown: SessionSnapshot, ring: RingBuffer | None = None) -> None:
         self.shown, self.ring = shown, ring
+        self.settings = Settings()
         self.derived: tuple[DerivedChannel, ...] = ()
         self.calls: list[str] = []
         self.kept: list[Reading] = []

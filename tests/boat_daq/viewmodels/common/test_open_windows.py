@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import pytest
 
 from boat_daq.engine.session.shared_vent import SharedVent, VentAnswer
+from boat_daq.viewmodels.common import open_windows
 from boat_daq.viewmodels.common.notices import Notices, Severity
+from boat_daq.viewmodels.common.open_windows import OpenWindows
 from boat_daq.viewmodels.common.preferences import Preferences
-from boat_daq.viewmodels.live import open_windows
-from boat_daq.viewmodels.live.open_windows import OpenWindows
 from tests.boat_daq.viewmodels.helpers import until
 
 

@@ -104,6 +104,13 @@ def solve(
         float | None, typer.Option(help="Oval error of the print, mm: also find the pressure at which it collapses.")
     ] = None,
     plot: PlotOption = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            metavar="MM",
+            help="Greatest error of the elongation by the mesh: chooses the mesh; the answer states its own.",
+        ),
+    ] = None,
     fidelity: FidelityOption = "normal",
     as_json: JsonOption = False,
 ) -> None:
@@ -122,8 +129,21 @@ def solve(
         raise typer.BadParameter("goes with --model full and without --plot", param_hint="--mesh")
     from analysis.shadow.model.assessment import PRINT_ERROR_MM, assess, collapse_kpa
     from analysis.shadow.model.guides import both_guides
+    from analysis.shadow.model.tolerance import solve_within
 
-    full, solution, used, seconds = _solved(pressure, elongation, model, parameters, mesh, fidelity)
+    error_mm = math.nan
+    if tolerance is None:
+        full, solution, used, seconds = _solved(pressure, elongation, model, parameters, mesh, fidelity)
+    else:
+        if pressure is None or elongation is not None or model != "full" or mesh is not None or fidelity != "normal":
+            raise typer.BadParameter(
+                "goes with --pressure and the full model, without --elongation, --mesh and --fidelity",
+                param_hint="--tolerance",
+            )
+        begun = time.perf_counter()
+        met = solve_within(chosen_parameters(parameters), pressure, tolerance)
+        full, solution, used, seconds = met.model, met.solution, "full", time.perf_counter() - begun
+        error_mm = met.error_mm
     limit_kpa = full.vacuum_limit.pressure_kpa
     found = assess(full, solution, print_error or PRINT_ERROR_MM)
     collapses_kpa = collapse_kpa(full, print_error) if print_error else math.nan
@@ -135,6 +155,9 @@ def solve(
     result = {
         "pressure_kpa": solution.pressure_kpa,
         "elongation_mm": solution.elongation_mm,
+        "error_mm": error_mm,
+        "tolerance_mm": tolerance,
+        "mesh": [full.parameters.axial_elements, full.parameters.wall_elements, full.parameters.lattice_elements],
         "lowest_eigenvalue": found.lowest_eigenvalue,
         "iterations": solution.iterations,
         "seconds": seconds,
@@ -156,6 +179,10 @@ def solve(
         f"lowest eigenvalue {found.lowest_eigenvalue:.3f} (1 at rest, 0 at the critical pressure of "
         f"{limit_kpa:.3g} kPa)",
     ]
+    if tolerance is not None:
+        size = full.parameters
+        elements = f"{size.axial_elements} x ({size.wall_elements} + {size.lattice_elements})"
+        lines.append(f"error of the elongation by the mesh of {elements} elements: {error_mm:.2g} mm")
     if math.isfinite(found.growth_mm):
         lines.append(f"a print that is oval by {found.error_mm:g} mm is oval by another {found.growth_mm:+.2g} mm here")
     if math.isfinite(collapses_kpa):

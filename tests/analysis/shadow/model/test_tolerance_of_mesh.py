@@ -1,0 +1,69 @@
+"""As fine a mesh as an error of the elongation takes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis.errors import AnalysisError, RequestError
+from analysis.shadow.fem.parameters import ActuatorParameters
+from analysis.shadow.model.full import FullModel
+from analysis.shadow.model.tolerance import error_estimates, mesh_of, solve_within
+
+
+def test_an_error_of_second_order_is_estimated_exactly() -> None:
+    """Elongations that differ from 3 mm by 0.1 / k^2 have just that error estimated."""
+    found = error_estimates([3.0 + 0.1 / k**2 for k in range(1, 6)])
+    assert found == pytest.approx([0.1 / k**2 for k in range(2, 6)])
+
+
+def test_a_change_of_sign_does_not_hide_an_error() -> None:
+    """Two equal elongations by chance leave a quarter of what the estimate before leads to."""
+    first, second = error_estimates([1.0, 1.1, 1.1])
+    assert second == pytest.approx(0.25 * first / (3 / 2) ** 2)
+
+
+def test_a_coarse_tolerance_takes_a_coarse_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tenth of a millimetre is met by the second or third mesh, and the error of the default mesh is below it."""
+    monkeypatch.setattr(FullModel, "check_limits", lambda *_: None)  # a search of its own, tested with the model
+    found = solve_within(ActuatorParameters(), 20.0, 0.1)
+    assert found.error_mm <= 0.1
+    assert found.elements in (mesh_of(2), mesh_of(3))
+    assert abs(found.solution.elongation_mm - FullModel().solver.solve(pressure_kpa=20.0).elongation_mm) < 0.1
+
+
+@pytest.mark.parametrize(("tolerance_mm", "pressure_kpa"), [(0.0, 10.0), (math.nan, 10.0), (0.1, math.nan)])
+def test_numbers_without_sense_are_refused(tolerance_mm: float, pressure_kpa: float) -> None:
+    """No tolerance, or no pressure."""
+    with pytest.raises(AnalysisError):
+        solve_within(ActuatorParameters(), pressure_kpa, tolerance_mm)
+
+
+@pytest.mark.nightly
+def test_a_tolerance_beyond_the_finest_mesh_is_refused_with_the_best() -> None:
+    """The refusal states an error that can be met."""
+    with pytest.raises(RequestError) as refused:
+        solve_within(ActuatorParameters(), 20.0, 1e-9)
+    assert "or more" in refused.value.remedy
+
+
+@pytest.mark.nightly
+def test_the_estimate_bounds_the_error_of_random_actuators() -> None:
+    """Of 20 random actuators on three meshes, the error is within the estimate in 93 % or more."""
+    rng, rest, inside = np.random.default_rng(5), ActuatorParameters(), []
+    for _ in range(20):
+        actuator = replace(
+            rest, wall_modulus_kpa=rest.wall_modulus_kpa * rng.uniform(0.7, 1.5),
+            neck_radius_mm=rest.neck_radius_mm * rng.uniform(0.8, 1.1), wall_mm=rng.uniform(1.9, 2.5),
+        )  # fmt: skip
+        pressure, found = rng.uniform(-25.0, 50.0), []
+        for level in range(1, 7):
+            along, wall, lattice = mesh_of(level)
+            mesh = replace(actuator, axial_elements=along, wall_elements=wall, lattice_elements=lattice)
+            found.append(FullModel(mesh).solver.solve(pressure_kpa=pressure).elongation_mm)
+        truth = found[-1] + (found[-1] - found[-2]) / ((6 / 5) ** 2 - 1)
+        inside += [abs(found[k] - truth) <= error_estimates(found)[k - 1] for k in (1, 2, 3)]
+    assert np.mean(inside) >= 0.93

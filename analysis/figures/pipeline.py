@@ -251,7 +251,8 @@ def _values(run: SegmentedRun) -> dict[str, Any]:
 
 
 def _weights(loops: Loops, options: Options) -> FloatArray:
-    rng, resamples = np.random.default_rng(options.seed), fidelity(options.fidelity).resamples
+    resamples = options.resamples or fidelity(options.fidelity).resamples
+    rng = np.random.default_rng(options.seed)
     return resampling_weights(max(loops.n_cycles, 1), rng, resamples)[:, : loops.n_cycles]
 
 

@@ -63,6 +63,8 @@ OF_POINTS = (  # figures of the calibration's points; the others are those of th
 
 
 ACTUATOR_DEGREE, ACTUATOR_LOOP_TERMS = 3, 4
+MOST_RESAMPLES = 200_000
+"""More take gigabytes, and change no digit that is printed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +80,7 @@ class Options:
     mcmc : sample the posterior.
     plateau : what counts as settled.
     fidelity : how fine bootstrap and sampler are, see `analysis.fidelity`.
+    resamples, posterior_samples : in place of the fidelity's.
     leave_out : leave out readings whose points are off the curve, each with a warning.
     type_b : contributions to the uncertainty of an elongation that no run shows, see `analysis.calibration.type_b`.
     derived : derived channels besides those that the recording states, see `protocol.recording.derived`.
@@ -93,6 +96,8 @@ class Options:
     leave_out: bool = False
     type_b: tuple[TypeBContribution, ...] = ()
     derived: tuple[str, ...] = ()
+    resamples: int | None = None
+    posterior_samples: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,7 +244,8 @@ def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None 
             posterior = sample_posterior(
                 calibration.x, calibration.y, calibration.degree, reading_sd=run.reading_sd_mm,
                 positions=run.position_of(points), monotone=run.options.monotone, seed=run.options.seed + sensor,
-                walkers=fineness.walkers, samples=fineness.posterior_samples, progress=part_of(progress, 0, 4, 5),
+                walkers=fineness.walkers, samples=run.options.posterior_samples or fineness.posterior_samples,
+                progress=part_of(progress, 0, 4, 5),
             )  # fmt: skip
     except AnalysisError as error:
         reason = error.cause

@@ -108,6 +108,9 @@ def _stored_options(stored: Mapping[str, Any]) -> Options:
     numbers = (table["seed"], table["x_resolution_mm"] or 0, *asdict(plateau).values())
     if not all(isinstance(number, int | float) and number >= 0 for number in numbers):
         raise ValueError(f"no number, or a negative one, among {numbers}")
+    draws = {name: table[name] for name in ("resamples", "posterior_samples")}
+    if not all(n is None or (isinstance(n, int) and 0 < n <= MOST_RESAMPLES) for n in draws.values()):
+        raise ValueError(f"no usable number of draws among {draws}")
     read = {
         "degree": degree_of(str(table["degree"])), "seed": int(table["seed"]), "plateau": plateau,
         "fidelity": fidelity(str(table["fidelity"])).level, "type_b": contributions(table["type_b"] or {}),

@@ -35,6 +35,7 @@ from boat_daq.commands.options import (
 
 if TYPE_CHECKING:
     from analysis.figures.pipeline import Analysis
+    from analysis.sequential.accuracy import Accuracy, Unit
 
 
 def analyze(
@@ -54,8 +55,13 @@ def analyze(
     degree: DegreeOption = "3",
     x_resolution: XResolutionOption = None,
     tolerance: Annotated[
-        float, typer.Option(min=0.01, metavar="KPA", help="A plateau is settled within this pressure deviation.")
-    ] = 1.0,
+        str,
+        typer.Option(
+            metavar="KPA|MMmm|P%FSO",
+            help="A plateau is settled within this pressure deviation, as 1; or, with a unit, the greatest error that "
+            "resampling and sampling leave in the figures, as 0.005mm or 0.1%FSO.",
+        ),
+    ] = "1",
     settling: Annotated[
         float, typer.Option(min=0.0, metavar="S", help="Time omitted after each arrival at a plateau.")
     ] = 0.5,
@@ -78,11 +84,14 @@ def analyze(
     from analysis.calibration.curve_choice import degree_of
     from analysis.figures.acceptance import conformity_json
     from analysis.figures.stored_results import store_analysis
+    from analysis.sequential.accuracy import accuracy_of, analyse_within
     from boat_daq.commands.importing import column_map
     from boat_daq.viewmodels.common.plugged import with_plugins
     from boat_daq.viewmodels.common.reference import stated_contributions
 
-    limits = limits_of(limit)
+    limits, (settled_kpa, accuracy) = limits_of(limit), tolerances(tolerance)
+    if accuracy is not None and fidelity != "normal":
+        raise typer.BadParameter("chooses the draws itself: omit --fidelity", param_hint="--tolerance")
     recording = load_recording(run, columns=column_map(mapping) or None, rate_hz=rate)
     if video is not None:
         from boat_daq.viewmodels.common.camera import CameraChoice, film
@@ -96,13 +105,16 @@ def analyze(
             seed=seed,
             mcmc=not no_mcmc,
             x_resolution_mm=x_resolution,
-            plateau=PlateauSettings(tolerance, settling),
+            plateau=PlateauSettings(settled_kpa, settling),
             fidelity=fidelity,
             leave_out=leave_out,
             type_b=stated_contributions(recording, type_b),
             derived=tuple(derive or ()),
         )
-        analysis = analyse(recording, elongation, options=options, progress=advance)
+        if accuracy is None:
+            analysis = analyse(recording, elongation, options=options, progress=advance)
+        else:
+            analysis = analyse_within(recording, elongation, options, *accuracy, progress=advance)
     conformity = conformity_json(analysis, limits)
     if video is not None and not no_store:
         notify("the result is not stored: its elongations are those of a video, which the recording does not hold")
@@ -117,11 +129,45 @@ def analyze(
             shadow = against_shadow(analysis, progress=advance).as_json()
     if as_json:
         budgets = None if analysis.budgets is None else analysis.budgets.as_json()
-        emit_json(analysis.to_json() | {"shadow": shadow, "conformity": conformity, "elongation_budget": budgets})
+        emit_json(
+            analysis.to_json()
+            | {
+                "shadow": shadow,
+                "conformity": conformity,
+                "elongation_budget": budgets,
+                "accuracy": accuracy_of(analysis).as_json(),
+            }
+        )
         return
     _show(analysis, limits)
+    if accuracy is not None:
+        show(_accuracy_text(accuracy_of(analysis)))
     if shadow is not None:
         _show_shadow(shadow)
+
+
+def tolerances(text: str) -> tuple[float, tuple[float, Unit] | None]:
+    """Return the deviation of a settled plateau, kPa, and the tolerance of the figures with its unit, if given."""
+    units: dict[str, Unit] = {"mm": "mm", "%fso": "%FSO"}
+    plain = text.replace(" ", "").lower()
+    unit = next((unit for unit in units if plain.endswith(unit)), "")
+    try:
+        value = float(plain.removesuffix(unit or "kpa"))
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is no number of kPa, mm or %FSO", param_hint="--tolerance") from None
+    if unit:
+        return 1.0, (value, units[unit])
+    if not 0.01 <= value < math.inf:
+        raise typer.BadParameter(f"{value:g} is not at least 0.01 kPa", param_hint="--tolerance")
+    return value, None
+
+
+def _accuracy_text(found: Accuracy) -> str:
+    """Return the errors that the draws leave, as a line."""
+    return (
+        f"errors by the draws (k = 2): intervals {found.intervals_percent_fso:.2g} % FSO with {found.resamples} "
+        f"resamples, band {found.band_mm:.2g} mm, {found.band_percent_fso:.2g} % FSO with {found.samples} samples"
+    )
 
 
 def _show_shadow(shadow: Mapping[str, Any]) -> None:
@@ -259,6 +305,12 @@ def report(
     seed: SeedOption = 0,
     no_mcmc: NoMcmcOption = False,
     no_shadow: NoShadowOption = False,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MMmm|P%FSO", help="Greatest error that resampling and sampling leave, as 0.005mm or 0.1%FSO."
+        ),
+    ] = None,
     fidelity: FidelityOption = "normal",
     units: Annotated[
         str, typer.Option(metavar="UNIT,...", help="Units of the report, such as bar,V,% (elongation over its length).")
@@ -276,11 +328,15 @@ def report(
         raise typer.BadParameter("must end in .html or .pdf", param_hint="--out")
     if elongation and len(elongation) not in (1, len(runs)):
         raise typer.BadParameter(f"{len(elongation)} files for {len(runs)} runs", param_hint="--elongation")
+    accuracy = None if tolerance is None else tolerances(tolerance)[1]
+    if tolerance is not None and (accuracy is None or fidelity != "normal"):
+        raise typer.BadParameter("takes mm or %FSO, and no --fidelity", param_hint="--tolerance")
     from analysis import Options, analyse, load_recording, write_report
     from analysis.calibration.curve_choice import degree_of
     from analysis.figures.acceptance import conformity_json
     from analysis.figures.against_shadow import against_shadow
     from analysis.progress import part_of
+    from analysis.sequential.accuracy import accuracy_of, analyse_within
     from boat_daq.viewmodels.common.plugged import with_plugins
     from boat_daq.viewmodels.common.reference import stated_contributions
     from protocol.units import ShownUnits
@@ -300,13 +356,25 @@ def report(
             part = part_of(advance, number, 1, len(runs) + 1)
             found = analyse(recording, files[number % len(files)], options=stated, progress=part)
             analyses.append(with_plugins(found, str(run)))
+            file = files[number % len(files)]
+            if accuracy is None:
+                analyses.append(analyse(recording, file, options=stated, progress=part))
+            else:
+                analyses.append(analyse_within(recording, file, stated, *accuracy, progress=part))
         compared = len(analyses) == 1 and analyses[0].kind == "calibration" and not no_shadow
         shadow = against_shadow(analyses[0]) if compared else None
         setting = part_of(advance, len(runs), 1, len(runs) + 1)
         content = write_report(analyses, to, limits, shadow, units=shown, progress=setting)
     if as_json:
         conformity = [conformity_json(analysis, limits) for analysis in analyses]
-        head = {"file": to, "title": content.title, "verdict": content.verdict, "simulated": content.simulated}
+        accuracies = [accuracy_of(analysis).as_json() for analysis in analyses]
+        head = {
+            "accuracy": accuracies[0] if len(runs) == 1 else accuracies,
+            "file": to,
+            "title": content.title,
+            "verdict": content.verdict,
+            "simulated": content.simulated,
+        }
         emit_json(head | {"conformity": conformity[0] if len(runs) == 1 else conformity})
     else:
         notify(f"wrote {to}: {content.title}. {content.verdict}")

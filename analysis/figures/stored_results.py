@@ -20,7 +20,7 @@ from analysis.data.boat_file import is_boat_file, store_result
 from analysis.errors import AnalysisError, FileError
 from analysis.fidelity import fidelity
 from analysis.figures.pipeline import Analysis, analyse
-from analysis.figures.sensor_analysis import Options
+from analysis.figures.sensor_analysis import MOST_RESAMPLES, Options
 from analysis.numbers import finite
 from analysis.segmentation.plateaus import PlateauSettings
 

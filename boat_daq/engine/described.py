@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
+from itertools import accumulate
 from typing import Any, TypeVar
 
 from boat_daq.engine.toml_values import BadValue, build
@@ -20,7 +21,9 @@ from boat_daq.errors import OperatorError
 D = TypeVar("D")  # a dataclass
 
 CHANGES = "changes"  # key of their list in a file
-MOST_CHANGES = 500  # in one file: the newest
+MOST_CHANGES = 500  # in one file: the newest, and no more letters than
+MOST_LETTERS = 100_000
+LONGEST = 20_000  # letters of a text
 _KEY = "described"
 _BOOLS = {"on": True, "true": True, "yes": True, "1": True, "off": False, "false": False, "no": False, "0": False}
 
@@ -88,6 +91,8 @@ class Described:
             good = True
         if not good:
             raise BadValue(where, self.key, f"must be {self.range_text}, not {value}")
+        if isinstance(value, str) and len(value) > LONGEST:
+            raise BadValue(where, self.key, f"must have at most {LONGEST} letters, not {len(value)}")
 
     def value_of(self, text: str, where: str) -> int | float | bool | str:
         """Return the value that was typed.
@@ -235,4 +240,6 @@ def with_changes(
     utc = datetime.now(UTC).isoformat(timespec="milliseconds")  # also the name of one step, for undo
     pairs = ((key, before.get(key, ""), after.get(key, "")) for key in dict.fromkeys((*before, *after)))
     new = [StoredChange(utc, key, old, text) for key, old, text in pairs if old != text]
-    return [dataclasses.asdict(change) for change in (*stored, *new)][-MOST_CHANGES:]
+    rows = [dataclasses.asdict(change) for change in (*stored, *new)][-MOST_CHANGES:]
+    letters = accumulate(sum(map(len, row.values())) for row in reversed(rows))
+    return rows[len(rows) - sum(total <= MOST_LETTERS for total in letters) :]

@@ -98,9 +98,13 @@ class Settings:
     operator: str = stated(
         "", "Operator", "Stated in each recording where its metadata name nobody", applies=Applies.RECORDING
     )
-    unit: str = stated("", "First unit", "Unit that the window proposes before one was used; empty: SA1")
-    port: str = stated("", "First port", "Port that the window proposes before one was used")
-    profile: str = stated("", "First profile", "Text profile that the window proposes before a board was connected")
+    unit: str = stated(
+        "", "First unit", "Unit that the window proposes before one was used; empty: SA1", applies=Applies.START
+    )
+    port: str = stated("", "First port", "Port that the window proposes before one was used", applies=Applies.START)
+    profile: str = stated(
+        "", "First profile", "Text profile that the window proposes before a board was connected", applies=Applies.START
+    )
 
     def __post_init__(self) -> None:
         _check_version("settings", self.version)

@@ -125,6 +125,18 @@ def test_calibrations_are_added_and_the_last_accepted_one_is_in_force(tmp_path: 
     assert library.names() == ["SA1"]
 
 
+def test_list_of_changes_is_bounded(tmp_path: Path) -> None:
+    """It would outgrow the largest file that is read, and a unit with long notes would be lost."""
+    library = UnitLibrary(tmp_path)
+    for number in range(12):
+        library.save(Unit("SA1", note=f"{number} " + "x" * 9_990))
+    kept = library.load("SA1").changes
+    assert len((tmp_path / "SA1.toml").read_text()) < 120_000
+    assert len(kept) == 4 and kept[-1].after.startswith("11 ")
+    with pytest.raises(OperatorError, match="at most 20000 letters"):
+        Unit("SA1", note="x" * 20_001)
+
+
 def test_recordings_are_in_a_named_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Not in the folder that the program happens to be started in: each start used to have its own list of runs."""
     monkeypatch.delenv(HOME_VARIABLE, raising=False)

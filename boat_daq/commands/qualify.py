@@ -27,11 +27,13 @@ def qualify(
     """Run the fault drills with the virtual board on this computer, and write a dated report to sign.
 
     Each drill injects a fault (loss, flips, unplug, stall, leak, lamp, e-stop, kill, slow disk) and compares the
-    recording with the board's true values. Takes one to two minutes; exits with code 1 if a criterion is not met.
-    Everything is SIMULATED: program, computer, disk and port are tested, not the lab's board.
+    recording with the board's true values; three more try LSL, SECoP and ROS 2 where their libraries are installed.
+    Takes one to two minutes; exits with code 1 if a criterion is not met. Everything is SIMULATED: program, computer,
+    disk and port are tested, not the lab's board.
 
     Example: boat-daq qualify --out qualification
     """
+    from boat_daq.commands.qualify_outlets import outlet_drills
     from boat_daq.commands.qualify_report import write_reports
     from boat_daq.engine.log import start_log
     from boat_daq.engine.qualification.drills import available, run_drill
@@ -39,7 +41,8 @@ def qualify(
 
     start_log("qualify")
     notify_shortcomings()
-    drills = _chosen(available(), only)
+    offered = (*available(), *outlet_drills())
+    drills = _chosen(offered, only)
     begun = datetime.now().astimezone()
     work = out / f"qualification_{begun:%Y-%m-%d_%H%M%S}"
     results = []
@@ -56,7 +59,7 @@ def qualify(
     except KeyboardInterrupt:
         shutil.rmtree(work, ignore_errors=True)
         raise
-    content = qualification(results, begun, whole=len(drills) == len(available()), folder=work)
+    content = qualification(results, begun, whole=len(drills) == len(offered), folder=work)
     content["files"] = write_reports(content, work)
     if as_json:
         emit_json(content)

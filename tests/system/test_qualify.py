@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from boat_daq import __version__
 from boat_daq.cli import app
+from boat_daq.commands import qualify_outlets
 from boat_daq.engine.qualification import drills, result
 from boat_daq.engine.qualification.drills import Criterion, DrillResult, DrillRig, available, run_drill
 from boat_daq.engine.qualification.result import qualification
@@ -76,6 +77,18 @@ def passing(_rig: DrillRig) -> DrillResult:
 def failing(_rig: DrillRig) -> DrillResult:
     """Return a result whose criterion is not met."""
     return DrillResult("failing", "a doctored criterion", (Criterion("is <b>never</b> kept", "no", False),), "all")
+
+
+@pytest.fixture(autouse=True)
+def no_outlets(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the drills of the outlets out of whole qualifications: they are run one by one."""
+    monkeypatch.setattr(qualify_outlets, "outlet_drills", lambda: ())
+
+
+def test_clients_of_the_secop_node_pass(tmp_path: Path) -> None:
+    """Read, refused, driven, vented: the drill of `qualify`."""
+    outcome = run_drill(qualify_outlets.secop, tmp_path / "secop")
+    assert outcome.passed, broken(outcome)
 
 
 def breaking(_rig: DrillRig) -> DrillResult:
@@ -170,7 +183,7 @@ def test_program_hash_depends_on_every_file(tmp_path: Path, monkeypatch: pytest.
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("drill", available(), ids=lambda drill: drill.__name__)
+@pytest.mark.parametrize("drill", (*available(), *qualify_outlets.outlet_drills()), ids=lambda drill: drill.__name__)
 def test_every_drill_passes_on_this_machine(drill: drills.Drill, tmp_path: Path) -> None:
     """All that `qualify` runs, on this machine."""
     outcome = run_drill(drill, tmp_path / drill.__name__)

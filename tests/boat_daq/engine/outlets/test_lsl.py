@@ -6,6 +6,7 @@ import json
 import os
 import socket
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -45,20 +46,26 @@ def streaming(tmp_path: Path, rate_hz: int, board: Any, **options: Any) -> Itera
             session.close()
 
 
-def inlet_of(outlet: lsl.LslOutlet, kind: str) -> Any:
-    """Return an open inlet of a stream."""
+@contextmanager
+def inlet_of(outlet: lsl.LslOutlet, kind: str) -> Iterator[Any]:
+    """Open an inlet of a stream, and close it before its outlet: one without an outlet seeks it as the process ends."""
     found = pylsl.resolve_byprop("source_id", f"{outlet.source_id} {kind}", timeout=10)
     inlet = pylsl.StreamInlet(found[0], max_buflen=60)
     inlet.open_stream(timeout=10)
-    return inlet
+    try:
+        yield inlet
+    finally:
+        inlet.close_stream()
+        del inlet
 
 
 def pulled(inlet: Any, seconds: float, session: Session) -> tuple[np.ndarray, np.ndarray]:
     """Return values and LSL times of all that arrives within `seconds` of recorded board time."""
     values: list[Any] = []
     times: list[float] = []
-    end = session.snapshot().recorded_s + seconds
+    end, latest = session.snapshot().recorded_s + seconds, time.monotonic() + 2 * seconds + 30
     while session.snapshot().recorded_s < end or not values:
+        assert time.monotonic() < latest, "the recording has ended"
         chunk, stamps = inlet.pull_chunk(timeout=0.1, max_samples=20_000)
         values += chunk
         times += stamps
@@ -83,8 +90,11 @@ def test_an_inlet_receives_every_sample_and_marker(tmp_path: Path) -> None:
         return signal_mv.mean(axis=1) / 2, np.full(len(signal_mv), 0.25)
 
     board = serve_in_thread(BoardSettings(speed=5.0))
-    with streaming(tmp_path, 100, board, convert=halves, calibration_id="SA1 2026-11-01") as (session, outlet):
-        inlet, markers = inlet_of(outlet, "BOAT"), inlet_of(outlet, "Markers")
+    with (
+        streaming(tmp_path, 100, board, convert=halves, calibration_id="SA1 2026-11-01") as (session, outlet),
+        inlet_of(outlet, "BOAT") as inlet,
+        inlet_of(outlet, "Markers") as markers,
+    ):
         about = inlet.info(timeout=10)
         session.arm(PLAN)
         session.start()
@@ -129,10 +139,9 @@ def test_an_outlet_before_the_first_sample_is_refused(tmp_path: Path) -> None:
 def test_long_streams_lose_nothing(tmp_path: Path, rate_hz: int, seconds: float) -> None:
     """Ten minutes at 100 Hz and one at 10 kHz, beside an inlet that never reads: every sample, no lag of the reader."""
     with streaming(tmp_path, rate_hz, serve(BoardSettings())) as (session, outlet):
-        idle, inlet = inlet_of(outlet, "BOAT"), inlet_of(outlet, "BOAT")
-        values, _ = pulled(inlet, seconds, session)
+        with inlet_of(outlet, "BOAT"), inlet_of(outlet, "BOAT") as inlet:
+            values, _ = pulled(inlet, seconds, session)
         health, clock = session.snapshot().health, outlet.clock
-        del idle
     n = compare(tmp_path, values)
     print(f"{rate_hz} Hz: {n} samples in the inlet, {outlet.skipped} skipped, clock {clock}")
     assert n > 0.98 * rate_hz * seconds

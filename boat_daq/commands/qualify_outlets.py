@@ -1,0 +1,151 @@
+"""Drills of `qualify` for LSL, SECoP and ROS 2, each where its library is installed."""
+
+from __future__ import annotations
+
+import json
+import socket
+import sys
+import time
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from boat_daq.engine.qualification.drills import WAIT_S, Criterion, DrillResult, compare
+from boat_daq.engine.snapshot import SessionState
+from protocol.recording import BoardState
+
+if TYPE_CHECKING:
+    from boat_daq.engine.qualification.drills import Drill, DrillRig
+
+STREAMED_S = 20.0  # of board time
+
+
+def lsl(rig: DrillRig) -> DrillResult:
+    """An LSL inlet on this computer."""
+    import pylsl
+
+    from boat_daq.engine.outlets.lsl import LslOutlet
+
+    values: list[Any] = []
+    times: list[float] = []
+    with rig.board(speed=1.0) as board, rig.recording(board) as session:
+        session.wait(lambda _: session.ring is not None, WAIT_S)
+        outlet = LslOutlet(session, pylsl)
+        try:
+            found = pylsl.resolve_byprop("source_id", f"{outlet.source_id} BOAT", timeout=WAIT_S)
+            inlet = pylsl.StreamInlet(found[0])
+            inlet.open_stream(timeout=WAIT_S)
+            end_s = session.snapshot().recorded_s + STREAMED_S
+            while session.snapshot().recorded_s < end_s:
+                chunk, stamps = inlet.pull_chunk(timeout=0.2, max_samples=4096)
+                values += chunk
+                times += stamps
+            skipped, clock = outlet.skipped, outlet.clock
+            inlet.close_stream()
+            del inlet
+        finally:
+            outlet.close()
+    seen = compare(rig)
+    counts = np.array([row[:2] for row in values])
+    scale = 3300.0 / 4096.0
+    signal = (seen.samples["lit"].astype(float) - seen.samples["dark"])[:, :2] * scale
+    starts = np.flatnonzero((np.abs(signal - counts[0]) < 1e-9).all(axis=1))
+    same = any(np.allclose(signal[at : at + len(counts)], counts, rtol=0, atol=1e-9) for at in starts)
+    steps_ms = 1e3 * np.diff(times)
+    drift = clock["drift_ppm"] if clock["drift_ppm"] is not None else float("nan")
+    clock_text = f"drift {drift:+.0f} ppm, arrivals scatter by {clock['jitter_ms'] or 0:.2f} ms"
+    return seen.result(
+        "lsl",
+        "an LSL inlet on this computer receives the samples",
+        Criterion("the inlet receives consecutive samples with their values", f"{len(counts)} samples", same),
+        Criterion("the stream skips none", f"{skipped} skipped", skipped == 0),
+        Criterion("stamps increase, on the board's clock", clock_text, bool(steps_ms.min() > 0)),
+        seen.nothing_lost,
+    )
+
+
+def secop(rig: DrillRig) -> DrillResult:
+    """A SECoP client reads, is refused, drives, and vents."""
+    from boat_daq.engine.outlets.secop_node import SecopNode
+    from boat_daq.engine.outlets.secop_server import SecopServer
+
+    with rig.board() as board, rig.recording(board) as session:
+        session.wait(lambda s: s.last is not None, WAIT_S)
+        readers = SecopServer(SecopNode(session, rig.folder), ("127.0.0.1", 0))
+        drivers = SecopServer(SecopNode(session, rig.folder, allow_control=True), ("127.0.0.1", 0))
+        try:
+            ident = _answers(drivers.port, "*IDN?")[0]
+            refused = _answers(readers.port, "change pressure:target 10")[0]
+            beyond = _answers(drivers.port, "change pressure:target 1000")[0]
+            _answers(drivers.port, "change pressure:_ramp 50", "change pressure:target 10")
+            held = session.wait(lambda s: s.last is not None and s.last.state is BoardState.HOLDING, WAIT_S)
+            vented = _answers(readers.port, "do vent:_vent")[0]
+            seen = session.wait(lambda s: s.last is not None and s.last.state is BoardState.VENTED, WAIT_S)
+            session.wait(lambda s: s.last is not None and abs(s.last.pressure_kpa) < 0.5, WAIT_S)
+        finally:
+            readers.close()
+            drivers.close()
+    found = compare(rig)
+    reached = held.last is not None and abs(held.last.pressure_kpa - 10) < 1.5
+    at_rest = seen.last is not None and seen.last.state is BoardState.VENTED and seen.state is SessionState.IDLE
+    return found.result(
+        "secop",
+        "SECoP clients read, are refused, drive and vent",
+        Criterion("the node identifies itself", ident, "SECoP" in ident),
+        Criterion("a client without control is refused", refused, '"ReadOnly"' in refused),
+        Criterion("a pressure beyond the limits is refused", beyond, '"RangeError"' in beyond),
+        Criterion("a client with control drives the pressure", f"{held.last and held.last.pressure_kpa}", reached),
+        Criterion("VENT is obeyed without control", vented, vented.startswith("done") and at_rest),
+        found.vented,
+        found.nothing_lost,
+    )
+
+
+def _answers(port: int, *requests: str) -> list[str]:
+    """Return the answers to requests of one client, in order."""
+    with socket.create_connection(("127.0.0.1", port), timeout=WAIT_S) as client, client.makefile("rw") as lines:
+        found = []
+        for request in requests:
+            lines.write(request + "\n")
+            lines.flush()
+            found.append(lines.readline().strip())
+        return found
+
+
+def ros(rig: DrillRig) -> DrillResult:
+    """A recording is exported as a ROS 2 bag and read back."""
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    from analysis import load_recording
+    from analysis.data.export import export
+
+    with rig.board() as board, rig.recording(board) as session:
+        session.wait(lambda s: s.recorded_s > STREAMED_S, WAIT_S)
+    found = compare(rig)
+    run = load_recording(rig.run)
+    criteria = []
+    for form in ("rosbag", "rosbag-sqlite3"):
+        bag = rig.folder / form
+        began = time.monotonic()
+        export(run, bag, "rosbag" if form == "rosbag" else "rosbag-sqlite3")
+        seconds = time.monotonic() - began
+        with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+            chosen = [c for c in reader.connections if c.topic in ("/boat/s1_mv", "/boat/description")]
+            read: list[tuple[str, Any]] = [
+                (c.topic, reader.deserialize(data, c.msgtype)) for c, _, data in reader.messages(chosen)
+            ]
+        signal = np.array([message.data for topic, message in read if topic == "/boat/s1_mv"])
+        same = np.array_equal(signal, run.signal_mv[:, 0])
+        about = json.loads(next(message.data for topic, message in read if topic == "/boat/description"))
+        criteria.append(Criterion(f"{form}: values are read back", f"{signal.size} in {seconds:.1f} s", same))
+        criteria.append(Criterion(f"{form}: marked as simulated", str(about["SIMULATED"]), about["SIMULATED"] is True))
+    return found.result("ros", "a recording as a ROS 2 bag, read back", *criteria, found.nothing_lost)
+
+
+def outlet_drills() -> tuple[Drill, ...]:
+    """Return the drills whose libraries are installed here."""
+    local = sys.platform == "linux"  # elsewhere LSL streams cannot be kept on this computer
+    found: list[Drill] = [lsl] if local and find_spec("pylsl") else []
+    return (*found, secop, *([ros] if find_spec("rosbags") else []))

@@ -25,10 +25,11 @@ BASE, TIP = 0, 1
 MODULES = 6  # of a side, its black border included
 LEAST_CONTRAST = 25.0  # grey levels between black and white
 SATURATED_GREY = 253.0
-WIDEST_BLUR = 0.45  # standard deviation of an edge over half the length of its profile
+WIDEST_BLUR = 0.33  # standard deviation of an edge over half the length of its profile
 LARGEST_RESIDUAL_PX = 0.35
+SMALLEST_MODULE_PX = 5.0
+LONGEST_PROFILE_PX = 8.0  # to either side of an edge; shorter in small marks, whose interior is near
 _ALONG = np.linspace(0.1, 0.9, 33)
-_HALF_PX = (2.5, 8.0)  # profiles reach at least and at most this far to both sides
 _STEP_PX = 0.5
 _NEAR_PX = 0.75  # a better guess than this is not improved
 _FAR_PX = 4.0  # crossings this far from the second guess are those of something else
@@ -49,6 +50,7 @@ class PictureFault(StrEnum):
     FROZEN = "frozen"  # for longer
     MOVED = "moved"  # the camera, or its marks are exchanged
     JUMPED = "jumped"  # faster than an actuator moves
+    TOO_SMALL = "too_small"  # in the picture
     DISTORTED = "distorted"  # the mark has another size than at rest
     LEARNING = "learning"  # the first half second
 
@@ -144,8 +146,11 @@ def _edges(grey: Picture, corners: FloatArray) -> _Edges | PictureFault:
     """Return where the edges of the black square are, on profiles across its four sides."""
     sides = np.roll(corners, -1, axis=0) - corners
     lengths = np.hypot(sides[:, 0], sides[:, 1])
-    half = float(np.clip(0.7 * lengths.min() / MODULES, *_HALF_PX))
-    steps = np.arange(-half, half + 1e-9, _STEP_PX)
+    module_px = float(lengths.min()) / MODULES
+    if module_px < SMALLEST_MODULE_PX:
+        return PictureFault.TOO_SMALL
+    count = int(min(0.6 * module_px, LONGEST_PROFILE_PX) / _STEP_PX)
+    half, steps = count * _STEP_PX, np.arange(-count, count + 1) * _STEP_PX
     outward = np.column_stack([sides[:, 1], -sides[:, 0]]) / lengths[:, None]
     outward *= np.sign(((corners - corners.mean(axis=0)) * outward).sum(axis=1))[:, None]
     feet = corners[:, None] + sides[:, None] * _ALONG[:, None]

@@ -108,7 +108,8 @@ def filmed(recording: Recording) -> Filmed:
         text = "no ramp shows the delay of the camera: its frames are used at the times of their arrival"
         warnings.append(Warning(WarningCode.CAMERA_DELAY, "", text))
     else:
-        record = record.shifted(delay.delay_s, delay.drift, delay.about_s)
+        drift = delay.drift if abs(delay.drift) > 2.0 * delay.u_drift else 0.0
+        record = record.shifted(delay.delay_s, drift, delay.about_s)
     if not _follows_pressure(recording, record):
         text = (
             "the elongation of the camera does not follow the pressure: it may be of another run, or of another thing"

@@ -43,6 +43,7 @@ FAULT_TEXTS = {  # code -> cause, remedy
     "frozen": ("the camera repeats one picture", "check the camera"),
     "moved": ("the camera was moved, or the marks are exchanged", "put it back, or open the camera again"),
     "distorted": ("the tip's mark has changed its size", "check that it is flat and moves in its plane"),
+    "too_small": ("the marks are too small in the picture", "move the camera closer, or print larger marks"),
     "jumped": ("the tip moves faster than an actuator can", "check its mark"),
 }
 

@@ -166,3 +166,22 @@ def test_default_camera_reads_within_a_hundredth_of_a_millimetre() -> None:
     error = np.array([one.elongation_mm - x for one, x in zip(found, true, strict=True) if one.fault is None])
     assert error.size > 140
     assert float(np.sqrt((error**2).mean())) < 0.01
+
+
+@pytest.mark.parametrize("px_per_mm", [5.0, 6.1])
+def test_small_marks_are_measured_without_bias(px_per_mm: float) -> None:
+    """Marks of 40 and 49 px: the profiles are shorter, whatever fraction of a pixel they would end at."""
+    scene = replace(SMALL, width=200, height=100, px_per_mm=px_per_mm)
+    renderer, tracker = Renderer(scene), MarkTracker(Optics(scene.mark_mm))
+    read(tracker, renderer, np.zeros(LEARNED_PICTURES))
+    true = np.arange(0.0, 1.2, 0.3)
+    found = read(tracker, renderer, true, first=LEARNED_PICTURES)
+    assert [one.elongation_mm for one in found] == pytest.approx(true.tolist(), abs=0.012)
+
+
+def test_marks_that_are_too_small_give_no_value() -> None:
+    """Below five pixels a module."""
+    scene = replace(SMALL, px_per_mm=10.0, mark_mm=2.8, apart_mm=8.0)
+    tracker = MarkTracker(Optics(2.8))
+    (found,) = read(tracker, Renderer(scene), [0.0])
+    assert found.fault in (PictureFault.TOO_SMALL, PictureFault.LOST)

@@ -1,0 +1,100 @@
+"""`boat-daq camera` and `analyze --video`, through the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from boat_daq.engine.camera.opencv import opencv
+from boat_daq.engine.camera.video import VideoStore
+from boat_daq.engine.simulator.picture import CameraScene, Renderer, checkerboard
+from tests.boat_daq.commands.calls import call, program, text
+
+SCENE = CameraScene(width=160, height=120, px_per_mm=5.0)
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a video of two seconds in which the tip moves by 0.5 mm."""
+    path = tmp_path_factory.mktemp("video") / "run.mkv"
+    store, renderer = VideoStore(path), Renderer(SCENE)
+    for n, x in enumerate(np.concatenate([np.zeros(20), np.linspace(0.0, 0.5, 20)])):
+        store.write(renderer.frame(n, np.array([x]), n / 30))
+    store.close()
+    return path
+
+
+def test_track_gives_every_frame(video: Path, tmp_path: Path) -> None:
+    """Value and uncertainty, or null; the same in a table; the grid gives the scale where no side is stated."""
+    found = call("camera", "track", video, "--mark-mm", 8, "--out", tmp_path / "x.csv")
+    assert (found["frames"], found["valid"], found["dropped"]) == (40, 26, 0)
+    assert found["elongation_mm"][0] is None
+    assert found["elongation_mm"][-1] - found["elongation_mm"][16] == pytest.approx(0.5, abs=0.02)
+    assert found["warnings"] == [{"code": "learning", "subject": "camera", "text": "14 frames"}]
+    rows = (tmp_path / "x.csv").read_text(encoding="utf-8").splitlines()
+    assert rows[0] == "time_s,elongation_mm,u_mm,fault"
+    assert rows[1] == "0.000000,,,learning"
+    assert len(rows) == 41
+
+
+def test_marks_that_contradict_the_grid_are_refused(video: Path) -> None:
+    """6 mm are stated, the grid shows 8."""
+    ended = program("camera", "track", video, "--mark-mm", 6)
+    assert ended.code == 1
+    assert "by the millimetre grid in the picture, 6 mm are stated" in ended.err
+
+
+def test_a_video_without_marks_is_refused(tmp_path: Path) -> None:
+    """Cause and remedy; so is a file that is no video, and a lens that is none."""
+    store = VideoStore(tmp_path / "blank.mkv")
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        store.write(rng.integers(0, 255, (120, 160), np.uint8))
+    store.close()
+    (tmp_path / "text.mkv").write_text("text", encoding="utf-8")
+    for words, cause in (
+        (("blank.mkv",), "the video shows no elongation (lost 5)"),
+        (("text.mkv",), "text.mkv is no video"),
+        (("blank.mkv", "--lens", tmp_path / "text.mkv"), "is no lens"),
+        (("blank.mkv", "--mark-mm", 900), "marks of 900 mm are not possible"),
+        (("blank.mkv", "--patch", "0,0,20,20"), "1 patches are given"),
+    ):
+        ended = program("camera", "track", tmp_path / words[0], *words[1:])
+        assert ended.code == 1
+        assert cause in ended.err
+
+
+def test_a_lens_is_calibrated_and_stored_with_the_unit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From pictures of a board to the unit's file."""
+    monkeypatch.setenv("BOAT_DAQ_HOME", str(tmp_path))
+    scene = CameraScene(width=320, height=240, px_per_mm=10.0)
+    for n, tilt in enumerate((-20.0, -10.0, 0.0, 10.0, 20.0)):
+        assert opencv().imwrite(str(tmp_path / f"{n}.png"), checkerboard(scene, tilt))
+    pictures = sorted(tmp_path.glob("*.png"))
+    lens = call("camera", "calibrate", *pictures, "--pitch", 3, "--out", tmp_path / "lens.json", "--unit", "SA1")
+    assert lens["views"] == 5
+    assert lens["reprojection_px"] < 0.2
+    from boat_daq.engine.settings import UnitLibrary
+
+    assert UnitLibrary().load("SA1").lens["matrix"] == lens["matrix"]
+
+
+def test_marks_and_cameras(tmp_path: Path) -> None:
+    """A sheet is written; the cameras of this computer are listed."""
+    text("camera", "marks", "--out", tmp_path / "marks.pdf")
+    assert (tmp_path / "marks.pdf").read_bytes().startswith(b"%PDF")
+    assert isinstance(call("camera", "list"), list)
+
+
+def test_options_that_contradict_each_other_are_refused(tmp_path: Path) -> None:
+    """Usage errors, before anything is opened."""
+    for words in (
+        ("record", "--port", "x", "--video", "v.mkv"),
+        ("board", "--pty", "--video", "v.mkv", "--mjpeg", "0"),
+        ("board", "--pty", "--camera", "tilt_deg=3"),
+        ("camera", "track", "v.mkv", "--patch", "1,2"),
+        ("camera", "calibrate", "a.png", "--out", "l.json", "--corners", "8"),
+    ):
+        assert program(*words).code == 2

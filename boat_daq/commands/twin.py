@@ -139,17 +139,23 @@ def hold(
 def dynamics(
     run: RecordingArgument,
     tolerance: Annotated[float, typer.Option(min=0.001, metavar="MM", help="Tolerance of settling.")] = 0.05,
+    out: Annotated[Path | None, typer.Option(metavar="FILE.pdf|FILE.html", help="Write it as a report.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Compute the dynamics of a run of steps or sines of elongation: rise, settling, overshoot, bandwidth, phase.
 
-    Example: boat-daq twin dynamics steps.boat
+    Example: boat-daq twin dynamics steps.boat --out dynamic-calibration.pdf
     """
     from analysis.twin.dynamic_calibration import dynamic_calibration
     from boat_daq.viewmodels.common.twin import fusion_of
 
     recording, units = _recording(run)
     found = dynamic_calibration(recording, fusion_of(units, recording.unit), tolerance)
+    if out is not None:
+        from analysis.reports.dynamics import write_dynamic_report
+
+        write_dynamic_report(found, out)
+        notify(f"wrote {out}")
     if as_json:
         emit_json(found.as_json())
         return

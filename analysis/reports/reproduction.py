@@ -72,7 +72,7 @@ def calibration_rows(found: Analysis) -> list[PaperRow]:
             continue
         terms = zip(paper.coefficients, fit.coefficients, fit.std_errors_with_reading, strict=True)
         for power, (published, b, error) in enumerate(terms):
-            unit = "mV" + (f"/mm^{power}" if power else "")
+            unit = ("mV", "mV/mm", "mV/mm²", "mV/mm³")[power]
             interval = float(b - 2 * error), float(b + 2 * error)
             rows.append(PaperRow(f"sensor {number}: b{power}", unit, published, float(b), *interval))
         why = "readings to 0.02 mm; the published fit's residuals are larger"
@@ -97,7 +97,7 @@ def calibration_rows(found: Analysis) -> list[PaperRow]:
 
 def hysteresis_rows(found: Analysis) -> list[PaperRow]:
     """Return the rows of a run of 100 continuous cycles: the hysteresis of each sensor over pressure."""
-    why = "signal over pressure: most of it is the actuator's"
+    why = "signal over pressure; a maximum over the loop, which noise enlarges"
     rows = []
     for number, (sensor, paper) in enumerate(zip(found.sensors, SENSORS, strict=True), 1):
         figure = sensor.figures["system_hysteresis_percent_fso"]

@@ -31,6 +31,7 @@ LOSSES_DB_PER_CM = (0.0, 0.5, 1.0)
 """Bounds and nodes of the guide's loss: clear printed resins have 0.1 to 1 dB/cm in the near infrared."""
 GRID = 513  # nodes of a frame's interpolation
 LEAST_POINTS = 6
+STATES = 15
 SHIFT_SIGMA = 4.0
 
 
@@ -117,11 +118,11 @@ def light_table(curves_mm: FloatArray, elongation_mm: FloatArray, rays: int) -> 
     """
     light = np.empty((len(LOSSES_DB_PER_CM), len(elongation_mm)))
     for row, loss in zip(light, LOSSES_DB_PER_CM, strict=True):
-        for first in range(0, len(elongation_mm), 15):
-            part = slice(first, first + 15)
+        for first in range(0, len(elongation_mm), STATES):
+            at = np.minimum(np.arange(first, first + STATES), len(elongation_mm) - 1)  # a sweep has 15 states
             guide = Waveguide(attenuation_db_per_cm=loss)
-            request = SweepRequest((PAPER_OPTIMUM,), guide, light_by("power", rays), curves_mm[part], "power")
-            row[part] = 100.0 * run_sweep(request).power[0]
+            request = SweepRequest((PAPER_OPTIMUM,), guide, light_by("power", rays), curves_mm[at], "power")
+            row[at] = 100.0 * run_sweep(request).power[0]
     return LightTable(np.asarray(LOSSES_DB_PER_CM), np.asarray(elongation_mm), light)
 
 

@@ -101,6 +101,65 @@ def predict_run(
     return RunPrediction(sensors, pd.DataFrame(columns), {str(k): float(v) for k, v in counts.items()})
 
 
+@dataclass(frozen=True, slots=True)
+class LivePrediction:
+    """The signals that the chain predicts for a pressure, read from a table: hysteresis is in the band.
+
+    Attributes
+    ----------
+    pressure_kpa, elongation_mm : [nodes] of the table, by the mean of both branches.
+    signal_mv, half_mv : [nodes, sensors] predicted, and half the width of its 95 % band.
+    loop_mm : half the width of the actuator's hysteresis loop.
+    fusion : the calibration in force.
+    """
+
+    pressure_kpa: FloatArray
+    elongation_mm: FloatArray
+    signal_mv: FloatArray
+    half_mv: FloatArray
+    loop_mm: float
+    fusion: Fusion
+
+    def __call__(self, pressure_kpa: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return predicted signals and half the width of their band, both [n, sensors]; NaN beyond the table."""
+        found = [
+            np.stack(
+                [np.interp(pressure_kpa, self.pressure_kpa, c, left=np.nan, right=np.nan) for c in table.T], axis=1
+            )
+            for table in (self.signal_mv, self.half_mv)
+        ]
+        return found[0], found[1]
+
+    def disagreement(self, signal_mv: FloatArray, pressure_kpa: float, samples: int) -> Disagreement:
+        """Return what disagrees in the mean signals [sensors] of some samples at a mean pressure."""
+        low, high = self.pressure_kpa[[0, -1]]
+        if not low <= pressure_kpa <= high:
+            return Disagreement.NONE
+        expected = float(np.interp(pressure_kpa, self.pressure_kpa, self.elongation_mm))
+        return disagreement(signal_mv, expected, samples, self.fusion, u_mm=self.loop_mm / 2.0 + EXPECTED_U_MM)
+
+
+def live_prediction(
+    model: HysteresisModel, fusion: Fusion, sensors: tuple[SensorPrediction, ...], nodes: int = 257
+) -> LivePrediction:
+    """Return the table that live frames are predicted from.
+
+    Parameters
+    ----------
+    model, fusion, sensors : of the unit, as `predict_run`. nodes : of the table.
+    """
+    low, high = model.pressure_range_kpa
+    pressure = np.linspace(low, high, nodes)
+    swing = model.series(np.concatenate([np.linspace(high, low, nodes), pressure]), model.rest(high, -np.inf))
+    falling, rising = swing[:nodes][::-1], swing[nodes:]
+    mean = 0.5 * (falling + rising)
+    loop = 0.5 * float(np.abs(falling - rising).max())
+    signal = np.stack([one.after(mean) for one in sensors], axis=1)
+    slope = np.abs(np.gradient(signal, mean, axis=0))
+    misfit = [one.after.band_mv(noise_mv(fusion, i)) for i, one in enumerate(sensors)]
+    return LivePrediction(pressure, mean, signal, np.hypot(misfit, slope * loop), loop, fusion)
+
+
 def second_by_second(time_s: FloatArray, signal_mv: FloatArray, expected_mm: FloatArray, fusion: Fusion) -> list[str]:
     """Return for every sample what disagrees over the second around it.
 
@@ -124,13 +183,15 @@ def _mean(values: FloatArray) -> float:
     return float(known.mean()) if len(known) else float("nan")
 
 
-def disagreement(signal_mv: FloatArray, expected_mm: float, samples: int, fusion: Fusion) -> Disagreement:
+def disagreement(
+    signal_mv: FloatArray, expected_mm: float, samples: int, fusion: Fusion, *, u_mm: float = EXPECTED_U_MM
+) -> Disagreement:
     """Return what disagrees in the mean of some samples.
 
     Parameters
     ----------
     signal_mv : [sensors] means. expected_mm : elongation by the pressure. samples : that were averaged.
-    fusion : the calibration in force.
+    fusion : the calibration in force. u_mm : standard uncertainty of the expected elongation.
     """
     residual, slope, u = (np.full(len(fusion.inverses), np.nan) for _ in range(3))
     for i, inverse in enumerate(fusion.inverses):
@@ -143,7 +204,7 @@ def disagreement(signal_mv: FloatArray, expected_mm: float, samples: int, fusion
         residual[i] = signal_mv[i] - values.mean()
         noise, shared = (float(part[0]) for part in inverse.parts([at]))
         u[i] = abs(slope[i]) * float(np.hypot(noise / np.sqrt(max(samples, 1)), shared))
-    return what_disagrees(residual, slope, np.maximum(u, 1e-3), EXPECTED_U_MM)
+    return what_disagrees(residual, slope, np.maximum(u, 1e-3), u_mm)
 
 
 def noise_mv(fusion: Fusion, sensor: int) -> float:

@@ -24,7 +24,7 @@ from boat_daq.viewmodels.common.services import Page, Panel, Services, UndoHisto
 from boat_daq.viewmodels.live.board_profile import BoardProfile
 from boat_daq.viewmodels.live.camera import CameraModel
 from boat_daq.viewmodels.live.connection import ConnectionModel
-from boat_daq.viewmodels.live.conversion import UnitInUse
+from boat_daq.viewmodels.live.conversion import DisagreementWatch, UnitInUse
 from boat_daq.viewmodels.live.layout import Layouts
 from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
@@ -67,6 +67,7 @@ class AppModel:
         self.live = LiveModel(lambda: session.ring, layout=lambda: self.layouts.current)
         self.overlay = OverlayModel(lambda: session.ring, session.steps, self.live.time_of)
         self.shadow = ShadowLive(self.live, self.jobs)
+        self.disagreement = DisagreementWatch(self.live)
         self.monitor = ShadowMonitor(lambda: self.shadow.model, self.overlay)
         self.sequence = SequenceModel(
             session, self.undo, self.preferences, lambda: self.unit.regulator(self.snapshot, session.mv_per_count)
@@ -126,6 +127,7 @@ class AppModel:
         self.shadow.poll()
         self.monitor.follow(snapshot, self.unit.conversion)
         attempt(self._report_alarms)
+        attempt(self._report_disagreement)
         if self.connected():
             self.shadow.prepare()
         self.repeatability.follow(snapshot)
@@ -141,6 +143,10 @@ class AppModel:
     def _report_alarms(self) -> None:
         for sentence in self.monitor.poll():
             self.notices.add(Severity.WARNING, sentence, "Check tubing, zero and the actuator before the next run.")
+
+    def _report_disagreement(self) -> None:
+        if (found := self.disagreement.follow(connected=self.connected())) is not None:
+            self.notices.add(Severity.WARNING, *found)
 
     def connected(self) -> bool:
         """Return whether samples arrived at the last tick."""

@@ -17,7 +17,7 @@ from PySide6.QtGui import QResizeEvent
 
 from analysis.arrays import FloatArray
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import Curve, Layer, Plot, sensor_colour
+from boat_daq.gui.plotting.plot import Band, Curve, Layer, Plot, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.formatting import clock, in_units
@@ -57,6 +57,7 @@ class LivePlots(PlotCard):
         self.own: dict[str, Plot] = {}  # by quantity, as many as any board so far had
         self.layers: dict[str, list[Layer]] = {}  # of a quantity, in whichever plot
         self.curves: dict[str, Curve] = {}
+        self.predicted: dict[str, tuple[Curve, Band]] = {}  # of a signal
         self._cursors: dict[str, list[tuple[Plot, Any]]] = {"a": [], "b": []}
         self._markers: list[tuple[Plot, Any]] = []
         self._hairs: dict[Plot, Any] = {}  # lines at the mouse
@@ -106,8 +107,12 @@ class LivePlots(PlotCard):
     def _add_signal(self, sensor: int) -> None:
         """Add the plot of a sensor."""
         quantity = f"s{sensor}_mv"
-        curve = self._own(quantity).curve(f"Sensor {sensor}", sensor_colour(sensor), gaps=True)
-        self.curves[quantity], self.layers[quantity] = curve, [curve]
+        plot = self._own(quantity)
+        band = plot.band("Predicted, 95 %", lambda t: t.muted, alpha=style.BAND_ALPHA // 2)
+        predicted = plot.curve("Predicted", lambda t: t.muted, gaps=True, pen_style=Qt.PenStyle.DashLine)
+        curve = plot.curve(f"Sensor {sensor}", sensor_colour(sensor), gaps=True)
+        self.curves[quantity], self.predicted[quantity] = curve, (predicted, band)
+        self.layers[quantity] = [band, predicted, curve]
 
     def keep_heights(self, preferences: Preferences) -> None:
         """Leave the heights to the layout, which keeps them for each unit."""
@@ -121,6 +126,11 @@ class LivePlots(PlotCard):
         for quantity, channel in self.model.channels().items():
             if quantity not in self.own:
                 curve = self._own(quantity).curve(channel.title, lambda t: t.target, gaps=True)
+                self.curves[quantity], self.layers[quantity] = curve, [curve]
+                self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
+        for quantity in self.model.differences():
+            if quantity not in self.own:
+                curve = self._own(quantity).curve("Measured less predicted", lambda t: t.text, gaps=True)
                 self.curves[quantity], self.layers[quantity] = curve, [curve]
                 self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
         layout = self.model.plots()
@@ -204,6 +214,15 @@ class LivePlots(PlotCard):
             curve.set(time_s, values)
         if frame.elongation is not None:
             self.band.fill(*frame.elongation.band(time_s))
+        for i, quantity in enumerate(sensor_names(frame.columns)):
+            curve, band = self.predicted[quantity]
+            if frame.predicted is None:
+                curve.clear()
+                band.clear()
+                continue
+            values, half = (part[:, i] for part in frame.predicted)
+            known = np.isfinite(values + half)
+            band.fill(time_s[known], (values - half)[known], (values + half)[known])
         ends = [frame.low_s, frame.high_s, frame.high_s]
         kpa = [value for limit in self.limits_kpa for value in (limit, limit, math.nan)]
         self.limits.set(np.array(ends * len(self.limits_kpa)), np.array(kpa))
@@ -216,6 +235,9 @@ class LivePlots(PlotCard):
         lines = [(self.curves[name], columns[name]) for name in shown if name in columns]
         if PRESSURE in shown:
             lines.append((self.target, columns["target_kpa"]))
+        if frame.predicted is not None:
+            sensors = enumerate(sensor_names(columns))
+            lines += [(self.predicted[q][0], frame.predicted[0][:, i]) for i, q in sensors if q in shown]
         if ELONGATION in shown and frame.elongation is not None:
             lines.append((self.curves[ELONGATION], frame.elongation.mm))
         return lines

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from analysis.calibration.inverse import Fusion
     from analysis.data.recording import Recording
     from analysis.twin.controller import Bounds, ElongationController
-    from analysis.twin.prediction import SensorPrediction
+    from analysis.twin.prediction import LivePrediction, SensorPrediction
     from analysis.twin.unit_file import TwinFile
 
 
@@ -124,6 +124,22 @@ def predicted_sensors(units: UnitLibrary, name: str) -> tuple[SensorPrediction, 
     stored = in_force(units, name).content["sensors"]
     points = [(np.asarray(one["elongation_mm"], float), np.asarray(one["signal_mv"], float)) for one in stored]
     return predict_sensors(points)
+
+
+def live_prediction_of(units: UnitLibrary, name: str, fusion: Fusion) -> LivePrediction | None:
+    """Return what predicts a unit's live signals; None where the unit is not identified with its calibration in force.
+
+    Raises
+    ------
+    OperatorError : the unit has no accepted calibration. AnalysisError : a file is damaged.
+    """
+    from analysis.twin.prediction import live_prediction
+    from analysis.twin.unit_file import read_twin
+
+    twin = read_twin(twin_path(units, name))
+    if twin is None or twin.calibration_utc != in_force(units, name).utc:
+        return None
+    return live_prediction(twin.model, fusion, predicted_sensors(units, name))
 
 
 def store_twin(units: UnitLibrary, twin: TwinFile) -> None:

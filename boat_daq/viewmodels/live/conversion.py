@@ -7,6 +7,7 @@ a helper thread: the analysis and its compiler take a moment to load, which must
 from __future__ import annotations
 
 from collections.abc import Mapping
+from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,20 +17,40 @@ from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.viewmodels.common.jobs import Background
 from boat_daq.viewmodels.common.reference import stored_inverse
-from boat_daq.viewmodels.common.twin import regulator_of
+from boat_daq.viewmodels.common.twin import live_prediction_of, regulator_of
 from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.live_model import LiveElongation, LiveModel
 
 if TYPE_CHECKING:
     from analysis.calibration.inverse import Fusion
     from analysis.twin.controller import ElongationController
+    from analysis.twin.prediction import LivePrediction
+
+
+LASTING_S = 3.0
+EVERY_S = 0.5
+NONE = "none"
+TEXTS = {  # cause and remedy
+    "mechanics": (
+        "the elongation does not fit the pressure: both sensors agree on another one",
+        "Check for a leak, a load on the unit, or a change of the actuator",
+    ),
+    "optics": (
+        "one signal does not fit the elongation that the other shows",
+        "Check emitter, guide and receiver of the sensors",
+    ),
+    "electronics": (
+        "both signals are shifted alike, as by light, supply or reference voltage",
+        "Check ambient light and the board's supply",
+    ),
+}
 
 
 class Conversion:
-    """mV -> mm of one unit: all sensors together, or each by itself."""
+    """mV -> mm of one unit: all sensors together, or each by itself; with what predicts its signals, if identified."""
 
-    def __init__(self, fusion: Fusion) -> None:
-        self.fusion = fusion
+    def __init__(self, fusion: Fusion, prediction: LivePrediction | None = None) -> None:
+        self.fusion, self.prediction = fusion, prediction
 
     def __call__(self, signal_mv: FloatArray) -> LiveElongation:
         """Return the elongation of [n, sensors] signals, sensors fused."""
@@ -43,8 +64,12 @@ class Conversion:
         return np.column_stack([found.elongation_mm for found in each])
 
 
-def prepare(content: Mapping[str, Any]) -> Conversion:
+def prepare(content: Mapping[str, Any], units: UnitLibrary | None = None, name: str = "") -> Conversion:
     """Return the inverse of a stored calibration, all sensors fused.
+
+    Parameters
+    ----------
+    content : of the calibration. units, name : of the unit; without them nothing predicts its signals.
 
     Raises
     ------
@@ -54,7 +79,8 @@ def prepare(content: Mapping[str, Any]) -> Conversion:
     from analysis.calibration.inverse import Fusion
 
     inverses = [stored_inverse(sensor) for sensor in content["sensors"]]
-    conversion = Conversion(Fusion.of(inverses))
+    fusion = Fusion.of(inverses)
+    conversion = Conversion(fusion, live_prediction_of(units, name, fusion) if units is not None else None)
     conversion(np.zeros((1, len(inverses))))  # compiles now, not in the first frame
     return conversion
 
@@ -105,18 +131,22 @@ class UnitInUse:
             self._followed = (name, snapshot.simulated, revision)
             units = self._units.of(simulated=snapshot.simulated)
             self.use(None)  # first: that of another board is not shown where this one cannot be read
-            self.use(units.load(name).calibration if name else None)
+            self.use(units.load(name).calibration if name else None, units)
         ready = self.preparation.take()
         if ready is not None:
             self._live.inverse = self.conversion = ready
+            self._live.prediction = ready.prediction
 
-    def use(self, stored: StoredCalibration | None) -> None:
-        """Show elongation by this calibration from now on; show none without one."""
+    def use(self, stored: StoredCalibration | None, units: UnitLibrary | None = None) -> None:
+        """Show elongation by this calibration from now on; show none without one.
+
+        With `units`, the library that it is of, predicted signals too, where the unit is identified.
+        """
         self._stored = stored
-        self._live.inverse = self.conversion = None
+        self._live.inverse = self.conversion = self._live.prediction = None
         self.preparation.pending.clear()  # of another calibration
         if stored is not None:
-            self.preparation.call(prepare, stored.content)
+            self.preparation.call(prepare, stored.content, units, self._followed[0])
 
     def regulator(self, snapshot: SessionSnapshot, step_mv: float) -> ElongationController:
         """Return what controls the elongation of the unit on the bench.
@@ -136,3 +166,29 @@ class UnitInUse:
     def close(self) -> None:
         """End the helper thread."""
         self.preparation.close()
+
+
+class DisagreementWatch:
+    """The word for what disagrees with the predicted signals, once it has lasted, for a notice.
+
+    It is looked for twice a second, and reported once, until something else disagrees or nothing does.
+    """
+
+    def __init__(self, live: LiveModel) -> None:
+        self._live = live
+        self._next_s = 0.0
+        self._word, self._since_s, self._reported = NONE, 0.0, NONE
+
+    def follow(self, *, connected: bool) -> tuple[str, str] | None:
+        """Return cause and remedy where something has begun to disagree for good; None otherwise."""
+        now_s = monotonic()
+        if now_s < self._next_s or self._live.prediction is None or not connected:
+            return None
+        self._next_s = now_s + EVERY_S
+        word = self._live.disagreement()
+        if word != self._word:
+            self._word, self._since_s = word, now_s
+        if now_s - self._since_s < LASTING_S or word == self._reported:
+            return None
+        self._reported = word
+        return TEXTS.get(word)

@@ -30,8 +30,20 @@ def is_signal(quantity: str) -> bool:
     return re.fullmatch(r"s\d_mv", quantity) is not None
 
 
+def difference_of(signal: str) -> str:
+    """Return the quantity that is a signal less the one predicted for it."""
+    return signal.replace("_mv", "_difference_mv")
+
+
+def is_difference(quantity: str) -> bool:
+    """Return whether a quantity is the difference of a measured and a predicted signal."""
+    return re.fullmatch(r"s\d_difference_mv", quantity) is not None
+
+
 def title(quantity: str) -> str:
     """Return the name of a quantity as the plots show it; of an extra channel its column."""
+    if is_difference(quantity):
+        return f"Sensor {quantity[1]} less predicted"
     if quantity in UNIT:
         return quantity.rpartition("_")[0].capitalize()
     return f"Sensor {quantity[1:-3]}" if is_signal(quantity) else quantity
@@ -40,7 +52,9 @@ def title(quantity: str) -> str:
 def unit(quantity: str) -> str:
     """Return the unit of a quantity; that of an extra channel without a known one is its own."""
     tail = quantity.rpartition("_")[2]
-    return "mV" if is_signal(quantity) else UNIT.get(quantity) or (tail if find_unit(tail) else quantity)
+    if is_signal(quantity) or is_difference(quantity):
+        return "mV"
+    return UNIT.get(quantity) or (tail if find_unit(tail) else quantity)
 
 
 def titles(quantities: Sequence[str], name: Callable[[str], str] = title) -> str:
@@ -89,8 +103,12 @@ class Layout:
     against: tuple[str, ...] = ()
 
     def complete(self, quantities: Sequence[str]) -> Layout:
-        """Return the layout with a place for each of these quantities."""
+        """Return the layout with a place for each of these quantities; a difference is hidden until it is chosen."""
         rows = list(self.rows)
+        named = {quantity for row in rows for quantity in row} | set(self.hidden)
+        new = tuple(q for q in quantities if is_difference(q) and q not in named)
+        if new:
+            return replace(self, hidden=(*self.hidden, *new)).complete(quantities)
         known = {quantity for row in rows for quantity in row} | set(self.hidden)
         for quantity in sorted(set(quantities) - known, key=_rank):
             later = (at for at, row in enumerate(rows) if _rank(row[0]) > _rank(quantity))

@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.viewmodels.common.formatting import NOTHING, in_units, number
 from boat_daq.viewmodels.live.axis import SteadyRange, extremes
-from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Axes, Layout, is_signal, titles, unit
+from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Axes, Layout, difference_of, is_signal, titles, unit
 from boat_daq.viewmodels.live.layout import title as layout_title
 from protocol.recording import DerivedChannel, ExtraChannel
 from protocol.units import STORED_UNITS, ShownUnits, as_text
@@ -67,6 +68,13 @@ class LiveElongation:
 Inverse = Callable[[FloatArray], LiveElongation]  # [n, sensors] mV -> elongation
 
 
+class Prediction(Protocol):
+    """Predicts signals from pressure; `analysis.twin.prediction.LivePrediction` is one."""
+
+    def __call__(self, pressure_kpa: FloatArray) -> tuple[FloatArray, FloatArray]: ...
+    def disagreement(self, signal_mv: FloatArray, pressure_kpa: float, samples: int) -> str: ...
+
+
 @dataclass(frozen=True, slots=True)
 class PlotFrame:
     """One frame of the plots: width in pixels, horizontal range, columns."""
@@ -76,6 +84,7 @@ class PlotFrame:
     high_s: float
     columns: Columns
     elongation: LiveElongation | None
+    predicted: tuple[FloatArray, FloatArray] | None = None  # signals [n, sensors], and half the width of their band
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,6 +173,7 @@ class LiveModel:
 
     ring: Callable[[], RingBuffer | None]
     inverse: Inverse | None = None
+    prediction: Prediction | None = None
     window_s: float = 60.0
     points_a_column: int = 16  # read for each column of pixels, of which two are painted; set by the fidelity
     cursors_s: dict[str, float] = field(default_factory=dict)  # "a", "b"
@@ -191,7 +201,13 @@ class LiveModel:
     def quantities(self) -> list[str]:
         """Return what the plots can show; the signals of two sensors before the first sample."""
         names = [f"s{n}_mv" for n in range(1, (self.sensors() or 2) + 1)]
-        return [*names, *([ELONGATION] if self.inverse is not None else []), PRESSURE, *self.channels()]
+        elongation = [ELONGATION] if self.inverse is not None else []
+        return [*names, *elongation, PRESSURE, *self.channels(), *self.differences()]
+
+    def differences(self) -> list[str]:
+        """Return the differences of measured and predicted signals, where these are predicted."""
+        sensors = self.sensors() if self.prediction is not None else 0
+        return [difference_of(f"s{n}_mv") for n in range(1, sensors + 1)]
 
     def channels(self) -> dict[str, ExtraChannel | DerivedChannel]:
         """Return the extra and derived channels that have had a value, by column."""
@@ -323,7 +339,18 @@ class LiveModel:
 
     def _picture(self, width: int, low_s: float, high_s: float, columns: Columns) -> PlotFrame:
         elongation = self.inverse(signals(columns)) if self.inverse is not None else None
+        predicted = self.prediction(columns[PRESSURE]) if self.prediction is not None else None
+        if predicted is not None and predicted[0].shape[1] == len(sensor_names(columns)):
+            away = {difference_of(q): columns[q] - predicted[0][:, i] for i, q in enumerate(sensor_names(columns))}
+            return PlotFrame(width, low_s, high_s, {**columns, **away}, elongation, predicted)
         return PlotFrame(width, low_s, high_s, columns, elongation)
+
+    def disagreement(self) -> str:
+        """Return which link of the chain disagrees over the last moment; "none" where none does, or none is known."""
+        means, n = self.means(), round(HEADLINE_S * 100)
+        if self.prediction is None or not means:
+            return "none"
+        return str(self.prediction.disagreement(signals(means)[0], means[PRESSURE], n))
 
     def frame_interval_ms(self, width: int, cost_ms: float, *, connected: bool) -> int:
         """Return the time between frames: none is drawn whose change is invisible, and all take a share of a core.
@@ -358,6 +385,9 @@ class LiveModel:
                 shown = [columns[name] for name in names if name in columns]
                 if PRESSURE in names:
                     shown.append(columns["target_kpa"])
+                if frame.predicted is not None:
+                    sensors = enumerate(sensor_names(columns))
+                    shown += [frame.predicted[0][:, i] for i, name in sensors if name in names]
                 if ELONGATION in names and frame.elongation is not None:
                     shown.append(frame.elongation.mm)
                 if shown:

@@ -129,3 +129,21 @@ def test_board_is_calibrated_by_the_commands(tmp_path, sensors):
     assert found == pytest.approx(sensitivities(unit), rel=0.01)
     call("report", path, "--out", tmp_path / "run.html")
     assert f"Sensor {sensors}" in (tmp_path / "run.html").read_text(encoding="utf-8") or sensors == 1
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("sensors", [1, 3, 4])
+def test_hundred_cycles_have_their_figures(tmp_path, sensors):
+    """The repeatability plan over a port at a hundred times real time: every cycle, every sensor, every derived file."""
+    unit, path = f"SA1x{sensors}", tmp_path / "run.boat"
+    plan = built_in_plans()["repeatability"]
+    with serve_in_thread(BoardSettings(port="pty", speed=100.0, unit=unit)) as board:
+        run_session(SessionRequest(board.url, path, plan, unit=unit))
+    printed = call("analyze", path, "--no-mcmc")
+    assert printed["cycles"]["complete"] == plan.cycles == 100
+    assert [sensor["name"] for sensor in printed["sensors"]] == [f"s{n}" for n in range(1, sensors + 1)]
+    assert all(0.0 < sensor["repeatability_percent_fso"] < 1.0 for sensor in printed["sensors"])
+    assert call("verify", path)["identical"]
+    call("report", path, "--out", tmp_path / "run.pdf")
+    call("export", path, "--format", "csv", "--out", tmp_path / "run.csv")
+    assert f"s{sensors}_dark" in (tmp_path / "run.json").read_text(encoding="utf-8")

@@ -52,7 +52,7 @@ def test_every_sensor_has_its_figures(calibrated: tuple[Recording, Analysis]) ->
 
 
 def test_signals_become_elongation(calibrated: tuple[Recording, Analysis], tmp_path: Path) -> None:
-    """The fused elongation is the plant's within its uncertainty, which falls with the sensors; by the file read again."""
+    """The fused elongation is the plant's within its uncertainty, which falls with the sensors; read from the file."""
     recording, run = calibrated
     path = tmp_path / "c.json"
     path.write_text(CalibrationFile.of(run).text(), encoding="utf-8")

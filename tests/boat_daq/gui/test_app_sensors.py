@@ -134,7 +134,7 @@ def test_board_is_calibrated_by_the_commands(tmp_path, sensors):
 @pytest.mark.nightly
 @pytest.mark.parametrize("sensors", [1, 3, 4])
 def test_hundred_cycles_have_their_figures(tmp_path, sensors):
-    """The repeatability plan over a port at a hundred times real time: every cycle, every sensor, every derived file."""
+    """The repeatability plan over a port at a hundred times real time: every cycle, every sensor, every file."""
     unit, path = f"SA1x{sensors}", tmp_path / "run.boat"
     plan = built_in_plans()["repeatability"]
     with serve_in_thread(BoardSettings(port="pty", speed=100.0, unit=unit)) as board:

@@ -576,5 +576,6 @@ def obstacle(button: str, chosen: Sequence[RunEntry]) -> str:
     ):
         return "Simulated and real recordings are chosen; they are not compared."
     if button in CHANGES and chosen[0].summary is not None and not chosen[0].closed:
-        return "It can be changed once the recording is closed or recovered."
+        later = "It can be changed once the recording is closed or recovered."
+        return f"{later} While it is recorded: Session, Metadata (Ctrl+Shift+E)." if button == "metadata" else later
     return next((f"{run.path.name}: {run.problem}." for run in chosen if run.summary is None), "")

@@ -89,6 +89,7 @@ class Header(QWidget):
         calibration, link figures without a warning from the last on, the calibration.
         """
         wide = self.width() >= style.NARROW_BELOW
+        widgets.set_text(self.vent_all, "ALL   Shift+F4" if wide else "ALL")
         self._short = False
         self.recording.fold(short=False)
         shown = [label for label in self.figures if label.text()]
@@ -135,7 +136,7 @@ class Header(QWidget):
             self.vent_all.setVisible(bool(others))
             self._lengths = ()  # place all again
         if others:
-            self.vent_all.setToolTip(f"Vent this board and those of the other windows now: {', '.join(others)}")
+            self.vent_all.setToolTip(f"Vent the boards of all windows now (Shift+F4), too: {', '.join(others)}")
         text = link_text(snapshot)
         words = text.word if not text.who else f"{text.who}  {text.word}"
         starting = "\u25d4  starting the virtual board \u2026"

@@ -111,8 +111,9 @@ def test_all_windows_are_vented_by_one_key_where_there_are_others(live):
         live.resize(width, 533)
         live.refresh()
         QApplication.processEvents()
-        for button in (live.header.vent, live.header.vent_all):
+        for button in (live.header.vent, live.header.vent_all, live.header.link, live.header.unit):
             assert button.isVisible()
+            assert button.width() >= button.sizeHint().width(), (width, button.text())
             assert live.header.rect().contains(button.geometry()), width
     assert "SA2" in live.header.vent_all.toolTip()
     QTest.keyClick(live.windowHandle(), Qt.Key.Key_F4, Qt.KeyboardModifier.ShiftModifier)

@@ -354,13 +354,12 @@ def report(
             recording = load_recording(run)
             stated = replace(options, type_b=stated_contributions(recording, type_b))
             part = part_of(advance, number, 1, len(runs) + 1)
-            found = analyse(recording, files[number % len(files)], options=stated, progress=part)
-            analyses.append(with_plugins(found, str(run)))
             file = files[number % len(files)]
             if accuracy is None:
-                analyses.append(analyse(recording, file, options=stated, progress=part))
+                found = analyse(recording, file, options=stated, progress=part)
             else:
-                analyses.append(analyse_within(recording, file, stated, *accuracy, progress=part))
+                found = analyse_within(recording, file, stated, *accuracy, progress=part)
+            analyses.append(with_plugins(found, str(run)))
         compared = len(analyses) == 1 and analyses[0].kind == "calibration" and not no_shadow
         shadow = against_shadow(analyses[0]) if compared else None
         setting = part_of(advance, len(runs), 1, len(runs) + 1)

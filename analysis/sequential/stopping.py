@@ -1,8 +1,12 @@
-"""When a calibration run knows enough: U after its cycles, and how many more a smaller one takes.
+"""When a run knows enough: what its cycles leave uncertain, and how many more a smaller uncertainty takes.
 
 Strategy: the budget of an elongation (`analysis.figures.uncertainty`) is made again after every cycle. What the curve
 leaves open falls with the square root of the cycles; noise, loop, drift and repeatability of the unit do not. From that
 follow the cycles that the U asked for takes, and the U that no number of cycles goes below.
+
+Of a repeatability run, drift and spread are known by the intervals of their figures (95 %, bootstrap over the cycles):
+the half width of the drift per 100 cycles falls with the power 3/2 of the cycles, that of the repeatability with the
+root.
 
 Rules: U is that of a reading of all sensors together, as the live display states it, in the middle of the range. A run
 is never ended before its second cycle, because one cycle shows no repeatability. U is stated as it is after the last
@@ -26,6 +30,9 @@ from analysis.figures.sensor_analysis import AnalysedRun, Options
 from analysis.figures.uncertainty import COVERAGE_FACTOR, Budget, elongation_reader
 
 FEWEST_CYCLES = 2
+FEWEST_REPEATS = 10
+"""Cycles of a repeatability run before it may end: fewer leave the widths of the intervals themselves uncertain."""
+DRIFT, SPREAD = "drift_percent_fso_per_100_cycles", "repeatability_percent_fso"
 FALLING = ("fit",)
 """Components of the budget that fall as one over the root of the cycles."""
 _POINTS = 41
@@ -59,6 +66,11 @@ class Enough:
         return self.more_cycles == 0
 
     @property
+    def now(self) -> str:
+        """Return U now and U asked."""
+        return f"U {self.u_mm:.3f} mm, {self.asked_mm:g} mm asked"
+
+    @property
     def text(self) -> str:
         """Return U now, U asked, and what is still to do."""
         if self.void:
@@ -79,15 +91,61 @@ def _cycles(count: int) -> str:
     return f"{count} cycle" if count == 1 else f"{count} cycles"
 
 
-def check_asked(asked_mm: float) -> None:
-    """Reject a U that is not a length above 0.
+@dataclass(frozen=True, slots=True)
+class EnoughRepeats:
+    """What a repeatability run knows after its cycles, of the worse sensor.
+
+    Parameters
+    ----------
+    cycles : complete ones so far.
+    drift_percent, spread_percent : half widths of the 95 % intervals of drift per 100 cycles and repeatability, % FSO.
+    asked_percent : both half widths that are asked for.
+    more_cycles : further cycles that they take, 0 if they are reached.
+    void : why they are not known, or "".
+    """
+
+    cycles: int
+    drift_percent: float
+    spread_percent: float
+    asked_percent: float
+    more_cycles: int | None
+    void: str = ""
+
+    @property
+    def reached(self) -> bool:
+        """Return whether the run may end."""
+        return self.more_cycles == 0
+
+    @property
+    def now(self) -> str:
+        """Return what is known now and what is asked."""
+        return f"drift ±{self.drift_percent:.2g}, spread ±{self.spread_percent:.2g} % FSO, {self.asked_percent:g} asked"
+
+    @property
+    def text(self) -> str:
+        """Return what is known now, what is asked, and what is still to do."""
+        if self.void:
+            return f"drift and spread are not known after {_cycles(self.cycles)}: {self.void}"
+        now = (
+            f"drift known to {self.drift_percent:.2g} and repeatability to {self.spread_percent:.2g} % FSO after "
+            f"{_cycles(self.cycles)}, {self.asked_percent:g} asked"
+        )
+        return f"{now}: reached" if self.reached else f"{now}: about {_cycles(self.more_cycles or 0)} more"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as a dictionary."""
+        return asdict(self) | {"reached": self.reached}
+
+
+def check_asked(asked: float, unit: str) -> None:
+    """Reject an uncertainty that is no number above 0; `unit` is mm or % FSO.
 
     Raises
     ------
     RequestError : it is none.
     """
-    if not 0.0 < asked_mm < math.inf:
-        raise RequestError(f"an uncertainty of {asked_mm:g} mm", "give a length above 0 mm, as 0.08")
+    if not 0.0 < asked < math.inf:
+        raise RequestError(f"an uncertainty of {asked:g} {unit}", f"give a number of {unit} above 0, as 0.08")
 
 
 def enough(analysis: Analysis, asked_mm: float) -> Enough:
@@ -140,6 +198,31 @@ def more_cycles(u_mm: float, falling_mm2: float, cycles: int, asked_mm: float) -
     return max(1, FEWEST_CYCLES - cycles, math.ceil(falling_mm2 * cycles / room) - cycles) if room > 0.0 else None
 
 
+def enough_repeats(analysis: Analysis, asked_percent: float) -> EnoughRepeats:
+    """Return what a repeatability run knows.
+
+    Parameters
+    ----------
+    analysis : of the run so far. asked_percent : half width of both intervals that is asked for, % FSO.
+    """
+    cycles = len(analysis.cycles.used)
+    halves = {}
+    for name in (DRIFT, SPREAD):
+        figures = [sensor.figures[name] for sensor in analysis.sensors]
+        void = next((figure.void for figure in figures if figure.void), "")
+        half = max((figure.high - figure.low for figure in figures), default=math.nan) / 2.0
+        if void or not math.isfinite(half):
+            why = void or "too few cycles for an interval"
+            return EnoughRepeats(cycles, math.nan, math.nan, asked_percent, None, why)
+        halves[name] = half
+    needed = max(
+        cycles * (halves[DRIFT] / asked_percent) ** (2 / 3), cycles * (halves[SPREAD] / asked_percent) ** 2,
+        float(FEWEST_REPEATS),
+    )  # fmt: skip
+    more = max(0, math.ceil(needed) - cycles)
+    return EnoughRepeats(cycles, halves[DRIFT], halves[SPREAD], asked_percent, more)
+
+
 def next_level_kpa(analysis: Analysis, calibration: Calibration) -> float:
     """Return the plateau where one more reading lowers the curve's largest uncertainty most (G-optimality), kPa.
 
@@ -165,15 +248,17 @@ def next_level_kpa(analysis: Analysis, calibration: Calibration) -> float:
     return float(loops.level_kpa[int(np.argmin(largest))])
 
 
-def assess_run(file: str | Path, asked_mm: float) -> Enough:
-    """Analyse a run as far as it is recorded, with the intervals of a draft, and return what it knows.
+def assess_run(file: str | Path, asked: float, *, repeats: bool = False) -> Enough | EnoughRepeats:
+    """Analyse a run as far as it is recorded, and return what it knows.
 
     Parameters
     ----------
-    file : the recording. asked_mm : as in `enough`.
+    file : the recording. asked : as in `enough`, or in `enough_repeats` where `repeats`.
 
     Raises
     ------
     FileError, DataError : as `analyse`.
     """
-    return enough(analyse(file, options=Options(mcmc=False, fidelity="draft")), asked_mm)
+    if repeats:
+        return enough_repeats(analyse(file, options=Options(mcmc=False)), asked)
+    return enough(analyse(file, options=Options(mcmc=False, fidelity="draft")), asked)

@@ -158,7 +158,7 @@ def record_on_virtual_board(
             metadata = {"operator": "demo", "unit": unit, "note": f"SIMULATED, seed {seed}, {speed:g}x"}
             known = unit.removesuffix("-falling")
             request = SessionRequest(
-                port=board.url, path=run, plan=plan, unit=known, metadata=metadata, uncertainty_mm=uncertainty_mm
+                port=board.url, path=run, plan=plan, unit=known, metadata=metadata, uncertainty=uncertainty_mm
             )
             _, failure = run_session(request, lambda session: enter_simulated_readings(session, truth, seed=seed))
     if failure:

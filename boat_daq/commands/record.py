@@ -41,6 +41,14 @@ def record(
     ramp: Annotated[float | None, typer.Option(help="Ramp, kPa/s, in place of the plan's.", min=0.01)] = None,
     elongation: Annotated[Path | None, typer.Option(help="CSV of readings: pressure_kpa,elongation_mm.")] = None,
     uncertainty: UncertaintyOption = None,
+    repeatability: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PERCENT",
+            help="End a plan without plateaus as soon as drift per 100 cycles and repeatability are known to this at "
+            "95 %, % FSO.",
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="Recording to write, or a template: '{unit}_{plan}_{number}'.")
     ] = None,
@@ -103,8 +111,10 @@ def record(
     values = {"cycles": cycles, "dwell_s": dwell, "ramp_kpa_per_s": ramp}
     changes = {name: value for name, value in values.items() if value is not None}
     readings = read_elongation_csv(elongation) if elongation is not None else None
-    if uncertainty is not None and (plan is None or elongation is None):
-        raise typer.BadParameter("needs --plan and --elongation", param_hint="--uncertainty")
+    if uncertainty is not None and (plan is None or elongation is None or repeatability is not None):
+        raise typer.BadParameter("needs --plan and --elongation, and no --repeatability", param_hint="--uncertainty")
+    if repeatability is not None and plan is None:
+        raise typer.BadParameter("needs --plan", param_hint="--repeatability")
     request = SessionRequest(
         port=port,
         path=resume or _path(out, unit, plan or "", operator),
@@ -117,12 +127,19 @@ def record(
         derived=parse_lines("\n".join(derive)) if derive else None,
         hold=hold,
         max_u_mm=max_u,
-        uncertainty_mm=uncertainty,
+        uncertainty=uncertainty if repeatability is None else repeatability,
     )
     if resume is not None:
         request = resumed(request, broken_run(resume, plan, changes, unit=unit))
     else:
         request = dataclasses.replace(request, plan=chosen_plan(plan, changes))
+        kind = None if request.plan is None else request.plan.kind
+        for option, given, only in (
+            ("uncertainty", uncertainty, "staircase"),
+            ("repeatability", repeatability, "continuous"),
+        ):
+            if given is not None and kind != only:
+                raise typer.BadParameter(f"is of {only} plans, this one is {kind}", param_hint=f"--{option}")
         if readings is not None and request.plan is not None and uncertainty is None:
             check_against_plan(readings, request.plan)
 

@@ -53,7 +53,7 @@ class SessionRequest:
     derived : derived channels in place of the stored ones; None for those.
     hold : of a plan in millimetres, keep the last pressure where the control ends by itself, in place of venting.
     max_u_mm : of a plan in millimetres, the uncertainty (k = 2) of the elongation that ends the control.
-    uncertainty_mm : U of an elongation at which the plan has enough cycles; None runs all of them.
+    uncertainty : at which the plan has enough cycles, mm of U or % FSO as in `EnoughCycles`; None runs all of them.
     """
 
     port: str
@@ -69,7 +69,7 @@ class SessionRequest:
     derived: tuple[DerivedChannel, ...] | None = None
     hold: bool = False
     max_u_mm: float | None = None
-    uncertainty_mm: float | None = None
+    uncertainty: float | None = None
 
 
 def run_session(
@@ -92,10 +92,10 @@ def run_session(
     DeviceError, OperatorError, StorageError : nothing could be recorded. A run that fails midway is not an error
         here: the recording holds the samples until then.
     """
-    if request.uncertainty_mm is not None:
+    if request.uncertainty is not None:
         from analysis.sequential.stopping import check_asked
 
-        check_asked(request.uncertainty_mm)
+        check_asked(request.uncertainty, "mm or % FSO")
     start_log("record")
     camera: CameraChannel | None = None
     settings = load_settings()
@@ -123,13 +123,10 @@ def run_session(
         if request.plan is not None:
             shown = clear_latched_fault(session, seen)
             vent_residual_pressure(session)
-            if request.uncertainty_mm is None or after_run is None:
-                run_plan(session, request, shown=shown)
-            else:
-                enough = EnoughCycles(session, partial(after_run, session), notify)
-                enough.ask(request.uncertainty_mm)
-                with contextlib.closing(enough):
-                    run_plan(session, request, shown=shown, enough=enough)
+            enough = EnoughCycles(session, partial(after_run or (lambda _: None), session), notify)
+            enough.ask(request.uncertainty)
+            with contextlib.closing(enough):
+                run_plan(session, request, enough, shown=shown)
         else:
             listen(session, request.duration_s)
         if after_run is not None:
@@ -207,7 +204,7 @@ def vent_residual_pressure(session: Session) -> None:
     session.wait(lambda _: all(check.ok for check in session.preflight() if check.name == "zero"), VENTING_S)
 
 
-def run_plan(session: Session, request: SessionRequest, *, shown: int = 0, enough: EnoughCycles | None = None) -> None:
+def run_plan(session: Session, request: SessionRequest, enough: EnoughCycles, *, shown: int = 0) -> None:
     """Arm and start the plan of a request, and wait until it has ended.
 
     Parameters
@@ -225,8 +222,7 @@ def run_plan(session: Session, request: SessionRequest, *, shown: int = 0, enoug
     for seen, advance in _snapshots(session, plan.name, shown):
         if seen.progress is not None:
             advance(seen.progress.elapsed_s, max(seen.progress.elapsed_s + seen.progress.time_left_s, 1e-9))
-        if enough is not None:
-            enough.follow(seen)
+        enough.follow(seen)
         if seen.state in ENDED or seen.link in (LinkState.LOST, LinkState.FAILED, LinkState.CLOSED):
             return
 

@@ -184,9 +184,12 @@ class PlanForm(QScrollArea):
         self.ask_readings = QCheckBox("Wait for each reading")
         self.ask_readings.setChecked(sequence.wait_for_reading)
         self.ask_readings.toggled.connect(sequence.require_readings)
-        self.asked = widgets.field("Uncertainty at which a calibration ends, in mm", "", width=FIELD_WIDTH)
+        self.asked = widgets.field("Uncertainty at which a run ends, mm or % FSO", "", width=FIELD_WIDTH)
         self.asked.setPlaceholderText("all cycles")
-        self.asked.setToolTip("Ends the run after the first cycle that leaves this U (k = 2) of an elongation")
+        self.asked.setToolTip(
+            "Ends the run after the first cycle that leaves this U (k = 2) of an elongation, mm; of a plan without "
+            "plateaus, this half width of the intervals of drift and repeatability, % FSO"
+        )
         self.asked.editingFinished.connect(self._ask)
         self.target = widgets.field("Target pressure in kPa", "0", self._set_pressure, width=FIELD_WIDTH)
         self.ramp = widgets.field("Ramp in kPa per second", "5", width=FIELD_WIDTH)
@@ -196,7 +199,7 @@ class PlanForm(QScrollArea):
             widgets.form((entry.label, self.fields[entry.key], entry.unit) for entry in ENTRIES),
             self.refused,
             self.ask_readings,
-            widgets.form((("End at U", self.asked, "mm"),)),
+            widgets.form((("End at", self.asked, "mm U, % FSO"),)),
             self.estimate,
             widgets.row(widgets.button("Open …", self.open), widgets.button("Save …", self.save), self.segments, None),
         )
@@ -236,7 +239,9 @@ class PlanForm(QScrollArea):
             try:
                 self.enough.ask(float(text) if text else None)
             except ValueError:
-                raise OperatorError(f"{text!r} is no length", "Enter a number of mm, as 0.08, or nothing.") from None
+                raise OperatorError(
+                    f"{text!r} is no length", "Enter a number of mm, as 0.08, or of % FSO, or nothing."
+                ) from None
 
         widgets.set_state(self.asked, "" if self.services.notices.attempt(ask) else "true", "wrong")
 

@@ -1,4 +1,7 @@
-"""Ends a calibration run as soon as its cycles leave no larger U than the one asked for.
+"""Ends a run as soon as its cycles leave no larger uncertainty than the one asked for.
+
+Of a plan with plateaus that is U of an elongation in mm, of one without it is the half width of the intervals of drift
+and repeatability in % FSO.
 
 The run is analysed after each complete cycle, in a process of its own, so that the analysis delays neither samples nor
 the window; meanwhile the run continues.
@@ -16,7 +19,7 @@ from boat_daq.viewmodels.common.formatting import count, duration
 from boat_daq.viewmodels.common.jobs import Job, JobState
 
 if TYPE_CHECKING:
-    from analysis.sequential.stopping import Enough
+    from analysis.sequential.stopping import Enough, EnoughRepeats
 
 
 class EnoughCycles:
@@ -38,21 +41,21 @@ class EnoughCycles:
         self._session, self._enter, self._report = session, enter, report
         self._cycles = 0
         self._job: Job | None = None
-        self.asked_mm: float | None = None
-        self.known: Enough | None = None
+        self.asked: float | None = None
+        self.known: Enough | EnoughRepeats | None = None
 
-    def ask(self, asked_mm: float | None) -> None:
-        """Set U of an elongation (k = 2) at which runs end; None runs all cycles.
+    def ask(self, asked: float | None) -> None:
+        """Set the uncertainty at which runs end, mm of U (k = 2) or % FSO; None runs all cycles.
 
         Raises
         ------
-        RequestError : it is no length above 0.
+        RequestError : it is no number above 0.
         """
-        if asked_mm is not None:
+        if asked is not None:
             from analysis.sequential.stopping import check_asked
 
-            check_asked(asked_mm)
-        self.asked_mm, self.known = asked_mm, None
+            check_asked(asked, "mm or % FSO")
+        self.asked, self.known = asked, None
 
     def close(self) -> None:
         """End the process of an assessment."""
@@ -62,7 +65,7 @@ class EnoughCycles:
     def follow(self, snapshot: SessionSnapshot) -> None:
         """Assess the run after each further complete cycle; end it where U is small enough."""
         progress = snapshot.progress
-        if snapshot.state is not SessionState.RUNNING or progress is None or self.asked_mm is None:
+        if snapshot.state is not SessionState.RUNNING or progress is None or self.asked is None:
             self.close()
             self._job, self._cycles = None, 0
             self.known = self.known if snapshot.state is SessionState.FINISHING else None
@@ -72,9 +75,9 @@ class EnoughCycles:
             self._job = None
         if self._job is None and progress.complete_cycles > self._cycles and snapshot.recording is not None:
             self._cycles = progress.complete_cycles
-            self._begin(snapshot, self.asked_mm)
+            self._begin(snapshot, self.asked)
 
-    def _begin(self, snapshot: SessionSnapshot, asked_mm: float) -> None:
+    def _begin(self, snapshot: SessionSnapshot, asked: float) -> None:
         """Start to assess the run."""
         from analysis.sequential.stopping import assess_run
 
@@ -84,7 +87,8 @@ class EnoughCycles:
         except OperatorError as error:
             self._report(f"U is not known after {count(self._cycles, 'cycle')}: {error.cause}")
             return
-        self._job = Job("Assessing the uncertainty", assess_run, snapshot.recording, asked_mm)
+        repeats = snapshot.plan is not None and snapshot.plan.kind == "continuous"
+        self._job = Job("Assessing the uncertainty", assess_run, snapshot.recording, asked, repeats=repeats)
 
     def _take(self, job: Job) -> None:
         """Report an assessment, and end the run where it is enough."""
@@ -98,15 +102,20 @@ class EnoughCycles:
             self._session.finish_early(job.result.text)
 
     def text(self, snapshot: SessionSnapshot) -> str:
-        """Return U now, U asked and the time left to it; "" where none is asked for."""
-        if self.asked_mm is None or snapshot.progress is None:
+        """Return the uncertainty now, the one asked for and the time left to it; "" where none is asked for."""
+        if self.asked is None or snapshot.progress is None:
             return ""
         if self.known is None:
-            return f"U {self.asked_mm:g} mm asked, known after a cycle"
+            return f"{self.asked:g} {self.unit(snapshot)} asked, known after a cycle"
         if self.known.void or self.known.more_cycles is None:
             return self.known.text
         progress, more = snapshot.progress, self.known.more_cycles
         begun = progress.complete_cycles - self.known.cycles
         planned = max(progress.cycles - progress.complete_cycles, 1)
         left_s = progress.time_left_s * max(more - begun, 0) / planned
-        return f"U {self.known.u_mm:.3f} mm, {self.asked_mm:g} mm asked, {duration(left_s)} left"
+        return f"{self.known.now}, {duration(left_s)} left"
+
+    @staticmethod
+    def unit(snapshot: SessionSnapshot) -> str:
+        """Return the unit of what is asked for."""
+        return "% FSO" if snapshot.plan is not None and snapshot.plan.kind == "continuous" else "mm of U"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,16 @@ import pytest
 from analysis.atlas.runs import Stairs, analysed
 from analysis.errors import RequestError
 from analysis.figures.pipeline import Analysis
-from analysis.sequential.stopping import Enough, check_asked, enough, more_cycles
+from analysis.sequential.stopping import (
+    DRIFT,
+    FEWEST_REPEATS,
+    SPREAD,
+    Enough,
+    check_asked,
+    enough,
+    enough_repeats,
+    more_cycles,
+)
 
 
 @pytest.fixture(scope="module")
@@ -54,8 +64,30 @@ def test_a_run_without_readings_says_why_u_is_unknown() -> None:
     assert not Enough(2, 0.1, 0.2, 0.1, None).as_json()["reached"]
 
 
+def with_intervals(run: Analysis, drift: float, spread: float, void: str = "") -> Analysis:
+    """Return the run with other half widths of the intervals of drift and repeatability."""
+    sensor = run.sensors[0]
+    figures = dict(sensor.figures)
+    for name, half in ((DRIFT, drift), (SPREAD, spread)):
+        figures[name] = replace(figures[name], low=1.0 - half, high=1.0 + half, void=void)
+    return replace(run, sensors=(replace(sensor, figures=figures),))
+
+
+def test_a_repeatability_run_ends_when_drift_and_spread_are_known(run: Analysis) -> None:
+    """Never before ten cycles; the drift's interval falls faster with the cycles than that of the repeatability."""
+    assert enough_repeats(with_intervals(run, 0.05, 0.05), 0.1).more_cycles == FEWEST_REPEATS - 2
+    assert enough_repeats(with_intervals(run, 6.39, 0.1), 0.1).more_cycles == 2 * 16 - 2
+    wide = enough_repeats(with_intervals(run, 0.1, 0.2999), 0.1)
+    assert wide.more_cycles == 2 * 9 - 2
+    assert "16 cycles more" in wide.text
+    assert not wide.reached
+    unknown = enough_repeats(with_intervals(run, 0.1, 0.1, "one cycle only"), 0.1)
+    assert "one cycle only" in unknown.text
+    assert not unknown.as_json()["reached"]
+
+
 @pytest.mark.parametrize("asked_mm", [0.0, -1.0, math.nan, math.inf])
 def test_an_impossible_uncertainty_is_refused(asked_mm: float) -> None:
     """Only a length above 0 can be asked for."""
     with pytest.raises(RequestError):
-        check_asked(asked_mm)
+        check_asked(asked_mm, "mm")

@@ -24,7 +24,7 @@ class Done:
     result: Any = None
     failure: JobFailure | None = None
 
-    def __init__(self, *_: object) -> None:
+    def __init__(self, *_: object, **__: object) -> None:
         self.state = JobState.DONE if self.failure is None else JobState.FAILED
 
     def poll(self) -> JobState:
@@ -38,7 +38,7 @@ class Done:
 def snapshot(complete: int, state: SessionState = SessionState.RUNNING) -> Any:
     """Return a snapshot of a run of five cycles of 100 s."""
     progress = SimpleNamespace(complete_cycles=complete, cycles=5, time_left_s=100.0 * (5 - complete))
-    return SimpleNamespace(state=state, progress=progress, recording=Path("run.boat"))
+    return SimpleNamespace(state=state, progress=progress, recording=Path("run.boat"), plan=None)
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def model(ended: list[str], monkeypatch: pytest.MonkeyPatch) -> EnoughCycles:
 def test_a_run_ends_after_the_cycle_that_leaves_the_u(model: EnoughCycles, ended: list[str]) -> None:
     """Nothing ends before a cycle is complete, nor by a larger U; the time left follows from the cycles needed."""
     model.follow(snapshot(0))
-    assert "0.08 mm asked" in model.text(snapshot(0))
+    assert model.text(snapshot(0)).startswith("0.08 mm of U asked")
     Done.result = Enough(1, 0.1, 0.08, 0.05, 2)
     model.follow(snapshot(1))
     model.follow(snapshot(1))

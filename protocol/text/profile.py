@@ -16,7 +16,8 @@
     [lines]
     delimiter = ","
     comments = ["#"]
-    checksum = "none"                        # or "nmea"
+    checksum = "none"                        # or "nmea" ($...*hh), or of a last field in hexadecimal digits: "xor",
+                                             # "sum" (modulo 256), "crc16" (CCITT, from FFFF), "crc16_modbus"
     fields = [{ name = "time", unit = "ms" }, "index", { name = "pressure", unit = "kPa" },
               "s1_lit", "s1_dark", "s2_lit", "s2_dark", { name = "temperature", unit = "degC" }, "_"]
     style = "columns"                        # or "labels" (p=12.5 s1=420), "json", "width" (nothing between the fields)
@@ -58,7 +59,7 @@ from protocol.link import messages
 from protocol.link.messages import Command
 from protocol.recording import CHANNELS_MAX, ExtraChannel, SampleKind, channels_of
 from protocol.regular_file import read_regular
-from protocol.text.readers import LINE_MAX, FieldText, LineFormat, LineStyle, PacketFormat, parse_format
+from protocol.text.readers import CHECKSUMS, LINE_MAX, FieldText, LineFormat, LineStyle, PacketFormat, parse_format
 from protocol.toml_text import read_toml
 from protocol.units import KPA_PER_UNIT, find_unit
 
@@ -330,9 +331,9 @@ def _lines(table: dict[str, Any]) -> tuple[list[dict[str, Any]], LineFormat]:
     entries = [_field(entry, f"lines.fields[{at}].") for at, entry in enumerate(table["fields"], 1)]
     if len(table["delimiter"]) != 1 or table["decimal"] not in (".", ",") or table["delimiter"] == table["decimal"]:
         raise ProfileError("lines.delimiter must be one character, lines.decimal another one: . or ,", "correct them")
-    if table["line_end"] not in ("\n", "\r", "\r\n") or table["checksum"] not in ("none", "nmea"):
+    if table["line_end"] not in ("\n", "\r", "\r\n") or table["checksum"] not in ("none", *CHECKSUMS):
         cause = f"lines.line_end = {table['line_end']!r} with lines.checksum = {table['checksum']!r}"
-        raise ProfileError(cause, r'line ends are "\n", "\r\n" or "\r", checksums "none" or "nmea"')
+        raise ProfileError(cause, rf'line ends are "\n", "\r\n" or "\r", checksums none, {", ".join(CHECKSUMS)}')
     if table["style"] not in get_args(LineStyle) or len(table["assign"].encode()) != 1:
         cause = f"lines.style = {table['style']!r:.60} with lines.assign = {table['assign']!r:.60}"
         raise ProfileError(cause, f"styles are {', '.join(get_args(LineStyle))}; assign is one character such as =")
@@ -349,7 +350,7 @@ def _lines(table: dict[str, Any]) -> tuple[list[dict[str, Any]], LineFormat]:
         line_end=table["line_end"].encode(),
         decimal=table["decimal"].encode(),
         comments=tuple(comment.encode() for comment in comments),
-        checksum=table["checksum"] == "nmea",
+        checksum="" if table["checksum"] == "none" else table["checksum"],
         n_fields=len(entries),
         columns=tuple(used),
         channels=tuple(channels),

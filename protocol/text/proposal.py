@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from protocol.errors import ProfileError
-from protocol.text.readers import LINE_MAX, checked, hexadecimal, json_values
+from protocol.text.readers import CHECKSUMS, LINE_MAX, checked, hexadecimal, json_values
 from protocol.units import find_unit
 
 LINES_MAX = 2000  # of the text, the first ones
@@ -134,7 +134,7 @@ class Proposal:
         names = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
         between = f", separated by {names[self.lines['delimiter']]}" if "delimiter" in self.lines else ""
         words = {"columns": "columns", "labels": "fields with labels", "json": "JSON", "width": "fields of one width"}
-        checksum = ", checksum NMEA" if self.lines.get("checksum") else ""
+        checksum = f", checksum {self.lines['checksum']}" if "checksum" in self.lines else ""
         decimal = ", decimal comma" if self.lines.get("decimal") else ""
         return f"{len(self.fields)} {words[style]}{between}{decimal}{checksum}: {self.fitting} of {self.seen} lines"
 
@@ -196,13 +196,10 @@ def propose(data: bytes, seconds: float = 0.0) -> Proposal:
     if len(lines) < FEWEST:
         cause = f"there are only {len(lines)} whole lines of text"
         raise ProfileError(cause, "wait for more, or check the baud rate; packets of bytes are an RX8 format")
-    checks = [checked(line.encode("latin-1")) for line in lines]
-    nmea = sum(good for _, good in checks) >= ENOUGH * len(lines)
-    if nmea:
-        lines = [text.decode("latin-1") for text, good in checks if good]
+    seen, (checksum, lines) = len(lines), _checksum(lines)
     syntax = _syntax(lines)
     keys = {**syntax.keys, **({"line_end": "\r"} if line_end == "\r" else {})}
-    keys |= ({"comments": comments} if comments else {}) | ({"checksum": "nmea"} if nmea else {})
+    keys |= ({"comments": comments} if comments else {}) | ({"checksum": checksum} if checksum else {})
     count = Counter(len(row) for row in syntax.rows).most_common(1)[0][0]
     rows = [row for row in syntax.rows if len(row) == count]
     headings = _headings([pieces[0].strip(), *raw], syntax, count, comments)
@@ -211,7 +208,7 @@ def propose(data: bytes, seconds: float = 0.0) -> Proposal:
     values = [_values(field, column, syntax.decimal) for field, column in zip(fields, columns, strict=True)]
     rate_by_host = len(raw) / seconds if seconds > 0 else 0.0
     fields = _named(fields, values, rate_by_host)
-    result = Proposal(tuple(fields), keys, fitting=len(rows), seen=len(checks))
+    result = Proposal(tuple(fields), keys, fitting=len(rows), seen=seen)
     return _with_device(result, values, rate_by_host)
 
 
@@ -230,6 +227,16 @@ def propose_any(data: bytes, seconds: float = 0.0) -> Proposal:
     printable = sum(byte in b"\t\r\n" or 32 <= byte < 127 for byte in data[:PACKET_BYTES_MAX])
     is_text = printable >= ENOUGH * min(len(data), PACKET_BYTES_MAX)
     return propose(data, seconds) if is_text else propose_packets(data, seconds)
+
+
+def _checksum(lines: list[str]) -> tuple[str, list[str]]:
+    """Return the checksum that most lines have, and the good lines without it; empty, and all lines, for none."""
+    for kind in CHECKSUMS:
+        for delimiter in DELIMITERS if kind != "nmea" else DELIMITERS[:1]:
+            checks = [checked(line.encode("latin-1"), kind, delimiter.encode()) for line in lines]
+            if sum(good for _, good in checks) >= ENOUGH * len(lines):
+                return kind, [text.decode("latin-1") for text, good in checks if good]
+    return "", lines
 
 
 def _comment_prefixes(lines: Sequence[str]) -> list[str]:

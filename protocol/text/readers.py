@@ -30,7 +30,8 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator
+from binascii import crc_hqx
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import reduce
 from operator import xor
@@ -61,7 +62,7 @@ class LineFormat:
     line_end: bytes
     decimal: bytes
     comments: tuple[bytes, ...]
-    checksum: bool  # NMEA 0183: the XOR of the characters between $ and *, as two hexadecimal digits
+    checksum: str  # one of `CHECKSUMS`, or empty
     n_fields: int
     columns: tuple[int, ...]
     channels: tuple[int, ...] = ()  # after them; text there is no error, but NaN
@@ -109,7 +110,7 @@ class LineReader(ByteReader):
             self.oversize += 1
             return None
         if self._format.checksum:
-            line, good = checked(line)
+            line, good = checked(line, self._format.checksum, self._format.delimiter)
             if not good:
                 self.crc_errors += 1
                 return None
@@ -179,11 +180,48 @@ class LineReader(ByteReader):
         return float(text.replace(self._format.decimal, b"."))
 
 
-def checked(line: bytes) -> tuple[bytes, bool]:
-    """Return the line between $ and *, and whether its checksum is right."""
-    text, star, digits = line.removeprefix(b"$").rpartition(b"*")
+def _modbus_table() -> list[int]:
+    table = []
+    for byte in range(256):
+        for _ in range(8):
+            byte = byte >> 1 ^ (0xA001 if byte & 1 else 0)
+        table.append(byte)
+    return table
+
+
+_MODBUS = _modbus_table()
+
+
+def crc16_modbus(data: bytes) -> int:
+    """Return the CRC-16 of Modbus: polynomial 0x8005, reflected, from 0xFFFF."""
+    crc = 0xFFFF
+    for byte in data:
+        crc = crc >> 8 ^ _MODBUS[(crc ^ byte) & 0xFF]
+    return crc
+
+
+CHECKSUMS: dict[str, tuple[Callable[[bytes], int], int]] = {  # name -> of the characters before it, its digits
+    "nmea": (lambda data: reduce(xor, data, 0), 2),
+    "xor": (lambda data: reduce(xor, data, 0), 2),
+    "sum": (lambda data: sum(data) & 0xFF, 2),
+    "crc16": (lambda data: crc_hqx(data, 0xFFFF), 4),
+    "crc16_modbus": (crc16_modbus, 4),
+}
+
+
+def checked(line: bytes, kind: str, delimiter: bytes) -> tuple[bytes, bool]:
+    """Return the line without its checksum, and whether that is right.
+
+    Parameters
+    ----------
+    line : that of NMEA 0183 has its text between $ and *, any other one the checksum as its last field.
+    kind : one of `CHECKSUMS`; in hexadecimal digits.
+    delimiter : of the fields.
+    """
+    of, length = CHECKSUMS[kind]
+    text, found, digits = line.removeprefix(b"$").rpartition(b"*") if kind == "nmea" else line.rpartition(delimiter)
     try:
-        return text, bool(star) and len(digits) == 2 and reduce(xor, text, 0) == int(digits, 16)
+        return text, bool(found) and len(digits) == length and of(text) == int(digits, 16)
     except ValueError:
         return text, False
 

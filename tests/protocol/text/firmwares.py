@@ -8,6 +8,8 @@ from operator import xor
 
 import numpy as np
 
+from protocol.text.readers import CHECKSUMS
+
 N = 60
 TIME_MS = 5000 + 10 * np.arange(N)
 PRESSURE_KPA = np.round(30 * np.sin(np.arange(N) / 6), 1)
@@ -27,6 +29,7 @@ def _rx8(t: int, p: float, a: int, b: int) -> bytes:
     return b"\x43" + round(p * 100).to_bytes(2, "big", signed=True) + a.to_bytes(2, "big") + b.to_bytes(2, "big")
 
 
+PLAIN = [f"{t},{p:.1f},{a},{b}" for t, p, a, b in ROWS]
 OUTPUTS: dict[str, bytes] = {
     "columns with a heading": b"Time (ms),Pressure (kPa),Sensor 1,Sensor 2\r\n" + _text("{t},{p:.1f},{a},{b}"),
     "Arduino plotter with labels": _text("P_kPa:{p:.1f},S1:{a},S2:{b}"),
@@ -47,6 +50,11 @@ OUTPUTS: dict[str, bytes] = {
     "old line ends and a counter": b"".join(
         f"{i},{t / 1000:.3f},{p:.1f},{a},{b}\r".encode() for i, (t, p, a, b) in enumerate(ROWS)
     ),
+}
+OUTPUTS |= {
+    f"checksum {kind}": "".join(f"{text},{CHECKSUMS[kind][0](text.encode()):0{digits}X}\r\n" for text in PLAIN).encode()
+    for kind, (_, digits) in CHECKSUMS.items()
+    if kind != "nmea"
 }
 SECONDS = 0.01 * N
 PACKETS = b"".join(_rx8(*row) for row in ROWS)

@@ -11,6 +11,7 @@ from protocol.link.events import Samples
 from protocol.text.connection import TextConnection
 from protocol.text.profile import load_profile
 from protocol.text.proposal import Proposal, propose, propose_packets, split_unit
+from protocol.text.readers import CHECKSUMS
 from tests.protocol.text.firmwares import COUNTS, OUTPUTS, PACKETS, PACKETS_WITH_TAIL, PRESSURE_KPA, SECONDS
 
 TENTHS = ("hexadecimal with separators", "hexadecimal of one width")  # of a kPa: which no text tells
@@ -57,6 +58,17 @@ def test_what_the_text_states_is_told_from_what_its_numbers_suggest():
         ("s2_signal", True),
     ]
     assert not guessed.with_field(0, unit="kPa").fields[0].guessed
+
+
+def test_checksums_are_those_of_their_standards():
+    """The check values of the catalogue of CRC algorithms for "123456789", and of NMEA 0183."""
+    assert (CHECKSUMS["crc16"][0](b"123456789"), CHECKSUMS["crc16_modbus"][0](b"123456789")) == (0x29B1, 0x4B37)
+    assert CHECKSUMS["nmea"][0](b"GPGLL,5300.97914,N,00259.98174,E,125926,A") == 0x28
+    assert propose(OUTPUTS["checksum crc16"], SECONDS).lines["checksum"] == "crc16"
+    altered = OUTPUTS["checksum sum"].replace(b",500,", b",501,", 1)
+    link = TextConnection(load_profile(tomli_w.dumps(propose(altered, SECONDS).content("x"))))
+    link.receive(altered, 0)
+    assert link.statistics.crc_errors == 1
 
 
 def test_fields_without_a_meaning_are_kept_as_channels():

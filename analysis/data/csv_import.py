@@ -142,8 +142,8 @@ def _stated_channels(table: Table) -> dict[int, tuple[str, str]]:
         key, _, text = comment.partition(":")
         column = key.removeprefix("channel ").strip()
         if key.startswith("channel ") and column in table.names:
-            name, _, unit = text.strip().removesuffix("]").rpartition(" [")
-            stated[table.names.index(column)] = name, unit
+            name, bracket, unit = text.strip().partition(" [")
+            stated[table.names.index(column)] = name, unit.removesuffix("]") if bracket else ""
     return stated
 
 

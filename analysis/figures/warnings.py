@@ -17,6 +17,7 @@ from analysis.segmentation.cycles import Excursion, disagreements_with_marks
 from analysis.segmentation.influence import ChannelInfluence
 from analysis.segmentation.losses import LossCounter
 from analysis.warning import Warning, WarningCode
+from protocol.units import as_text
 
 if TYPE_CHECKING:
     from analysis.figures.sensor_analysis import SegmentedRun, SensorAnalysis
@@ -122,12 +123,13 @@ def _signal_texts(run: SegmentedRun, sensor: int) -> Iterator[tuple[WarningCode,
 
 def influence_text(found: ChannelInfluence) -> str:
     """Return what a channel explains of a signal as a sentence."""
-    unit = found.unit or "unit"
+    unit = as_text(found.unit) or "unit"
     slope = with_uncertainty(found.coefficient_mv, found.expanded_mv)
     verb = "follows" if found.significant else "does not measurably follow"
     text = f"the signal {verb} {found.name}: {slope} mV/{unit} (95 %)"
     if np.isfinite(found.effect_percent_fso):
-        text += f", {found.effect_percent_fso:.1f} % FSO over {found.low:.4g} to {found.high:.4g} {found.unit}".rstrip()
+        span = f"{found.low:.4g} to {found.high:.4g} {as_text(found.unit)}".rstrip()
+        text += f", {found.effect_percent_fso:.1f} % FSO over {span}"
     return f"{text}; it changed steadily with time, so this may be drift" if found.like_drift else text
 
 

@@ -24,6 +24,7 @@ from analysis.reports import drawings
 from analysis.reports.document import ReportDrawing, ReportTable, Section, SectionPart, cell, cells, p_value, power
 from analysis.reports.text_metrics import width_of
 from analysis.version import program_version
+from protocol.units import as_text
 
 LABEL_PT, LABEL_PAD_INCH = 8.0, 0.15  # names at an axis, with their tick
 BARS_FRAME_INCH, GROUP_INCH, BAR_INCH = 0.9, 0.09, 0.12  # of bars: title, legend and axis; between groups; one bar
@@ -139,12 +140,13 @@ def influence_quantities(analysis: Analysis) -> list[Section]:
     rows, void = [], []
     for i, sensor in enumerate(analysis.sensors, 1):
         for found in sensor.influences:
-            per = f"/{found.unit}" if found.unit else ""
+            unit = as_text(found.unit)
+            per = f"/{unit}" if unit else ""
             if found.void:
                 void.append(f"{found.name} of sensor {i}: {found.void}")
                 continue
             share = percent(found.effect_percent_fso / 100.0, 1) if np.isfinite(found.effect_percent_fso) else NOTHING
-            span = f"{found.low:.4g} to {found.high:.4g} {found.unit}".rstrip()
+            span = f"{found.low:.4g} to {found.high:.4g} {unit}".rstrip()
             slope = with_uncertainty(found.coefficient_mv, found.expanded_mv)
             drift = "may be drift" if found.like_drift else ""
             rows.append((str(i), found.name, span, f"{slope} mV{per}", f"{found.correlation:+.2f}", share, drift))

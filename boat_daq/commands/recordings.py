@@ -137,6 +137,8 @@ def _lines(summary: Summary) -> Iterator[tuple[str, str]]:
         rate += f" received of {summary.rate_sampled_hz:.2f} Hz"
     requested = f"requested: {summary.rate_asked_hz or '-'} Hz"
     yield "samples", f"{summary.samples} in {summary.duration_s:.2f} s, {rate} ({requested})"
+    if summary.channels:
+        yield "channels", ", ".join(channel.quantity for channel in summary.channels)
     yield "lost", f"{summary.lost_samples} samples in {summary.gaps} gaps, {summary.damaged_frames} damaged frames"
     if summary.pressure_min_kpa is not None and summary.pressure_max_kpa is not None:
         yield "pressure", f"{summary.pressure_min_kpa:.1f} to {summary.pressure_max_kpa:.1f} kPa"

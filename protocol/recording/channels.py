@@ -34,8 +34,8 @@ class ExtraChannel(NamedTuple):
 
     @property
     def quantity(self) -> str:
-        """Its name and unit as they are shown, by which a picture knows it: `temperature [degC]`."""
-        return f"{self.name} [{self.unit}]"
+        """Its name and unit in a text: `temperature [degC]`."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
 
     @property
     def title(self) -> str:

@@ -276,7 +276,7 @@ SESSION_VALUES: dict[str, Check] = {
     "sample_kind": _among("counts", "signal"),
     "sample_dtype": _of(list),  # rows of describe_dtype
     "vref_mv": _number(0, 1e9),
-    "adc_bits": _whole(1, 32),
+    "adc_bits": _whole(0, 32),  # 0 where the samples are signals
     "polarity": _among(-1, 1),  # +1 where the board's voltage rises with light, -1 where its stage inverts
     "rate_hz": _number(0, 1e9),  # as requested
     "limits_pa": _limits,  # [min, max]: the tightest of board, unit and plan
@@ -301,5 +301,5 @@ def check_session(meta: Mapping[str, Any]) -> None:
     for key, fits in SESSION_VALUES.items():
         if meta.get(key) is not None and not fits(meta[key]):
             raise RecordingError(f"the session's description has an unusable {key!r}: {meta[key]!r:.60}", FOREIGN)
-    if meta.get("sample_kind") == "counts" and None in (meta.get("vref_mv"), meta.get("adc_bits")):
+    if meta.get("sample_kind") == "counts" and (meta.get("vref_mv") is None or not meta.get("adc_bits")):
         raise RecordingError("the session's description lacks the scale of its counts (vref_mv, adc_bits)")

@@ -14,7 +14,7 @@ from typing import Any
 
 from boat_daq.engine.recording.file import is_being_written
 from protocol.errors import damaged
-from protocol.recording import Metadata, metadata_of, schema
+from protocol.recording import ExtraChannel, Metadata, metadata_of, schema, session_channels
 from protocol.recording.checks import DAMAGE, bytes_of
 
 
@@ -93,6 +93,7 @@ class Summary:
     breaks: tuple[BreakSummary, ...] = ()
     metadata: Metadata = field(default_factory=Metadata)
     uuid: str | None = None  # stays where the file is renamed
+    channels: tuple[ExtraChannel, ...] = ()  # beside pressure and sensors
 
 
 def summarise(path: Path) -> Summary:
@@ -152,6 +153,7 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
         size_bytes=path.stat().st_size,
         layout=schema.layout_version(path),
         breaks=tuple(_break(entry) for entry in schema.breaks_of(meta)),
+        channels=session_channels(meta),
     )
 
 

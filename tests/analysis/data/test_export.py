@@ -145,9 +145,9 @@ def test_octave_reads_the_mat_file(tmp_path: Path) -> None:
 def with_channels() -> Recording:
     """Return a run with a temperature, which has holes, and a name that a table reserves."""
     recording = Plant().run(*triangle(2, 5))
-    channel = np.stack([20.0 + 0.001 * recording.time_s, np.full(recording.n, 0.1)], axis=1)
+    channel = np.stack([20.0 + 0.001 * recording.time_s, np.full(recording.n, 0.1), np.arange(recording.n)], axis=1)
     channel[5:9, 0] = np.nan
-    meta = {"channels": [["temperature", "°C"], ["pressure", "bar"]]}
+    meta = {"channels": [["temperature", "°C"], ["pressure", "bar"], ["status", ""]]}
     return replace(recording, channel=channel, meta=meta)
 
 
@@ -160,7 +160,7 @@ def test_extra_channels_are_columns_of_every_format(tmp_path: Path, suffix: str)
     assert recording.channel is not None
     if suffix == "csv":
         again = load_recording(path)
-        assert again.channels == recording.channels == (("temperature", "°C"), ("pressure", "bar"))
+        assert again.channels == recording.channels == (("temperature", "°C"), ("pressure", "bar"), ("status", ""))
         np.testing.assert_array_equal(again.channel, recording.channel)
         stated = json.loads(path.with_suffix(".json").read_text())["columns"]
         assert (stated[column], stated["pressure_bar"], stated["pressure_kpa"]) == ("°C", "bar", "kPa")

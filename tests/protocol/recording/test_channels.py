@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from protocol.errors import RecordingError
 from protocol.recording import channels_of, session_channels
 from protocol.recording.channels import are_channels
+from protocol.recording.checks import check_session
 
 
 def test_columns_are_names_with_units() -> None:
@@ -37,3 +39,11 @@ def test_a_name_cannot_hold_a_line_or_a_book() -> None:
 def test_what_is_no_list_of_channels_is_refused(value: object) -> None:
     """A recording is untrusted: its session is checked."""
     assert not are_channels(value)
+
+
+def test_signals_have_no_converter() -> None:
+    """A profile of signals states no bits: its recording opens; one of counts without them does not."""
+    meta = {"sample_kind": "signal", "vref_mv": 0, "adc_bits": 0}
+    check_session(meta)
+    with pytest.raises(RecordingError, match="lacks the scale of its counts"):
+        check_session({**meta, "sample_kind": "counts"})

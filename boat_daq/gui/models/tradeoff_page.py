@@ -104,6 +104,11 @@ class TradeoffCard(PlotCard):
         self.settings = self.plot.points("Settings", sensor_colour(1))
         self.notices = self.plot.line(lambda t: t.muted, label="noticeable above")
         self.sufficient = self.plot.line(lambda t: t.ok, label="sufficient below")
+        self.asked = self.plot.line(lambda t: t.accent, movable=True, label="your tolerance: drag")
+        self.asked.setCursor(Qt.CursorShape.SizeVerCursor)
+        self.asked.sigPositionChanged.connect(self._show_asked)
+        self.asked.label.setPosition(AT_RIGHT)
+        self.asked.label.anchors = [(1, 0), (1, 0)]
         for line, side in ((self.notices, 1), (self.sufficient, 0)):
             line.label.setPosition(AT_RIGHT)
             line.label.anchors = [(1, side), (1, side)]
@@ -112,13 +117,12 @@ class TradeoffCard(PlotCard):
 
     def show_chart(self, chart: MethodChart | None) -> None:
         """Draw a method; None removes the plot."""
-        self.shown = chart
+        before, self.shown = self.shown, chart
         points = [p for p in chart.points if p.drawn] if chart is not None else []
         self.show_empty("" if points else NOTHING)
         if chart is None or not points:
             return
         self.heading.setText(chart.title)
-        self.readout.setText("\u25cb default   \u25a1 chosen by the rule")
         self.plot.title, self.plot.unit = "Error", chart.unit
         self.plot.x_title = f"Processor time, {chart.per}"
         self.plot.label_x(self.plot.x_title, "")
@@ -131,9 +135,17 @@ class TradeoffCard(PlotCard):
         self.spread.set(*spread_bars(points, chart.floor))
         self.notices.setValue(math.log10(chart.tolerance))
         self.sufficient.setValue(math.log10(chart.sufficient))
+        if before is None or before.name != chart.name:  # another method: its consumer's tolerance; dragged it stays
+            self.asked.setValue(math.log10(chart.tolerance))
+        self._show_asked()
         self.labels.set(point_labels([(*at[p.number], f"{p.number} {', '.join(p.uses)}".strip()) for p in points]))
         self._frame(x, np.append(y, np.log10([chart.tolerance, chart.sufficient])))
         self.paint_theme(self.theme)
+
+    def _show_asked(self, *_: object) -> None:
+        """Show what the tolerance under the line costs."""
+        if self.shown is not None:
+            self.readout.setText(self.shown.asked_text(10.0 ** self.asked.value()))
 
     def _frame(self, x: FloatArray, y: FloatArray) -> None:
         for values, show, above in ((x, self.plot.x_range, 0.0), (y, self.plot.y_range, LABEL_MARGIN)):

@@ -20,7 +20,7 @@ from boat_daq.engine.display.ring_buffer import MinMaxPyramid, fold_columns
 from boat_daq.engine.toml_values import read_json
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common import tables
-from boat_daq.viewmodels.common.formatting import count, power_text, quantity
+from boat_daq.viewmodels.common.formatting import count, duration_text, power_text, quantity
 from boat_daq.viewmodels.common.jobs import Job, JobRunner
 from boat_daq.viewmodels.common.measured_result import MAX_BYTES, MeasuredResult
 from boat_daq.viewmodels.common.preferences import Preferences
@@ -113,6 +113,19 @@ class MethodChart:
     def floor(self) -> float:
         """Where an error of zero is drawn: below everything else."""
         return min([p.error for p in self.points if p.error > 0 and p.drawn] + [self.sufficient]) / 3
+
+    def cheapest(self, tolerance: float) -> TradeoffPoint | None:
+        """Return the cheapest setting whose error is within a tolerance; None where no setting is."""
+        within = [p for p in self.points if p.drawn and p.error <= tolerance]
+        return min(within, key=lambda p: p.seconds, default=None)
+
+    def asked_text(self, tolerance: float) -> str:
+        """Return what a tolerance costs on the computer of the measurement."""
+        asked, found = quantity(tolerance, self.unit), self.cheapest(tolerance)
+        if found is None:
+            best = min((p.error for p in self.points if p.drawn), default=math.nan)
+            return f"your tolerance, {asked}: no setting meets it, the best has {quantity(best, self.unit)}"
+        return f"your tolerance, {asked}: {found.setting}, {duration_text(found.seconds, 2)} {self.per}"
 
     @property
     def explanation(self) -> str:

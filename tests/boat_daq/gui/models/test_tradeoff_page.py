@@ -61,6 +61,11 @@ def test_chart_draws_the_measured_points(page):
     assert card.notices.value() == pytest.approx(math.log10(0.02))
     assert card.sufficient.value() == pytest.approx(-2.0)
     assert card.labels.texts == ["1", "2 default, chosen"]
+    assert card.asked.value() == card.notices.value()
+    card.asked.setValue(-0.9)
+    assert ": " + card.shown.points[0].setting in card.readout.text()
+    card.asked.setValue(-5.0)
+    assert "no setting meets it" in card.readout.text()
     assert "cheapest setting with an error below 0.010 mm" in page.explanation.text()
     assert page.table.item(1, 1).text() == "fine"
     assert page.table.item(1, 4).text() == "\u25cb \u25a1"

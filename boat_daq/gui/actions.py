@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import partial
+from pathlib import Path
 from typing import cast
 
 from PySide6.QtWidgets import QApplication
@@ -180,6 +181,23 @@ def sequence(window: MainWindow) -> list[Command]:
     model, live = window.model, window.live
     add = partial(Command, "Sequence")
 
+    def open_queue() -> None:
+        ask_open(window, model.services, "Open a queue", "toml", show_queue)
+
+    def show_queue(path: Path) -> None:
+        queue, attempt = model.run.queue, model.notices.attempt
+
+        def show() -> None:
+            runs = queue.load(path)
+            words = "Each run has a recording of its own. One that does not finish ends the queue."
+
+            def start(_: str) -> bool:
+                return attempt(partial(queue.start, runs))
+
+            TextDialog(window, f"Queue {path.name}", words, queue.preview(runs), "Start", start, 8).show_only()
+
+        attempt(show)
+
     def button(text: str, keys: str, key: str, also: str = "") -> Command:
         def allowed() -> bool:
             return key in model.sequence.allowed(model.snapshot)
@@ -198,6 +216,8 @@ def sequence(window: MainWindow) -> list[Command]:
         add("Edit a plan of segments …", "Ctrl+Shift+G", live.edit_segments, also="step ramp sine loop profile"),
         add("Open a plan …", "Ctrl+Alt+O", live.plan.open),
         add("Save the plan …", "Ctrl+Alt+W", live.plan.save),
+        add("Run a queue …", "Ctrl+Alt+Shift+Q", open_queue, apart=True, also="several runs one after the other"),
+        add("Stop the queue", "Ctrl+Alt+Shift+S", model.run.queue.stop, lambda: model.run.queue.active),
         add("Manual pressure", "Ctrl+G", live.show_manual, also="set by hand"),
         add("Show the readings", "Ctrl+Shift+T", live.show_readings),
     ]

@@ -54,6 +54,11 @@ class TextDialog(QDialog):
         self.show()
         self.field.setFocus()
 
+    def show_only(self) -> None:
+        """Let the text be read, not changed."""
+        self.field.setReadOnly(True)
+        self.button.setFocus()
+
     def _take(self) -> None:
         text = self.field.text() if isinstance(self.field, QLineEdit) else self.field.toPlainText()
         if self._then(text.strip()):

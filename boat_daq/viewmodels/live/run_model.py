@@ -24,6 +24,7 @@ from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import count
 from boat_daq.viewmodels.common.notices import Notice, Severity
+from boat_daq.viewmodels.common.run_queue import RunQueue
 from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.live.connection import ENDED, ConnectionModel
 from boat_daq.viewmodels.live.enough_cycles import EnoughCycles
@@ -242,7 +243,7 @@ class RunModel:
     live, sequence, readings : of the same session.
     resumption, calibration : what is offered after a run.
     read_all : whether every plateau of a simulated unit is read from its grid.
-    trial, enough : the quick trial, and the U at which a run ends.
+    trial, enough, queue : the quick trial, the U at which a run ends, and runs one after the other.
     services : of the window.
     """
 
@@ -257,9 +258,11 @@ class RunModel:
     read_all: bool = False
     trial: QuickTrial = field(init=False)
     enough: EnoughCycles = field(init=False)
+    queue: RunQueue = field(init=False)
 
     def __post_init__(self) -> None:
         self.trial = QuickTrial(self)
+        self.queue = RunQueue(self)
         self.enough = EnoughCycles(self.session)
 
     @property
@@ -311,6 +314,7 @@ class RunModel:
             self.read_simulated(snapshot.waiting_for_reading.step_id)
         self.trial.follow(snapshot)
         self.enough.follow(snapshot)
+        self.queue.follow(snapshot)
 
     def may_read_grid(self) -> bool:
         """Return whether a plateau of this window's virtual board waits for its reading."""
@@ -358,7 +362,7 @@ class RunModel:
         OperatorError : the template of the settings gives no name.
         """
         settings = self.session.settings
-        template = settings.file_name or "{unit}_{date}_{time}"
+        template = self.queue.template or settings.file_name or "{unit}_{date}_{time}"
         values = {"unit": self.connection.unit, "operator": settings.operator, "plan": self.sequence.plan.name}
         return named(template, self.services.recordings, datetime.now(UTC).astimezone(), **values)
 

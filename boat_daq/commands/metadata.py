@@ -39,6 +39,7 @@ def metadata(
     if values or template:
         stated = with_stated(stated, values, template)
         state_metadata(run, stated)
+        stated = read_metadata(run)  # of a recording in progress, with what was stated meanwhile
         summary = summarise(run)
         remember(UnitLibrary(simulated=summary.simulated), summary.unit or "", stated)
     if save_template:

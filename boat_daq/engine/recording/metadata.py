@@ -60,7 +60,7 @@ def state_metadata(path: Path, metadata: Metadata) -> None:
     if not texts:
         return
     if is_being_written(path):
-        _request(path, metadata)
+        _request(path, before, metadata)
         return
     file = RecordingFile.reopen(path)
     try:
@@ -79,8 +79,18 @@ def statements(before: Metadata, after: Metadata) -> dict[str, str]:
     )
 
 
-def take_request(path: Path) -> Metadata | None:
-    """Return what another program wants stated of a recording in progress, once; None where nothing is.
+def with_changes_of(current: Metadata, before: Metadata, after: Metadata) -> Metadata:
+    """Return metadata with what differs between two others, as `after` has it."""
+    values = {key: value for key, value in after.as_json().items() if value != getattr(before, key)}
+    fields = {key: text for key, text in current.fields.items() if after.fields.get(key) == before.fields.get(key)}
+    fields |= {key: text for key, text in after.fields.items() if before.fields.get(key) != text}
+    return dataclasses.replace(current, **{**values, "fields": fields})
+
+
+def take_request(path: Path) -> tuple[Metadata, Metadata] | None:
+    """Return what another program wants changed of a recording in progress, once; None where nothing is.
+
+    The metadata that it has read, and those that it wants: others may have been stated since.
 
     Raises
     ------
@@ -90,14 +100,17 @@ def take_request(path: Path) -> Metadata | None:
     if not request.exists():
         return None
     try:
-        table = read_json(request)
+        tables = read_json(request)
     finally:
         request.unlink(missing_ok=True)
-    return _checked(table if isinstance(table, dict) else {}, str(request))
+    if not isinstance(tables, list) or len(tables) != 2 or not all(isinstance(table, dict) for table in tables):
+        raise OperatorError(f"{request} holds no metadata", "State them again.")
+    before, after = (_checked(table, str(request)) for table in tables)
+    return before, after
 
 
-def _request(path: Path, metadata: Metadata) -> None:
-    """Leave metadata for the session that records `path`, and wait until it has stated them.
+def _request(path: Path, before: Metadata, after: Metadata) -> None:
+    """Leave a change of metadata for the session that records `path`, and wait until it has stated it.
 
     Raises
     ------
@@ -105,7 +118,7 @@ def _request(path: Path, metadata: Metadata) -> None:
     """
     request = _request_path(path)
     try:
-        write_whole(request, json.dumps(metadata.as_json()))
+        write_whole(request, json.dumps([before.as_json(), after.as_json()]))
         taken = _holds(lambda: not request.exists(), REQUEST_S)
         request.unlink(missing_ok=True)
     except OSError as error:
@@ -115,7 +128,7 @@ def _request(path: Path, metadata: Metadata) -> None:
     if not taken:
         cause = f"the program that records {path.name} does not take metadata"
         raise StorageError(cause, "State them there, or when the recording is closed.")
-    _holds(lambda: read_metadata(path) == metadata, COMMITTED_S)
+    _holds(lambda: (now := read_metadata(path)) == with_changes_of(now, before, after), COMMITTED_S)
 
 
 def _holds(condition: Callable[[], bool], timeout_s: float) -> bool:

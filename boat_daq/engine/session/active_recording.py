@@ -15,7 +15,14 @@ from boat_daq.engine.control.board_commands import Check
 from boat_daq.engine.control.controller import Controller
 from boat_daq.engine.log import RECORDING, note
 from boat_daq.engine.recording.file import check_space
-from boat_daq.engine.recording.metadata import read_metadata, remembered, state_metadata, statements, take_request
+from boat_daq.engine.recording.metadata import (
+    read_metadata,
+    remembered,
+    state_metadata,
+    statements,
+    take_request,
+    with_changes_of,
+)
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.session.journal import Journal
@@ -136,9 +143,9 @@ class ActiveRecording:
         if recorder is None:
             return
         try:
-            stated = take_request(recorder.path)
-            if stated is not None:
-                self.state(recorder.path, stated)
+            change = take_request(recorder.path)
+            if change is not None:
+                self.state(recorder.path, with_changes_of(self.metadata(recorder.path), *change))
         except (OperatorError, StorageError) as error:
             with self._acting():
                 self._journal.tell(MessageKind.STORAGE, "warning", error.cause, error.remedy)

@@ -39,8 +39,9 @@ def test_metadata_are_stated_while_recording(monkeypatch, tmp_path):
         shown = call("metadata", path, "--set", "customer=B", "--set", "note=dry", "--json")
         assert (shown["customer"], shown["note"], shown["item"]) == ("B", "dry", "Rod")
         assert session.metadata(path) == read_metadata(path) == STATED.changed({"customer": "B", "note": "dry"})
-        path.with_name("run.boat-metadata").write_text("[]}")
-        session.wait(lambda s: any("run.boat-metadata" in m.cause for m in s.messages), PATIENCE_S)
+        for number, wrong in enumerate(("[]}", "[{}]", '[{}, {"customer": 3}]'), 1):
+            path.with_name("run.boat-metadata").write_text(wrong)
+            session.wait(lambda s, n=number: sum("run.boat-metadata" in m.cause for m in s.messages) == n, PATIENCE_S)
         assert not path.with_name("run.boat-metadata").exists()
         session.stop_recording()
         session.state_metadata(path, STATED)
@@ -48,6 +49,15 @@ def test_metadata_are_stated_while_recording(monkeypatch, tmp_path):
         session.close()
     assert UnitLibrary(simulated=True).load("SA1").metadata["customer"] == "B"
     assert verify_recording(path).identical
+
+
+def test_only_what_another_program_has_changed_is_stated():
+    """It may have read what was stated before; a field that it removed is removed."""
+    before = Metadata("Eve", fields={"batch": "1", "oven": "2"})
+    wanted = before.changed({"customer": "A & Co", "oven": "", "shift": "3"})
+    current = before.changed({"operator": "Ada", "batch": "7"})
+    merged = metadata.with_changes_of(current, before, wanted)
+    assert merged == Metadata("Ada", "A & Co", fields={"batch": "7", "shift": "3"})
 
 
 def test_a_program_that_does_not_answer_is_named(monkeypatch, tmp_path):

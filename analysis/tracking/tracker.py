@@ -147,7 +147,7 @@ def _pose(quad_mm: FloatArray) -> tuple[float, float, float]:
     return float(middle[0]), float(middle[1]), math.atan2(first[1], first[0])
 
 
-def _similarity(points: FloatArray, target: FloatArray) -> tuple[complex, complex, float]:
+def similarity(points: FloatArray, target: FloatArray) -> tuple[complex, complex, float]:
     """Return a and b of target = a points + b as complex numbers, and the rms of the residuals of a coordinate."""
     z, w = points @ np.array([1.0, 1.0j]), target @ np.array([1.0, 1.0j])
     dz, dw = z - z.mean(), w - w.mean()
@@ -285,7 +285,7 @@ class MarkTracker:
             self.side_mm = side_mm
             self.plane = learn_plane(corners[:, 0], corners[:, 1], side_mm, self.optics)
         tips = project(self.plane.to_mm, corners[:, 1].reshape(-1, 2)).reshape(-1, 4, 2)
-        turn, _, _ = _similarity(square(self.side_mm), tips.mean(axis=0))
+        turn, _, _ = similarity(square(self.side_mm), tips.mean(axis=0))
         self._size = abs(turn)
         self.grid = grid_ratio(grey, self.plane, self.side_mm)
         self._learned.clear()
@@ -296,13 +296,13 @@ class MarkTracker:
         assert plane is not None
         shown = (base.raw_px, tip.raw_px)
         seen = project(plane.to_mm, base.corners_px)
-        back, shift, base_off = _similarity(seen, square(side))
+        back, shift, base_off = similarity(seen, square(side))
         moved = max(float(np.linalg.norm(seen.mean(axis=0))), side * abs(np.angle(back)))
         if moved > MOVED_MM or abs(abs(back) - 1.0) > MOVED_SCALE:
             return Tracked(time_s, math.nan, math.nan, PictureFault.MOVED, *shown)
         quad = project(plane.to_mm, tip.corners_px) @ np.array([1.0, 1.0j]) * back + shift
         corners = np.column_stack([quad.real, quad.imag])
-        turn, _, tip_off = _similarity(square(side), corners)
+        turn, _, tip_off = similarity(square(side), corners)
         if abs(abs(turn) / self._size - 1.0) > DISTORTED:
             return Tracked(time_s, math.nan, math.nan, PictureFault.DISTORTED, *shown)
         x = float((corners.mean(axis=0) - plane.tip_mm) @ plane.axis)

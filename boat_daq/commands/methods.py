@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,8 +20,8 @@ def tradeoff(
         list[str] | None,
         typer.Argument(
             metavar="[METHOD]...",
-            help="tracer, ranking, full-fem, reduced-fem, posterior, inverse, segmentation, bootstrap, decimation; "
-            "default all.",
+            help="tracer, ranking, full-fem, reduced-fem, posterior, inverse, segmentation, bootstrap, decimation, "
+            "tracking; default all.",
         ),
     ] = None,
     folder: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for JSON, CSV and charts.")] = Path(
@@ -39,9 +40,14 @@ def tradeoff(
     from analysis.tradeoff.measure import measure_all
     from analysis.tradeoff.methods import METHODS
     from analysis.tradeoff.report import report_json, write_report
+    from boat_daq.viewmodels.models.tradeoff import camera_tracker
 
     live = _live_plot()
     known = METHODS | {live.name: live}
+    if importlib.util.find_spec("cv2") is None:
+        notify("OpenCV is not installed: the camera's tracker is not measured")
+    else:
+        known["tracking"] = camera_tracker()
     with writing(folder):  # before minutes are spent
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()

@@ -14,9 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from analysis.arrays import FloatArray
 from analysis.progress import Progress
 from boat_daq.engine.display.ring_buffer import MinMaxPyramid, fold_columns
+from boat_daq.engine.simulator.picture import CameraScene, Picture, Renderer
 from boat_daq.engine.toml_values import read_json
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common import tables
@@ -41,6 +44,7 @@ METHODS = {
     "segmentation": "Plateaus and cycles",
     "bootstrap": "Intervals (bootstrap)",
     "decimation": "Live plot",
+    "tracking": "Camera",
 }
 """Every method that can be measured, by its name in the command; a test compares it with the command's list."""
 MAPPED = {"fit": "Fit of the calibration", "figures": "SNR and hysteresis", "alarms": "Alarms of the shadow"}
@@ -231,6 +235,18 @@ def _stored(record: FloatArray) -> Curve:
     return lambda end_s, points: fold_columns(pyramid.draw(0.0, end_s, points), end_s / WIDTH_PX)
 
 
+def camera_tracker() -> Method:
+    """Return the method of the camera's tracker, on pictures of the virtual camera."""
+    from analysis.tradeoff.tracking import tracking
+
+    def render(width: int, elongations_mm: Sequence[float]) -> list[Picture]:
+        scene = CameraScene(width=width, height=3 * width // 4, px_per_mm=width / 32.0)
+        renderer = Renderer(scene)
+        return [renderer.frame(n, np.array([x]), n / 30.0) for n, x in enumerate(elongations_mm)]
+
+    return tracking(render)
+
+
 def measure_methods(
     names: Sequence[str], quick: bool, paint: Paint | None = None, *, progress: Progress | None = None
 ) -> dict[str, Any]:
@@ -247,7 +263,7 @@ def measure_methods(
     from analysis.tradeoff.methods import METHODS
     from analysis.tradeoff.report import report_json
 
-    known = METHODS | {"decimation": live_plot(paint)}
+    known = METHODS | {"decimation": live_plot(paint), "tracking": camera_tracker()}
     results = measure_all([known[name] for name in names], quick=quick, progress=progress)
     return report_json(results, quick=quick)
 

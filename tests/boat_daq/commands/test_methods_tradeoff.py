@@ -23,7 +23,7 @@ from analysis.tradeoff.report import MAY_BE_INFINITE
 from boat_daq.cli import app
 from boat_daq.errors import StorageError
 from boat_daq.viewmodels.models.tradeoff import METHODS as ON_THE_PAGE
-from boat_daq.viewmodels.models.tradeoff import live_plot
+from boat_daq.viewmodels.models.tradeoff import camera_tracker, live_plot
 
 ROOT = Path(__file__).resolve().parents[3]
 RECORDED = ROOT / "docs" / "tradeoff" / "tradeoff.json"
@@ -82,7 +82,7 @@ def test_ctrl_c_ends_a_measurement_with_130(tmp_path: Path) -> None:
 
 def test_the_page_offers_what_the_command_measures() -> None:
     """One list of methods."""
-    assert set(ON_THE_PAGE) == set(ALL)
+    assert set(ON_THE_PAGE) == {*ALL, camera_tracker().name}
 
 
 def test_painting_counts_and_a_spike_of_one_sample_is_drawn() -> None:

@@ -17,7 +17,7 @@ from tests.boat_daq.viewmodels.models.reports import report
 
 def test_page_lists_the_methods_of_the_commands():
     """No method of the commands is missing in the window, none is invented."""
-    assert set(METHODS) == {*MEASURED, "decimation"}
+    assert set(METHODS) == {*MEASURED, "decimation", "tracking"}
     assert set(METHOD_TITLES) <= set(ENTRIES)
 
 

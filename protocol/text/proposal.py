@@ -27,6 +27,7 @@ PACKETS_FEWEST = 8
 PACKET_BYTES_MAX = 20_000
 CONSTANT = 0.98  # of the packets have the same byte there
 ENOUGH = 0.8  # of the lines, that a syntax must fit
+NEARLY_ALL = 0.95  # of the texts of a column
 FEWEST = 3  # lines from which a syntax can be told
 DELIMITERS = (",", ";", "\t", "|", " ")
 SENSORS_MAX = 4
@@ -201,7 +202,7 @@ def propose(data: bytes, seconds: float = 0.0) -> Proposal:
     keys = {**syntax.keys, **({"line_end": "\r"} if line_end == "\r" else {})}
     keys |= ({"comments": comments} if comments else {}) | ({"checksum": checksum} if checksum else {})
     count = Counter(len(row) for row in syntax.rows).most_common(1)[0][0]
-    rows = [row for row in syntax.rows if len(row) == count]
+    rows = _without_damage([row for row in syntax.rows if len(row) == count], syntax.decimal)
     headings = _headings([pieces[0].strip(), *raw], syntax, count, comments)
     columns = [[row[at] for row in rows] for at in range(count)]
     fields = [_described(column, headings[at], syntax.decimal) for at, column in enumerate(columns)]
@@ -325,6 +326,26 @@ def _is_number(text: str, decimal: str) -> bool:
     return found is not None and not any(letter.isdigit() for letter in text[found.end() :])
 
 
+def _without_damage(rows: list[list[tuple[str, str]]], decimal: str) -> list[list[tuple[str, str]]]:
+    """Return the rows without those where a text stands in a column of numbers: damaged on the way.
+
+    Among nearly nothing but decimal numbers a hexadecimal one is damage too.
+    """
+
+    def is_number(text: str) -> bool:
+        return _is_number(text, decimal) or _HEX.fullmatch(text) is not None
+
+    kept = list(range(len(rows)))
+    for column in zip(*([text for _, text in row] for row in rows), strict=True):
+        decimals = [_is_number(text, decimal) for text in column]
+        numbers = [is_number(text) for text in column]
+        if sum(decimals) >= NEARLY_ALL * len(rows) and not _padded(column):
+            kept = [at for at in kept if decimals[at]]
+        elif sum(numbers) >= ENOUGH * len(rows):
+            kept = [at for at in kept if numbers[at]]
+    return [rows[at] for at in kept]
+
+
 def _headings(raw: Sequence[str], syntax: _Syntax, count: int, comments: Sequence[str]) -> list[str]:
     """Return the heading of each column, from a line of words; empty without one."""
     if syntax.keys.get("style") in ("json", "labels", "width"):
@@ -383,10 +404,10 @@ def _named(
     """Return the fields with their meanings: those that labels state first, then those that the numbers suggest."""
     result = [_by_label(field) for field in fields]
     numbers = [int(match[1]) for field in fields if (match := _SIGNAL.fullmatch(split_unit(field.label)[0]))]
-    first = min(numbers, default=1)
+    order = {number: at for at, number in enumerate(sorted(set(numbers)), 1)}  # ch0 and ch1 are 1 and 2, S2 alone is 1
     for at, field in enumerate(result):
         if re.match(r"s\d_", field.name):
-            number = int(field.name[1]) + (1 if first == 0 else 0)
+            number = order.get(int(field.name[1]), int(field.name[1]))
             result[at] = replace(field, name=f"s{number}{field.name[2:]}")
     taken: set[str] = set()
     for at, field in enumerate(result):

@@ -79,6 +79,14 @@ def test_fields_without_a_meaning_are_kept_as_channels():
     assert load_profile(tomli_w.dumps(units.content("x"))).channels[0].column == "temp_degc"
 
 
+def test_a_damaged_line_changes_no_proposal():
+    """A text that was cut or altered on the way is left out: its column is still one of numbers."""
+    whole = OUTPUTS["columns with a heading"]
+    damaged = whole.replace(b",500,", b",5?0,", 1)
+    names = [[field.name for field in propose(data, SECONDS).fields] for data in (whole, damaged)]
+    assert names[0] == names[1] == ["time", "pressure", "s1_signal", "s2_signal"]
+
+
 def test_sensors_numbered_from_zero_are_numbered_from_one():
     """ch0 and ch1 are the sensors 1 and 2."""
     names = [field.name for field in propose(OUTPUTS["comments and aligned columns"], SECONDS).fields]

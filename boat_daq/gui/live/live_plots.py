@@ -25,6 +25,7 @@ from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.live.axis import SteadyRange, extremes
 from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Axes, title, titles, unit
 from boat_daq.viewmodels.live.live_model import CYCLES_KEPT, LiveModel, OverlayModel, PlotFrame, sensor_names
+from protocol.recording import DerivedChannel, ExtraChannel
 
 MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
 WHOLE_S = 0.1  # a change that no sample tells of, such as another calibration, is seen after so long
@@ -407,21 +408,28 @@ class OverlayPlots(PlotCard):
     def __init__(self, model: OverlayModel) -> None:
         super().__init__("Last cycles overlaid")
         self.model = model
-        self.curves: list[list[Curve]] = []
-        self._shown = 0
+        self.curves: list[list[Curve]] = []  # by sensor
+        self.others: dict[str, list[Curve]] = {}  # by column of an extra or a derived channel
+        self._plots: dict[str, Plot] = {}  # by column
+        self._shown: list[str] = []
 
-    def _arrange(self, sensors: int) -> None:
-        """Show the plots of the sensors that the board has."""
-        if sensors == self._shown:
+    def _arrange(self, names: list[str], channels: Mapping[str, ExtraChannel | DerivedChannel]) -> None:
+        """Show the plots of the sensors and channels that the board has."""
+        if names == self._shown:
             return
-        self._shown = sensors
-        for sensor in range(len(self.plots) + 1, sensors + 1):
-            plot = self.add(f"Sensor {sensor}", "mV", x_title="Time in the cycle", x_unit="s", time=True)
+        self._shown = names
+        for name in (name for name in names if name not in self._plots):
+            channel = channels.get(name)
+            name_, unit_ = (channel.title, channel.unit) if channel is not None else (title(name), "mV")
+            plot = self._plots[name] = self.add(name_, unit_, x_title="Time in the cycle", x_unit="s", time=True)
             faint = [plot.curve(f"{n} cycles ago", lambda t: t.line) for n in range(CYCLES_KEPT - 1, 0, -1)]
-            self.curves.append([*faint, plot.curve("This cycle", sensor_colour(sensor))])
+            if channel is not None:
+                self.others[name] = [*faint, plot.curve("This cycle", lambda t: t.target)]
+            else:
+                self.curves.append([*faint, plot.curve("This cycle", sensor_colour(len(self.curves) + 1))])
         self.link_x()
         self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
-        self.show_only(self.plots[:sensors])
+        self.show_only([self._plots[name] for name in names])
         self.paint_theme(self.theme)
 
     def draw(self) -> None:
@@ -431,10 +439,11 @@ class OverlayPlots(PlotCard):
         self.show_empty("" if cycles else "The cycles of a run are drawn here once the first has begun.")
         if not cycles:
             return
-        names = sensor_names(cycles[-1][1])
-        self._arrange(len(names))
-        for name, curves in zip(names, self.curves, strict=False):
+        channels = self.model.channels()
+        sensors, known = sensor_names(cycles[-1][1]), [n for n in channels if np.isfinite(cycles[-1][1][n]).any()]
+        self._arrange([*sensors, *known], channels)
+        drawn = dict(zip(sensors, self.curves, strict=False)) | {name: self.others[name] for name in known}
+        for name, curves in drawn.items():
             for curve, (_, columns) in zip(reversed(curves), reversed(cycles), strict=False):
                 curve.set(columns["time_s"], columns[name])
-        for plot in self.plots[: len(names)]:
-            plot.fit(x_margin=0.0)
+            self._plots[name].fit(x_margin=0.0)

@@ -540,6 +540,11 @@ class OverlayModel:
     steps: Callable[[], tuple[StepMark, ...]]
     time_of: Callable[[int], float | None]
 
+    def channels(self) -> dict[str, ExtraChannel | DerivedChannel]:
+        """Return the extra and derived channels of the board, by column."""
+        ring = self.ring()
+        return {channel.column: channel for channel in ring.channels} if ring is not None else {}
+
     def cycles(self) -> list[tuple[int, Columns]]:
         """Return number and columns of each cycle, over the time since it began, oldest first."""
         ring, spans = self.ring(), self.spans()[-CYCLES_KEPT:]

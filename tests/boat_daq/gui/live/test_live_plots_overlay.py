@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from boat_daq.engine.plan import StepMark
+from protocol.recording import DerivedColumns, channel_units, parse_definition
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 
 
@@ -26,3 +27,26 @@ def test_last_cycles_are_overlaid(make):
     window.live.toggle_overlay()
     window.refresh()
     assert window.live.plots.isVisible()
+
+
+def test_a_derived_channel_is_plotted_measured_and_overlaid(make):
+    """A plot of its own with its unit, a row of the statistics, a column of the CSV, and a plot of the last cycles."""
+    derived = DerivedColumns.of([parse_definition("ratio [%] = 100 * s1_mv / s2_mv")], channel_units(2, "signal"))
+    session = RecordedSession(connected(), filled_ring(120.0, derived=derived))
+    session.marks = (StepMark(1, 1, "unloading", 0.0, 10.0, 0, ended_us=int(36e6)),)
+    window = make(session)
+    window.resize(1280, 1000)
+    window.refresh()
+    window.draw()
+    plots = window.live.plots
+    assert "ratio" in [plot.title for plot in plots.rows]
+    for which in ("a", "b"):
+        plots.place_cursor(which)
+    rows = {span.name: span for span in window.model.live.statistics()}
+    assert 95 < rows["ratio"].mean < 105
+    assert 95 < plots.columns()["ratio"].mean() < 105
+    window.live.toggle_overlay()
+    window.refresh()
+    overlaid = window.live.overlay.others["ratio"][-1]
+    assert overlaid.x.size > 100
+    assert window.live.overlay._plots["ratio"].unit == "%"

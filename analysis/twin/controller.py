@@ -26,6 +26,7 @@ from analysis.errors import RequestError
 from analysis.twin.dynamics import Lag, Margins, integral_for, loop_margins
 from analysis.twin.hysteresis import HysteresisModel
 from analysis.twin.measurement import FusedElongation, SensorWatch
+from analysis.twin.sensor_loop import SensorLoops
 
 PERIOD_S = 0.04
 LEAST_RAMP_KPA_PER_S = 0.1
@@ -154,7 +155,7 @@ class ElongationController:
     fusion : the calibration in force.
     tuning, bounds : gains, and what stops.
     unit : that it was identified for.
-    step_mv : of the converter, as `SensorWatch` takes it.
+    step_mv, loops : of converter and sensors, as `SensorWatch` takes them.
     """
 
     def __init__(
@@ -166,11 +167,12 @@ class ElongationController:
         *,
         unit: str = "",
         step_mv: float = 0.0,
+        loops: SensorLoops | None = None,
     ) -> None:
         self.model, self.tuning, self.bounds = model, tuning, bounds or Bounds()
         self.period_s, self.delay_margin_s = tuning.period_s, tuning.margins.delay_s
-        self.unit, self._step_mv = unit, step_mv
-        self.sensors = SensorWatch(fusion, step_mv)
+        self.unit, self._step_mv, self._loops = unit, step_mv, loops
+        self.sensors = SensorWatch(fusion, step_mv, loops)
 
     def check(self, mm: float) -> None:
         """Refuse a setpoint outside the calibrated range.
@@ -199,7 +201,7 @@ class ElongationController:
         ------
         RequestError : no elongation is known, or the sensors disagree.
         """
-        self.sensors = SensorWatch(self.sensors.fusion, self._step_mv)
+        self.sensors = SensorWatch(self.sensors.fusion, self._step_mv, self._loops)
         self._lasted_s = dict.fromkeys(StopCode, 0.0)
         found = self.sensors.measure(signal_mv, 0.0)
         if not math.isfinite(found.mm):

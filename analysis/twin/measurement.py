@@ -13,6 +13,7 @@ import numpy as np
 
 from analysis.arrays import FloatArray
 from analysis.calibration.inverse import DISAGREEMENT_SIGMA, Fusion
+from analysis.twin.sensor_loop import SensorLoops
 
 FROZEN_SAMPLES = 30
 ALONE_S = 0.12
@@ -37,11 +38,13 @@ class SensorWatch:
     ----------
     fusion : the calibration in force.
     step_mv : of the converter; 0 where it is not known, and a constant signal is then no sign of a loss.
+    loops : of the sensors over elongation, which are taken out; None where none are known.
     """
 
-    def __init__(self, fusion: Fusion, step_mv: float = 0.0) -> None:
+    def __init__(self, fusion: Fusion, step_mv: float = 0.0, loops: SensorLoops | None = None) -> None:
         n = len(fusion.inverses)
         self.fusion = fusion
+        self._loops, self._memory, self._mm = loops, None if loops is None else loops.rest(0.0), 0.0
         self.lost = np.zeros(n, dtype=bool)
         self._same, self._newest, self._out_s = np.zeros(n, dtype=np.int64), np.full(n, np.nan), np.zeros(n)
         ends = np.sort(np.asarray([one.nodes[[0, -1]] for one in fusion.inverses]), axis=1)
@@ -70,8 +73,12 @@ class SensorWatch:
         mean = np.where(count, np.where(known, signal_mv, 0.0).sum(axis=0), np.nan) / np.maximum(count, 1)
         new = self._find_lost(signal_mv, mean, dt_s)
         mean = np.where(self.lost, np.nan, mean)
+        if self._loops is not None and self._memory is not None:
+            mean = mean - self._loops.signal_mv(self._memory, self._mm)
         found = self.fusion.evaluate(mean[None, :])
         mm, u = float(found.elongation_mm[0]), float(found.standard_uncertainty_mm[0])
+        if self._loops is not None and self._memory is not None and np.isfinite(mm):
+            self._memory, self._mm = self._loops.after(self._memory, mm), mm
         disagree = bool(found.disagreement[0]) or self._one_outside(mean, mm, u)
         return FusedElongation(mm, COVERAGE_FACTOR * u, disagree, new)
 

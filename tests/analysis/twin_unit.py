@@ -13,6 +13,7 @@ from analysis.calibration.inverse import Fusion, Inverse
 from analysis.twin.controller import Bounds, ElongationController, Tuning
 from analysis.twin.dynamics import Lag
 from analysis.twin.hysteresis import HysteresisModel, identify
+from analysis.twin.sensor_loop import find_loops
 from protocol.simulator.plant import Body, Sensors
 from protocol.simulator.specimens import find_specimen
 
@@ -46,6 +47,10 @@ def regulator(
 ) -> ElongationController:
     """Return a controller of a specimen, tuned for the virtual board."""
     model, fusion = identified(specimen)
+    _, x, signals = swings(specimen)
+    x, signals = x[::100], signals[::100]
+    residuals = [signals[:, i] - inverse.calibration.predict(x) for i, inverse in enumerate(fusion.inverses)]
+    loops = find_loops(x, residuals)
     return ElongationController(
-        model, fusion, Tuning.of(LAG, ramp_kpa_per_s), bounds, unit=specimen, step_mv=STEP_MV
+        model, fusion, Tuning.of(LAG, ramp_kpa_per_s), bounds, unit=specimen, step_mv=STEP_MV, loops=loops
     )  # fmt: skip

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from analysis.data.recording import Recording
     from analysis.twin.controller import Bounds, ElongationController
     from analysis.twin.prediction import LivePrediction, SensorPrediction
+    from analysis.twin.sensor_loop import SensorLoops
     from analysis.twin.unit_file import TwinFile
 
 
@@ -184,4 +185,28 @@ def regulator_of(
     fusion = fusion or fusion_of(units, name)
     fusion.evaluate(np.zeros((1, len(fusion.inverses))))
     tuning = twin.tuning or Tuning.cautious()
-    return ElongationController(twin.model, fusion, tuning, bounds, unit=name, step_mv=step_mv)
+    loops = sensor_loops(units, name, fusion)
+    return ElongationController(twin.model, fusion, tuning, bounds, unit=name, step_mv=step_mv, loops=loops)
+
+
+def sensor_loops(units: UnitLibrary, name: str, fusion: Fusion) -> SensorLoops | None:
+    """Return the hysteresis loops of a unit's sensors, from the readings of its calibration in force; None without any.
+
+    Raises
+    ------
+    OperatorError : it has no calibration in force.
+    """
+    import numpy as np
+
+    from analysis.twin.sensor_loop import find_loops
+
+    points = [
+        (np.asarray(one["elongation_mm"], float), np.asarray(one["signal_mv"], float))
+        for one in in_force(units, name).content["sensors"]
+    ]
+    same = all(np.array_equal(x, points[0][0]) for x, _ in points)
+    curves = [inverse.calibration for inverse in fusion.inverses]
+    if not same or any(curve is None for curve in curves):
+        return None
+    residuals = [y - curve.predict(x) for (x, y), curve in zip(points, curves, strict=True) if curve is not None]
+    return find_loops(points[0][0], residuals)

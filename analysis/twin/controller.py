@@ -173,6 +173,7 @@ class ElongationController:
         self.period_s, self.delay_margin_s = tuning.period_s, tuning.margins.delay_s
         self.unit, self._step_mv, self._loops = unit, step_mv, loops
         self.sensors = SensorWatch(fusion, step_mv, loops)
+        fusion.evaluate(np.zeros((1, len(fusion.inverses))))  # compiles now, not on the reading thread
 
     def check(self, mm: float) -> None:
         """Refuse a setpoint outside the calibrated range.
@@ -242,7 +243,8 @@ class ElongationController:
         self._past = [*self._past[-_HISTORY:], (time_s, self._reference)]
         times, references = np.asarray(self._past).T
         error = float(np.interp(sampled_s, times, references)) - found.mm
-        grow = self.tuning.integral_per_s * dt * error if math.isfinite(error) else 0.0
+        grown_s = min(dt, 2.0 * self.period_s)  # a period that came late must not count as a larger gain
+        grow = self.tuning.integral_per_s * grown_s * error if math.isfinite(error) else 0.0
         ahead = self._reference + self.tuning.lead_s * self._rate + self.tuning.lead_s2 * acceleration
         wanted_kpa = self.model.pressure(self._memory, ahead + self._offset + grow)
         step = self.tuning.ramp_kpa_per_s * dt

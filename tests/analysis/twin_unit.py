@@ -17,7 +17,7 @@ from analysis.twin.sensor_loop import find_loops
 from protocol.simulator.plant import Body, Sensors
 from protocol.simulator.specimens import find_specimen
 
-LAG = Lag(0.0, 10.0, 0.63)  # of the virtual board's pneumatics, as step tests find it
+LAG = Lag(0.02, 9.3, 0.63)  # of the virtual board's pneumatics, as step tests find it
 STEP_MV = 3300 / 4096
 
 

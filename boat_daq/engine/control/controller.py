@@ -146,7 +146,7 @@ class Controller:
         if self.stream.falls_silent(now_ns):
             self._silence(f"no data for {self.stream.silence_s:g} s")
         if self.loop is not None and self.stream.begun:
-            found = self.loop.stale(self.stream.age_s(now_ns))
+            found = self.loop.late(now_ns, self.stream.age_s(now_ns))
             if found is not None:
                 self._stop_loop(found, hold=self.loop.hold)
         self.board.tick(idle=self._idle)

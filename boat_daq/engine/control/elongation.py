@@ -159,19 +159,27 @@ class ElongationLoop:
         self.lost += found.lost
         if found.stop is not None:
             return LoopStop(MessageKind(found.stop), found.cause, found.remedy)
-        slowest_s, margin_s = min(self._answers_s, default=0.0), self.regulator.delay_margin_s
-        if len(self._answers_s) == SLOW_ANSWERS and slowest_s > margin_s:
-            cause = f"the board answers after {1000 * slowest_s:.0f} ms, the control bears {1000 * margin_s:.0f} ms"
-            return LoopStop(MessageKind.LINK_DELAY, cause, "connect the board directly, or use slower gains")
+        slowest_s = min(self._answers_s, default=0.0)
+        if len(self._answers_s) == SLOW_ANSWERS and slowest_s > self.regulator.delay_margin_s:
+            return self._delayed(slowest_s)
         return found
 
-    def stale(self, age_s: float) -> LoopStop | None:
-        """Return why to stop where the newest sample is too old.
+    def _delayed(self, delay_s: float) -> LoopStop:
+        margin_s = self.regulator.delay_margin_s
+        cause = f"the board answers after {1000 * delay_s:.0f} ms, the control bears {1000 * margin_s:.0f} ms"
+        return LoopStop(MessageKind.LINK_DELAY, cause, "connect the board directly, or use slower gains")
+
+    def late(self, now_ns: int, age_s: float) -> LoopStop | None:
+        """Return why to stop where an answer, or the newest sample, is too late.
 
         Parameters
         ----------
+        now_ns : the present time.
         age_s : since samples last arrived. A virtual board that this computer is too busy for stops its clock too.
         """
+        waits_s = 0.0 if self._sent_ns is None else (now_ns - self._sent_ns) / 1e9
+        if waits_s > max(2.0 * self.regulator.delay_margin_s, STALE_S):
+            return self._delayed(waits_s)
         if age_s <= STALE_S:
             return None
         cause = f"the newest sample is {1000 * age_s:.0f} ms old, more than {1000 * STALE_S:.0f} ms"

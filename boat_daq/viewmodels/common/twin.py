@@ -177,13 +177,10 @@ def regulator_of(
     ------
     OperatorError, AnalysisError : as `load_twin` and `fusion_of`.
     """
-    import numpy as np
-
     from analysis.twin.controller import ElongationController, Tuning
 
     twin = load_twin(units, name)
     fusion = fusion or fusion_of(units, name)
-    fusion.evaluate(np.zeros((1, len(fusion.inverses))))
     tuning = twin.tuning or Tuning.cautious()
     loops = sensor_loops(units, name, fusion)
     return ElongationController(twin.model, fusion, tuning, bounds, unit=name, step_mv=step_mv, loops=loops)

@@ -23,6 +23,7 @@ from tests.boat_daq.engine.controller_rig import ControllerRig
 FREE = Bounds(deviation_mm=5.0)  # open loop may be far away
 TRACK = Segment("sine", 0.5, amplitude=2.5, frequency_hz=0.1, periods=3.0)
 SLOW = Segment("sine", 0.5, amplitude=2.9, frequency_hz=0.02, periods=1.5)
+LEVELS = (-2.4, -1.8, -1.2, -0.6, 0.0, 0.6, 1.2, 1.8, 2.4, 3.0, 3.4)
 SETTINGS = ("closed loop", "open loop, inverse with hysteresis", "open loop, inverse of the mean curve")
 
 
@@ -105,11 +106,20 @@ def test_steps_settle_and_sines_are_tracked_on_every_unit(specimen, record_prope
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("specimen", SPECIMEN_NAMES)
-def test_hysteresis_over_the_setpoint_is_that_of_the_sensors(specimen):
-    found = {name: loop_percent(run(specimen, one, SLOW)) for name, one in controllers(specimen).items()}
-    print(f"{specimen}: hysteresis of the true elongation over the setpoint, % of 6.5 mm: {found}")
-    assert found["closed loop"] < 0.85
-    assert found["open loop, inverse of the mean curve"] > 2.5
+def test_hysteresis_over_the_setpoint_is_under_three_thousandths_of_the_span(specimen):
+    path = [*LEVELS, *LEVELS[-2::-1], *LEVELS[1:]]
+    rows = run(specimen, regulator(specimen), *[Segment("step", level, hold_s=4.0) for level in path])
+    held = [rows[(rows[:, 0] >= 4 * k + 3) & (rows[:, 0] < 4 * k + 4), 2].mean() for k in range(len(path))]
+    n = len(LEVELS)
+    falling, rising = held[n - 1 : 2 * n - 1][::-1], held[2 * n - 2 :]
+    closed = float(np.abs(np.subtract(rising, falling)[1:-1]).max()) / 6.5 * 100.0
+    opened = {name: loop_percent(run(specimen, one, SLOW)) for name, one in controllers(specimen).items()}
+    print(
+        f"{specimen}: hysteresis of the true elongation over the setpoint, % of 6.5 mm: {closed}; over a sine: {opened}"
+    )
+    assert closed < 0.3
+    assert opened["closed loop"] < 0.5
+    assert opened["open loop, inverse of the mean curve"] > 2.5
 
 
 @pytest.mark.nightly

@@ -182,7 +182,7 @@ STORED_UNITS: Final = ShownUnits()
 def _shown(units: ShownUnits, stored: str) -> Shown:
     above, slash, below = stored.partition("/")
     if not slash:
-        return units._part(stored)
+        return Shown("") if stored == "1" else units._part(stored)  # a ratio has no unit
     (top, high), (bottom, low) = ((units._part(part.rstrip("²³")), part) for part in (above, below))
     factor = top.factor ** _power(high) / bottom.factor ** _power(low)
     return Shown(f"{top.symbol}{_exponent(high)}/{bottom.symbol}{_exponent(low)}", factor)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from boat_daq.engine.plan import StepMark
-from protocol.recording import DerivedColumns, channel_units, parse_definition
+from protocol.recording import DerivedColumns, channel_units, channels_of, parse_definition
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 
 
@@ -50,3 +50,16 @@ def test_a_derived_channel_is_plotted_measured_and_overlaid(make):
     overlaid = window.live.overlay.others["ratio"][-1]
     assert overlaid.x.size > 100
     assert window.live.overlay._plots["ratio"].unit == "%"
+
+
+def test_extra_channels_are_overlaid_too(make):
+    """Behind the sensors, three of them here; a field without numbers has no plot."""
+    channels = channels_of([("temperature", "degC"), ("tag", "")])
+    session = RecordedSession(connected(), filled_ring(120.0, sensors=3, channels=channels))
+    session.marks = (StepMark(1, 1, "unloading", 0.0, 10.0, int(36e6), ended_us=int(72e6)),)
+    overlay = make(session).live.overlay
+    overlay.draw()
+    names = ["Sensor 1", "Sensor 2", "Sensor 3", "Temperature"]
+    assert [plot.title for plot in overlay.plots] == names
+    assert overlay.plots[-1].left.labelText == "Temperature (\u00b0C)"
+    assert overlay.others["temperature_degc"][-1].x.size > 100

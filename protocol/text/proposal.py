@@ -27,6 +27,7 @@ PACKETS_FEWEST = 8
 PACKET_BYTES_MAX = 20_000
 CONSTANT = 0.98  # of the packets have the same byte there
 ENOUGH = 0.8  # of the lines, that a syntax must fit
+LONG_STEP = 5  # medians: a longer step of time is a gap
 NEARLY_ALL = 0.95  # of the texts of a column
 FEWEST = 3  # lines from which a syntax can be told
 DELIMITERS = (",", ";", "\t", "|", " ")
@@ -506,8 +507,9 @@ def _with_device(proposal: Proposal, values: Sequence[np.ndarray[Any, Any] | Non
         if column is None:
             continue
         if field.name == "time" and len(column) > 2:
-            step_s = float(np.median(np.diff(column))) * TIME_UNITS[field.unit]
-            rate_hz = 1 / step_s if step_s > 0 else rate_hz
+            steps = np.diff(column)
+            steps = steps[(steps > 0) & (steps <= LONG_STEP * np.median(steps))]  # neither a restart nor a gap
+            rate_hz = 1 / (float(steps.mean()) * TIME_UNITS[field.unit]) if steps.size else rate_hz
         if field.unit == "counts" or field.name.endswith(("_lit", "_dark")):
             counts = max(counts, float(column.max()))
     bits = next((n for n in ADC_BITS if counts < 1 << n), ADC_BITS[-1]) if counts else 0

@@ -87,6 +87,13 @@ def test_a_damaged_line_changes_no_proposal():
     assert names[0] == names[1] == ["time", "pressure", "s1_signal", "s2_signal"]
 
 
+def test_rate_is_the_mean_one_of_an_uneven_clock():
+    """Steps of 5 and 25 ms in turn are 67 Hz; a gap of seconds is none of them."""
+    times = np.cumsum(np.tile([5, 25], 30)) + np.repeat([0, 9000], 30)
+    lines = "".join(f"t={t} p=1.5 s1={400 + i % 5}\n" for i, t in enumerate(times)).encode()
+    assert propose(lines).rate_hz == pytest.approx(1000 / 15, rel=0.02)
+
+
 def test_sensors_numbered_from_zero_are_numbered_from_one():
     """ch0 and ch1 are the sensors 1 and 2."""
     names = [field.name for field in propose(OUTPUTS["comments and aligned columns"], SECONDS).fields]

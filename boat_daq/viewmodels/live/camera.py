@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from boat_daq.viewmodels.common.preferences import Preferences
 
 SOURCE, MARK = "camera_source", "camera_mark_mm"
 LEARNING = "learning"
+Rectangle = tuple[int, int, int, int]  # left, top, width, height, pixels of the picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,14 +62,14 @@ class CameraModel:
         """Side of the marks last used, mm."""
         return str(self._preferences.get(MARK, "10"))
 
-    def open(self, source: str, mark: str, video: Path | None = None) -> None:
+    def open(self, source: str, mark: str, patches: Sequence[Rectangle] = ()) -> None:
         """Open a camera, in place of the one that is open.
 
         Parameters
         ----------
         source : number or address.
         mark : side of the marks' black square, mm, as typed; 0 takes the millimetre grid.
-        video : file for the pictures; None stores none.
+        patches : two textured parts of the picture in place of the marks, base first; none for marks.
 
         Raises
         ------
@@ -77,11 +79,26 @@ class CameraModel:
             mark_mm = plain_number(mark)
         except ValueError:
             raise OperatorError(f"{mark!r} is not a length", "Type the side of a mark's black square in mm.") from None
-        choice = CameraChoice(source.strip(), mark_mm, unit=self._session.snapshot().unit)
+        unit = self._session.snapshot().unit
+        choice = CameraChoice(source.strip(), mark_mm, unit=unit, patches=tuple(patches))
         self.close()
-        self.channel = open_channel(self._session, choice, video=video)
+        self.channel = open_channel(self._session, choice)
         self._preferences.set(SOURCE, source.strip())
         self._preferences.set(MARK, mark.strip())
+
+    def save_marks(self, path: Path, mark: str) -> None:
+        """Write the sheet of marks to print.
+
+        Raises
+        ------
+        OperatorError, RequestError, FileError : no length, a size that does not fit the page, or it cannot be written.
+        """
+        from analysis.tracking.sheet import write_sheet
+
+        try:
+            write_sheet(path, plain_number(mark))
+        except ValueError:
+            raise OperatorError(f"{mark!r} is not a length", "Type the side of a mark's black square in mm.") from None
 
     def close(self) -> None:
         """Close the camera; the session stays."""

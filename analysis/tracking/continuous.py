@@ -3,7 +3,7 @@
 Each plateau's elongation is the mean over exactly the samples of its signals; what the operator entered counts before
 it. The continuous record pairs every sample with the elongation between the two frames about it. Its curve is fitted to
 the mean of both branches in equal bins of elongation, so that neither branch nor a hold weighs more; its hysteresis is
-that of every cycle, signal over elongation; its dynamic error is the change of the signal with speed that is left.
+that of every cycle, signal over elongation; its dynamic error is what the signal changes with speed on one branch.
 """
 
 from __future__ import annotations
@@ -207,7 +207,7 @@ def _continuous(
     fso = calibration.full_scale
     left = y[inside] - calibration.predict(x[inside])
     width = loop_width(abscissa, ordinate, np.ones((1, len(cycles))))
-    slope, u_slope = _dynamic(left, speed[inside])
+    slope, u_slope = _dynamic(_off_branches(x, y, cycles, (abscissa, ordinate))[inside], speed[inside])
     apart = math.nan
     if plateaus is not None and plateaus.full_scale:
         low, high = (max(calibration.x_range[0], plateaus.x_range[0]), min(calibration.x_range[1], plateaus.x_range[1]))
@@ -239,14 +239,34 @@ def _bin_means(x: FloatArray, y: FloatArray, usable: BoolArray, edges: FloatArra
     )
 
 
-def _dynamic(left_mv: FloatArray, speed: FloatArray) -> tuple[float, float]:
-    """Return the slope of the residual over speed within each direction, and its standard uncertainty.
+def _off_branches(
+    x: FloatArray, y: FloatArray, cycles: Sequence[Cycle], loops: tuple[FloatArray, FloatArray]
+) -> FloatArray:
+    """Return the distance of every sample [n] from the mean of its own branch; NaN outside the bins.
 
-    The mean of a direction is that branch's hysteresis, which does not depend on speed.
+    Parameters
+    ----------
+    x, y : [n].
+    cycles : used.
+    loops : abscissa and ordinate of the bins, [2, cycles, bins].
     """
+    off = np.full(x.size, np.nan)
+    for b in (0, 1):
+        known = np.isfinite(loops[1][b]).all(axis=0)
+        if known.sum() < 2:
+            continue
+        at, level = loops[0][b].mean(axis=0)[known], loops[1][b].mean(axis=0)[known]
+        for cycle in cycles:
+            rows = (cycle.unloading, cycle.loading)[b]
+            off[rows] = y[rows] - np.interp(x[rows], at, level, np.nan, np.nan)
+    return off
+
+
+def _dynamic(left_mv: FloatArray, speed: FloatArray) -> tuple[float, float]:
+    """Return the slope of the distance from the mean branch over speed, and its standard uncertainty."""
     rows, values = [], []
     for direction in (-1.0, 1.0):
-        moving = direction * speed > 0.05
+        moving = (direction * speed > 0.05) & np.isfinite(left_mv)
         if moving.sum() > 30:
             rows.append(speed[moving] - speed[moving].mean())
             values.append(left_mv[moving] - left_mv[moving].mean())

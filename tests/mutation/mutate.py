@@ -55,7 +55,7 @@ MODULES: dict[str, tuple[str, ...]] = {  # the tests that reach most of a module
     ),
     "boat_daq/engine/control/interlock.py": (f"{_CONTROL}/test_interlock.py",),
     "boat_daq/engine/control/sequencer.py": tuple(
-        f"{_CONTROL}/test_{name}.py" for name in ("sequencer", "sequencer_by_hand", "segment_watch", "elongation")
+        f"{_CONTROL}/test_{name}.py" for name in ("sequencer", "sequencer_by_hand", "segment_watch")
     ),
     "protocol/link/connection.py": tuple(
         f"{_LINK}/test_connection{aspect}.py" for aspect in ("_pending_commands", "_layout", "", "_vectors")

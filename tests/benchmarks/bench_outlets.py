@@ -39,7 +39,7 @@ INLET = """
 import sys, time
 import pylsl
 pylsl.set_config_content("[multicast]\\nResolveScope = machine\\n[log]\\nlevel = -2\\n")
-inlet = pylsl.StreamInlet(pylsl.resolve_byprop("type", "BOAT", timeout=20)[0], max_buflen=60)
+inlet = pylsl.StreamInlet(pylsl.resolve_byprop("source_id", sys.argv[2], timeout=20)[0], max_buflen=60)
 inlet.open_stream(timeout=20)
 print("open", flush=True)
 n, end = 0, time.time() + float(sys.argv[1])
@@ -87,7 +87,7 @@ def test_cost_of_outlets_beside_window_and_recorder(
             servers.append(SecopServer(SecopNode(session, tmp_path), ("127.0.0.1", 0)))
         lsl = next((s for s in servers if isinstance(s, LslOutlet)), None)
         secop = next((s for s in servers if isinstance(s, SecopServer)), None)
-        inlet = program(INLET, str(SECONDS + 2)) if lsl else None
+        inlet = program(INLET, str(SECONDS + 2), f"{lsl.source_id} BOAT") if lsl else None
         if inlet is not None:
             assert read(inlet) == "open"
         before = lsl.pushed if lsl else 0

@@ -75,14 +75,16 @@ class LslOutlet:
         pylsl.set_config_content(NETWORK if network else LOCAL)
         self._session, self._lsl, self._convert = session, pylsl, convert
         self._channels = _channels(len(seen.last.signal_mv))
-        self.source_id = f"{seen.hello.board_id if seen.hello else seen.port}"
+        board_id = seen.hello.board_id if seen.hello else str(seen.port)
+        # an inlet seeks a lost stream by its source: virtual boards, which have one identity, must not be confused
+        self.source_id = f"{board_id} {os.getpid()}" if seen.simulated else board_id
         rate_hz = seen.health.asked_hz if seen.health and seen.health.asked_hz else session.settings.rate_hz
         self.pushed = self.skipped = 0
         self._last_s = 0.0  # stamp of the newest sample
         self._clock, self._offset_s = ClockFit(), _offset_s(pylsl)
         self._clock_told_s = 0.0
         about = {
-            "board_id": self.source_id,
+            "board_id": board_id,
             "unit": seen.unit,
             "calibration_id": calibration_id,
             "simulated": str(seen.simulated).lower(),

@@ -160,7 +160,7 @@ def view(window: MainWindow) -> list[Command]:
         add("Show the whole session", "Ctrl+9", partial(live.model.set_window, math.inf)),
         add("Cursor A", "Ctrl+Alt+A", partial(live.plots.place_cursor, "a"), apart=True, also="statistics measure"),
         add("Cursor B", "Ctrl+Alt+B", partial(live.plots.place_cursor, "b"), also="statistics measure"),
-        add("Both signals on one axis", "Ctrl+T", live.toggle_together),
+        add("All signals on one axis", "Ctrl+T", live.toggle_together),
         add("Layout of the plots …", "Ctrl+Shift+L", live.show_layout, also="hide order overlay axis curves xy"),
         add("Overlay the last cycles", "Ctrl+Shift+O", live.toggle_overlay),
         add("Units of the values …", "Ctrl+Alt+J", show_units, also="psi bar volt percent celsius fahrenheit inch"),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from boat_daq.engine.plan import StepMark
+from boat_daq.gui.live.live_plots import OverlayPlots
+from boat_daq.viewmodels.live.live_model import OverlayModel
 from protocol.recording import DerivedColumns, channel_units, channels_of, parse_definition
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 
@@ -52,14 +54,14 @@ def test_a_derived_channel_is_plotted_measured_and_overlaid(make):
     assert window.live.overlay._plots["ratio"].unit == "%"
 
 
-def test_extra_channels_are_overlaid_too(make):
+def test_extra_channels_are_overlaid_too(qtbot):
     """Behind the sensors, three of them here; a field without numbers has no plot."""
     channels = channels_of([("temperature", "degC"), ("tag", "")])
-    session = RecordedSession(connected(), filled_ring(120.0, sensors=3, channels=channels))
-    session.marks = (StepMark(1, 1, "unloading", 0.0, 10.0, int(36e6), ended_us=int(72e6)),)
-    overlay = make(session).live.overlay
+    ring = filled_ring(72.0, sensors=3, channels=channels)
+    step = StepMark(1, 1, "unloading", 0.0, 10.0, int(36e6), ended_us=int(72e6))
+    overlay = OverlayPlots(OverlayModel(lambda: ring, lambda: (step,), ring.time_of))
+    qtbot.addWidget(overlay)
     overlay.draw()
-    names = ["Sensor 1", "Sensor 2", "Sensor 3", "Temperature"]
-    assert [plot.title for plot in overlay.plots] == names
+    assert [plot.title for plot in overlay.plots] == ["Sensor 1", "Sensor 2", "Sensor 3", "Temperature"]
     assert overlay.plots[-1].left.labelText == "Temperature (\u00b0C)"
     assert overlay.others["temperature_degc"][-1].x.size > 100

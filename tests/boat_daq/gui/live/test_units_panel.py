@@ -32,8 +32,15 @@ def draw(window) -> None:
     window.draw()
 
 
-def test_a_channel_with_values_has_a_plot_and_statistics(measured):
-    """Its name and unit are at the axis; a field without numbers is not shown."""
+def choose(panel, quantity: str, unit: str) -> None:
+    """Choose a unit as the mouse does."""
+    box = panel.units[quantity]
+    box.setCurrentIndex(box.findData(unit))
+    box.activated.emit(box.currentIndex())
+
+
+def test_channels_and_chosen_units_of_the_live_page(measured):
+    """A channel has its plot and statistics; bar, V, °F and % are in every plot of a run; stored values keep theirs."""
     window, plots, model = measured, measured.live.plots, measured.model.live
     window.resize(1280, 1400)
     draw(window)
@@ -41,51 +48,30 @@ def test_a_channel_with_values_has_a_plot_and_statistics(measured):
     assert labels(plots.rows[-1])[0] == "Temperature (\u00b0C)"
     assert model.text("temperature_degc", 21.456) == "21.46 \u00b0C"
     model.cursors_s.update(a=10.0, b=50.0)
-    name, unit = [(span.name, span.unit) for span in model.statistics()][-1]
-    assert (name, unit) == ("Temperature", "\u00b0C")
-
-
-def test_units_are_chosen_for_axes_values_and_cursors(measured):
-    """bar, V and °F at once, in every plot of the run, kept for the next start; what is stored keeps its unit."""
-    window, plots, model = measured, measured.live.plots, measured.model.live
-    window.resize(1280, 1400)
-    draw(window)
+    assert [(span.name, span.unit) for span in model.statistics()][-1] == ("Temperature", "\u00b0C")
     before = model.headline(window.model.snapshot)
     run_shortcut(window, "Ctrl+Alt+J")
     panel = window.units_panel
-    for quantity, unit in (("pressure", "bar"), ("voltage", "V"), ("temperature", "degF")):
-        panel.units[quantity].setCurrentIndex(panel.units[quantity].findData(unit))
-        panel.units[quantity].activated.emit(panel.units[quantity].currentIndex())
+    for quantity, unit in (("pressure", "bar"), ("voltage", "V"), ("temperature", "degF"), ("length", "%")):
+        choose(panel, quantity, unit)
     draw(window)
     signal, _, pressure, temperature = plots.rows
     assert [labels(plot)[0] for plot in (signal, pressure, temperature)] == [
         "Sensor 1 (V)", "Pressure (bar)", "Temperature (\u00b0F)",
     ]  # fmt: skip
     assert {float(text.replace("\u2212", "-")) for text in labels(pressure)[1:]} >= {0.0, 0.4}
-    after = model.headline(window.model.snapshot)
     number = float(before.signals[0].replace("\u2009", ""))
-    assert float(after.signals[0]) == pytest.approx(number / 1000, abs=1e-4)
+    assert float(model.headline(window.model.snapshot).signals[0]) == pytest.approx(number / 1000, abs=1e-4)
     assert window.live.figures["kpa"].unit.text() == "bar"
     assert model.means()["s1_mv"] == pytest.approx(number, abs=0.06)
     assert model.text("temperature_degc", 20.0) == "68.00 \u00b0F"
-    pressures = [
-        window.open_page(page).findChildren(PlotCard)[0].theme.units.pressure for page in (Page.CALIBRATE, Page.OPTICS)
-    ]
-    assert pressures == ["bar", "kPa"]
-    assert window.model.unit_choice.units.voltage == "V"
-
-
-def test_elongation_is_a_share_of_the_length_at_rest(measured):
-    """The length is entered in the panel; one that cannot be is refused with its range."""
-    run_shortcut(measured, "Ctrl+Alt+J")
-    panel = measured.units_panel
-    panel.units["length"].setCurrentIndex(panel.units["length"].findData("%"))
-    panel.units["length"].activated.emit(panel.units["length"].currentIndex())
+    pages = [window.open_page(page).findChildren(PlotCard)[0] for page in (Page.REPEAT, Page.OPTICS)]
+    assert [card.theme.units.pressure for card in pages] == ["bar", "kPa"]
     panel.length.setText("50")
     QTest.keyClick(panel.length, "\r")
-    shown = measured.model.live.units.shown("mm")
-    assert (shown.symbol, shown.value(1.0)) == ("%", 2.0)
+    shown = model.units.shown("mm")
+    assert (shown.symbol, shown.value(1.0), window.model.unit_choice.units.voltage) == ("%", 2.0, "V")
     panel.length.setText("-3")
     QTest.keyClick(panel.length, "\r")
-    assert "length at rest" in measured.model.notices.current().cause
+    assert "length at rest" in window.model.notices.current().cause
     assert panel.length.text() == "50"

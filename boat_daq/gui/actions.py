@@ -231,6 +231,10 @@ def calibration(window: MainWindow) -> list[Command]:
     def open_file() -> None:
         ask_open(window, app_model.services, "Open a file", "boat csv tsv txt dat toml", window.open_file)
 
+    def prepare_control() -> None:
+        services = app_model.services
+        ask_open(window, services, "A calibration run, or a step test", "boat", model.prepare_control)
+
     def acceptable() -> bool:
         return window.page is Page.CALIBRATE and not model.obstacle() and model.accepted is None
 
@@ -259,6 +263,12 @@ def calibration(window: MainWindow) -> list[Command]:
         add(bands, "Ctrl+Shift+M", on_page(model.sample), has_result, also="mcmc posterior sample"),
         add("Accept the calibration", "Ctrl+Return", model.request_acceptance, acceptable),
         add("Type B contributions …", "Ctrl+Alt+U", on_page(edit_contributions), has_result, also="uncertainty scale"),
+        add(
+            "Prepare the control of elongation …",
+            "Ctrl+Alt+Shift+E",
+            prepare_control,
+            also="identify tune hysteresis gains",
+        ),
         add("Export calibration …", "Ctrl+Alt+K", export, exportable, also="c matlab octave json code table"),
         add("Certificate …", "Ctrl+Alt+Z", certify, exportable, also="iso 17025 dcc pdf xml customer laboratory"),
         add("Report of the run shown …", "Ctrl+Shift+R", window.ask_report, has_report, also="pdf html print"),

@@ -66,12 +66,12 @@ def load_twin(units: UnitLibrary, name: str) -> TwinFile:
 
     stored = in_force(units, name)
     twin = read_twin(twin_path(units, name))
-    command = "boat-daq twin identify RUN"
+    command, remedy = "boat-daq twin identify RUN", "prepare the control of elongation from its calibration run"
     if twin is None:
-        raise OperatorError(f"the hysteresis of unit {name} is not identified", "identify it first", command=command)
+        raise OperatorError(f"the hysteresis of unit {name} is not identified", remedy, command=command)
     if twin.calibration_utc != stored.utc:
         cause = f"unit {name} has had another calibration since its hysteresis was identified"
-        raise OperatorError(cause, "identify it again", command=command)
+        raise OperatorError(cause, remedy, command=command)
     return twin
 
 
@@ -141,6 +141,35 @@ def live_prediction_of(units: UnitLibrary, name: str, fusion: Fusion) -> LivePre
     if twin is None or twin.calibration_utc != in_force(units, name).utc:
         return None
     return live_prediction(twin.model, fusion, predicted_sensors(units, name))
+
+
+def prepare_control(path: Path, units: UnitLibrary) -> str:
+    """Identify a unit from a calibration run, or take its gains from a step test; return what was done.
+
+    Parameters
+    ----------
+    path : of the recording. units : of either kind of board.
+
+    Raises
+    ------
+    OperatorError, AnalysisError, StorageError : as `identify_unit` and `tune_unit`.
+    """
+    from analysis.data.load import load_recording
+    from analysis.twin.runs import recorded_segments
+
+    recording = load_recording(path)
+    library = units.of(simulated=recording.simulated)
+    if not any("segment" in str(detail) for detail in recording.steps["detail"]):
+        model = identify_unit(recording, library).model
+        return f"unit {recording.unit} identified: R\u00b2 {model.r2:.4f}. A run of the plan step-test gives its gains"
+    recorded_segments(recording)
+    tuning = tune_unit(recording, library).tuning
+    assert tuning is not None
+    margins = tuning.margins
+    return (
+        f"unit {recording.unit} tuned: gain {tuning.integral_per_s:.2f} /s, margins {margins.gain_db:.1f} dB, "
+        f"{margins.phase_deg:.0f}\u00b0 and {1000 * margins.delay_s:.0f} ms"
+    )
 
 
 def store_twin(units: UnitLibrary, twin: TwinFile) -> None:

@@ -33,6 +33,7 @@ from boat_daq.viewmodels.common.formatting import NOTHING, SUBSCRIPT, SUPERSCRIP
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Change, Services
+from boat_daq.viewmodels.common.twin import prepare_control
 from boat_daq.viewmodels.results.analysis_jobs import (
     CurveBands,
     RunResult,
@@ -341,6 +342,19 @@ class CalibrationModel:
         label = f"Exporting the calibration of {run.name}"
         job = Job(label, export_calibration, run, target, curve=self.result.curve)
         self.jobs.start("calibration export", job, ended)
+
+    def prepare_control(self, path: Path) -> None:
+        """Identify a run's unit for the control of its elongation, or tune it by a step test, in the background."""
+        notices = self._services.notices
+
+        def ended(job: Job) -> None:
+            if job.failure is not None:
+                notices.add(Severity.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
+            elif job.state is JobState.DONE:
+                self.units_revision += 1  # predicted signals are shown from now on
+                notices.inform(str(job.result))
+
+        self.jobs.start("control", Job(f"Identifying from {path.name}", prepare_control, path, self.units), ended)
 
     def samples(self) -> bool:
         """Return whether the posterior of the curves that are shown can be sampled: a spline has none."""

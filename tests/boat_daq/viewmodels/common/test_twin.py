@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from analysis import fit_calibration
 from analysis.data.recording import Recording
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.twin import identify_unit, load_twin, regulator_of, store_twin
+from boat_daq.viewmodels.common.twin import identify_unit, load_twin, prepare_control, regulator_of, store_twin
 from tests.analysis.twin_unit import swings
 
 
@@ -65,3 +66,13 @@ def test_an_identified_unit_has_a_regulator_until_its_calibration_changes(units,
     store_twin(units, replace(twin, calibration_utc="2026-01-01T00:00:00+00:00"))
     with pytest.raises(OperatorError, match="another calibration"):
         regulator_of(units, "SA1")
+
+
+def test_a_calibration_run_prepares_the_control_and_says_what_is_next(units, run, monkeypatch):
+    accept(units)
+    monkeypatch.setattr(
+        "analysis.data.load.load_recording", lambda _: replace(run, meta={**run.meta, "simulated": True})
+    )
+    text = prepare_control(Path("a.boat"), units)
+    assert text.startswith("unit SA1 identified: R² ")
+    assert load_twin(units, "SA1").model.r2 > 0.99

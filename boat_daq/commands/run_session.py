@@ -133,6 +133,9 @@ def run_session(
             after_run(session)
         if camera is not None:
             camera.finish()
+            seen_by = camera.state
+            frames = f"{seen_by.frames} frames, {seen_by.valid} with an elongation, {seen_by.dropped} missing"
+            notify(f"camera: {frames}")
         failure = why_failed(session.snapshot(), request.plan)
     except BoatDaqError:
         if session.snapshot().recording is not None:

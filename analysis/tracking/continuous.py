@@ -120,7 +120,8 @@ def camera_elongations(film: Filmed, plateaus: Sequence[Plateau], entered: Elong
     entered : by the operator, the camera's own readings left out.
     """
     time_s = film.recording.time_s
-    windows = np.array([(time_s[p.settled_first], time_s[p.last]) for p in plateaus], float).reshape(-1, 2)
+    rows = [(p.settled_first, p.last - 1) for p in plateaus]
+    windows = time_s[np.clip(np.array(rows, np.int64).reshape(-1, 2), 0, time_s.size - 1)]
     mean, u = plateau_means(film.record, windows, film.u_scale)
     current = film.recording.current_readings
     withdrawn = set(current.loc[pd.to_numeric(current["elongation_mm"], errors="coerce").isna(), "step"].tolist())

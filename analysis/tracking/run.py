@@ -16,6 +16,7 @@ import numpy as np
 from analysis.arrays import FloatArray
 from analysis.data.camera_record import CameraRecord
 from analysis.data.recording import Recording
+from analysis.errors import DataError
 from analysis.tracking.clock import Delay, find_delay, find_place
 from analysis.tracking.lens import Picture
 from analysis.tracking.tracker import Tracked
@@ -23,6 +24,7 @@ from analysis.warning import Warning, WarningCode
 
 REST_S = 1.5
 DRIVEN_KPA = 1.0
+LONGEST_DELAY_S = 3.0
 LARGEST_U_S = 0.05  # of a delay that is used
 LEAST_R2 = 0.8  # of elongation over pressure: hysteresis and creep leave more
 INDEPENDENT_MM = 0.0005  # least standard uncertainty of a frame's own
@@ -154,12 +156,26 @@ def _delay(recording: Recording, record: CameraRecord) -> Delay | None:
     signals = np.where(recording.usable, recording.signal_mv, np.nan)
     alive = np.isfinite(signals).mean(axis=0) > 0.5
     pressure = np.where(recording.pressure_usable, recording.pressure_kpa, np.nan)[:, None]
+    expected_s = _coarse_delay(recording, record)
     for columns in (signals[:, alive], pressure):
         if columns.shape[1]:
-            delay = find_delay(record.time_s, record.elongation_mm, recording.time_s, columns)
+            delay = find_delay(record.time_s, record.elongation_mm, recording.time_s, columns, expected_s)
             if delay is not None:
                 return delay
     return None
+
+
+def _coarse_delay(recording: Recording, record: CameraRecord) -> float:
+    """Return the delay to about 0.1 s by the cross-correlation with the pressure; 0 where it shows none."""
+    usable = recording.pressure_usable
+    if usable.sum() < 2 or record.valid.sum() < 2:
+        return 0.0
+    pressure = recording.time_s[usable], recording.pressure_kpa[usable]
+    try:
+        delay_s = -find_place(record.time_s, record.elongation_mm, *pressure)
+    except DataError:
+        return 0.0
+    return delay_s if abs(delay_s) <= LONGEST_DELAY_S else 0.0
 
 
 def _follows_pressure(recording: Recording, record: CameraRecord) -> bool:

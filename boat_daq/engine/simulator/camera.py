@@ -230,11 +230,18 @@ class VirtualCamera:
         self._sink.close()
 
     def _run(self) -> None:
-        while (part := self._coming.get()) is not None:
-            first, elongation = part
-            if not self._ticks.size:
-                self._first = first
-            self._ticks = np.concatenate([self._ticks, elongation])
+        ended = False
+        while not ended:
+            parts = [self._coming.get()]
+            while (
+                not self._coming.empty()
+            ):  # all that has passed meanwhile: else a slow picture would put off all later ones
+                parts.append(self._coming.get())
+            ended = parts[-1] is None
+            known = [part for part in parts if part is not None]
+            if known and not self._ticks.size:
+                self._first = known[0][0]
+            self._ticks = np.concatenate([self._ticks, *(elongation for _, elongation in known)])
             end_s = (self._first + self._ticks.size - 1) * TICK_S
             while (due := self._number / FRAMES_PER_S) + self._exposure_s / 2 <= end_s:
                 late = self._newest_only and end_s - due > 2.0 / FRAMES_PER_S

@@ -117,3 +117,15 @@ def test_a_tracked_video_calibrates_within_a_third_of_a_percent() -> None:
         assert sensor.figures["sensitivity_mv_per_mm"].value == pytest.approx(truth, rel=0.003)
         assert sensor.calibration is not None
         assert sensor.calibration.r2 > 0.9999
+
+
+def test_a_plateau_that_ends_with_the_recording_is_read(run: FilmedRun) -> None:
+    """Its last sample is the recording's."""
+    last = int(np.argmax(run.recording.time_s > run.recording.steps["ended_s"].iloc[-1] - 0.3))
+    whole = with_camera(run)
+    short = Recording.from_arrays(
+        whole.time_s[:last], whole.pressure_kpa[:last], whole.signal_mv[:last], steps=whole.steps, meta=whole.meta
+    )
+    analysis = analyse(replace(short, camera=whole.camera), options=Options(mcmc=False))
+    assert analysis.elongations is not None
+    assert np.isfinite(analysis.elongations.elongation_mm[-1])

@@ -87,3 +87,14 @@ def test_an_impossible_scene_is_refused(values: dict[str, str]) -> None:
     """Field, number, size."""
     with pytest.raises(OperatorError):
         scene_of(values)
+
+
+def test_a_stream_leaves_out_what_is_late() -> None:
+    """What has passed while a frame was drawn is taken at once: the newest frame is no older than the present."""
+    board, kept = VirtualBoard(log_elongation=True), Kept()
+    camera = VirtualCamera(SMALL, kept, [], newest_only=True)
+    for _ in range(40):
+        board.advance(500_000)
+        camera.take(*board.take_elongation())
+    camera.close()
+    assert 1 <= len(kept.frames) < 400  # of 600

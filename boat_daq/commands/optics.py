@@ -198,14 +198,17 @@ def trace(
     released, budget = released_rays(rays, secondary, fidelity, lambda level: level.rays)
     light = _light(released, budget, phase, order, emission, faintest)
     frame, number = _frame(curves_of(curves), state, guide)
-    work = released
+    work, error = released, math.nan
     if tolerance is not None:
         if phase is not None:
             raise typer.BadParameter("chooses the turn of the fan: omit --phase", param_hint="--tolerance")
         met = trace_within(frame, design, guide, light, tolerance)
         outcome, light, released, work = met.result, met.light, met.light.rays, met.work
+        error = met.error
     else:
         outcome = trace_scene(frame, design, guide, light)
+        sd = PAPER_RAYS * outcome.power_sd if budget == ALL else outcome.ndr_sd
+        error = float(stated_error(sd, released))
     if out is not None:
         from analysis.optics.sweep.report import draw_scene, save
 
@@ -222,7 +225,7 @@ def trace(
         "ledger": outcome.ledger,
         "hits": outcome.hits,
         "ndr_sd": outcome.ndr_sd,
-        "error": float(stated_error(outcome.ndr_sd, released)),
+        "error": error,
         "tolerance": tolerance,
         "work_rays": work,
         "energy": outcome.energy,

@@ -87,7 +87,7 @@ def light_within(request: SweepRequest, tolerance: float) -> Light:
     Parameters
     ----------
     request : of the sweep; about every 20th of its designs is traced with a pilot fan.
-    tolerance : of a count, rays of 250, at 2 standard deviations.
+    tolerance : of a count, rays of 250, or of the power of 250 rays, at 2 standard deviations.
 
     Raises
     ------
@@ -95,15 +95,15 @@ def light_within(request: SweepRequest, tolerance: float) -> Light:
     """
     fan = request.light.with_rays(PILOT_RAYS)
     pilot = run_sweep(replace(request, designs=request.designs[:: max(1, len(request.designs) // 32)], light=fan))
-    sd = np.quantile(pilot.ndr_sd, CERTAIN)
+    sd = np.quantile(pilot.response[1], CERTAIN)
     thickness = request.guide.thickness_mm
     rays = rays_for(fan, float(sd), tolerance, thickness, bool(np.all(pilot.mirrored)))
     return request.light.with_rays(rays)
 
 
 def count_errors(result: SweepResult) -> dict[str, float]:
-    """Return the error that 95 % of a sweep's counts have at most, and the greatest, at 2 standard deviations."""
-    errors = stated_error(result.ndr_sd, result.request.light.rays)
+    """Return the error that 95 % of a sweep's responses have at most, and the greatest, at 2 standard deviations."""
+    errors = stated_error(result.response[1], result.request.light.rays)
     return {"of_95_percent": float(np.quantile(errors, CERTAIN)), "greatest": float(np.max(errors))}
 
 

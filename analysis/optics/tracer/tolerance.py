@@ -15,7 +15,7 @@ import numpy.typing as npt
 from analysis.arrays import FloatArray
 from analysis.errors import RequestError
 from analysis.optics.scene.frame import SceneFrame
-from analysis.optics.scene.parameters import MOST_RAYS, PAPER_RAYS, Design, Light, Waveguide
+from analysis.optics.scene.parameters import ALL, MOST_RAYS, PAPER_RAYS, Design, Light, Waveguide
 from analysis.optics.tracer.simulation import TraceResult, sd_of_sum, trace
 from analysis.progress import Progress
 
@@ -33,7 +33,7 @@ class ToleratedTrace:
     Parameters
     ----------
     result, light : the simulation, and the light it was made with.
-    error : of its NDR, 2 standard deviations, rays of 250; tolerance : the error asked for.
+    error : of its NDR or power, 2 standard deviations, rays of 250; tolerance : the error asked for.
     work : rays released altogether, the pilot's among them.
     """
 
@@ -103,7 +103,8 @@ def trace_within(
     ----------
     frame, design, guide : the scene.
     light : its model; the rays are chosen, secondaries are in proportion.
-    tolerance : of NDR, rays of 250, at 2 standard deviations.
+    tolerance : of NDR, rays of 250, at 2 standard deviations; of the power of 250 rays where all reflections are
+        followed, whose number means nothing.
     progress : called with (rays done, rays) of each fan; raising from it cancels.
 
     Raises
@@ -116,7 +117,8 @@ def trace_within(
     for _ in range(TRIES):
         result = trace(frame, design, guide, fan, progress=progress)
         work += fan.rays
-        error = float(stated_error(result.ndr_sd, fan.rays))
+        sd = PAPER_RAYS * result.power_sd if light.secondary == ALL else result.ndr_sd
+        error = float(stated_error(sd, fan.rays))
         if error <= tolerance and fan.rays >= FEWEST_RAYS:
             return ToleratedTrace(result, fan, error, tolerance, work)
         needed = rays_for(fan, error / COVERAGE, tolerance, thickness, mirrored)

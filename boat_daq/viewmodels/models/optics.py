@@ -36,6 +36,16 @@ PAPER: Values = (5, 1.0, 0.5, 0.9)
 STATES = 15
 BY_FIDELITY = 0
 RAYS = (BY_FIDELITY, 250, 1000, 2500, 10_000)
+
+
+@dataclass(frozen=True, slots=True)
+class Within:
+    """In place of a number of rays: as many as leave this greatest error of a count, rays of 250 (k = 2)."""
+
+    error: float
+
+
+TOLERANCES = (Within(5.0), Within(1.0), Within(0.2))
 FACES = {"outer": "Outer face", "inner": "Inner face", "both": "Both faces", "midline": "Voids inside"}
 MAPPED_FACE = next(iter(FACES))
 """Face of the designs that a sweep maps."""
@@ -134,9 +144,25 @@ def elongations_of(name: str, curves: FloatArray) -> FloatArray:
     return np.asarray(apart - apart[REST])
 
 
+def light_for(rays: int | Within, designs: tuple[Design, ...], curves: FloatArray, by: By) -> Light:
+    """Return the light of a number of rays, or of as many as a tolerance takes for some designs.
+
+    Parameters
+    ----------
+    rays : the number, or the tolerance. designs, curves, by : as in a sweep.
+    """
+    from analysis.optics.scene.parameters import PAPER_RAYS, light_by
+    from analysis.optics.sweep.fans import light_within
+    from analysis.optics.sweep.sweep import SweepRequest
+
+    if isinstance(rays, int):
+        return light_by(by, rays)
+    return light_within(SweepRequest(designs, light=light_by(by, PAPER_RAYS), curves=curves, by=by), rays.error)
+
+
 def trace_design(
     values: Values,
-    rays: int,
+    rays: int | Within,
     curves: str = "default",
     face: str = "outer",
     by: By = "count",
@@ -148,7 +174,7 @@ def trace_design(
     Parameters
     ----------
     values : cavities, width, depth, spacing (mm).
-    rays : released in each state.
+    rays : released in each state, or the tolerance that chooses them.
     curves : name of the states, see `curves_of`.
     face : of the cavities.
     by : the response: counted rays, or power.
@@ -159,13 +185,13 @@ def trace_design(
     AnalysisError : the design does not fit, or the curves cannot be read.
     """
     from analysis.optics.scene.curves import frames_of
-    from analysis.optics.scene.parameters import PAPER_RAYS, Design, Waveguide, light_by
+    from analysis.optics.scene.parameters import PAPER_RAYS, Design, Waveguide
     from analysis.optics.sweep.figure_of_merit import merit, resolution
     from analysis.optics.tracer.simulation import trace
 
     design = Design(*values, face)  # type: ignore[arg-type]  # Design checks the face
-    guide, light = Waveguide(), light_by(by, rays)
-    states = curves_of(curves)
+    guide, states = Waveguide(), curves_of(curves)
+    light = light_for(rays, (design,), states, by)
     frames = frames_of(states, guide)
     scenes, detected = [], []
     for done, frame in enumerate(frames, 1):
@@ -176,7 +202,7 @@ def trace_design(
         if progress is not None:
             progress(done, len(frames))
     ndr, ndr_sd = np.array(detected).T
-    return DesignResult(tuple(scenes), elongations_of(curves, states), ndr, ndr_sd, merit(ndr, resolution(rays)))
+    return DesignResult(tuple(scenes), elongations_of(curves, states), ndr, ndr_sd, merit(ndr, resolution(light.rays)))
 
 
 def _scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light) -> StateScene:
@@ -199,7 +225,7 @@ def _joined(lines: Sequence[FloatArray]) -> FloatArray:
 
 def sweep(
     cavities: tuple[int, ...],
-    rays: int,
+    rays: int | Within,
     curves: str = "default",
     by: By = "count",
     *,
@@ -210,20 +236,21 @@ def sweep(
     Parameters
     ----------
     cavities : numbers of cavities.
-    rays : released in each simulation.
+    rays : released in each simulation, or the tolerance that chooses them.
     curves : name of the states, see `curves_of`.
     by : what designs are ranked by.
     progress : is called with the designs done and their number.
     """
-    from analysis.optics.scene.parameters import PAPER_OPTIMUM, light_by
+    from analysis.optics.scene.parameters import PAPER_OPTIMUM
     from analysis.optics.sweep.fans import compare_fans, fans_of
     from analysis.optics.sweep.figure_of_merit import pareto
     from analysis.optics.sweep.report import power_text, rank_text
     from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
 
-    light, designs = light_by(by, rays), tuple(paper_grid(cavities))
-    request = SweepRequest(designs, light=light, curves=curves_of(curves), by=by)
-    fans, size = fans_of(rays), len(request.designs) * len(request.curves)
+    designs, states = tuple(paper_grid(cavities)), curves_of(curves)
+    light = light_for(rays, designs, states, by)
+    request = SweepRequest(designs, light=light, curves=states, by=by)
+    fans, size = fans_of(light.rays), len(request.designs) * len(request.curves)
     result = run_sweep(request, progress=part_of(progress, 0, size, fans * size))
     turned = compare_fans(result, fans, progress=part_of(progress, size, (fans - 1) * size, fans * size))
     found = result.merit()
@@ -232,7 +259,7 @@ def sweep(
     front = np.asarray(pareto(found.delta, found.rmse, found.n_sign), dtype=bool)
     return SweepSummary(
         values, found, result.uncertainty().tied, front, int(np.argmax(found.p)), -1 if paper is None else paper,
-        result.ranks(), result.seconds, result.simulated, rays, rank_text(turned), len(turned.winners()), fans,
+        result.ranks(), result.seconds, result.simulated, light.rays, rank_text(turned), len(turned.winners()), fans,
         power_text(result) if by == "power" else "",
     )  # fmt: skip
 
@@ -270,13 +297,13 @@ class OpticsModel:
         self.face = MAPPED_FACE
         self.curves = next(iter(CURVES))
         self.state = STATES // 2
-        self.rays = BY_FIDELITY
+        self.rays: int | Within = BY_FIDELITY
         self.by: By = "count"
         self.fidelity: Fidelity = fidelity()
         self.result: DesignResult | None = None
         self.problem = ""
         self.revision = 0
-        self._kept: dict[tuple[Values, str, int, str, By], DesignResult] = {}
+        self._kept: dict[tuple[Values, str, int | Within, str, By], DesignResult] = {}
         self._sweeps: dict[tuple[str, By], SweepSummary] = {}
         self._optima: dict[str, Optimum] = {}
 
@@ -306,21 +333,21 @@ class OpticsModel:
             job = Job("Tracing rays", trace_design, values, self.traced_rays, self.curves, self.face, self.by)
             self.jobs.start("optics", job, lambda job: self._ended(job, self._kept, key))
 
-    def _key(self) -> tuple[Values, str, int, str, By]:
+    def _key(self) -> tuple[Values, str, int | Within, str, By]:
         return self.values, self.face, self.traced_rays, self.curves, self.by
 
     @property
-    def traced_rays(self) -> int:
+    def traced_rays(self) -> int | Within:
         """Rays of one design: the chosen number, else that of the fidelity."""
         return self.rays or self.fidelity.rays
 
     @property
-    def swept_rays(self) -> int:
+    def swept_rays(self) -> int | Within:
         """Rays of each simulation of a sweep: the chosen number, else that of the fidelity."""
         return self.rays or self.fidelity.ranking_rays
 
-    def set_rays(self, rays: int) -> None:
-        """Trace with another number of rays; `BY_FIDELITY` leaves it to the fidelity."""
+    def set_rays(self, rays: int | Within) -> None:
+        """Trace with another number of rays, or a tolerance; `BY_FIDELITY` leaves it to the fidelity."""
         self.rays = rays
         self.choose(self.values)
 

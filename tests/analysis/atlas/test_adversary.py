@@ -43,4 +43,14 @@ def test_the_finding_is_printed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.
 def test_no_scene_has_twice_the_stated_error(method: str) -> None:
     """None is found in a minute a method, or in the seconds of BOAT_ADVERSARY_S."""
     found = search(method, OBJECTIVES[method], SECONDS)
-    assert found.ratio <= 1.0, found
+    assert found.finds == 0, found
+
+
+@pytest.mark.nightly
+def test_the_thick_wall_that_was_found_is_within_its_estimate() -> None:
+    """The worst actuator of the first search, at 1.3 to 1.6 times the plain estimate."""
+    scene = {
+        "wall_modulus_kpa": 1574.9766657926439, "neck_radius_mm": 4.542995554631457, "wall_mm": 2.8,
+        "belly_radius_mm": 7.129021304392356, "pressure_kpa": -2.0936221849500534,
+    }  # fmt: skip
+    assert OBJECTIVES["mesh"].ratio(scene, np.random.default_rng(0)) <= 1.0

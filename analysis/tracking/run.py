@@ -26,6 +26,7 @@ REST_S = 1.5
 DRIVEN_KPA = 1.0
 LONGEST_DELAY_S = 3.0
 LARGEST_U_S = 0.05  # of a delay that is used
+UNSTEADY_U_S = 0.012  # a third of a frame; more where a busy computer stamps frames late
 LEAST_R2 = 0.8  # of elongation over pressure: hysteresis and creep leave more
 INDEPENDENT_MM = 0.0005  # least standard uncertainty of a frame's own
 
@@ -110,6 +111,11 @@ def filmed(recording: Recording) -> Filmed:
         text = "no ramp shows the delay of the camera: its frames are used at the times of their arrival"
         warnings.append(Warning(WarningCode.CAMERA_DELAY, "", text))
     else:
+        if delay.u_s > UNSTEADY_U_S:
+            text = (
+                f"the camera's delay is uncertain by {1e3 * delay.u_s:.0f} ms: holds are read, ramps are not reliable"
+            )
+            warnings.append(Warning(WarningCode.CAMERA_DELAY, "", text))
         drift = delay.drift if abs(delay.drift) > 2.0 * delay.u_drift else 0.0
         record = record.shifted(delay.delay_s, drift, delay.about_s)
     if not _follows_pressure(recording, record):

@@ -23,10 +23,10 @@ STREAMED_S = 20.0  # of board time
 
 def lsl(rig: DrillRig) -> DrillResult:
     """An LSL inlet on this computer."""
-    import pylsl
-
+    from analysis.optional import optional
     from boat_daq.engine.outlets.lsl import LslOutlet
 
+    pylsl = optional("pylsl")
     values: list[Any] = []
     times: list[float] = []
     with rig.board(speed=1.0) as board, rig.recording(board) as session:
@@ -115,12 +115,12 @@ def _answers(port: int, *requests: str) -> list[str]:
 
 def ros(rig: DrillRig) -> DrillResult:
     """A recording is exported as a ROS 2 bag and read back."""
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
-
     from analysis import load_recording
     from analysis.data.export import export
+    from analysis.optional import optional
 
+    highlevel, typesys = optional("rosbags.highlevel"), optional("rosbags.typesys")
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     with rig.board() as board, rig.recording(board) as session:
         session.wait(lambda s: s.recorded_s > STREAMED_S, WAIT_S)
     found = compare(rig)
@@ -131,7 +131,7 @@ def ros(rig: DrillRig) -> DrillResult:
         began = time.monotonic()
         export(run, bag, "rosbag" if form == "rosbag" else "rosbag-sqlite3")
         seconds = time.monotonic() - began
-        with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        with highlevel.AnyReader([bag], default_typestore=store) as reader:
             chosen = [c for c in reader.connections if c.topic in ("/boat/s1_mv", "/boat/description")]
             read: list[tuple[str, Any]] = [
                 (c.topic, reader.deserialize(data, c.msgtype)) for c, _, data in reader.messages(chosen)

@@ -10,8 +10,7 @@ root.
 
 Rules: U is that of a reading of all sensors together, as the live display states it, in the middle of the range. A run
 is never ended before its second cycle, because one cycle shows no repeatability. U is stated as it is after the last
-cycle that was run, whatever rule ended the run; the parts that end it have many degrees of freedom, so that stopping
-early selects no low U (METHODS.md).
+cycle that was run, whatever rule ended the run (METHODS.md has what was measured of it).
 """
 
 from __future__ import annotations

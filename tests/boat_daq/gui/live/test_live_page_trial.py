@@ -52,7 +52,7 @@ def test_quick_trial_runs_a_cycle_reads_it_and_calibrates(trial):
     """One click: a cycle at 20 times real time that waits for readings, each read from the grid, then the analysis."""
     model, session = trial.model, trial.model.session
     plan, cycles = model.sequence.plan, model.sequence.plan.cycles
-    assert model.armed == [20.0, (1, {"wait_for_reading": True, "resume": False})]
+    assert model.armed == [20.0, (1, {"wait_for_reading": True, "resume": False, "regulator": None, "hold": False})]
     assert session.calls == ["start_recording", "start"]
     assert (model.sequence.plan, cycles) == (plan, 5)
     session.marks = (StepMark(ASKED.step_id, 1, "unloading", 20.0, 10.0, 1),)

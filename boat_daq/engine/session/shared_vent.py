@@ -22,6 +22,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from boat_daq.engine.log import note
 from boat_daq.engine.toml_values import read_json
 from boat_daq.errors import OperatorError
 
@@ -80,17 +81,22 @@ class SharedVent:
 
     def close(self) -> None:
         """Take part no longer."""
-        self._file.unlink(missing_ok=True)
+        with suppress(OSError):  # never written, or the folder is gone
+            self._file.unlink()
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
 
     def _announce(self, port: int) -> None:
-        self._folder.mkdir(parents=True, exist_ok=True)
+        """Write where the others find this process; a folder that cannot be written ends no session."""
         content = json.dumps({"port": port, "key": self._key})
-        descriptor = os.open(self._file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-            file.write(content)
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            descriptor = os.open(self._file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+            with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+                file.write(content)
+        except OSError as error:
+            note("warning", f"other windows cannot vent this session: {error} (try: make the folder writable)")
 
     def _answer(self, line: bytes) -> bytes:
         """Return the answer to a request, which carries our key; nothing to any other."""

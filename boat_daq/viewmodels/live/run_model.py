@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from boat_daq.engine.derived_store import as_lines, parse_lines, save_derived
-from boat_daq.engine.file_names import named
+from boat_daq.engine.file_names import check_file_name, named
 from boat_daq.engine.plan import Plan, built_in_plans, resume_point
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.session.session import Session
@@ -359,9 +359,11 @@ class RunModel:
 
         Raises
         ------
-        OperatorError : the template of the settings gives no name.
+        OperatorError : the template of the settings gives no name, or the unit's name is none of a file.
         """
         settings = self.session.settings
+        if self.connection.unit:
+            check_file_name(self.connection.unit)
         template = self.queue.template or settings.file_name or "{unit}_{date}_{time}"
         values = {"unit": self.connection.unit, "operator": settings.operator, "plan": self.sequence.plan.name}
         return named(template, self.services.recordings, datetime.now(UTC).astimezone(), **values)

@@ -95,3 +95,14 @@ def test_killed_process_is_left_out(join, tmp_path):
         other.wait()
         assert one.vent_others() == []
     assert threading.active_count() < 20
+
+
+def test_unwritable_folder_ends_no_session(tmp_path) -> None:
+    """A file stands where the folder would be: nobody finds this session, and it works."""
+    (tmp_path / "home").write_text("")
+    shared = SharedVent(lambda: None, lambda: "SA1", tmp_path / "home")
+    try:
+        assert shared.others() == []
+        assert shared.vent_others() == []
+    finally:
+        shared.close()

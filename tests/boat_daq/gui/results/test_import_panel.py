@@ -47,7 +47,7 @@ def test_dropped_csv_is_imported_by_its_columns(drop, tmp_path):
     assert panel.isVisible()
     assert not panel.isModal()
     headings = [panel.preview.horizontalHeaderItem(i).text().split("\n")[1] for i in range(3)]
-    assert headings == ["Time", "Pressure", "\u2013"]
+    assert headings == ["Time", "Pressure", "Extra channel"]
     assert panel.preview.item(1, 2).text() == "1.61"
     assert (panel.button.isEnabled(), panel.obstacle.text()) == (False, model.obstacle())
     column, unit = panel.columns["s1_mv"], panel.units["s1_mv"]

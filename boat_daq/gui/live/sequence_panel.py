@@ -185,7 +185,7 @@ class PlanForm(QScrollArea):
         self.ask_readings.setChecked(sequence.wait_for_reading)
         self.ask_readings.toggled.connect(sequence.require_readings)
         self.asked = widgets.field("Uncertainty at which a run ends, mm or % FSO", "", width=FIELD_WIDTH)
-        self.asked.setPlaceholderText("all cycles")
+        self.asked.setPlaceholderText("off")
         self.asked.setToolTip(
             "Ends the run after the first cycle that leaves this U (k = 2) of an elongation, mm; of a plan without "
             "plateaus, this half width of the intervals of drift and repeatability, % FSO"
@@ -199,9 +199,15 @@ class PlanForm(QScrollArea):
             widgets.form((entry.label, self.fields[entry.key], entry.unit) for entry in ENTRIES),
             self.refused,
             self.ask_readings,
-            widgets.form((("End at", self.asked, "mm U, % FSO"),)),
+            widgets.form((("End at U of", self.asked, "mm, %"),)),
             self.estimate,
-            widgets.row(widgets.button("Open …", self.open), widgets.button("Save …", self.save), self.segments, None),
+            widgets.row(
+                widgets.button("Open …", self.open),
+                widgets.button("Save …", self.save),
+                self.segments,
+                None,
+                spacing=style.STEP,
+            ),
         )
         manual, _ = widgets.card(
             widgets.label("Manual pressure", "subtitle"),
@@ -223,7 +229,7 @@ class PlanForm(QScrollArea):
         )
         layout = widgets.column(plan, manual, elongation, None, spacing=style.GAP)
         self.setWidget(widgets.holder(layout))
-        layout.setContentsMargins(0, style.GAP, style.STEP, 0)
+        layout.setContentsMargins(0, style.GAP, 0, 0)
 
     def _field(self, key: str, name: str, tip: str) -> QLineEdit:
         field = widgets.field(name, self.sequence.value(key), width=FIELD_WIDTH)

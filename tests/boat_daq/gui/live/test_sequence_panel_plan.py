@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from PySide6.QtTest import QTest
+
 
 def test_invalid_plan_is_marked_and_not_armed(live):
     """A step of 20 kPa was refused in red, and Arm ran the old step of 10 kPa."""
@@ -46,3 +48,12 @@ def test_edit_of_the_plan_is_undone(live):
     live.refresh()
     assert live.model.sequence.plan.cycles == 5
     assert field.text() == "5"
+
+
+def test_the_form_is_not_wider_than_its_tab(live):
+    """With its vertical scroll bar at 1280 x 720 nothing is cut at the right."""
+    live.resize(1280, 720)
+    live.live.pane.setCurrentWidget(live.live.plan)
+    QTest.qWait(50)
+    assert live.live.plan.verticalScrollBar().maximum() > 0
+    assert live.live.plan.horizontalScrollBar().maximum() == 0

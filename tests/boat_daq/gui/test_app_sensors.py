@@ -98,17 +98,40 @@ def test_board_is_calibrated_in_the_window(window, qtbot, tmp_path, sensors):
         window.refresh()
         assert [curves[-1].x.size > 0 for curves in live.overlay.curves[:sensors]] == [True] * sensors
         path = model.session.stop_recording()
-    result = analyse_run(path)  # as a helper process does
-    model.calibration.show(result)
-    window.go(Page.CALIBRATE)
+        result = analyse_run(path)  # as a helper process does
+        model.calibration.show(result)
+        window.go(Page.CALIBRATE)
+        window.refresh()
+        page = window.pages[Page.CALIBRATE]
+        curves = [card for card in page.curves if card.isVisible()]
+        assert [card.curve.x.size > 0 for card in curves] == [True] * sensors
+        assert (len(page.loops.curves), page.table.columnCount()) == (sensors, 1 + sensors)
+        found = [sensor.fit.content["figures"]["sensitivity_mv_per_mm"] for sensor in result.sensors]
+        assert found == pytest.approx(sensitivities(unit), rel=0.03)
+        model.calibration.accept()
+        window.go(Page.LIVE)
+        elongation = at_rest(window, qtbot)  # inverse of one sensor, fused from more
+    assert elongation == pytest.approx(0.0, abs=0.5)
+    model.repeatability.show(result)
+    window.go(Page.REPEAT)
     window.refresh()
-    page = window.pages[Page.CALIBRATE]
-    curves = [card for card in page.curves if card.isVisible()]
-    assert [card.curve.x.size > 0 for card in curves] == [True] * sensors
-    assert (len(page.loops.curves), page.table.columnCount()) == (sensors, 1 + sensors)
-    found = [sensor.fit.content["figures"]["sensitivity_mv_per_mm"] for sensor in result.sensors]
-    assert found == pytest.approx(sensitivities(unit), rel=0.03)
+    assert window.pages[Page.REPEAT].table.columnCount() == 1 + sensors
     assert (window.guard._covers, live.guard._covers) == ({}, {})
+
+
+def at_rest(window, qtbot) -> float:
+    """Wait for the elongation of the live page with the unit at rest, mm."""
+
+    def shown() -> bool:
+        window.refresh()
+        window.draw()
+        return text() not in ("\u2013", "")
+
+    def text() -> str:
+        return window.live.figures["mm"].value.text().replace("\u2212", "-")
+
+    qtbot.waitUntil(shown, timeout=PATIENCE_MS)
+    return float(text())
 
 
 @pytest.mark.nightly

@@ -63,7 +63,7 @@ def test_camera_shows_marks_and_elongation(panel, qtbot):
     assert shown.button.text() == "Close"
     qtbot.waitUntil(lambda: shown.model.view().u != "", timeout=20_000)
     shown.draw()
-    assert shown.value.text() in {f"{sign}0.00{n} mm" for sign in "+\u2212" for n in range(8)}
+    assert shown.value.text() in {"0.000 mm", *(f"{sign}0.00{n} mm" for sign in "+\u2212" for n in range(8))}
     assert len(shown.picture._outlines) == 2
     assert shown.source.isReadOnly()
     shown.grab()  # paints

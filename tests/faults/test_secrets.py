@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shutil
 import subprocess
 from collections import Counter
 from pathlib import Path
@@ -50,6 +51,8 @@ def bits_per_character(word: str) -> float:
 
 def tracked() -> list[Path]:
     """Return the tracked files of the repository."""
+    if shutil.which("git") is None:
+        pytest.skip("git is not installed")
     done = subprocess.run(["git", "ls-files", "-z"], capture_output=True, cwd=ROOT)
     if done.returncode:
         pytest.skip("not a git checkout")

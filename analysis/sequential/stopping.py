@@ -191,10 +191,10 @@ def more_cycles(u_mm: float, falling_mm2: float, cycles: int, asked_mm: float) -
     u_mm : U after some `cycles`. falling_mm2 : the part of its square that falls as one over the cycles.
     asked_mm : U asked for.
     """
-    room = asked_mm**2 - (u_mm**2 - falling_mm2)
+    rest = asked_mm**2 - (u_mm**2 - falling_mm2)
     if u_mm <= asked_mm:
         return max(0, FEWEST_CYCLES - cycles)
-    return max(1, FEWEST_CYCLES - cycles, math.ceil(falling_mm2 * cycles / room) - cycles) if room > 0.0 else None
+    return max(1, FEWEST_CYCLES - cycles, math.ceil(falling_mm2 * cycles / rest) - cycles) if rest > 0.0 else None
 
 
 def enough_repeats(analysis: Analysis, asked_percent: float) -> EnoughRepeats:

@@ -104,8 +104,8 @@ class PlanEditor:
         values = self._usual(kind)
         target = segments[at - 1].target if at else 0.0
         if kind == "sine" and not self.plan.controls_elongation:
-            room = min(self.plan.max_kpa - target, target - self.plan.min_kpa)
-            values["amplitude"] = max(0.1, min(values["amplitude"], room))
+            reach = min(self.plan.max_kpa - target, target - self.plan.min_kpa)
+            values["amplitude"] = max(0.1, min(values["amplitude"], reach))
         segments.insert(at, Segment(kind, target, **values))
         loops = [self._shifted(loop, at + 1, 1) for loop in self.plan.loops]
         self._take(f"a {kind}", segments=tuple(segments), loops=tuple(filter(None, loops)))

@@ -47,6 +47,9 @@ def serve(
     listen: Annotated[
         str, typer.Option(metavar="ADDRESS", help="Accept SECoP clients on this address; needs --token-file.")
     ] = "",
+    plans: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="SECoP clients may arm the plans in its TOML files as well.")
+    ] = None,
     token_file: Annotated[Path | None, typer.Option(metavar="FILE", help="Token that clients must send first.")] = None,
     record: Annotated[Path | None, typer.Option(metavar="FILE.boat", help="Record as well.")] = None,
     duration: Annotated[float | None, typer.Option(min=0, help="Seconds to serve; default until Ctrl-C.")] = None,
@@ -80,7 +83,8 @@ def serve(
         node = None
         try:
             if secop or listen:
-                node = _secop(session, convert, secop or SECOP, listen, token_file, allow_control=allow_control)
+                address = _address(listen or secop or SECOP)
+                node = _secop(session, convert, address, token_file, plans, allow_control=allow_control)
             _wait(session, duration)
         finally:
             for server in (node, outlet):
@@ -124,12 +128,19 @@ def _lsl(session: Session, convert: Convert | None, calibration: str, *, network
 
 
 def _secop(
-    session: Session, convert: Convert | None, secop: str, listen: str, token_file: Path | None, *, allow_control: bool
+    session: Session,
+    convert: Convert | None,
+    address: tuple[str, int],
+    token_file: Path | None,
+    plans: Path | None,
+    *,
+    allow_control: bool,
 ) -> SecopServer:
     import numpy as np
 
     from boat_daq.engine.outlets.secop_node import SecopNode
-    from boat_daq.engine.outlets.secop_server import PORT, SecopServer, read_token
+    from boat_daq.engine.outlets.secop_server import SecopServer, read_token
+    from boat_daq.engine.plan import built_in_plans, plans_in
     from boat_daq.engine.settings import recordings_folder
 
     def elongation(signal_mv: tuple[float, ...]) -> tuple[float, float]:
@@ -137,19 +148,28 @@ def _secop(
         mm, u_mm = convert(np.array([signal_mv]))
         return float(mm[0]), float(u_mm[0])
 
-    host, _, number = (listen or secop).rpartition(":") if ":" in (listen or secop) else (listen or secop, "", "")
-    if number and not number.isdecimal():
-        raise typer.BadParameter(f"{number!r} is no port", param_hint="--secop")
     token = read_token(token_file) if token_file is not None else ""
+    known = plans_in(plans) if plans is not None else built_in_plans()
     node = SecopNode(
         session,
         recordings_folder(session.settings),
         allow_control=allow_control,
         elongation=None if convert is None else elongation,
+        plans=lambda: known,
     )
-    server = SecopServer(node, (host or "localhost", int(number or PORT)), token=token)
-    show(f"SECoP node {host}:{server.port}, control {'allowed' if allow_control else 'not allowed'}")
+    server = SecopServer(node, address, token=token)
+    show(f"SECoP node {address[0]}:{server.port}, control {'allowed' if allow_control else 'not allowed'}")
     return server
+
+
+def _address(text: str) -> tuple[str, int]:
+    """Return host and port of ``HOST[:PORT]``."""
+    from boat_daq.engine.outlets.secop_server import PORT
+
+    host, _, number = text.rpartition(":") if ":" in text else (text, "", "")
+    if number and not number.isdecimal():
+        raise typer.BadParameter(f"{number!r} is no port", param_hint="--secop")
+    return host or "localhost", int(number or PORT)
 
 
 def _wait(session: Session, duration_s: float | None) -> None:

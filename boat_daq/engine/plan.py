@@ -16,11 +16,13 @@ begins from the same history as the rest.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal
 
 import tomli_w
@@ -404,12 +406,13 @@ def plan_from_table(table: Mapping[str, Any], where: str) -> Plan:
     return build(Plan, rest, where, **found)
 
 
-def built_in_plans() -> dict[str, Plan]:
+@functools.cache
+def built_in_plans() -> Mapping[str, Plan]:
     """Return the plans that come with the program, by name."""
     folder = resources.files("boat_daq.engine") / "plans"
     files = sorted((f for f in folder.iterdir() if f.name.endswith(".toml")), key=lambda f: f.name)
     plans = (plan_from_toml(f.read_text(encoding="utf-8"), f.name) for f in files)
-    return {plan.name: plan for plan in plans}
+    return MappingProxyType({plan.name: plan for plan in plans})
 
 
 def load_plan(name_or_path: str) -> Plan:
@@ -427,3 +430,21 @@ def load_plan(name_or_path: str) -> Plan:
         remedy = f"use {' or '.join(built_in)}, or the path of a TOML file"
         raise OperatorError(f"there is no plan '{name_or_path}'", remedy)
     return plan_from_toml(read_text(path), str(path))
+
+
+def plans_in(folder: Path) -> Mapping[str, Plan]:
+    """Return the built-in plans and those in the TOML files of a folder, by name.
+
+    Raises
+    ------
+    OperatorError : no folder, a file that is no readable plan, or two plans of one name.
+    """
+    found = dict(built_in_plans())
+    if not folder.is_dir():
+        raise OperatorError(f"{folder} is no folder", "choose the folder with the files of your plans")
+    for path in sorted(folder.glob("*.toml")):
+        plan = plan_from_toml(read_text(path), str(path))
+        if plan.name in found:
+            raise OperatorError(f"{path} has the name of another plan, {plan.name!r}", "change 'name' in the file")
+        found[plan.name] = plan
+    return found

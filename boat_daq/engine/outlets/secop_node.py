@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from boat_daq.engine.file_names import path_in
-from boat_daq.engine.plan import Plan, built_in_plans, load_plan
+from boat_daq.engine.plan import Plan, built_in_plans
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.errors import BoatDaqError, DeviceError, StorageError
 from protocol.recording import BoardState
@@ -104,12 +104,19 @@ class SecopNode:
     recordings : folder of the recordings that a client starts.
     allow_control : whether clients may do more than read and vent.
     elongation : signals to elongation and its U, mm; None without a calibration.
+    plans : returns what a client may arm, by name.
     """
 
     def __init__(
-        self, session: Driven, recordings: Path, *, allow_control: bool = False, elongation: Elongation | None = None
+        self,
+        session: Driven,
+        recordings: Path,
+        *,
+        allow_control: bool = False,
+        elongation: Elongation | None = None,
+        plans: Callable[[], Mapping[str, Plan]] = built_in_plans,
     ) -> None:
-        self._session, self._recordings, self._elongation = session, recordings, elongation
+        self._session, self._recordings, self._elongation, self._plans = session, recordings, elongation, plans
         self.allow_control = allow_control
         self._ramp_kpa_per_s = 5.0
         seen = session.snapshot()
@@ -304,11 +311,10 @@ class SecopNode:
 
     def _sequence(self) -> _Module:
         def arm(name: str) -> None:
-            if name not in built_in_plans():
-                raise SecopError(
-                    "RangeError", f"there is no plan {name[:32]!r}; there are {', '.join(built_in_plans())}"
-                )
-            self._session.arm(load_plan(name))
+            plans = dict(self._plans())
+            if name not in plans:
+                raise SecopError("RangeError", f"there is no plan {name[:32]!r}; there are {', '.join(plans)}")
+            self._session.arm(plans[name])
 
         def fraction(seen: SessionSnapshot) -> float:
             if seen.progress is None:
@@ -317,14 +323,16 @@ class SecopNode:
 
         session = self._session
         states = {"type": "enum", "members": _STATES}
+        names = {"type": "array", "maxlen": 1000, "members": {"type": "string"}}
         parameters = {
             "value": _Parameter("State of the run.", states, lambda seen: _STATES[str(seen.state)]),
             "status": _Parameter("Status.", _STATUS, _run_status),
             "_progress": _Parameter("Share of the run.", {"type": "double", "min": 0.0, "max": 1.0}, fraction),
             "_plan": _Parameter("Armed plan.", {"type": "string"}, lambda seen: seen.plan.name if seen.plan else ""),
+            "_plans": _Parameter("Plans that can be armed.", names, lambda _: list(self._plans())),
         }
         commands = {
-            "_arm": _Command("Check a built-in plan and make it ready.", arm, {"type": "string"}),
+            "_arm": _Command("Check one of `_plans` and make it ready.", arm, {"type": "string"}),
             "_disarm": _Command("Discard the armed plan.", session.disarm),
             "_start": _Command("Run the armed plan.", session.start),
             "_pause": _Command("Vent and wait.", session.pause),

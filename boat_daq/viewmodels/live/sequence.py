@@ -167,7 +167,7 @@ class SequenceModel:
     ) -> None:
         self._regulator, self.hold = regulator, False  # whether a stop of the control holds the pressure
         self.session, self._undo, self._preferences = session, undo, preferences
-        self.plans = built_in_plans()
+        self.plans = dict(built_in_plans())
         self.plan = self.plans["calibration"]
         with suppress(BoatDaqError):
             self.plan = plan_from_toml(preferences.get("plan", self.plan.to_toml()), "the stored plan")

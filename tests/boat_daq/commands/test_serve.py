@@ -49,7 +49,12 @@ def test_a_client_reads_while_it_serves(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "text"),
-    [([], "give --lsl"), (["--secop", "localhost:x"], "is no port"), (["--listen", "0.0.0.0:0"], "other computers")],
+    [
+        ([], "give --lsl"),
+        (["--secop", "localhost:0", "--plans", "no_such_folder"], "no_such_folder is no folder"),
+        (["--secop", "localhost:x"], "is no port"),
+        (["--listen", "0.0.0.0:0"], "other computers"),
+    ],
 )
 def test_options_that_cannot_be_are_refused(arguments: list[str], text: str, tmp_path: Path) -> None:
     with serve_in_thread(BoardSettings()) as board:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from boat_daq.engine.plan import Plan, built_in_plans, load_plan, plan_from_toml
+from boat_daq.engine.plan import Plan, built_in_plans, load_plan, plan_from_toml, plans_in
 from boat_daq.errors import OperatorError
 
 CALIBRATION, REPEATABILITY = built_in_plans()["calibration"], built_in_plans()["repeatability"]
@@ -119,6 +119,21 @@ def test_load_by_name_or_path(tmp_path: Path) -> None:
     with pytest.raises(OperatorError, match="no plan 'no such'") as refusal:
         load_plan("no such")
     assert "calibration or repeatability" in refusal.value.remedy
+
+
+def test_plans_of_a_folder_beside_the_built_in_ones(tmp_path: Path) -> None:
+    """By the name that each states; a name that is taken, a file that is no plan and a missing folder are refused."""
+    own = dataclasses.replace(CALIBRATION, name="own", cycles=2)
+    (tmp_path / "any.toml").write_text(own.to_toml(), encoding="utf-8")
+    assert plans_in(tmp_path) == {**built_in_plans(), "own": own}
+    (tmp_path / "second.toml").write_text(CALIBRATION.to_toml(), encoding="utf-8")
+    with pytest.raises(OperatorError, match="name of another plan, 'calibration'"):
+        plans_in(tmp_path)
+    (tmp_path / "second.toml").write_text("cycles = 1", encoding="utf-8")
+    with pytest.raises(OperatorError, match="'name' is missing"):
+        plans_in(tmp_path)
+    with pytest.raises(OperatorError, match="is no folder"):
+        plans_in(tmp_path / "none")
 
 
 @pytest.mark.parametrize("content", [b"\xff\xfe\x00", b"a = ", b"x" * 2_000_000, b"a = " + b"[" * 5000])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ LINES = {
     "resume": "do sequence:_resume", "stop": "do sequence:_abort", "vent": "do vent:_vent",
     "clear_fault": "do sequence:clear_errors",
 }  # fmt: skip
+TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=60)
 
 
 class RigSession:
@@ -59,6 +61,7 @@ class RigSession:
 class Clients(Operators):
     """Two clients, one of which may only read, in place of the operator."""
 
+    @functools.cached_property
     def nodes(self) -> tuple[SecopNode, SecopNode]:
         session = RigSession(self.rig)
         return SecopNode(session, Path("none"), allow_control=True), SecopNode(session, Path("none"))
@@ -72,7 +75,7 @@ class Clients(Operators):
             self.lines(LINES[name])
 
     def lines(self, *lines: str, control: bool = True) -> None:
-        node = self.nodes()[0 if control else 1]
+        node = self.nodes[0 if control else 1]
         for line in lines:
             answers = list(node.answer(line))
             self.rig.flush()
@@ -88,21 +91,21 @@ class Clients(Operators):
         if action != LINES["vent"]:
             assert self.rig.sent[before:] == []
 
-    @rule(text=st.text(max_size=60), start=st.sampled_from(["", "do ", "change pressure:target ", "do sequence:_arm "]))
+    @rule(text=TEXT, start=st.sampled_from(["", "do ", "change pressure:target ", "do sequence:_arm "]))
     def garbage(self, text: str, start: str) -> None:
         """No line raises."""
         self.lines(start + text.replace("\n", " "))
 
     @rule()
     def read_all(self) -> None:
-        for node in self.nodes():
+        for node in self.nodes:
             assert all(line.startswith(("update ", "error_update ")) for line in node.updates().values())
             json.dumps(node.description())
 
     @invariant()
     def values_are_json(self) -> None:
         if hasattr(self, "rig"):
-            answer = next(self.nodes()[1].answer("read sequence:status"))
+            answer = next(self.nodes[1].answer("read sequence:status"))
             assert answer.startswith("reply ")
 
 

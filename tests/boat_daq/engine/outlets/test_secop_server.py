@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import socket
 import time
@@ -14,6 +15,7 @@ import pytest
 from boat_daq.engine.outlets import secop_server
 from boat_daq.engine.outlets.secop_node import IDENT, SecopNode
 from boat_daq.engine.outlets.secop_server import SecopServer, read_token
+from boat_daq.engine.plan import built_in_plans, plans_in
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings
@@ -135,6 +137,23 @@ def test_updates_follow_an_activation(session: Session, server: SecopServer) -> 
     assert client.line().startswith("update pressure:")
     assert client.ask("deactivate pressure")[0] == "inactive"
     client.close()
+
+
+def test_a_client_arms_the_plans_that_it_is_given_and_no_file(session: Session, tmp_path: Path) -> None:
+    """By name, from the node's own list; a path from the network is the name of no plan, even where the file exists."""
+    own = dataclasses.replace(built_in_plans()["calibration"], name="own plan", cycles=2)
+    (tmp_path / "own.toml").write_text(own.to_toml(), encoding="utf-8")
+    node = SecopNode(session, tmp_path, allow_control=True, plans=lambda: plans_in(tmp_path))
+    server = SecopServer(node, ("127.0.0.1", 0))
+    client = Client(server.port)
+    assert client.ask("read sequence:_plans")[2][0] == [*built_in_plans(), "own plan"]
+    for path in (str(tmp_path / "own.toml"), "../own.toml", "own.toml", "own"):
+        assert client.ask(f"do sequence:_arm {json.dumps(path)}")[2][0] == "RangeError"
+    assert session.snapshot().plan is None
+    assert client.ask('do sequence:_arm "own plan"')[0] == "done"
+    assert session.snapshot().plan == own
+    client.close()
+    server.close()
 
 
 def test_read_only_refuses_all_but_vent(session: Session, tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +24,12 @@ from boat_daq.engine.recording.metadata import (
 )
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.resumption import BrokenRun
+from boat_daq.engine.session.guarded_controller import GuardedController
 from boat_daq.engine.session.journal import Journal
 from boat_daq.engine.session.link_supervisor import LinkSupervisor
-from boat_daq.engine.settings import Settings, UnitLibrary
-from boat_daq.engine.snapshot import MessageKind, RunEnding, SessionState
+from boat_daq.engine.session.unit_under_test import UnitUnderTest
+from boat_daq.engine.settings import Settings
+from boat_daq.engine.snapshot import CameraReading, MessageKind, RunEnding, SessionState
 from boat_daq.errors import OperatorError, StorageError
 from protocol.recording import DerivedColumns, Metadata, RunEnd
 
@@ -40,31 +41,31 @@ class ActiveRecording:
 
     Parameters
     ----------
-    acting : gives the controller under the session's lock, and carries out what follows.
+    control : the controller under the session's lock.
     journal : where the recorder is while one runs; used under that lock.
     link : whose reader brings the blocks.
-    settings : returns them. units, derived : what a recording keeps of all three.
+    settings : returns them. unit, derived : what a recording keeps of all three.
 
     Attributes
     ----------
-    unit : name of the unit under test; empty where none was given.
     since_us : board time at which the present recording began.
     """
 
     def __init__(
         self,
-        acting: Callable[[], AbstractContextManager[Controller]],
+        control: GuardedController,
         journal: Journal,
         link: LinkSupervisor,
         settings: Callable[[], Settings],
-        units: UnitLibrary,
+        unit: UnitUnderTest,
         derived: Callable[[], DerivedColumns],
     ) -> None:
-        self.unit = ""
         self.since_us = 0
         self._stated: tuple[Path, Metadata | None] = Path(), None  # of the recording in progress, where it has changed
-        self._acting, self._journal, self._link = acting, journal, link
-        self._settings, self._units, self._derived = settings, units, derived
+        self._filmed: object = None  # the recorder that knows of the camera, and what it knows
+        self._about_camera: dict[str, Any] = {}
+        self._control, self._journal, self._link = control, journal, link
+        self._settings, self._unit, self._derived = settings, unit, derived
 
     def begin(self, path: Path, metadata: Mapping[str, Any] | None, broken: BrokenRun | None) -> None:
         """Record from now on, or resume the recording of a broken run.
@@ -79,11 +80,11 @@ class ActiveRecording:
         ------
         As `Session.start_recording` and `Session.resume_recording`.
         """
-        polarity = self._units.load(self.unit).polarity if self.unit else -1
-        with self._acting() as control:
+        polarity = self._unit.library.load(self._unit.name).polarity if self._unit.name else -1
+        with self._control.acting() as control:
             simulated = self._link.simulated(control.hello)
-        stated = {"metadata": remembered(self._units.of(simulated=simulated), self.unit).as_json()}
-        with self._acting() as control:
+        stated = {"metadata": remembered(self._unit.library.of(simulated=simulated), self._unit.name).as_json()}
+        with self._control.acting() as control:
             reader = self._link.reader
             if reader is None or not (control.up or control.hold_samples):
                 raise OperatorError("there is nothing to record yet", "connect a board first")
@@ -95,7 +96,7 @@ class ActiveRecording:
         if broken is not None:
             broken.check_same(meta, can_command=control.board.can_command)
         recorder = Recorder(path, meta, health=self._link.health_now, on_error=self._storage_failed, resumes=broken)
-        with self._acting() as control:
+        with self._control.acting() as control:
             raced = self._journal.recorder is not None or self._link.reader is not reader
             if not raced:
                 reader.add_recorder(recorder)
@@ -127,7 +128,7 @@ class ActiveRecording:
         RecordingError : not a recording. StorageError : it cannot be written.
         """
         before = self.metadata(path)
-        with self._acting():
+        with self._control.acting():
             recorder = self._journal.recorder
             recording = recorder is not None and recorder.path == path
             if recording:
@@ -147,8 +148,19 @@ class ActiveRecording:
             if change is not None:
                 self.state(recorder.path, with_changes_of(self.metadata(recorder.path), *change))
         except (OperatorError, StorageError) as error:
-            with self._acting():
+            with self._control.acting():
                 self._journal.tell(MessageKind.STORAGE, "warning", error.cause, error.remedy)
+
+    def keep_camera(self, reading: CameraReading, about: Mapping[str, Any]) -> None:
+        """Keep the reading of a camera's frame, where a recording runs; `about` is as in `Session.keep_camera`."""
+        with self._control.lock:
+            recorder = self._journal.recorder
+            if recorder is None:
+                return
+            if recorder is not self._filmed or about != self._about_camera:
+                self._filmed, self._about_camera = recorder, dict(about)
+                recorder.update_meta(camera=self._about_camera)
+            recorder.camera(reading)
 
     def end(self, end: RunEnd) -> Path | None:
         """Close the recording as it is, without a command to the board.
@@ -165,7 +177,7 @@ class ActiveRecording:
         ------
         StorageError : the disk does not take the rest; what is written stays.
         """
-        with self._acting():
+        with self._control.acting():
             recorder, self._journal.recorder = self._journal.recorder, None
             ending, reader = self._journal.ended or RunEnding(end), self._link.reader
         if recorder is None:
@@ -175,7 +187,7 @@ class ActiveRecording:
         path = recorder.close(ending.end, ending.cause)
         note("info", f"recording ended, {ending.text}: {path}")
         if recorder.warning:
-            with self._acting():
+            with self._control.acting():
                 self._journal.tell(MessageKind.STORAGE, "warning", recorder.warning)
         return path
 
@@ -184,7 +196,7 @@ class ActiveRecording:
 
         A good check where nothing is recorded.
         """
-        with self._acting() as control:
+        with self._control.acting() as control:
             recorder, plan, rate_hz = self._journal.recorder, control.sequencer.plan, control.stream.rate_hz
             n_sensors = self._link.port.link.n_sensors if self._link.port else None
         if recorder is not None and plan is not None:
@@ -201,7 +213,7 @@ class ActiveRecording:
         hello, limits, plan = control.hello, control.interlock.limits, control.sequencer.plan
         described = {
             "operator": self._settings().operator,
-            "unit": self.unit,
+            "unit": self._unit.name,
             "note": "",
             "port": self._link.url,
             "settings": dataclasses.asdict(self._settings()),
@@ -222,6 +234,6 @@ class ActiveRecording:
 
     def _storage_failed(self, error: StorageError) -> None:
         """Abort the run, on the recorder's thread: no run without its record."""
-        with self._acting() as control:
+        with self._control.acting() as control:
             self._journal.tell(MessageKind.STORAGE, "error", error.cause, error.remedy, error.command)
             control.abort(error.cause)

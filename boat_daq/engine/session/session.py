@@ -5,41 +5,34 @@ Every method may be called from any thread. What takes time happens on threads o
 raises one of `boat_daq.errors` with its cause and remedy, and changes nothing.
 
 Threads: the reading thread (`link.reader`) brings blocks and carries out what follows from them; the link supervisor's
-thread opens ports, seeks a lost board and lets time pass; the recorder writes on its own. Controller and journal are
-joined under one lock, under which nothing is waited for but a write to the port, 250 ms at the longest; effects are
-carried out in the controller's order. `vent()` writes to the port before it takes that lock.
+thread opens ports, seeks a lost board and lets time pass; the recorder writes on its own. One lock guards controller
+and journal: see `guarded_controller`.
 """
 
 from __future__ import annotations
 
-import dataclasses
-import math
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Self, TypeAlias
+from typing import Any, Self
 
-import numpy as np
-
-from boat_daq.engine.control.board_commands import Check, Send
+from boat_daq.engine.control.board_commands import Check
 from boat_daq.engine.control.controller import MANUAL_RAMP_KPA_PER_S, Controller
 from boat_daq.engine.control.elongation import Regulator
-from boat_daq.engine.derived_store import load_derived
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.installation import shortcomings
-from boat_daq.engine.link.reader import Block
 from boat_daq.engine.log import note
-from boat_daq.engine.plan import Plan, StepMark, load_plan, resume_point
+from boat_daq.engine.plan import Plan, StepMark, load_plan
 from boat_daq.engine.plugins import Hooks
 from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.resumption import BrokenRun
-from boat_daq.engine.sample_columns import units_of
 from boat_daq.engine.session.active_recording import ActiveRecording
+from boat_daq.engine.session.guarded_controller import GuardedController
 from boat_daq.engine.session.journal import HealthLog, Journal, health_line
 from boat_daq.engine.session.link_supervisor import LinkSupervisor
+from boat_daq.engine.session.live_samples import LiveSamples, SampleSink
 from boat_daq.engine.session.measured_blocks import MeasuredBlock, SampleQueue, blocks
+from boat_daq.engine.session.unit_under_test import UnitUnderTest
 from boat_daq.engine.settings import Settings, Unit, UnitLibrary, load_settings
 from boat_daq.engine.snapshot import (
     CameraReading,
@@ -52,19 +45,13 @@ from boat_daq.engine.snapshot import (
     SessionState,
 )
 from boat_daq.engine.stored_file import take_warnings
-from boat_daq.errors import BoatDaqError, DeviceError, OperatorError, StorageError
-from protocol.errors import RecordingError
-from protocol.link.events import Samples
-from protocol.link.messages import SetPressure, Vent
-from protocol.recording import DerivedChannel, DerivedColumns, Metadata, RunEnd
+from boat_daq.errors import DeviceError, OperatorError
+from protocol.recording import DerivedChannel, Metadata, RunEnd
 
 VENTING_WAIT_S = 5.0
 POLL_S = 0.01
 _NO_LINK = (LinkState.CLOSED, LinkState.FAILED)
 _RUN_OVER = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
-_RUN_OVER_OR_ARMED = (*_RUN_OVER, SessionState.ARMED)
-
-SampleSink: TypeAlias = Callable[[np.ndarray[Any, Any]], None]
 
 
 class Session:
@@ -79,34 +66,28 @@ class Session:
     def __init__(self, settings: Settings | None = None, units: UnitLibrary | None = None) -> None:
         self.settings = load_settings() if settings is None else settings
         self.units = UnitLibrary() if units is None else units
-        self._lock = threading.RLock()
-        self._control = Controller()
         self._journal = Journal()
-        self.ring: RingBuffer | None = None  # for the screen: none until the first sample, another one after `connect`
-        self._sinks: tuple[SampleSink, ...] = ()
-        self.derived: tuple[DerivedChannel, ...] = ()
-        self._filmed: object = None  # the recorder that knows of the camera, and what it knows
-        self._about_camera: dict[str, Any] = {}
-        self._pressures = 0  # odd while a pressure is being sent: see `vent`
-        self._resumes_at: tuple[int, int] | None = None  # first cycle and complete cycles of an armed resumption
-        self._link = LinkSupervisor(
+        self._control = GuardedController(self._journal, lambda command, feeds: self._link.send(command, feeds=feeds))
+        self._lock, self._acting = self._control.lock, self._control.acting
+        self._live = LiveSamples(self._control, self._journal, lambda: self._link.port)
+        self._unit = UnitUnderTest(self.units, self._control, self._journal)
+        self._link: LinkSupervisor = LinkSupervisor(
             lambda: self.settings,
             acting=self._acting,
             journal=self._journal,
-            show=self._show,
+            show=self._live.show,
             connected=self._remember_board,
             end_recording=self._end_recording,
         )
         self._recording = ActiveRecording(
-            self._acting, self._journal, self._link, lambda: self.settings, self.units, self.derived_columns
+            self._control, self._journal, self._link, lambda: self.settings, self._unit, self._live.derived_columns
         )
-        self._unit_stamp = 0  # of the file whose limits hold
         self._health_log = HealthLog(self._health_line)
         self._hooks = Hooks(self._plugin_failed)
         self._journal.warned = self._warned
         self._report_backups()
         self._report_shortcomings()
-        self._load_derived()
+        self._live.load_derived()
 
     # ---- from a script ---------------------------------------------------------------------------------------------
 
@@ -221,7 +202,7 @@ class Session:
         """
         rate_hz = rate_hz or self.settings.rate_hz
         control = Controller(rate_hz=rate_hz, zero_tolerance_kpa=self.settings.zero_tolerance_kpa)
-        stamp = self.units.stamp(unit) if unit else 0
+        stamp = self.units.stamp(unit) if unit else 0  # before the limits are read: a later change is seen
         if unit:
             limits = self.units.load(unit)
             control.interlock.set_limits("unit", (limits.min_kpa, limits.max_kpa))
@@ -237,8 +218,8 @@ class Session:
 
         with self._lock:
             self._link.open(port, profile, greeted=None if path is None else greeted)
-            self._control, self.ring, self._recording.unit = control, None, unit
-            self._unit_stamp = stamp
+            self._control.controller, self._live.ring = control, None
+            self._unit.mount(unit, stamp)
             control.hold_samples = path is not None
         given = "none" if profile is None else "given"
         note("info", f"connecting to {port}, profile {given}, {control.stream.rate_hz} Hz")
@@ -276,39 +257,7 @@ class Session:
         ------
         OperatorError : a run is in progress with it, or as `UnitLibrary.save`. StorageError : as there.
         """
-        before = self.units.load(unit.name)
-        limits, old = ((u.min_kpa, u.max_kpa) for u in (unit, before))
-        under_test = unit.name == self._recording.unit
-        if under_test:
-            with self._acting() as control:
-                control.use_unit_limits(limits)
-        try:
-            self.units.save(unit)
-        except BoatDaqError:
-            if under_test:
-                with self._acting() as control:
-                    control.use_unit_limits(old)
-            raise
-
-    def _follow_unit(self) -> None:
-        """Take the limits of the unit under test where another program has changed its file; in a run, after it."""
-        unit, before = self._recording.unit, self._unit_stamp
-        stamp = self.units.stamp(unit) if unit else before
-        if stamp == before:
-            return
-        with self._acting() as control:
-            if control.sequencer.state not in _RUN_OVER_OR_ARMED:
-                return
-        self._unit_stamp = stamp
-        try:
-            stored = self.units.load(unit)
-            with self._acting() as control:
-                if control.use_unit_limits((stored.min_kpa, stored.max_kpa)):
-                    text = f"the limits of unit {unit} are now {stored.min_kpa:g} to {stored.max_kpa:g} kPa"
-                    self._journal.tell(MessageKind.UNIT_LIMITS, "info", text, "arm the plan again where one was armed")
-        except OperatorError as error:
-            with self._lock:
-                self._journal.tell(MessageKind.UNIT_LIMITS, "warning", error.cause, error.remedy)
+        self._unit.store(unit)
 
     def disconnect(self) -> None:
         """Vent, stop the stream, close the recording and the port.
@@ -411,24 +360,7 @@ class Session:
         OperatorError : outside limits, a fault is latched, a run is in progress, the link cannot command; in the
             recording of a broken run, another plan than its own, or starting over.
         """
-        with self._acting() as control:
-            recorder, broken = self._journal.recorder, self._journal.broken
-            if recorder is not None and broken is not None:
-                broken.check_plan(plan)
-                if not resume:
-                    cause = f"{broken.path.name} holds an interrupted run, which can only be resumed there"
-                    raise OperatorError(cause, "resume it, or begin a new recording")
-            resume_at = resume_point(plan, control.sequencer.marks) if resume else (1, 0)
-            if resume_at[1] >= plan.cycles:
-                raise OperatorError("the run has all its cycles", "begin a new one")
-            control.arm(
-                plan, wait_for_reading=wait_for_reading, resume_at=resume_at, regulator=regulator, hold=hold
-            )  # fmt: skip
-            self._resumes_at = resume_at if resume else None
-            if recorder is not None and not resume:
-                limits = control.interlock.limits
-                assert limits is not None
-                recorder.update_meta(plan=dataclasses.asdict(plan), limits_pa=limits.pascals)
+        self._control.arm(plan, wait_for_reading=wait_for_reading, resume=resume, regulator=regulator, hold=hold)
 
     def disarm(self) -> None:
         """Discard an armed plan."""
@@ -442,20 +374,13 @@ class Session:
         ------
         OperatorError : what the pre-flight found: link, limits, e-stop, zero of the pressure sensor, disk space.
         """
-        space = self._recording.check_space()
-        with self._acting() as control:
-            control.start([space])
-            resumes_at, self._resumes_at = self._resumes_at, None
-            if resumes_at is not None and self._journal.recorder is not None:
-                first, complete = resumes_at
-                cause = self._journal.ended.text if self._journal.ended else str(RunEnd.INTERRUPTED)
-                self._journal.recorder.run_resumed(cause, first_cycle=first, complete_cycles=complete)
+        self._control.start(self._recording.check_space())
 
     def preflight(self) -> list[Check]:
         """Return the lines of the check before the first pressure, good and bad."""
         space = self._recording.check_space()
         with self._lock:
-            return [*self._control.checks(), space]
+            return [*self._control.controller.checks(), space]
 
     def pause(self) -> None:
         """Vent and wait; the present cycle is left out of the figures."""
@@ -491,11 +416,7 @@ class Session:
 
         Ends a run. The command leaves before anything is waited for.
         """
-        before = self._pressures
-        sent = self._link.send(Vent())
-        with self._acting() as control:
-            # A pressure that was being sent at that instant may have left behind the vent: then vent once more.
-            control.vent(sent=sent and before == self._pressures and before % 2 == 0)
+        self._control.vent()
 
     def clear_fault(self, by: str = "the operator") -> None:
         """Clear a latched fault whose cause is gone, here and on the board.
@@ -537,8 +458,8 @@ class Session:
         AnalysisError : outside the calibrated range.
         """
         with self._acting() as control:
-            if regulator is not None and self._recording.unit and regulator.unit != self._recording.unit:
-                cause = f"unit {self._recording.unit} is mounted; the control is for unit {regulator.unit}"
+            if regulator is not None and self._unit.name and regulator.unit != self._unit.name:
+                cause = f"unit {self._unit.name} is mounted; the control is for unit {regulator.unit}"
                 raise OperatorError(cause, "identify the unit that is mounted")
             control.control_elongation(mm, regulator, hold=hold)
 
@@ -607,25 +528,18 @@ class Session:
         reading : of the frame.
         about : source, marks and scale, for the session's `camera`.
         """
-        with self._lock:
-            recorder = self._journal.recorder
-            if recorder is None:
-                return
-            if recorder is not self._filmed or about != self._about_camera:
-                self._filmed, self._about_camera = recorder, dict(about)
-                recorder.update_meta(camera=self._about_camera)
-            recorder.camera(reading)
+        self._recording.keep_camera(reading, about)
 
     def warn_of_camera(self, cause: str, remedy: str = "") -> None:
         """Give a warning of the camera, and keep it with the recording."""
         with self._lock:
-            self._journal.event("host", MessageKind.CAMERA, cause, time_us=self._control.board.board_us)
+            self._journal.event("host", MessageKind.CAMERA, cause, time_us=self._control.controller.board.board_us)
             self._journal.tell(MessageKind.CAMERA, "warning", cause, remedy)
 
     def mark(self, note: str) -> None:
         """Put a marker with a note at the newest sample, into the recording."""
         with self._lock:
-            self._journal.event("user", MessageKind.MARK, note, time_us=self._control.board.board_us)
+            self._journal.event("user", MessageKind.MARK, note, time_us=self._control.controller.board.board_us)
             self._journal.tell(MessageKind.MARK, "info", f"marked: {note}")
 
     # ---- what is shown ---------------------------------------------------------------------------------------------
@@ -634,7 +548,7 @@ class Session:
         """Return what is known now; never waits for I/O."""
         health = self._link.health_now()
         with self._lock:
-            control, recorder, port = self._control, self._journal.recorder, self._link.port
+            control, recorder, port = self._control.controller, self._journal.recorder, self._link.port
             latched, link = control.interlock.latched, self._link.state
             up = link is LinkState.UP
             since_us = max(self._recording.since_us, control.first_us)
@@ -660,7 +574,7 @@ class Session:
                 run_ended=control.sequencer.ended,
                 recording=recorder.path if recorder else None,
                 recorded_s=(control.board.board_us - since_us) / 1e6 if recorder else 0.0,
-                unit=self._recording.unit,
+                unit=self._unit.name,
                 elongation=control.loop.state() if control.loop is not None else None,
             )
 
@@ -669,18 +583,11 @@ class Session:
 
         Return the function that removes it.
         """
-        with self._lock:
-            self._sinks = (*self._sinks, sink)
-
-        def remove() -> None:
-            with self._lock:
-                self._sinks = tuple(other for other in self._sinks if other is not sink)
-
-        return remove
+        return self._live.add_sink(sink)
 
     def target_kpa(self) -> float:
         """Return the pressure that is commanded now, NaN for none."""
-        return _kpa(self._control.target_kpa)
+        return self._live.target_kpa()
 
     def set_derived(self, channels: Sequence[DerivedChannel]) -> None:
         """Use other derived channels from now on; the plots begin anew.
@@ -690,103 +597,35 @@ class Session:
         OperatorError : a recording is in progress: it states those of its beginning.
         RecordingError : one is refused.
         """
-        with self._lock:
-            if self._journal.recorder is not None:
-                cause = "a recording in progress has the derived channels of its beginning"
-                raise OperatorError(cause, "stop the recording first")
-            port = self._link.port
-            if port is not None and port.link.n_sensors:
-                DerivedColumns.of(channels, units_of(port.link))
-            self.derived, self.ring = tuple(channels), None
+        self._live.set_derived(channels)
 
-    def derived_columns(self) -> DerivedColumns:
-        """Return the derived channels that the board's samples allow; a warning names each of the others."""
-        port = self._link.port
-        if not self.derived or port is None or not port.link.n_sensors:
-            return DerivedColumns()
-        units, good = units_of(port.link), list[DerivedChannel]()
-        for channel in self.derived:
-            try:
-                DerivedColumns.of([*good, channel], units)
-            except RecordingError as error:
-                with self._lock:
-                    if all(told.cause != error.cause for told in self._journal.messages):
-                        self._journal.tell(MessageKind.DERIVED, "warning", error.cause, error.remedy)
-            else:
-                good.append(channel)
-        return DerivedColumns.of(good, units)
+    @property
+    def derived(self) -> tuple[DerivedChannel, ...]:
+        """The derived channels that are wanted."""
+        return self._live.derived
+
+    @property
+    def ring(self) -> RingBuffer | None:
+        """The samples for the screen: None until the first sample, another one after `connect`."""
+        return self._live.ring
 
     @property
     def mv_per_count(self) -> float:
         """Millivolts of signal for one count of the board, known once it is connected."""
-        return self._control.mv_per_count
-
-    def _show(self, block: Block) -> None:
-        """Pass a block's samples to ring and sinks, on the reading thread, without the lock."""
-        arrays = [event.array for event in block.events if isinstance(event, Samples) and len(event.array)]
-        if not arrays:
-            return
-        control = self._control
-        if self.ring is None:
-            link = self._link.port.link if self._link.port else None
-            assert link is not None and link.n_sensors is not None  # known from the board before its first sample
-            self.ring = RingBuffer(
-                link.n_sensors,
-                mv_per_count=control.mv_per_count,
-                channels=link.channels,
-                derived=self.derived_columns(),
-            )
-        self.ring.target_kpa = self.target_kpa()
-        self.ring(block)
-        for sink in self._sinks:
-            for array in arrays:
-                sink(array)
+        return self._control.controller.mv_per_count
 
     def _health_line(self) -> str:
         self._recording.take_request()
-        self._follow_unit()
+        self._unit.follow()
         with self._lock:
-            recorder, state = self._journal.recorder, self._control.sequencer.state
+            recorder, state = self._journal.recorder, self._control.controller.sequencer.state
         return health_line(self._link.state, state, self._link.health_now(), recorder)
 
     # ---- inside ----------------------------------------------------------------------------------------------------
 
-    @contextmanager
-    def _acting(self) -> Iterator[Controller]:
-        """Give the controller under the lock, and carry out its effects, even on an error."""
-        with self._lock:
-            self._control.board.now_ns = time.monotonic_ns()
-            try:
-                yield self._control
-            finally:
-                self._carry_out()
-
-    def _carry_out(self) -> None:
-        """Send and keep the controller's effects, in its order."""
-        board_us = self._control.board.board_us
-        for effect in self._control.take():
-            if not isinstance(effect, Send):
-                self._journal.take(effect, time_us=board_us)
-            elif isinstance(effect.command, SetPressure):
-                self._pressures += 1
-                self._link.send(effect.command)
-                self._pressures += 1
-            else:
-                self._link.send(effect.command, feeds=effect.feeds)
-
     def _remember_board(self, usb_serial: str) -> None:
-        """Store the USB serial number of a real board with its unit, by which it is found again."""
-        unit = self._recording.unit
-        if not unit or self._link.simulated(self._control.hello):
-            return
-        try:
-            stored = self.units.load(unit)
-            if stored.usb_serial != usb_serial:
-                self.units.save(dataclasses.replace(stored, usb_serial=usb_serial))
-        except (OperatorError, StorageError) as error:
-            with self._lock:
-                cause = f"the board's USB serial number is not stored with unit {unit}: {error.cause}"
-                self._journal.tell(MessageKind.STORAGE, "warning", cause, error.remedy)
+        if self._unit.name and not self._link.simulated(self._control.controller.hello):
+            self._unit.remember_board(usb_serial)
 
     def _end_recording(self, end: RunEnd) -> Path | None:
         path = self._recording.end(end)
@@ -807,19 +646,7 @@ class Session:
             for cause, remedy in take_warnings():
                 self._journal.tell(MessageKind.BACKUP_USED, "warning", cause, remedy)
 
-    def _load_derived(self) -> None:
-        """Take the stored derived channels; a file that is refused is named in a warning."""
-        try:
-            self.derived = load_derived()
-        except (OperatorError, RecordingError) as error:
-            self._journal.tell(MessageKind.DERIVED, "warning", error.cause, error.remedy)
-
     def _report_shortcomings(self) -> None:
         """Name what is slower here than it could be."""
         for found in shortcomings():
             self._journal.tell(MessageKind.SLOW, "info", found.cause, found.remedy)
-
-
-def _kpa(target_kpa: float | None) -> float:
-    """Return the commanded pressure, NaN for none."""
-    return math.nan if target_kpa is None else target_kpa

@@ -1,0 +1,121 @@
+"""The samples of a session as they come: for the screen in a ring, for others through sinks; with derived channels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from boat_daq.engine.derived_store import load_derived
+from boat_daq.engine.display.ring_buffer import RingBuffer
+from boat_daq.engine.link.opening import OpenPort
+from boat_daq.engine.link.reader import Block
+from boat_daq.engine.sample_columns import units_of
+from boat_daq.engine.session.guarded_controller import GuardedController
+from boat_daq.engine.session.journal import Journal
+from boat_daq.engine.snapshot import MessageKind
+from boat_daq.errors import OperatorError
+from protocol.errors import RecordingError
+from protocol.link.events import Samples
+from protocol.recording import DerivedChannel, DerivedColumns
+
+SampleSink: TypeAlias = Callable[[np.ndarray[Any, Any]], None]
+
+
+class LiveSamples:
+    """Passes on what the reading thread brings.
+
+    Parameters
+    ----------
+    control : the commanded pressure, the board's scale, the lock.
+    journal : messages, and whether a recording is in progress; used under the lock.
+    port : returns the open port, or the last one.
+
+    Attributes
+    ----------
+    ring : for the screen; none until the first sample, another one after `Session.connect`.
+    derived : the derived channels that are wanted.
+    """
+
+    def __init__(self, control: GuardedController, journal: Journal, port: Callable[[], OpenPort | None]) -> None:
+        self.ring: RingBuffer | None = None
+        self.derived: tuple[DerivedChannel, ...] = ()
+        self._sinks: tuple[SampleSink, ...] = ()
+        self._control, self._journal, self._port = control, journal, port
+
+    def show(self, block: Block) -> None:
+        """Pass a block's samples to ring and sinks, on the reading thread, without the lock."""
+        arrays = [event.array for event in block.events if isinstance(event, Samples) and len(event.array)]
+        if not arrays:
+            return
+        if self.ring is None:
+            port = self._port()
+            link = port.link if port else None
+            assert link is not None and link.n_sensors is not None  # known from the board before its first sample
+            self.ring = RingBuffer(
+                link.n_sensors,
+                mv_per_count=self._control.controller.mv_per_count,
+                channels=link.channels,
+                derived=self.derived_columns(),
+            )
+        self.ring.target_kpa = self.target_kpa()
+        self.ring(block)
+        for sink in self._sinks:
+            for array in arrays:
+                sink(array)
+
+    def target_kpa(self) -> float:
+        """Return the pressure that is commanded now, NaN for none."""
+        target_kpa = self._control.controller.target_kpa
+        return math.nan if target_kpa is None else target_kpa
+
+    def add_sink(self, sink: SampleSink) -> Callable[[], None]:
+        """Pass every block of samples to `sink`; return the function that removes it."""
+        with self._control.lock:
+            self._sinks = (*self._sinks, sink)
+
+        def remove() -> None:
+            with self._control.lock:
+                self._sinks = tuple(other for other in self._sinks if other is not sink)
+
+        return remove
+
+    def load_derived(self) -> None:
+        """Take the stored derived channels; a file that is refused is named in a warning."""
+        try:
+            self.derived = load_derived()
+        except (OperatorError, RecordingError) as error:
+            self._journal.tell(MessageKind.DERIVED, "warning", error.cause, error.remedy)
+
+    def set_derived(self, channels: Sequence[DerivedChannel]) -> None:
+        """Use other derived channels from now on.
+
+        Errors are those of `Session.set_derived`.
+        """
+        with self._control.lock:
+            if self._journal.recorder is not None:
+                cause = "a recording in progress has the derived channels of its beginning"
+                raise OperatorError(cause, "stop the recording first")
+            port = self._port()
+            if port is not None and port.link.n_sensors:
+                DerivedColumns.of(channels, units_of(port.link))
+            self.derived, self.ring = tuple(channels), None
+
+    def derived_columns(self) -> DerivedColumns:
+        """Return the derived channels that the board's samples allow; a warning names each of the others."""
+        port = self._port()
+        if not self.derived or port is None or not port.link.n_sensors:
+            return DerivedColumns()
+        units, good = units_of(port.link), list[DerivedChannel]()
+        for channel in self.derived:
+            try:
+                DerivedColumns.of([*good, channel], units)
+            except RecordingError as error:
+                with self._control.lock:
+                    if all(told.cause != error.cause for told in self._journal.messages):
+                        self._journal.tell(MessageKind.DERIVED, "warning", error.cause, error.remedy)
+            else:
+                good.append(channel)
+        return DerivedColumns.of(good, units)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from boat_daq.engine.recording.resumption import BrokenRun
     from boat_daq.engine.recording.summary import Summary
     from boat_daq.engine.session.session import Session
+    from protocol.recording.elongation_file import ElongationRow
 
 
 def record(
@@ -97,24 +99,19 @@ def record(
     """
     from boat_daq.commands.run_session import SessionRequest, run_session
     from boat_daq.engine.derived_store import parse_lines
-    from boat_daq.engine.session.readings import (
-        check_against_plan,
-        enter_readings,
-        read_elongation_csv,
-        readings_so_far,
-    )
+    from boat_daq.engine.session.readings import read_elongation_csv
 
     if resume is not None and (out is not None or duration is not None):
         raise typer.BadParameter("--resume continues its own recording: omit --out and --duration")
     if video is not None and camera is None:
         raise typer.BadParameter("--video goes with --camera")
-    values = {"cycles": cycles, "dwell_s": dwell, "ramp_kpa_per_s": ramp}
-    changes = {name: value for name, value in values.items() if value is not None}
-    readings = read_elongation_csv(elongation) if elongation is not None else None
     if uncertainty is not None and (plan is None or elongation is None or repeatability is not None):
         raise typer.BadParameter("needs --plan and --elongation, and no --repeatability", param_hint="--uncertainty")
     if repeatability is not None and plan is None:
         raise typer.BadParameter("needs --plan", param_hint="--repeatability")
+    readings = read_elongation_csv(elongation) if elongation is not None else None
+    values = {"cycles": cycles, "dwell_s": dwell, "ramp_kpa_per_s": ramp}
+    changes = {name: value for name, value in values.items() if value is not None}
     request = SessionRequest(
         port=port,
         path=resume or _path(out, unit, plan or "", operator),
@@ -133,24 +130,10 @@ def record(
         request = resumed(request, broken_run(resume, plan, changes, unit=unit))
     else:
         request = dataclasses.replace(request, plan=chosen_plan(plan, changes))
-        kind = None if request.plan is None else request.plan.kind
-        for option, given, only in (
-            ("uncertainty", uncertainty, "staircase"),
-            ("repeatability", repeatability, "continuous"),
-        ):
-            if given is not None and kind != only:
-                raise typer.BadParameter(f"is of {only} plans, this one is {kind}", param_hint=f"--{option}")
-        if readings is not None and request.plan is not None and uncertainty is None:
-            check_against_plan(readings, request.plan)
-
-    def enter(session: Session) -> None:
-        """Enter the readings of the plateaus reached; the file may still grow while an uncertainty is asked for."""
-        assert elongation is not None and readings is not None
-        rows = readings
-        if uncertainty is not None and request.plan is not None:
-            rows = readings_so_far(read_elongation_csv(elongation), request.plan, session.steps())
-        enter_readings(session, rows)
-
+        _check_kind(request.plan, {"staircase": uncertainty, "continuous": repeatability})
+    enter = None
+    if elongation is not None and readings is not None:
+        enter = _entry(elongation, readings, request, growing=uncertainty is not None)
     open_camera = None
     if camera is not None:
         from boat_daq.viewmodels.common.camera import CameraChoice, open_channel
@@ -158,12 +141,61 @@ def record(
         choice = CameraChoice(camera, mark_mm, u_mark_mm, lens, request.unit, patches_of(patch), allow_remote)
         choice.tracker()  # refuses what cannot be before the board is opened
         open_camera = partial(open_channel, choice=choice, video=video)
-    summary, failure = run_session(request, enter if readings is not None else None, open_camera)
+    summary, failure = run_session(request, enter, open_camera)
     if as_json:
         emit_json({**dataclasses.asdict(summary), "failed": bool(failure), "failure": failure})
     _report(summary, failure, request)
     if failure:
         raise typer.Exit(1)
+
+
+def _check_kind(plan: Plan | None, given: Mapping[str, float | None]) -> None:
+    """Refuse an ending by a figure that plans of this kind do not have; `given` is the figure of each kind.
+
+    Raises
+    ------
+    BadParameter : the plan is of another kind.
+    """
+    options = {"staircase": "--uncertainty", "continuous": "--repeatability"}
+    kind = None if plan is None else plan.kind
+    for only, figure in given.items():
+        if figure is not None and kind != only:
+            raise typer.BadParameter(f"is of {only} plans, this one is {kind}", param_hint=options[only])
+
+
+def _entry(
+    file: Path, readings: tuple[ElongationRow, ...], request: SessionRequest, *, growing: bool
+) -> Callable[[Session], None]:
+    """Return the function that enters the readings of the plateaus reached.
+
+    Parameters
+    ----------
+    file, readings : CSV of readings, and its rows now.
+    request : whose plan must have a plateau for each reading, where a run begins.
+    growing : the file still grows while the plan is run.
+
+    Raises
+    ------
+    OperatorError : as `check_against_plan`.
+    """
+    from boat_daq.engine.session.readings import (
+        check_against_plan,
+        enter_readings,
+        read_elongation_csv,
+        readings_so_far,
+    )
+
+    plan = request.plan
+    if plan is not None and request.broken is None and not growing:
+        check_against_plan(readings, plan)
+
+    def enter(session: Session) -> None:
+        rows = readings
+        if growing and plan is not None:
+            rows = readings_so_far(read_elongation_csv(file), plan, session.steps())
+        enter_readings(session, rows)
+
+    return enter
 
 
 def stated(values: list[str] | None, template: str) -> dict[str, Any]:

@@ -34,7 +34,11 @@ from boat_daq.commands.options import (
 )
 
 if TYPE_CHECKING:
+    from analysis import Options
+    from analysis.data.recording import Recording
     from analysis.figures.pipeline import Analysis
+    from analysis.progress import Progress
+    from analysis.reports.document import Report
     from analysis.sequential.accuracy import Accuracy, Unit
 
 
@@ -80,11 +84,10 @@ def analyze(
 
     Example: boat-daq analyze run.boat --elongation readings.csv --seed 1 --json
     """
-    from analysis import Options, PlateauSettings, analyse, load_recording
+    from analysis import Options, PlateauSettings, load_recording
     from analysis.calibration.curve_choice import degree_of
     from analysis.figures.acceptance import conformity_json
-    from analysis.figures.stored_results import store_analysis
-    from analysis.sequential.accuracy import accuracy_of, analyse_within
+    from analysis.sequential.accuracy import accuracy_of
     from boat_daq.commands.importing import column_map
     from boat_daq.viewmodels.common.plugged import with_plugins
     from boat_daq.viewmodels.common.reference import stated_contributions
@@ -111,39 +114,64 @@ def analyze(
             type_b=stated_contributions(recording, type_b),
             derived=tuple(derive or ()),
         )
-        if accuracy is None:
-            analysis = analyse(recording, elongation, options=options, progress=advance)
-        else:
-            analysis = analyse_within(recording, elongation, options, *accuracy, progress=advance)
+        analysis = _analysed(recording, elongation, options, accuracy, advance)
     conformity = conformity_json(analysis, limits)
-    if video is not None and not no_store:
-        notify("the result is not stored: its elongations are those of a video, which the recording does not hold")
-    elif not no_store and (reason := store_analysis(run, analysis, elongation)):
-        notify(reason)
+    if not no_store:
+        _store(run, analysis, elongation, filmed=video is not None)
     analysis = with_plugins(analysis, str(run))
-    shadow = None
-    if analysis.kind == "calibration" and not no_shadow:
-        from analysis.figures.against_shadow import against_shadow
-
-        with progress_bar("Building the shadow") as advance:
-            shadow = against_shadow(analysis, progress=advance).as_json()
+    shadow = None if no_shadow else _shadow(analysis)
     if as_json:
         budgets = None if analysis.budgets is None else analysis.budgets.as_json()
-        emit_json(
-            analysis.to_json()
-            | {
-                "shadow": shadow,
-                "conformity": conformity,
-                "elongation_budget": budgets,
-                "accuracy": accuracy_of(analysis).as_json(),
-            }
-        )
+        added = {"shadow": shadow, "conformity": conformity, "elongation_budget": budgets}
+        emit_json(analysis.to_json() | added | {"accuracy": accuracy_of(analysis).as_json()})
         return
     _show(analysis, limits)
     if accuracy is not None:
         show(_accuracy_text(accuracy_of(analysis)))
     if shadow is not None:
         _show_shadow(shadow)
+
+
+def _analysed(
+    recording: Recording,
+    elongation: Path | None,
+    options: Options,
+    accuracy: tuple[float, Unit] | None,
+    progress: Progress,
+) -> Analysis:
+    """Return the figures of a recording.
+
+    Parameters
+    ----------
+    recording, elongation, options, progress : as `analyse`.
+    accuracy : the tolerance of the figures, by which the draws are chosen; None for those of the fidelity.
+    """
+    from analysis import analyse
+    from analysis.sequential.accuracy import analyse_within
+
+    if accuracy is None:
+        return analyse(recording, elongation, options=options, progress=progress)
+    return analyse_within(recording, elongation, options, *accuracy, progress=progress)
+
+
+def _store(run: Path, analysis: Analysis, elongation: Path | None, *, filmed: bool) -> None:
+    """Store a result in its recording, or print why it is not stored; `filmed` where a video gave the elongations."""
+    from analysis.figures.stored_results import store_analysis
+
+    if filmed:
+        notify("the result is not stored: its elongations are those of a video, which the recording does not hold")
+    elif reason := store_analysis(run, analysis, elongation):
+        notify(reason)
+
+
+def _shadow(analysis: Analysis) -> dict[str, Any] | None:
+    """Return a calibration run compared with the digital shadow; None for other runs."""
+    if analysis.kind != "calibration":
+        return None
+    from analysis.figures.against_shadow import against_shadow
+
+    with progress_bar("Building the shadow") as advance:
+        return against_shadow(analysis, progress=advance).as_json()
 
 
 def tolerances(text: str) -> tuple[float, tuple[float, Unit] | None]:
@@ -186,7 +214,6 @@ def _show_shadow(shadow: Mapping[str, Any]) -> None:
 def _show(analysis: Analysis, limits: Mapping[str, float]) -> None:
     from analysis.figures.acceptance import judge
     from analysis.figures.figure import void_sentences, with_interval
-    from analysis.figures.warnings import influence_text
 
     content, sensors = analysis.to_json(), analysis.sensors
     cycles = content["cycles"]
@@ -207,6 +234,20 @@ def _show(analysis: Analysis, limits: Mapping[str, float]) -> None:
         show_table(["figure of the laboratory, plugin last"], rows)
     for sentence in void_sentences([*((s.name, s.figures) for s in sensors), ("system", analysis.system_figures)]):
         show(sentence)
+    _show_sensors(analysis)
+    if analysis.camera is not None:
+        _show_camera(analysis.camera.as_json())
+    for one in judge(sensors, limits):
+        show(f"{one.conformity.label}: {one.text}")
+    for warning in analysis.warnings:
+        notify(f"{warning.code}: {warning.sentence}")
+
+
+def _show_sensors(analysis: Analysis) -> None:
+    """Print the curves, their budgets, and what else acts on the signals."""
+    from analysis.figures.warnings import influence_text
+
+    sensors = analysis.sensors
     for sensor in sensors:
         if sensor.calibration is not None:
             terms = ", ".join(f"b{i} = {b:.6g}" for i, b in enumerate(sensor.calibration.coefficients)) or "spline"
@@ -219,12 +260,6 @@ def _show(analysis: Analysis, limits: Mapping[str, float]) -> None:
     for sensor in sensors:
         for found in sensor.influences:
             show(f"{sensor.name}: {f'{found.name}: {found.void}' if found.void else influence_text(found)}")
-    if analysis.camera is not None:
-        _show_camera(analysis.camera.as_json())
-    for one in judge(sensors, limits):
-        show(f"{one.conformity.label}: {one.text}")
-    for warning in analysis.warnings:
-        notify(f"{warning.code}: {warning.sentence}")
 
 
 def _show_camera(camera: Mapping[str, Any]) -> None:
@@ -331,12 +366,10 @@ def report(
     accuracy = None if tolerance is None else tolerances(tolerance)[1]
     if tolerance is not None and (accuracy is None or fidelity != "normal"):
         raise typer.BadParameter("takes mm or %FSO, and no --fidelity", param_hint="--tolerance")
-    from analysis import Options, analyse, load_recording, write_report
+    from analysis import Options, load_recording, write_report
     from analysis.calibration.curve_choice import degree_of
-    from analysis.figures.acceptance import conformity_json
     from analysis.figures.against_shadow import against_shadow
     from analysis.progress import part_of
-    from analysis.sequential.accuracy import accuracy_of, analyse_within
     from boat_daq.viewmodels.common.plugged import with_plugins
     from boat_daq.viewmodels.common.reference import stated_contributions
     from protocol.units import ShownUnits
@@ -354,26 +387,39 @@ def report(
             recording = load_recording(run)
             stated = replace(options, type_b=stated_contributions(recording, type_b))
             part = part_of(advance, number, 1, len(runs) + 1)
-            file = files[number % len(files)]
-            if accuracy is None:
-                found = analyse(recording, file, options=stated, progress=part)
-            else:
-                found = analyse_within(recording, file, stated, *accuracy, progress=part)
+            found = _analysed(recording, files[number % len(files)], stated, accuracy, part)
             analyses.append(with_plugins(found, str(run)))
         compared = len(analyses) == 1 and analyses[0].kind == "calibration" and not no_shadow
         shadow = against_shadow(analyses[0]) if compared else None
         setting = part_of(advance, len(runs), 1, len(runs) + 1)
         content = write_report(analyses, to, limits, shadow, units=shown, progress=setting)
     if as_json:
-        conformity = [conformity_json(analysis, limits) for analysis in analyses]
-        accuracies = [accuracy_of(analysis).as_json() for analysis in analyses]
-        head = {
-            "accuracy": accuracies[0] if len(runs) == 1 else accuracies,
-            "file": to,
+        _emit_report(content, to, analyses, limits)
+    else:
+        notify(f"wrote {to}: {content.title}. {content.verdict}")
+
+
+def _emit_report(content: Report, file: Path, analyses: list[Analysis], limits: Mapping[str, float]) -> None:
+    """Print what a report says as JSON; lists of each run where several are compared.
+
+    Parameters
+    ----------
+    content, file : of the report.
+    analyses, limits : what it is of.
+    """
+    from analysis.figures.acceptance import conformity_json
+    from analysis.sequential.accuracy import accuracy_of
+
+    conformity = [conformity_json(analysis, limits) for analysis in analyses]
+    accuracies = [accuracy_of(analysis).as_json() for analysis in analyses]
+    single = len(analyses) == 1
+    emit_json(
+        {
+            "accuracy": accuracies[0] if single else accuracies,
+            "file": file,
             "title": content.title,
             "verdict": content.verdict,
             "simulated": content.simulated,
+            "conformity": conformity[0] if single else conformity,
         }
-        emit_json(head | {"conformity": conformity[0] if len(runs) == 1 else conformity})
-    else:
-        notify(f"wrote {to}: {content.title}. {content.verdict}")
+    )

@@ -274,22 +274,30 @@ def _chance(ratio: float, dof: int, within: int) -> float:
     return float(stats.f.sf(max(ratio, 0.0), dof, within))
 
 
-def expanded(deviation: npt.ArrayLike, u: npt.ArrayLike, factor: float = COVERAGE_FACTOR) -> FloatArray:
+def expanded(
+    deviation: npt.ArrayLike, u: npt.ArrayLike, factor: float = COVERAGE_FACTOR, *, half_loop: npt.ArrayLike = 0.0
+) -> FloatArray:
     """Return U that holds as much of a normal error about a known deviation as `factor` u holds without one.
 
     Parameters
     ----------
     deviation, u : of any one shape: uncorrected deviation, standard uncertainty.
     factor : of coverage without a deviation.
+    half_loop : half the distance of two branches about the deviation, one as likely as the other.
     """
-    away, spread = np.broadcast_arrays(np.abs(np.asarray(deviation, dtype=np.float64)), np.asarray(u, dtype=np.float64))
-    if not away.any():
+    given = (np.asarray(one, dtype=np.float64) for one in (deviation, half_loop, u))
+    away, half, spread = np.broadcast_arrays(*given)
+    away, half = np.abs(away), np.abs(half)
+    if not (away.any() or half.any()):
         return np.asarray(factor * spread)
-    share = 2.0 * special.ndtr(factor) - 1.0
-    low, high = factor * spread, away + factor * spread
+    share, farthest = 2.0 * special.ndtr(factor) - 1.0, away + half
+    low, high = factor * spread, farthest + factor * spread
     safe = np.where(spread > 0, spread, 1.0)
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        inside = special.ndtr((middle - away) / safe) - special.ndtr((-middle - away) / safe) >= share
+        of_branches = [
+            special.ndtr((middle - at) / safe) - special.ndtr((-middle - at) / safe) for at in (away - half, farthest)
+        ]
+        inside = 0.5 * (of_branches[0] + of_branches[1]) >= share
         low, high = np.where(inside, low, middle), np.where(inside, middle, high)
-    return np.asarray(np.where(spread > 0, high, away), dtype=np.float64)
+    return np.asarray(np.where(spread > 0, high, farthest), dtype=np.float64)

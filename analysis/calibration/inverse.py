@@ -33,6 +33,7 @@ from analysis.errors import DataError, RequestError
 NODES = 257
 U_NODES = 129
 DISAGREEMENT_SIGMA = 4.0
+LEVEL = 1e-100  # mV/mm; a curve may be level at its very end
 BEYOND_SIGMA = 2.0  # standard uncertainties beyond an end of the range, as it was read, that a value is given for
 
 
@@ -112,6 +113,7 @@ class Inverse:
         *,
         noise_sd: float | None = None,
         model_sd: float = 0.0,
+        half_loop: npt.ArrayLike = 0.0,
         reading_sd: float = 0.0,
         type_b: tuple[TypeBContribution, ...] = (),
     ) -> Inverse:
@@ -122,7 +124,8 @@ class Inverse:
         calibration : monotone over its range.
         noise_sd : sd of one new signal about the curve, mV, independent between sensors; the residual sd of the fit
             by default.
-        model_sd : sd of what the curve leaves out and the sensors share (hysteresis, repeatability, drift), mV.
+        model_sd : sd of what the curve leaves out and the sensors share (repeatability, drift), mV.
+        half_loop : half the sensor's loop, mV: at equally spaced x from end to end of the range, or everywhere.
         reading_sd : sd of the readings of x, mm, of a calibration that does not know its positions
             (`Calibration.with_reading`).
         type_b : contributions of the reference, the same in every sensor.
@@ -138,7 +141,9 @@ class Inverse:
         starts, powers = _pieces(calibration)
         noise = calibration.residual_sd if noise_sd is None else float(noise_sd)
         x = np.linspace(*calibration.x_range, U_NODES)
-        parts = _uncertainty(calibration, x, noise, model_sd)
+        loop = np.atleast_1d(np.asarray(half_loop, dtype=np.float64))
+        loop = np.interp(x, np.linspace(*calibration.x_range, loop.size), loop)
+        parts = _uncertainty(calibration, x, noise, model_sd, loop)
         half_division = calibration.reading.grid / 2.0 if calibration.reading is not None else 0.0
         nodes = signal_at(np.linspace(-1.0, 1.0, NODES), starts, powers)
         terms = reference_terms(type_b)
@@ -229,22 +234,21 @@ def _pieces(calibration: Calibration) -> tuple[FloatArray, FloatArray]:
 
 
 def _uncertainty(
-    calibration: Calibration, x: FloatArray, noise_sd: float, model_sd: float
+    calibration: Calibration, x: FloatArray, noise_sd: float, model_sd: float, half_loop: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return `noise_mm` and `shared_mm` of an inverse at x.
 
     Parameters
     ----------
     calibration : its curve. x : mm.
-    noise_sd, model_sd : as `Inverse.of` takes them.
+    noise_sd, model_sd : as `Inverse.of` takes them. half_loop : at x, mV.
     """
-    with np.errstate(divide="ignore"):  # a curve may be level at its very end
-        per_mv = 1.0 / np.abs(calibration.slope(x))
+    per_mv = 1.0 / np.maximum(np.abs(calibration.slope(x)), LEVEL)
     by_fit, by_reading = calibration.curve_parts(x)
     noise, shared = noise_sd * per_mv, np.sqrt(model_sd**2 + by_fit**2 + by_reading**2) * per_mv
     away = calibration.deviation_in_x(x)
-    if np.any(away):
-        whole = expanded(away, np.hypot(shared, noise)) / COVERAGE_FACTOR
+    if np.any(away) or np.any(half_loop):
+        whole = expanded(away, np.hypot(shared, noise), half_loop=half_loop * per_mv) / COVERAGE_FACTOR
         shared = np.sqrt(np.maximum(whole**2 - noise**2, 0.0))
     width = calibration.x_range[1] - calibration.x_range[0]
     return np.minimum(noise, width), np.minimum(shared, width)

@@ -32,6 +32,8 @@ from analysis.numbers import percent
 
 COVERAGE_FACTOR = 2.0
 CURVE_POINTS = 41
+KNOWN_COURSE = 4.0
+"""Times the square of the error of a loop's width: below it the mean square of the loop tells nothing of its course."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,14 +133,17 @@ def combine(components: Sequence[Component], traced: Traceability | None = None)
 
 @dataclass(frozen=True, slots=True)
 class SignalParts:
-    """Standard uncertainties of one sensor's signal, mV, each without what the others hold."""
+    """Standard uncertainties of one sensor's signal, mV, each without what the others hold.
+
+    `half_loop` [points] is half the distance of the branches at equally spaced x from end to end of the range.
+    """
 
     noise: float
     resolution: float
     ambient: float
     repeatability: float
     drift: float
-    hysteresis: float
+    half_loop: FloatArray
     noise_dof: float
     repeatability_dof: float
 
@@ -148,9 +153,14 @@ class SignalParts:
         return float(np.sqrt(self.noise**2 + self.resolution**2 + self.ambient**2))
 
     @property
+    def between_cycles(self) -> float:
+        """What differs from cycle to cycle."""
+        return float(np.hypot(self.repeatability, self.drift))
+
+    @property
     def shared(self) -> float:
-        """What the curve leaves out."""
-        return float(np.sqrt(self.repeatability**2 + self.drift**2 + self.hysteresis**2))
+        """What the curve leaves out, the loop by its rms."""
+        return float(np.sqrt(self.between_cycles**2 + np.mean(self.half_loop**2)))
 
 
 def signal_parts(analysis: AnalysedRun, sensor: int) -> SignalParts:
@@ -171,7 +181,7 @@ def signal_parts(analysis: AnalysedRun, sensor: int) -> SignalParts:
         ambient=ambient,
         repeatability=_without(repeatability, drift, float(mean_noise)),
         drift=float(drift),
-        hysteresis=_hysteresis(analysis, sensor),
+        half_loop=_half_loop(analysis, sensor),
         noise_dof=float(max(analysis.recording.n // 10, 1)),
         repeatability_dof=float(max(cycles - 1, 1) * 2 * max(analysis.loops.level_kpa.size - 1, 1)),
     )
@@ -341,15 +351,14 @@ class BudgetOfSensor:
             Component("noise", parts.noise, per_mv, parts.noise_dof, "within plateaus"),
             Component("repeatability", parts.repeatability, per_mv, parts.repeatability_dof, cycles),
             between,
-            Component("hysteresis", parts.hysteresis, per_mv, source="rms of half the loop over x, less reading error"),
             Component("zero drift", parts.drift, per_mv, source=f"drift over {cycles}"),
             Component("resolution", of_counts[0], per_mv, source="ADC step" if self.counted else no_counts),
             Component("ambient residual", of_counts[1], per_mv,
                       source="signal against dark" if self.counted else no_counts),
             Component("fit", by_fit, per_mv, fit_dof, "covariance"),
         ]  # fmt: skip
-        lack_of_fit = self._lack_of_fit(x_mm, per_mv, combine(components).u)
-        return combine([*components, lack_of_fit, *self._type_b(x_mm)], traceability(self.type_b))
+        by_deviation = self._by_deviation(x_mm, per_mv, combine(components).u)
+        return combine([*components, *by_deviation, *self._type_b(x_mm)], traceability(self.type_b))
 
     def _type_b(self, x_mm: float) -> list[Component]:
         """Return the contributions that were stated, and those that are expected and were not."""
@@ -358,17 +367,25 @@ class BudgetOfSensor:
         source = "not assessed: not in the file of the unit or rig"
         return [*stated, *(Component(label, float("nan"), source=source) for label in not_assessed(given))]
 
-    def _lack_of_fit(self, x_mm: float, per_mv: float, u_mm: float) -> Component:
-        """Return what brings U to its coverage where the curve is known to miss: U about a deviation, GUM F.2.4.5."""
+    def _by_deviation(self, x_mm: float, per_mv: float, u_mm: float) -> tuple[Component, Component]:
+        """Return what brings U to its coverage about the branches of the loop, and about a curve that misses.
+
+        Both are deviations that are not corrected (GUM F.2.4.5), the loop's of either sign.
+        """
+        half_loop = self.parts.half_loop
+        half = per_mv * float(np.interp(x_mm, np.linspace(*self.calibration.x_range, half_loop.size), half_loop))
+        with_loop = float(expanded(0.0, u_mm, half_loop=half)) / COVERAGE_FACTOR
+        loop = Component(
+            "hysteresis", _without(with_loop, u_mm) / per_mv, per_mv,
+            source=f"either branch of the loop, {1000 * half:.0f} µm off the curve",
+        )  # fmt: skip
         adequacy = self.calibration.adequacy
         if adequacy is None:
-            return Component("lack of fit", float("nan"), source="not assessed: no positions")
+            return loop, Component("lack of fit", float("nan"), source="not assessed: no positions")
         away = float(adequacy.deviation_in_x(x_mm))
-        whole = float(expanded(away, u_mm)) / COVERAGE_FACTOR
-        miss = _without(whole, u_mm) / per_mv
-        return Component(
-            "lack of fit", miss, per_mv, source=f"curve {adequacy.verdict}, {1000 * away:.0f} µm off the preferred one"
-        )
+        miss = _without(float(expanded(away, u_mm, half_loop=half)) / COVERAGE_FACTOR, with_loop) / per_mv
+        source = f"curve {adequacy.verdict}, {1000 * away:.0f} µm off the preferred one"
+        return loop, Component("lack of fit", miss, per_mv, source=source)
 
 
 def _calibration(analysis: AnalysedRun, sensor: int) -> Calibration:
@@ -381,23 +398,32 @@ def _calibration(analysis: AnalysedRun, sensor: int) -> Calibration:
 
 def _inverse(analysis: AnalysedRun, sensor: int) -> Inverse:
     calibration, parts = _calibration(analysis, sensor), signal_parts(analysis, sensor)
-    return Inverse.of(calibration, noise_sd=parts.independent, model_sd=parts.shared, type_b=analysis.options.type_b)
+    return Inverse.of(
+        calibration, noise_sd=parts.independent, model_sd=parts.between_cycles, half_loop=parts.half_loop,
+        type_b=analysis.options.type_b,
+    )  # fmt: skip
 
 
-def _hysteresis(analysis: AnalysedRun, sensor: int) -> float:
-    """Rms of half the distance of the branches over x, less what the reading error of x alone makes of it."""
+def _half_loop(analysis: AnalysedRun, sensor: int) -> FloatArray:
+    """Half the distance of the branches over the range, mV, less what the reading error of x alone makes of it.
+
+    A loop that is hardly wider than that error has no known course: then its rms, everywhere.
+    """
     calibration, width = analysis.sensors[sensor].calibration, analysis.sensors[sensor].sensor_loop
     joint = analysis.sensors[sensor].joint_loop
     if joint is not None:
         grid = np.linspace(*joint.ends, CURVE_POINTS)
-        squares = joint.loop_width(grid) ** 2 - joint.loop_width_u(grid) ** 2
-        return float(0.5 * np.sqrt(max(float(np.mean(squares)), 0.0)))
-    if calibration is None or width is None or width.void:
-        return 0.0
-    half = 0.5 * (width.loading - width.unloading)
-    slope = np.abs(calibration.slope(width.grid))
-    by_reading = 0.5 * (analysis.reading_sd_mm * slope) ** 2  # half a difference of two readings
-    return float(np.sqrt(max(float(np.mean(half**2 - by_reading)), 0.0)))
+        squares, by_reading = joint.loop_width(grid) ** 2 / 4.0, joint.loop_width_u(grid) ** 2 / 4.0
+    elif calibration is None or width is None or width.void:
+        return np.zeros(1)
+    else:
+        grid = np.linspace(*calibration.x_range, CURVE_POINTS)
+        squares = np.interp(grid, width.grid, 0.5 * (width.loading - width.unloading)) ** 2
+        by_reading = 0.5 * (analysis.reading_sd_mm * calibration.slope(grid)) ** 2  # half a difference of two readings
+    own = squares - by_reading
+    if not np.mean(squares) > KNOWN_COURSE * np.mean(by_reading):
+        own = np.mean(own, keepdims=True)
+    return np.asarray(np.sqrt(np.maximum(own, 0.0)))
 
 
 def _resolution(analysis: AnalysedRun) -> float:

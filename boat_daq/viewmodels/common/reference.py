@@ -93,8 +93,11 @@ def stored_inverse(stored: Mapping[str, Any]) -> Inverse:
     else:  # accepted before the branches were stored
         fit = fit_calibration(*points, degree).with_reading(reading_sd, positions)
     type_b = contributions(stored.get("type_b") or {})
-    model_sd = float(stored.get("model_mv") or 0.0)
-    return Inverse.of(fit, noise_sd=stored.get("noise_mv"), model_sd=model_sd, type_b=type_b)
+    half_loop, model_sd = stored.get("half_loop_mv"), stored.get("between_cycles_mv")
+    if half_loop is None or model_sd is None:  # accepted before the loop's course was stored: its rms is in the model
+        half_loop, model_sd = 0.0, float(stored.get("model_mv") or 0.0)
+    noise_sd = stored.get("noise_mv")
+    return Inverse.of(fit, noise_sd=noise_sd, model_sd=model_sd, half_loop=half_loop, type_b=type_b)
 
 
 def calibration_in_force(recording: Recording) -> CalibrationFile | None:

@@ -425,6 +425,8 @@ def _content(found: Analysis, index: int) -> dict[str, Any]:
         "reading_sd_mm": found.reading_sd_mm,
         "noise_mv": parts.independent,
         "model_mv": parts.shared,
+        "between_cycles_mv": parts.between_cycles,
+        "half_loop_mv": parts.half_loop.tolist(),
         "type_b": {one.name: one.as_table() for one in found.options.type_b},
         "figures": finite,
     }

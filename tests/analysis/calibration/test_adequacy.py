@@ -122,6 +122,15 @@ def test_expanded_uncertainty_about_a_deviation() -> None:
     assert both[1] == pytest.approx(2.0)
 
 
+@pytest.mark.parametrize(("away", "half"), [(0.0, 0.7), (0.0, 5.0), (0.4, 1.0), (1.0, 0.4)])
+def test_expanded_uncertainty_holds_either_branch_of_a_loop(away: float, half: float) -> None:
+    """Of errors about two branches, one as likely as the other, as many as 2 u holds without a loop."""
+    found = float(expanded(away, 1.0, half_loop=half))
+    inside = [stats.norm.cdf(found - at) - stats.norm.cdf(-found - at) for at in (away - half, away + half)]
+    assert sum(inside) / 2 == pytest.approx(2 * stats.norm.cdf(2) - 1)
+    assert expanded(away, 0.0, half_loop=half) == pytest.approx(away + half)
+
+
 def test_one_cycle_on_exact_positions_is_judged_by_the_richer_curve() -> None:
     """Nothing was read twice and x is exact: a line through a cubic fails against it, the cubic itself does not."""
     each = session(CUBIC, 0.0, 0.0, cycles=1)

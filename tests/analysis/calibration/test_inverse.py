@@ -197,14 +197,18 @@ def test_uncertainty_of_an_inverse_by_hand() -> None:
         deviation_in_x=lambda x: 0.0 * x, x_range=(-2.0, 4.0),
     )  # fmt: skip
     x = np.array([-2.0, 0.0, 4.0])
-    noise, shared = _uncertainty(curve, x, 2.0, 3.0)
+    none = np.zeros(3)
+    noise, shared = _uncertainty(curve, x, 2.0, 3.0, none)
     assert noise == pytest.approx([0.1, 0.1, 6.0])
     assert shared == pytest.approx([0.35, 0.35, 6.0])
     curve.slope, curve.deviation_in_x = lambda x: -20.0 + 0.0 * x, lambda x: np.where(x == 0.0, 0.5, 0.0)
-    moved = _uncertainty(curve, x, 2.0, 3.0)
+    moved = _uncertainty(curve, x, 2.0, 3.0, none)
     assert moved[0] == pytest.approx([0.1, 0.1, 0.1])
     whole = expanded(np.array([0.5]), np.hypot(0.1, 0.35))[0] / 2.0
     assert np.hypot(*moved)[1] == pytest.approx(whole)
+    looped = _uncertainty(curve, x, 2.0, 3.0, np.array([0.0, 4.0, 8.0]))
+    whole = expanded([0.0, 0.5, 0.0], np.hypot(0.1, 0.35), half_loop=[0.0, 0.2, 0.4]) / 2.0
+    assert np.hypot(*looped) == pytest.approx(whole)
 
 
 @pytest.mark.parametrize("rho", [0.0, 1.0, 0.5])

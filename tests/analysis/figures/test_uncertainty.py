@@ -275,7 +275,7 @@ def test_signal_parts_by_hand() -> None:
     assert parts.drift == pytest.approx(drift)
     assert parts.repeatability == pytest.approx(np.sqrt(1.25**2 - drift**2 - 0.2**2))
     assert (parts.noise_dof, parts.repeatability_dof) == (123.0, 3 * 2 * 18)
-    assert (parts.hysteresis, parts.ambient) == (0.0, 0.0)
+    assert (parts.half_loop.tolist(), parts.ambient) == ([0.0], 0.0)
     assert parts.independent == pytest.approx(1.5)
     assert parts.shared == pytest.approx(np.sqrt(1.25**2 - 0.2**2))
     continuous = a_run()
@@ -306,26 +306,36 @@ def test_run_of_one_cycle_and_level_has_degrees_of_freedom() -> None:
     assert (parts.noise, parts.repeatability, parts.drift) == (0.0, 0.0, 0.0)
 
 
-def test_hysteresis_of_the_budget_is_the_rms_of_half_the_loop() -> None:
+def test_half_the_loop_keeps_its_course_over_x() -> None:
     """Less what readings make: half the difference of two of 0.1 mm on 30 mV/mm has the sd 0.1 * 30 / sqrt(2)."""
     loop = SimpleNamespace(
         void="", loading=np.array([8.0, 10.0, 14.0]), unloading=np.array([0.0, 0.0, 2.0]), grid=np.arange(3.0)
     )
-    curve = SimpleNamespace(slope=lambda x: np.full(np.shape(x), -30.0))
-    expected = np.sqrt(np.mean(np.array([4.0, 5.0, 6.0]) ** 2) - 0.1**2 * 30.0**2 / 2.0)
-    assert signal_parts(a_run(calibration=curve, sensor_loop=loop), 0).hysteresis == pytest.approx(expected)
-    assert signal_parts(a_run(calibration=None, sensor_loop=loop), 0).hysteresis == 0.0
+    curve = SimpleNamespace(slope=lambda x: np.full(np.shape(x), -30.0), x_range=(0.0, 2.0))
+    found = signal_parts(a_run(calibration=curve, sensor_loop=loop), 0)
+    by_reading = 0.1**2 * 30.0**2 / 2.0
+    assert found.half_loop[[0, 20, 40]] == pytest.approx(np.sqrt(np.array([4.0, 5.0, 6.0]) ** 2 - by_reading))
+    assert found.half_loop.size == 41
+    assert found.shared == pytest.approx(np.sqrt(found.between_cycles**2 + np.mean(found.half_loop**2)))
+    assert signal_parts(a_run(calibration=None, sensor_loop=loop), 0).half_loop.tolist() == [0.0]
     run = a_run(calibration=curve, sensor_loop=loop)
     run.reading_sd_mm = 5.0
-    assert signal_parts(run, 0).hysteresis == 0.0
+    assert signal_parts(run, 0).half_loop.tolist() == [0.0]
     loop.void = "no overlap"
-    assert signal_parts(a_run(calibration=curve, sensor_loop=loop), 0).hysteresis == 0.0
+    assert signal_parts(a_run(calibration=curve, sensor_loop=loop), 0).half_loop.tolist() == [0.0]
+
+
+def test_loop_no_wider_than_its_error_has_its_rms_everywhere() -> None:
+    """Twice its error is a known course; less is not, and a loop narrower than its error is none."""
     joint = SimpleNamespace(
-        ends=(-1.0, 3.0), loop_width=lambda x: 10.0 + 0.0 * x, loop_width_u=lambda x: 6.0 * np.ones_like(x)
+        ends=(-1.0, 3.0), loop_width=lambda x: 10.0 + 0.0 * x, loop_width_u=lambda x: 4.9 * np.ones_like(x)
     )
-    assert signal_parts(a_run(joint_loop=joint), 0).hysteresis == pytest.approx(4.0)
+    course = signal_parts(a_run(joint_loop=joint), 0).half_loop
+    assert course == pytest.approx(np.full(41, 0.5 * np.sqrt(100.0 - 4.9**2)))
+    joint.loop_width_u = lambda x: 6.0 * np.ones_like(x)
+    assert signal_parts(a_run(joint_loop=joint), 0).half_loop == pytest.approx([4.0])
     joint.loop_width_u = lambda x: 11.0 * np.ones_like(x)
-    assert signal_parts(a_run(joint_loop=joint), 0).hysteresis == 0.0
+    assert signal_parts(a_run(joint_loop=joint), 0).half_loop.tolist() == [0.0]
 
 
 def test_ambient_light_is_found_through_the_noise_of_the_dark_readings() -> None:
@@ -446,31 +456,34 @@ def test_a_budget_of_nothing_has_no_shares() -> None:
     assert "without a (75 % of" in combine([Component("a", 3.0**0.5), Component("b", 1.0)]).what_halves_it()
 
 
-PARTS = SignalParts(1.0, 4.0, 8.0, 2.0, 3.0, 6.0, noise_dof=50.0, repeatability_dof=18.0)
+PARTS = SignalParts(1.0, 4.0, 8.0, 2.0, 3.0, np.array([0.0, 6.0, 12.0]), noise_dof=50.0, repeatability_dof=18.0)
 
 
 def test_parts_add_in_squares() -> None:
-    """1, 4, 8 from sample to sample make 9; 2, 3, 6 that the curve leaves out make 7."""
-    assert (PARTS.independent, PARTS.shared) == (9.0, 7.0)
+    """1, 4, 8 from sample to sample make 9; 2, 3 from cycle to cycle and a loop of 6 that the curve leaves out, 7."""
+    parts = replace(PARTS, half_loop=np.array([6.0]))
+    assert (parts.independent, parts.between_cycles, parts.shared) == (9.0, pytest.approx(13.0**0.5), 7.0)
 
 
 @pytest.mark.parametrize("away_mm", [0.0, 0.6])
 def test_budget_at_an_elongation_by_hand(away_mm: float) -> None:
-    """Each part over 25 mV/mm; a deviation of the curve brings U to what covers it, GUM F.2.4.5."""
+    """Each part over 25 mV/mm; loop and deviation of the curve bring U to what covers them, GUM F.2.4.5."""
     adequacy = SimpleNamespace(deviation_in_x=lambda _: away_mm, verdict="doubtful")
     curve = SimpleNamespace(
         slope=lambda _: -25.0, curve_parts=lambda _: (0.5, 0.25), joint=SimpleNamespace(effective_dof=7.0), dof=3.0,
-        adequacy=adequacy,
+        adequacy=adequacy, x_range=(0.0, 2.0),
     )  # fmt: skip
     budget = BudgetOfSensor(curve, (), PARTS, (), 4, counted=True).at(1.0)
     mm = {one.name: one.contribution for one in budget.components if one.assessed}
     of_signal = {
-        "reading": 0.25, "noise": 1.0, "repeatability": 2.0, "hysteresis": 6.0, "zero drift": 3.0, "resolution": 4.0,
+        "reading": 0.25, "noise": 1.0, "repeatability": 2.0, "zero drift": 3.0, "resolution": 4.0,
         "ambient residual": 8.0, "fit": 0.5,
     }  # fmt: skip
     assert {name: mm[name] for name in of_signal} == pytest.approx({name: mv / 25.0 for name, mv in of_signal.items()})
     u = np.sqrt(sum(mv**2 for mv in of_signal.values())) / 25.0
-    assert budget.expanded == pytest.approx(float(expanded(away_mm, u)) if away_mm else 2.0 * u)
+    with_loop = float(expanded(0.0, u, half_loop=6.0 / 25.0))
+    assert mm["hysteresis"] == pytest.approx(np.sqrt((0.5 * with_loop) ** 2 - u**2))
+    assert budget.expanded == pytest.approx(float(expanded(away_mm, u, half_loop=6.0 / 25.0)))
     dof = {one.name: one.dof for one in budget.components}
     assert (dof["noise"], dof["repeatability"], dof["fit"], dof["reading"]) == (50.0, 18.0, 7.0, np.inf)
     lines = {one.name: one.source for one in budget.components}

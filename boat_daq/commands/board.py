@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show
 from boat_daq.commands.options import AllowRemoteOption
+
+if TYPE_CHECKING:
+    from boat_daq.engine.simulator.server import BoardServer, BoardSettings
 
 
 def board(
@@ -62,11 +65,7 @@ def board(
     Example: boat-daq board --pty --speed 100 --fault estop@30:5 --truth truth.csv
     """
     if list_faults:
-        from boat_daq.engine.simulator.camera import CAMERA_FAULTS
-        from protocol.simulator.faults import FAULTS, fault_list
-
-        listed = "\n".join(f"  {name:20} {sentence}" for name, (sentence, _) in CAMERA_FAULTS.items())
-        present(FAULTS, f"{fault_list()}\nof the camera:\n{listed}", as_json=as_json)
+        _present_faults(as_json=as_json)
         return
     if pty == (tcp is not None):
         raise typer.BadParameter("use either --pty or --tcp HOST:PORT")
@@ -78,36 +77,50 @@ def board(
         raise typer.BadParameter("--camera and --camera-fault go with --video or --mjpeg")
     from boat_daq.engine.simulator.server import BoardServer, BoardSettings
 
-    server = BoardServer(
-        BoardSettings(
-            port=tcp or "pty",
-            speed=speed,
-            unit=unit,
-            seed=seed,
-            faults=tuple(fault or ()),
-            truth=str(truth) if truth else None,
-            link=str(link) if link else None,
-            allow_remote=allow_remote,
-            video=str(video) if video else None,
-            mjpeg=mjpeg,
-            scene=tuple(camera or ()),
-            camera_faults=tuple(camera_fault or ()),
-        )
+    settings = BoardSettings(
+        port=tcp or "pty",
+        speed=speed,
+        unit=unit,
+        seed=seed,
+        faults=tuple(fault or ()),
+        truth=str(truth) if truth else None,
+        link=str(link) if link else None,
+        allow_remote=allow_remote,
+        video=str(video) if video else None,
+        mjpeg=mjpeg,
+        scene=tuple(camera or ()),
+        camera_faults=tuple(camera_fault or ()),
     )
+    server = BoardServer(settings)
     try:
-        notify(f"SIMULATED board {unit} at {speed:g}x on {server.url}; Ctrl-C ends it")
-        if server.camera_url:
-            notify(f"SIMULATED camera on {server.camera_url}")
-        if as_json:
-            from protocol.simulator.truth import truth_figures
-
-            head = {"port": server.url, "camera": server.camera_url or None, "unit": unit, "seed": seed, "speed": speed}
-            emit_json(head | {"truth": truth_figures(unit)})
-        else:
-            show(server.url)
+        _announce(server, settings, as_json=as_json)
         server.run(lambda: False, show)
     finally:
         server.close()
+
+
+def _present_faults(*, as_json: bool) -> None:
+    """Print the faults of board and camera."""
+    from boat_daq.engine.simulator.camera import CAMERA_FAULTS
+    from protocol.simulator.faults import FAULTS, fault_list
+
+    listed = "\n".join(f"  {name:20} {sentence}" for name, (sentence, _) in CAMERA_FAULTS.items())
+    present(FAULTS, f"{fault_list()}\nof the camera:\n{listed}", as_json=as_json)
+
+
+def _announce(server: BoardServer, board: BoardSettings, *, as_json: bool) -> None:
+    """Print where a virtual board is, the first line of standard output."""
+    from protocol.simulator.truth import truth_figures
+
+    notify(f"SIMULATED board {board.unit} at {board.speed:g}x on {server.url}; Ctrl-C ends it")
+    if server.camera_url:
+        notify(f"SIMULATED camera on {server.camera_url}")
+    if as_json:
+        head = {"port": server.url, "camera": server.camera_url or None}
+        given = {"unit": board.unit, "seed": board.seed, "speed": board.speed}
+        emit_json(head | given | {"truth": truth_figures(board.unit)})
+    else:
+        show(server.url)
 
 
 def ports(

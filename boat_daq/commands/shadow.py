@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from analysis.optics.sweep.sweep import SweepResult
     from analysis.shadow.fem.parameters import ActuatorParameters
     from analysis.shadow.fem.solver import Solution
+    from analysis.shadow.model.assessment import Assessment
     from analysis.shadow.model.frames import Shadow
     from analysis.shadow.model.full import FullModel
     from analysis.shadow.model.reduced import ReducedModel
@@ -127,67 +128,103 @@ def solve(
         raise typer.BadParameter("give a length above 0 mm", param_hint="--print-error")
     if mesh is not None and (model == "reduced" or plot is not None):
         raise typer.BadParameter("goes with --model full and without --plot", param_hint="--mesh")
+    if tolerance is not None and (
+        pressure is None or (elongation, model, mesh, fidelity) != (None, "full", None, "normal")
+    ):
+        raise typer.BadParameter(
+            "goes with --pressure and the full model, without --elongation, --mesh and --fidelity",
+            param_hint="--tolerance",
+        )
     from analysis.shadow.model.assessment import PRINT_ERROR_MM, assess, collapse_kpa
-    from analysis.shadow.model.guides import both_guides
-    from analysis.shadow.model.tolerance import solve_within
 
-    error_mm = math.nan
-    if tolerance is None:
-        full, solution, used, seconds = _solved(pressure, elongation, model, parameters, mesh, fidelity)
+    if tolerance is None or pressure is None:
+        solved = _solved(pressure, elongation, model, parameters, mesh, fidelity)
     else:
-        if pressure is None or elongation is not None or model != "full" or mesh is not None or fidelity != "normal":
-            raise typer.BadParameter(
-                "goes with --pressure and the full model, without --elongation, --mesh and --fidelity",
-                param_hint="--tolerance",
-            )
-        begun = time.perf_counter()
-        met = solve_within(chosen_parameters(parameters), pressure, tolerance)
-        full, solution, used, seconds = met.model, met.solution, "full", time.perf_counter() - begun
-        error_mm = met.error_mm
-    limit_kpa = full.vacuum_limit.pressure_kpa
-    found = assess(full, solution, print_error or PRINT_ERROR_MM)
-    collapses_kpa = collapse_kpa(full, print_error) if print_error else math.nan
-    warnings = [*found.warnings, *_fallback(model, used, parameters, fidelity)]
+        solved = _solved_within(parameters, pressure, tolerance)
+    found = assess(solved.model, solved.solution, print_error or PRINT_ERROR_MM)
+    collapses_kpa = collapse_kpa(solved.model, print_error) if print_error else math.nan
+    warnings = [*found.warnings, *_fallback(model, solved.used, parameters, fidelity)]
     for warning in warnings:
         notify(warning.text)
     if plot is not None:
-        _plot_state(solution, parameters, plot, fidelity)
-    result = {
-        "pressure_kpa": solution.pressure_kpa,
-        "elongation_mm": solution.elongation_mm,
-        "error_mm": error_mm,
+        _plot_state(solved.solution, parameters, plot, fidelity)
+    notes = {
         "tolerance_mm": tolerance,
-        "mesh": [full.parameters.axial_elements, full.parameters.wall_elements, full.parameters.lattice_elements],
-        "lowest_eigenvalue": found.lowest_eigenvalue,
-        "iterations": solution.iterations,
-        "seconds": seconds,
-        "tracked_points_mm": both_guides(full.tracked(solution)),
-        "model": used,
-        "tip_force_mn": solution.tip_force_mn,
-        "critical_pressure_kpa": limit_kpa,
-        "print_error_mm": found.error_mm,
-        "oval_growth_mm": found.growth_mm,
-        "oval_gain": found.gain,
-        "koiter_b_per_mm2": found.b_per_mm2,
         "collapse_pressure_kpa": collapses_kpa,
         "notes": [warning.text for warning in warnings],
         "warnings": [warning.as_json() for warning in warnings],
     }
+    lines = _lines(solved, found, collapses_kpa, meshed=tolerance is not None)
+    present(_json(solved, found) | notes, *lines, as_json=as_json)
+
+
+@dataclass(frozen=True, slots=True)
+class _Solved:
+    """A state, and how it was found.
+
+    Parameters
+    ----------
+    model : the full model. solution : the state.
+    used : name of the model that solved it. seconds : that it took.
+    error_mm : of the elongation, where the mesh was chosen by it; else NaN.
+    """
+
+    model: FullModel
+    solution: Solution
+    used: str
+    seconds: float
+    error_mm: float = math.nan
+
+
+def _json(solved: _Solved, found: Assessment) -> dict[str, Any]:
+    """Return a state and its margin as JSON."""
+    from analysis.shadow.model.guides import both_guides
+
+    solution, size = solved.solution, solved.model.parameters
+    return {
+        "pressure_kpa": solution.pressure_kpa,
+        "elongation_mm": solution.elongation_mm,
+        "error_mm": solved.error_mm,
+        "mesh": [size.axial_elements, size.wall_elements, size.lattice_elements],
+        "lowest_eigenvalue": found.lowest_eigenvalue,
+        "iterations": solution.iterations,
+        "seconds": solved.seconds,
+        "tracked_points_mm": both_guides(solved.model.tracked(solution)),
+        "model": solved.used,
+        "tip_force_mn": solution.tip_force_mn,
+        "critical_pressure_kpa": solved.model.vacuum_limit.pressure_kpa,
+        "print_error_mm": found.error_mm,
+        "oval_growth_mm": found.growth_mm,
+        "oval_gain": found.gain,
+        "koiter_b_per_mm2": found.b_per_mm2,
+    }
+
+
+def _lines(solved: _Solved, found: Assessment, collapses_kpa: float, *, meshed: bool) -> list[str]:
+    """Return a state and its margin as lines.
+
+    Parameters
+    ----------
+    solved, found : state and margin.
+    collapses_kpa : pressure at which the print collapses, NaN where it is not known.
+    meshed : the mesh was chosen by its error, which is stated.
+    """
+    solution, size = solved.solution, solved.model.parameters
+    limit_kpa = solved.model.vacuum_limit.pressure_kpa
     lines = [
-        f"{solution.pressure_kpa:+.3f} kPa, {solution.elongation_mm:+.4f} mm; {used} model, "
-        f"{1e3 * seconds:.1f} ms, {solution.iterations} iterations",
+        f"{solution.pressure_kpa:+.3f} kPa, {solution.elongation_mm:+.4f} mm; {solved.used} model, "
+        f"{1e3 * solved.seconds:.1f} ms, {solution.iterations} iterations",
         f"lowest eigenvalue {found.lowest_eigenvalue:.3f} (1 at rest, 0 at the critical pressure of "
         f"{limit_kpa:.3g} kPa)",
     ]
-    if tolerance is not None:
-        size = full.parameters
+    if meshed:
         elements = f"{size.axial_elements} x ({size.wall_elements} + {size.lattice_elements})"
-        lines.append(f"error of the elongation by the mesh of {elements} elements: {error_mm:.2g} mm")
+        lines.append(f"error of the elongation by the mesh of {elements} elements: {solved.error_mm:.2g} mm")
     if math.isfinite(found.growth_mm):
         lines.append(f"a print that is oval by {found.error_mm:g} mm is oval by another {found.growth_mm:+.2g} mm here")
     if math.isfinite(collapses_kpa):
         lines.append(f"such a print collapses at {collapses_kpa:.3g} kPa")
-    present(result, *lines, as_json=as_json)
+    return lines
 
 
 def _fallback(model: str, used: str, parameters: Path | None, level: Level) -> list[Warning]:
@@ -208,17 +245,27 @@ def _solved(
     parameters: Path | None,
     mesh: Path | None,
     level: Level = "normal",
-) -> tuple[FullModel, Solution, str, float]:
-    """Return the full model, the state, the name of the model that solved it, and the seconds it took."""
+) -> _Solved:
+    """Return the state at a pressure, at an elongation or at both, by the chosen model."""
     if model == "full":
         full = chosen_model(parameters, mesh, level)
         full.check_limits(pressure, elongation)  # finds the limits, once for all states: not timed
         begun = time.perf_counter()
-        return full, full.solve(pressure_kpa=pressure, elongation_mm=elongation), "full", time.perf_counter() - begun
+        solution = full.solve(pressure_kpa=pressure, elongation_mm=elongation)
+        return _Solved(full, solution, "full", time.perf_counter() - begun)
     shadow = chosen_shadow(parameters, level)
     begun = time.perf_counter()
     solution, used = shadow.solution(elongation_mm=elongation, pressure_kpa=pressure)
-    return shadow.model, solution, used, time.perf_counter() - begun
+    return _Solved(shadow.model, solution, used, time.perf_counter() - begun)
+
+
+def _solved_within(parameters: Path | None, pressure_kpa: float, tolerance_mm: float) -> _Solved:
+    """Return the state at a pressure, on no finer a mesh than an error of its elongation takes."""
+    from analysis.shadow.model.tolerance import solve_within
+
+    begun = time.perf_counter()
+    met = solve_within(chosen_parameters(parameters), pressure_kpa, tolerance_mm)
+    return _Solved(met.model, met.solution, "full", time.perf_counter() - begun, met.error_mm)
 
 
 def _plot_state(solution: Solution, parameters: Path | None, path: Path, level: Level = "normal") -> None:

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from analysis.fidelity import Fidelity, Level
     from analysis.optics.scene.frame import SceneFrame
     from analysis.optics.sweep.sweep import SweepRequest
+    from analysis.optics.tracer.simulation import TraceResult
+    from analysis.optics.tracer.tolerance import ToleratedTrace
 
 app = typer.Typer(no_args_is_help=True, help="The optical model: trace, scene, sweep, optimise.")
 
@@ -188,65 +190,84 @@ def trace(
 
     Example: boat-daq optics trace --cavities 5 --width 1.0 --depth 0.5 --spacing 0.9 --state 0
     """
-    from analysis.optics.tracer.simulation import trace as trace_scene
-    from analysis.optics.tracer.tolerance import stated_error, trace_within
-
     if tolerance is not None and (rays is not None or fidelity is not None):
         raise typer.BadParameter("chooses the rays: omit --rays and --fidelity", param_hint="--tolerance")
+    if tolerance is not None and phase is not None:
+        raise typer.BadParameter("chooses the turn of the fan: omit --phase", param_hint="--tolerance")
     design = Design(cavities, width, depth, spacing, face)  # type: ignore[arg-type]  # checked there
     guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
     released, budget = released_rays(rays, secondary, fidelity, lambda level: level.rays)
     light = _light(released, budget, phase, order, emission, faintest)
     frame, number = _frame(curves_of(curves), state, guide)
-    work, error = released, math.nan
-    if tolerance is not None:
-        if phase is not None:
-            raise typer.BadParameter("chooses the turn of the fan: omit --phase", param_hint="--tolerance")
-        met = trace_within(frame, design, guide, light, tolerance)
-        outcome, light, released, work = met.result, met.light, met.light.rays, met.work
-        error = met.error
-    else:
-        outcome = trace_scene(frame, design, guide, light)
-        sd = PAPER_RAYS * outcome.power_sd if budget == ALL else outcome.ndr_sd
-        error = float(stated_error(sd, released))
+    traced = _traced(frame, design, guide, light, tolerance)
     if out is not None:
         from analysis.optics.sweep.report import draw_scene, save
 
-        save(draw_scene(frame, design, guide, light), out)
+        save(draw_scene(frame, design, guide, traced.light), out)
         notify(f"wrote {out}")
+    outcome, used = traced.result, traced.light
     result = {
         **asdict(design),
         "state": number,
-        "rays": released,
-        "phase": light.phase,
+        "rays": used.rays,
+        "phase": used.phase,
         "ndr": outcome.ndr,
         "power": outcome.power,
         "power_sd": outcome.power_sd,
         "ledger": outcome.ledger,
         "hits": outcome.hits,
         "ndr_sd": outcome.ndr_sd,
-        "error": error,
+        "error": traced.error,
         "tolerance": tolerance,
-        "work_rays": work,
+        "work_rays": traced.work,
         "energy": outcome.energy,
         "secondaries": {"followed": outcome.granted, "refused": outcome.refused},
         "order": order,
         "index": index,
     }
-    spread = (
-        f" +- {outcome.ndr_sd:.{1 if tolerance is None else 3}f}" if math.isfinite(outcome.ndr_sd) else ""
-    )  # a single ray has no spread
-    power_spread = f" +- {outcome.power_sd:.4f}" if spread else ""
-    count = f"NDR {outcome.ndr:.1f}{spread} of 250"
-    if outcome.granted > released:
-        count = f"{outcome.ledger['detected']} detected rays"
+    if outcome.granted > used.rays:
         notify("most rays are reflected parts with next to no power: their number is no measure, use the power")
-    present(
-        result,
-        f"state {number}: {count}, power {outcome.power:.4f}{power_spread}, {outcome.hits} hits",
+    present(result, *_trace_lines(outcome, used.rays, number, 1 if tolerance is None else 3), as_json=as_json)
+
+
+def _traced(
+    frame: SceneFrame, design: Design, guide: Waveguide, light: Light, tolerance: float | None
+) -> ToleratedTrace:
+    """Trace a scene with the rays of a light, or with those that a tolerance takes.
+
+    Parameters
+    ----------
+    frame, design, guide, light : as `trace_within`.
+    tolerance : of the count; None for any error.
+    """
+    from analysis.optics.tracer.simulation import trace as trace_scene
+    from analysis.optics.tracer.tolerance import ToleratedTrace, stated_error, trace_within
+
+    if tolerance is not None:
+        return trace_within(frame, design, guide, light, tolerance)
+    outcome = trace_scene(frame, design, guide, light)
+    sd = PAPER_RAYS * outcome.power_sd if light.secondary == ALL else outcome.ndr_sd
+    return ToleratedTrace(outcome, light, float(stated_error(sd, light.rays)), math.inf, light.rays)
+
+
+def _trace_lines(outcome: TraceResult, rays: int, state: int, places: int) -> tuple[str, str, str]:
+    """Return a simulation as lines.
+
+    Parameters
+    ----------
+    outcome, rays, state : the simulation, the rays released in it, and the number of its state.
+    places : decimal places of the standard deviation of the count.
+    """
+    known = math.isfinite(outcome.ndr_sd)  # a single ray has no spread
+    spread = f" +- {outcome.ndr_sd:.{places}f}" if known else ""
+    power_spread = f" +- {outcome.power_sd:.4f}" if known else ""
+    count = f"NDR {outcome.ndr:.1f}{spread} of 250"
+    if outcome.granted > rays:
+        count = f"{outcome.ledger['detected']} detected rays"
+    return (
+        f"state {state}: {count}, power {outcome.power:.4f}{power_spread}, {outcome.hits} hits",
         "rays: " + ", ".join(f"{name} {count}" for name, count in outcome.ledger.items()),
         "power: " + ", ".join(f"{name} {part:.4f}" for name, part in outcome.energy.items()),
-        as_json=as_json,
     )
 
 
@@ -339,14 +360,10 @@ def sweep(
         )
     if confidence is not None and fidelity is not None:
         raise typer.BadParameter("chooses the rays itself: omit --fidelity", param_hint="--confidence")
-    from analysis.optics.sweep.fans import compare_fans, fans_of, light_within
-    from analysis.optics.sweep.report import sweep_json, sweep_text, write_sweep
-    from analysis.optics.sweep.sweep import FILE_NAME, SweepRequest, paper_grid, run_sweep
+    from analysis.optics.sweep.fans import light_within
+    from analysis.optics.sweep.sweep import SweepRequest
 
-    grid = paper_grid(cavity_counts(cavities), face)  # type: ignore[arg-type]  # the design checks its face
-    designs = tuple(design for design in grid if face != "both" or design.cut_mm < thickness)
-    if len(designs) < len(grid):
-        notify(f"{len(grid) - len(designs)} designs whose opposite cavities would meet are left out")
+    designs = _grid(cavities, face, thickness)
     released, budget = released_rays(rays, secondary, fidelity, lambda level: level.ranking_rays)
     guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
     if confidence is not None:  # the model that the race samples more finely
@@ -356,18 +373,40 @@ def sweep(
     request = SweepRequest(designs, guide, light, curves_of(curves), by)  # type: ignore[arg-type]  # checked above
     if tolerance is not None:
         request = replace(request, light=light_within(request, tolerance))
-        released = request.light.rays
     if out is not None:
         with writing(out):
             out.mkdir(parents=True, exist_ok=True)
     if confidence is not None:
         _race(request, confidence, most, seed, out, scheduler, allow_remote=allow_remote, as_json=as_json)
-        return
+    else:
+        _sweep(request, fans, out, scheduler, allow_remote=allow_remote, as_json=as_json)
+
+
+def _grid(cavities: str, face: str, thickness_mm: float) -> tuple[Design, ...]:
+    """Return the paper's designs that fit the guide; parameters are those of the command."""
+    from analysis.optics.sweep.sweep import paper_grid
+
+    grid = paper_grid(cavity_counts(cavities), face)  # type: ignore[arg-type]  # the design checks its face
+    designs = tuple(design for design in grid if face != "both" or design.cut_mm < thickness_mm)
+    if len(designs) < len(grid):
+        notify(f"{len(grid) - len(designs)} designs whose opposite cavities would meet are left out")
+    return designs
+
+
+def _sweep(
+    request: SweepRequest, fans: int | None, out: Path | None, scheduler: str | None, *, allow_remote: bool,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Run a sweep, write its files and print its result; parameters are those of the command."""
+    from analysis.optics.sweep.fans import compare_fans, fans_of
+    from analysis.optics.sweep.report import sweep_json, sweep_text, write_sweep
+    from analysis.optics.sweep.sweep import FILE_NAME, run_sweep
+
     file = None if out is None else out / FILE_NAME
     with progress_bar("sweep") as advance:
         result = run_sweep(request, file=file, scheduler=scheduler, allow_remote=allow_remote, progress=advance)
     with progress_bar("turns of the fan") as advance:
-        number = fans or fans_of(released)
+        number = fans or fans_of(request.light.rays)
         turned = compare_fans(
             result, number, file=file, scheduler=scheduler, allow_remote=allow_remote, progress=advance
         )

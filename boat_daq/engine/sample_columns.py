@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
 
@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 
 from boat_daq.engine.snapshot import LastSample
 from protocol.link.events import Link
-from protocol.recording import NOT_FOR_FIGURES, BoardState, ExtraChannel, SampleFlag, channel_units
+from protocol.recording import (
+    NOT_FOR_FIGURES,
+    BoardState,
+    DerivedChannel,
+    DerivedColumns,
+    ExtraChannel,
+    SampleFlag,
+    channel_units,
+)
 
 _PRESSURE_UNKNOWN = int(SampleFlag.PRESSURE_INVALID)
 
@@ -56,7 +64,7 @@ class Columns:
 
     def part(self, where: slice | NDArray[np.bool_]) -> Columns:
         """Return the samples there; those of a slice are not copied."""
-        return Columns(*(getattr(self, field.name)[where] for field in fields(self)))
+        return Columns(*(getattr(self, each.name)[where] for each in fields(self)))
 
 
 def mv_per_count(meta: Mapping[str, Any]) -> float:
@@ -108,6 +116,26 @@ def channel_columns(
         if part in (samples.dtype.names or ()):
             known |= {f"s{n + 1}_{part}": samples[part][:, n] for n in range(samples[part].shape[1])}
     return known | {channel.column: samples["channel"][:, i] for i, channel in enumerate(extra)}
+
+
+@dataclass(frozen=True, slots=True)
+class OtherChannels:
+    """What a sample has beside pressure and signals: the extra channels of the board, and those derived."""
+
+    extra: tuple[ExtraChannel, ...] = ()
+    derived: DerivedColumns = field(default_factory=DerivedColumns)
+
+    @property
+    def channels(self) -> tuple[ExtraChannel | DerivedChannel, ...]:
+        """The extra channels, then the derived ones."""
+        return (*self.extra, *self.derived.channels)
+
+    def values(self, samples: NDArray[np.void], block: Columns) -> dict[str, NDArray[np.float64]]:
+        """Return the values [n] by column, in the order of `channels`; samples and block are the same."""
+        found = {c.column: samples["channel"][:, i].astype(np.float64) for i, c in enumerate(self.extra)}
+        if not self.derived.channels:
+            return found
+        return found | self.derived.evaluate(channel_columns(samples, block, self.extra))
 
 
 def last_sample(block: Columns, target_kpa: float | None) -> LastSample:

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boat_daq.engine.link.reader import Block
-from boat_daq.engine.sample_columns import channel_columns, columns
+from boat_daq.engine.sample_columns import OtherChannels, columns
 from protocol.link.events import Samples
-from protocol.recording import DerivedChannel, DerivedColumns, ExtraChannel, SampleFlag
+from protocol.recording import SampleFlag
 
 Columns2D = NDArray[np.float64]  # [column, entry]; column 0 never falls
 
@@ -193,14 +193,13 @@ class RingBuffer:
     ----------
     n_sensors : 1 to 4.
     mv_per_count : vref_mv / 2**adc_bits; unused where the samples carry signals in mV.
-    channels : extra channels of the samples; each is kept under its `column`, in its own unit.
+    others : extra and derived channels of the samples; each is kept under its `column`, in its own unit.
     capacity : samples kept one by one; thinned ones go back much further.
-    derived : channels computed from them.
 
     Attributes
     ----------
     target_kpa : the present target pressure, NaN for none; stored with the samples that are appended.
-    channels : the extra channels, then the derived ones: the columns beyond pressures and signals.
+    others : as given.
     """
 
     def __init__(
@@ -208,16 +207,20 @@ class RingBuffer:
         n_sensors: int,
         *,
         mv_per_count: float,
-        channels: tuple[ExtraChannel, ...] = (),
+        others: OtherChannels | None = None,
         capacity: int = DEFAULT_CAPACITY,
-        derived: DerivedColumns | None = None,
     ) -> None:
-        self._extra, self._derived = channels, derived or DerivedColumns()
-        self.channels: tuple[ExtraChannel | DerivedChannel, ...] = (*channels, *self._derived.channels)
+        self.others = others or OtherChannels()
         self.target_kpa = math.nan
         self._signals = slice(3, 3 + n_sensors)
         sensors = (f"s{n}_mv" for n in range(1, n_sensors + 1))
-        self.names = ("time_s", "pressure_kpa", "target_kpa", *sensors, *(channel.column for channel in self.channels))
+        self.names = (
+            "time_s",
+            "pressure_kpa",
+            "target_kpa",
+            *sensors,
+            *(channel.column for channel in self.others.channels),
+        )
         self._mv_per_count = mv_per_count
         self._pyramid = MinMaxPyramid(len(self.names), capacity)
         self._offset_us: int | None = None
@@ -250,11 +253,8 @@ class RingBuffer:
         entries[1] = block.pressure_kpa
         entries[2] = self.target_kpa
         entries[self._signals] = block.signal_mv.T
-        if self._extra:
-            entries[self._signals.stop : self._signals.stop + len(self._extra)] = samples["channel"].T
-        if self._derived.channels:
-            found = self._derived.evaluate(channel_columns(samples, block, self._extra))
-            entries[self._signals.stop + len(self._extra) :] = list(found.values())
+        if self.others.channels:
+            entries[self._signals.stop :] = list(self.others.values(samples, block).values())
         if int(np.bitwise_or.reduce(flags)) & _NOT_SHOWN:
             entries[1, (flags & _NOT_SHOWN) != 0] = np.nan
             entries[self._signals, (flags & _IMPLAUSIBLE) != 0] = np.nan

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from boat_daq.engine.link.reader import ClockFit
 from boat_daq.engine.log import note_failure
+from boat_daq.engine.sample_columns import OtherChannels
 from boat_daq.engine.session.measured_blocks import MeasuredBlock, SampleQueue
 from boat_daq.engine.session.session import Session
 from boat_daq.errors import OperatorError
@@ -74,7 +75,9 @@ class LslOutlet:
             raise OperatorError("no sample has arrived yet", "connect a board first")
         pylsl.set_config_content(NETWORK if network else LOCAL)
         self._session, self._lsl, self._convert = session, pylsl, convert
-        self._channels = _channels(len(seen.last.signal_mv))
+        self.others = session.other_channels()
+        self._columns = (len(seen.last.signal_mv), [channel.column for channel in self.others.channels])
+        self._channels = _channels(len(seen.last.signal_mv), self.others)
         board_id = seen.hello.board_id if seen.hello else str(seen.port)
         # an inlet seeks a lost stream by its source: virtual boards, which have one identity, must not be confused
         self.source_id = f"{board_id} {os.getpid()}" if seen.simulated else board_id
@@ -94,7 +97,7 @@ class LslOutlet:
             self._samples = self._open(STREAM, "BOAT", list(self._channels), float(rate_hz), "double64", about)
             self._markers = self._open(MARKERS, "Markers", ["marker"], 0.0, "string", about)
         self._told = _Told(session)
-        self._queue = SampleQueue(session.target_kpa, lambda: session.mv_per_count)
+        self._queue = SampleQueue(session.target_kpa, lambda: session.mv_per_count, session.other_channels)
         self._remove = session.add_sink(self._queue)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="LSL outlet", daemon=True)
@@ -138,12 +141,13 @@ class LslOutlet:
 
     def _push_waiting(self) -> None:
         block = self._queue.take()
-        if block is None or block.signal_mv.shape[1] + 4 != len(self._channels):  # another board
+        if block is None or (block.signal_mv.shape[1], list(block.others)) != self._columns:  # another board
             return
         self.skipped += block.skipped
         nan = np.full(len(block), np.nan)
         mm, u_mm = (nan, nan) if self._convert is None else self._convert(block.signal_mv)
-        values = np.column_stack([block.signal_mv, block.pressure_kpa, block.target_kpa, mm, u_mm])
+        usual = [block.signal_mv, block.pressure_kpa, block.target_kpa, mm, u_mm]
+        values = np.column_stack([*usual, *block.others.values()])
         self._samples.push_chunk(np.ascontiguousarray(values), self._stamps(block).tolist())
         self.pushed += len(block)
 
@@ -211,10 +215,11 @@ class _Told:
                 yield {"kind": "event", "event": str(message.kind), "level": message.level, "text": message.cause}, None
 
 
-def _channels(sensors: int) -> dict[str, str]:
+def _channels(sensors: int, others: OtherChannels) -> dict[str, str]:
     """Return label and unit of each channel."""
     signals = {f"s{n}_mv": "mV" for n in range(1, sensors + 1)}
-    return {**signals, "pressure_kpa": "kPa", "target_kpa": "kPa", "elongation_mm": "mm", "u_mm": "mm"}
+    usual = {"pressure_kpa": "kPa", "target_kpa": "kPa", "elongation_mm": "mm", "u_mm": "mm"}
+    return signals | usual | {channel.column: channel.unit for channel in others.channels}
 
 
 def _offset_s(pylsl: Any) -> float:

@@ -16,16 +16,17 @@ import json
 import math
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
+from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.file_names import path_in
 from boat_daq.engine.plan import Plan, built_in_plans
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.errors import BoatDaqError, DeviceError, StorageError
-from protocol.recording import BoardState
+from protocol.recording import BoardState, DerivedChannel, ExtraChannel
 
 IDENT = "ISSE&SINE2020,SECoP,V2019-09-16,v1.0"
 MAX_LINE = 8192  # bytes of a request
@@ -49,6 +50,8 @@ class SecopError(Exception):
 class Driven(Protocol):
     """What a node uses of `Session`."""
 
+    @property
+    def ring(self) -> RingBuffer | None: ...
     def snapshot(self) -> SessionSnapshot: ...
     def arm(self, plan: Plan, /) -> None: ...
     def disarm(self) -> None: ...
@@ -121,6 +124,8 @@ class SecopNode:
         self._ramp_kpa_per_s = 5.0
         seen = session.snapshot()
         sensors = len(seen.last.signal_mv) if seen.last else 2
+        ring = session.ring
+        others = ring.others.channels if ring is not None else ()
         self.modules = {f"s{n}": self._sensor(n) for n in range(1, sensors + 1)} | {
             "elongation": self._elongation_module(),
             "pressure": self._pressure(seen),
@@ -128,6 +133,7 @@ class SecopNode:
             "vent": self._vent(),
             "recording": self._recording(),
         }
+        self.modules |= self._channels(others)
         self._simulated = seen.simulated
         self._name = f"boat-daq.{seen.hello.board_id if seen.hello else 'board'}"
 
@@ -267,6 +273,27 @@ class SecopNode:
             return seen.last.signal_mv[number - 1] if seen.last and len(seen.last.signal_mv) >= number else math.nan
 
         return _Module(f"Sensor {number}.", "Readable", self._readable("mV", read, "Signal, lit less dark."))
+
+    def _channels(self, channels: Iterable[ExtraChannel | DerivedChannel]) -> dict[str, _Module]:
+        """Return a module of each extra and derived channel; a name that is taken is preceded by ``channel_``."""
+
+        def module(channel: ExtraChannel | DerivedChannel) -> _Module:
+            def read(_: SessionSnapshot) -> float:
+                ring = self._session.ring
+                newest = ring.view(last=1).get(channel.column) if ring is not None else None
+                return float(newest[-1]) if newest is not None and newest.size else math.nan
+
+            kind = "Derived channel" if isinstance(channel, DerivedChannel) else "Channel of the board"
+            return _Module(f"{kind}: {channel.title}.", "Readable", self._readable(channel.unit, read, channel.title))
+
+        taken, found = {name.lower() for name in self.modules}, {}
+        for channel in channels:
+            name = channel.column
+            while name.lower() in taken:  # clients take no notice of the case
+                name = f"channel_{name}"
+            taken.add(name.lower())
+            found[name] = module(channel)
+        return found
 
     def _elongation_module(self) -> _Module:
         def read(seen: SessionSnapshot, which: int = 0) -> float:

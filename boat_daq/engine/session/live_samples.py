@@ -12,7 +12,7 @@ from boat_daq.engine.derived_store import load_derived
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.link.opening import OpenPort
 from boat_daq.engine.link.reader import Block
-from boat_daq.engine.sample_columns import units_of
+from boat_daq.engine.sample_columns import OtherChannels, units_of
 from boat_daq.engine.session.guarded_controller import GuardedController
 from boat_daq.engine.session.journal import Journal
 from boat_daq.engine.snapshot import MessageKind
@@ -50,18 +50,18 @@ class LiveSamples:
         arrays = [event.array for event in block.events if isinstance(event, Samples) and len(event.array)]
         if not arrays:
             return
-        if self.ring is None:
+        ring = self.ring
+        if ring is None:
             port = self._port()
             link = port.link if port else None
             assert link is not None and link.n_sensors is not None  # known from the board before its first sample
-            self.ring = RingBuffer(
+            ring = self.ring = RingBuffer(
                 link.n_sensors,
                 mv_per_count=self._control.controller.mv_per_count,
-                channels=link.channels,
-                derived=self.derived_columns(),
+                others=OtherChannels(link.channels, self.derived_columns()),
             )
-        self.ring.target_kpa = self.target_kpa()
-        self.ring(block)
+        ring.target_kpa = self.target_kpa()
+        ring(block)
         for sink in self._sinks:
             for array in arrays:
                 sink(array)

@@ -10,14 +10,14 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from boat_daq.engine.sample_columns import columns
+from boat_daq.engine.sample_columns import OtherChannels, columns
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,6 +39,7 @@ class MeasuredBlock:
     target_kpa : [n] commanded, NaN while nothing is.
     signal_mv : [n, sensors].
     state, flags : [n] as `protocol.recording` defines them.
+    others : [n] each, the extra and derived channels by column, each in its unit.
     skipped : samples discarded before this block because the script did not take them in time. They are recorded.
     """
 
@@ -50,11 +51,17 @@ class MeasuredBlock:
     signal_mv: NDArray[np.float64]
     state: NDArray[np.uint8]
     flags: NDArray[np.uint16]
+    others: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     skipped: int = 0
 
     @classmethod
     def of(
-        cls, samples: NDArray[np.void], target_kpa: NDArray[np.float64], mv_per_count: float, skipped: int
+        cls,
+        samples: NDArray[np.void],
+        target_kpa: NDArray[np.float64],
+        mv_per_count: float,
+        others: OtherChannels,
+        skipped: int,
     ) -> MeasuredBlock:
         """Return samples of `protocol.recording.sample_dtype` in the lab's units.
 
@@ -62,12 +69,14 @@ class MeasuredBlock:
         ----------
         samples : [n]. target_kpa : [n].
         mv_per_count : unused where the samples carry signals.
+        others : extra and derived channels of the samples.
         skipped : samples lost by the queue before these.
         """
         block = columns(samples, mv_per_count)
         time_s = block.time_us.astype(np.float64) * 1e-6
         given = (block.pressure_kpa, target_kpa, block.signal_mv, block.state, block.flags)
-        return cls(samples["index"], time_s, samples["host_ns"], *given, skipped)
+        values = others.values(samples, block)
+        return cls(samples["index"], time_s, samples["host_ns"], *given, values, skipped)
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -75,8 +84,9 @@ class MeasuredBlock:
 
     def first(self, n: int) -> MeasuredBlock:
         """Return the first n samples."""
-        arrays = {field.name: getattr(self, field.name)[:n] for field in fields(self) if field.name != "skipped"}
-        return MeasuredBlock(**arrays, skipped=self.skipped)
+        arrays = {name: getattr(self, name)[:n] for name in _ARRAYS}
+        others = {name: values[:n] for name, values in self.others.items()}
+        return MeasuredBlock(**arrays, others=others, skipped=self.skipped)
 
     def to_frame(self) -> pd.DataFrame:
         """Return the samples as a pandas frame, in the columns of an exported CSV."""
@@ -84,7 +94,10 @@ class MeasuredBlock:
 
         signals = {f"s{i + 1}_mv": signal for i, signal in enumerate(self.signal_mv.T)}
         head = {name: getattr(self, name) for name in ("index", "time_s", "pressure_kpa", "target_kpa")}
-        return pd.DataFrame({**head, **signals, "state": self.state, "flags": self.flags})
+        return pd.DataFrame({**head, **signals, "state": self.state, "flags": self.flags, **self.others})
+
+
+_ARRAYS = [each.name for each in fields(MeasuredBlock) if each.name not in ("others", "skipped")]
 
 
 class SampleQueue:
@@ -94,42 +107,50 @@ class SampleQueue:
     ----------
     target_kpa : returns the pressure commanded now, NaN for none.
     mv_per_count : returns the session's scale.
+    others : returns the extra and derived channels of the samples that come now.
     capacity : samples kept at most; the oldest are discarded beyond, and counted.
     """
 
     def __init__(
-        self, target_kpa: Callable[[], float], mv_per_count: Callable[[], float], capacity: int = CAPACITY
+        self,
+        target_kpa: Callable[[], float],
+        mv_per_count: Callable[[], float],
+        others: Callable[[], OtherChannels] = OtherChannels,
+        capacity: int = CAPACITY,
     ) -> None:
-        self._target_kpa, self._mv_per_count, self._capacity = target_kpa, mv_per_count, capacity
-        self._waiting: deque[tuple[NDArray[np.void], float]] = deque()
+        self._target_kpa, self._mv_per_count, self._others = target_kpa, mv_per_count, others
+        self._capacity = capacity
+        self._waiting: deque[tuple[NDArray[np.void], float, OtherChannels]] = deque()
         self._size = self._skipped = 0
         self._lock = threading.Lock()
 
     def __call__(self, samples: NDArray[np.void]) -> None:
         """Append samples; called on the reading thread."""
         with self._lock:
-            self._waiting.append((samples, self._target_kpa()))
+            self._waiting.append((samples, self._target_kpa(), self._others()))
             self._size += len(samples)
             while self._size > self._capacity and len(self._waiting) > 1:
-                dropped, _ = self._waiting.popleft()
+                dropped = self._waiting.popleft()[0]
                 self._size -= len(dropped)
                 self._skipped += len(dropped)
 
     def take(self) -> MeasuredBlock | None:
         """Return all that waits as one block; None where nothing does.
 
-        Samples of another number of sensors, from another board, are left for the next call.
+        Samples of another board, or of other derived channels, are left for the next call.
         """
         with self._lock:
             if not self._waiting:
                 return None
             taken = [self._waiting.popleft()]
-            while self._waiting and self._waiting[0][0].dtype == taken[0][0].dtype:
+            dtype, others = taken[0][0].dtype, taken[0][2]
+            while self._waiting and self._waiting[0][0].dtype == dtype and self._waiting[0][2] == others:
                 taken.append(self._waiting.popleft())
-            self._size -= sum(len(samples) for samples, _ in taken)
+            self._size -= sum(len(samples) for samples, _, _ in taken)
             skipped, self._skipped = self._skipped, 0
-        target = np.repeat([kpa for _, kpa in taken], [len(samples) for samples, _ in taken])
-        return MeasuredBlock.of(np.concatenate([part for part, _ in taken]), target, self._mv_per_count(), skipped)
+        target = np.repeat([kpa for _, kpa, _ in taken], [len(samples) for samples, _, _ in taken])
+        samples = np.concatenate([part for part, _, _ in taken])
+        return MeasuredBlock.of(samples, target, self._mv_per_count(), others, skipped)
 
 
 def blocks(

@@ -26,6 +26,7 @@ from boat_daq.engine.plan import Plan, StepMark, load_plan
 from boat_daq.engine.plugins import Hooks
 from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.resumption import BrokenRun
+from boat_daq.engine.sample_columns import OtherChannels
 from boat_daq.engine.session.active_recording import ActiveRecording
 from boat_daq.engine.session.guarded_controller import GuardedController
 from boat_daq.engine.session.journal import HealthLog, Journal, health_line
@@ -132,7 +133,7 @@ class Session:
         seconds : of board time; None for as long as the link is there.
         every_s : samples are collected for so long before they are yielded.
         """
-        queue = SampleQueue(self.target_kpa, lambda: self.mv_per_count)
+        queue = SampleQueue(self.target_kpa, lambda: self.mv_per_count, self.other_channels)
         remove = self.add_sink(queue)
 
         def stream() -> Iterator[MeasuredBlock]:
@@ -608,6 +609,11 @@ class Session:
     def ring(self) -> RingBuffer | None:
         """The samples for the screen: None until the first sample, another one after `connect`."""
         return self._live.ring
+
+    def other_channels(self) -> OtherChannels:
+        """Return the extra and derived channels of the samples that come now."""
+        ring = self.ring
+        return ring.others if ring is not None else OtherChannels()
 
     @property
     def mv_per_count(self) -> float:

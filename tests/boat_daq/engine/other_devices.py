@@ -28,3 +28,14 @@ class Chatter:
         self._thread.join()
         os.close(self._master)
         os.close(self._slave)
+
+
+class TextBoard(Chatter):
+    """A board of `profiles/delimited_lines.toml`, whose temperature rises by 0.01 degC a sample; 100 a second."""
+
+    def _print(self) -> None:
+        n = 0
+        while not self._stop.wait(0.05):
+            lines = (f"{10 * i},{i},{0.1 * (i % 50):.2f},2107,41,1988,37,{20 + i / 100:.2f}\n" for i in range(n, n + 5))
+            os.write(self._master, "".join(lines).encode())
+            n += 5

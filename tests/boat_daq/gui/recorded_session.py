@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.plan import StepMark
+from boat_daq.engine.sample_columns import OtherChannels
 from boat_daq.engine.settings import Settings
 from boat_daq.engine.snapshot import LastSample, Limits, LinkState, Reading, SessionSnapshot, SessionState
 from boat_daq.viewmodels.common.notices import Notices
@@ -37,7 +38,7 @@ def filled_ring(
 
     The first of `channels` rises from 20 by 3 in the time, others have no value.
     """
-    ring = RingBuffer(sensors, mv_per_count=1.0, derived=derived, channels=channels)
+    ring = RingBuffer(sensors, mv_per_count=1.0, others=OtherChannels(channels, derived or DerivedColumns()))
     ring.target_kpa = 30.0
     samples = _samples(seconds, seed, sensors)
     if channels:

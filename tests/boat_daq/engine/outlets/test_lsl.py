@@ -8,13 +8,14 @@ import socket
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import protocol
 from analysis import load_recording
 from boat_daq.engine.outlets import lsl
 from boat_daq.engine.plan import Plan
@@ -22,21 +23,27 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, serve
 from boat_daq.errors import OperatorError
+from protocol.recording import parse_definition
+from tests.boat_daq.engine.other_devices import TextBoard
 from tests.boat_daq.engine.served_board import serve_in_thread
 
 pylsl = pytest.importorskip("pylsl", reason="pylsl is not installed", exc_type=(ImportError, RuntimeError))
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="streams kept on this computer need Linux")
 
+PROFILE = Path(protocol.__file__).parent / "profiles" / "delimited_lines.toml"
 PLAN = Plan("short", "staircase", 1, high_kpa=10.0, low_kpa=0.0, step_kpa=10.0, ramp_kpa_per_s=40.0)
 
 
 @contextmanager
-def streaming(tmp_path: Path, rate_hz: int, board: Any, **options: Any) -> Iterator[tuple[Session, lsl.LslOutlet]]:
+def streaming(
+    tmp_path: Path, rate_hz: int, board: Any, profile: str | None = None, derived: tuple[str, ...] = (), **options: Any
+) -> Iterator[tuple[Session, lsl.LslOutlet]]:
     """Record and stream from a board."""
     with board as served:
         session = Session(Settings(), UnitLibrary(tmp_path / "units"))
         try:
-            session.connect(served.url, rate_hz=rate_hz, record_to=tmp_path / "run.boat")
+            session.set_derived([parse_definition(text) for text in derived])
+            session.connect(served.url, profile, rate_hz=rate_hz, record_to=tmp_path / "run.boat")
             session.wait_connected()
             session.wait(lambda s: session.ring is not None, 5)
             outlet = lsl.LslOutlet(session, pylsl, **options)
@@ -109,6 +116,24 @@ def test_an_inlet_receives_every_sample_and_marker(tmp_path: Path) -> None:
     described = about.as_xml()
     for text in ("<unit>mV</unit>", "<unit>kPa</unit>", "SA1 2026-11-01", "<simulated>true</simulated>"):
         assert text in described
+
+
+def test_extra_and_derived_channels_are_streamed_with_their_units(tmp_path: Path) -> None:
+    """Behind the usual channels, as the recording has them; the unit of a derived channel follows from its terms."""
+    derived = ("warmth = s1_mv / temperature_degc", "share [%] = 100 * s1_mv / (s1_mv + s2_mv)")
+    with (
+        streaming(tmp_path, 100, closing(TextBoard()), str(PROFILE), derived) as (session, outlet),
+        inlet_of(outlet, "BOAT") as inlet,
+    ):
+        described = inlet.info(timeout=10).as_xml()
+        values, _ = pulled(inlet, 1.0, session)
+    assert len(values) >= 50
+    run = load_recording(tmp_path / "run.boat")
+    rows = np.column_stack([run.channel, *run.derived_values().values()])
+    first = int(np.flatnonzero(rows[:, 0] == values[0, 6])[0])
+    np.testing.assert_array_equal(values[:, 6:], rows[first : first + len(values)])
+    for label, unit in (("temperature_degc", "degC"), ("warmth", "mV/degC"), ("share", "%")):
+        assert f"<label>{label}</label>\n\t\t\t\t<unit>{unit}</unit>" in described
 
 
 def test_sockets_are_bound_to_the_loopback_device(tmp_path: Path) -> None:

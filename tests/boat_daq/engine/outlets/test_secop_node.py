@@ -7,15 +7,19 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import invariant, rule
 
+from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.outlets.secop_node import SecopNode
 from boat_daq.engine.plan import Plan
+from boat_daq.engine.sample_columns import OtherChannels
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.errors import OperatorError
+from protocol.recording import DerivedColumns, channel_units, channels_of, parse_definition, sample_dtype
 from tests.boat_daq.engine.control.test_controller_random_orders import ORDERS, Operators
 from tests.boat_daq.engine.controller_rig import QUICK, ControllerRig
 
@@ -29,6 +33,8 @@ TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=60)
 
 class RigSession:
     """A session on a rig without threads."""
+
+    ring: RingBuffer | None = None
 
     def __init__(self, rig: ControllerRig) -> None:
         self.rig = rig
@@ -107,6 +113,34 @@ class Clients(Operators):
         if hasattr(self, "rig"):
             answer = next(self.nodes[1].answer("read sequence:status"))
             assert answer.startswith("reply ")
+
+
+def test_extra_and_derived_channels_are_modules_that_are_only_read() -> None:
+    """Each has its unit and its newest value, none where it has none; no two names differ in their case alone."""
+    rig = ControllerRig().connected()
+    session = RigSession(rig)
+    extra = channels_of([("temperature", "degC"), ("flow", "L/min")])
+    definitions = [parse_definition(text) for text in ("kelvin [K] = temperature_degc + 273.15", "Vent = 2 * kelvin")]
+    derived = DerivedColumns.of(definitions, channel_units(2, "counts", extra))
+    session.ring = RingBuffer(2, mv_per_count=1.0, others=OtherChannels(extra, derived))
+    node = SecopNode(session, Path("none"), allow_control=True)
+    assert list(node.modules)[-4:] == ["temperature_degc", "flow_l_per_min", "kelvin", "channel_Vent"]
+    assert next(node.answer("read kelvin")).startswith('error_read kelvin ["Impossible"')
+    samples = np.zeros(2, sample_dtype(2, "counts", 2))
+    samples["channel"] = [[20.0, 1.0], [21.5, np.nan]]
+    session.ring.append(samples)
+    for module, value, unit in (
+        ("temperature_degc", 21.5, "degC"),
+        ("kelvin", 294.65, "K"),
+        ("channel_Vent", 589.3, "K"),
+    ):
+        about = node.description()["modules"][module]
+        assert about["accessibles"]["value"]["datainfo"] == {"type": "double", "unit": unit}
+        assert about["accessibles"]["value"]["readonly"]
+        assert json.loads(next(node.answer(f"read {module}")).split(" ", 2)[2])[0] == pytest.approx(value)
+        assert next(node.answer(f"change {module}:value 1")).startswith(f'error_change {module}:value ["ReadOnly"')
+    assert next(node.answer("read flow_l_per_min")).startswith('error_read flow_l_per_min ["Impossible"')
+    assert node.updates()["flow_l_per_min:value"].startswith("error_update flow_l_per_min:value")
 
 
 class TestRandomRequests(Clients.TestCase):  # type: ignore[misc, name-defined]

@@ -7,8 +7,9 @@ import threading
 import numpy as np
 import pandas as pd
 
+from boat_daq.engine.sample_columns import OtherChannels
 from boat_daq.engine.session.measured_blocks import SampleQueue, blocks
-from protocol.recording import sample_dtype
+from protocol.recording import DerivedColumns, channel_units, channels_of, parse_definition, sample_dtype
 
 
 def samples(first: int, n: int, sensors: int = 2) -> np.ndarray:
@@ -23,7 +24,7 @@ def samples(first: int, n: int, sensors: int = 2) -> np.ndarray:
 
 
 def queue(capacity: int = 1000) -> SampleQueue:
-    return SampleQueue(lambda: 5.0, lambda: 0.5, capacity)
+    return SampleQueue(lambda: 5.0, lambda: 0.5, capacity=capacity)
 
 
 def test_take_joins_what_waits_in_order() -> None:
@@ -88,3 +89,26 @@ def test_a_block_is_a_frame_in_the_columns_of_the_export() -> None:
     frame = block.to_frame()
     assert list(frame) == ["index", "time_s", "pressure_kpa", "target_kpa", "s1_mv", "s2_mv", "state", "flags"]
     pd.testing.assert_series_equal(frame["s1_mv"], pd.Series([0.0, 0.5, 1.0], name="s1_mv"))
+
+
+def test_extra_and_derived_channels_are_in_blocks_and_frames() -> None:
+    """The values that the window shows, in the columns of a recording; other definitions are another block."""
+    extra = channels_of([("temperature", "degC")])
+    units = channel_units(2, "counts", extra)
+    derived = DerivedColumns.of([parse_definition("ratio = s1_mv / temperature_degc")], units)
+    definitions = [OtherChannels(extra, derived)]
+    waiting = SampleQueue(lambda: 5.0, lambda: 0.5, lambda: definitions[-1])
+    array = np.zeros(3, sample_dtype(2, "counts", 1))
+    array["lit"][:, 0], array["channel"][:, 0] = [10, 20, 30], [20.0, np.nan, 25.0]
+    waiting(array)
+    waiting(array[:1])
+    definitions.append(OtherChannels(extra))
+    waiting(array)
+    block, later = waiting.take(), waiting.take()
+    assert block is not None
+    assert later is not None
+    np.testing.assert_array_equal(block.others["temperature_degc"], [20.0, np.nan, 25.0, 20.0])
+    np.testing.assert_array_equal(block.others["ratio"], [0.25, np.nan, 0.6, 0.25])
+    assert list(later.others) == ["temperature_degc"]
+    assert list(block.first(2).to_frame().columns)[-2:] == ["temperature_degc", "ratio"]
+    assert len(block.first(2).to_frame()) == 2

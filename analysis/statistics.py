@@ -79,8 +79,13 @@ def resampling_weights(n: int, rng: np.random.Generator, resamples: int = RESAMP
     return rng.multinomial(n, np.full(n, 1.0 / n), size=resamples).astype(np.float64)
 
 
+def tail_shift(draws: int, tail: float = 0.025) -> float:
+    """Return the error (k = 2) of the probability beyond a quantile of so many draws; `tail` is that probability."""
+    return float(2.0 * np.sqrt(tail * (1.0 - tail) / draws))
+
+
 def bootstrap_interval(
-    estimate: float, replicates: FloatArray, n: int, *, positive: bool = False
+    estimate: float, replicates: FloatArray, n: int, *, positive: bool = False, tail: float = 0.025
 ) -> tuple[float, float]:
     """Return the 95 % expanded percentile interval of a bootstrap over `n` items.
 
@@ -94,12 +99,13 @@ def bootstrap_interval(
     replicates : [resamples] of the resamples.
     n : number of items drawn from.
     positive : widen on the scale of logarithms.
+    tail : share of the replicates beyond each limit.
     """
     finite = replicates[np.isfinite(replicates)]
     if n < 2 or finite.size < 0.9 * replicates.size or not np.isfinite(estimate):
         return float("nan"), float("nan")
     widen = stats.t.ppf(0.975, n - 1) / stats.norm.ppf(0.975) * np.sqrt(n / (n - 1.0))
-    low, high = np.percentile(finite, [2.5, 97.5])
+    low, high = np.percentile(finite, [100.0 * tail, 100.0 - 100.0 * tail])
     if positive and estimate > 0 and low > 0:
         return (
             float(estimate * np.exp(-widen * max(np.log(estimate / low), 0.0))),

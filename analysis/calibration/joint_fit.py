@@ -426,14 +426,18 @@ def fit_of_best_loop(means: PositionMeans, basis: CurveBasis, most_terms: int) -
 
 @dataclass(frozen=True, slots=True)
 class LoopEstimate:
-    """The greatest width of a loop, less what its variance adds, and its 95 % interval, in the unit of y."""
+    """The greatest width of a loop, less what its variance adds, and its 95 % interval, in the unit of y.
+
+    `error_by_draws` is that (k = 2) of the worse limit by the number of draws.
+    """
 
     width: float
     low: float
     high: float
+    error_by_draws: float
 
 
-def greatest_loop_width(fit: JointFit, rng: np.random.Generator) -> LoopEstimate:
+def greatest_loop_width(fit: JointFit, rng: np.random.Generator, draws: int = WIDTH_DRAWS) -> LoopEstimate:
     """Estimate the greatest distance of the branches.
 
     The square of the greatest width exceeds the truth's by about its variance, found by redrawing the loop. The
@@ -442,13 +446,13 @@ def greatest_loop_width(fit: JointFit, rng: np.random.Generator) -> LoopEstimate
 
     Parameters
     ----------
-    fit : with loop terms. rng : of the draws.
+    fit : with loop terms. rng, draws : of the loop, each drawn with both signs.
     """
     z = np.linspace(-1.0, 1.0, WIDTH_POINTS)
     rows = (1.0 - z**2)[:, None] * z[:, None] ** np.arange(fit.loop.size)
     part = fit.influence[fit.coefficients.size :]
     root = part * np.sqrt(fit.variance)
-    noise = (rng.standard_normal((WIDTH_DRAWS, fit.means.x.size)) @ root.T) @ rows.T
+    noise = (rng.standard_normal((draws, fit.means.x.size)) @ root.T) @ rows.T
     noise = np.concatenate([noise, -noise])
     widths = rows @ fit.loop
     at = int(np.argmax(np.abs(widths)))
@@ -460,4 +464,6 @@ def greatest_loop_width(fit: JointFit, rng: np.random.Generator) -> LoopEstimate
     reach = widen * float(np.linalg.norm(rows[at] @ root))
     by_chance = float(np.percentile(np.abs(noise).max(axis=1), 95.0)) * widen / float(stats.norm.ppf(0.975))
     low = 0.0 if greatest <= by_chance else min(max(centre - reach, 0.0), width)
-    return LoopEstimate(width, low, max(centre, width) + reach)
+    pairs = redrawn.reshape(2, -1).mean(axis=0)
+    error = 2.0 * float(pairs.std()) / float(np.sqrt(draws))  # of the centre, the mean over the pairs
+    return LoopEstimate(width, low, max(centre, width) + reach, error)

@@ -171,7 +171,7 @@ def sample_posterior(
     monotone : leave out curves that turn inside the range.
     seed : same seed, same draws.
     walkers, max_steps : of the ensemble; it stops before where it has converged and has enough samples.
-    samples : effective, that are enough.
+    samples : effective, that are enough; more than `KEPT_SAMPLES` are all kept.
     start_sd : size of the ball that it starts in, standard errors.
     progress : called as progress(done, total); raising from it cancels.
 
@@ -203,7 +203,7 @@ def sample_posterior(
             progress(steps, min(max(needed, steps), max_steps))
         if steps >= needed:
             break
-    return _summary(target, sampler, burn, tau)
+    return _summary(target, sampler, burn, tau, max(KEPT_SAMPLES, samples))
 
 
 class _StudentMove(emcee.moves.RedBlueMove):  # type: ignore[misc]  # emcee comes without types
@@ -335,17 +335,18 @@ class _Target:
         )
 
 
-def _summary(target: _Target, sampler: Any, burn: int, tau: float) -> Posterior:
+def _summary(target: _Target, sampler: Any, burn: int, tau: float, most: int) -> Posterior:
     chain = sampler.get_chain(discard=burn)
     steps = chain.shape[0]
     flat = chain.reshape(-1, chain.shape[-1])
     beta, sigma = target.coefficients(flat), target.sigma(flat)
     change = np.asarray(target.calibration.fit.basis.to_monomials(), dtype=float)
     monomials = beta @ change.T
-    thin = max(1, flat.shape[0] // KEPT_SAMPLES)
+    thin = max(1, flat.shape[0] // most)
+    kept = np.arange(flat.shape[0]).reshape(steps, -1)[::thin].ravel()  # steps, not walkers: neighbours are alike
     acceptance = float(np.mean(sampler.acceptance_fraction))
     return Posterior(
-        target.calibration, beta[::thin], sigma[::thin], monomials.mean(axis=0), monomials.std(axis=0, ddof=1),
+        target.calibration, beta[kept], sigma[kept], monomials.mean(axis=0), monomials.std(axis=0, ddof=1),
         float(sigma.mean()), target.reading_sd, tau, flat.shape[0] / tau, acceptance, steps,
         bool(steps >= REQUIRED_TAUS * tau and 0.1 < acceptance < 0.9),
     )  # fmt: skip

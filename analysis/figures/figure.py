@@ -109,6 +109,7 @@ class Figure:
     note : why the interval is missing or wide, or "".
     window : what was lost or left out of the samples that it rests on; None where it rests on none directly.
     reason : the code of `void` or `note`; programs decide by it.
+    error_by_draws : error (k = 2) of the worse limit of the interval by the number of its resamples.
     """
 
     value: float
@@ -121,6 +122,7 @@ class Figure:
     definition: str = ""
     window: Losses | None = None
     reason: Reason = Reason.NONE
+    error_by_draws: float = 0.0
 
     @classmethod
     def nothing(cls, unit: str, reason: Reason, void: str, definition: str = "") -> Figure:
@@ -146,6 +148,7 @@ class Figure:
             "definition": self.definition,
             "window": self.window.as_json() if self.window is not None else None,
             "reason": str(self.reason),
+            "error_by_draws": self.error_by_draws,
         }
 
 

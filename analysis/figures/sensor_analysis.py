@@ -22,6 +22,7 @@ from analysis.calibration.checks import fit_checks
 from analysis.calibration.curve_choice import AUTO, SPLINE, USUAL_DEGREE, Degree
 from analysis.calibration.fit import Calibration, fit_by_branch
 from analysis.calibration.joint_fit import (
+    WIDTH_DRAWS,
     JointFit,
     LoopEstimate,
     PolynomialBasis,
@@ -263,7 +264,8 @@ def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None 
     loops_figures = _loop_figures(run, sensor, calibration, fso, (system, own), noise)
     joint = _joint_loop(adequacy)
     if own is not None and joint is not None:
-        estimate = greatest_loop_width(joint, np.random.default_rng((run.options.seed, 2)))
+        rng = np.random.default_rng((run.options.seed, 2))
+        estimate = greatest_loop_width(joint, rng, max(WIDTH_DRAWS, run.weights.shape[0] // 4))
         figure = metrics.joint_hysteresis(estimate, own, fso, run.loops.n_cycles)
         loops_figures["sensor_hysteresis_percent_fso"] = figure
     if calibration is not None:  # else the full scale is of the same samples, and in their bootstrap already

@@ -10,6 +10,7 @@ one cycle) has a reason and is NaN or infinite, never an exception and never zer
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -28,7 +29,7 @@ from analysis.numbers import percent
 from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.loops import Loops, LoopWidth, branch_mean, end_levels, loop_width
 from analysis.segmentation.plateaus import Plateau
-from analysis.statistics import bootstrap_interval, theil_sen
+from analysis.statistics import bootstrap_interval, tail_shift, theil_sen
 
 CURVE_POINTS = 201
 NEVER_NEGATIVE = ("mV", "% FSO")  # spans, widths and spreads; slopes and decibels have a sign
@@ -111,13 +112,17 @@ class CurveDraws:
         if np.isnan(self.dof):
             return _figure(value, replicates, unit, self.n_cycles, definition)
         widen = stats.t.ppf(0.975, self.dof) / stats.norm.ppf(0.975)
-        below, above = widen * (np.percentile(replicates, [2.5, 97.5]) - value)
-        low, high = float(value - above), float(value - below)  # what the draws are above it, the truth is below
-        if either_way:
-            low, high = min(low, float(value + below)), max(high, float(value + above))
-        low = max(low, 0.0) if unit in NEVER_NEGATIVE else low
-        low, high = min(low, value), max(high, value)  # a maximum can lie outside what its draws make of it
-        return Figure(float(value), unit, self.n_cycles, low, high, definition=definition)
+
+        def limits(tail: float) -> tuple[float, float]:
+            below, above = widen * (np.percentile(replicates, [100.0 * tail, 100.0 - 100.0 * tail]) - value)
+            low, high = float(value - above), float(value - below)  # what the draws are above it, the truth is below
+            if either_way:
+                low, high = min(low, float(value + below)), max(high, float(value + above))
+            low = max(low, 0.0) if unit in NEVER_NEGATIVE else low
+            return min(low, value), max(high, value)  # a maximum can lie outside what its draws make of it
+
+        (low, high), error = _with_error(limits, replicates.size)
+        return Figure(float(value), unit, self.n_cycles, low, high, definition=definition, error_by_draws=error)
 
 
 def draw_joint(joint: JointFit, x: FloatArray, n_cycles: int, rng: np.random.Generator, count: int) -> CurveDraws:
@@ -237,7 +242,8 @@ def curve_figures(curves: CurveDraws, other: CurveDraws | None = None, *, verdic
         own = figures[key]
         if np.isfinite([own.low, own.high, of_other.low, of_other.high]).all():
             low, high = min(own.low, of_other.low), max(own.high, of_other.high)
-            figures[key] = replace(own, low=low, high=high)
+            error = max(own.error_by_draws, of_other.error_by_draws)
+            figures[key] = replace(own, low=low, high=high, error_by_draws=error)
     if not verdict:
         return figures
     note = f"the curve is {verdict}: the interval also holds the preferred curve's figure"
@@ -275,11 +281,13 @@ def joint_hysteresis(
     if plain.void or not full_scale_value > 0:
         return plain
     scale = 100.0 / full_scale_value
-    value, low, high = (scale * v for v in (estimate.width, estimate.low, estimate.high))
+    value, low, high, error = (
+        scale * v for v in (estimate.width, estimate.low, estimate.high, estimate.error_by_draws)
+    )
     keep = plain.reason is Reason.PART_OF_RANGE
     return replace(
         plain, value=value, low=low, high=high, note=plain.note if keep else "",
-        reason=plain.reason if keep else Reason.NONE,
+        reason=plain.reason if keep else Reason.NONE, error_by_draws=error,
     )  # fmt: skip
 
 
@@ -595,7 +603,11 @@ def with_full_scale(figure: Figure, full_scale: Figure) -> Figure:
         down, up = (up, down) if figure.value < 0 else (down, up)
     low = figure.value - float(np.hypot(figure.value - figure.low, down))
     low = max(low, 0.0) if figure.unit in NEVER_NEGATIVE else low
-    return replace(figure, low=low, high=figure.value + float(np.hypot(figure.high - figure.value, up)))
+    half, added = max(figure.value - figure.low, figure.high - figure.value), float(max(down, up))
+    of_scale = abs(figure.value) / full_scale.value * full_scale.error_by_draws
+    error = float(np.hypot(half * figure.error_by_draws, added * of_scale) / max(np.hypot(half, added), 1e-300))
+    high = figure.value + float(np.hypot(figure.high - figure.value, up))
+    return replace(figure, low=low, high=high, error_by_draws=error)
 
 
 def combined_error(parts: list[Figure]) -> Figure:
@@ -608,15 +620,39 @@ def combined_error(parts: list[Figure]) -> Figure:
     # each part's half-interval propagated linearly; the parts share cycles, so this is the cautious sum of squares
     low = float(np.sqrt(sum((p.value * (p.value - p.low)) ** 2 for p in parts)) / value) if value > 0 else 0.0
     high = float(np.sqrt(sum((p.value * (p.high - p.value)) ** 2 for p in parts)) / value) if value > 0 else 0.0
-    return Figure(value, "% FSO", min(p.n for p in parts), value - low, value + high, definition=definition)
+    error = max((p.value * p.error_by_draws / value for p in parts), default=0.0) if value > 0 else 0.0
+    return Figure(
+        value, "% FSO", min(p.n for p in parts), value - low, value + high, definition=definition, error_by_draws=error
+    )
 
 
 def _figure(value: float, replicates: FloatArray, unit: str, n: int, definition: str) -> Figure:
-    low, high = bootstrap_interval(value, replicates, n, positive=unit in NEVER_NEGATIVE)
-    if unit in NEVER_NEGATIVE:
-        low = max(low, 0.0) if np.isfinite(low) else low
-    figure = Figure(float(value), unit, n, low, high, definition=definition)
+    def limits(tail: float) -> tuple[float, float]:
+        low, high = bootstrap_interval(value, replicates, n, positive=unit in NEVER_NEGATIVE, tail=tail)
+        return (max(low, 0.0) if unit in NEVER_NEGATIVE and np.isfinite(low) else low), high
+
+    (low, high), error = _with_error(limits, replicates.size)
+    figure = Figure(float(value), unit, n, low, high, definition=definition, error_by_draws=error)
     return replace(figure, note="one cycle gives no interval", reason=Reason.ONE_CYCLE) if n < 2 else figure
+
+
+def _with_error(limits: Callable[[float], tuple[float, float]], draws: int) -> tuple[tuple[float, float], float]:
+    """Return the 95 % limits, and the error (k = 2) of the worse one by the number of draws; 0 without limits.
+
+    The limits at probabilities that are off by their own error are as far away as theirs: no density is assumed, and
+    the few values that resamples of few cycles have are jumps.
+
+    Parameters
+    ----------
+    limits : lower and upper one with a share of the draws beyond each. draws : of which they are.
+    """
+    tail = 0.025
+    found = np.asarray(limits(tail))
+    if not draws or not np.isfinite(found).all():
+        return (float(found[0]), float(found[1])), 0.0
+    shift = tail_shift(draws, tail)
+    away = [np.abs(np.asarray(limits(max(tail + side * shift, 0.0))) - found).max() for side in (-1.0, 1.0)]
+    return (float(found[0]), float(found[1])), float(max(away))
 
 
 def _no_full_scale(unit: str, definition: str = "") -> Figure:

@@ -1,21 +1,23 @@
 """What resampling and sampling leave uncertain in the figures of a run, and as many draws as a tolerance allows.
 
-Strategy: intervals rest on resamples of the cycles, the posterior's band on its samples. The error of an interval's
-limit follows from its own width and the number of resamples, that of the band from its own samples in batches. A coarse
-analysis measures both; they fall as one over the root of the draws, which gives the draws that a tolerance takes.
+Strategy: intervals rest on resamples of the cycles, the posterior's band on its samples. Each figure states the error
+of its own limits (`Figure.error_by_draws`), the band's follows from its samples in batches. Few draws measure both;
+they fall as one over the root of the draws, which gives the draws that a tolerance takes; the answer states its own.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 
 from analysis.arrays import FloatArray
-from analysis.calibration.posterior import KEPT_SAMPLES, Posterior
+from analysis.calibration.fit import Calibration
+from analysis.calibration.posterior import Posterior
 from analysis.data.load import load_recording
 from analysis.data.recording import Recording
 from analysis.errors import RequestError
@@ -25,13 +27,17 @@ from analysis.figures.sensor_analysis import MOST_RESAMPLES, Options
 from analysis.progress import Progress
 
 Unit = Literal["mm", "%FSO"]
-BATCHES, LEVEL = 16, 0.95
-LIMIT_ERROR = 2.0 * math.sqrt(0.025 * 0.975) / 0.05845 / 3.92
-"""2 sd of the 2.5 % quantile of n draws, times the root of n, over the width of the interval: of a normal density."""
+BATCHES, LEVEL, NOISE_DRAWS = 16, 0.95, 1_000
+COVERAGE = 0.9545
+"""Of a stated error: that of k = 2."""
 FEWEST = 100
 FEWEST_SAMPLES = 500
-SPARE = 1.15
-_POINTS = 31
+MOST_SAMPLES = 50_000
+SPARE, LEAST_GROWTH, MOST_GROWTH = 1.15, 1.3, 16
+"""Part by which draws are chosen for less than the tolerance, and the factor by which they grow from try to try."""
+LEAST_SLOPE = 0.1
+"""Of the steepest: near a turn of the curve an error in mm means nothing."""
+POINTS = 31
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +48,7 @@ class Accuracy:
     ----------
     intervals_percent_fso : greatest of the limits of the intervals in % FSO. resamples : that they rest on.
     band_percent_fso, band_mm : greatest of the limits of the posterior's band, mm by the slope of the curve.
-    samples : of the posterior, effective ones that ended it.
+    samples : effective, of the posterior that has fewest; 0 without one.
     """
 
     intervals_percent_fso: float
@@ -65,37 +71,71 @@ def accuracy_of(analysis: Analysis) -> Accuracy:
     """Return the errors that the draws of an analysis leave."""
     options, level = analysis.options, fidelity(analysis.options.fidelity)
     resamples = options.resamples or level.resamples
-    widths = [
-        figure.high - figure.low
+    errors = [
+        figure.error_by_draws
         for sensor in analysis.sensors
         for figure in sensor.figures.values()
         if not figure.void and figure.unit == "% FSO" and math.isfinite(figure.high - figure.low)
     ]
-    intervals = LIMIT_ERROR * max(widths, default=math.nan) / math.sqrt(resamples)
-    percent, mm = [], []
-    for sensor in analysis.sensors:
-        if sensor.posterior is not None and sensor.calibration is not None:
-            x = np.linspace(*sensor.calibration.x_range, _POINTS)
-            errors, slopes = band_errors(sensor.posterior, x), np.abs(sensor.calibration.slope(x))
-            percent.append(100.0 * float(errors.max()) / sensor.calibration.full_scale)
-            mm.append(float(np.max(errors / np.maximum(slopes, 0.1 * slopes.max()))))  # near a turn mm mean nothing
-    samples = options.posterior_samples or level.posterior_samples
-    return Accuracy(intervals, max(percent, default=math.nan), max(mm, default=math.nan), resamples, samples)
+    intervals = max(errors, default=math.nan)
+    posteriors = [sensor.posterior for sensor in analysis.sensors if sensor.posterior is not None]
+    percent, mm = greatest_band_error(posteriors, "%FSO"), greatest_band_error(posteriors, "mm")
+    samples = int(min((each.n_eff for each in posteriors), default=0))
+    return Accuracy(intervals, percent, mm, resamples, samples)
 
 
-def band_errors(posterior: Posterior, x: FloatArray) -> FloatArray:
-    """Return the error (k = 2) of the limits of the band at x (n,), the greater of both, by batches of the chain.
+def band_noise(posterior: Posterior, x: FloatArray, seed: int = 0) -> FloatArray:
+    """Return errors that the limits of a 95 % band may have by its draws.
+
+    Parameters
+    ----------
+    posterior, x : the band, at x (n,). seed : of the errors, (NOISE_DRAWS, 2, n), in the unit of y.
 
     Notes
     -----
-    Batches are much longer than the autocorrelation time, so that their quantiles are independent (Flegal and Jones,
-    Ann. Statist. 38, 2010, 1034).
+    The probabilities below the limits scatter as their means over batches of the chain do: normal, with Student's
+    factor for few batches. What lies at those probabilities among the draws are limits as another chain would give
+    them, all of one band together (batches: Flegal and Jones, Ann. Statist. 38, 2010, 1034; probabilities in place of
+    a density: Vehtari et al., Bayesian Anal. 16, 2021, 667).
     """
-    curves = posterior.curves(x)
-    used = len(curves) // BATCHES * BATCHES
-    tails = [50.0 - 50.0 * LEVEL, 50.0 + 50.0 * LEVEL]
-    limits = np.percentile(curves[:used].reshape(BATCHES, -1, x.size), tails, axis=1)
-    return np.asarray(2.0 * np.max(limits.std(axis=1, ddof=1), axis=0) / math.sqrt(BATCHES))
+    curves, rng = posterior.curves(x), np.random.default_rng(seed)
+    curves = curves[: len(curves) // BATCHES * BATCHES]
+    tails = np.array([[0.5 - 0.5 * LEVEL], [0.5 + 0.5 * LEVEL]])
+    ordered = np.sort(curves, axis=0)
+    limits = ordered[np.rint(tails * (len(curves) - 1)).astype(int), np.arange(x.size)]
+    below = np.stack([(curves <= limit).reshape(BATCHES, -1, x.size).mean(axis=1) for limit in limits], axis=1)
+    student = np.sqrt((BATCHES - 1) / rng.chisquare(BATCHES - 1, NOISE_DRAWS))
+    normal = student[:, None] * rng.standard_normal((NOISE_DRAWS, BATCHES)) / math.sqrt(BATCHES * (BATCHES - 1))
+    shifted = tails + np.tensordot(normal, below - below.mean(axis=0), 1)
+    rows = np.rint(shifted * (len(curves) - 1)).clip(0, len(curves) - 1).astype(int)
+    return np.asarray(ordered[rows, np.arange(x.size)] - limits)
+
+
+def in_mm(calibration: Calibration, x: FloatArray, signal: FloatArray) -> FloatArray:
+    """Return differences of the signal (..., n) at x (n,) as those of x, by the slope of the curve there."""
+    slopes = np.abs(calibration.slope(x))
+    return np.asarray(signal / np.maximum(slopes, LEAST_SLOPE * slopes.max()))
+
+
+def greatest_band_error(posteriors: Sequence[Posterior], unit: Literal["mm", "%FSO", "y"]) -> float:
+    """Return the error (k = 2) of the bands of sensors by their draws: of the worst limit of all; NaN without one.
+
+    Parameters
+    ----------
+    posteriors : of the sensors.
+    unit : % of the full scale, the unit of y itself, or that of x, by the slope of the curve.
+    """
+    worst = np.zeros(NOISE_DRAWS)
+    for number, posterior in enumerate(posteriors):
+        calibration = posterior.calibration
+        x = np.linspace(*calibration.x_range, POINTS)
+        noise = band_noise(posterior, x, number)
+        if unit == "mm":
+            noise = in_mm(calibration, x, noise)
+        elif unit == "%FSO":
+            noise = 100.0 * noise / calibration.full_scale
+        worst = np.maximum(worst, np.abs(noise).max(axis=(1, 2)))
+    return float(np.quantile(worst, COVERAGE)) if posteriors else math.nan
 
 
 def analyse_within(
@@ -119,41 +159,74 @@ def analyse_within(
     ------
     RequestError : the tolerance cannot be met, or nothing has an error in that unit. Others as `analyse`.
     """
-    if not 0.0 < tolerance < math.inf:
-        raise RequestError(f"a tolerance of {tolerance:g} {unit}", "give a number above 0")
+    check_tolerance(tolerance, unit)
     run = recording if isinstance(recording, Recording) else load_recording(recording)
-    chosen = replace(options, resamples=FEWEST, posterior_samples=FEWEST_SAMPLES)
-    for _ in range(3):
+    chosen = replace(options, posterior_samples=FEWEST_SAMPLES)
+    if unit == "%FSO":  # the resamples first, without the posterior
+        chosen = replace(chosen, mcmc=False, resamples=FEWEST)
+    while True:
         analysis = analyse(run, elongation, options=chosen, progress=progress)
         found = accuracy_of(analysis)
-        if math.isnan(found.error(unit)):
+        sampled = not options.mcmc or chosen.mcmc or all(each.calibration is None for each in analysis.sensors)
+        if unit == "%FSO" and found.intervals_percent_fso > tolerance:
+            resamples = draws_for(found.resamples, found.intervals_percent_fso, tolerance, unit, MOST_RESAMPLES)
+            chosen = replace(chosen, resamples=resamples)
+        elif not sampled:
+            chosen = replace(chosen, mcmc=True)
+        elif found.error(unit) > tolerance:
+            samples = draws_for(found.samples, found.error(unit), tolerance, unit, MOST_SAMPLES)
+            chosen = replace(chosen, posterior_samples=samples)
+        elif math.isnan(found.error(unit)):
             why = "the posterior is not sampled" if unit == "mm" else "no figure has an interval"
             raise RequestError(f"no error in {unit}: {why}", "analyse a calibration run, with its posterior")
-        if found.error(unit) <= tolerance:
+        else:
             return analysis
-        chosen = _refined(chosen, found, tolerance, unit)
-    raise RequestError(f"the draws leave an error of {found.error(unit):.2g} {unit}", "allow that, or more")
 
 
-def _refined(options: Options, found: Accuracy, tolerance: float, unit: Unit) -> Options:
-    """Return options with as many draws as the tolerance takes.
+def sample_within(sample: Callable[[int], Posterior], tolerance: float) -> tuple[Posterior, float]:
+    """Return a posterior with no more samples than a tolerance takes, and the error of its band, in the unit of y.
+
+    Parameters
+    ----------
+    sample : returns the posterior with at least so many effective samples. tolerance : of its 95 % band, k = 2.
 
     Raises
     ------
-    RequestError : more draws than are kept.
+    RequestError : the tolerance cannot be met.
     """
+    check_tolerance(tolerance, "y")
+    samples = FEWEST_SAMPLES
+    while (error := greatest_band_error([found := sample(samples)], "y")) > tolerance:
+        samples = draws_for(int(found.n_eff), error, tolerance, "in y", MOST_SAMPLES)
+    return found, error
 
-    def needed(now: int, error: float, fewest: int) -> int:
-        return max(fewest, math.ceil(now * (SPARE * error / tolerance) ** 2)) if math.isfinite(error) else now
 
-    resamples, samples = cast(int, options.resamples), cast(int, options.posterior_samples)
-    if unit == "%FSO":
-        resamples = needed(resamples, found.intervals_percent_fso, FEWEST)
-    samples = needed(samples, found.band_mm if unit == "mm" else found.band_percent_fso, FEWEST_SAMPLES)
-    most = max(resamples / MOST_RESAMPLES, samples / KEPT_SAMPLES)
-    if most > 1.0:
-        best = tolerance * math.sqrt(most)
+def check_tolerance(tolerance: float, unit: str) -> None:
+    """Reject a tolerance that is not a number above 0.
+
+    Raises
+    ------
+    RequestError : it is none.
+    """
+    if not 0.0 < tolerance < math.inf:
+        raise RequestError(f"a tolerance of {tolerance:g} {unit}", "give a number above 0")
+
+
+def draws_for(now: int, error: float, tolerance: float, unit: str, most: int) -> int:
+    """Return as many draws as a tolerance takes, by the root law from an error that is above it.
+
+    Parameters
+    ----------
+    now, error : draws, and the error that they leave. tolerance, unit : allowed. most : draws.
+
+    Raises
+    ------
+    RequestError : more draws than `most`; few draws are not believed to say so.
+    """
+    needed = math.ceil(now * (SPARE * error / tolerance) ** 2)
+    if now >= most or (needed > most and now > MOST_GROWTH * FEWEST / 2):
+        best = SPARE * error * math.sqrt(min(now / most, 1.0))
         raise RequestError(
             f"an error of {tolerance:g} {unit} takes more draws than are kept", f"allow {best:.2g} {unit}"
         )
-    return replace(options, resamples=resamples, posterior_samples=samples)
+    return min(max(needed, math.ceil(LEAST_GROWTH * now)), MOST_GROWTH * now, most)

@@ -11,6 +11,7 @@ import pytest
 from scipy import stats
 
 from analysis.calibration.adequacy import CurveVerdict
+from analysis.calibration.joint_fit import LoopEstimate
 from analysis.calibration.fit import fit_calibration
 from analysis.figures import sensor_figures as metrics
 from analysis.figures.figure import Figure, Reason
@@ -128,9 +129,10 @@ def test_hysteresis_is_a_share_of_full_scale(shared: float, reason: Reason) -> N
 
 def test_joint_hysteresis_is_the_estimate_s() -> None:
     """3 (2 to 5) of 200 mV: 1.5 % (1 to 2.5 %); the share of the abscissa stays named."""
-    estimate = SimpleNamespace(width=3.0, low=2.0, high=5.0)
+    estimate = LoopEstimate(3.0, 2.0, 5.0, 0.1)
     found = metrics.joint_hysteresis(estimate, width(), 200.0, 5)
     assert (found.value, found.low, found.high, found.n) == (1.5, 1.0, 2.5, 5)
+    assert found.error_by_draws == pytest.approx(0.05)
     assert (found.note, found.reason) == ("", Reason.NONE)
     part = metrics.joint_hysteresis(estimate, width(shared=0.5), 200.0, 5)
     assert (part.value, part.reason) == (1.5, Reason.PART_OF_RANGE)

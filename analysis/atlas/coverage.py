@@ -1,0 +1,188 @@
+"""Whether stated errors are true: random scenes, the true error against the stated one, and the cost of knowing it.
+
+    python -m analysis.atlas.coverage bootstrap --scenes 1000
+
+Strategy: each method is computed to a random tolerance in a random scene. The truth is a closed form, a far finer
+computation, or, where that has an error of its own, one whose error is added in quadrature. The cost is in the
+method's own work (draws, rays, elements), over that of the cheapest setting that would have met the tolerance, found by
+trying all of them. An answer whose error is zero is within any statement.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from analysis.atlas.runs import Stairs
+from analysis.calibration.posterior import KEPT_SAMPLES, sample_posterior
+from analysis.data.recording import Recording
+from analysis.errors import RequestError
+from analysis.figures.pipeline import Analysis, analyse
+from analysis.figures.sensor_analysis import Options
+from analysis.optics.scene.curves import default_curves, frames_of, parametric_curves
+from analysis.optics.scene.parameters import Light, Waveguide
+from analysis.optics.sweep.sweep import paper_grid
+from analysis.optics.tracer.simulation import trace
+from analysis.optics.tracer.tolerance import trace_within
+from analysis.sequential.accuracy import POINTS, accuracy_of, analyse_within, greatest_band_error, in_mm
+from analysis.shadow.fem.parameters import ActuatorParameters
+from analysis.shadow.model.full import FullModel
+from analysis.shadow.model.tolerance import FINEST, error_estimates, mesh_of
+
+_REFERENCE_RAYS, _REFERENCE_RESAMPLES = 60_000, 20_000
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """One scene: the true and the stated error, in the unit of the method, and the cost over the cheapest."""
+
+    error: float
+    stated: float
+    cost: float = float("nan")
+
+
+Method = Callable[[np.random.Generator], list[Outcome]]
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """Return a number whose logarithm is uniform."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def of_tracer(rng: np.random.Generator) -> list[Outcome]:
+    """Trace a design of the paper's grid in one of its states to 0.3 to 20 rays."""
+    grid, curves = paper_grid(), default_curves() if rng.random() < 0.5 else parametric_curves()
+    design, frame = grid[rng.integers(len(grid))], frames_of(curves, Waveguide())[rng.integers(15)]
+    found = trace_within(frame, design, Waveguide(), Light(), log_uniform(rng, 0.3, 20.0))
+    truth = trace(frame, design, Waveguide(), replace(Light().with_rays(_REFERENCE_RAYS), phase=0.113), threads=1).ndr
+    return [Outcome(abs(found.result.ndr - truth), found.error, found.work / found.light.rays)]
+
+
+def of_posterior(rng: np.random.Generator) -> list[Outcome]:
+    """Sample the posterior of a polynomial without reading error, whose band is Student's, in mm."""
+    degree, noise = int(rng.integers(1, 5)), log_uniform(rng, 0.3, 6.0)
+    x = np.linspace(-2.5, 3.5, int(rng.integers(8, 14))).repeat(rng.integers(2, 7))
+    y = 20.0 * x + rng.normal(0.0, 2.0) * x**2 + rng.normal(0.0, 0.3) * x**3 + rng.normal(0.0, noise, x.size)
+    samples = int(rng.choice([KEPT_SAMPLES // 2, KEPT_SAMPLES, 2 * KEPT_SAMPLES], p=[0.8, 0.15, 0.05]))
+    found = sample_posterior(x, y, degree, samples=samples, seed=int(rng.integers(1 << 30)))
+    at = np.linspace(*found.calibration.x_range, POINTS)
+    away = np.array(found.curve_band(at)) - np.array(found.calibration.band(at, 0.95))
+    return [Outcome(float(np.abs(in_mm(found.calibration, at, away)).max()), greatest_band_error([found], "mm"))]
+
+
+def random_run(rng: np.random.Generator, folder: Path) -> tuple[Recording, Path]:
+    """Return a staircase of two sensors and 2 to 12 cycles with noise and loops, and the file of its elongations."""
+    run = Stairs(
+        cycles=int(rng.integers(2, 13)), rate_hz=15.0, dwell_s=1.0, noise_mv=log_uniform(rng, 0.2, 5.0),
+        bulge_percent=rng.uniform(0.0, 8.0), bulge_at=rng.uniform(0.3, 0.7), seed=int(rng.integers(1 << 30)),
+    )  # fmt: skip
+    other = replace(run, seed=run.seed + 1, bulge_percent=rng.uniform(0.0, 8.0))
+    levels, branch = run.holds
+    x = run.elongation(levels, branch) + rng.normal(0.0, rng.uniform(0.0, 0.1), levels.size)
+    file = folder / "elongation.csv"
+    rows = "".join(f"{p:.6f},{each:.9f}\n" for p, each in zip(levels, x, strict=True))
+    file.write_text(f"pressure_kpa,elongation_mm\n{rows}", encoding="ascii")
+    at, pressure, _ = run.columns
+    signals = np.stack([run.columns[2], other.columns[2]], axis=1)
+    return Recording.from_arrays(at, pressure, signals), file
+
+
+def limits_of(analysis: Analysis) -> dict[tuple[int, str], tuple[float, float]]:
+    """Return the limits of the intervals of the figures in % FSO, by sensor and key."""
+    return {
+        (number, key): (figure.low, figure.high)
+        for number, sensor in enumerate(analysis.sensors)
+        for key, figure in sensor.figures.items()
+        if figure.unit == "% FSO" and not figure.void and np.isfinite([figure.low, figure.high]).all()
+    }
+
+
+def of_bootstrap(rng: np.random.Generator) -> list[Outcome]:
+    """Analyse a run, with elongations or without, to 0.05 to 2 % FSO."""
+    with tempfile.TemporaryDirectory() as folder:
+        recording, file = random_run(rng, Path(folder))
+        readings = file if rng.random() < 0.7 else None
+        options = Options(mcmc=False, x_resolution_mm=0.0, seed=int(rng.integers(1 << 30)))
+        fine = replace(options, resamples=_REFERENCE_RESAMPLES, seed=options.seed + 1)
+        truth = analyse(recording, readings, options=fine)
+        tolerance = accuracy_of(truth).intervals_percent_fso * log_uniform(rng, 3.0, 15.0)
+        found = analyse_within(recording, readings, options, max(tolerance, 1e-6), "%FSO")
+    limits, others = limits_of(found), limits_of(truth)
+    away = np.abs([np.subtract(limits[key], others[key]) for key in limits.keys() & others.keys()]).max()
+    stated, of_truth = (accuracy_of(each).intervals_percent_fso for each in (found, truth))
+    return [Outcome(float(away), float(np.hypot(stated, of_truth)), 1.0)]
+
+
+def of_mesh(rng: np.random.Generator) -> list[Outcome]:
+    """Solve a random actuator at a random pressure on all meshes: the second to fourth against the extrapolation."""
+    rest = ActuatorParameters()
+    actuator = replace(
+        rest, wall_modulus_kpa=rest.wall_modulus_kpa * rng.uniform(0.6, 1.6), wall_mm=rng.uniform(1.7, 2.7),
+        neck_radius_mm=rest.neck_radius_mm * rng.uniform(0.8, 1.15), belly_radius_mm=rng.uniform(6.8, 8.2),
+    )  # fmt: skip
+    pressure, found = rng.uniform(-25.0, 50.0), []
+    for level in range(1, FINEST + 1):
+        along, wall, lattice = mesh_of(level)
+        mesh = replace(actuator, axial_elements=along, wall_elements=wall, lattice_elements=lattice)
+        found.append(FullModel(mesh).solver.solve(pressure_kpa=pressure).elongation_mm)
+    truth = found[-1] + (found[-1] - found[-2]) / ((FINEST / (FINEST - 1)) ** 2 - 1)
+    stated = error_estimates(found)
+    return [Outcome(abs(found[k] - truth), stated[k - 1]) for k in (1, 2, 3)]
+
+
+METHODS: dict[str, Method] = {
+    "tracer": of_tracer, "posterior": of_posterior, "bootstrap": of_bootstrap, "mesh": of_mesh,
+}  # fmt: skip
+
+
+def measured(method: Method, scenes: int, seed: int = 0, seconds: float = np.inf) -> tuple[list[Outcome], int]:
+    """Return the outcomes of random scenes, and how many were refused.
+
+    Parameters
+    ----------
+    method, scenes : what is computed, and how often. seed : of the scenes.
+    seconds : after which no further scene is begun.
+    """
+    found: list[Outcome] = []
+    refused, end = 0, time.monotonic() + seconds
+    for number in range(scenes):
+        if time.monotonic() > end:
+            break
+        try:
+            found += method(np.random.default_rng((seed, number)))
+        except RequestError:
+            refused += 1
+    return found, refused
+
+
+def share_within(outcomes: list[Outcome]) -> float:
+    """Return the share of the scenes whose true error is within the stated one."""
+    return float(np.mean([each.error <= each.stated + 1e-9 for each in outcomes]))
+
+
+def main() -> None:
+    """Measure a method and print the shares as JSON."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("method", choices=METHODS)
+    parser.add_argument("--scenes", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seconds", type=float, default=np.inf)
+    chosen = parser.parse_args()
+    outcomes, refused = measured(METHODS[chosen.method], chosen.scenes, chosen.seed, chosen.seconds)
+    ratios = [each.error / max(each.stated, 1e-9) for each in outcomes]
+    quantiles = {f"{share:g}": float(np.quantile(ratios, share)) for share in (0.5, 0.9, 0.95, 0.99)}
+    print(json.dumps({
+        "method": chosen.method, "seed": chosen.seed, "answers": len(outcomes), "refused": refused,
+        "within": share_within(outcomes), "error_over_stated": quantiles,
+    }))  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

@@ -40,7 +40,7 @@ _REFERENCE_RAYS, _REFERENCE_RESAMPLES = 60_000, 20_000
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class Answer:
     """One scene: the true and the stated error, in the unit of the method, and the cost over the cheapest."""
 
     error: float
@@ -48,7 +48,7 @@ class Outcome:
     cost: float = float("nan")
 
 
-Method = Callable[[np.random.Generator], list[Outcome]]
+Method = Callable[[np.random.Generator], list[Answer]]
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
@@ -56,16 +56,16 @@ def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-def of_tracer(rng: np.random.Generator) -> list[Outcome]:
+def of_tracer(rng: np.random.Generator) -> list[Answer]:
     """Trace a design of the paper's grid in one of its states to 0.3 to 20 rays."""
     grid, curves = paper_grid(), default_curves() if rng.random() < 0.5 else parametric_curves()
     design, frame = grid[rng.integers(len(grid))], frames_of(curves, Waveguide())[rng.integers(15)]
     found = trace_within(frame, design, Waveguide(), Light(), log_uniform(rng, 0.3, 20.0))
     truth = trace(frame, design, Waveguide(), replace(Light().with_rays(_REFERENCE_RAYS), phase=0.113), threads=1).ndr
-    return [Outcome(abs(found.result.ndr - truth), found.error, found.work / found.light.rays)]
+    return [Answer(abs(found.result.ndr - truth), found.error, found.work / found.light.rays)]
 
 
-def of_posterior(rng: np.random.Generator) -> list[Outcome]:
+def of_posterior(rng: np.random.Generator) -> list[Answer]:
     """Sample the posterior of a polynomial without reading error, whose band is Student's, in mm."""
     degree, noise = int(rng.integers(1, 5)), log_uniform(rng, 0.3, 6.0)
     x = np.linspace(-2.5, 3.5, int(rng.integers(8, 14))).repeat(rng.integers(2, 7))
@@ -74,7 +74,7 @@ def of_posterior(rng: np.random.Generator) -> list[Outcome]:
     found = sample_posterior(x, y, degree, samples=samples, seed=int(rng.integers(1 << 30)))
     at = np.linspace(*found.calibration.x_range, POINTS)
     away = np.array(found.curve_band(at)) - np.array(found.calibration.band(at, 0.95))
-    return [Outcome(float(np.abs(in_mm(found.calibration, at, away)).max()), greatest_band_error([found], "mm"))]
+    return [Answer(float(np.abs(in_mm(found.calibration, at, away)).max()), greatest_band_error([found], "mm"))]
 
 
 def random_run(rng: np.random.Generator, folder: Path) -> tuple[Recording, Path]:
@@ -104,7 +104,7 @@ def limits_of(analysis: Analysis) -> dict[tuple[int, str], tuple[float, float]]:
     }
 
 
-def of_bootstrap(rng: np.random.Generator) -> list[Outcome]:
+def of_bootstrap(rng: np.random.Generator) -> list[Answer]:
     """Analyse a run, with elongations or without, to 0.05 to 2 % FSO."""
     with tempfile.TemporaryDirectory() as folder:
         recording, file = random_run(rng, Path(folder))
@@ -117,10 +117,10 @@ def of_bootstrap(rng: np.random.Generator) -> list[Outcome]:
     limits, others = limits_of(found), limits_of(truth)
     away = np.abs([np.subtract(limits[key], others[key]) for key in limits.keys() & others.keys()]).max()
     stated, of_truth = (accuracy_of(each).intervals_percent_fso for each in (found, truth))
-    return [Outcome(float(away), float(np.hypot(stated, of_truth)), 1.0)]
+    return [Answer(float(away), float(np.hypot(stated, of_truth)), 1.0)]
 
 
-def of_mesh(rng: np.random.Generator) -> list[Outcome]:
+def of_mesh(rng: np.random.Generator) -> list[Answer]:
     """Solve a random actuator at a random pressure on all meshes: the second to fourth against the extrapolation."""
     rest = ActuatorParameters()
     actuator = replace(
@@ -134,7 +134,7 @@ def of_mesh(rng: np.random.Generator) -> list[Outcome]:
         found.append(FullModel(mesh).solver.solve(pressure_kpa=pressure).elongation_mm)
     truth = found[-1] + (found[-1] - found[-2]) / ((FINEST / (FINEST - 1)) ** 2 - 1)
     stated = error_estimates(found)
-    return [Outcome(abs(found[k] - truth), stated[k - 1]) for k in (1, 2, 3)]
+    return [Answer(abs(found[k] - truth), stated[k - 1]) for k in (1, 2, 3)]
 
 
 METHODS: dict[str, Method] = {
@@ -142,7 +142,7 @@ METHODS: dict[str, Method] = {
 }  # fmt: skip
 
 
-def measured(method: Method, scenes: int, seed: int = 0, seconds: float = np.inf) -> tuple[list[Outcome], int]:
+def measured(method: Method, scenes: int, seed: int = 0, seconds: float = np.inf) -> tuple[list[Answer], int]:
     """Return the outcomes of random scenes, and how many were refused.
 
     Parameters
@@ -150,7 +150,7 @@ def measured(method: Method, scenes: int, seed: int = 0, seconds: float = np.inf
     method, scenes : what is computed, and how often. seed : of the scenes.
     seconds : after which no further scene is begun.
     """
-    found: list[Outcome] = []
+    found: list[Answer] = []
     refused, end = 0, time.monotonic() + seconds
     for number in range(scenes):
         if time.monotonic() > end:
@@ -162,7 +162,7 @@ def measured(method: Method, scenes: int, seed: int = 0, seconds: float = np.inf
     return found, refused
 
 
-def share_within(outcomes: list[Outcome]) -> float:
+def share_within(outcomes: list[Answer]) -> float:
     """Return the share of the scenes whose true error is within the stated one."""
     return float(np.mean([each.error <= each.stated + 1e-9 for each in outcomes]))
 

@@ -19,6 +19,7 @@ TERMINAL_ONLY = {  # modules whose errors and texts the window never shows
     "analysis/shadow/model/states.py": "head of a file",
     "boat_daq/engine/qualification/drills.py": "arguments of a process",
     "analysis/atlas/adversary.py": "a program of its own",
+    "analysis/atlas/coverage.py": "a program of its own",
     "boat_daq/engine/simulator/server.py": "the command board",
 }
 

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from analysis.atlas import coverage
-from analysis.atlas.coverage import METHODS, Outcome, measured, share_within
+from analysis.atlas.coverage import METHODS, Answer, measured, share_within
 from analysis.errors import RequestError
 
 SCENES = {"tracer": 60, "posterior": 80, "bootstrap": 60, "mesh": 20}
@@ -18,10 +18,10 @@ SCENES = {"tracer": 60, "posterior": 80, "bootstrap": 60, "mesh": 20}
 def test_answers_and_refusals_are_counted(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """A method that errs by a normal number states 2 of it, and refuses every tenth scene or so."""
 
-    def method(rng: np.random.Generator) -> list[Outcome]:
+    def method(rng: np.random.Generator) -> list[Answer]:
         if rng.random() < 0.1:
             raise RequestError("no", "allow more")
-        return [Outcome(abs(float(rng.standard_normal())), 2.0)]
+        return [Answer(abs(float(rng.standard_normal())), 2.0)]
 
     outcomes, refused = measured(method, 2_000)
     assert len(outcomes) + refused == 2_000
@@ -37,7 +37,7 @@ def test_answers_and_refusals_are_counted(monkeypatch: pytest.MonkeyPatch, capsy
 
 def test_no_scene_begins_after_the_time() -> None:
     """Nothing is measured in no time."""
-    assert measured(lambda _: [Outcome(0.0, 1.0)], 10, seconds=-1.0) == ([], 0)
+    assert measured(lambda _: [Answer(0.0, 1.0)], 10, seconds=-1.0) == ([], 0)
 
 
 @pytest.mark.nightly

@@ -11,8 +11,8 @@ import pytest
 from scipy import stats
 
 from analysis.calibration.adequacy import CurveVerdict
-from analysis.calibration.joint_fit import LoopEstimate
 from analysis.calibration.fit import fit_calibration
+from analysis.calibration.joint_fit import LoopEstimate
 from analysis.figures import sensor_figures as metrics
 from analysis.figures.figure import Figure, Reason
 from analysis.figures.sensor_figures import CurveDraws

@@ -19,8 +19,8 @@ from analysis.errors import DataError
 DEGREE = 3
 DRAWS = 500
 _TIE = 0.025
-_LARGE = 1e4
-"""Noncentral chi-square above which its root is normal with sd 1, but for 0.05."""
+_LARGE = 1e3
+"""Noncentral chi-square above which its root is normal with sd 1, to 0.015 on the safe side."""
 
 FLOOR = 1.0 / math.sqrt(12.0)
 """RMSE below what the paper's 250 rays resolve counts as this where designs are compared at any number of rays."""
@@ -156,8 +156,10 @@ def p_bounds(
     Notes
     -----
     P is bounded by bounds of its three parts, each with a third of the error probability: Delta is normal; a step
-    counts as a rise, or as none, only where it is significant among all steps; the sum of squares about aNDR is
-    noncentral chi-square with states - 4 degrees of freedom, so that what noise adds to RMSE is taken out.
+    counts as a rise, or as none, only where it is significant among all steps; the sum of squares about aNDR is a
+    multiple of noncentral chi-square, so that what noise adds to RMSE is taken out. Where the states' errors are equal
+    it has states - 4 degrees of freedom; else multiple and degrees of freedom keep mean and variance, those that the
+    residuals add among them (as Satterthwaite, Biometrics Bull. 2, 1946, 110).
     """
     (low, _), (_, high) = (_bounds_at(ndr, sd, floor, error) for error in (low_error, high_error))
     return low, high
@@ -179,15 +181,21 @@ def _rmse_bounds(
     residual: FloatArray, sd: FloatArray, projector: FloatArray, error: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return bounds (n,) of the RMSE without noise from residuals (n, states) with it, each wrong with `error`."""
-    states, dof = residual.shape[-1], residual.shape[-1] - DEGREE - 1
-    total, variance = np.sum(residual**2, axis=-1), sd**2 @ (1.0 - np.diag(projector)) / dof
-    x = total / np.where(variance > 0, variance, 1.0)
+    states, free = residual.shape[-1], np.eye(residual.shape[-1]) - projector
+    total = np.sum(residual**2, axis=-1)
+    noise = sd**2 @ np.diag(free)
+    spread = np.sum((free * sd[..., None, :] ** 2 @ free) ** 2, axis=(-2, -1))
+    along = np.maximum(np.sum((sd * residual) ** 2, axis=-1) - spread, 0.0)
+    own = (spread + 2.0 * along) / np.where(noise > 0, noise + 2.0 * np.maximum(total - noise, 0.0), 1.0)
+    variance = np.where(noise > 0, own, 1.0)
+    dof, x = noise / variance, total / variance
     root, wide = np.sqrt(x), stats.norm.isf(error)
     bounds = []
     for part, sign in ((1.0 - error, -1.0), (error, 1.0)):
         exact = np.where(special.chndtr(x, dof, 0.0) > part, special.chndtrinc(np.minimum(x, _LARGE), dof, part), 0.0)
-        centre = np.where(x < _LARGE, exact, np.maximum(root + sign * wide, 0.0) ** 2)
-        bounds.append(np.sqrt(np.where(variance > 0, centre * variance, total) / states))
+        normal = np.maximum(np.maximum(root + sign * wide, 0.0) ** 2 - (dof - 1), 0.0)
+        centre = np.where(x < _LARGE, exact, normal)
+        bounds.append(np.sqrt(np.where(noise > 0, centre * variance, total) / states))
     return bounds[0], bounds[1]
 
 

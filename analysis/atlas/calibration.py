@@ -28,12 +28,20 @@ ACTUATOR_MM = 0.25
 
 @dataclass(frozen=True)
 class ReadSession:
-    """Readings of every plateau: a sensor that deviates by `wave_mv` T5 from the cubic, with a loop of `loop_mv`."""
+    """Readings of every plateau: a sensor that deviates by `wave_mv` T5 from the cubic, with a loop of `loop_mv`.
+
+    Of each of the `levels` of every branch in each of the `cycles`; in the middle the actuator's own loop is
+    `actuator_mm` wide.
+    """
 
     grid_mm: float
     wave_mv: float = 0.0
     loop_mv: float = 0.0
     seed: int = 0
+    levels: int = LEVELS
+    cycles: int = CYCLES
+    noise_mv: float = NOISE_MV
+    actuator_mm: float = ACTUATOR_MM
 
     def signal(self, x: FloatArray) -> FloatArray:
         """Return the true curve, the middle between the branches."""
@@ -42,15 +50,16 @@ class ReadSession:
     def calibration(self) -> Calibration:
         """Return the joint fit of a cubic."""
         rng = np.random.default_rng(self.seed)
-        down, up = np.arange(LEVELS - 2, -1, -1), np.arange(1, LEVELS)
-        level = np.concatenate([[LEVELS - 1], *[down, up] * CYCLES])
-        way = np.concatenate([[0], *[np.repeat([-1, 1], LEVELS - 1)] * CYCLES])
-        branch = np.where((level == 0) | (level == LEVELS - 1), 0, way)
-        share = level / (LEVELS - 1.0)
-        x = RANGE_MM[0] + (RANGE_MM[1] - RANGE_MM[0]) * share - 2.0 * share * (1.0 - share) * ACTUATOR_MM * branch
+        down, up = np.arange(self.levels - 2, -1, -1), np.arange(1, self.levels)
+        level = np.concatenate([[self.levels - 1], *[down, up] * self.cycles])
+        way = np.concatenate([[0], *[np.repeat([-1, 1], self.levels - 1)] * self.cycles])
+        branch = np.where((level == 0) | (level == self.levels - 1), 0, way)
+        share = level / (self.levels - 1.0)
+        loop = 2.0 * share * (1.0 - share) * self.actuator_mm * branch
+        x = RANGE_MM[0] + (RANGE_MM[1] - RANGE_MM[0]) * share - loop
         x = x + self.grid_mm * float(rng.uniform(-0.5, 0.5))
         y = self.signal(x) + 0.5 * branch * self.loop_mv * (1.0 - _scaled(x) ** 2)
-        y = y + NOISE_MV / np.sqrt(SAMPLES_PER_HOLD) * rng.standard_normal(x.size)
+        y = y + self.noise_mv / np.sqrt(SAMPLES_PER_HOLD) * rng.standard_normal(x.size)
         if self.grid_mm > 0:
             x = np.round((x + READER_SHARE * self.grid_mm * rng.standard_normal(x.size)) / self.grid_mm) * self.grid_mm
         sd = self.grid_mm / np.sqrt(12.0)

@@ -10,14 +10,15 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from analysis.atlas.adversary import OBJECTIVES, Objective, main, search
+from analysis.atlas.adversary import Evolution, main, search
+from analysis.atlas.stated_errors import OBJECTIVES, Objective
 from analysis.errors import RequestError
 
 SECONDS = float(os.environ.get("BOAT_ADVERSARY_S", "60"))
 
 
 def test_the_search_climbs_to_the_worst_scene() -> None:
-    """A narrow peak of 2 at (0.7, 3) is found within a tenth; scenes that are refused are passed over."""
+    """A narrow peak of 2 at (0.7, 3) is found within a tenth; scenes that are refused are counted and passed over."""
 
     def peak(scene: Mapping[str, float], _: np.random.Generator) -> float:
         if scene["a"] < 0.1:
@@ -27,23 +28,60 @@ def test_the_search_climbs_to_the_worst_scene() -> None:
     found = search("peak", Objective({"a": (0.0, 1.0), "b": (0.0, 10.0)}, peak), 0.1, seed=1)
     assert found.ratio > 1.9
     assert found.scene == pytest.approx({"a": 0.7, "b": 3.0}, abs=0.3)
-    assert 0 < found.finds < found.scenes
+    assert found.finds[0] == found.scene
+    assert 0 < found.refused < found.scenes
+
+
+def test_a_scene_that_is_large_by_chance_is_no_find() -> None:
+    """Of normal errors that keep the stated one, the worst of hundreds are above the limit once, and not again."""
+    once = []
+
+    def chance(scene: Mapping[str, float], rng: np.random.Generator) -> float:
+        once.append(float(np.sqrt(np.mean(np.square(0.5 * rng.standard_normal(6))))))
+        return once[-1]
+
+    found = search("chance", Objective({"a": (0.0, 1.0)}, chance, most=0.8), 0.1, seed=2)
+    assert max(once) > 0.8
+    assert found.finds == ()
+    assert found.ratio <= 0.8
+
+
+def test_the_strategy_learns_the_direction_of_a_narrow_valley() -> None:
+    """A ridge a hundred times as long as wide, at an angle to the axes, is climbed to its top in three dimensions."""
+    rng = np.random.default_rng(3)
+    turned, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    top, widths = np.array([0.4, 0.6, 0.5]), np.array([1.0, 0.1, 0.01])
+    strategy = Evolution(np.array([0.9, 0.1, 0.2]), 0.2, rng)
+    for _ in range(100):
+        points = strategy.points()
+        strategy.take(points, -np.sum(((points - top) @ turned / widths) ** 2, axis=1))
+    assert strategy.mean == pytest.approx(top, abs=0.01)
+
+
+@pytest.mark.parametrize("method", ["power", "race", "fit"])
+def test_an_ordinary_scene_keeps_its_stated_error(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the middle of its bounds the ratio of a method is that of a true statement: a number, no find."""
+    monkeypatch.setattr("analysis.atlas.stated_errors.SESSIONS", 2)
+    monkeypatch.setattr("analysis.atlas.stated_errors.RESPONSES", 100)
+    objective = OBJECTIVES[method]
+    middle = {name: (low + high) / 2 for name, (low, high) in objective.bounds.items()}
+    assert 0.0 <= objective.ratio(middle, np.random.default_rng(0)) < objective.most
 
 
 def test_the_finding_is_printed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """One JSON object: method, scene, ratio, scenes, finds."""
+    """One JSON object: the worst scene and its ratio, how many were tried and refused, and the finds."""
     monkeypatch.setitem(OBJECTIVES, "mesh", Objective({"a": (0.0, 1.0)}, lambda scene, _: scene["a"]))
     monkeypatch.setattr(sys, "argv", ["adversary", "mesh", "--seconds", "0.01"])
     main()
-    assert set(json.loads(capsys.readouterr().out)) == {"method", "scene", "ratio", "scenes", "finds"}
+    assert set(json.loads(capsys.readouterr().out)) == {"method", "scene", "ratio", "scenes", "refused", "finds"}
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("method", sorted(OBJECTIVES))
-def test_no_scene_has_twice_the_stated_error(method: str) -> None:
+def test_no_scene_exceeds_its_stated_error(method: str) -> None:
     """None is found in a minute a method, or in the seconds of BOAT_ADVERSARY_S."""
     found = search(method, OBJECTIVES[method], SECONDS)
-    assert found.finds == 0, found
+    assert found.finds == (), found
 
 
 @pytest.mark.nightly

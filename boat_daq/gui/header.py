@@ -161,25 +161,31 @@ class Header(QWidget):
 
 
 def vent_button(vent: Callable[[], None]) -> QPushButton:
-    """Return the VENT button; it acts on press, not on release."""
-    button = QPushButton("VENT   F4")
-    button.setObjectName("vent")
-    button.setAccessibleName("Vent the actuator now")
+    """Return the VENT button."""
+    button = _pressed_button("VENT   F4", "vent", "Vent the actuator now", vent)
     button.setToolTip("Vent now, in any state (F4; Esc where nothing is open)")
-    button.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
-    button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-    button.pressed.connect(vent)
     return button
 
 
 def vent_all_button(vent_all: Callable[[], None]) -> QPushButton:
     """Return the button that vents the boards of all windows; shown where there are others."""
-    button = QPushButton("ALL   Shift+F4")
-    button.setObjectName("vent-all")
-    button.setAccessibleName("Vent the actuators of all windows now")
+    return _pressed_button("ALL   Shift+F4", "vent-all", "Vent the actuators of all windows now", vent_all)
+
+
+def _pressed_button(text: str, style_name: str, name: str, act: Callable[[], None]) -> QPushButton:
+    """Return a button that acts on press, not on release.
+
+    Parameters
+    ----------
+    text, style_name, name : as shown, in the style sheet, and for screen readers.
+    act : what it does.
+    """
+    button = QPushButton(text)
+    button.setObjectName(style_name)
+    button.setAccessibleName(name)
     button.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
     button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-    button.pressed.connect(vent_all)
+    button.pressed.connect(act)
     return button
 
 

@@ -174,13 +174,20 @@ class PlanForm(QScrollArea):
         self._revision = -1
         self.setWidgetResizable(True)
         self.setAccessibleName("Plan, manual pressure and elongation")
+        layout = widgets.column(
+            self._plan_card(), self._pressure_card(), self._elongation_card(), None, spacing=style.GAP
+        )
+        self.setWidget(widgets.holder(layout))
+        layout.setContentsMargins(0, style.GAP, 0, 0)
+
+    def _plan_card(self) -> QFrame:
+        sequence = self.sequence
         self.choice = widgets.choice("Plan", [(name, name) for name in sequence.plans], sequence.choose)
         self.fields = {entry.key: self._field(entry.key, entry.label, entry.help) for entry in ENTRIES}
         self.refused = widgets.label("", wrap=True, name="Why the entry is invalid")
-        show = partial(services.show, Panel.SEGMENTS)
+        show = partial(self.services.show, Panel.SEGMENTS)
         self.segments = widgets.button("Segments …", show, tip="Steps, ramps, sines, loops, readings (Ctrl+Shift+G)")
         self.estimate = widgets.label("", "muted", wrap=True)
-        self.limits = widgets.label("", "muted", wrap=True)
         self.ask_readings = QCheckBox("Wait for each reading")
         self.ask_readings.setChecked(sequence.wait_for_reading)
         self.ask_readings.toggled.connect(sequence.require_readings)
@@ -191,9 +198,6 @@ class PlanForm(QScrollArea):
             "plateaus, this half width of the intervals of drift and repeatability, % FSO"
         )
         self.asked.editingFinished.connect(self._ask)
-        self.target = widgets.field("Target pressure in kPa", "0", self._set_pressure, width=FIELD_WIDTH)
-        self.ramp = widgets.field("Ramp in kPa per second", "5", width=FIELD_WIDTH)
-        self.set_button = widgets.button("Set pressure", self._set_pressure, tip="Within limits, without a run")
         plan, _ = widgets.card(
             widgets.row(widgets.label("Plan", "subtitle"), None, self.choice),
             widgets.form((entry.label, self.fields[entry.key], entry.unit) for entry in ENTRIES),
@@ -209,11 +213,21 @@ class PlanForm(QScrollArea):
                 spacing=style.STEP,
             ),
         )
+        return plan
+
+    def _pressure_card(self) -> QFrame:
+        self.limits = widgets.label("", "muted", wrap=True)
+        self.target = widgets.field("Target pressure in kPa", "0", self._set_pressure, width=FIELD_WIDTH)
+        self.ramp = widgets.field("Ramp in kPa per second", "5", width=FIELD_WIDTH)
+        self.set_button = widgets.button("Set pressure", self._set_pressure, tip="Within limits, without a run")
         manual, _ = widgets.card(
             widgets.label("Manual pressure", "subtitle"),
             widgets.form((("Target", self.target, "kPa"), ("Ramp", self.ramp, "kPa/s"))),
             widgets.row((self.limits, 1), self.set_button),
         )
+        return manual
+
+    def _elongation_card(self) -> QFrame:
         self.mm = widgets.field("Target elongation in mm", "0", self._set_elongation, width=FIELD_WIDTH)
         tip = "Controls the pressure so that the unit has this elongation"
         self.elongation_button = widgets.button("Set elongation", self._set_elongation, tip=tip)
@@ -227,9 +241,7 @@ class PlanForm(QScrollArea):
             self.hold,
             widgets.row((self.elongation, 1), self.elongation_button),
         )
-        layout = widgets.column(plan, manual, elongation, None, spacing=style.GAP)
-        self.setWidget(widgets.holder(layout))
-        layout.setContentsMargins(0, style.GAP, 0, 0)
+        return elongation
 
     def _field(self, key: str, name: str, tip: str) -> QLineEdit:
         field = widgets.field(name, self.sequence.value(key), width=FIELD_WIDTH)

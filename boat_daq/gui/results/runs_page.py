@@ -20,8 +20,10 @@ from PySide6.QtCore import (
 from PySide6.QtGui import QFontMetrics, QPainter, QPen, QPolygonF, QResizeEvent, QTransform
 from PySide6.QtWidgets import (
     QBoxLayout,
+    QFrame,
     QHeaderView,
     QMenu,
+    QPushButton,
     QStyledItemDelegate,
     QStyleOptionViewItem,
     QWidget,
@@ -152,9 +154,18 @@ class RunsPage(QWidget):
         card.paint_theme(card.theme)
 
     def _filled(self) -> QWidget:
+        self.buttons = self._run_buttons()
+        frame, side = self._recordings_card(), self._units_card()
+        self.sides = Shares("units", self.services.preferences, (side, 1), (self.history, 1), beside=True)
+        self.cards = (side, self.history, self.compare_card)
+        self.below = Leaves(self.sides, self.compare_card)  # the latter in place of the units
+        self.list.setMinimumHeight(style.STRIP_HEIGHT + LEAST_LINES * style.THUMBNAIL[1])
+        return Shares("runs", self.services.preferences, (frame, 3), (self.below, 2))
+
+    def _run_buttons(self) -> dict[str, QPushButton]:
         run, other = self._run, self.other_pages
         calibrate, tip = partial(run, other.calibrate, Page.CALIBRATE), "Continue it with its next complete cycle"
-        self.buttons = {
+        buttons = {
             "open": widgets.button("Calibrate", calibrate, "primary", tip="Analyse it on the Calibrate page"),
             "repeat": widgets.button("Repeatability", partial(run, other.repeat, Page.REPEAT)),
             "readings": widgets.button("Readings …", partial(run, self._edit), tip="Correct or add its readings"),
@@ -174,10 +185,13 @@ class RunsPage(QWidget):
             ("replay", [(f"{speed} times real time", partial(self._replay, speed)) for speed in SPEEDS]),
             ("export", [(f"{k} …", partial(self._ask_save, v, self.model.export)) for k, v in EXPORTS.items()]),
         ):
-            menu = QMenu(self.buttons[key])
+            menu = QMenu(buttons[key])
             for text, action in entries:
                 menu.addAction(text, action)
-            self.buttons[key].setMenu(menu)
+            buttons[key].setMenu(menu)
+        return buttons
+
+    def _recordings_card(self) -> QFrame:
         self.heading = widgets.label("Recordings", "subtitle")
         under = [self.buttons[key] for key in UNDER_LIST]
         head = widgets.row(self.heading, None, *(b for b in self.buttons.values() if b not in under))
@@ -195,6 +209,9 @@ class RunsPage(QWidget):
         find = widgets.row((self.search, 1), (where, 1), self.folder, self.import_)
         self.foot = widgets.row((self.details, 1), widgets.row(None, *under))
         frame, _ = widgets.card(head, find, (self.list, 1), self.foot)
+        return frame
+
+    def _units_card(self) -> QFrame:
         self.no_units = widgets.label(NO_UNITS, "muted", wrap=True)
         self.no_units.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.over_time = self.buttons["unit"] = widgets.button("Over time …", self._show_unit, tip=OVER_TIME_TIP)
@@ -202,11 +219,7 @@ class RunsPage(QWidget):
         self.units.itemDoubleClicked.connect(lambda _: self._show_unit())
         units_head = widgets.row(widgets.label("Units", "subtitle"), None, self.over_time)
         side, _ = widgets.card(units_head, (self.units, 1), (self.no_units, 1))
-        self.sides = Shares("units", self.services.preferences, (side, 1), (self.history, 1), beside=True)
-        self.cards = (side, self.history, self.compare_card)
-        self.below = Leaves(self.sides, self.compare_card)  # the latter in place of the units
-        self.list.setMinimumHeight(style.STRIP_HEIGHT + LEAST_LINES * style.THUMBNAIL[1])
-        return Shares("runs", self.services.preferences, (frame, 3), (self.below, 2))
+        return side
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Hide the heading on a narrow page, so that the buttons fit, and stack what is under the list."""

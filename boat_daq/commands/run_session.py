@@ -102,40 +102,23 @@ def run_session(
     session = Session(dataclasses.replace(settings, allow_remote=settings.allow_remote or request.allow_remote))
     shared = SharedVent(session.vent, lambda: request.unit or request.path.name, home("config"))
     try:
-        if request.derived is not None:
-            session.set_derived(request.derived)
-        session.connect(
-            request.port,
-            request.profile,
-            rate_hz=request.rate_hz,
-            unit=request.unit,
-            record_to=request.path,
-            metadata=request.metadata,
-            resume_in=request.broken,
-            for_plan=request.plan,
-        )
-        seen = session.wait_connected()
-        if seen.simulated:
-            notify("SIMULATED: this is the virtual board")
+        seen = _connect(session, request)
         if open_camera is not None:
             camera = open_camera(session)
             _wait_for_marks(camera)
-        if request.plan is not None:
+        if request.plan is None:
+            listen(session, request.duration_s)
+        else:
             shown = clear_latched_fault(session, seen)
             vent_residual_pressure(session)
             enough = EnoughCycles(session, partial(after_run or (lambda _: None), session), notify)
             enough.ask(request.uncertainty)
             with contextlib.closing(enough):
                 run_plan(session, request, enough, shown=shown)
-        else:
-            listen(session, request.duration_s)
         if after_run is not None:
             after_run(session)
         if camera is not None:
-            camera.finish()
-            seen_by = camera.state
-            frames = f"{seen_by.frames} frames, {seen_by.valid} with an elongation, {seen_by.dropped} missing"
-            notify(f"camera: {frames}")
+            _finish(camera)
         failure = why_failed(session.snapshot(), request.plan)
     except BoatDaqError:
         if session.snapshot().recording is not None:
@@ -150,6 +133,38 @@ def run_session(
             if message.kind is MessageKind.PLUGIN:
                 notify(f"warning: {message.cause}; {message.remedy}")
     return summarise(request.path), failure
+
+
+def _connect(session: Session, request: SessionRequest) -> SessionSnapshot:
+    """Connect and begin the recording of a request, and return the session once samples come.
+
+    Raises
+    ------
+    DeviceError, OperatorError, StorageError : as `Session.connect` and `Session.wait_connected`.
+    """
+    if request.derived is not None:
+        session.set_derived(request.derived)
+    session.connect(
+        request.port,
+        request.profile,
+        rate_hz=request.rate_hz,
+        unit=request.unit,
+        record_to=request.path,
+        metadata=request.metadata,
+        resume_in=request.broken,
+        for_plan=request.plan,
+    )
+    seen = session.wait_connected()
+    if seen.simulated:
+        notify("SIMULATED: this is the virtual board")
+    return seen
+
+
+def _finish(camera: CameraChannel) -> None:
+    """Wait for the readings of the last plateaus, and print how many frames gave an elongation."""
+    camera.finish()
+    state = camera.state
+    notify(f"camera: {state.frames} frames, {state.valid} with an elongation, {state.dropped} missing")
 
 
 def _wait_for_marks(channel: CameraChannel) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from analysis.fidelity import Level
+    from analysis.optics.sweep.signal import ChainSignal
     from analysis.optics.sweep.sweep import SweepResult
     from analysis.shadow.fem.parameters import ActuatorParameters
     from analysis.shadow.fem.solver import Solution
@@ -510,28 +512,34 @@ def chain(
     if as_json:
         emit_json(found)
         return
+    for line in _chain_lines(found, signal):
+        show(line)
+
+
+def _chain_lines(found: Mapping[str, Any], signal: ChainSignal) -> Iterator[str]:
+    """Yield the lines of the chain; `found` as its JSON."""
     for name in ("shadow", "parametric"):
         one = found[name]
         design = "{cavities} cavities {width_mm:.1f} wide, {depth_mm:.1f} deep, {spacing_mm:.1f} apart"
-        show(
+        yield (
             f"{name}: best {design.format(**one['best'])}, P {one['p']:.3g}, tied with {one['tied']}; "
             f"NDR {one['ndr'][0]:.0f} compressed, {one['ndr'][7]:.0f} at rest, {one['ndr'][-1]:.0f} elongated; "
             f"the paper's optimum has rank {one['paper_optimum_rank']}"
         )
-    show(
+    yield (
         f"light of the paper's design, all reflections followed: {signal.light_change_percent:+.1f} % from "
         f"{signal.elongation_mm[0]:+.2f} to {signal.elongation_mm[-1]:+.2f} mm"
     )
     for number, fit in enumerate(signal.sensors, start=1):
-        show(
+        yield (
             f"published signal of sensor {number}: {fit.signal_change_percent:+.1f} %; gain "
             f"{fit.gain_mv_per_percent:+.1f} mV per percent of light, R2 {fit.r2:.3f}, "
             f"rms {fit.rms_percent_fso:.1f} % FSO"
         )
     if signal.inverted:
-        show("negative gains: the front end inverts, or in the real guides light rises where it falls here")
+        yield "negative gains: the front end inverts, or in the real guides light rises where it falls here"
     straighter = found["curvature_per_mm"][-1] < found["curvature_per_mm"][0]
-    show(f"the shadow's guides get {'straighter' if straighter else 'more bent'} as the actuator lengthens")
+    yield f"the shadow's guides get {'straighter' if straighter else 'more bent'} as the actuator lengthens"
 
 
 def _outcome(result: SweepResult) -> dict[str, Any]:

@@ -186,68 +186,91 @@ def direct_growth(
     ConvergenceError
         If there is no equilibrium near the perfect one: the actuator has collapsed.
     """
-    problem, harmonics, shape = stability.problem, stability.harmonics, imperfection.shape
-    p, u0, n = state.pressure_kpa, state.displacement_mm, imperfection.waves.wave_number
-    axial = factorise(problem, u0, p, held=False)
-    if axial is None:
-        raise _unstable()
-    factors = [_factor(harmonics.tangent(u0, p, k * n)) for k in range(1, waves)]
-    ends = np.cumsum([problem.size, *([harmonics.size] * (waves - 1))])
-
-    def nodal(x: FloatArray) -> FloatArray:
-        u = np.zeros((waves, *shape.shape))
-        flat, *rest = np.split(x, ends[:-1])
-        u[0, :, ::2] = problem.spread(flat)
-        for k, values in enumerate(rest, 1):
-            u[k] = imperfection.waves.spread(values)
-        return u
-
-    def force(u: FloatArray, e_mm: float) -> FloatArray:
-        with np.errstate(invalid="ignore"):  # an inverted element has no energy
-            return np.concatenate(imperfection.waves.force(u, p, e_mm * shape))
-
-    def precondition(x: FloatArray) -> FloatArray:
-        flat, *rest = np.split(x, ends[:-1])
-        return np.concatenate([axial.solve(flat), *(_solve(f, r) for f, r in zip(factors, rest, strict=True))])
-
-    def newton(u: FloatArray, e_mm: float) -> FloatArray | None:
-        """Return the equilibrium of one error near `u`; None if the iteration does not find it."""
-        for _ in range(DIRECT_STEPS):
-            out = force(u, e_mm)
-            if not np.isfinite(out).all():
-                return None
-            if np.linalg.norm(out) <= enough:
-                return u
-
-            def product(x: FloatArray, u: FloatArray = u) -> FloatArray:
-                step = nodal(x.ravel()) * (DIFFERENCE_MM / max(float(np.abs(x).max()), DIFFERENCE_MM**2))
-                change = force(u + step, e_mm) - force(u - step, e_mm)
-                return np.asarray(change * (np.abs(x).max() / (2.0 * DIFFERENCE_MM)))
-
-            size = (int(ends[-1]),) * 2
-            operator, inverse = LinearOperator(size, product), LinearOperator(size, precondition)
-            change, _ = gmres(operator, -out, M=inverse, rtol=GMRES_TOLERANCE, restart=40, maxiter=2)
-            u = u + nodal(change)
-        return None
-
-    enough = DIRECT_TOLERANCE * problem.balance(u0, p).scale
+    problem, shape = stability.problem, imperfection.shape
+    series = _Series(stability, state, imperfection, waves)
     u = np.zeros((waves, *shape.shape))
-    u[0, :, ::2] = u0
+    u[0, :, ::2] = state.displacement_mm
     done, share = 0.0, 1.0
     while done < 1.0:
-        found = newton(u, (done + share) * error_mm)
+        found = series.equilibrium(u, (done + share) * error_mm)
         if found is not None:
             u, done = found, done + share
         else:
             share /= 2.0
             if share < SMALLEST_ERROR_STEP:
                 raise ConvergenceError(
-                    f"no equilibrium of a print oval by {error_mm:g} mm at {p:.4g} kPa",
+                    f"no equilibrium of a print oval by {error_mm:g} mm at {state.pressure_kpa:.4g} kPa",
                     "choose a state with less vacuum",
                 )
     at = np.unique(problem.cavity)
     at = at[np.abs(shape[at, 0]).argmax()]
     return float(u[1, at, 0] / shape[at, 0])
+
+
+class _Series:
+    """The equilibrium of an imperfect print at one pressure, displacements as a series: orders 0, n, 2 n, ...
+
+    Parameters
+    ----------
+    stability, imperfection : of the actuator. state : stable, of the perfect shape, its plate free.
+    waves : terms of the series.
+
+    Raises
+    ------
+    ConvergenceError
+        If the state is not stable.
+    """
+
+    def __init__(self, stability: Stability, state: Solution, imperfection: Imperfection, waves: int) -> None:
+        problem, harmonics, n = stability.problem, stability.harmonics, imperfection.waves.wave_number
+        p, u0 = state.pressure_kpa, state.displacement_mm
+        axial = factorise(problem, u0, p, held=False)
+        if axial is None:
+            raise _unstable()
+        self._axial, self._factors = axial, [_factor(harmonics.tangent(u0, p, k * n)) for k in range(1, waves)]
+        self._problem, self._imperfection, self._pressure_kpa = problem, imperfection, p
+        self._ends = np.cumsum([problem.size, *([harmonics.size] * (waves - 1))])
+        self._enough = DIRECT_TOLERANCE * problem.balance(u0, p).scale
+
+    def equilibrium(self, u: FloatArray, e_mm: float) -> FloatArray | None:
+        """Return the displacements (waves, nodes, 3) of one error near `u`; None if Newton's method fails."""
+        for _ in range(DIRECT_STEPS):
+            out = self._force(u, e_mm)
+            if not np.isfinite(out).all():
+                return None
+            if np.linalg.norm(out) <= self._enough:
+                return u
+
+            def product(x: FloatArray, u: FloatArray = u) -> FloatArray:
+                step = self._nodal(x.ravel()) * (DIFFERENCE_MM / max(float(np.abs(x).max()), DIFFERENCE_MM**2))
+                change = self._force(u + step, e_mm) - self._force(u - step, e_mm)
+                return np.asarray(change * (np.abs(x).max() / (2.0 * DIFFERENCE_MM)))
+
+            size = (int(self._ends[-1]),) * 2
+            operator, inverse = LinearOperator(size, product), LinearOperator(size, self._precondition)
+            change, _ = gmres(operator, -out, M=inverse, rtol=GMRES_TOLERANCE, restart=40, maxiter=2)
+            u = u + self._nodal(change)
+        return None
+
+    def _nodal(self, x: FloatArray) -> FloatArray:
+        """Return the free displacements as (waves, nodes, 3)."""
+        flat, *rest = np.split(x, self._ends[:-1])
+        u = np.zeros((len(self._ends), *self._imperfection.shape.shape))
+        u[0, :, ::2] = self._problem.spread(flat)
+        for k, values in enumerate(rest, 1):
+            u[k] = self._imperfection.waves.spread(values)
+        return u
+
+    def _force(self, u: FloatArray, e_mm: float) -> FloatArray:
+        waves, shape = self._imperfection.waves, self._imperfection.shape
+        with np.errstate(invalid="ignore"):  # an inverted element has no energy
+            return np.concatenate(waves.force(u, self._pressure_kpa, e_mm * shape))
+
+    def _precondition(self, x: FloatArray) -> FloatArray:
+        """Return a step by the tangents of the perfect shape."""
+        flat, *rest = np.split(x, self._ends[:-1])
+        waves = [_solve(f, r) for f, r in zip(self._factors, rest, strict=True)]
+        return np.concatenate([self._axial.solve(flat), *waves])
 
 
 def _factor(matrix: FloatArray) -> FloatArray:

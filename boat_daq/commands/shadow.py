@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,6 +14,17 @@ import typer
 from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show, writing
 from boat_daq.commands.optics import cavity_counts
 from boat_daq.commands.options import FidelityOption, PlotOption, RunArgument, one_of
+from boat_daq.commands.shadow_model import (
+    MeshOption,
+    ParametersOption,
+    SolvedState,
+    chosen_model,
+    chosen_parameters,
+    chosen_shadow,
+    chosen_table,
+    solved_state,
+    solved_within,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,63 +32,9 @@ if TYPE_CHECKING:
     from analysis.fidelity import Level
     from analysis.optics.sweep.signal import ChainSignal
     from analysis.optics.sweep.sweep import SweepResult
-    from analysis.shadow.fem.parameters import ActuatorParameters
     from analysis.shadow.fem.solver import Solution
     from analysis.shadow.model.assessment import Assessment
-    from analysis.shadow.model.frames import Shadow
-    from analysis.shadow.model.full import FullModel
-    from analysis.shadow.model.reduced import ReducedModel
     from analysis.warning import Warning
-
-
-ParametersOption = Annotated[Path | None, typer.Option("--parameters", help="TOML file of actuator parameters.")]
-MeshOption = Annotated[Path | None, typer.Option("--mesh", help="A .vtu or .msh mesh in place of the parametric one.")]
-
-
-def chosen_parameters(path: Path | None, level: Level = "normal") -> ActuatorParameters:
-    """Return the parameters of a file, or the defaults, on the mesh of a fidelity; normal keeps a file's own mesh."""
-    from analysis.fidelity import fidelity
-    from analysis.shadow.fem.parameters import read_parameters
-    from analysis.shadow.model.frames import actuator
-
-    if path is None:
-        return actuator(fidelity(level))
-    read = read_parameters(path)
-    return read if level == "normal" else actuator(fidelity(level), read)
-
-
-def chosen_model(parameters: Path | None, mesh: Path | None, level: Level = "normal") -> FullModel:
-    """Return the full model.
-
-    Parameters
-    ----------
-    parameters : TOML file; None for the defaults.
-    mesh : mesh file; None for the parametric mesh.
-    level : fidelity of the parametric mesh.
-    """
-    from analysis.shadow.fem.mesh_files import read_mesh
-    from analysis.shadow.model.full import FullModel
-
-    return FullModel(chosen_parameters(parameters, level), mesh=None if mesh is None else read_mesh(mesh))
-
-
-def chosen_table(actuator: ActuatorParameters, level: Level | None = None) -> ReducedModel:
-    """Return the reduced model of an actuator, of the fidelity's size where one is given."""
-    from analysis.fidelity import fidelity
-    from analysis.shadow.model.frames import table_settings
-    from analysis.shadow.model.table import load_table
-
-    settings = None if level is None else table_settings(fidelity(level))
-    with progress_bar("building the table") as progress:
-        return load_table(actuator, settings, progress=progress)
-
-
-def chosen_shadow(parameters: Path | None, level: Level = "normal") -> Shadow:
-    """Return the shadow of the chosen parameters, its table of the fidelity's size."""
-    from analysis.shadow.model.frames import Shadow
-
-    actuator = chosen_parameters(parameters, level)
-    return Shadow(actuator, chosen_table(actuator, level))
 
 
 def save_figure(figure: Figure, path: Path) -> None:
@@ -140,9 +97,9 @@ def solve(
     from analysis.shadow.model.assessment import PRINT_ERROR_MM, assess, collapse_kpa
 
     if tolerance is None or pressure is None:
-        solved = _solved(pressure, elongation, model, parameters, mesh, fidelity)
+        solved = solved_state(pressure, elongation, model, parameters, mesh, fidelity)
     else:
-        solved = _solved_within(parameters, pressure, tolerance)
+        solved = solved_within(parameters, pressure, tolerance)
     found = assess(solved.model, solved.solution, print_error or PRINT_ERROR_MM)
     collapses_kpa = collapse_kpa(solved.model, print_error) if print_error else math.nan
     warnings = [*found.warnings, *_fallback(model, solved.used, parameters, fidelity)]
@@ -160,25 +117,7 @@ def solve(
     present(_json(solved, found) | notes, *lines, as_json=as_json)
 
 
-@dataclass(frozen=True, slots=True)
-class _Solved:
-    """A state, and how it was found.
-
-    Parameters
-    ----------
-    model : the full model. solution : the state.
-    used : name of the model that solved it. seconds : that it took.
-    error_mm : of the elongation, where the mesh was chosen by it; else NaN.
-    """
-
-    model: FullModel
-    solution: Solution
-    used: str
-    seconds: float
-    error_mm: float = math.nan
-
-
-def _json(solved: _Solved, found: Assessment) -> dict[str, Any]:
+def _json(solved: SolvedState, found: Assessment) -> dict[str, Any]:
     """Return a state and its margin as JSON."""
     from analysis.shadow.model.guides import both_guides
 
@@ -202,7 +141,7 @@ def _json(solved: _Solved, found: Assessment) -> dict[str, Any]:
     }
 
 
-def _lines(solved: _Solved, found: Assessment, collapses_kpa: float, *, meshed: bool) -> list[str]:
+def _lines(solved: SolvedState, found: Assessment, collapses_kpa: float, *, meshed: bool) -> list[str]:
     """Return a state and its margin as lines.
 
     Parameters
@@ -238,36 +177,6 @@ def _fallback(model: str, used: str, parameters: Path | None, level: Level) -> l
     rectangle = chosen_table(chosen_parameters(parameters, level), level).rectangle
     text = f"outside the table of the reduced model ({rectangle}): the full model was used"
     return [Warning(WarningCode.OUTSIDE_TABLE, "", text)]
-
-
-def _solved(
-    pressure: float | None,
-    elongation: float | None,
-    model: str,
-    parameters: Path | None,
-    mesh: Path | None,
-    level: Level = "normal",
-) -> _Solved:
-    """Return the state at a pressure, at an elongation or at both, by the chosen model."""
-    if model == "full":
-        full = chosen_model(parameters, mesh, level)
-        full.check_limits(pressure, elongation)  # finds the limits, once for all states: not timed
-        begun = time.perf_counter()
-        solution = full.solve(pressure_kpa=pressure, elongation_mm=elongation)
-        return _Solved(full, solution, "full", time.perf_counter() - begun)
-    shadow = chosen_shadow(parameters, level)
-    begun = time.perf_counter()
-    solution, used = shadow.solution(elongation_mm=elongation, pressure_kpa=pressure)
-    return _Solved(shadow.model, solution, used, time.perf_counter() - begun)
-
-
-def _solved_within(parameters: Path | None, pressure_kpa: float, tolerance_mm: float) -> _Solved:
-    """Return the state at a pressure, on no finer a mesh than an error of its elongation takes."""
-    from analysis.shadow.model.tolerance import solve_within
-
-    begun = time.perf_counter()
-    met = solve_within(chosen_parameters(parameters), pressure_kpa, tolerance_mm)
-    return _Solved(met.model, met.solution, "full", time.perf_counter() - begun, met.error_mm)
 
 
 def _plot_state(solution: Solution, parameters: Path | None, path: Path, level: Level = "normal") -> None:

@@ -1,0 +1,139 @@
+"""The model that a command of the digital shadow uses, by its options, and a state solved with it."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from boat_daq.commands.console import progress_bar
+
+if TYPE_CHECKING:
+    from analysis.fidelity import Level
+    from analysis.shadow.fem.parameters import ActuatorParameters
+    from analysis.shadow.fem.solver import Solution
+    from analysis.shadow.model.frames import Shadow
+    from analysis.shadow.model.full import FullModel
+    from analysis.shadow.model.reduced import ReducedModel
+
+ParametersOption = Annotated[Path | None, typer.Option("--parameters", help="TOML file of actuator parameters.")]
+MeshOption = Annotated[Path | None, typer.Option("--mesh", help="A .vtu or .msh mesh in place of the parametric one.")]
+
+
+def chosen_parameters(path: Path | None, level: Level = "normal") -> ActuatorParameters:
+    """Return the parameters of a file, or the defaults, on the mesh of a fidelity; normal keeps a file's own mesh."""
+    from analysis.fidelity import fidelity
+    from analysis.shadow.fem.parameters import read_parameters
+    from analysis.shadow.model.frames import actuator
+
+    if path is None:
+        return actuator(fidelity(level))
+    read = read_parameters(path)
+    return read if level == "normal" else actuator(fidelity(level), read)
+
+
+def chosen_model(parameters: Path | None, mesh: Path | None, level: Level = "normal") -> FullModel:
+    """Return the full model.
+
+    Parameters
+    ----------
+    parameters : TOML file; None for the defaults.
+    mesh : mesh file; None for the parametric mesh.
+    level : fidelity of the parametric mesh.
+    """
+    from analysis.shadow.fem.mesh_files import read_mesh
+    from analysis.shadow.model.full import FullModel
+
+    return FullModel(chosen_parameters(parameters, level), mesh=None if mesh is None else read_mesh(mesh))
+
+
+def chosen_table(actuator: ActuatorParameters, level: Level | None = None) -> ReducedModel:
+    """Return the reduced model of an actuator, of the fidelity's size where one is given."""
+    from analysis.fidelity import fidelity
+    from analysis.shadow.model.frames import table_settings
+    from analysis.shadow.model.table import load_table
+
+    settings = None if level is None else table_settings(fidelity(level))
+    with progress_bar("building the table") as progress:
+        return load_table(actuator, settings, progress=progress)
+
+
+def chosen_shadow(parameters: Path | None, level: Level = "normal") -> Shadow:
+    """Return the shadow of the chosen parameters, its table of the fidelity's size."""
+    from analysis.shadow.model.frames import Shadow
+
+    actuator = chosen_parameters(parameters, level)
+    return Shadow(actuator, chosen_table(actuator, level))
+
+
+@dataclass(frozen=True, slots=True)
+class SolvedState:
+    """A state, and how it was found.
+
+    Parameters
+    ----------
+    model : the full model. solution : the state.
+    used : name of the model that solved it. seconds : that it took.
+    error_mm : of the elongation, where the mesh was chosen by it; else NaN.
+    """
+
+    model: FullModel
+    solution: Solution
+    used: str
+    seconds: float
+    error_mm: float = math.nan
+
+
+def solved_state(
+    pressure: float | None,
+    elongation: float | None,
+    model: str,
+    parameters: Path | None,
+    mesh: Path | None,
+    level: Level = "normal",
+) -> SolvedState:
+    """Return the state at a pressure, at an elongation or at both, by the chosen model.
+
+    Parameters
+    ----------
+    pressure, elongation : kPa, mm; None where it is free.
+    model : "full" or "reduced".
+    parameters, mesh, level : as `chosen_model`.
+
+    Raises
+    ------
+    RequestError : outside the limits of the model.
+    """
+    if model == "full":
+        full = chosen_model(parameters, mesh, level)
+        full.check_limits(pressure, elongation)  # finds the limits, once for all states: not timed
+        begun = time.perf_counter()
+        solution = full.solve(pressure_kpa=pressure, elongation_mm=elongation)
+        return SolvedState(full, solution, "full", time.perf_counter() - begun)
+    shadow = chosen_shadow(parameters, level)
+    begun = time.perf_counter()
+    solution, used = shadow.solution(elongation_mm=elongation, pressure_kpa=pressure)
+    return SolvedState(shadow.model, solution, used, time.perf_counter() - begun)
+
+
+def solved_within(parameters: Path | None, pressure_kpa: float, tolerance_mm: float) -> SolvedState:
+    """Return the state at a pressure, on no finer a mesh than an error of its elongation takes.
+
+    Parameters
+    ----------
+    parameters : TOML file; None for the defaults.
+    pressure_kpa, tolerance_mm : as `solve_within`.
+
+    Raises
+    ------
+    RequestError, DataError : as there.
+    """
+    from analysis.shadow.model.tolerance import solve_within
+
+    begun = time.perf_counter()
+    met = solve_within(chosen_parameters(parameters), pressure_kpa, tolerance_mm)
+    return SolvedState(met.model, met.solution, "full", time.perf_counter() - begun, met.error_mm)

@@ -15,7 +15,7 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
@@ -25,23 +25,37 @@ from analysis.numbers import neutral
 from analysis.progress import Progress
 from protocol.errors import ProtocolError
 
+if TYPE_CHECKING:
+    from analysis.figures.pipeline import Analysis
+    from analysis.figures.sensor_analysis import Options
+
 SUFFIXES = (".boat", ".csv")
 ELONGATION = ".elongation.csv"
+ToTolerance = Callable[[Path, "Path | None", "Options"], "tuple[Analysis, dict[str, Any]]"]
 LEADING = ("run", "unit", "started_utc", "simulated", "kind", "cycles", "partial", "lost_samples", "sensor", "error")
 
 
-def summarise_run(path: Path, *, seed: int = 0, mcmc: bool = False) -> list[dict[str, Any]]:
+def summarise_run(
+    path: Path, *, seed: int = 0, mcmc: bool = False, within: ToTolerance | None = None
+) -> list[dict[str, Any]]:
     """Return one row for each sensor of a run, or one row with the reason why there is none.
 
     Parameters
     ----------
     path : the run.
     seed, mcmc : as `analyse` takes them.
+    within : analyses to a tolerance, and returns further columns; None for the usual draws.
     """
     from analysis.figures.pipeline import analyse  # imported in the worker, not by the caller of a batch
+    from analysis.figures.sensor_analysis import Options
 
     try:
-        analysis = analyse(path, readings_beside(path), seed=seed, mcmc=mcmc)
+        options = Options(seed=seed, mcmc=mcmc)
+        further: dict[str, Any] = {}
+        if within is None:
+            analysis = analyse(path, readings_beside(path), options=options)
+        else:
+            analysis, further = within(path, readings_beside(path), options)
     except (AnalysisError, ProtocolError) as error:
         return [{"run": path.name, "error": error.cause}]
     cycles = analysis.cycles.as_json()
@@ -61,7 +75,7 @@ def summarise_run(path: Path, *, seed: int = 0, mcmc: bool = False) -> list[dict
         if sensor.calibration is not None:
             row |= {f"b{i}": float(b) for i, b in enumerate(sensor.calibration.coefficients)}
             row["r2"] = sensor.calibration.r2
-        row |= {name: figure.value for name, figure in sensor.figures.items()}
+        row |= {name: figure.value for name, figure in sensor.figures.items()} | further
         rows.append(row)
     return rows
 
@@ -71,6 +85,7 @@ def batch(
     *,
     seed: int = 0,
     mcmc: bool = False,
+    within: ToTolerance | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
     allow_remote: bool = False,
@@ -81,6 +96,7 @@ def batch(
     Parameters
     ----------
     runs : a folder, or files.
+    seed, mcmc, within : as `summarise_run` takes them.
     workers : processes; one for each core by default, 1 for none.
     scheduler : address of a Dask scheduler; then the runs must be readable from its workers.
     allow_remote : whether the scheduler may be on another computer; see `analysis.cluster`.
@@ -93,7 +109,7 @@ def batch(
     if scheduler is not None:
         check_scheduler(scheduler, allow_remote=allow_remote)
     files = runs_in(runs)
-    task = partial(summarise_run, seed=seed, mcmc=mcmc)
+    task = partial(summarise_run, seed=seed, mcmc=mcmc, within=within)
     rows: list[dict[str, Any]] = []
     for done, found in enumerate(_mapped(task, files, workers or os.cpu_count() or 1, scheduler), 1):
         rows += found

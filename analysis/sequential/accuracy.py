@@ -183,6 +183,19 @@ def analyse_within(
             return analysis
 
 
+@dataclass(frozen=True, slots=True)
+class WithinTolerance:
+    """Analyses runs of a batch to a tolerance, in its unit; the columns are those of their accuracy."""
+
+    tolerance: float
+    unit: Unit
+
+    def __call__(self, run: Path, elongation: Path | None, options: Options) -> tuple[Analysis, dict[str, Any]]:
+        """Return the analysis, and what its draws leave uncertain."""
+        analysis = analyse_within(run, elongation, options, self.tolerance, self.unit)
+        return analysis, {f"accuracy_{name}": value for name, value in accuracy_of(analysis).as_json().items()}
+
+
 def sample_within(sample: Callable[[int], Posterior], tolerance: float) -> tuple[Posterior, float]:
     """Return a posterior with no more samples than a tolerance takes, and the error of its band, in the unit of y.
 

@@ -15,6 +15,7 @@ from boat_daq.commands.options import (
     DegreeOption,
     DeriveOption,
     FidelityOption,
+    FiguresToleranceOption,
     LeaveOutOption,
     LensOption,
     LimitOption,
@@ -29,8 +30,10 @@ from boat_daq.commands.options import (
     SeedOption,
     TypeBOption,
     XResolutionOption,
+    figures_tolerance,
     limits_of,
     patches_of,
+    tolerances,
 )
 
 if TYPE_CHECKING:
@@ -174,28 +177,15 @@ def _shadow(analysis: Analysis) -> dict[str, Any] | None:
         return against_shadow(analysis, progress=advance).as_json()
 
 
-def tolerances(text: str) -> tuple[float, tuple[float, Unit] | None]:
-    """Return the deviation of a settled plateau, kPa, and the tolerance of the figures with its unit, if given."""
-    units: dict[str, Unit] = {"mm": "mm", "%fso": "%FSO"}
-    plain = text.replace(" ", "").lower()
-    unit = next((unit for unit in units if plain.endswith(unit)), "")
-    try:
-        value = float(plain.removesuffix(unit or "kpa"))
-    except ValueError:
-        raise typer.BadParameter(f"{text!r} is no number of kPa, mm or %FSO", param_hint="--tolerance") from None
-    if unit:
-        return 1.0, (value, units[unit])
-    if not 0.01 <= value < math.inf:
-        raise typer.BadParameter(f"{value:g} is not at least 0.01 kPa", param_hint="--tolerance")
-    return value, None
-
-
 def _accuracy_text(found: Accuracy) -> str:
     """Return the errors that the draws leave, as a line."""
-    return (
-        f"errors by the draws (k = 2): intervals {found.intervals_percent_fso:.2g} % FSO with {found.resamples} "
-        f"resamples, band {found.band_mm:.2g} mm, {found.band_percent_fso:.2g} % FSO with {found.samples} samples"
-    )
+    parts = []
+    if math.isfinite(found.intervals_percent_fso):
+        parts.append(f"intervals {found.intervals_percent_fso:.2g} % FSO with {found.resamples} resamples")
+    if math.isfinite(found.band_mm):
+        band = f"band {found.band_mm:.2g} mm, {found.band_percent_fso:.2g} % FSO"
+        parts.append(f"{band} with {found.samples} samples")
+    return f"errors by the draws (k = 2): {'; '.join(parts)}"
 
 
 def _show_shadow(shadow: Mapping[str, Any]) -> None:
@@ -340,12 +330,7 @@ def report(
     seed: SeedOption = 0,
     no_mcmc: NoMcmcOption = False,
     no_shadow: NoShadowOption = False,
-    tolerance: Annotated[
-        str | None,
-        typer.Option(
-            metavar="MMmm|P%FSO", help="Greatest error that resampling and sampling leave, as 0.005mm or 0.1%FSO."
-        ),
-    ] = None,
+    tolerance: FiguresToleranceOption = None,
     fidelity: FidelityOption = "normal",
     units: Annotated[
         str, typer.Option(metavar="UNIT,...", help="Units of the report, such as bar,V,% (elongation over its length).")
@@ -363,9 +348,9 @@ def report(
         raise typer.BadParameter("must end in .html or .pdf", param_hint="--out")
     if elongation and len(elongation) not in (1, len(runs)):
         raise typer.BadParameter(f"{len(elongation)} files for {len(runs)} runs", param_hint="--elongation")
-    accuracy = None if tolerance is None else tolerances(tolerance)[1]
-    if tolerance is not None and (accuracy is None or fidelity != "normal"):
-        raise typer.BadParameter("takes mm or %FSO, and no --fidelity", param_hint="--tolerance")
+    accuracy = figures_tolerance(tolerance)
+    if accuracy is not None and fidelity != "normal":
+        raise typer.BadParameter("chooses the draws itself: omit --fidelity", param_hint="--tolerance")
     from analysis import Options, load_recording, write_report
     from analysis.calibration.curve_choice import degree_of
     from analysis.figures.against_shadow import against_shadow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,6 +11,9 @@ import typer
 
 from analysis.calibration.curve_choice import AUTO, CURVES
 from analysis.fidelity import LEVELS, Level
+
+if TYPE_CHECKING:
+    from analysis.sequential.accuracy import Unit
 
 
 def one_of(*choices: str) -> Callable[[str | None], str | None]:
@@ -37,6 +41,14 @@ RateOption = Annotated[
     float | None, typer.Option("--rate", min=0.001, metavar="HZ", help="Sampling rate of a CSV without time.")
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help="Seed of the intervals and the posterior.")]
+FiguresToleranceOption = Annotated[
+    str | None,
+    typer.Option(
+        "--tolerance",
+        metavar="MMmm|P%FSO",
+        help="Greatest error that resampling and sampling leave, as 0.005mm or 0.1%FSO.",
+    ),
+]
 NoMcmcOption = Annotated[bool, typer.Option("--no-mcmc", help="Omit the posterior.")]
 NoShadowOption = Annotated[bool, typer.Option("--no-shadow", help="Omit the digital shadow.")]
 AllowRemoteOption = Annotated[bool, typer.Option("--allow-remote", help="Allow an address outside this computer.")]
@@ -147,3 +159,34 @@ _LEVEL = typer.Option(
 )
 FidelityOption = Annotated[LevelName, _LEVEL]
 OptionalFidelity = Annotated[LevelName | None, _LEVEL]
+
+
+def tolerances(text: str) -> tuple[float, tuple[float, Unit] | None]:
+    """Return the deviation of a settled plateau, kPa, and the tolerance of the figures with its unit, if given."""
+    units: dict[str, Unit] = {"mm": "mm", "%fso": "%FSO"}
+    plain = text.replace(" ", "").lower()
+    unit = next((unit for unit in units if plain.endswith(unit)), "")
+    try:
+        value = float(plain.removesuffix(unit or "kpa"))
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is no number of kPa, mm or %FSO", param_hint="--tolerance") from None
+    if unit:
+        return 1.0, (value, units[unit])
+    if not 0.01 <= value < math.inf:
+        raise typer.BadParameter(f"{value:g} is not at least 0.01 kPa", param_hint="--tolerance")
+    return value, None
+
+
+def figures_tolerance(text: str | None) -> tuple[float, Unit] | None:
+    """Return the tolerance of the figures with its unit; None for none.
+
+    Raises
+    ------
+    typer.BadParameter : it has no unit of a figure.
+    """
+    if text is None:
+        return None
+    found = tolerances(text)[1]
+    if found is None:
+        raise typer.BadParameter("takes mm or %FSO, as 0.005mm or 0.1%FSO", param_hint="--tolerance")
+    return found

@@ -29,7 +29,9 @@ from boat_daq.commands.shadow_model import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from analysis.arrays import FloatArray
     from analysis.fidelity import Level
+    from analysis.optics.scene.parameters import Design
     from analysis.optics.sweep.signal import ChainSignal
     from analysis.optics.sweep.sweep import SweepResult
     from analysis.shadow.fem.solver import Solution
@@ -379,8 +381,15 @@ def replay(
 
 @app.command()
 def chain(
-    rays: Annotated[int, typer.Option(help="Rays of each simulation.", min=1)] = 5_000,
+    rays: Annotated[int | None, typer.Option(help="Rays of each simulation; default 5000.", min=1)] = None,
     cavities: Annotated[str, typer.Option(help="Numbers of cavities, as 3,5,7.")] = "3,5,7",
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            metavar="RAYS",
+            help="Greatest error of 95 % of the counts (rays of 250): chooses the rays; the answer states its own.",
+        ),
+    ] = None,
     parameters: ParametersOption = None,
     out: Annotated[Path | None, typer.Option(help="Write the shadow's curves into this CSV.")] = None,
     as_json: JsonOption = False,
@@ -391,10 +400,11 @@ def chain(
 
     Example: boat-daq shadow chain --out curves.csv
     """
+    if tolerance is not None and rays is not None:
+        raise typer.BadParameter("chooses the rays: omit --rays", param_hint="--tolerance")
     from analysis.optics.scene.curves import parametric_curves
-    from analysis.optics.scene.parameters import Light, phase_of
     from analysis.optics.sweep.signal import SIGNAL_RAYS, chain_signal
-    from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
+    from analysis.optics.sweep.sweep import paper_grid
     from analysis.shadow.model.states import guide_states, write_states
 
     designs = tuple(paper_grid(cavity_counts(cavities)))
@@ -404,19 +414,16 @@ def chain(
         notify(f"wrote {out}")
     found: dict[str, Any] = {}
     for name, curves in (("shadow", states.curves_mm), ("parametric", parametric_curves())):
-        with progress_bar(f"sweep over the {name} curves") as progress:
-            light = Light(rays=rays, phase=phase_of(rays))
-            result = run_sweep(SweepRequest(designs, light=light, curves=curves), progress=progress)
-        found[name] = _outcome(result)
+        found[name] = _outcome(_chain_sweep(name, designs, curves, rays or SIGNAL_RAYS, tolerance))
     found["bow_mm"], found["curvature_per_mm"] = states.bow_mm(), states.curvature_per_mm()
     found["elongation_mm"] = states.elongation_mm
     found["same_best"] = found["shadow"]["best"] == found["parametric"]["best"]
-    signal = chain_signal(states.curves_mm, states.elongation_mm, rays)
+    signal = chain_signal(states.curves_mm, states.elongation_mm, rays or SIGNAL_RAYS, tolerance=tolerance)
     found["signal"] = asdict(signal) | {
         "light_change_percent": signal.light_change_percent,
         "inverted": signal.inverted,
     }
-    if rays < SIGNAL_RAYS:
+    if signal.rays < SIGNAL_RAYS:
         notify(f"with fewer than {SIGNAL_RAYS} rays the light scatters more than it changes between two states")
     if as_json:
         emit_json(found)
@@ -433,7 +440,8 @@ def _chain_lines(found: Mapping[str, Any], signal: ChainSignal) -> Iterator[str]
         yield (
             f"{name}: best {design.format(**one['best'])}, P {one['p']:.3g}, tied with {one['tied']}; "
             f"NDR {one['ndr'][0]:.0f} compressed, {one['ndr'][7]:.0f} at rest, {one['ndr'][-1]:.0f} elongated; "
-            f"the paper's optimum has rank {one['paper_optimum_rank']}"
+            f"the paper's optimum has rank {one['paper_optimum_rank']}; error of 95 % of the counts "
+            f"{one['error']['of_95_percent']:.2g} rays with {one['rays']} rays"
         )
     yield (
         f"light of the paper's design, all reflections followed: {signal.light_change_percent:+.1f} % from "
@@ -451,9 +459,31 @@ def _chain_lines(found: Mapping[str, Any], signal: ChainSignal) -> Iterator[str]
     yield f"the shadow's guides get {'straighter' if straighter else 'more bent'} as the actuator lengthens"
 
 
+def _chain_sweep(
+    name: str, designs: tuple[Design, ...], curves: FloatArray, rays: int, tolerance: float | None
+) -> SweepResult:
+    """Sweep designs over curves, with a number of rays or as many as a tolerance takes.
+
+    Parameters
+    ----------
+    name, curves : of the states, the name for the progress. designs, rays, tolerance : as in a sweep.
+    """
+    from analysis.optics.scene.parameters import Light, phase_of
+    from analysis.optics.sweep.fans import light_within
+    from analysis.optics.sweep.sweep import SweepRequest, run_sweep
+
+    request = SweepRequest(designs, light=Light(rays=rays, phase=phase_of(rays)), curves=curves)
+    with progress_bar(f"sweep over the {name} curves") as progress:
+        if tolerance is not None:
+            request = replace(request, light=light_within(request, tolerance))
+        return run_sweep(request, progress=progress)
+
+
 def _outcome(result: SweepResult) -> dict[str, Any]:
     """Return a sweep's best design, the number tied with it, and the rank of the paper's optimum."""
     import numpy as np
+
+    from analysis.optics.sweep.fans import count_errors
 
     p = result.merit().p
     best, paper = int(np.argmax(p)), result.find()
@@ -467,4 +497,6 @@ def _outcome(result: SweepResult) -> dict[str, Any]:
         "paper_optimum_rank": None if paper is None else int(result.ranks()[paper]),
         "seconds": result.seconds,
         "simulations": result.simulated,
+        "rays": result.request.light.rays,
+        "error": count_errors(result),
     }

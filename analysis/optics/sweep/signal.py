@@ -6,12 +6,13 @@ gain and one offset; the sign of the gain is free, because the paper states neit
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from analysis.arrays import FloatArray
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Waveguide, light_by
+from analysis.optics.sweep.fans import light_within
 from analysis.optics.sweep.sweep import SweepRequest, run_sweep
 from analysis.published import SENSORS
 
@@ -77,8 +78,9 @@ def fit_signal(light_percent: FloatArray, signal_mv: FloatArray) -> SignalFit:
 
 
 def chain_signal(
-    curves_mm: FloatArray, elongation_mm: FloatArray, rays: int = SIGNAL_RAYS, design: Design = PAPER_OPTIMUM
-) -> ChainSignal:
+    curves_mm: FloatArray, elongation_mm: FloatArray, rays: int = SIGNAL_RAYS, design: Design = PAPER_OPTIMUM,
+    *, tolerance: float | None = None,
+) -> ChainSignal:  # fmt: skip
     """Trace a design with every reflection followed, and fit the published calibrations to its light.
 
     Parameters
@@ -86,14 +88,17 @@ def chain_signal(
     curves_mm, elongation_mm : (15, 2, points, 2) and (15,) of the states.
     rays : released in each state.
     design : the paper's by default.
+    tolerance : error of the power of 250 rays that chooses the rays, as in `light_within`; None for `rays`.
 
     Raises
     ------
     RequestError, DataError : as `run_sweep`.
     """
     request = SweepRequest((design,), Waveguide(), light_by("power", rays), curves_mm, "power")
+    if tolerance is not None:
+        request = replace(request, light=light_within(request, tolerance))
     result = run_sweep(request)
     light = 100.0 * result.power[0]
     powers = np.vander(elongation_mm, 4, increasing=True)
     fits = tuple(fit_signal(light, powers @ np.array(sensor.coefficients)) for sensor in SENSORS)
-    return ChainSignal(rays, elongation_mm, light, 100.0 * result.power_sd[0], fits)
+    return ChainSignal(request.light.rays, elongation_mm, light, 100.0 * result.power_sd[0], fits)

@@ -81,7 +81,7 @@ def test_a_wrong_reading_is_left_out_on_request(stairs: tuple[Path, Path], tmp_p
 
 def test_a_tolerance_is_a_pressure_or_has_a_unit() -> None:
     """A number alone is the deviation of a plateau, as ever; with mm or %FSO it is that of the figures."""
-    from boat_daq.commands.analyze import tolerances
+    from boat_daq.commands.options import tolerances
 
     assert tolerances("0.5") == tolerances("0.5 kPa") == (0.5, None)
     assert tolerances("0.005mm") == (1.0, (0.005, "mm"))

@@ -196,3 +196,6 @@ def test_chain_compares_light_with_the_published_signals(monkeypatch: pytest.Mon
     result = CliRunner().invoke(app, ["shadow", "chain", "--cavities", "3", "--rays", "4"])
     assert "published signal of sensor 2: +12.5 %" in result.stdout
     assert "scatters more than it changes" in result.stderr
+    assert out["shadow"]["rays"] == signal["rays"] == 4
+    assert out["shadow"]["error"]["of_95_percent"] <= out["shadow"]["error"]["greatest"]
+    assert exit_code("shadow", "chain", "--rays", "4", "--tolerance", "5") == 2

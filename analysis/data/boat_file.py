@@ -29,6 +29,7 @@ from analysis.arrays import FloatArray, IntArray
 from analysis.data.camera_record import CameraRecord
 from analysis.data.recording import READING_COLUMNS, STEP_COLUMNS, Gap, Recording
 from analysis.errors import FileError, RequestError
+from analysis.numbers import finite
 from analysis.version import program_version
 from protocol.recording import metadata_of, schema
 from protocol.recording.checks import DAMAGE, harden
@@ -76,7 +77,9 @@ def read_boat_file(path: str | Path) -> Recording:
         steps = _steps(db, clock)
         readings = pd.read_sql_query(f"SELECT {', '.join(READING_COLUMNS)} FROM reading ORDER BY id", db)  # noqa: S608
         failures = _crc_failures(db, clock)
-        camera = _camera(schema.camera_rows(path, db), clock.time_s, samples["host_ns"], segment)
+        camera = _camera(schema.optional_rows(path, db, "camera"), clock.time_s, samples["host_ns"], segment)
+        if video := schema.optional_rows(path, db, "video"):
+            camera, meta["camera"] = _video(video), meta.get("video") or {}
     if failures:
         meta["crc_errors"] = sum(failed.frames for failed in failures)
     if damaged:
@@ -125,6 +128,14 @@ def _camera(
     kept = np.flatnonzero(np.isfinite(at_s) & (np.maximum.accumulate(np.nan_to_num(at_s, nan=-np.inf)) <= at_s))
     values, spread = (np.array([np.nan if v is None else v for v in column], float) for column in (elongation, u))
     return CameraRecord(at_s[kept], values[kept], spread[kept], np.array(fault, np.str_)[kept], int(sum(dropped)))
+
+
+def _video(rows: list[tuple[Any, ...]]) -> CameraRecord:
+    """Return the readings of a video, as `store_video` wrote them."""
+    time_us, *values, fault, dropped = zip(*rows, strict=True)
+    elongation, u = (np.array([np.nan if v is None else v for v in column], float) for column in values)
+    at_s = np.maximum.accumulate(np.array(time_us, np.int64)) / 1e6
+    return CameraRecord(at_s, elongation, u, np.array(fault, np.str_), int(sum(dropped)))
 
 
 def target_from_steps(time_s: FloatArray, steps: pd.DataFrame) -> FloatArray:
@@ -281,6 +292,68 @@ def store_result(
     FileError : the file cannot be written.
     """
     path = Path(path)
+    _refuse_unfinished(path)
+    text = json.dumps(content, sort_keys=True, allow_nan=False)
+    parameter_text = json.dumps(parameters, sort_keys=True)
+    with opened(path) as db:
+        query = "SELECT 1 FROM result WHERE kind=? AND parameters=? AND content=? AND program_version=?"
+        if db.execute(query, (kind, parameter_text, text, program_version())).fetchone():
+            return False
+    with _changing(path) as writer:
+        writer.execute(
+            "INSERT INTO result (utc, kind, program_version, seed, parameters, content) VALUES (?, ?, ?, ?, ?, ?)",
+            (_now(), kind, program_version(), seed, parameter_text, text),
+        )
+    return True
+
+
+def store_video(path: str | Path, record: CameraRecord, about: Mapping[str, Any]) -> str:
+    """Keep the readings of a video of this run in its closed recording, in place of those of another one.
+
+    Parameters
+    ----------
+    path : of a closed recording.
+    record : placed in the recording's time, its delay left in.
+    about : `source`, `mark_mm`, `u_scale`, as of a recording with a camera.
+
+    Returns
+    -------
+    Source of the video whose readings are replaced; "" where there was none.
+
+    Raises
+    ------
+    RequestError, FileError : as `store_result`.
+    """
+    path = Path(path)
+    _refuse_unfinished(path)
+    with opened(path) as db:
+        before = (schema.read_session(db).get("video") or {}).get("source", "")
+    described = json.dumps(finite({**about, "utc": _now()}), allow_nan=False)
+    columns = np.rint(record.time_s * 1e6).astype(np.int64), record.elongation_mm, record.u_mm, record.fault
+    rows = [
+        (t, None if np.isnan(x) else x, None if np.isnan(u) else u, fault, record.dropped if n == 0 else 0)
+        for n, (t, x, u, fault) in enumerate(zip(*(column.tolist() for column in columns), strict=True))
+    ]
+    with _changing(path) as writer:
+        writer.execute("DROP TABLE IF EXISTS video")
+        writer.execute(schema.VIDEO_TABLE)
+        insert = "INSERT INTO video (time_us, elongation_mm, u_mm, fault, dropped) VALUES (?, ?, ?, ?, ?)"
+        writer.executemany(insert, rows)
+        writer.execute("INSERT OR REPLACE INTO session (key, value) VALUES ('video', ?)", (described,))
+    return str(before)
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).isoformat()
+
+
+def _refuse_unfinished(path: Path) -> None:
+    """Refuse a recording to which nothing may be added.
+
+    Raises
+    ------
+    RequestError : it is being recorded, or its layout is an older one.
+    """
     schema.refuse_newer(path)
     if schema.layout_version(path) < schema.SCHEMA_VERSION:
         raise RequestError(
@@ -291,18 +364,20 @@ def store_result(
     with opened(path) as db:
         if schema.read_session(db).get("status") == "recording":
             raise RequestError(f"{path.name} is being recorded", "Wait for its end, or recover it.")
-        text = json.dumps(content, sort_keys=True, allow_nan=False)
-        parameter_text = json.dumps(parameters, sort_keys=True)
-        query = "SELECT 1 FROM result WHERE kind=? AND parameters=? AND content=? AND program_version=?"
-        if db.execute(query, (kind, parameter_text, text, program_version())).fetchone():
-            return False
+
+
+@contextmanager
+def _changing(path: Path) -> Iterator[sqlite3.Connection]:
+    """Give a connection that adds to a recording in one transaction.
+
+    Raises
+    ------
+    FileError : the file cannot be written.
+    """
     try:
         with closing(sqlite3.connect(path)) as writer, writer:
             harden(writer)
-            writer.execute(
-                "INSERT INTO result (utc, kind, program_version, seed, parameters, content) VALUES (?, ?, ?, ?, ?, ?)",
-                (datetime.datetime.now(datetime.UTC).isoformat(), kind, program_version(), seed, parameter_text, text),
-            )
+            writer.execute("BEGIN IMMEDIATE")  # what makes a table is in the transaction too
+            yield writer
     except DAMAGE as error:
         raise FileError(f"the result cannot be written into {path.name}: {error}", "Is it read-only?") from error
-    return True

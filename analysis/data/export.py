@@ -61,10 +61,12 @@ def samples_frame(
 
     Parameters
     ----------
-    recording : of the samples. rows : some of them; None for all.
+    recording : of the samples; its camera, if it has one, on its clock. rows : some of them; None for all.
     converted : their elongation; None without.
     """
     frame = recording.to_frame(rows)
+    if recording.camera is not None:
+        frame["camera_mm"], _, frame["camera_u_mm"] = recording.camera.at(frame["time_s"].to_numpy())
     if converted is not None:
         where = rows or slice(None)
         frame["elongation_mm"], frame["u_mm"] = converted.elongation_mm[where], converted.u_mm[where]

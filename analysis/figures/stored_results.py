@@ -24,7 +24,7 @@ from analysis.figures.sensor_analysis import MOST_RESAMPLES, Options
 from analysis.numbers import finite
 from analysis.segmentation.plateaus import PlateauSettings
 
-_COMPUTING = (".", "data", "segmentation", "calibration", "figures")
+_COMPUTING = (".", "data", "segmentation", "calibration", "tracking", "figures")
 
 
 def store_analysis(run: str | Path, analysis: Analysis, elongation: str | Path | None = None) -> str:

@@ -26,6 +26,7 @@ from analysis.numbers import NOTHING, rounded, with_uncertainty
 from analysis.progress import Progress
 from analysis.reports import drawings
 from analysis.reports import run_section as sections
+from analysis.reports.camera import camera_section
 from analysis.reports.document import Report, ReportDrawing, ReportTable, Section, cell, date_of
 from analysis.reports.run_section import breaks
 from analysis.reports.shadow import shadow_section
@@ -93,6 +94,7 @@ def build_report(
     filled += [breaks(analysis)] if analysis.breaks else []
     if any(s.calibration for s in analysis.sensors):
         filled += [sections.curves(analysis), sections.coefficients(analysis)]
+    filled += [camera_section(analysis, analysis.camera)] if analysis.camera is not None else []
     filled += [sections.loops(analysis)] if analysis.loops.n_cycles else []
     filled += [sections.over_cycles(analysis)] if analysis.loops.n_cycles > 1 else []
     filled += sections.budget(analysis.budgets, analysis=analysis)

@@ -136,7 +136,7 @@ def loop_difference(analysis: Analysis, ax: Axes) -> None:
             ax.plot(width.grid, apart, color=style.sensor_colour(i), label=f"sensor {i + 1}")
     ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
     ax.set(xlabel="pressure, kPa", ylabel="loading − unloading, % FSO", title="Hysteresis of the mean loop")
-    _legend(ax)
+    legend(ax)
 
 
 def actuator_loop(analysis: Analysis, ax: Axes) -> None:
@@ -149,7 +149,7 @@ def actuator_loop(analysis: Analysis, ax: Axes) -> None:
             p, x = loops.pressure_kpa[b, k], loops.elongation_mm[b, k]
             ax.plot(p, x, color=style.ELONGATION, lw=0.6, marker="o", mfc=fill, mew=0.6, label=label)
     ax.set(xlabel="pressure, kPa", ylabel="elongation, mm", title="Actuator: elongation over pressure")
-    _legend(ax, loc="upper left")
+    legend(ax, loc="upper left")
 
 
 def drift_of_levels(analysis: Analysis, sensor: int, ax: Axes) -> None:
@@ -168,7 +168,7 @@ def drift_of_levels(analysis: Analysis, sensor: int, ax: Axes) -> None:
         if np.isfinite(moved[:, g]).any():
             ax.plot(loops.numbers, moved[:, g], color=colour, lw=0.9, label=f"{signed(loops.level_kpa[g])} kPa")
     over_cycles(ax, "from its mean, % FSO", f"Sensor {sensor + 1}: drift of the levels")
-    _legend(ax, ncols=2, loc="best")
+    legend(ax, ncols=2, loc="best")
 
 
 def per_cycle_figure(analysis: Analysis, name: str, label: str, title: str, ax: Axes) -> None:
@@ -189,7 +189,7 @@ def per_cycle_figure(analysis: Analysis, name: str, label: str, title: str, ax: 
         named = f"warm-up: {warm} cycle{'s' if warm > 1 else ''}"
         ax.axvspan(0.5, warm + 0.5, color=style.LINE, alpha=0.5, linewidth=0, label=named)
     over_cycles(ax, label, title)
-    _legend(ax)
+    legend(ax)
 
 
 def distribution(analysis: Analysis, sensor: int, ax: Axes) -> None:
@@ -246,7 +246,7 @@ def side_by_side(analyses: Sequence[Analysis], name: str, ax: Axes) -> None:
     ax.set(xlabel="unit and number of the run", ylabel=f"{SENSOR_FIGURES[name].phrase}, {SENSOR_FIGURES[name].unit}")
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + 0.15 * (high - low))  # space for the legend
-    _legend(ax, loc="upper left", ncols=4)
+    legend(ax, loc="upper left", ncols=4)
 
 
 def uncertainty_over_x(u_elongation: Sequence[FloatArray], ax: Axes) -> None:
@@ -261,7 +261,7 @@ def uncertainty_over_x(u_elongation: Sequence[FloatArray], ax: Axes) -> None:
         ax.plot(u[:, 0], 1000.0 * u[:, 1], color=style.sensor_colour(i), label=f"sensor {i + 1}")
     ax.set_ylim(bottom=0.0)
     ax.set(xlabel="elongation, mm", ylabel="U, µm", title="Expanded uncertainty, k = 2")
-    _legend(ax)
+    legend(ax)
 
 
 def budget_bars(budgets: Sequence[Budget], names: Sequence[str], title: str, ax: Axes) -> None:
@@ -291,7 +291,7 @@ def budget_bars(budgets: Sequence[Budget], names: Sequence[str], title: str, ax:
     ax.grid(visible=False, axis="y")
     ax.set_xlim(0, 1.15 * longest or 1.0)
     ax.set(xlabel="standard uncertainty, µm", title=title)
-    _legend(ax)
+    legend(ax)
 
 
 def trace(analysis: Analysis, ax: Axes) -> None:
@@ -335,7 +335,7 @@ def _label(unit: str, number: int, among: int) -> str:
     return f"{short} #{number}" if short and among <= 8 else f"#{number}"
 
 
-def _legend(ax: Axes, **placed: Any) -> None:
+def legend(ax: Axes, **placed: Any) -> None:
     """Draw a legend where there is anything to name: a void figure draws no line."""
     if ax.get_legend_handles_labels()[0]:
         ax.legend(**placed)

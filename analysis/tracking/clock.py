@@ -55,6 +55,11 @@ class Delay:
     about_s: float
     windows: FloatArray
 
+    @property
+    def certain_drift(self) -> float:
+        """The drift where it is beyond two standard uncertainties, else 0."""
+        return self.drift if abs(self.drift) > 2.0 * self.u_drift else 0.0
+
 
 def find_place(frame_s: FloatArray, elongation_mm: FloatArray, time_s: FloatArray, pressure_kpa: FloatArray) -> float:
     """Return the time of a recording at which a video begins its own time, to about 0.1 s.

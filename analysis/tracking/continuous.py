@@ -2,15 +2,16 @@
 
 Each plateau's elongation is the mean over exactly the samples of its signals; what the operator entered counts before
 it. The continuous record pairs every sample with the elongation between the two frames about it. Its curve is fitted to
-the mean of both branches in equal bins of elongation, so that neither branch nor a hold weighs more; its hysteresis is
-that of every cycle, signal over elongation; its dynamic error is what the signal changes with speed on one branch.
+the mean of both branches in equal bins of elongation, so that neither branch nor a hold weighs more; its hysteresis,
+of the mean loop and of every cycle, is the largest width of a smooth loop through the bins, signal over elongation; its
+dynamic error is what the signal changes with speed on one branch.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,6 @@ from analysis.calibration.type_b import SCALE, Distribution, TypeBContribution
 from analysis.data.recording import Recording
 from analysis.errors import AnalysisError
 from analysis.segmentation.cycles import Cycle
-from analysis.segmentation.loops import loop_width
 from analysis.segmentation.plateau_readings import Elongations
 from analysis.segmentation.plateaus import Plateau
 from analysis.tracking.run import Filmed, plateau_means
@@ -30,7 +30,12 @@ from analysis.tracking.run import Filmed, plateau_means
 SOURCE = "camera"
 BINS = 40
 FEWEST_PER_BIN = 3
-LONGEST_BETWEEN = 3.5  # frame intervals: no elongation is interpolated over a longer gap
+LOOP_TERMS = 3  # of the polynomial that shapes a loop
+SPEED_BINS = 8  # of each direction of motion
+LEAST_SPEED = 0.05  # mm/s, of a sample that moves
+FEWEST_MOVING = 30  # samples of a direction
+SAMPLES_PER_FRAME = 3.0  # neighbouring samples share their frame: one of three is counted
+_BY_SPEED = ("speed_mm_per_s", "signal_mv", "u_mv")
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +51,8 @@ class ContinuousCalibration:
     samples : paired with an elongation.
     dynamic_mv_per_mm_per_s, u_dynamic : change of the signal with speed, and its standard uncertainty.
     apart_percent_fso : largest distance from the plateaus' curve; NaN without one.
+    loop_mm, loop_mv : [2, bins] elongation and signal of the mean unloading and loading branch, NaN where unknown.
+    by_speed : [n, 3] speed, mm/s, mean distance of the signal from its branch, mV, and its standard uncertainty.
     """
 
     calibration: Calibration | None
@@ -58,6 +65,9 @@ class ContinuousCalibration:
     dynamic_mv_per_mm_per_s: float = math.nan
     u_dynamic: float = math.nan
     apart_percent_fso: float = math.nan
+    loop_mm: FloatArray = field(default_factory=lambda: np.empty((2, 0)))
+    loop_mv: FloatArray = field(default_factory=lambda: np.empty((2, 0)))
+    by_speed: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     def as_json(self) -> dict[str, Any]:
         """Return the object of `analyze --json`."""
@@ -75,31 +85,42 @@ class ContinuousCalibration:
             "dynamic_mv_per_mm_per_s": self.dynamic_mv_per_mm_per_s,
             "u_dynamic_mv_per_mm_per_s": self.u_dynamic,
             "from_plateaus_percent_fso": self.apart_percent_fso,
+            "loop": {"elongation_mm": self.loop_mm.tolist(), "signal_mv": self.loop_mv.tolist()},
+            "by_speed": [dict(zip(_BY_SPEED, row, strict=True)) for row in self.by_speed.tolist()],
         }
 
 
 @dataclass(frozen=True, slots=True)
 class CameraFigures:
-    """The camera of a run, and each sensor on its continuous record."""
+    """The camera of a run, and each sensor on its continuous record, by the numbers of its cycles."""
 
     film: Filmed
     sensors: tuple[ContinuousCalibration, ...]
+    cycles: tuple[int, ...]
+
+    @property
+    def u_mm(self) -> float:
+        """Median standard uncertainty of a frame's elongation; NaN without one."""
+        record = self.film.record
+        return float(np.median(record.u_mm[record.valid])) if record.valid.any() else math.nan
 
     def as_json(self) -> dict[str, Any]:
         """Return the key `camera` of `analyze --json`."""
         record, delay = self.film.record, self.film.delay
         return {
+            "source": self.film.recording.meta.get("camera", {}).get("source", ""),
             "frames": record.time_s.size,
             "valid": int(record.valid.sum()),
             "dropped": record.dropped,
             "faults": record.faults,
-            "u_mm": float(np.median(record.u_mm[record.valid])) if record.valid.any() else math.nan,
+            "u_mm": self.u_mm,
             "u_scale_percent": 100 * self.film.u_scale,
             "delay_s": delay.delay_s if delay else None,
             "u_delay_s": delay.u_s if delay else None,
             "drift_ppm": 1e6 * delay.drift if delay else None,
             "u_drift_ppm": 1e6 * delay.u_drift if delay else None,
             "rest_mm": self.film.rest_mm,
+            "cycles": list(self.cycles),
             "sensors": [sensor.as_json() for sensor in self.sensors],
         }
 
@@ -146,25 +167,9 @@ def camera_figures(
     cycles : to use.
     calibrations : of each sensor's plateaus, or None.
     """
-    x, speed = sample_elongations(film)
-    return CameraFigures(
-        film, tuple(_continuous(recording, cycles, i, (x, speed), plateaus) for i, plateaus in enumerate(calibrations))
-    )
-
-
-def sample_elongations(film: Filmed) -> tuple[FloatArray, FloatArray]:
-    """Return elongation, mm, and its speed, mm/s, at every sample [n]; NaN where no frames are near enough."""
-    record, time_s = film.record, film.recording.time_s
-    t, x = record.time_s[record.valid], record.elongation_mm[record.valid]
-    if t.size < 3:
-        nothing = np.full(time_s.size, np.nan)
-        return nothing, nothing
-    elongation = np.interp(time_s, t, x, np.nan, np.nan)
-    interval_s = float(np.median(np.diff(t)))
-    after = np.clip(np.searchsorted(t, time_s), 1, t.size - 1)
-    far = t[after] - t[after - 1] > LONGEST_BETWEEN * interval_s
-    speed = np.interp(time_s, t, np.gradient(x, t))
-    return np.where(far, np.nan, elongation), np.where(far, np.nan, speed)
+    motion = film.record.at(film.recording.time_s)[:2]
+    sensors = (_continuous(recording, cycles, i, motion, plateaus) for i, plateaus in enumerate(calibrations))
+    return CameraFigures(film, tuple(sensors), tuple(cycle.number for cycle in cycles))
 
 
 def _continuous(
@@ -207,8 +212,11 @@ def _continuous(
         return ContinuousCalibration(None, error.cause)
     fso = calibration.full_scale
     left = y[inside] - calibration.predict(x[inside])
-    width = loop_width(abscissa, ordinate, np.ones((1, len(cycles))))
-    slope, u_slope = _dynamic(_off_branches(x, y, cycles, (abscissa, ordinate))[inside], speed[inside])
+    loop = _mean_loop(abscissa), _mean_loop(ordinate)
+    width_mv = _loop_width(*loop, calibration)
+    per_cycle_mv = [_loop_width(abscissa[:, k], ordinate[:, k], calibration) for k in range(len(cycles))]
+    off = _off_branches(x, y, cycles, loop)[inside]
+    slope, u_slope = _dynamic(off, speed[inside])
     apart = math.nan
     if plateaus is not None and plateaus.full_scale:
         low, high = (max(calibration.x_range[0], plateaus.x_range[0]), min(calibration.x_range[1], plateaus.x_range[1]))
@@ -219,12 +227,14 @@ def _continuous(
         "",
         1.0 - float(left @ left) / float(((y[inside] - y[inside].mean()) ** 2).sum()),
         fso / (calibration.x_range[1] - calibration.x_range[0]),
-        100.0 * width.mean_loop / fso,
-        tuple((100.0 / fso * width.per_cycle).tolist()),
+        100.0 * width_mv / fso,
+        tuple(100.0 * width / fso for width in per_cycle_mv),
         int(inside.sum()),
         slope,
         u_slope,
         apart,
+        *loop,
+        _by_speed(off, speed[inside]),
     )
 
 
@@ -240,8 +250,38 @@ def _bin_means(x: FloatArray, y: FloatArray, usable: BoolArray, edges: FloatArra
     )
 
 
+def _mean_loop(values: FloatArray) -> FloatArray:
+    """Return the means [2, bins] over the cycles of [2, cycles, bins] that have one; NaN where none has."""
+    known = np.isfinite(values)
+    count = known.sum(axis=1)
+    return np.where(count > 0, np.where(known, values, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
+
+
+def _loop_width(x: FloatArray, y: FloatArray, calibration: Calibration) -> float:
+    """Return the largest distance of two branches, as a smooth loop that is closed at its ends; NaN where unknown.
+
+    The largest of many noisy distances would be lifted by the noise, most of all in a single cycle.
+
+    Parameters
+    ----------
+    x, y : [2, bins] elongation and signal of the branches.
+    calibration : whose curve is subtracted, so that elongations of a bin may differ between the branches.
+    """
+    apart = np.diff(y - calibration.predict(x), axis=0)[0]
+    known = np.isfinite(apart)
+    if known.sum() < 2 * LOOP_TERMS:
+        return math.nan
+    low, high = calibration.x_range
+    half = 0.5 * (high - low)
+    z = (x.mean(axis=0)[known] - low) / half - 1.0
+    grid = np.linspace(-1.0, 1.0, 101)
+    terms, shape = (np.vander(at, LOOP_TERMS) * (1.0 - at**2)[:, None] for at in (z, grid))
+    found = np.linalg.lstsq(terms, apart[known], rcond=None)[0]
+    return float(np.abs(shape @ found).max())
+
+
 def _off_branches(
-    x: FloatArray, y: FloatArray, cycles: Sequence[Cycle], loops: tuple[FloatArray, FloatArray]
+    x: FloatArray, y: FloatArray, cycles: Sequence[Cycle], loop: tuple[FloatArray, FloatArray]
 ) -> FloatArray:
     """Return the distance of every sample [n] from the mean of its own branch; NaN outside the bins.
 
@@ -249,34 +289,43 @@ def _off_branches(
     ----------
     x, y : [n].
     cycles : used.
-    loops : abscissa and ordinate of the bins, [2, cycles, bins].
+    loop : elongation and signal of the mean branches, [2, bins].
     """
     off = np.full(x.size, np.nan)
-    for b in (0, 1):
-        known = np.isfinite(loops[1][b]).all(axis=0)
+    for b, (at, level) in enumerate(zip(*loop, strict=True)):
+        known = np.isfinite(level)
         if known.sum() < 2:
             continue
-        at, level = loops[0][b].mean(axis=0)[known], loops[1][b].mean(axis=0)[known]
         for cycle in cycles:
             rows = (cycle.unloading, cycle.loading)[b]
-            off[rows] = y[rows] - np.interp(x[rows], at, level, np.nan, np.nan)
+            off[rows] = y[rows] - np.interp(x[rows], at[known], level[known], np.nan, np.nan)
     return off
 
 
-def _dynamic(left_mv: FloatArray, speed: FloatArray) -> tuple[float, float]:
+def _moving(off_mv: FloatArray, speed: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    """Return speed and distance from the mean branch of the samples that move, of each direction with enough."""
+    chosen = ((direction * speed > LEAST_SPEED) & np.isfinite(off_mv) for direction in (-1.0, 1.0))
+    return [(speed[moving], off_mv[moving]) for moving in chosen if moving.sum() > FEWEST_MOVING]
+
+
+def _dynamic(off_mv: FloatArray, speed: FloatArray) -> tuple[float, float]:
     """Return the slope of the distance from the mean branch over speed, and its standard uncertainty."""
-    rows, values = [], []
-    for direction in (-1.0, 1.0):
-        moving = (direction * speed > 0.05) & np.isfinite(left_mv)
-        if moving.sum() > 30:
-            rows.append(speed[moving] - speed[moving].mean())
-            values.append(left_mv[moving] - left_mv[moving].mean())
-    if not rows:
+    parts = [(v - v.mean(), off - off.mean()) for v, off in _moving(off_mv, speed)]
+    if not parts:
         return math.nan, math.nan
-    v, r = np.concatenate(rows), np.concatenate(values)
+    v, r = (np.concatenate(column) for column in zip(*parts, strict=True))
     lever = float(v @ v)
     if lever <= 0:
         return math.nan, math.nan
     slope = float(v @ r) / lever
-    # neighbouring samples share their frame: count one of three
-    return slope, math.sqrt(3.0 * float(((r - slope * v) ** 2).mean()) / lever)
+    return slope, math.sqrt(SAMPLES_PER_FRAME * float(((r - slope * v) ** 2).mean()) / lever)
+
+
+def _by_speed(off_mv: FloatArray, speed: FloatArray) -> FloatArray:
+    """Return the mean distance from the mean branch in bins of speed: [n, 3] speed, mean, standard uncertainty."""
+    rows = []
+    for v, off in _moving(off_mv, speed):
+        for part in np.array_split(np.argsort(v), SPEED_BINS):
+            u = math.sqrt(SAMPLES_PER_FRAME * float(off[part].var(ddof=1)) / part.size)
+            rows.append((float(v[part].mean()), float(off[part].mean()), u))
+    return np.array(rows).reshape(-1, 3)

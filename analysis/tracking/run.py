@@ -116,8 +116,7 @@ def filmed(recording: Recording) -> Filmed:
                 f"the camera's delay is uncertain by {1e3 * delay.u_s:.0f} ms: holds are read, ramps are not reliable"
             )
             warnings.append(Warning(WarningCode.CAMERA_DELAY, "", text))
-        drift = delay.drift if abs(delay.drift) > 2.0 * delay.u_drift else 0.0
-        record = record.shifted(delay.delay_s, drift, delay.about_s)
+        record = record.shifted(delay.delay_s, delay.certain_drift, delay.about_s)
     if not _follows_pressure(recording, record):
         text = (
             "the elongation of the camera does not follow the pressure: it may be of another run, or of another thing"
@@ -136,6 +135,11 @@ def filmed(recording: Recording) -> Filmed:
         warnings.append(Warning(WarningCode.CAMERA_NO_VALUE, "", text))
     u_scale = float(recording.meta.get("camera", {}).get("u_scale") or 0.0)
     return Filmed(replace(recording, camera=record), delay, rest_mm, u_scale, tuple(warnings))
+
+
+def with_camera_placed(recording: Recording) -> Recording:
+    """Return a recording whose camera, if it has one, is on its clock and counts from rest."""
+    return filmed(recording).recording if recording.camera is not None else recording
 
 
 def plateau_means(record: CameraRecord, windows_s: FloatArray, u_scale: float) -> tuple[FloatArray, FloatArray]:

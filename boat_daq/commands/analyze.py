@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from analysis.progress import Progress
     from analysis.reports.document import Report
     from analysis.sequential.accuracy import Accuracy, Unit
+    from boat_daq.viewmodels.common.camera import CameraChoice
 
 
 def analyze(
@@ -100,11 +101,13 @@ def analyze(
         raise typer.BadParameter("chooses the draws itself: omit --fidelity", param_hint="--tolerance")
     recording = load_recording(run, columns=column_map(mapping) or None, rate_hz=rate)
     if video is not None:
-        from boat_daq.viewmodels.common.camera import CameraChoice, film
+        from boat_daq.viewmodels.common.camera import CameraChoice
 
-        with progress_bar("Tracking") as advance:
-            choice = CameraChoice(str(video), mark_mm, u_mark_mm, lens, recording.unit, patches_of(patch))
-            recording = film(recording, choice, advance)
+        choice = CameraChoice(str(video), mark_mm, u_mark_mm, lens, recording.unit, patches_of(patch))
+        recording, reason = _filmed(recording, run, choice, store=not no_store)
+        no_store |= bool(reason)
+        if reason:
+            notify(reason)
     with progress_bar("Analysing") as advance:
         options = Options(
             degree_of(degree),
@@ -120,7 +123,7 @@ def analyze(
         analysis = _analysed(recording, elongation, options, accuracy, advance)
     conformity = conformity_json(analysis, limits)
     if not no_store:
-        _store(run, analysis, elongation, filmed=video is not None)
+        _store(run, analysis, elongation)
     analysis = with_plugins(analysis, str(run))
     shadow = None if no_shadow else _shadow(analysis)
     if as_json:
@@ -157,13 +160,11 @@ def _analysed(
     return analyse_within(recording, elongation, options, *accuracy, progress=progress)
 
 
-def _store(run: Path, analysis: Analysis, elongation: Path | None, *, filmed: bool) -> None:
-    """Store a result in its recording, or print why it is not stored; `filmed` where a video gave the elongations."""
+def _store(run: Path, analysis: Analysis, elongation: Path | None) -> None:
+    """Store a result in its recording, or print why it is not stored."""
     from analysis.figures.stored_results import store_analysis
 
-    if filmed:
-        notify("the result is not stored: its elongations are those of a video, which the recording does not hold")
-    elif reason := store_analysis(run, analysis, elongation):
+    if reason := store_analysis(run, analysis, elongation):
         notify(reason)
 
 
@@ -175,6 +176,36 @@ def _shadow(analysis: Analysis) -> dict[str, Any] | None:
 
     with progress_bar("Building the shadow") as advance:
         return against_shadow(analysis, progress=advance).as_json()
+
+
+def _filmed(recording: Recording, run: Path, choice: CameraChoice, *, store: bool) -> tuple[Recording, str]:
+    """Return a recording with the elongations of a video of its run, and why the result is not stored.
+
+    Parameters
+    ----------
+    recording : as it was loaded.
+    run : its file.
+    choice : the video and its marks.
+    store : whether the readings are kept in the recording.
+    """
+    from analysis import load_recording
+    from analysis.data.boat_file import is_boat_file, store_video
+    from analysis.errors import AnalysisError
+    from boat_daq.viewmodels.common.camera import film
+
+    with progress_bar("Tracking") as advance:
+        seen = film(recording, choice, advance)
+    assert seen.camera is not None
+    if not store or not is_boat_file(run):
+        return seen, "the result is not stored, nor are the readings of the video"
+    try:
+        before = store_video(run, seen.camera, seen.meta["camera"])
+    except AnalysisError as error:
+        return seen, f"the readings of the video are not stored: {error.cause}. {error.remedy}"
+    if before or recording.camera is not None:
+        replaced = f"the video {before}, whose readings they replace" if before else "the camera, which stay stored"
+        notify(f"from now on the readings of {choice.source} count before those of {replaced}")
+    return load_recording(run), ""
 
 
 def _accuracy_text(found: Accuracy) -> str:

@@ -132,6 +132,7 @@ def export(
     from analysis.calibration.curve_choice import degree_of
     from analysis.data.export import export as write
     from analysis.data.export import require_library
+    from analysis.tracking.run import with_camera_placed
     from boat_daq.viewmodels.common.reference import exported_elongation, stated_contributions
 
     require_library(format)
@@ -149,7 +150,7 @@ def export(
             notify(f"without elongation: {void}; --calibration FILE.json gives one")
     with progress_bar("Exporting") as advance:
         kind = next(known for known in FORMATS if known == format)
-        files = write(recording, to, kind, converted=converted, progress=advance)
+        files = write(with_camera_placed(recording), to, kind, converted=converted, progress=advance)
     if as_json:
         source = None if converted is None else converted.calibration
         head = {"files": files, "samples": recording.n, "simulated": recording.simulated}

@@ -18,6 +18,7 @@ from protocol.recording.schema import (
     SUFFIX,
     TABLE_NAMES,
     TABLES,
+    VIDEO_TABLE,
     BoardState,
     RunEnd,
     SampleFlag,

@@ -15,7 +15,7 @@ CHANNELS_MAX = 32
 _NAME_MAX, _UNIT_MAX = 40, 20  # characters
 RESERVED: Final = re.compile(  # columns with a meaning of their own
     r"index|time(_s)?|pressure(_kpa)?|target(_kpa)?|state|flags|segment|s\d(_(mv|lit|dark|signal))?|host_ns"
-    r"|elongation(_mm|_valid|_expanded_mm|_beyond)?|u_mm"
+    r"|elongation(_mm|_valid|_expanded_mm|_beyond)?|u_mm|camera(_u)?_mm"
 )
 
 

@@ -287,6 +287,7 @@ SESSION_VALUES: dict[str, Check] = {
     "channels": are_channels,  # [name, unit] of each column of the samples' `channel`; newer files
     "derived": are_derived,  # definitions of derived channels, see `protocol.recording.derived`; newer files
     "camera": _of(dict),  # source, mark_mm, u_scale ...; of recordings with a camera
+    "video": _of(dict),  # the same of a video taken elsewhere, with its utc and sha256
     "metadata": _of(dict),  # as stated when it began, see `protocol.recording.metadata`; newer files
 }
 

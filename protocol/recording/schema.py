@@ -189,7 +189,7 @@ def session_dtype(meta: Mapping[str, Any]) -> np.dtype[np.void]:
 SESSION_KEYS = tuple(
     key
     for key in checks.SESSION_VALUES
-    if key not in ("run_end", "resumptions", "metadata", "channels", "derived", "camera")
+    if key not in ("run_end", "resumptions", "metadata", "channels", "derived", "camera", "video")
 )
 # Beside `stop_reason`, for people, its code "run_end" (`RunEnd`), for programs; files before November 2026 lack it.
 # Only in a resumed run: "resumptions", a list in order, one object for each break: utc and host_ns of the resumption,
@@ -256,6 +256,14 @@ CAMERA_TABLE = """
 CREATE TABLE IF NOT EXISTS camera (
     id INTEGER PRIMARY KEY, host_ns INTEGER NOT NULL, segment INTEGER, elongation_mm REAL, u_mm REAL,
     fault TEXT NOT NULL DEFAULT '', dropped INTEGER NOT NULL DEFAULT 0)"""
+
+# Only in a recording that was analysed with a video taken elsewhere: the same of its frames, in microseconds of the
+# recording's time; session key "video" says which. They count before those of a camera.
+VIDEO_TABLE = """
+CREATE TABLE IF NOT EXISTS video (
+    id INTEGER PRIMARY KEY, time_us INTEGER NOT NULL, elongation_mm REAL, u_mm REAL,
+    fault TEXT NOT NULL DEFAULT '', dropped INTEGER NOT NULL DEFAULT 0)"""
+OPTIONAL_TABLES = {"camera": CAMERA_TABLE, "video": VIDEO_TABLE}
 
 TABLE_NAMES = tuple(re.findall(r"^CREATE TABLE (\w+)", TABLES, re.MULTILINE))
 
@@ -325,25 +333,31 @@ def layout() -> checks.Columns:
 
 
 @cache
-def camera_layout() -> checks.Columns:
-    """Return the columns of the table that only recordings with a camera have."""
-    return checks.declared(CAMERA_TABLE, ("camera",))
+def optional_layout() -> checks.Columns:
+    """Return the columns of the tables that only some recordings have."""
+    return checks.declared(";".join(OPTIONAL_TABLES.values()), tuple(OPTIONAL_TABLES))
 
 
-def camera_rows(path: Path | str, connection: sqlite3.Connection) -> list[tuple[Any, ...]]:
-    """Return host_ns, segment, elongation_mm, u_mm, fault and dropped of each frame; none without a camera.
+def optional_rows(path: Path | str, connection: sqlite3.Connection, table: str) -> list[tuple[Any, ...]]:
+    """Return every column but `id` of the rows of an optional table; none where the recording has no such table.
+
+    Parameters
+    ----------
+    path, connection : of the recording.
+    table : of `OPTIONAL_TABLES`.
 
     Raises
     ------
     RecordingError : the table is not that of a recording, or a value does not fit its column.
     sqlite3.Error : the rows cannot be read.
     """
-    if not checks.columns_of(connection, ("camera",))["camera"]:
+    if not checks.columns_of(connection, (table,))[table]:
         return []
-    checks.check_layout(Path(path), connection, camera_layout(), set())
-    checks.check_values(Path(path), connection, camera_layout())
-    columns = ", ".join(name for name in camera_layout()["camera"] if name != "id")
-    return connection.execute(f"SELECT {columns} FROM camera ORDER BY id").fetchall()  # noqa: S608 - names are ours
+    layout = {table: optional_layout()[table]}
+    checks.check_layout(Path(path), connection, layout, set())
+    checks.check_values(Path(path), connection, layout)
+    columns = ", ".join(name for name in layout[table] if name != "id")
+    return connection.execute(f"SELECT {columns} FROM {table} ORDER BY id").fetchall()  # noqa: S608 - names are ours
 
 
 def check_long_tables(path: Path | str, connection: sqlite3.Connection) -> None:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
+from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from boat_daq.engine.link.reader import Block
 from boat_daq.engine.sample_columns import OtherChannels, columns
 from protocol.link.events import Samples
-from protocol.recording import SampleFlag
+from protocol.recording import DerivedChannel, ExtraChannel, SampleFlag
 
 Columns2D = NDArray[np.float64]  # [column, entry]; column 0 never falls
 
@@ -179,12 +180,49 @@ def _points(entries: Columns2D) -> Columns2D:
 
 DEFAULT_CAPACITY = 360_000  # an hour at 100 Hz
 LATER_US = 1_000_000
+CAMERA_CAPACITY = 108_000  # an hour at 30 frames/s
+CAMERA_GAP_S, CAMERA_GAP = 0.2, 3.5  # no elongation is interpolated over a longer time, and over more intervals
+CAMERA = ExtraChannel("camera", "mm")
+CAMERA_U = "camera_u_mm"
+ARRIVALS_KEPT = 64  # blocks, of which the least delayed relates the host's clock to the board's
 _IMPLAUSIBLE = int(SampleFlag.IMPLAUSIBLE)
 _NOT_SHOWN = _IMPLAUSIBLE | int(SampleFlag.PRESSURE_INVALID)
 
 
+class CameraTrace:
+    """The elongations of a camera's frames in the screen's time; written by one thread, read by any other."""
+
+    def __init__(self) -> None:
+        self._frames = ColumnRing(3, CAMERA_CAPACITY)  # time, elongation, standard uncertainty
+        self._last_s = -math.inf
+        self.rest_mm = 0.0  # from which they count
+
+    def append(self, time_s: float, elongation_mm: float, u_mm: float) -> None:
+        """Add a frame; NaN where it gives no elongation."""
+        self._last_s = max(time_s, self._last_s)
+        self._frames.append(np.array([[self._last_s], [elongation_mm], [u_mm]]))
+
+    def at(self, time_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return elongation and standard uncertainty at times that never fall, NaN where no frames are near."""
+        unknown = np.full(time_s.size, math.nan)
+        if not time_s.size or self._frames.end < 2:
+            return unknown, unknown
+        first, last = self._frames.find(float(time_s[0])) - 1, self._frames.find(float(time_s[-1]), after=True) + 1
+        t, mm, u = self._frames.copy(first, last)
+        if t.size < 2:
+            return unknown, unknown
+        steps = np.diff(t)
+        after = np.clip(np.searchsorted(t, time_s), 1, t.size - 1)
+        far = steps[after - 1] > max(CAMERA_GAP_S, CAMERA_GAP * float(np.median(steps)))
+        known = ~far & (time_s >= t[0]) & (time_s <= t[-1])
+        mm, u = (np.where(known, np.interp(time_s, t, y), math.nan) for y in (mm - self.rest_mm, u))
+        return mm, u
+
+
 class RingBuffer:
     """The newest samples. Columns: time_s, pressure_kpa, target_kpa, s1_mv, s2_mv .., then those of `others`.
+
+    With a camera there are also camera_mm and camera_u_mm, interpolated between its frames.
 
     `time_s` is for the screen: board time, 0 at the first sample, and continued where the board's clock restarts
     by the host time that passed. What the host found implausible is NaN here; the recording has it.
@@ -226,6 +264,8 @@ class RingBuffer:
         self._offset_us: int | None = None
         self._last_us = 0  # of the board, newest sample
         self._last_ns = 0  # of the host, the same
+        self._delays_ns: deque[int] = deque(maxlen=ARRIVALS_KEPT)  # host time less screen time of the blocks
+        self._camera: CameraTrace | None = None
 
     def __len__(self) -> int:
         """Return how many samples are kept one by one."""
@@ -259,6 +299,28 @@ class RingBuffer:
             entries[1, (flags & _NOT_SHOWN) != 0] = np.nan
             entries[self._signals, (flags & _IMPLAUSIBLE) != 0] = np.nan
         self._pyramid.append(entries)
+
+    @property
+    def channels(self) -> tuple[ExtraChannel | DerivedChannel, ...]:
+        """The columns beyond pressures and signals: those of `others`, then the camera's elongation."""
+        return (*self.others.channels, *([CAMERA] if self._camera is not None else []))
+
+    def add_camera(self, host_ns: int, elongation_mm: float | None, u_mm: float | None, rest_mm: float) -> None:
+        """Take a frame of a camera, on the camera's thread.
+
+        Parameters
+        ----------
+        host_ns : of its arrival.
+        elongation_mm, u_mm : None where it gives none.
+        rest_mm : from which elongations count, those of earlier frames too.
+        """
+        if not self._delays_ns:
+            return
+        if self._camera is None:
+            self._camera = CameraTrace()
+        self._camera.rest_mm = rest_mm
+        values = (math.nan if value is None else value for value in (elongation_mm, u_mm))
+        self._camera.append((host_ns - min(tuple(self._delays_ns))) * 1e-9, *values)
 
     def view(self, since_s: float | None = None, *, last: int | None = None) -> dict[str, NDArray[np.float64]]:
         """Return copies of the columns, sample by sample.
@@ -304,7 +366,10 @@ class RingBuffer:
         return (board_us + self._offset_us) * 1e-6
 
     def _named(self, entries: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-        return dict(zip(self.names, entries, strict=True))
+        columns = dict(zip(self.names, entries, strict=True))
+        if self._camera is not None:
+            columns[CAMERA.column], columns[CAMERA_U] = self._camera.at(columns["time_s"])
+        return columns
 
     def _offset(self, time_us: NDArray[np.int64], host_ns: NDArray[np.int64]) -> int:
         """Return what is added to board time so that the screen's time continues."""
@@ -313,5 +378,7 @@ class RingBuffer:
         elif time_us[0] < self._last_us:  # the board's clock restarted
             passed_us = max(0, (int(host_ns[0]) - self._last_ns) // 1000)
             self._offset_us += self._last_us + passed_us - int(time_us[0])
+            self._delays_ns.clear()
         self._last_us, self._last_ns = int(time_us.max()), int(host_ns[-1])
+        self._delays_ns.append(self._last_ns - 1000 * (self._last_us + self._offset_us))
         return self._offset_us

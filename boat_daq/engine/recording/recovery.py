@@ -255,13 +255,13 @@ def _salvage(path: Path, faults: list[str], progress: Progress | None) -> Recove
         reader = _RowReader(db, bytes_of(path))
         try:
             file.commit(set_meta(meta))
-            if camera := ["camera"] if reader.columns("camera") else []:
-                file.commit([(schema.CAMERA_TABLE, ())])
-            tables = [name for name in schema.TABLE_NAMES if name not in {"session", "overview"}]
-            for done, table in enumerate([*tables, *camera]):
+            optional = [name for name in schema.OPTIONAL_TABLES if reader.columns(name)]
+            file.commit([(schema.OPTIONAL_TABLES[name], ()) for name in optional])
+            tables = [*(name for name in schema.TABLE_NAMES if name not in {"session", "overview"}), *optional]
+            for done, table in enumerate(tables):
                 _copy(reader, file, table)
                 if progress is not None:
-                    progress(done + 1, len(tables) + len(camera))
+                    progress(done + 1, len(tables))
         except BaseException:
             file.abandon()
             target.unlink(missing_ok=True)
@@ -322,7 +322,7 @@ class _RowReader:
 
     def rows(self, table: str, names: list[str]) -> Iterator[tuple[Any, ...]]:
         """Give the readable rows in order, without those that do not fit the schema."""
-        kinds = [{**schema.layout(), **schema.camera_layout()}[table][name] for name in names]
+        kinds = [{**schema.layout(), **schema.optional_layout()}[table][name] for name in names]
         for row in self._readable(table, names):
             self.left -= _length(row)
             if self.left < 0:

@@ -33,11 +33,12 @@ from protocol.recording.checks import DAMAGE
 
 Progress = Callable[[float, float], None]
 _PIECE = 20_000  # samples compared at once
-# A result of less than the whole run, or from before a reading was corrected, cannot be derived from the file. Compared
-# as instants, to the millisecond: readings are in local time with its offset, results in UTC.
+# A result of less than the whole run, or from before a reading was corrected or a video was stored, cannot be derived
+# from the file. Compared as instants, to the millisecond: readings are in local time with its offset, results in UTC.
 _STANDING_RESULTS = """
     SELECT id FROM result WHERE id > ?
-    AND coalesce(julianday(utc) >= (SELECT max(julianday(utc)) FROM reading), 1) ORDER BY id"""
+    AND coalesce(julianday(utc) >= (SELECT max(julianday(utc)) FROM reading), 1)
+    AND coalesce(julianday(utc) >= julianday(?), 1) ORDER BY id"""
 _WORDING = {"calibration_void", "definition", "note", "notes", "text", "void"}  # keys of a result that hold texts
 
 
@@ -221,7 +222,8 @@ def _verify_results(
     if reanalyse is None:
         return
     done: dict[tuple[str, str], dict[str, Any] | None] = {}  # one computation for equal parameters
-    for number in db.execute(_STANDING_RESULTS, (_last_before_a_break(db),)).fetchall():
+    video_utc = (read_session(db).get("video") or {}).get("utc")
+    for number in db.execute(_STANDING_RESULTS, (_last_before_a_break(db), video_utc)).fetchall():
         stored = _stored_result(db, *number)
         asked = stored.kind, json.dumps({**stored.parameters, "code": code}, sort_keys=True)
         if asked not in done:

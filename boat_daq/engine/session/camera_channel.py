@@ -122,7 +122,7 @@ class CameraChannel:
 
     def _take(self, reading: CameraReading, picture: Picture) -> None:
         """Take a frame, on the camera's thread."""
-        self._session.keep_camera(reading, self._about())
+        self._session.keep_camera(reading, self._about(), self.rest_mm)
         x, u = (math.nan if v is None else v for v in (reading.elongation_mm, reading.u_mm))
         self._frames.append((reading.host_ns, x, u, reading.fault))
         if self._video is not None:

@@ -521,14 +521,17 @@ class Session:
 
     # ---- the camera ------------------------------------------------------------------------------------------------
 
-    def keep_camera(self, reading: CameraReading, about: Mapping[str, Any]) -> None:
-        """Keep the reading of a camera's frame, where a recording runs.
+    def keep_camera(self, reading: CameraReading, about: Mapping[str, Any], rest_mm: float) -> None:
+        """Show the reading of a camera's frame, and keep it where a recording runs.
 
         Parameters
         ----------
         reading : of the frame.
         about : source, marks and scale, for the session's `camera`.
+        rest_mm : from which elongations count on the screen.
         """
+        if (ring := self.ring) is not None:
+            ring.add_camera(reading.host_ns, reading.elongation_mm, reading.u_mm, rest_mm)
         self._recording.keep_camera(reading, about)
 
     def warn_of_camera(self, cause: str, remedy: str = "") -> None:

@@ -11,12 +11,12 @@ from PySide6.QtWidgets import QCheckBox, QComboBox, QDialog, QGridLayout, QWidge
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Layout, Layouts
+from boat_daq.viewmodels.live.layout import CAMERA, ELONGATION, PRESSURE, Layout, Layouts
 from boat_daq.viewmodels.live.live_model import LiveModel
 from protocol.units import as_text
 
 OWN, HIDDEN = "", "hidden"  # places besides the plot of another quantity
-AGAINST = {PRESSURE: "Pressure", ELONGATION: "Elongation"}
+AGAINST = {PRESSURE: "Pressure", ELONGATION: "Elongation", CAMERA: "Camera"}
 EXPLANATION = (
     "Kept for this unit. Drag the border between two plots to change their heights; a double click on it makes them "
     "equal. Undo: Ctrl+Z."

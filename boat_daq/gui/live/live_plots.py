@@ -16,6 +16,7 @@ from PySide6.QtCore import QEvent, QObject, QPointF, Qt
 from PySide6.QtGui import QResizeEvent
 
 from analysis.arrays import FloatArray
+from boat_daq.engine.display.ring_buffer import CAMERA_U
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Band, Curve, Layer, Plot, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
@@ -23,8 +24,15 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.formatting import clock, in_units
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.live.axis import SteadyRange, extremes
-from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Axes, title, titles, unit
-from boat_daq.viewmodels.live.live_model import CYCLES_KEPT, LiveModel, OverlayModel, PlotFrame, sensor_names
+from boat_daq.viewmodels.live.layout import CAMERA, ELONGATION, PRESSURE, Axes, title, titles, unit
+from boat_daq.viewmodels.live.live_model import (
+    CYCLES_KEPT,
+    LiveElongation,
+    LiveModel,
+    OverlayModel,
+    PlotFrame,
+    sensor_names,
+)
 from protocol.recording import DerivedChannel, ExtraChannel
 
 MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
@@ -32,11 +40,19 @@ WHOLE_S = 0.1  # a change that no sample tells of, such as another calibration, 
 
 
 def value_text(quantity: str, values: Mapping[str, float], model: LiveModel) -> str:
-    """Return a value at the mouse with its unit; elongation with its band."""
+    """Return a value at the mouse with its unit; elongations with their bands."""
+    if quantity == CAMERA and math.isfinite(values[CAMERA]):
+        return in_units(model.units, "mm", values[CAMERA], 3, band=2.0 * values[CAMERA_U])
     if quantity != ELONGATION:
         return model.text(quantity, values[quantity])
     known = math.isfinite(values[ELONGATION])
     return in_units(model.units, "mm", values[ELONGATION], 2, band=values["expanded_mm"] if known else -1.0)
+
+
+def camera_band(columns: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return times, lower and upper edge of the camera's elongation, k = 2, where it is known."""
+    time_s, mm, expanded = columns["time_s"], columns[CAMERA], 2.0 * columns[CAMERA_U]
+    return LiveElongation(mm, expanded, np.zeros(mm.size, bool)).band(time_s)
 
 
 def shortened(note: str) -> str:
@@ -59,6 +75,7 @@ class LivePlots(PlotCard):
         self.layers: dict[str, list[Layer]] = {}  # of a quantity, in whichever plot
         self.curves: dict[str, Curve] = {}
         self.predicted: dict[str, tuple[Curve, Band]] = {}  # of a signal
+        self.camera_band: Band | None = None
         self._cursors: dict[str, list[tuple[Plot, Any]]] = {"a": [], "b": []}
         self._markers: list[tuple[Plot, Any]] = []
         self._hairs: dict[Plot, Any] = {}  # lines at the mouse
@@ -126,8 +143,11 @@ class LivePlots(PlotCard):
                 self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
         for quantity, channel in self.model.channels().items():
             if quantity not in self.own:
-                curve = self._own(quantity).curve(channel.title, lambda t: t.target, gaps=True)
-                self.curves[quantity], self.layers[quantity] = curve, [curve]
+                plot = self._own(quantity)
+                bands = [plot.band("Band, k = 2", lambda t: t.target)] if quantity == CAMERA else []
+                curve = plot.curve(channel.title, lambda t: t.target, gaps=True)
+                self.curves[quantity], self.layers[quantity] = curve, [*bands, curve]
+                self.camera_band = bands[0] if bands else self.camera_band
                 self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
         for quantity in self.model.differences():
             if quantity not in self.own:
@@ -215,6 +235,8 @@ class LivePlots(PlotCard):
             curve.set(time_s, values)
         if frame.elongation is not None:
             self.band.fill(*frame.elongation.band(time_s))
+        if self.camera_band is not None and CAMERA in frame.columns:
+            self.camera_band.fill(*camera_band(frame.columns))
         for i, quantity in enumerate(sensor_names(frame.columns)):
             curve, band = self.predicted[quantity]
             if frame.predicted is None:
@@ -379,7 +401,7 @@ class SignalCurves(PlotCard):
         wanted = [(x, axes) for x in layout.against for axes in self.model.signal_plots()]
         missing = "" if columns or not wanted else "The curves are drawn here once samples arrive."
         if wanted and columns and not any(x in columns for x, _ in wanted):
-            missing = "Elongation is known once a calibration is accepted."
+            missing = "Elongation is known once a calibration is accepted, or a camera reads it."
         self.show_empty(missing)
         sets = [(x, *self._plot(x, axes)) for x, axes in wanted if x in columns]
         shown = [plot for _, plot, _ in sets]

@@ -16,6 +16,7 @@ from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, ThemeColour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
+from boat_daq.gui.results.camera_tab import CameraTab
 from boat_daq.gui.results.certificate_panel import CertificatePanel
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.results.contributions_form import ContributionsForm
@@ -241,7 +242,7 @@ class CalibrationPage(QWidget):
     @property
     def plots(self) -> tuple[PlotCard, ...]:
         """The cards with plots."""
-        return (*self.curves, self.loops, self.actuator, self.uncertainty)
+        return (*self.curves, self.loops, self.actuator, self.uncertainty, self.camera.card)
 
     def _add_cards(self, sensors: int) -> None:
         """Add the cards that are missing, two in a row; a later one is copied and saved like the first."""
@@ -346,11 +347,13 @@ class CalibrationPage(QWidget):
         traced = widgets.row((self.traced, 1), self.contributions)
         parts = (self.uncertainty, 2), traced, (self.budget, 3)
         uncertainty = widgets.inside(widgets.column(*parts, spacing=style.GAP))
-        compare = widgets.inside(compared), "Previous"
-        pages = (self.table, "Figures"), (uncertainty, "Uncertainty"), (self._curve_tab(), "Curve"), compare
+        self.camera = CameraTab()
+        others = (self._curve_tab(), "Curve"), (widgets.inside(compared), "Previous"), (self.camera, "Camera")
+        pages = (self.table, "Figures"), (uncertainty, "Uncertainty"), *others
         self.tabs = widgets.tabs("Figures, and the comparison with the previous calibration", *pages)
         self.posterior = widgets.label("", "small", wrap=True)
         self.run_warnings = widgets.label("", "small", wrap=True)
+        self.tabs.setTabVisible(self.tabs.indexOf(self.camera), False)
         self.texts = TextArea(widgets.column(self.posterior, self.run_warnings))
         return widgets.card((self.tabs, 1), self.texts)[0]
 
@@ -429,9 +432,17 @@ class CalibrationPage(QWidget):
         self.table.show_rows(result.figures, labels)
         self.budget.show_rows(result.uncertainty, labels)
         self.traced.setText(self.model.uncertainty_text())
+        self._show_camera(result)
         curves = self.model.curve_rows()
         self.candidates.fill([cells for cells, _ in curves], [tip for _, tip in curves])
         self._show_texts(result)
+
+    def _show_camera(self, result: RunResult | None) -> None:
+        """Show the camera's tab for a run with one."""
+        labels = [sensor.label for sensor in result.sensors] if result is not None else []
+        camera = result.camera if result is not None else None
+        self.tabs.setTabVisible(self.tabs.indexOf(self.camera), camera is not None)
+        self.camera.show_camera(camera, labels)
 
     def _show_acceptance(self) -> None:
         """Show the warnings of the curves; out of tolerance, acceptance is possible but not the primary action."""
@@ -456,6 +467,7 @@ class CalibrationPage(QWidget):
             label.clear()
         for rows in (self.coefficients, self.candidates):
             rows.setRowCount(0)
+        self._show_camera(None)
         self.upper.setCurrentIndex(0)
         self.texts.fit()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -142,7 +142,9 @@ def track_video(choice: CameraChoice, progress: Progress | None = None) -> tuple
         cause = f"the video shows no elongation ({faults})"
         remedy = "Film the marks of base and tip, sharp and whole, for at least a second."
         raise DataError(cause, remedy)
-    return record, choice.about(tracker) | {"u_scale": tracker.plane.u_scale if tracker.plane else math.nan}
+    with Path(choice.source).open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return record, choice.about(tracker) | {"source": Path(choice.source).name, "sha256": digest}
 
 
 def film(recording: Recording, choice: CameraChoice, progress: Progress | None = None) -> Recording:

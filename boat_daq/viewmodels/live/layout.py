@@ -17,8 +17,8 @@ from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from protocol.units import find_unit
 
-ELONGATION, PRESSURE = "elongation_mm", "pressure_kpa"
-UNIT = {ELONGATION: "mm", PRESSURE: "kPa"}
+ELONGATION, PRESSURE, CAMERA = "elongation_mm", "pressure_kpa", "camera_mm"
+UNIT = {ELONGATION: "mm", PRESSURE: "kPa", CAMERA: "mm"}
 NAME_MOST = 40  # characters of the name of a layout
 KEY = "layouts"  # of the preferences: unit -> name -> layout; the one in use has an empty name
 
@@ -65,8 +65,8 @@ def titles(quantities: Sequence[str], name: Callable[[str], str] = title) -> str
 
 
 def _rank(quantity: str) -> tuple[int, str]:
-    """Return the usual place of a quantity: signals, elongation, pressure, extra channels."""
-    place = {ELONGATION: 1, PRESSURE: 2}.get(quantity, 3)
+    """Return the usual place of a quantity: signals, elongations, pressure, extra channels."""
+    place = {CAMERA: 1, ELONGATION: 1, PRESSURE: 2}.get(quantity, 3)
     return (0 if is_signal(quantity) else place, quantity)
 
 

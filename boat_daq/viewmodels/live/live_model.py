@@ -212,7 +212,7 @@ class LiveModel:
     def channels(self) -> dict[str, ExtraChannel | DerivedChannel]:
         """Return the extra and derived channels that have had a value, by column."""
         ring = self.ring()
-        found = {channel.column: channel for channel in ring.others.channels} if ring is not None else {}
+        found = {channel.column: channel for channel in ring.channels} if ring is not None else {}
         if ring is not None and not found.keys() <= self._measured:
             recent = ring.view(last=RECENT)
             self._measured |= {name for name in found if np.isfinite(recent[name]).any()}
@@ -543,7 +543,7 @@ class OverlayModel:
     def channels(self) -> dict[str, ExtraChannel | DerivedChannel]:
         """Return the extra and derived channels of the board, by column."""
         ring = self.ring()
-        return {channel.column: channel for channel in ring.others.channels} if ring is not None else {}
+        return {channel.column: channel for channel in ring.channels} if ring is not None else {}
 
     def cycles(self) -> list[tuple[int, Columns]]:
         """Return number and columns of each cycle, over the time since it began, oldest first."""

@@ -24,6 +24,7 @@ from analysis.warning import Warning
 from boat_daq.viewmodels.common.formatting import NOTHING, number, sensor_words
 from boat_daq.viewmodels.common.plugged import with_plugins
 from boat_daq.viewmodels.common.reference import chosen_curve, exported_elongation, identity, stated_contributions
+from boat_daq.viewmodels.results.camera import CameraResult, camera_result
 from protocol.units import STORED_UNITS, ShownUnits
 
 if TYPE_CHECKING:
@@ -197,7 +198,7 @@ class RunResult:
     `u_elongation` has x and U of each sensor, [points, 2] mm, none where the curve gives no elongation;
     `u_elongation_void` says why. `traceability` is that of an elongation by every sensor. `recording_id` is the
     `identity` of the recording. `curve` is the choice that was fitted; `candidates` are each sensor's curves, none
-    where they were not compared.
+    where they were not compared. `camera` is None without one.
     """
 
     path: str
@@ -222,6 +223,7 @@ class RunResult:
     curve: str = ""
     candidates: tuple[tuple[CurveCandidate, ...], ...] = ()
     stepped: bool = True  # whether the plateaus are steps of a plan, at which readings are typed
+    camera: CameraResult | None = None
 
     @property
     def unit_text(self) -> str:
@@ -301,6 +303,7 @@ def analyse_run(
         curve=str(degree),
         candidates=tuple(candidates),
         stepped=bool(len(recording.steps)),
+        camera=camera_result(found),
     )
 
 
@@ -488,13 +491,14 @@ def export_run(path: Path, target: Path, *, progress: Progress | None = None) ->
     from analysis.data.export import SUFFIXES, export, require_library
     from analysis.data.load import load_recording
     from analysis.figures.sensor_analysis import Options
+    from analysis.tracking.run import with_camera_placed
 
     format = SUFFIXES.get(target.suffix, "csv")
     require_library(format)
     recording = load_recording(path)
     options = Options(chosen_curve(recording), mcmc=False, type_b=stated_contributions(recording))
     converted, void = exported_elongation(recording, options)
-    export(recording, target, format, converted=converted, progress=progress)
+    export(with_camera_placed(recording), target, format, converted=converted, progress=progress)
     return void
 
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pandas as pd
 
+from analysis.data.camera_record import CameraRecord
 from analysis.data.recording import STEP_COLUMNS, Recording
+from analysis.figures.pipeline import Analysis, analyse
+from analysis.figures.sensor_analysis import Options
 from analysis.tracking.lens import Picture
 from analysis.tracking.run import track, with_video
 from analysis.tracking.tracker import MarkTracker, Optics
@@ -85,3 +89,23 @@ def filmed_run(targets_kpa: Sequence[float], *, dwell_s: float, scene: CameraSce
     steps = pd.DataFrame(rows, columns=list(STEP_COLUMNS))
     meta = {"simulated": True, "rate_hz": 100.0}
     return FilmedRun(run, Recording.from_arrays(time_s, pressure, signal, steps=steps, meta=meta), scene)
+
+
+LEVELS = (50, 30, 10, -10, -30)
+U_MM = 0.004
+
+
+def with_camera(run: FilmedRun, delay_s: float = 0.06, first_s: float = 0.0) -> Recording:
+    """Return the run with a camera of known errors."""
+    true_s = np.arange(first_s, float(run.recording.time_s[-1]), 1 / 30)
+    x = run.elongation_mm(true_s) + 1.0 + 0.001 * np.random.default_rng(3).standard_normal(true_s.size)
+    record = CameraRecord(true_s + delay_s, x, np.full(x.size, U_MM), np.full(x.size, ""), 0)
+    meta = {**run.recording.meta, "camera": {"source": "0", "u_scale": 0.002}}
+    return replace(run.recording, camera=record, meta=meta)
+
+
+@cache
+def camera_analysis() -> Analysis:
+    """Return two cycles of five levels with a camera, analysed once."""
+    down = (*LEVELS, *LEVELS[-2::-1])
+    return analyse(with_camera(filmed_run((*down, *down[1:]), dwell_s=1.5)), options=Options(mcmc=False))

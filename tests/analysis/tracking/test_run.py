@@ -8,29 +8,16 @@ import numpy as np
 import pytest
 
 from analysis import Options, analyse
-from analysis.data.camera_record import CameraRecord
 from analysis.data.recording import Recording
 from analysis.tracking.run import filmed
 from analysis.warning import WarningCode
-from tests.analysis.tracking.filmed_run import FilmedRun, filmed_run
-
-LEVELS = (50, 30, 10, -10, -30)
-U_MM = 0.004
+from tests.analysis.tracking.filmed_run import LEVELS, FilmedRun, camera_analysis, filmed_run, with_camera
 
 
 @pytest.fixture(scope="module")
 def run() -> FilmedRun:
     """Return one cycle of five levels."""
     return filmed_run((*LEVELS, *LEVELS[-2::-1]), dwell_s=1.5)
-
-
-def with_camera(run: FilmedRun, delay_s: float = 0.06, first_s: float = 0.0) -> Recording:
-    """Return the run with a camera of known errors."""
-    true_s = np.arange(first_s, float(run.recording.time_s[-1]), 1 / 30)
-    x = run.elongation_mm(true_s) + 1.0 + 0.001 * np.random.default_rng(3).standard_normal(true_s.size)
-    record = CameraRecord(true_s + delay_s, x, np.full(x.size, U_MM), np.full(x.size, ""), 0)
-    meta = {**run.recording.meta, "camera": {"source": "0", "u_scale": 0.002}}
-    return replace(run.recording, camera=record, meta=meta)
 
 
 def test_delay_and_rest_are_removed(run: FilmedRun) -> None:
@@ -129,3 +116,19 @@ def test_a_plateau_that_ends_with_the_recording_is_read(run: FilmedRun) -> None:
     analysis = analyse(replace(short, camera=whole.camera), options=Options(mcmc=False))
     assert analysis.elongations is not None
     assert np.isfinite(analysis.elongations.elongation_mm[-1])
+
+
+def test_hysteresis_of_every_cycle_is_over_elongation() -> None:
+    """Of the continuous record, not lifted by the noise of single bins: the unit's own is 0.80 and 0.48 % FSO."""
+    camera = camera_analysis().camera
+    assert camera is not None
+    assert camera.cycles == (1, 2)
+    for one, truth in zip(camera.sensors, (0.80, 0.48), strict=True):
+        assert one.per_cycle == pytest.approx((truth, truth), abs=0.35)
+        assert one.hysteresis_percent_fso == pytest.approx(truth, abs=0.25)
+        assert np.isfinite(one.by_speed).all()
+        assert one.by_speed[:, 0].min() < -0.3 < 0.3 < one.by_speed[:, 0].max()
+    content = camera.as_json()
+    assert content["cycles"] == [1, 2]
+    assert len(content["sensors"][0]["loop"]["signal_mv"]) == 2
+    assert set(content["sensors"][0]["by_speed"][0]) == {"speed_mm_per_s", "signal_mv", "u_mv"}

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+import json
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pandas import read_csv
 
+from analysis.data.load import load_recording
+from analysis.figures.stored_results import reproduce
+from boat_daq.commands.analyze import _filmed
 from boat_daq.engine.camera.opencv import opencv
 from boat_daq.engine.camera.video import VideoStore
 from boat_daq.engine.simulator.picture import CameraScene, Renderer, checkerboard
+from boat_daq.viewmodels.common import camera
+from boat_daq.viewmodels.common.camera import CameraChoice
+from tests.analysis.boat_builder import write_boat
+from tests.analysis.tracking.filmed_run import LEVELS, filmed_run, with_camera
 from tests.boat_daq.commands.calls import call, program, text
 
 SCENE = CameraScene(width=160, height=120, px_per_mm=5.0)
@@ -98,3 +109,36 @@ def test_options_that_contradict_each_other_are_refused(tmp_path: Path) -> None:
         ("camera", "calibrate", "a.png", "--out", "l.json", "--corners", "8"),
     ):
         assert program(*words).code == 2
+
+
+def test_a_video_of_a_run_is_kept_in_its_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Tracked once: a later analysis, report and export see it; another video replaces it, which is said."""
+    run, path = filmed_run((*LEVELS, *LEVELS[-2::-1]), dwell_s=1.0), tmp_path / "run.boat"
+    steps = run.recording.steps
+    marks = zip(*(steps[name] for name in ("id", "number", "cycle", "branch", "target_kpa")), strict=True)
+    times = ((steps[name] * 1e6).round().astype(int) for name in ("started_s", "ended_s"))
+    write_boat(path, run.recording, steps=[(*a, *b) for a, b in zip(marks, zip(*times, strict=True), strict=True)])
+    seen = with_camera(run).camera
+    assert seen is not None
+    monkeypatch.setattr(camera, "track_video", lambda choice, progress=None: (seen, {"source": choice.source}))
+    found = call("analyze", path, "--video", "a.mkv", "--no-mcmc", "--no-shadow")
+    assert found["camera"]["source"] == "a.mkv"
+    with closing(sqlite3.connect(path)) as db:
+        kept = db.execute("SELECT parameters, content FROM result ORDER BY id").fetchall()
+    assert reproduce(path, json.loads(kept[-1][0])) == json.loads(kept[-1][1])
+    recording = load_recording(path)
+    assert recording.camera is not None
+    _, reason = _filmed(recording, path, CameraChoice("b.mkv"), store=False)
+    assert reason == "the result is not stored, nor are the readings of the video"
+    assert load_recording(path).meta["camera"]["source"] == "a.mkv"
+    recording, reason = _filmed(recording, path, CameraChoice("b.mkv"), store=True)
+    assert (recording.meta["camera"]["source"], reason) == ("b.mkv", "")
+    assert "the readings of b.mkv count before those of the video a.mkv, whose readings" in capsys.readouterr().err
+    call("export", path, "--format", "csv", "--out", tmp_path / "run.csv")
+    exported = read_csv(tmp_path / "run.csv", comment="#")
+    known = exported[exported["camera_mm"].notna()]
+    assert len(known) > 0.9 * len(exported)
+    assert np.abs(known["camera_mm"] - run.elongation_mm(known["time_s"].to_numpy())).max() < 0.05
+    assert (known["camera_u_mm"] > 0).all()

@@ -247,3 +247,29 @@ def test_two_points_a_column_or_fewer_are_left_as_they_are():
     assert fold_columns(points, 0.5) is points
     assert fold_columns(points[:, :0], 0.5).shape == (2, 0)
     assert fold_columns(points, 0.75).shape[1] < 8
+
+
+def test_a_camera_is_a_column_between_its_frames():
+    """At the time of the least delayed blocks, from rest; NaN before the first frame and where none is seen."""
+    ring = RingBuffer(2, mv_per_count=1.0)
+    for block in range(100):
+        samples = np.zeros(10, sample_dtype(2, "signal"))
+        samples["time_us"] = (10 * block + np.arange(10)) * 10_000 + 5_000_000
+        late_ns = 4_000_000 * (block % 3)  # a busy computer
+        samples["host_ns"] = samples["time_us"][-1] * 1000 + 7_000_000_000 + late_ns
+        ring.append(samples)
+    assert "camera_mm" not in ring.view()
+    for at_s in np.arange(1.0, 9.0, 1 / 30):
+        x = None if 4.0 < at_s < 5.0 else 2.0 + at_s
+        ring.add_camera(round((at_s + 5.0 + 7.0) * 1e9), x, None if x is None else 0.004, 2.0)
+    columns = ring.view()
+    assert [channel.column for channel in ring.channels] == ["camera_mm"]
+    time_s, mm = columns["time_s"], columns["camera_mm"]
+    seen = (time_s > 1.01) & (time_s < 8.9) & ~((time_s > 3.9) & (time_s < 5.1))
+    assert np.abs(mm - time_s)[seen].max() < 1e-6
+    assert np.isnan(mm[time_s < 0.99]).all()
+    assert np.isnan(mm[(time_s > 4.05) & (time_s < 4.95)]).all()
+    assert columns["camera_u_mm"][seen] == pytest.approx(0.004)
+    assert ring.draw(2.0, 3.0, max_points=64)["camera_mm"] == pytest.approx(
+        ring.draw(2.0, 3.0, max_points=64)["time_s"]
+    )

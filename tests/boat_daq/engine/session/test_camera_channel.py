@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from analysis.data.boat_file import store_video
+from analysis.data.camera_record import CameraRecord
 from analysis.data.load import load_recording
+from analysis.errors import RequestError
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.verify import verify_recording
@@ -46,7 +51,7 @@ class FakeSession:
         self.sink = sink
         return lambda: None
 
-    def keep_camera(self, reading, about) -> None:
+    def keep_camera(self, reading, about, rest_mm) -> None:
         self.kept.append(reading)
 
     def warn_of_camera(self, cause: str, remedy: str = "") -> None:
@@ -182,3 +187,34 @@ def test_readings_are_kept_in_the_recording(path: Path, source: Source, recorder
     assert camera.elongation_mm[0] == pytest.approx(0.4)
     assert np.all(np.diff(camera.time_s) >= 0)
     assert verify_recording(path).identical
+
+
+def test_readings_of_a_video_count_before_those_of_a_camera(path: Path, source: Source, recorder: Recorder) -> None:
+    """Another video replaces them; what the camera gave stays; verified and salvaged with the recording."""
+    for _ in range(40):
+        block = source.next()
+        recorder(block)
+        recorder.camera(CameraReading(block.host_ns, 0.5, 0.004))
+    recorder.close(RunEnd.STOPPED)
+    x = np.array([np.nan, 0.25, 0.5])
+    fault = np.array(["lost", "", ""])
+    record = CameraRecord(np.array([-0.1, 0.5, 1.000001]), x, np.where(np.isnan(x), np.nan, 0.01), fault, 3)
+    assert store_video(path, record, {"source": "first.mkv", "u_scale": 0.001}) == ""
+    assert store_video(path, record.from_rest(0.25), {"source": "second.mkv", "u_scale": 0.002}) == "first.mkv"
+    recording = load_recording(path)
+    assert recording.camera is not None
+    assert recording.camera.time_s.tolist() == [-0.1, 0.5, 1.000001]
+    assert recording.camera.elongation_mm[1:].tolist() == [0.0, 0.25]
+    assert (recording.camera.dropped, recording.camera.faults) == (3, {"lost": 1})
+    assert (recording.meta["camera"]["source"], recording.meta["camera"]["u_scale"]) == ("second.mkv", 0.002)
+    assert verify_recording(path).identical
+    with closing(sqlite3.connect(path)) as db:
+        assert db.execute("SELECT count(*) FROM camera").fetchone()[0] == 40
+
+
+def test_a_recording_that_is_open_takes_no_video(path: Path, source: Source, recorder: Recorder) -> None:
+    """It has one writer."""
+    recorder(source.next())
+    record = CameraRecord(np.zeros(1), np.zeros(1), np.zeros(1), np.array([""]))
+    with pytest.raises(RequestError, match="is being recorded"):
+        store_video(path, record, {"source": "x.mkv"})

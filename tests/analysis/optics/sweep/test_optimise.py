@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from analysis.errors import RequestError
 from analysis.optics.scene.curves import default_curves
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, By, Design, Waveguide, light_by
+from analysis.optics.sweep.figure_of_merit import FLOOR, merit
 from analysis.optics.sweep.optimise import DesignMerit, design_at, optimise
 from analysis.optics.sweep.report import optimum_json, optimum_text
+from analysis.optics.sweep.sweep import SweepResult, paper_grid
 
 
 def test_merit_refuses_nothing_and_ranks_what_fits() -> None:
@@ -43,3 +48,40 @@ def test_the_search_is_no_worse_than_where_it_starts() -> None:
     assert seen
     with pytest.raises(RequestError):
         optimise(Waveguide(), default_curves(), seconds=0)
+
+
+def test_the_race_of_a_search_keeps_the_best_design(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With P in closed form, largest for 5 cavities 1.2 mm wide, the search finds it and the race keeps it."""
+    pattern = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, 15), 6))[0][:, 6] * np.sqrt(15.0)
+
+    def p_in_closed_form(design: Design) -> float:
+        away = (design.cavities - 5, 4 * (design.width_mm - 1.2), 4 * (design.depth_mm - 0.6), design.spacing_mm - 1.0)
+        return 30.0 / (1.0 + float(np.sum(np.square(away))) + (design.face == "inner"))
+
+    def swept(merit: DesignMerit, designs: Sequence[Design], _: object) -> SweepResult:
+        request = replace(merit.request, designs=tuple(designs))
+        values = np.array([p_in_closed_form(design) for design in designs])[:, None]
+        rng, sd = np.random.default_rng(len(designs)), 100.0 / request.light.rays
+        truth = (50.0 - 20.0 * np.linspace(0.0, 1.0, 15) + 20.0 / values * pattern) / 250.0
+        power = truth + sd / 250.0 * rng.standard_normal(truth.shape)
+        none = np.zeros((len(designs), 15, 10), dtype=np.int64)
+        spread = np.full(truth.shape, sd)
+        states = np.ones(15, dtype=bool), none, np.zeros((len(designs), 15, 4))
+        return SweepResult(request, 250.0 * power, spread, power, spread / 250.0, *states, 0.0, 0)
+
+    monkeypatch.setattr(DesignMerit, "swept", swept)
+    monkeypatch.setattr("analysis.optics.sweep.optimise.PATIENCE", 2)
+    monkeypatch.setattr("analysis.optics.sweep.optimise.paper_grid", lambda face: paper_grid((5,), face)[::8])
+    found = optimise(Waveguide(), default_curves(), rays=4_000, seconds=30.0, confidence=0.95)
+    race = found.race
+    assert race is not None
+    best = max(race.designs, key=lambda design: merit_of(p_in_closed_form(design), pattern))
+    assert best in [race.designs[i] for i in race.candidates]
+    assert found.best.design.cavities == 5
+    assert found.best.design.face == "outer"
+    assert optimum_json(found)["race"]["times_less_work"] == pytest.approx(race.saving)
+
+
+def merit_of(p: float, pattern: np.ndarray) -> float:
+    """Return P of the line whose amplitude is that of a P with one rise."""
+    return float(merit(20.0 * (1.0 - np.linspace(0.0, 1.0, 15)) + 20.0 / p * pattern, FLOOR).p)

@@ -84,14 +84,27 @@ def random_run(rng: np.random.Generator, folder: Path) -> tuple[Recording, Path]
         bulge_percent=rng.uniform(0.0, 8.0), bulge_at=rng.uniform(0.3, 0.7), seed=int(rng.integers(1 << 30)),
     )  # fmt: skip
     other = replace(run, seed=run.seed + 1, bulge_percent=rng.uniform(0.0, 8.0))
+    return recorded((run, other), rng.uniform(0.0, 0.1), rng, folder)
+
+
+def recorded(
+    sensors: tuple[Stairs, ...], reading_sd_mm: float, rng: np.random.Generator, folder: Path
+) -> tuple[Recording, Path]:
+    """Return the recording of a staircase and the file of its elongations.
+
+    Parameters
+    ----------
+    sensors : the same staircase with the signal of each sensor.
+    reading_sd_mm, rng : of the readings of elongation. folder : of the file.
+    """
+    run = sensors[0]
     levels, branch = run.holds
-    x = run.elongation(levels, branch) + rng.normal(0.0, rng.uniform(0.0, 0.1), levels.size)
+    x = run.elongation(levels, branch) + rng.normal(0.0, reading_sd_mm, levels.size)
     file = folder / "elongation.csv"
     rows = "".join(f"{p:.6f},{each:.9f}\n" for p, each in zip(levels, x, strict=True))
     file.write_text(f"pressure_kpa,elongation_mm\n{rows}", encoding="ascii")
     at, pressure, _ = run.columns
-    signals = np.stack([run.columns[2], other.columns[2]], axis=1)
-    return Recording.from_arrays(at, pressure, signals), file
+    return Recording.from_arrays(at, pressure, np.stack([each.columns[2] for each in sensors], axis=1)), file
 
 
 def limits_of(analysis: Analysis) -> dict[tuple[int, str], tuple[float, float]]:

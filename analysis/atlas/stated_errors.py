@@ -6,28 +6,36 @@ draws), at the worst place where there are several; 1 means that the true standa
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
 from analysis.arrays import FloatArray
 from analysis.atlas.calibration import ReadSession
+from analysis.atlas.coverage import limits_of, recorded
+from analysis.atlas.runs import Stairs
+from analysis.calibration.posterior import KEPT_SAMPLES, sample_posterior
+from analysis.figures.pipeline import analyse
+from analysis.figures.sensor_analysis import Options
 from analysis.optics.scene.curves import default_curves, frames_of, parametric_curves
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.parameters import PAPER_RAYS, By, Design, Waveguide, light_by
 from analysis.optics.sweep.figure_of_merit import FLOOR, merit, p_bounds
 from analysis.optics.tracer.simulation import TraceResult, trace
 from analysis.optics.tracer.tolerance import stated_error
+from analysis.sequential.accuracy import POINTS, accuracy_of, greatest_band_error, in_mm
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.table import load_table
 from analysis.shadow.model.tolerance import error_estimates, mesh_of
 
-TURNS, SESSIONS, RESPONSES = 6, 12, 500
+TURNS, SESSIONS, RESPONSES, CHAINS = 6, 12, 500, 3
 _REFERENCE_RAYS = {"count": 40_000, "power": 20_000}
-_PLACES = 21
+_REFERENCE_RESAMPLES, _PLACES = 4_000, 21
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +48,10 @@ class Objective:
     bounds: Mapping[str, tuple[float, float]]
     ratio: Callable[[Mapping[str, float], np.random.Generator], float]
     most: float = 1.0
+
+
+def _rms(values: list[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 @cache
@@ -68,7 +80,7 @@ def _tracer_ratio(scene: Mapping[str, float], rng: np.random.Generator, by: By) 
         turned = replace(light, phase=float(rng.uniform(-0.5, 0.5)))
         found, sd = response(trace(frame, design, guide, turned, threads=1))
         ratios.append((found - truth) / float(stated_error(sd, light.rays)))
-    return float(np.sqrt(np.mean(np.square(ratios))))
+    return _rms(ratios)
 
 
 def mesh_ratio(scene: Mapping[str, float], _: np.random.Generator) -> float:
@@ -116,6 +128,42 @@ def fit_ratio(scene: Mapping[str, float], rng: np.random.Generator) -> float:
     return float(np.max(np.sqrt(np.mean(np.square(ratios), axis=0))))
 
 
+def posterior_ratio(scene: Mapping[str, float], rng: np.random.Generator) -> float:
+    """Return the error of the band by its draws over the stated one, mm; the true band is Student's."""
+    x = np.linspace(-2.5, 3.5, round(scene["levels"])).repeat(round(scene["cycles"]))
+    curve = np.polynomial.polynomial.polyval(x, [0.0, 20.0, scene["bend"], scene["twist"]])
+    ratios = []
+    for seed in rng.integers(1 << 30, size=CHAINS):
+        y = curve + rng.normal(0.0, np.exp(scene["log_noise_mv"]), x.size)
+        found = sample_posterior(x, y, round(scene["degree"]), samples=KEPT_SAMPLES // 2, seed=int(seed))
+        at = np.linspace(*found.calibration.x_range, POINTS)
+        away = np.array(found.curve_band(at)) - np.array(found.calibration.band(at, 0.95))
+        stated = greatest_band_error([found], "mm")
+        ratios.append(float(np.abs(in_mm(found.calibration, at, away)).max()) / stated)
+    return _rms(ratios)
+
+
+def bootstrap_ratio(scene: Mapping[str, float], rng: np.random.Generator) -> float:
+    """Return the error of the intervals' limits by few resamples over the stated one, over resamplings of one run."""
+    run = Stairs(
+        cycles=round(scene["cycles"]), rate_hz=15.0, dwell_s=1.0, noise_mv=float(np.exp(scene["log_noise_mv"])),
+        bulge_percent=scene["bulge_percent"], bulge_at=scene["bulge_at"], seed=int(rng.integers(1 << 30)),
+    )  # fmt: skip
+    options = Options(mcmc=False, x_resolution_mm=0.0)
+    ratios = []
+    with tempfile.TemporaryDirectory() as folder:
+        recording, file = recorded((run,), scene["reading_sd_mm"], rng, Path(folder))
+        truth = analyse(recording, file, options=replace(options, resamples=_REFERENCE_RESAMPLES))
+        limits = limits_of(truth)
+        for seed in rng.integers(1 << 30, size=CHAINS):
+            few = replace(options, resamples=round(np.exp(scene["log_resamples"])), seed=int(seed))
+            found = analyse(recording, file, options=few)
+            away = [np.subtract(each, limits[key]) for key, each in limits_of(found).items() if key in limits]
+            stated = accuracy_of(found).intervals_percent_fso
+            ratios.append(np.abs(away).max() / np.hypot(stated, accuracy_of(truth).intervals_percent_fso))
+    return _rms(ratios)
+
+
 def bounds_ratio(scene: Mapping[str, float], rng: np.random.Generator) -> float:
     """Return how often a bound of P fails over the stated probability, the worse of both bounds."""
     states, error = np.arange(15.0), 0.04
@@ -159,5 +207,19 @@ OBJECTIVES = {
             "grid_mm": (0.0, 0.5), "loop_mv": (0.0, 3.0), "actuator_mm": (0.0, 0.5),
         },
         fit_ratio,
+    ),
+    "posterior": Objective(
+        {
+            "levels": (8.0, 14.0), "cycles": (2.0, 7.0), "degree": (1.0, 4.0),
+            "log_noise_mv": (np.log(0.3), np.log(6.0)), "bend": (-4.0, 4.0), "twist": (-0.6, 0.6),
+        },
+        posterior_ratio,
+    ),
+    "bootstrap": Objective(
+        {
+            "cycles": (2.0, 12.0), "log_noise_mv": (np.log(0.2), np.log(5.0)), "bulge_percent": (0.0, 8.0),
+            "bulge_at": (0.3, 0.7), "reading_sd_mm": (0.0, 0.1), "log_resamples": (np.log(100), np.log(1_000)),
+        },
+        bootstrap_ratio,
     ),
 }  # fmt: skip

@@ -1,11 +1,13 @@
 """A camera's record laid over its run: its delay removed, elongations counted from rest.
 
 Rest is the second before the first pressure; without a frame there, elongations count from where the tracker began, and
-a warning says so. What the run's figures take from the record is in `analysis.figures.camera`.
+a warning says so. A tracker that began anew, as after a break of the run, has its own rest, before the next pressure;
+without one its frames give no elongation. What the run's figures take from the record is in `analysis.figures.camera`.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -19,6 +21,7 @@ from analysis.data.recording import Recording
 from analysis.errors import DataError
 from analysis.tracking.clock import Delay, find_delay, find_place
 from analysis.tracking.lens import Picture
+from analysis.tracking.marks import PictureFault
 from analysis.tracking.tracker import Tracked
 from analysis.warning import Warning, WarningCode
 
@@ -28,6 +31,7 @@ LONGEST_DELAY_S = 3.0
 LARGEST_U_S = 0.05  # of a delay that is used
 UNSTEADY_U_S = 0.012  # a third of a frame; more where a busy computer stamps frames late
 LEAST_R2 = 0.8  # of elongation over pressure: hysteresis and creep leave more
+NO_REST = "no_rest"  # fault of a frame whose tracker did not see the unit at rest
 INDEPENDENT_MM = 0.0005  # least standard uncertainty of a frame's own
 
 
@@ -122,12 +126,8 @@ def filmed(recording: Recording) -> Filmed:
             "the elongation of the camera does not follow the pressure: it may be of another run, or of another thing"
         )
         warnings.append(Warning(WarningCode.CAMERA_CONTRADICTS, "", text))
-    rest_mm = _rest(recording, record)
-    if math.isfinite(rest_mm):
-        record = record.from_rest(rest_mm)
-    else:
-        text = "the camera did not see the unit at rest before the run: elongations count from its first frames"
-        warnings.append(Warning(WarningCode.CAMERA_REST, "", text))
+    record, rest_mm, unknown = _from_rest(recording, record)
+    warnings += [Warning(WarningCode.CAMERA_REST, "", text) for text in unknown]
     if faults := record.faults:
         without = sum(faults.values())
         listed = ", ".join(f"{code.replace('_', ' ')} {n}" for code, n in faults.items())
@@ -204,15 +204,45 @@ def _follows_pressure(recording: Recording, record: CameraRecord) -> bool:
     return rises and float(left.var()) <= (1.0 - LEAST_R2) * float(x.var())
 
 
-def _rest(recording: Recording, record: CameraRecord) -> float:
-    """Return the mean elongation before the first pressure, mm; NaN where no frame shows it."""
+def _from_rest(recording: Recording, record: CameraRecord) -> tuple[CameraRecord, float, list[str]]:
+    """Return the record with elongations from rest, the first rest, and what is not known of the rests."""
+    edges = [0]
+    for at in np.flatnonzero(record.fault == PictureFault.LEARNING).tolist():
+        if record.valid[edges[-1] : at].any():  # a tracker learns before its first value only
+            edges.append(at)
+    edges.append(record.time_s.size)
+    rest_mm = _rest(recording, record, 0.0)
+    warnings = []
+    if not math.isfinite(rest_mm):
+        warnings.append(
+            "the camera did not see the unit at rest before the run: elongations count from its first frames"
+        )
+    x, fault = record.elongation_mm - (rest_mm if math.isfinite(rest_mm) else 0.0), record.fault.astype(object)
+    for first, last in itertools.pairwise(edges[1:]):
+        rows, at_s = slice(first, last), float(record.time_s[first])
+        again_mm = _rest(recording, record, at_s)
+        if math.isfinite(again_mm):
+            x[rows] = record.elongation_mm[rows] - again_mm
+            text = f"the camera began anew at {at_s:.0f} s: elongations after it count from the rest position then"
+        else:
+            fault[rows] = np.where(np.isfinite(x[rows]), NO_REST, fault[rows])
+            x[rows] = np.nan
+            text = f"the camera began anew at {at_s:.0f} s and did not see the unit at rest: its later frames are void"
+        warnings.append(text)
+    return replace(record, elongation_mm=x, fault=fault.astype(np.str_)), rest_mm, warnings
+
+
+def _rest(recording: Recording, record: CameraRecord, since_s: float) -> float:
+    """Return the mean elongation before the first pressure from a time on, mm; NaN where no frame shows it."""
     started = recording.steps["started_s"].to_numpy(dtype=float)
-    driven = np.flatnonzero(np.abs(np.where(recording.pressure_usable, recording.pressure_kpa, 0.0)) > DRIVEN_KPA)
-    if started.size and np.isfinite(started[0]):
+    pressure = np.abs(np.where(recording.pressure_usable, recording.pressure_kpa, 0.0))
+    driven = np.flatnonzero((pressure > DRIVEN_KPA) & (recording.time_s >= since_s))
+    if not since_s and started.size and np.isfinite(started[0]):
         end_s = float(started[0])
     elif driven.size:
         end_s = float(recording.time_s[driven[0]]) - 0.2
     else:
         return math.nan
-    inside = record.valid & (record.time_s > end_s - REST_S) & (record.time_s < end_s)
+    begin_s = max(end_s - REST_S, since_s or -math.inf)
+    inside = record.valid & (record.time_s > begin_s) & (record.time_s < end_s)
     return float(record.elongation_mm[inside].mean()) if inside.sum() >= 3 else math.nan

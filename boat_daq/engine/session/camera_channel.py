@@ -77,6 +77,7 @@ class CameraChannel:
         self._frames: deque[tuple[int, float, float, str]] = deque(maxlen=FRAMES_KEPT)  # host_ns, mm, u_mm, fault
         self._arrivals: deque[tuple[int, int]] = deque(maxlen=FRAMES_KEPT)  # host_ns, board us
         self._done: set[int] = set()
+        self._earlier = max((step.number for step in session.steps()), default=0)  # last step that it did not see
         self._rest_mm: float | None = None
         self._bad_since_ns: int | None = None
         self._warned: set[str] = set()
@@ -99,15 +100,18 @@ class CameraChannel:
         """Wait until the plateaus that have ended have their readings."""
         deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline and self._camera.state.error is None:
-            steps = [step for step in self._session.steps() if step.settled_us is not None and step.branch != "end"]
-            if all(step.number in self._done or step.ended_us is None for step in steps):
+            seen = (step for step in self._session.steps() if step.number > self._earlier)
+            steps = [step for step in seen if step.settled_us is not None and step.branch != "end"]
+            if not math.isfinite(self._rest_mm or 0.0) or all(
+                step.number in self._done or step.ended_us is None for step in steps
+            ):
                 return
             time.sleep(0.02)
 
     @property
     def rest_mm(self) -> float:
-        """Elongation of the last second before the run, from which readings count."""
-        return self._rest_mm or 0.0
+        """Elongation of the last second before the run, from which readings count; 0 where it was not seen."""
+        return self._rest_mm if self._rest_mm is not None and math.isfinite(self._rest_mm) else 0.0
 
     def close(self) -> None:
         """End the camera; the session stays."""
@@ -118,7 +122,10 @@ class CameraChannel:
 
     def _samples(self, samples: np.ndarray[Any, Any]) -> None:
         """Keep when the newest sample of a block arrived, on the reading thread."""
-        self._arrivals.append((int(samples["host_ns"][-1]), int(samples["time_us"][-1])))
+        host_ns, time_us = int(samples["host_ns"][-1]), int(samples["time_us"][-1])
+        if self._arrivals and time_us < self._arrivals[-1][1]:  # the board's clock restarted
+            self._arrivals.clear()
+        self._arrivals.append((host_ns, time_us))
 
     def _take(self, reading: CameraReading, picture: Picture) -> None:
         """Take a frame, on the camera's thread."""
@@ -146,13 +153,17 @@ class CameraChannel:
 
     def _follow_plateaus(self) -> None:
         """Enter the reading of each plateau that has ended, or waits for it."""
-        steps = self._session.steps()
+        run = self._session.steps()
+        if not run:
+            self._rest_mm, self._done, self._earlier = None, set(), 0
+        self._earlier = max(self._earlier, self._session.resumed_after())
+        steps = [step for step in run if step.number > self._earlier]
         if not steps or not self._arrivals:
-            if not steps:
-                self._rest_mm, self._done = None, set()
             return
         if self._rest_mm is None:
-            self._rest_mm = self._rest_before(steps[0].started_us)
+            self._rest_mm = self._rest_before(steps[0])
+        if not math.isfinite(self._rest_mm):
+            return
         waiting = self._session.snapshot().waiting_for_reading
         for step in steps[-3:]:
             if step.number in self._done or step.branch == "end" or step.settled_us is None:
@@ -173,10 +184,24 @@ class CameraChannel:
         first_ns, last_ns = self._host_ns(first_us), self._host_ns(last_us)
         return [frame for frame in self._frames if first_ns <= frame[0] <= last_ns]
 
-    def _rest_before(self, started_us: int) -> float:
-        """Return the mean elongation of the last second before the run; 0 where none was seen."""
-        end_ns = self._host_ns(started_us)
+    def _rest_before(self, first: StepMark) -> float:
+        """Return the mean elongation of the last second before the first step; 0 where none was seen.
+
+        NaN where the camera was opened during the run: then no reading can be related to those before.
+        """
+        if first.branch != "start" and self._earlier:
+            self._session.warn_of_camera(
+                "the camera was opened during the run and did not see the rest position: it gives no readings",
+                "enter the readings yourself, or open the camera before a run starts",
+            )
+            return math.nan
+        end_ns = self._host_ns(first.started_us)
         seen = [x for at_ns, x, _, _ in self._frames if end_ns - REST_S * 1e9 <= at_ns <= end_ns and math.isfinite(x)]
+        if self._earlier and seen:
+            self._session.warn_of_camera(
+                "the run was resumed: the camera's readings count from the rest position before its resumption",
+                "compare the readings of one pressure before and after it",
+            )
         if not seen:
             self._session.warn_of_camera(
                 "the camera saw no elongation before the run, so readings count from where it began to see",

@@ -511,6 +511,12 @@ class Session:
         with self._lock:
             return tuple(self._journal.steps.values())
 
+    def resumed_after(self) -> int:
+        """Return the number of the last step of the run that this recording resumes; 0 where it resumes none."""
+        with self._lock:
+            broken = self._journal.broken
+            return max((mark.number for mark in broken.marks), default=0) if broken is not None else 0
+
     def readings(self) -> tuple[Reading, ...]:
         """Return all readings, corrections included, in order of entry.
 

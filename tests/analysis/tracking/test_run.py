@@ -132,3 +132,27 @@ def test_hysteresis_of_every_cycle_is_over_elongation() -> None:
     assert content["cycles"] == [1, 2]
     assert len(content["sensors"][0]["loop"]["signal_mv"]) == 2
     assert set(content["sensors"][0]["by_speed"][0]) == {"speed_mm_per_s", "signal_mv", "u_mv"}
+
+
+@pytest.mark.parametrize("seen_at_rest", [True, False])
+def test_a_camera_that_began_anew_has_its_own_rest(run: FilmedRun, *, seen_at_rest: bool) -> None:
+    """After a break it counts from another position: at rest it is measured again, else its frames are void."""
+    recording = with_camera(run)
+    assert recording.camera is not None
+    record, low = recording.camera, float(recording.time_s[np.argmin(recording.pressure_kpa)])
+    vented = np.abs(recording.time_s - low) < 6.0 if seen_at_rest else np.zeros(recording.n, bool)
+    pressure = np.where(vented, 0.0, recording.pressure_kpa)
+    again = record.time_s > low - 1.0
+    fault = np.where(again & (record.time_s < low - 0.5), "learning", "")
+    x = np.where(fault != "", np.nan, record.elongation_mm + np.where(again, 5.0, 0.0))
+    record = replace(record, elongation_mm=x, fault=fault)
+    film = filmed(replace(recording, camera=record, pressure_kpa=pressure))
+    later = film.record.time_s > low + 6.0
+    assert [w.text for w in film.warnings if w.code is WarningCode.CAMERA_REST and "began anew" in w.text] != []
+    if not seen_at_rest:
+        assert not film.record.valid[later].any()
+        assert film.record.faults["no_rest"] > later.sum() / 2
+        return
+    rest_mm = run.elongation_mm(np.array([low + 5.0]))[0]
+    true_mm = run.elongation_mm(film.record.time_s[later])
+    assert film.record.elongation_mm[later] + rest_mm == pytest.approx(true_mm, abs=0.3)

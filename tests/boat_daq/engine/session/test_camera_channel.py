@@ -46,6 +46,7 @@ class FakeSession:
         self.kept: list[CameraReading] = []
         self.marks: tuple[StepMark, ...] = ()
         self.waiting: int | None = None
+        self.resumed = 0
 
     def add_sink(self, sink):
         self.sink = sink
@@ -59,6 +60,9 @@ class FakeSession:
 
     def steps(self):
         return self.marks
+
+    def resumed_after(self) -> int:
+        return self.resumed
 
     def readings(self):
         return tuple(self.entered)
@@ -153,6 +157,38 @@ def test_rest_that_was_not_seen_is_warned_of(session: FakeSession, channel: Came
     hold(session, ended=False)
     frames(channel, 2.6, 2.7, 1.0)
     assert any("saw no elongation before the run" in text for text in session.warned)
+
+
+def test_a_resumed_run_counts_from_the_rest_before_it(session: FakeSession, channel: CameraChannel) -> None:
+    """The steps before are of another clock and another camera: they get no reading, and a warning says so."""
+    before = StepMark(1, 1, "unloading", 30.0, 10.0, 900_000_000, 901_000_000, 902_000_000, 903_000_000, "reached")
+    session.marks, session.resumed = (before,), 1
+    session.samples(1.0)
+    frames(channel, 1.0, 2.0, 0.2)
+    session.samples(2.5)
+    again = StepMark(2, 1, "start", 50.0, 10.0, 1_000_000, 2_500_000, 3_000_000, 5_000_000, "reached")
+    session.marks = (before, again)
+    frames(channel, 4.0, 6.0, 4.0)
+    session.samples(6.1)
+    frames(channel, 6.1, 6.2, 4.0)
+    assert [(reading.step_id, reading.elongation_mm) for reading in session.entered] == [(2, pytest.approx(3.8))]
+    assert [text for text in session.warned if "resumed" in text] != []
+
+
+def test_a_camera_opened_during_a_run_gives_no_readings(session: FakeSession) -> None:
+    """Its rest position is not that of the run; a warning says so once."""
+    hold(session)
+    channel = CameraChannel(session, Still(), lambda picture, time_s: None, dict)
+    next_one = StepMark(2, 1, "unloading", 40.0, 10.0, 5_000_000, 5_500_000, 6_000_000, 8_000_000, "reached")
+    session.marks += (next_one,)
+    session.samples(5.0)
+    frames(channel, 5.0, 9.0, 4.0)
+    session.samples(9.1)
+    frames(channel, 9.1, 9.2, 4.0)
+    channel.close()
+    assert session.entered == []
+    assert [text for text in session.warned if "opened during the run" in text] == session.warned != []
+    assert channel.rest_mm == 0.0
 
 
 def test_a_video_file_is_no_camera(session: FakeSession) -> None:

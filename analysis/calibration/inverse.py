@@ -194,14 +194,16 @@ class Inverse:
         inside, end = self(values), self(values, clamp=True)
         uncertainty = self.standard_uncertainty(end)
         past = np.isnan(inside) & ~np.isnan(values)
-        at_low = end == self.x_range[0]
-        with np.errstate(divide="ignore", invalid="ignore"):  # the tangent may be level
-            away = values - np.where(at_low, self.nodes[0], self.nodes[-1])
-            tangent = away / np.where(at_low, *self.end_slopes)
-            reach = BEYOND_SIGMA * uncertainty + self.half_division_mm
-            beyond = np.asarray(past & (np.abs(tangent) <= reach), dtype=bool)
+        x, beyond = end if clamp else inside, np.zeros(values.shape, dtype=bool)
+        if past.any():
+            at_low = end == self.x_range[0]
+            with np.errstate(divide="ignore", invalid="ignore"):  # the tangent may be level
+                away = values - np.where(at_low, self.nodes[0], self.nodes[-1])
+                tangent = away / np.where(at_low, *self.end_slopes)
+                reach = BEYOND_SIGMA * uncertainty + self.half_division_mm
+                beyond = np.asarray(past & (np.abs(tangent) <= reach), dtype=bool)
+            x = np.where(beyond, end + tangent, x)
         outside = np.asarray(past & ~beyond, dtype=bool)
-        x = np.where(beyond, end + tangent, end if clamp else inside)
         none = np.zeros(x.shape, dtype=bool)
         return ElongationEstimate(x, np.where(np.isnan(x), np.nan, uncertainty), outside, beyond, none)
 

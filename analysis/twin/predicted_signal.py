@@ -1,9 +1,9 @@
 """The signals that the chain predicts: pressure, shape, rays, light, voltage; and what disagrees with it.
 
-Strategy: the light of the paper's pattern is traced once at many elongations and at three losses of the guide
-(`light.csv`, remade by `light_table`), every reflection followed. A sensor's signal is gain times light plus offset;
-gain, offset and loss are fitted to one calibration run by least squares. For a given loss gain and offset are linear,
-so that only the loss is searched, within its bounds. A frame then costs an interpolation.
+Strategy: the light of the paper's pattern is traced once at many elongations and at three losses of the guide (see
+`light_table.py`). A sensor's signal is gain times light plus offset; gain, offset and loss are fitted to one
+calibration run by least squares. For a given loss gain and offset are linear, so that only the loss is searched, within
+its bounds. A frame then costs an interpolation.
 
 Rules: the band holds the fit's own misfit (what the chain leaves out) beside the noise, because the misfit is the
 larger part by far. Which link of the chain disagrees is decided by the calibration, which is closer: both sensors at
@@ -15,8 +15,6 @@ from __future__ import annotations
 
 import enum
 from dataclasses import asdict, dataclass
-from functools import lru_cache
-from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -24,14 +22,9 @@ from scipy.optimize import minimize_scalar
 
 from analysis.arrays import FloatArray
 from analysis.errors import DataError
-from analysis.optics.scene.parameters import PAPER_OPTIMUM, Waveguide, light_by
-from analysis.optics.sweep.sweep import SweepRequest, run_sweep
+from analysis.twin.light_table import LOSSES_DB_PER_CM, LightTable, stored_light
 
-LOSSES_DB_PER_CM = (0.0, 0.5, 1.0)
-"""Bounds and nodes of the guide's loss: clear printed resins have 0.1 to 1 dB/cm in the near infrared."""
-GRID = 513  # nodes of a frame's interpolation
 LEAST_POINTS = 6
-STATES = 15
 SHIFT_SIGMA = 4.0
 
 
@@ -42,27 +35,6 @@ class Disagreement(enum.StrEnum):
     MECHANICS = "mechanics"  # elongation against pressure
     OPTICS = "optics"  # one signal against elongation
     ELECTRONICS = "electronics"  # both signals alike
-
-
-@dataclass(frozen=True, slots=True)
-class LightTable:
-    """Detected light over elongation: percent of the emitted [losses, n] at elongations [n], mm."""
-
-    losses_db_per_cm: FloatArray
-    elongation_mm: FloatArray
-    light_percent: FloatArray
-
-    def light(self, elongation_mm: FloatArray, loss_db_per_cm: float) -> FloatArray:
-        """Return the light [n] at elongations [n]; a parabola in the loss, through the logarithms."""
-        rows = [np.log(np.interp(elongation_mm, self.elongation_mm, row)) for row in self.light_percent]
-        a, b, c = self.losses_db_per_cm
-        at = loss_db_per_cm
-        weights = (
-            (at - b) * (at - c) / ((a - b) * (a - c)),
-            (at - a) * (at - c) / ((b - a) * (b - c)),
-            (at - a) * (at - b) / ((c - a) * (c - b)),
-        )
-        return np.asarray(np.exp(sum(w * row for w, row in zip(weights, rows, strict=True))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,31 +71,6 @@ class PredictedSignal:
     def as_json(self) -> dict[str, Any]:
         """Return the fit without its table."""
         return {key: value for key, value in asdict(self).items() if not key.startswith("nodes")}
-
-
-@lru_cache(maxsize=1)
-def stored_light() -> LightTable:
-    """Return the light of the paper's pattern in the default guide and actuator, as it comes with the program."""
-    text = (resources.files("analysis.twin") / "light.csv").read_text(encoding="utf-8")
-    rows = np.asarray([[float(v) for v in line.split(",")] for line in text.splitlines() if line[:1] not in "#e"])
-    return LightTable(np.asarray(LOSSES_DB_PER_CM), rows[:, 0], np.ascontiguousarray(rows[:, 1:].T))
-
-
-def light_table(curves_mm: FloatArray, elongation_mm: FloatArray, rays: int) -> LightTable:
-    """Trace the paper's pattern at every elongation and loss.
-
-    Parameters
-    ----------
-    curves_mm : [n, 2, points, 2] of the two guides. elongation_mm : [n]. rays : of each simulation.
-    """
-    light = np.empty((len(LOSSES_DB_PER_CM), len(elongation_mm)))
-    for row, loss in zip(light, LOSSES_DB_PER_CM, strict=True):
-        for first in range(0, len(elongation_mm), STATES):
-            at = np.minimum(np.arange(first, first + STATES), len(elongation_mm) - 1)  # a sweep has 15 states
-            guide = Waveguide(attenuation_db_per_cm=loss)
-            request = SweepRequest((PAPER_OPTIMUM,), guide, light_by("power", rays), curves_mm[at], "power")
-            row[at] = 100.0 * run_sweep(request).power[0]
-    return LightTable(np.asarray(LOSSES_DB_PER_CM), np.asarray(elongation_mm), light)
 
 
 def fit_signal_model(
@@ -169,14 +116,14 @@ def fit_signal_model(
     variance = float(residual @ residual) / max(len(x) - 3, 1)
     covariance = np.linalg.pinv((jacobian / scale).T @ (jacobian / scale)) * variance / np.outer(scale, scale)
     rms = float(np.sqrt(np.mean(residual**2)))
-    nodes = np.linspace(light.elongation_mm[0], light.elongation_mm[-1], GRID)
-    values = gain * light.light(nodes, loss) + offset
+    values = gain * light.light(light.elongation_mm, loss) + offset
     r2 = 1.0 - float(residual @ residual) / float(((y - y.mean()) ** 2).sum())
     rows = tuple(tuple(row) for row in covariance.tolist())
     fso = float(np.ptp(y))
     at_bound = fit_loss and loss in (low, high)
     return PredictedSignal(
-        float(gain), float(offset), loss, rows, at_bound, rms, 100.0 * rms / fso, r2, nodes, values
+        float(gain), float(offset), loss, rows, at_bound, rms, 100.0 * rms / fso, r2,
+        light.elongation_mm, values
     )  # fmt: skip
 
 

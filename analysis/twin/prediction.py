@@ -15,6 +15,7 @@ from analysis.data.recording import Recording
 from analysis.errors import DataError
 from analysis.published import RANGE_MM, SENSORS
 from analysis.twin.hysteresis import HysteresisModel
+from analysis.twin.light_table import LightTable
 from analysis.twin.predicted_signal import Disagreement, PredictedSignal, fit_signal_model, what_disagrees
 
 AVERAGE_S = 1.0  # over which a disagreement is looked for
@@ -48,15 +49,23 @@ class RunPrediction:
     words: Mapping[str, float]
 
 
-def predict_sensors(points: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[SensorPrediction, ...]:
-    """Return the forward models of sensors from their readings: (elongation mm [n], signal mV [n]) of each.
+def predict_sensors(
+    points: Sequence[tuple[FloatArray, FloatArray]], light: LightTable | None = None
+) -> tuple[SensorPrediction, ...]:
+    """Return the forward models of sensors from their readings.
+
+    Parameters
+    ----------
+    points : (elongation mm [n], signal mV [n]) of each sensor.
+    light : of the actuator; that of the default one where None.
 
     Raises
     ------
     DataError : too few readings.
     """
     return tuple(
-        SensorPrediction(fit_signal_model(x, y, fit_loss=False), fit_signal_model(x, y)) for x, y in points
+        SensorPrediction(fit_signal_model(x, y, light, fit_loss=False), fit_signal_model(x, y, light))
+        for x, y in points
     )  # fmt: skip
 
 
@@ -140,7 +149,7 @@ class LivePrediction:
 
 
 def live_prediction(
-    model: HysteresisModel, fusion: Fusion, sensors: tuple[SensorPrediction, ...], nodes: int = 257
+    model: HysteresisModel, fusion: Fusion, sensors: tuple[SensorPrediction, ...], nodes: int = 2049
 ) -> LivePrediction:
     """Return the table that live frames are predicted from.
 

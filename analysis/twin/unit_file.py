@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from analysis.errors import FileError
+from analysis.errors import FileError, RequestError
 from analysis.numbers import finite
+from analysis.optics.scene.parameters import PAPER_OPTIMUM, Face
+from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.twin.controller import Tuning
 from analysis.twin.dynamics import Lag, Margins
 from analysis.twin.hysteresis import HysteresisModel
@@ -36,6 +38,7 @@ class TwinFile:
     recording : name of the run it was identified from.
     model : the hysteresis.
     tuning : the gains; None before a step test.
+    actuator, face : whose light the unit's signals are predicted by, and the face of the guides with the cavities.
     """
 
     unit: str
@@ -44,6 +47,8 @@ class TwinFile:
     recording: str
     model: HysteresisModel
     tuning: Tuning | None = None
+    actuator: ActuatorParameters = field(default_factory=ActuatorParameters)
+    face: Face = "outer"
 
     def tuned(self, tuning: Tuning) -> TwinFile:
         """Return it with other gains."""
@@ -56,7 +61,7 @@ class TwinFile:
         head = {"unit": self.unit, "simulated": self.simulated, "calibration_utc": self.calibration_utc}
         return {
             "format": FORMAT, "version": VERSION, **head, "recording": self.recording, "hysteresis": model,
-            "tuning": tuning,
+            "tuning": tuning, "actuator": asdict(self.actuator), "face": self.face,
         }  # fmt: skip
 
     def write(self, path: Path) -> None:
@@ -86,7 +91,7 @@ def read_twin(path: Path) -> TwinFile | None:
         raise FileError(f"{path.name} has version {content.get('version')!r:.20}", "Update boat-daq.")
     try:
         return _parsed(content)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, RequestError) as error:
         raise FileError(f"{path.name} is damaged: {error}", "Identify the unit again.") from error
 
 
@@ -116,4 +121,6 @@ def _parsed(content: Mapping[str, Any]) -> TwinFile:
         if not all(value > 0 for key, value in numbers.items() if not key.startswith("lead")):
             raise ValueError("the gains make no control")
     head = [str(content[key]) for key in ("unit", "calibration_utc", "recording")]
-    return TwinFile(head[0], bool(content["simulated"]), head[1], head[2], model, tuning)
+    actuator = ActuatorParameters(**content.get("actuator", {}))  # a file of an earlier version has none
+    face = replace(PAPER_OPTIMUM, face=content.get("face", "outer")).face
+    return TwinFile(head[0], bool(content["simulated"]), head[1], head[2], model, tuning, actuator, face)

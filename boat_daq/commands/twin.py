@@ -9,12 +9,14 @@ import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show, show_table
 from boat_daq.commands.options import RecordingArgument
+from boat_daq.commands.shadow import ParametersOption
 from boat_daq.engine.settings import UnitLibrary
 
 if TYPE_CHECKING:
     from analysis.calibration.inverse import Fusion
     from analysis.data.recording import Recording
     from analysis.twin.dynamics import DynamicFigure
+    from analysis.twin.light_table import LightTable
     from analysis.twin.unit_file import TwinFile
 
 app = typer.Typer(no_args_is_help=True, help="Control the elongation of a unit, and find its dynamics.")
@@ -44,15 +46,32 @@ def accept(
 
 
 @app.command()
-def identify(run: RecordingArgument, as_json: JsonOption = False) -> None:
+def identify(
+    run: RecordingArgument,
+    parameters: ParametersOption = None,
+    face: Annotated[
+        str | None, typer.Option(help="Place of the cavities, as of optics trace; default as before, or outer.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
     """Identify the hysteresis of a run's unit: a generalised Prandtl-Ishlinskii model, by the calibration in force.
+
+    Of another actuator than the paper's, or other cavities, the light is traced once: some minutes, a call that was
+    stopped continues. The unit's signals are predicted by it from then on.
 
     Example: boat-daq twin identify SA1.boat
     """
+    from dataclasses import replace
+
+    from analysis.optics.scene.parameters import PAPER_OPTIMUM
+    from analysis.shadow.fem.parameters import read_parameters
     from boat_daq.viewmodels.common.twin import identify_unit
 
+    actuator = None if parameters is None else read_parameters(parameters)
+    place = None if face is None else replace(PAPER_OPTIMUM, face=face).face  # type: ignore[arg-type]  # checked there
     recording, units = _recording(run)
-    twin = identify_unit(recording, units)
+    twin = identify_unit(recording, units, actuator, place)
+    _light(twin)
     model = twin.model
     _present(
         twin,
@@ -191,7 +210,8 @@ def predict(
 
     recording, units = _recording(run)
     name = recording.unit
-    twin, sensors, published = load_twin(units, name), predicted_sensors(units, name), published_prediction()
+    twin, published = load_twin(units, name), published_prediction()
+    sensors = predicted_sensors(units, name, _light(twin))
     found = predict_run(recording, twin.model, fusion_of(units, name), sensors)
     if out is not None:
         with writing(out), written_whole(out) as part:
@@ -215,6 +235,16 @@ def predict(
         show("SIMULATED")
     show_table(("curve", "fitted", "R²", "rms, % FSO", "gain, mV/%", "loss, dB/cm"), rows, left=2)
     show("of the run: " + ", ".join(f"{word} {share:.0f} %" for word, share in found.words.items()))
+
+
+def _light(twin: TwinFile) -> LightTable:
+    """Return the light of a unit's actuator, traced where it is not kept."""
+    from analysis.twin.light_table import light_of
+
+    with progress_bar("tracing the light of this actuator") as advance:
+        light = light_of(twin.actuator, twin.face, progress=advance)
+    assert light is not None  # it may be traced
+    return light
 
 
 def _recording(run: Path) -> tuple[Recording, UnitLibrary]:

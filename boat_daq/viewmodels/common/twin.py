@@ -6,6 +6,7 @@ unit was not identified with. The file is NAME.twin.json in the folder of the un
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,10 @@ from boat_daq.viewmodels.common.reference import stored_inverse
 if TYPE_CHECKING:
     from analysis.calibration.inverse import Fusion
     from analysis.data.recording import Recording
+    from analysis.optics.scene.parameters import Face
+    from analysis.shadow.fem.parameters import ActuatorParameters
     from analysis.twin.controller import Bounds, ElongationController
+    from analysis.twin.light_table import LightTable
     from analysis.twin.prediction import LivePrediction, SensorPrediction
     from analysis.twin.sensor_loop import SensorLoops
     from analysis.twin.unit_file import TwinFile
@@ -75,8 +79,15 @@ def load_twin(units: UnitLibrary, name: str) -> TwinFile:
     return twin
 
 
-def identify_unit(recording: Recording, units: UnitLibrary) -> TwinFile:
+def identify_unit(
+    recording: Recording, units: UnitLibrary, actuator: ActuatorParameters | None = None, face: Face | None = None
+) -> TwinFile:
     """Identify the hysteresis of a recording's unit by its calibration in force, and store it; gains are kept.
+
+    Parameters
+    ----------
+    recording : of the unit. units : of its kind of board.
+    actuator, face : that its signals are predicted by; as before where None.
 
     Raises
     ------
@@ -89,9 +100,11 @@ def identify_unit(recording: Recording, units: UnitLibrary) -> TwinFile:
     stored = in_force(units, recording.unit)
     before = read_twin(twin_path(units, recording.unit))
     model = identify_run(recording, fusion_of(units, recording.unit))
-    kept = before.tuning if before is not None else None
     name = Path(recording.source).name
-    twin = TwinFile(recording.unit, units.simulated, stored.utc, name, model, kept)
+    twin = TwinFile(recording.unit, units.simulated, stored.utc, name, model)
+    if before is not None:
+        twin = replace(twin, tuning=before.tuning, actuator=before.actuator, face=before.face)
+    twin = replace(twin, actuator=actuator or twin.actuator, face=face or twin.face)
     store_twin(units, twin)
     return twin
 
@@ -111,8 +124,12 @@ def tune_unit(recording: Recording, units: UnitLibrary) -> TwinFile:
     return twin
 
 
-def predicted_sensors(units: UnitLibrary, name: str) -> tuple[SensorPrediction, ...]:
+def predicted_sensors(units: UnitLibrary, name: str, light: LightTable) -> tuple[SensorPrediction, ...]:
     """Return the forward models of a unit's signals, fitted to the readings of its calibration in force.
+
+    Parameters
+    ----------
+    units : of the kind of board. name : of the unit. light : of its actuator.
 
     Raises
     ------
@@ -124,23 +141,27 @@ def predicted_sensors(units: UnitLibrary, name: str) -> tuple[SensorPrediction, 
 
     stored = in_force(units, name).content["sensors"]
     points = [(np.asarray(one["elongation_mm"], float), np.asarray(one["signal_mv"], float)) for one in stored]
-    return predict_sensors(points)
+    return predict_sensors(points, light)
 
 
 def live_prediction_of(units: UnitLibrary, name: str, fusion: Fusion) -> LivePrediction | None:
-    """Return what predicts a unit's live signals; None where the unit is not identified with its calibration in force.
+    """Return what predicts a unit's live signals.
+
+    None where the unit is not identified with its calibration in force, or the light of its actuator is not kept.
 
     Raises
     ------
     OperatorError : the unit has no accepted calibration. AnalysisError : a file is damaged.
     """
+    from analysis.twin.light_table import light_of
     from analysis.twin.prediction import live_prediction
     from analysis.twin.unit_file import read_twin
 
     twin = read_twin(twin_path(units, name))
     if twin is None or twin.calibration_utc != in_force(units, name).utc:
         return None
-    return live_prediction(twin.model, fusion, predicted_sensors(units, name))
+    light = light_of(twin.actuator, twin.face, build=False)
+    return None if light is None else live_prediction(twin.model, fusion, predicted_sensors(units, name, light))
 
 
 def prepare_control(path: Path, units: UnitLibrary) -> str:

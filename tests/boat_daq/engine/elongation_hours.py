@@ -187,8 +187,9 @@ class Hours:
         self._moving.clear()
         print(
             f"{self.hours:.2f} h in {time.perf_counter() - begun:.0f} s: {len(found.violations)} violations, "
-            f"{found.pressure_kpa[0]:.2f} to {found.pressure_kpa[1]:.2f} kPa, held to {found.hold_rms_mm[-1]:.4f} mm rms "
-            f"(worst {found.hold_worst_mm[-1]:.3f}), moving {found.moving_rms_mm[-1]:.4f} mm rms", flush=True,
+            f"{found.pressure_kpa[0]:.2f} to {found.pressure_kpa[1]:.2f} kPa, "
+            f"held to {found.hold_rms_mm[-1]:.4f} mm rms (worst {found.hold_worst_mm[-1]:.3f}), "
+            f"moving {found.moving_rms_mm[-1]:.4f} mm rms", flush=True,
         )  # fmt: skip
 
 

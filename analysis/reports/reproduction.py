@@ -7,7 +7,8 @@ analysis finds them again, not that the paper's units have them. Optics, states 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,14 +16,20 @@ from typing import Any
 import numpy as np
 
 from analysis.arrays import FloatArray
-from analysis.figure_style import save_picture, sensor_colour, styled
+from analysis.figure_style import INK, PRESSURE, RC, save_picture, sensor_colour
 from analysis.figures.pipeline import Analysis
 from analysis.optics.scene.parameters import PAPER_OPTIMUM
+from analysis.optics.sweep.figure_of_merit import ranks_within
 from analysis.optics.sweep.sweep import SweepResult
 from analysis.published import RANGE_MM, SENSORS, SYSTEM_SENSITIVITY_MV_PER_MM
+from analysis.reports.drawings import envelope
+from analysis.shadow.model.states import GuideStates
 
 PAPER_FPS = 2.0  # of its SOFA scene on 16 cores
-PAPER_SWEEP_S = 9720 * 8.0
+PAPER_SIMULATION_S = 8.0
+PAPER_SIMULATIONS = 9720
+DRAWN_POINTS = 1500  # of a run's signals
+DPI = 150
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,16 +45,30 @@ class PaperRow:
     why: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class PaperDrawing:
+    """One drawing: the paper's figure that it is of, empty where it has none, what it shows, and its file."""
+
+    figure: str
+    shows: str
+    path: Path
+
+    def as_json(self) -> dict[str, str]:
+        """Return the three."""
+        return {"figure": self.figure, "shows": self.shows, "file": str(self.path)}
+
+
 @dataclass(slots=True)
 class Reproduction:
     """The rows and drawings so far."""
 
     rows: list[PaperRow] = field(default_factory=list)
-    files: list[Path] = field(default_factory=list)
+    drawings: list[PaperDrawing] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
-        """Return rows and files."""
-        return {"simulated": True, "rows": [asdict(row) for row in self.rows], "files": [str(f) for f in self.files]}
+        """Return rows, drawings and their files."""
+        rows, drawings = [asdict(row) for row in self.rows], [one.as_json() for one in self.drawings]
+        return {"simulated": True, "rows": rows, "drawings": drawings, "files": [one["file"] for one in drawings]}
 
     def table(self) -> str:
         """Return the rows as a page in Markdown."""
@@ -59,13 +80,18 @@ class Reproduction:
         for row in self.rows:
             interval = f"{row.low:.5g} .. {row.high:.5g}" if math.isfinite(row.low) else ""
             lines.append(f"| {row.quantity} | {row.unit} | {row.paper:.6g} | {row.ours:.6g} | {interval} | {row.why} |")
-        pictures = [f"![{path.stem}]({path.name})" for path in self.files if path.suffix == ".png"]
-        return "\n".join([*lines, "", *pictures, ""])
+        for one in self.drawings:
+            figure = f"Figure {one.figure}: " if one.figure else ""
+            lines += ["", f"![{one.path.stem}]({one.path.name})", "", f"{figure}{one.shows}."]
+        return "\n".join([*lines, ""])
 
 
 def calibration_rows(found: Analysis) -> list[PaperRow]:
-    """Return the rows of a calibration run: coefficients, R2, sensitivity, SNR, range."""
-    rows = []
+    """Return the rows of a calibration run: cycles, rate, coefficients, R2, sensitivity, SNR, range."""
+    rows = [
+        PaperRow("cycles of the calibration", "", 5.0, float(len(found.cycles.complete))),
+        PaperRow("sampling rate", "Hz", 100.0, found.recording.rate_hz),
+    ]
     for number, (sensor, paper) in enumerate(zip(found.sensors, SENSORS, strict=True), 1):
         fit = sensor.calibration
         if fit is None:
@@ -118,101 +144,112 @@ def optics_rows(result: SweepResult) -> list[PaperRow]:
             ("spacing", "mm", "spacing_mm"),
         )
     ]  # fmt: skip
-    rank = math.nan if at is None else float(result.ranks()[at])
-    rows.append(PaperRow("rank of the paper's pattern", "", 1.0, rank, why=why))
-    return [*rows, PaperRow("time of the sweep", "s", PAPER_SWEEP_S, result.seconds, why="compiled, all cores")]
+    p, mapped = result.merit().p, np.asarray([(d.cavities, d.width_mm) == (5, 1.0) for d in result.designs])
+    for name, group in (("", np.ones_like(mapped)), (" in the map of figure 3D", mapped)):
+        rank = math.nan if at is None else float(ranks_within(p, group)[at])
+        rows.append(PaperRow(f"rank of the paper's pattern{name}", "", 1.0, rank, why=why))
+    each_s, why = result.seconds / result.simulated, "compiled, all cores"
+    return [
+        *rows,
+        PaperRow("simulations", "", PAPER_SIMULATIONS, result.simulated),
+        PaperRow("time of a simulation", "s", PAPER_SIMULATION_S, each_s, why=why),
+        PaperRow("time of the sweep", "s", PAPER_SIMULATIONS * PAPER_SIMULATION_S, result.seconds, why=why),
+    ]
 
 
-def shadow_rows(elongation_mm: FloatArray, frames_per_s: float, states_per_s: float) -> list[PaperRow]:
-    """Return the rows of the shadow: its two end states, and how fast it is.
+def shadow_rows(states: GuideStates, critical_kpa: float, frames_per_s: float, states_per_s: float) -> list[PaperRow]:
+    """Return the rows of the shadow: its two end states, where it buckles, and how fast it is.
 
     Parameters
     ----------
-    elongation_mm : of the 15 states. frames_per_s, states_per_s : of whole frames, and of tracked points alone.
+    states : the fifteen of the guides. critical_kpa : pressure at which the model buckles.
+    frames_per_s, states_per_s : of whole frames, and of tracked points alone.
     """
+    elongation_mm, points = states.elongation_mm, states.curves_mm[0, ..., 0].size
     why = "wall and neck are fitted so that the ends agree; the paper gives neither"
     return [
         PaperRow("shadow: elongation at -40 kPa", "mm", RANGE_MM[0], float(elongation_mm[0]), why=why),
         PaperRow("shadow: elongation at +50 kPa", "mm", RANGE_MM[1], float(elongation_mm[-1]), why=why),
+        PaperRow("shadow: pressure of buckling", "kPa", -40.0, critical_kpa, why="the paper: below -40 kPa"),
         PaperRow("shadow: states", "", 15.0, float(len(elongation_mm))),
+        PaperRow("shadow: points of both guides", "", 14.0, float(points)),
         PaperRow("shadow: frames", "1/s", PAPER_FPS, frames_per_s, why="reduced model, one core; the paper: 16 cores"),
         PaperRow("shadow: tracked points", "1/s", PAPER_FPS, states_per_s, why="the table alone, in one call"),
     ]
 
 
-@styled
 def draw_calibration(found: Analysis, path: Path) -> None:
-    """Draw readings and curves of both sensors beside the published cubics."""
-    from matplotlib.figure import Figure as Canvas
-
-    canvas = Canvas(figsize=(7, 4))
-    axes = canvas.add_subplot()
+    """Draw readings of both sensors beside the published cubics."""
     x = np.linspace(*RANGE_MM, 200)
-    for number, (sensor, paper) in enumerate(zip(found.sensors, SENSORS, strict=True), 1):
-        if (fit := sensor.calibration) is None:
-            continue
-        colour = sensor_colour(number - 1)
-        axes.plot(fit.x, fit.y, ".", color=colour, label=f"sensor {number}: readings (SIMULATED)")
-        axes.plot(
-            x,
-            np.polynomial.polynomial.polyval(x, paper.coefficients),
-            "--",
-            color=colour,
-            label=f"sensor {number}: published",
-        )
-    axes.set_xlabel("elongation, mm")
-    axes.set_ylabel("signal, mV")
-    axes.legend(fontsize=8)
-    save_picture(canvas, path)
+    with _picture(path, "elongation, mm", "signal, mV") as (axes,):
+        for number, (sensor, paper) in enumerate(zip(found.sensors, SENSORS, strict=True), 1):
+            if (fit := sensor.calibration) is None:
+                continue
+            colour = sensor_colour(number - 1)
+            axes.plot(fit.x, fit.y, ".", color=colour, label=f"sensor {number}: readings (SIMULATED)")
+            curve = np.polynomial.polynomial.polyval(x, paper.coefficients)
+            axes.plot(x, curve, "--", color=colour, label=f"sensor {number}: published")
+        axes.legend()
 
 
-@styled
 def draw_loops(found: Analysis, path: Path) -> None:
     """Draw the mean loop of each sensor's signal over pressure, from its own mean."""
-    from matplotlib.figure import Figure as Canvas
-
-    canvas = Canvas(figsize=(7, 4))
-    axes = canvas.add_subplot()
-    loops = found.loops
-    for number in range(len(found.sensors)):
-        mean = np.nanmean(loops.signal_mv[number], axis=1)  # [2, levels]
-        for branch, style in zip(mean, ("-", "--"), strict=True):
-            line = branch - np.nanmean(mean)
-            axes.plot(np.nanmean(loops.pressure_kpa, axis=1)[0], line, style, color=sensor_colour(number))
-    axes.set_xlabel("pressure, kPa")
-    axes.set_ylabel("signal less its mean, mV (SIMULATED)")
-    save_picture(canvas, path)
+    with _picture(path, "pressure, kPa", "signal less its mean, mV (SIMULATED)") as (axes,):
+        pressure = np.nanmean(found.loops.pressure_kpa, axis=1)[0]
+        for number in range(len(found.sensors)):
+            mean = np.nanmean(found.loops.signal_mv[number], axis=1)  # [2, levels]
+            for branch, style, name in zip(mean, ("-", "--"), ("unloading", "loading"), strict=True):
+                label = f"sensor {number + 1}, {name}"
+                axes.plot(pressure, branch - np.nanmean(mean), style, color=sensor_colour(number), label=label)
+        axes.legend()
 
 
-@styled
-def draw_readings(result: SweepResult, path: Path) -> None:
-    """Draw rays at the receiver over the states, for the paper's pattern and the best one here."""
-    from matplotlib.figure import Figure as Canvas
-
-    canvas = Canvas(figsize=(7, 4))
-    axes = canvas.add_subplot()
-    at, best = result.find(), int(np.argmax(result.merit().p))
-    named: Sequence[tuple[str, int | None]] = (("paper's pattern", at), ("best here", best))
-    for name, number in named:
-        if number is not None:
-            axes.plot(np.arange(result.ndr.shape[1]), result.ndr[number], ".-", label=name)
-    axes.set_xlabel("state, 0 = most compressed")
-    axes.set_ylabel("rays at the receiver, of 250")
-    axes.legend(fontsize=8)
-    save_picture(canvas, path)
+def draw_signals(found: Analysis, path: Path) -> None:
+    """Draw pressure and signals of a run over time, as the paper's figures 4A and 4C."""
+    recording = found.recording
+    with _picture(path, "time, s", "pressure, kPa", "signal, mV (SIMULATED)") as (above, below):
+        rows: list[tuple[Any, FloatArray, str, str]] = [(above, recording.pressure_kpa, PRESSURE, "")]
+        rows += [
+            (below, recording.signal_mv[:, i], sensor_colour(i), f"sensor {i + 1}") for i in range(recording.n_sensors)
+        ]
+        for axes, values, colour, label in rows:
+            time, low, high = envelope(recording.time_s, values, DRAWN_POINTS)
+            axes.fill_between(time, low, high, color=colour, linewidth=0.6, edgecolor=colour, label=label)
+            axes.margins(x=0)
+        below.legend(loc="upper right")
 
 
-@styled
 def draw_states(curves_mm: FloatArray, path: Path) -> None:
-    """Draw the two guides [15, 2, points, 2] in all states."""
+    """Draw the two guides [15, 2, points, 2] in all states: compressed, at rest, elongated."""
+    rest = len(curves_mm) // 2
+    with _picture(path, "across, mm", "along, mm", size=(4.0, 6.0)) as (axes,):
+        for number, state in enumerate(curves_mm):
+            colour = INK if number == rest else sensor_colour(int(number > rest))
+            for guide in state:
+                axes.plot(guide[:, 0], guide[:, 1], ".-", linewidth=0.6, markersize=2, color=colour)
+        for name, colour in (("compressed", sensor_colour(0)), ("rest", INK), ("elongated", sensor_colour(1))):
+            axes.plot([], [], color=colour, label=name)
+        axes.set_aspect("equal")
+        axes.legend(loc="center")
+
+
+@contextmanager
+def _picture(path: Path, across: str, *up: str, size: tuple[float, float] = (7.0, 4.0)) -> Iterator[tuple[Any, ...]]:
+    """Yield axes, one above another, and save the picture.
+
+    Parameters
+    ----------
+    path : of the picture. across : title of the common abscissa. up : title of each ordinate.
+    size : inches.
+    """
+    import matplotlib as mpl  # half a second that only who draws spends
     from matplotlib.figure import Figure as Canvas
 
-    canvas = Canvas(figsize=(4, 6))
-    axes = canvas.add_subplot()
-    for state in curves_mm:
-        for guide in state:
-            axes.plot(guide[:, 0], guide[:, 1], "-", linewidth=0.7, color="0.4")
-    axes.set_xlabel("across, mm")
-    axes.set_ylabel("along, mm")
-    axes.set_aspect("equal")
-    save_picture(canvas, path)
+    with mpl.rc_context(RC):
+        canvas = Canvas(figsize=size, layout="constrained")
+        columns = canvas.subplots(len(up), sharex=True, squeeze=False)[:, 0]
+        yield tuple(columns)
+        for axes, title in zip(columns, up, strict=True):
+            axes.set_ylabel(title)
+        columns[-1].set_xlabel(across)
+        save_picture(canvas, path, dpi=DPI)

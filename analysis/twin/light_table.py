@@ -42,7 +42,9 @@ SHAPES = 91  # solved, over the pressures
 FIRST = 105  # elongations, before the refinement
 STATES = 15  # of one sweep
 MOST = 1500
-TOLERANCE = 1e-3  # of the light's range, in the middle of an interval; one that fails it is split, as are its neighbours
+TOLERANCE = (
+    1e-3  # of the light's range, in the middle of an interval; one that fails it is split, as are its neighbours
+)
 NARROWEST_MM = 5e-4
 RAYS = 100_000
 _ARRAYS = ("losses_db_per_cm", "elongation_mm", "light_percent")

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
@@ -118,11 +119,13 @@ def _opposed(rings: Sequence[FloatArray]) -> list[FloatArray]:
 
 @style.styled
 def draw_response(result: SweepResult, chosen: Sequence[Design]) -> Figure:
-    """Draw NDR with its standard deviation, and aNDR, over the states, as in the paper's figure 3B."""
+    """Draw NDR with its standard deviation, and aNDR, over the states, as in the paper's figures 3B and 3C."""
     figure = _figure(5.6, 3.6)
+    several = colormaps["viridis"](np.linspace(0.0, 0.9, len(chosen)))
+    colours = (BLUE, VERMILLION) if len(chosen) <= 2 else several
     axes = figure.add_subplot()
     merit, states, (value, sd) = result.merit(), np.arange(result.ndr.shape[1]), result.response
-    for design, colour in zip(chosen, (BLUE, VERMILLION), strict=False):
+    for design, colour in zip(chosen, colours, strict=False):
         i = result.designs.index(design)
         name = (
             f"{design.cavities} x {design.width_mm:g} x {design.depth_mm:g}, spacing {design.spacing_mm:g} mm: "

@@ -6,18 +6,24 @@ from pathlib import Path
 
 import numpy as np
 
+from analysis.optics.scene.curves import default_curves
 from analysis.published import RANGE_MM
-from analysis.reports.reproduction import Reproduction, draw_states, shadow_rows
+from analysis.reports.reproduction import PaperDrawing, Reproduction, draw_states, shadow_rows
+from analysis.shadow.model.states import GuideStates
 
 
 def test_the_table_has_a_line_a_row_and_its_drawings(tmp_path):
-    rows = shadow_rows(np.linspace(*RANGE_MM, 15), 400.0, 2e4)
+    states = GuideStates(default_curves(), np.zeros(15), np.linspace(*RANGE_MM, 15), "stored")
+    rows = shadow_rows(states, -44.8, 400.0, 2e4)
     path = tmp_path / "states.png"
-    draw_states(np.random.default_rng(0).normal(size=(2, 2, 7, 2)), path)
-    found = Reproduction(rows, [path])
+    draw_states(states.curves_mm, path)
+    found = Reproduction(rows, [PaperDrawing("2B", "shapes of the guides", path)])
     text = found.table()
     assert text.count("\n| shadow") == len(rows)
     assert "SIMULATED" in text
     assert "![states](states.png)" in text
+    assert "Figure 2B: shapes of the guides." in text
     assert found.as_json()["rows"][0]["paper"] == RANGE_MM[0]
+    assert found.as_json()["drawings"] == [{"figure": "2B", "shows": "shapes of the guides", "file": str(path)}]
+    assert next(row.ours for row in rows if "points of both" in row.quantity) == 14
     assert Path(path).stat().st_size > 1000

@@ -5,13 +5,25 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from analysis.optics.scene.curves import default_curves
+from analysis.reports.reproduction import PaperDrawing, Reproduction, shadow_rows
+from analysis.shadow.model.states import GuideStates
+from analysis.twin.controller import Tuning
+from analysis.twin.dynamic_calibration import DynamicCalibration
+from analysis.twin.dynamics import BodePoint, DynamicFigure, lag_figures
+from analysis.twin.prediction import published_prediction
+from analysis.twin.unit_file import TwinFile
 from boat_daq.cli import app
+from boat_daq.engine.simulator.server import BoardSettings, serve
+from tests.analysis.twin_unit import LAG, identified
 from tests.docs.pages import ROOT
 
 PAGE = (ROOT / "docs" / "reference" / "json.md").read_text(encoding="utf-8")
@@ -63,6 +75,65 @@ CASES = [
     pytest.param("shadow solve --pressure KPA", ["shadow", "solve", "--pressure", "20"], marks=pytest.mark.nightly),
     pytest.param("shadow replay RUN", ["shadow", "replay", "RUN"], marks=pytest.mark.nightly),
 ]
+
+
+def of_twin() -> dict[str, Any]:
+    """Return objects of the twin's commands by their headings, made without a port."""
+    model, _ = identified("SA1")
+    tuning = Tuning.of(LAG, 36.0)
+    twin = TwinFile("SA1", True, "2026-11-23T00:00:00+00:00", "a.boat", model, tuning).as_json()
+    figure = DynamicFigure(1.0, 0.9, 1.1)
+    steps = dict.fromkeys(("time_constant_s", "rise_s", "settling_s", "overshoot_percent"), figure)
+    bode = (BodePoint(0.1, 0.0, -1.0, 0.1, 1.0),)
+    published = [one.as_json() for one in published_prediction()]
+    states = GuideStates(default_curves(), np.zeros(15), np.zeros(15), "stored")
+    paper = Reproduction(shadow_rows(states, -44.8, 1.0, 1.0), [PaperDrawing("2B", "guides", Path("states.png"))])
+    return {
+        "twin identify RUN": twin,
+        "twin tune RUN": twin | {"step_response": lag_figures(replace(LAG, covariance=np.eye(3).tolist())).as_json()},
+        "twin dynamics RUN": DynamicCalibration("SA1", True, "a", 0.05, {1.0: steps}, bode, 2.0).as_json(),
+        "twin predict RUN": {
+            "unit": "", "simulated": True, "sensors": published, "published": published,
+            "disagreement_percent": {"none": 100.0},
+        },
+        "reproduce": paper.as_json() | {"seconds": 1.0},
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "heading", ["twin identify RUN", "twin tune RUN", "twin dynamics RUN", "twin predict RUN", "reproduce"]
+)
+def test_every_promised_key_of_the_twin_is_given(heading: str) -> None:
+    names = set(printed(json.loads(json.dumps(of_twin()[heading]))))
+    assert not {name for name in documented(heading) if not any(_same(name, other) for other in names)}
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(600)
+def test_the_twin_prints_its_keys_from_calibration_to_hold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every command in the order of the guide, on a virtual board."""
+    monkeypatch.setenv("BOAT_DAQ_HOME", str(tmp_path / "home"))
+    run, steps, sweep = (str(tmp_path / f"{name}.boat") for name in ("a", "steps", "sweep"))
+    demo = ["demo", "--headless", "--no-mcmc", "--no-report", "--speed", "40", "--out", str(tmp_path)]
+    assert CliRunner().invoke(app, demo).exit_code == 0
+    Path(run).write_bytes((tmp_path / "demo_SA1_seed0.boat").read_bytes())
+    with serve(BoardSettings(speed=4.0)) as board:
+        port = ["--port", board.url, "--unit", "SA1"]
+        for heading, words in (
+            ("twin accept RUN", ["twin", "accept", run, "--json"]),
+            ("twin identify RUN", ["twin", "identify", run, "--json"]),
+            ("", ["record", *port, "--plan", "step-test", "--out", steps]),
+            ("twin tune RUN", ["twin", "tune", steps, "--json"]),
+            ("", ["record", *port, "--plan", "sine-sweep-mm", "--out", sweep]),
+            ("twin dynamics RUN", ["twin", "dynamics", sweep, "--json"]),
+            ("twin hold", ["twin", "hold", *port, "--mm", "1.5", "--out", str(tmp_path / "hold.boat"), "--json"]),
+            ("twin predict RUN", ["twin", "predict", run, "--json"]),
+        ):
+            done = CliRunner().invoke(app, words)
+            assert done.exit_code == 0, (words, done.output)
+            if heading:
+                names = set(printed(json.loads(done.stdout)))
+                assert not {n for n in documented(heading) if not any(_same(n, other) for other in names)}, heading
 
 
 @pytest.mark.parametrize(("heading", "call"), CASES)

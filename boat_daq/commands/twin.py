@@ -9,7 +9,7 @@ import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show, show_table
 from boat_daq.commands.options import RecordingArgument
-from boat_daq.commands.shadow import ParametersOption
+from boat_daq.commands.shadow_model import ParametersOption
 from boat_daq.engine.settings import UnitLibrary
 
 if TYPE_CHECKING:

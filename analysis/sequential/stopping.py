@@ -1,16 +1,20 @@
-"""When a run knows enough: what its cycles leave uncertain, and how many more a smaller uncertainty takes.
+"""When a run knows enough: what its cycles leave uncertain, how many more a smaller uncertainty takes, and where.
 
-Strategy: the budget of an elongation (`analysis.figures.uncertainty`) is made again after every cycle. What the curve
-leaves open falls with the square root of the cycles; noise, loop, drift and repeatability of the unit do not. From that
-follow the cycles that the U asked for takes, and the U that no number of cycles goes below.
+Strategy: the run is analysed again after every cycle. What it is to know is a `StopCriterion`: a value now, a value
+asked for, and how it falls with the cycles: its square falls to that of its least value as a power of the cycles. From
+that follow the cycles still needed, and the value that no number of cycles goes below.
 
-Of a repeatability run, drift and spread are known by the intervals of their figures (95 %, bootstrap over the cycles):
-the half width of the drift per 100 cycles falls with the power 3/2 of the cycles, that of the repeatability with the
-root.
+- A calibration has one: U of one reading of all sensors together, as the live display states it, in the middle of the
+  range. The part of the curve falls as one over the cycles; noise, loop, drift and repeatability of the unit do not.
+- A repeatability run has two, of its worse sensor: the half widths of the intervals of drift per 100 cycles (power 3)
+  and of repeatability (power 1).
 
-Rules: U is that of a reading of all sensors together, as the live display states it, in the middle of the range. A run
-is never ended before its second cycle, because one cycle shows no repeatability. U is stated as it is after the last
-cycle that was run, whatever rule ended the run (METHODS.md has what was measured of it).
+Which plateaus the next cycles hold follows from the curve's covariance: the ends, then one after the other that whose
+reading lowers the largest variance of the curve most (G-optimality), until U is expected to be what was asked for. The
+others are passed, in the same order, so that the loop's history stays that of the plan.
+
+Rules: a run ends at what is small for certain, not by chance: what the cycles differ by is taken at its upper limit,
+which a few cycles leave wide. It never ends before its second cycle, because one cycle shows no repeatability.
 """
 
 from __future__ import annotations
@@ -22,42 +26,85 @@ from typing import Any
 
 import numpy as np
 
+from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration
 from analysis.errors import RequestError
 from analysis.figures.pipeline import Analysis, analyse
 from analysis.figures.sensor_analysis import AnalysedRun, Options
-from analysis.figures.uncertainty import COVERAGE_FACTOR, Budget, elongation_reader
+from analysis.figures.uncertainty import COVERAGE_FACTOR, Budget, CycleEffect, elongation_reader
 
 FEWEST_CYCLES = 2
 FEWEST_REPEATS = 10
 """Cycles of a repeatability run before it may end: fewer leave the widths of the intervals themselves uncertain."""
+CONFIDENCE = 0.85
+"""One-sided, of the limit of what the cycles may differ by in U that ends a run: by its coverage (METHODS.md)."""
 DRIFT, SPREAD = "drift_percent_fso_per_100_cycles", "repeatability_percent_fso"
 FALLING = ("fit",)
-"""Components of the budget that fall as one over the root of the cycles."""
+"""Components of the budget that fall as one over the cycles."""
 _POINTS = 41
+_BRANCHES = ("unloading", "loading")
 
 
 @dataclass(frozen=True, slots=True)
-class Enough:
+class StopCriterion:
+    """A value that is to become as small as is asked for.
+
+    Parameters
+    ----------
+    name, unit : of the value, as they are shown.
+    now, asked : the value after the cycles so far, and the one asked for.
+    least : after any number of further cycles.
+    power : of the cycles, by which the square falls to that of `least`.
+    """
+
+    name: str
+    unit: str
+    now: float
+    asked: float
+    least: float = 0.0
+    power: float = 1.0
+
+    def after(self, cycles: int, more: int) -> float:
+        """Return the value expected after `more` cycles than `cycles`."""
+        falling = self.now**2 - self.least**2
+        return math.sqrt(self.least**2 + falling * (cycles / (cycles + more)) ** self.power)
+
+    def more_cycles(self, cycles: int) -> int | None:
+        """Return the cycles that the value asked for takes beyond `cycles`, 0 if it is reached; None if none do."""
+        if self.now <= self.asked:
+            return 0
+        rest = self.asked**2 - self.least**2
+        if not (rest > 0.0 and self.asked > 0.0):
+            return None
+        needed = float(cycles * ((self.now**2 - self.least**2) / rest) ** (1.0 / self.power))
+        return max(1, math.ceil(needed) - cycles)
+
+
+@dataclass(frozen=True, slots=True)
+class StopAssessment:
     """What a run knows after its cycles.
 
     Parameters
     ----------
-    cycles : complete ones so far.
-    u_mm, asked_mm : U of an elongation (k = 2), NaN where it is not known; and the U asked for.
-    least_mm : U after any number of further cycles.
-    more_cycles : further cycles that the U asked for takes, 0 if it is reached; None if cycles do not lead to it.
-    next_kpa : plateau at which a further reading would lower the largest uncertainty of the curve most; NaN if unknown.
-    void : why U is not known, or "".
+    cycles : complete ones so far. planned : of the plan.
+    fewest : cycles before which the run does not end.
+    criteria : what is asked for, all of it; none where `void` gives the reason.
+    hold : branch and pressure, kPa, of the plateaus that the next cycles hold; None for all.
     """
 
     cycles: int
-    u_mm: float
-    asked_mm: float
-    least_mm: float
-    more_cycles: int | None
-    next_kpa: float = math.nan
+    planned: int
+    fewest: int
+    criteria: tuple[StopCriterion, ...]
+    hold: tuple[tuple[str, float], ...] | None = None
     void: str = ""
+
+    @property
+    def more_cycles(self) -> int | None:
+        """Further cycles until all is reached, 0 where it is; None if cycles do not lead to it."""
+        each = [criterion.more_cycles(self.cycles) for criterion in self.criteria]
+        known = [more for more in each if more is not None]
+        return max(0, self.fewest - self.cycles, *known) if known and len(known) == len(each) else None
 
     @property
     def reached(self) -> bool:
@@ -66,74 +113,39 @@ class Enough:
 
     @property
     def now(self) -> str:
-        """Return U now and U asked."""
-        return f"U {self.u_mm:.3f} mm, {self.asked_mm:g} mm asked"
+        """Return the values now and those asked for."""
+        return f"{self._values(0)}, {self._asked}"
+
+    @property
+    def _asked(self) -> str:
+        return f"{self.criteria[0].asked:g} {self.criteria[0].unit} asked"
+
+    def _values(self, more: int) -> str:
+        return ", ".join(f"{c.name}{c.after(self.cycles, more):.2g} {c.unit}" for c in self.criteria)
 
     @property
     def text(self) -> str:
-        """Return U now, U asked, and what is still to do."""
+        """Return the values now, those asked for, and what is still to do."""
+        after = _cycles(self.cycles)
         if self.void:
-            return f"U is not known after {_cycles(self.cycles)}: {self.void}"
-        now = f"U {self.u_mm:.3f} mm after {_cycles(self.cycles)}, {self.asked_mm:g} mm asked"
-        if self.reached:
+            return f"the uncertainty is not known after {after}: {self.void}"
+        now, more = f"{self._values(0)} after {after}, {self._asked}", self.more_cycles
+        if more == 0:
             return f"{now}: reached"
-        if self.more_cycles is None:
-            return f"{now}: not reached by more cycles, which lead to {self.least_mm:.3f} mm at best"
-        return f"{now}: {_cycles(self.more_cycles)} more"
+        if more is None or self.cycles + more > self.planned:
+            lead = self._values(max(self.planned - self.cycles, 0))
+            best = f"the {_cycles(self.planned)} of the plan lead to {lead}"
+            return f"{now}: not reached, {best}" if more is None else f"{now}: {_cycles(more)} more, {best}"
+        held = "" if self.hold is None else f", {len(self.hold)} plateaus each"
+        return f"{now}: {_cycles(more)} more{held}"
 
     def as_json(self) -> dict[str, Any]:
         """Return it as a dictionary."""
-        return asdict(self) | {"reached": self.reached}
+        return asdict(self) | {"reached": self.reached, "more_cycles": self.more_cycles}
 
 
 def _cycles(count: int) -> str:
     return f"{count} cycle" if count == 1 else f"{count} cycles"
-
-
-@dataclass(frozen=True, slots=True)
-class EnoughRepeats:
-    """What a repeatability run knows after its cycles, of the worse sensor.
-
-    Parameters
-    ----------
-    cycles : complete ones so far.
-    drift_percent, spread_percent : half widths of the 95 % intervals of drift per 100 cycles and repeatability, % FSO.
-    asked_percent : both half widths that are asked for.
-    more_cycles : further cycles that they take, 0 if they are reached.
-    void : why they are not known, or "".
-    """
-
-    cycles: int
-    drift_percent: float
-    spread_percent: float
-    asked_percent: float
-    more_cycles: int | None
-    void: str = ""
-
-    @property
-    def reached(self) -> bool:
-        """Return whether the run may end."""
-        return self.more_cycles == 0
-
-    @property
-    def now(self) -> str:
-        """Return what is known now and what is asked."""
-        return f"drift ±{self.drift_percent:.2g}, spread ±{self.spread_percent:.2g} % FSO, {self.asked_percent:g} asked"
-
-    @property
-    def text(self) -> str:
-        """Return what is known now, what is asked, and what is still to do."""
-        if self.void:
-            return f"drift and spread are not known after {_cycles(self.cycles)}: {self.void}"
-        now = (
-            f"drift known to {self.drift_percent:.2g} and repeatability to {self.spread_percent:.2g} % FSO after "
-            f"{_cycles(self.cycles)}, {self.asked_percent:g} asked"
-        )
-        return f"{now}: reached" if self.reached else f"{now}: about {_cycles(self.more_cycles or 0)} more"
-
-    def as_json(self) -> dict[str, Any]:
-        """Return it as a dictionary."""
-        return asdict(self) | {"reached": self.reached}
 
 
 def check_asked(asked: float, unit: str) -> None:
@@ -147,24 +159,45 @@ def check_asked(asked: float, unit: str) -> None:
         raise RequestError(f"an uncertainty of {asked:g} {unit}", f"give a number of {unit} above 0, as 0.08")
 
 
-def enough(analysis: Analysis, asked_mm: float) -> Enough:
-    """Return what a run knows.
+def assess_calibration(analysis: Analysis, asked_mm: float, planned: int) -> StopAssessment:
+    """Return what a calibration run knows of an elongation.
 
     Parameters
     ----------
     analysis : of the run so far. asked_mm : U of an elongation that is asked for (k = 2).
+    planned : cycles of the plan.
     """
     cycles, budgets = len(analysis.cycles.used), analysis.budgets
     if budgets is None or budgets.void or not budgets.budgets:
         void = "no plateau was read" if budgets is None else budgets.void
-        return Enough(cycles, math.nan, asked_mm, math.nan, None, void=void)
-    u_mm = fused_u_mm(analysis, budgets.x_mm)
+        return StopAssessment(cycles, planned, FEWEST_CYCLES, (), void=void)
     worst = int(np.argmax([budget.u for budget in budgets.budgets]))
-    falling = _falling_share(budgets.budgets[worst]) * u_mm**2
-    least = math.sqrt(max(u_mm**2 - falling, 0.0))
+    u_mm = fused_u_mm(analysis, budgets.x_mm)
+    least_mm = u_mm * math.sqrt(max(1.0 - _falling_share(budgets.budgets[worst]), 0.0))
     calibration = analysis.sensors[worst].calibration
-    level = math.nan if calibration is None else next_level_kpa(analysis, calibration)
-    return Enough(cycles, u_mm, asked_mm, least, more_cycles(u_mm, falling, cycles, asked_mm), level)
+    assert calibration is not None
+    per_mv = 1.0 / abs(float(calibration.slope(budgets.x_mm)))
+    now_mm = u_at_most(u_mm, CycleEffect.of(analysis.loops, worst), per_mv)
+    criterion = StopCriterion("U ", "mm", now_mm, asked_mm, least_mm)
+    hold = None
+    if cycles >= FEWEST_CYCLES and criterion.now > asked_mm:
+        hold = held_plateaus(analysis, calibration, criterion, budgets.x_mm)
+    return StopAssessment(cycles, planned, FEWEST_CYCLES, (criterion,), hold)
+
+
+def u_at_most(u_mm: float, effect: CycleEffect, mm_per_mv: float) -> float:
+    """Return U with what the cycles differ by at its upper limit.
+
+    An estimate of few degrees of freedom is small by chance in some runs, and a rule that ends a run at a small U
+    chooses these: by so much its stated U would hold less (Y. S. Chow, H. Robbins, Ann. Math. Statist. 36, 1965, 457).
+
+    Parameters
+    ----------
+    u_mm : U as the budget states it. effect : of the cycles.
+    mm_per_mv : of a signal.
+    """
+    wider = max(effect.upper_mv(CONFIDENCE) ** 2 - effect.mean_variance, 0.0)
+    return math.hypot(u_mm, COVERAGE_FACTOR * mm_per_mv * math.sqrt(wider))
 
 
 def fused_u_mm(analysis: AnalysedRun, x_mm: float) -> float:
@@ -183,51 +216,19 @@ def _falling_share(budget: Budget) -> float:
     return sum(share for name, share in budget.shares().items() if name in FALLING)
 
 
-def more_cycles(u_mm: float, falling_mm2: float, cycles: int, asked_mm: float) -> int | None:
-    """Return the further cycles after which U is the asked one, 0 if it is; None where it never is.
+def held_plateaus(
+    analysis: AnalysedRun, calibration: Calibration, criterion: StopCriterion, x_mm: float
+) -> tuple[tuple[str, float], ...] | None:
+    """Return the plateaus that the next cycle holds: the fewest that lead to U, the most informative first.
 
     Parameters
     ----------
-    u_mm : U after some `cycles`. falling_mm2 : the part of its square that falls as one over the cycles.
-    asked_mm : U asked for.
-    """
-    rest = asked_mm**2 - (u_mm**2 - falling_mm2)
-    if u_mm <= asked_mm:
-        return max(0, FEWEST_CYCLES - cycles)
-    return max(1, FEWEST_CYCLES - cycles, math.ceil(falling_mm2 * cycles / rest) - cycles) if rest > 0.0 else None
+    analysis : of the run. calibration : of its worst sensor.
+    criterion : U now and asked. x_mm : the elongation that it is of.
 
-
-def enough_repeats(analysis: Analysis, asked_percent: float) -> EnoughRepeats:
-    """Return what a repeatability run knows.
-
-    Parameters
-    ----------
-    analysis : of the run so far. asked_percent : half width of both intervals that is asked for, % FSO.
-    """
-    cycles = len(analysis.cycles.used)
-    halves = {}
-    for name in (DRIFT, SPREAD):
-        figures = [sensor.figures[name] for sensor in analysis.sensors]
-        void = next((figure.void for figure in figures if figure.void), "")
-        half = max((figure.high - figure.low for figure in figures), default=math.nan) / 2.0
-        if void or not math.isfinite(half):
-            why = void or "too few cycles for an interval"
-            return EnoughRepeats(cycles, math.nan, math.nan, asked_percent, None, why)
-        halves[name] = half
-    needed = max(
-        cycles * (halves[DRIFT] / asked_percent) ** (2 / 3), cycles * (halves[SPREAD] / asked_percent) ** 2,
-        float(FEWEST_REPEATS),
-    )  # fmt: skip
-    more = max(0, math.ceil(needed) - cycles)
-    return EnoughRepeats(cycles, halves[DRIFT], halves[SPREAD], asked_percent, more)
-
-
-def next_level_kpa(analysis: Analysis, calibration: Calibration) -> float:
-    """Return the plateau where one more reading lowers the curve's largest uncertainty most (G-optimality), kPa.
-
-    Parameters
-    ----------
-    analysis : of the run. calibration : of one of its sensors, a polynomial; NaN for a spline.
+    Returns
+    -------
+    Branch and pressure, kPa; None for all of them: where one cycle of all does not lead to U, or the curve is a spline.
 
     Notes
     -----
@@ -236,28 +237,70 @@ def next_level_kpa(analysis: Analysis, calibration: Calibration) -> float:
     """
     loops = analysis.loops
     if calibration.spline is not None or loops.elongation_mm is None:
-        return math.nan
-    basis, covariance = calibration.fit.basis, calibration.basis_covariance
-    grid, largest = basis.design(np.linspace(*calibration.x_range, _POINTS)), []
-    for x in np.nanmean(loops.elongation_mm, axis=(0, 1)):
-        g = basis.design(np.array([x]))[0]
-        shift = covariance @ g
-        after = covariance - np.outer(shift, shift) / (calibration.residual_sd**2 + float(g @ shift))
-        largest.append(float(np.max(np.einsum("ij,jk,ik->i", grid, after, grid))))
-    return float(loops.level_kpa[int(np.argmin(largest))])
+        return None
+    with np.errstate(invalid="ignore"):
+        x = np.asarray([[np.nanmean(one) if np.isfinite(one).any() else np.nan for one in branch.T]
+                        for branch in loops.elongation_mm])  # fmt: skip
+    last = x.shape[1] - 1
+    left = [(b, g) for b in (0, 1) for g in range(last + 1) if np.isfinite(x[b, g])]
+    basis, covariance = calibration.fit.basis, np.asarray(calibration.basis_covariance)
+    grid, middle = basis.design(np.linspace(*calibration.x_range, _POINTS)), basis.design(np.array([x_mm]))[0]
+    before, s2 = float(middle @ covariance @ middle), calibration.residual_sd**2
+    held = [place for place in ((0, 0), (1, last)) if place in left]  # both ends close a branch
+    for place in held:
+        covariance = _read_at(covariance, basis.design(np.array([x[place]]))[0], s2)
+    left = [place for place in left if 0 < place[1] < last]
+    while True:
+        share = float(middle @ covariance @ middle) / before if before > 0.0 else 1.0
+        u2 = criterion.least**2 + (criterion.now**2 - criterion.least**2) * share
+        if u2 <= criterion.asked**2:
+            return tuple((_BRANCHES[b], float(loops.level_kpa[g])) for b, g in sorted(held))
+        if not left:
+            return None
+        after = [_read_at(covariance, basis.design(np.array([x[place]]))[0], s2) for place in left]
+        best = int(np.argmin([np.max(np.einsum("ij,jk,ik->i", grid, each, grid)) for each in after]))
+        covariance = after[best]
+        held.append(left.pop(best))
 
 
-def assess_run(file: str | Path, asked: float, *, repeats: bool = False) -> Enough | EnoughRepeats:
+def _read_at(covariance: FloatArray, g: FloatArray, variance: float) -> FloatArray:
+    """Return the covariance after one more reading."""
+    shift = covariance @ g
+    return np.asarray(covariance - np.outer(shift, shift) / (variance + float(g @ shift)))
+
+
+def assess_repeats(analysis: Analysis, asked_percent: float, planned: int) -> StopAssessment:
+    """Return what a repeatability run knows of drift and spread.
+
+    Parameters
+    ----------
+    analysis : of the run so far. asked_percent : half width of both intervals that is asked for, % FSO.
+    planned : cycles of the plan.
+    """
+    cycles, criteria = len(analysis.cycles.used), []
+    for key, name, power in ((DRIFT, "drift ±", 3.0), (SPREAD, "repeatability ±", 1.0)):
+        figures = [sensor.figures[key] for sensor in analysis.sensors]
+        void = next((figure.void for figure in figures if figure.void), "")
+        half = max((figure.high - figure.low for figure in figures), default=math.nan) / 2.0
+        if void or not math.isfinite(half):
+            why = void or "too few cycles for an interval"
+            return StopAssessment(cycles, planned, FEWEST_REPEATS, (), void=why)
+        criteria.append(StopCriterion(name, "% FSO", half, asked_percent, power=power))
+    return StopAssessment(cycles, planned, FEWEST_REPEATS, tuple(criteria))
+
+
+def assess_run(file: str | Path, asked: float, planned: int, *, repeats: bool = False) -> StopAssessment:
     """Analyse a run as far as it is recorded, and return what it knows.
 
     Parameters
     ----------
-    file : the recording. asked : as in `enough`, or in `enough_repeats` where `repeats`.
+    file : the recording. asked : as in `assess_calibration`, or in `assess_repeats` where `repeats`.
+    planned : cycles of the plan.
 
     Raises
     ------
     FileError, DataError : as `analyse`.
     """
     if repeats:
-        return enough_repeats(analyse(file, options=Options(mcmc=False)), asked)
-    return enough(analyse(file, options=Options(mcmc=False, fidelity="draft")), asked)
+        return assess_repeats(analyse(file, options=Options(mcmc=False)), asked, planned)
+    return assess_calibration(analyse(file, options=Options(mcmc=False, fidelity="draft")), asked, planned)

@@ -51,8 +51,8 @@ class Loop:
 class PlannedStep:
     """One target: `cycle` is 0 outside the cycles.
 
-    `plateau` where it is held until it is steady. Of a profile, `segment` and the value `start` it begins at;
-    `target_kpa` is then in the plan's quantity.
+    `plateau` where it is held until it is steady; `passed` where a run holds it no longer. Of a profile, `segment` and
+    the value `start` it begins at; `target_kpa` is then in the plan's quantity.
     """
 
     cycle: int
@@ -61,6 +61,7 @@ class PlannedStep:
     plateau: bool
     segment: Segment | None = None
     start: float = 0.0
+    passed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +82,11 @@ class StepMark:
     ended_us: int | None = None
     status: str = "running"  # running, reached, timeout, aborted
     detail: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def passed(self) -> bool:
+        """Whether the pressure only passed it: no plateau to read."""
+        return bool(self.detail.get("passed"))
 
 
 @dataclass(frozen=True, slots=True)

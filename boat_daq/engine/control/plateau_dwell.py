@@ -8,7 +8,7 @@ time takes the same decisions at the same samples.
 - *settled*: `settling_s` later, still within.
 - a *plateau* ends once `min_dwell_s` is over and the later half of its settled part (at least `window_s`, at most four
   times that) shows no credible drift of pressure or signals (`drift`); or at `max_dwell_s`, marked not steady.
-- a *turning point* ends after `min_dwell_s`.
+- a *turning point* ends after `min_dwell_s`; a plateau that is *passed* ends with its arrival.
 - the step times out when the pressure is not within tolerance `arrival_timeout_s` after the ramp should have brought
   it there, or after it left.
 
@@ -175,7 +175,7 @@ class StepWatch:
             return n
         self.arrived_us = int(block.time_us[arrival])
         self._first_arrival_us = self._first_arrival_us or self.arrived_us
-        hold_s = self._plan.min_dwell_s
+        hold_s = 0.0 if self._step.passed else self._plan.min_dwell_s
         if self._step.plateau:
             hold_s = max(hold_s, self._plan.settling_s + self._plan.window_s)
         self._next_check_us = self.arrived_us + _us(hold_s)
@@ -261,4 +261,6 @@ class StepWatch:
             found["drift"] = {name: asdict(d) for name, d in self._drifts.items() if math.isfinite(d.std_error)}
         if self.reading_timed_out:
             found["reading_timed_out"] = True
+        if self._step.passed:
+            found["passed"] = True
         return found

@@ -16,6 +16,7 @@ from __future__ import annotations
 import dataclasses
 import statistics
 from collections import deque
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -99,6 +100,7 @@ class Sequencer:
         self.ended: RunEnding | None = None  # the last run; None before the first ends, and during the next
         self._first_cycle = 1
         self._wait_for_reading = False
+        self._held: frozenset[tuple[str, float]] | None = None
         self._queue: deque[PlannedStep] = deque()
         self._step: PlannedStep | None = None
         self._watch: StepWatch | SegmentWatch | None = None
@@ -140,6 +142,7 @@ class Sequencer:
         self.state, self.plan = SessionState.ARMED, plan
         self._wait_for_reading, self.cycle, self.incomplete_cycles = wait_for_reading, 0, ()
         self._first_cycle, self.complete_cycles = resume_at
+        self._held = None
 
     def disarm(self) -> None:
         """Discard an armed plan; nothing happens in any other state."""
@@ -197,6 +200,30 @@ class Sequencer:
         self._break_step()
         self._report(MessageKind.ENOUGH_CYCLES, cause, "info")
         self._finish(RunEnd.FINISHED)
+
+    def hold_at(self, plateaus: Collection[tuple[str, float]] | None) -> None:
+        """Pass the plateaus of a staircase that are not needed, from the next step on; both ends are held always.
+
+        Parameters
+        ----------
+        plateaus : branch and pressure, kPa, of those to hold, each within half a step of its plateau; None holds all.
+        """
+        self._held = None if plateaus is None else frozenset(plateaus)
+        self._queue = deque(self._as_held(step) for step in self._queue)
+
+    def _as_held(self, step: PlannedStep) -> PlannedStep:
+        plan = self._planned
+        if plan.kind != "staircase" or not step.cycle:
+            return step
+        near = (
+            branch == step.branch and abs(level - step.target_kpa) < plan.step_kpa / 2
+            for branch, level in self._held or ()
+        )
+        held = self._held is None or step.target_kpa in plan.extremes_kpa or any(near)
+        return dataclasses.replace(step, plateau=held, passed=not held)
+
+    def _cycle_steps(self, cycle: int) -> tuple[PlannedStep, ...]:
+        return tuple(self._as_held(step) for step in self._planned.cycle_steps(cycle))
 
     def abort(self, cause: str, state: SessionState) -> None:
         """Enter ABORTED or FAULT from any state; only a run has an ending."""
@@ -290,7 +317,7 @@ class Sequencer:
             return
         if not self._queue:
             self.cycle += 1
-            self._queue.extend(self._planned.cycle_steps(self.cycle))
+            self._queue.extend(self._cycle_steps(self.cycle))
         self._begin()
 
     def _timed_out(self, mark: StepMark) -> None:
@@ -352,7 +379,7 @@ class Sequencer:
     def _learn(self, mark: StepMark, step: PlannedStep, watch: StepWatch | SegmentWatch) -> None:
         """Keep the pace of a step, and how long it waited for its reading."""
         assert mark.ended_us is not None
-        planned_s = self._duration_s(step, self._from_kpa)
+        planned_s = 0.0 if step.passed else self._duration_s(step, self._from_kpa)
         waited_s = watch.waited_s(mark.ended_us)
         if planned_s > 0:
             self._paces.append(((mark.ended_us - mark.started_us) / 1e6 - waited_s) / planned_s)
@@ -447,12 +474,22 @@ class Sequencer:
         cycles = self._cycles_left()
         steps = len(self._queue) + cycles * len(self._planned.targets_kpa)
         plan_s = self._step_left_s(each_s[0] if each_s else 0.0) + sum(each_s[1:])
-        return plan_s + pace * cycles * self._planned.cycle_duration_s + self._readings_left_s(cycles), steps
+        return plan_s + pace * cycles * self._cycle_duration_s() + self._readings_left_s(cycles), steps
+
+    def _cycle_duration_s(self) -> float:
+        """Estimate the time of a later cycle."""
+        if self._held is None:
+            return self._planned.cycle_duration_s
+        steps = self._cycle_steps(1)
+        path = [self._planned.high_kpa, *(step.target_kpa for step in steps)]
+        return sum(self._duration_s(step, before) for step, before in zip(steps, path, strict=False))
 
     def _duration_s(self, step: PlannedStep, from_kpa: float) -> float:
         """Estimate the time of a step that begins at a pressure."""
         if step.segment is not None:
             return step.segment.duration_s(step.start)
+        if step.passed:
+            return abs(step.target_kpa - from_kpa) / self._planned.ramp_kpa_per_s
         return self._planned.step_duration_s(from_kpa, step.target_kpa)
 
     def _step_left_s(self, planned_s: float) -> float:
@@ -467,7 +504,7 @@ class Sequencer:
         if self.plan is None or not self._wait_for_reading:
             return 0.0
         each_s = statistics.median([*self._waits_s, *[READING_S] * (FIRST_READINGS - len(self._waits_s))])
-        behind = sum(s.plateau for s in self._queue) + cycles * sum(s.plateau for s in self._planned.cycle_steps(1))
+        behind = sum(s.plateau for s in self._queue) + cycles * sum(s.plateau for s in self._cycle_steps(1))
         watch = self._watch
         now_s = max(0.0, each_s - watch.waited_s(self._time_us)) if watch and watch.reading_awaited else 0.0
         return now_s + behind * each_s

@@ -69,7 +69,7 @@ def match_readings(readings: Sequence[FileReading], steps: Sequence[StepMark]) -
     ------
     OperatorError : the first row that does not fit.
     """
-    plateaus = [step for step in steps if step.branch != "end"]
+    plateaus = [step for step in steps if step.branch != "end" and not step.passed]
     if not readings or not plateaus:
         raise OperatorError("there are no readings" if plateaus else "the run has no plateaus", "nothing was entered")
     levels = sorted({step.target_kpa for step in plateaus})
@@ -155,17 +155,20 @@ def readings_so_far(readings: Sequence[FileReading], plan: Plan, steps: Sequence
     OperatorError : the rows fit neither the whole plan nor the plateaus reached.
     """
     reached = [step for step in steps if step.status == "reached" and step.branch != "end"]
-    if readings and readings[0].cycle is not None:
-        return tuple(row for row in readings if row.cycle is not None and row.cycle <= max(s.cycle for s in reached))
     planned = [StepMark(n, s.cycle, s.branch, s.target_kpa, 0.0, 0) for n, s in enumerate(plan.steps, 1)]
+    if readings and readings[0].cycle is not None:
+        held = [step for step in reached if not step.passed]
+        later = [
+            row for row in readings if _plateau_of(row, planned, NEAR_KPA) and not _plateau_of(row, held, NEAR_KPA)
+        ]
+        return tuple(row for row in readings if row not in later)  # with those of no plateau at all, which are refused
     try:
         matched = match_readings(readings, planned)
     except OperatorError:
         return tuple(readings)
-    known = [(step, matched[number]) for number, step in enumerate(planned, 1) if number in matched]
-    offset = 1 if known and known[0][0].branch != "start" else 0
-    rows = [FileReading(n, step.target_kpa, mm) for n, (step, mm) in enumerate(known, 1)]
-    return tuple(rows[: len(reached) - offset])
+    known = [(step, matched.get(number)) for number, step in enumerate(planned, 1)]
+    now = [(step, mm) for (_, mm), step in zip(known, reached, strict=False) if mm is not None and not step.passed]
+    return tuple(FileReading(n, step.target_kpa, mm) for n, (step, mm) in enumerate(now, 1))
 
 
 def _add_once(session: Session, step_id: int, elongation_mm: float, source: str, **details: Any) -> None:

@@ -12,7 +12,7 @@ and journal: see `guarded_controller`.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -411,6 +411,11 @@ class Session:
         """
         with self._acting() as control:
             control.finish_early(cause)
+
+    def hold_at(self, plateaus: Collection[tuple[str, float]] | None) -> None:
+        """Pass the plateaus of a staircase that a run needs no more; parameters as `Sequencer.hold_at`."""
+        with self._acting() as control:
+            control.sequencer.hold_at(plateaus)
 
     def vent(self) -> None:
         """Vent now, in any state, from any thread.

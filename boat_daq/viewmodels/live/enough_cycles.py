@@ -1,7 +1,7 @@
 """Ends a run as soon as its cycles leave no larger uncertainty than the one asked for.
 
 Of a plan with plateaus that is U of an elongation in mm, of one without it is the half width of the intervals of drift
-and repeatability in % FSO.
+and repeatability in % FSO. Until then a plan with plateaus holds those that lower U most, and passes the others.
 
 The run is analysed after each complete cycle, in a process of its own, so that the analysis delays neither samples nor
 the window; meanwhile the run continues.
@@ -19,7 +19,7 @@ from boat_daq.viewmodels.common.formatting import count, duration
 from boat_daq.viewmodels.common.jobs import Job, JobState
 
 if TYPE_CHECKING:
-    from analysis.sequential.stopping import Enough, EnoughRepeats
+    from analysis.sequential.stopping import StopAssessment
 
 
 class EnoughCycles:
@@ -42,7 +42,7 @@ class EnoughCycles:
         self._cycles = 0
         self._job: Job | None = None
         self.asked: float | None = None
-        self.known: Enough | EnoughRepeats | None = None
+        self.known: StopAssessment | None = None
 
     def ask(self, asked: float | None) -> None:
         """Set the uncertainty at which runs end, mm of U (k = 2) or % FSO; None runs all cycles.
@@ -82,13 +82,14 @@ class EnoughCycles:
         from analysis.sequential.stopping import assess_run
 
         assert snapshot.recording is not None
+        assert snapshot.plan is not None
         try:
             self._enter()
         except OperatorError as error:
             self._report(f"U is not known after {count(self._cycles, 'cycle')}: {error.cause}")
             return
-        repeats = snapshot.plan is not None and snapshot.plan.kind == "continuous"
-        self._job = Job("Assessing the uncertainty", assess_run, snapshot.recording, asked, repeats=repeats)
+        plan, name = snapshot.plan, "Assessing the uncertainty"
+        self._job = Job(name, assess_run, snapshot.recording, asked, plan.cycles, repeats=plan.kind == "continuous")
 
     def _take(self, job: Job) -> None:
         """Report an assessment, and end the run where it is enough."""
@@ -100,6 +101,8 @@ class EnoughCycles:
         self._report(job.result.text)
         if job.result.reached:
             self._session.finish_early(job.result.text)
+        else:
+            self._session.hold_at(job.result.hold)
 
     def text(self, snapshot: SessionSnapshot) -> str:
         """Return the uncertainty now, the one asked for and the time left to it; "" where none is asked for."""
@@ -107,9 +110,9 @@ class EnoughCycles:
             return ""
         if self.known is None:
             return f"{self.asked:g} {self.unit(snapshot)} asked, known after a cycle"
-        if self.known.void or self.known.more_cycles is None:
-            return self.known.text
         progress, more = snapshot.progress, self.known.more_cycles
+        if more is None or self.known.cycles + more > self.known.planned:
+            return self.known.text
         begun = progress.complete_cycles - self.known.cycles
         planned = max(progress.cycles - progress.complete_cycles, 1)
         left_s = progress.time_left_s * max(more - begun, 0) / planned

@@ -105,8 +105,8 @@ def place(at: StepMark | ReadingRequest | Progress) -> str:
 
 
 def readable(steps: tuple[StepMark, ...]) -> tuple[StepMark, ...]:
-    """Return the plateaus that are read: all steps but the last, which vents."""
-    return tuple(step for step in steps if step.branch != "end")
+    """Return the plateaus that are read: all steps but those passed and the last, which vents."""
+    return tuple(step for step in steps if step.branch != "end" and not step.passed)
 
 
 class ReadingStore(Protocol):

@@ -6,6 +6,7 @@ recording is not copied between processes.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -366,7 +367,8 @@ def _plateaus(found: Analysis) -> tuple[int, int]:
     the plateaus of the pressure.
     """
     recording = found.recording
-    steps = recording.steps[recording.steps["branch"] != "end"]
+    passed = [bool(json.loads(str(detail) or "{}").get("passed")) for detail in recording.steps["detail"]]
+    steps = recording.steps[(recording.steps["branch"] != "end") & ~np.asarray(passed, dtype=bool)]
     if not len(steps):
         known = int(found.elongations.known.sum()) if found.elongations is not None else 0
         return sum(bool(p.branch) for p in found.plateaus), known

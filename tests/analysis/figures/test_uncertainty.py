@@ -18,6 +18,7 @@ from analysis.figures.figure import Figure
 from analysis.figures.uncertainty import (
     BudgetOfSensor,
     Component,
+    CycleEffect,
     SignalParts,
     combine,
     curve_candidates_of,
@@ -249,6 +250,13 @@ def test_a_curve_that_turns_gives_u_on_either_side_of_the_turn(tmp_path: Path) -
         elongation_reader(analysis)
 
 
+def loops_of(values: np.ndarray) -> SimpleNamespace:
+    """Return the loops of one sensor, of values [cycles, places]."""
+    cycles, places = values.shape
+    signal = values.reshape(cycles, 2, places // 2).transpose(1, 0, 2)[None]
+    return SimpleNamespace(n_cycles=cycles, own=np.ones(signal.shape[1:], dtype=bool), signal_mv=signal)
+
+
 def a_run(**sensor: object) -> SimpleNamespace:
     """Return what the budget needs of a run: 4 cycles of 19 levels, a converter of 12 bits, 1,234 samples."""
     percent = {"repeatability_percent_fso": 0.5, "drift_percent_fso_per_100_cycles": -2.0}
@@ -257,7 +265,7 @@ def a_run(**sensor: object) -> SimpleNamespace:
     parts = {"calibration": None, "sensor_loop": None, "joint_loop": None, "figures": figures, **sensor}
     return SimpleNamespace(
         sensors=[SimpleNamespace(**parts)],
-        loops=SimpleNamespace(n_cycles=4, level_kpa=np.arange(19.0)),
+        loops=loops_of(np.zeros((4, 36))),
         recording=SimpleNamespace(n=1234, lit=np.ones(1), dark=None, meta={"vref_mv": 3300, "adc_bits": 12}),
         plateaus=[SimpleNamespace(signal_se_mv=(se,)) for se in (0.1, 0.2, 0.9)],
         reading_sd_mm=0.1,
@@ -274,7 +282,7 @@ def test_signal_parts_by_hand() -> None:
     assert parts.noise == pytest.approx(np.sqrt(1.5**2 - resolution**2))
     assert parts.drift == pytest.approx(drift)
     assert parts.repeatability == pytest.approx(np.sqrt(1.25**2 - drift**2 - 0.2**2))
-    assert (parts.noise_dof, parts.repeatability_dof) == (123.0, 3 * 2 * 18)
+    assert (parts.noise_dof, parts.repeatability_dof) == (123.0, 3 * 35)
     assert (parts.half_loop.tolist(), parts.ambient) == ([0.0], 0.0)
     assert parts.independent == pytest.approx(1.5)
     assert parts.shared == pytest.approx(np.sqrt(1.25**2 - 0.2**2))
@@ -294,15 +302,31 @@ def test_without_counts_there_is_no_resolution(lacks: str) -> None:
     assert signal_parts(run, 0).resolution == 0.0
 
 
+def test_cycles_that_differ_as_a_whole_have_few_degrees_of_freedom() -> None:
+    """Three cycles 3 mV apart, four places that scatter by 0.1 mV about them: 2 degrees of freedom, not 6."""
+    own = 0.1 * np.array([[1.0, -1.0, 1.0, -1.0], [-1.0, 1.0, -1.0, 1.0], [0.0, 0.0, 0.0, 0.0]])
+    effect = CycleEffect.of(loops_of(own + 3.0 * np.array([[-1.0], [0.0], [1.0]])), 0)
+    assert (effect.cycles, effect.places) == (3, 4)
+    assert effect.mean_variance == pytest.approx(9.0)
+    assert effect.own_variance == pytest.approx(8 * 0.01 / 6)
+    pooled = np.sqrt(9.0 + 0.01)
+    shared = 9.0 - effect.own_variance / 4
+    assert effect.repeatability(pooled, 0.0) == pytest.approx(np.sqrt(shared * 4 / 3 + pooled**2 - shared))
+    assert effect.dof(pooled, 0.0) == pytest.approx(2.0, rel=0.02)
+    assert effect.repeatability(pooled, 9.0) == pytest.approx(pooled)
+    assert effect.dof(pooled, 9.0) == pytest.approx(6.0)
+    assert effect.upper_mv(0.8) == pytest.approx(np.sqrt(9.0 * 2 / 0.44628710 * 4 / 3))
+
+
 def test_run_of_one_cycle_and_level_has_degrees_of_freedom() -> None:
     """One at least, and figures that are not known count nothing."""
     run = a_run()
-    run.loops, run.recording.n, run.plateaus = SimpleNamespace(n_cycles=1, level_kpa=np.zeros(1)), 5, []
+    run.loops, run.recording.n, run.plateaus = loops_of(np.zeros((1, 2))), 5, []
     run.sensors[0].figures = {
         key: one if key == "fso_mv" else replace(one, value=np.nan) for key, one in run.sensors[0].figures.items()
     }
     parts = signal_parts(run, 0)
-    assert (parts.noise_dof, parts.repeatability_dof) == (1.0, 2.0)
+    assert (parts.noise_dof, parts.repeatability_dof) == (1.0, 1.0)
     assert (parts.noise, parts.repeatability, parts.drift) == (0.0, 0.0, 0.0)
 
 

@@ -236,6 +236,49 @@ def test_enough_cycles_finish_the_run_without_the_present_one() -> None:
         rig.sequencer.finish_early("again")
 
 
+def test_plateaus_that_are_not_needed_are_passed() -> None:
+    """From the next step on, in the same order and with the same counts; both ends are held, and all of them again."""
+    rig = Rig(dataclasses.replace(PLAN, cycles=3), wait_for_reading=False)
+    while rig.sequencer.complete_cycles < 1:
+        rig.run(0.5)
+    held = rig.sequencer.progress()
+    rig.sequencer.hold_at([("unloading", 4.0)])
+    passing = rig.sequencer.progress()
+    assert held is not None and passing is not None
+    assert passing.time_left_s < held.time_left_s - 5.0
+    assert passing.steps == held.steps
+    while rig.sequencer.complete_cycles < 2:
+        rig.run(0.5)
+    rig.sequencer.hold_at(None)
+    rig.run(60)
+    assert rig.ended == [RunEnding(RunEnd.FINISHED)]
+    passed = [(mark.cycle, mark.branch, mark.target_kpa) for mark in rig.marks.values() if mark.passed]
+    assert passed == [(2, "loading", 5.0)]
+    mark = next(mark for mark in rig.marks.values() if mark.passed)
+    assert (mark.status, mark.settled_us, "steady" in mark.detail) == ("reached", None, False)
+    assert mark.ended_us is not None
+    assert mark.ended_us - mark.started_us < 2.5e6
+    assert resume_point(rig.sequencer.plan, list(rig.marks.values())) == (4, 3)
+
+
+def test_a_passed_plateau_awaits_no_reading() -> None:
+    """The run that waits for readings does not stop there; the next run holds everything again."""
+    rig = Rig(wait_for_reading=True)
+    rig.sequencer.hold_at([])
+    waited = []
+    for _ in range(200):
+        rig.run(0.5)
+        waiting = rig.sequencer.waiting()
+        if waiting is not None:
+            waited.append((waiting.cycle, waiting.target_kpa))
+            rig.sequencer.reading_given(waiting.step_id)
+    assert waited == [(0, 50.0), (1, -40.0), (1, 50.0), (2, -40.0), (2, 50.0)]
+    rig.sequencer.arm(PLAN)
+    rig.sequencer.start()
+    rig.run(60)
+    assert not any(mark.passed for mark in list(rig.marks.values())[-5:])
+
+
 def test_stop_twice_is_one_end() -> None:
     """One stop record, one vent, and the run is idle once vented."""
     rig = Rig()

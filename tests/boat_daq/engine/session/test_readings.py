@@ -16,6 +16,7 @@ from boat_daq.engine.session.readings import (
     check_against_plan,
     match_readings,
     read_elongation_csv,
+    readings_so_far,
     simulated_reading,
     truth_at_plateaus,
 )
@@ -56,6 +57,31 @@ def test_shared_plateaus_listed_twice_are_one_hold() -> None:
     assert found[1] == 0.0
     assert found[10] == (9 + 10) / 2
     assert found[19] == (19 + 20) / 2
+
+
+@pytest.mark.parametrize("by_branch", [False, True])
+@pytest.mark.parametrize("opening", [True, False])
+def test_rows_of_passed_plateaus_are_left_out(by_branch: bool, opening: bool) -> None:
+    """A file of the whole plan, for a run that held the ends of its second cycle only, and is in that cycle's end."""
+    run = [
+        dataclasses.replace(s, detail={"passed": s.cycle == 2 and abs(s.target_kpa - 5.0) < 44.0}) for s in STEPS[:-1]
+    ]
+    given = [
+        FileReading(i, s.target_kpa, float(s.number), *((s.cycle or 1, s.branch) if by_branch else ()))
+        for i, s in enumerate(STEPS, 2)
+        if opening or s.branch != "start"
+    ]
+    so_far = readings_so_far(given, PLAN, run)
+    held = [step for step in run if not step.passed and (opening or step.branch != "start")]
+    assert match_readings(so_far, run) == {step.number: float(step.number) for step in held}
+
+
+def test_rows_of_a_growing_file_are_those_of_the_plateaus_held() -> None:
+    """Written during the run, a row for each plateau that was held."""
+    run = [dataclasses.replace(s, detail={"passed": s.number in (21, 22)}) for s in STEPS[:24]]
+    held = [step for step in run if not step.passed]
+    given = rows([step.target_kpa for step in held])
+    assert match_readings(readings_so_far(given, PLAN, run), run) == {s.number: float(i) for i, s in enumerate(held)}
 
 
 def test_by_cycle_and_branch_in_any_order() -> None:

@@ -10,7 +10,7 @@ from typing import Any, cast
 import pytest
 
 from analysis.errors import RequestError
-from analysis.sequential.stopping import Enough
+from analysis.sequential.stopping import StopAssessment, StopCriterion
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.jobs import JobFailure, JobState
@@ -38,7 +38,15 @@ class Done:
 def snapshot(complete: int, state: SessionState = SessionState.RUNNING) -> Any:
     """Return a snapshot of a run of five cycles of 100 s."""
     progress = SimpleNamespace(complete_cycles=complete, cycles=5, time_left_s=100.0 * (5 - complete))
-    return SimpleNamespace(state=state, progress=progress, recording=Path("run.boat"), plan=None)
+    plan = SimpleNamespace(kind="staircase", cycles=5)
+    return SimpleNamespace(state=state, progress=progress, recording=Path("run.boat"), plan=plan)
+
+
+def known(
+    cycles: int, u_mm: float, least_mm: float, hold: tuple[tuple[str, float], ...] | None = None
+) -> StopAssessment:
+    """Return U of a run of five cycles that is to end at 0.08 mm."""
+    return StopAssessment(cycles, 5, 2, (StopCriterion("U ", "mm", u_mm, 0.08, least_mm),), hold)
 
 
 @pytest.fixture
@@ -48,38 +56,47 @@ def ended() -> list[str]:
 
 
 @pytest.fixture
-def model(ended: list[str], monkeypatch: pytest.MonkeyPatch) -> EnoughCycles:
+def held() -> list[Any]:
+    """Return which plateaus the session's run was to hold."""
+    return []
+
+
+@pytest.fixture
+def model(ended: list[str], held: list[Any], monkeypatch: pytest.MonkeyPatch) -> EnoughCycles:
     """Return the model of a run that ends at 0.08 mm; its jobs are done at once."""
     monkeypatch.setattr(enough_cycles, "Job", Done)
     monkeypatch.setattr(Done, "failure", None)
-    made = EnoughCycles(cast(Any, SimpleNamespace(finish_early=ended.append)))
+    made = EnoughCycles(cast(Any, SimpleNamespace(finish_early=ended.append, hold_at=held.append)))
     made.ask(0.08)
     return made
 
 
-def test_a_run_ends_after_the_cycle_that_leaves_the_u(model: EnoughCycles, ended: list[str]) -> None:
+def test_a_run_ends_after_the_cycle_that_leaves_the_u(model: EnoughCycles, ended: list[str], held: list[Any]) -> None:
     """Nothing ends before a cycle is complete, nor by a larger U; the time left follows from the cycles needed."""
     model.follow(snapshot(0))
     assert model.text(snapshot(0)).startswith("0.08 mm of U asked")
-    Done.result = Enough(1, 0.1, 0.08, 0.05, 2)
+    Done.result = known(1, 0.1, 0.07, (("loading", 50.0), ("unloading", -40.0)))
+    assert Done.result.more_cycles == 3
     model.follow(snapshot(1))
     model.follow(snapshot(1))
     assert not ended
-    assert model.text(snapshot(1)).startswith("U 0.100 mm, 0.08 mm asked, 3:20 left")
-    Done.result = Enough(2, 0.079, 0.08, 0.05, 0)
+    assert held == [Done.result.hold]
+    assert model.text(snapshot(1)).startswith("U 0.1 mm, 0.08 mm asked, 5:00 left")
+    Done.result = known(2, 0.079, 0.05)
     model.follow(snapshot(2))
     model.follow(snapshot(2))
     assert ended == [Done.result.text]
+    assert len(held) == 1
 
 
 def test_what_cannot_be_reached_or_assessed_is_reported(model: EnoughCycles, ended: list[str]) -> None:
     """A U below the noise, readings that do not fit, a failed analysis: the run continues, with the cause."""
     said: list[str] = []
     model._report = said.append
-    Done.result = Enough(1, 0.1, 0.08, 0.09, None)
+    Done.result = known(1, 0.1, 0.09)
     for _ in range(2):
         model.follow(snapshot(1))
-    assert "at best" in model.text(snapshot(1))
+    assert model.text(snapshot(1)).endswith("not reached, the 5 cycles of the plan lead to U 0.092 mm")
     Done.failure = JobFailure("the file is damaged", "", "")
     for _ in range(2):
         model.follow(snapshot(2))
@@ -95,7 +112,7 @@ def test_what_cannot_be_reached_or_assessed_is_reported(model: EnoughCycles, end
 
 def test_an_ended_run_and_no_u_leave_nothing(model: EnoughCycles) -> None:
     """The next run begins without an assessment; without a U asked for nothing is shown; a wrong one is refused."""
-    model.known = Enough(2, 0.079, 0.08, 0.05, 0)
+    model.known = known(2, 0.079, 0.05)
     model.follow(snapshot(2, SessionState.FINISHING))
     assert model.known is not None
     model.follow(snapshot(2, SessionState.IDLE))

@@ -2,10 +2,10 @@
 
 Strategy: every design is traced with 1,000 rays, from which on neighbouring rays of the fan are related and the error
 falls faster than its cost rises. Then, round after round, those with the largest P and, of those with the fewest rays,
-those with the largest upper bound of P are traced with four times the rays they had (lower and upper confidence
-bounds: Kalyanakrishnan et al., Proc. 29th ICML, 2012, 655), designs with as many rays all by the same fan, turned at
-random. A design is eliminated when its upper bound is below the greatest lower bound. The race ends when every design
-left has the most rays.
+those with the largest upper bound of P are traced with more rays, twice as many up to 4,000 and then four times (lower
+and upper confidence bounds: Kalyanakrishnan et al., Proc. 29th ICML, 2012, 655), designs with as many rays all by the
+same fan, turned at random. A design is eliminated when its upper bound is below the greatest lower bound. The race ends
+when every design left has the most rays.
 
 The best design is lost only if one of its own upper bounds fails, or a lower bound of another design does: half of the
 error probability is shared by the numbers of rays for the one, half by numbers of rays and designs for the other
@@ -28,7 +28,8 @@ from analysis.optics.sweep.figure_of_merit import FLOOR, merit, p_bounds
 from analysis.optics.sweep.sweep import SweepRequest, SweepResult, run_sweep
 from analysis.progress import Progress
 
-FIRST_RAYS, GROWTH = 1_000, 4
+FIRST_RAYS, RELATED_RAYS = 1_000, 4_000
+"""Up to the latter neighbouring rays become related, and twice the rays leave less than half of the error."""
 MOST_RAYS = 256_000
 """Rays of the best design unless stated otherwise."""
 LEADERS, CHALLENGERS = 2, 16
@@ -39,7 +40,7 @@ Simulate = Callable[[Sequence[Design], Light], SweepResult]
 
 
 def rays_of_rounds(most_rays: int) -> tuple[int, ...]:
-    """Return the numbers of rays of a race: four times as many each time, the last the most.
+    """Return the numbers of rays of a race: twice as many each time, then four times; the last the most.
 
     Raises
     ------
@@ -48,8 +49,8 @@ def rays_of_rounds(most_rays: int) -> tuple[int, ...]:
     if most_rays < FIRST_RAYS:
         raise RequestError(f"a race with {most_rays} rays at most", f"allow {FIRST_RAYS} rays or more")
     found = [most_rays]
-    while found[0] // GROWTH >= FIRST_RAYS:
-        found.insert(0, found[0] // GROWTH)
+    while (fewer := found[0] // (2 if found[0] <= RELATED_RAYS else 4)) >= FIRST_RAYS:
+        found.insert(0, fewer)
     return tuple(found)
 
 

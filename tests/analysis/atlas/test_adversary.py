@@ -63,6 +63,8 @@ def test_an_ordinary_scene_keeps_its_stated_error(method: str, monkeypatch: pyte
     """In the middle of its bounds the ratio of a method is that of a true statement: a number, no find."""
     monkeypatch.setattr("analysis.atlas.stated_errors.SESSIONS", 2)
     monkeypatch.setattr("analysis.atlas.stated_errors.RESPONSES", 100)
+    monkeypatch.setattr("analysis.atlas.stated_errors.TURNS", 2)
+    monkeypatch.setattr("analysis.atlas.stated_errors._REFERENCE_RAYS", {"power": 1_000})
     objective = OBJECTIVES[method]
     middle = {name: (low + high) / 2 for name, (low, high) in objective.bounds.items()}
     assert 0.0 <= objective.ratio(middle, np.random.default_rng(0)) < objective.most

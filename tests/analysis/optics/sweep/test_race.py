@@ -116,15 +116,17 @@ def test_designs_that_tie_are_left_together(races: int) -> None:
 
 
 @pytest.mark.parametrize("by", ["power", pytest.param("count", marks=pytest.mark.nightly)])
-def test_a_race_on_a_cluster_gives_the_same_bits(by: By) -> None:
+def test_a_race_on_a_cluster_gives_the_same_bits(by: By, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two Dask workers behind TCP trace the race that this process traces: every bound and the history."""
     distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr("analysis.optics.sweep.race.FIRST_RAYS", 100)
     request = SweepRequest((*paper_grid((3,))[::70], BEST), light=light_by(by, 250), by=by)
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None, silence_logs=50
     ) as cluster:
-        there = race_sweep(request, 0.95, most_rays=2_000, scheduler=cluster.scheduler_address)
-    assert_same(there, race_sweep(request, 0.95, most_rays=2_000))
+        there = race_sweep(request, 0.95, most_rays=400, scheduler=cluster.scheduler_address)
+    assert len(there.history) > 1
+    assert_same(there, race_sweep(request, 0.95, most_rays=400))
 
 
 def assert_same(one: Race, other: Race) -> None:
@@ -175,10 +177,11 @@ def test_a_race_without_sense_is_rejected(confidence: float, most_rays: int) -> 
     assert refused.value.remedy
 
 
-def test_rays_grow_fourfold_up_to_the_most() -> None:
+def test_rays_grow_twofold_then_fourfold_up_to_the_most() -> None:
     """The last number of rays is the most allowed; the first is near a thousand."""
-    assert rays_of_rounds(64_000) == (1_000, 4_000, 16_000, 64_000)
+    assert rays_of_rounds(64_000) == (1_000, 2_000, 4_000, 16_000, 64_000)
     assert rays_of_rounds(20_000) == (1_250, 5_000, 20_000)
+    assert rays_of_rounds(1_500) == (1_500,)
 
 
 @pytest.mark.nightly

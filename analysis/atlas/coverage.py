@@ -23,7 +23,7 @@ import numpy as np
 from analysis.atlas.runs import Stairs
 from analysis.calibration.posterior import KEPT_SAMPLES, sample_posterior
 from analysis.data.recording import Recording
-from analysis.errors import RequestError
+from analysis.errors import ConvergenceError, RequestError
 from analysis.figures.pipeline import Analysis, analyse
 from analysis.figures.sensor_analysis import Options
 from analysis.optics.scene.curves import default_curves, frames_of, parametric_curves
@@ -33,8 +33,11 @@ from analysis.optics.tracer.simulation import trace
 from analysis.optics.tracer.tolerance import trace_within
 from analysis.sequential.accuracy import POINTS, accuracy_of, analyse_within, greatest_band_error, in_mm
 from analysis.shadow.fem.parameters import ActuatorParameters
+from analysis.shadow.model.frames import Shadow
 from analysis.shadow.model.full import FullModel
-from analysis.shadow.model.tolerance import FINEST, error_estimates, mesh_of
+from analysis.shadow.model.reduced import TableSettings
+from analysis.shadow.model.table import build_table
+from analysis.shadow.model.tolerance import FINEST, TABLES, error_estimates, mesh_of, reduced_error_mm
 
 _REFERENCE_RAYS, _REFERENCE_RESAMPLES = 60_000, 20_000
 
@@ -133,14 +136,20 @@ def of_bootstrap(rng: np.random.Generator) -> list[Answer]:
     return [Answer(float(away), float(np.hypot(stated, of_truth)), 1.0)]
 
 
-def of_mesh(rng: np.random.Generator) -> list[Answer]:
-    """Solve a random actuator at a random pressure on all meshes: the second to fourth against the extrapolation."""
-    rest = ActuatorParameters()
-    actuator = replace(
+def random_actuator(rng: np.random.Generator, mesh: tuple[int, int, int]) -> ActuatorParameters:
+    """Return an actuator of random moduli, wall, neck and belly."""
+    rest, (along, wall, lattice) = ActuatorParameters(), mesh
+    return replace(
         rest, wall_modulus_kpa=rest.wall_modulus_kpa * rng.uniform(0.6, 1.6), wall_mm=rng.uniform(1.7, 2.7),
         neck_radius_mm=rest.neck_radius_mm * rng.uniform(0.8, 1.15), belly_radius_mm=rng.uniform(6.8, 8.2),
+        axial_elements=along, wall_elements=wall, lattice_elements=lattice,
     )  # fmt: skip
-    pressure, found = rng.uniform(-25.0, 50.0), []
+
+
+def of_mesh(rng: np.random.Generator) -> list[Answer]:
+    """Solve a random actuator at a random pressure on all meshes: the second to fourth against the extrapolation."""
+    actuator, pressure = random_actuator(rng, mesh_of(1)), rng.uniform(-25.0, 50.0)
+    found: list[float] = []
     for level in range(1, FINEST + 1):
         along, wall, lattice = mesh_of(level)
         mesh = replace(actuator, axial_elements=along, wall_elements=wall, lattice_elements=lattice)
@@ -150,8 +159,26 @@ def of_mesh(rng: np.random.Generator) -> list[Answer]:
     return [Answer(abs(found[k] - truth), stated[k - 1]) for k in (1, 2, 3)]
 
 
+def of_reduced(rng: np.random.Generator) -> list[Answer]:
+    """Build a small table of a random actuator, and compare 20 of its states with full solutions."""
+    actuator = random_actuator(rng, (6, 2, 3))
+    shadow = Shadow(actuator, build_table(actuator, TableSettings(*TABLES[rng.integers(len(TABLES) - 1)], 1)))
+    model, found = shadow.model, []
+    for _ in range(20):
+        pressure = rng.uniform(*shadow.table.pressure_range_kpa) if (kind := rng.integers(3)) != 2 else None
+        ends = shadow.table.nominal_range_mm if kind == 2 else shadow.table.elongation_range_mm
+        elongation = rng.uniform(*ends) if kind != 1 else None
+        state, _ = shadow.solution(pressure_kpa=pressure, elongation_mm=elongation)
+        full = model.solve(pressure_kpa=pressure, elongation_mm=elongation)
+        points = model.guides.tracked.weights @ (full.displacement_mm - state.displacement_mm)
+        error = max(float(np.linalg.norm(points, axis=1).max()), abs(full.elongation_mm - state.elongation_mm))
+        found.append(Answer(error, reduced_error_mm(model, state, pressure, elongation)))
+    return found
+
+
 METHODS: dict[str, Method] = {
     "tracer": of_tracer, "posterior": of_posterior, "bootstrap": of_bootstrap, "mesh": of_mesh,
+    "reduced": of_reduced,
 }  # fmt: skip
 
 
@@ -170,7 +197,7 @@ def measured(method: Method, scenes: int, seed: int = 0, seconds: float = np.inf
             break
         try:
             found += method(np.random.default_rng((seed, number)))
-        except RequestError:
+        except (RequestError, ConvergenceError):
             refused += 1
     return found, refused
 

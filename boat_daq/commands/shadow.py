@@ -18,6 +18,7 @@ from boat_daq.commands.shadow_model import (
     MeshOption,
     ParametersOption,
     SolvedState,
+    TableToleranceOption,
     chosen_model,
     chosen_parameters,
     chosen_shadow,
@@ -70,7 +71,8 @@ def solve(
         float | None,
         typer.Option(
             metavar="MM",
-            help="Greatest error of the elongation by the mesh: chooses the mesh; the answer states its own.",
+            help="Greatest error by the mesh, which it chooses; with --model reduced that of the table, beyond which "
+            "the full model is used. The answer states its own.",
         ),
     ] = None,
     fidelity: FidelityOption = "normal",
@@ -89,22 +91,20 @@ def solve(
         raise typer.BadParameter("give a length above 0 mm", param_hint="--print-error")
     if mesh is not None and (model == "reduced" or plot is not None):
         raise typer.BadParameter("goes with --model full and without --plot", param_hint="--mesh")
-    if tolerance is not None and (
-        pressure is None or (elongation, model, mesh, fidelity) != (None, "full", None, "normal")
-    ):
-        raise typer.BadParameter(
-            "goes with --pressure and the full model, without --elongation, --mesh and --fidelity",
-            param_hint="--tolerance",
-        )
+    by_mesh = tolerance is not None and model == "full"
+    if tolerance is not None and (mesh, fidelity) != (None, "normal"):
+        raise typer.BadParameter("chooses the mesh: omit --mesh and --fidelity", param_hint="--tolerance")
+    if by_mesh and (pressure is None or elongation is not None):
+        raise typer.BadParameter("of the full model goes with --pressure alone", param_hint="--tolerance")
     from analysis.shadow.model.assessment import PRINT_ERROR_MM, assess, collapse_kpa
 
-    if tolerance is None or pressure is None:
+    if tolerance is None:
         solved = solved_state(pressure, elongation, model, parameters, mesh, fidelity)
     else:
-        solved = solved_within(parameters, pressure, tolerance)
+        solved = solved_within(parameters, pressure, elongation, model, tolerance)
     found = assess(solved.model, solved.solution, print_error or PRINT_ERROR_MM)
     collapses_kpa = collapse_kpa(solved.model, print_error) if print_error else math.nan
-    warnings = [*found.warnings, *_fallback(model, solved.used, parameters, fidelity)]
+    warnings = [*found.warnings, *_fallback(model, solved, parameters, fidelity)]
     for warning in warnings:
         notify(warning.text)
     if plot is not None:
@@ -115,7 +115,7 @@ def solve(
         "notes": [warning.text for warning in warnings],
         "warnings": [warning.as_json() for warning in warnings],
     }
-    lines = _lines(solved, found, collapses_kpa, meshed=tolerance is not None)
+    lines = _lines(solved, found, collapses_kpa, by_mesh=by_mesh)
     present(_json(solved, found) | notes, *lines, as_json=as_json)
 
 
@@ -143,14 +143,14 @@ def _json(solved: SolvedState, found: Assessment) -> dict[str, Any]:
     }
 
 
-def _lines(solved: SolvedState, found: Assessment, collapses_kpa: float, *, meshed: bool) -> list[str]:
+def _lines(solved: SolvedState, found: Assessment, collapses_kpa: float, *, by_mesh: bool) -> list[str]:
     """Return a state and its margin as lines.
 
     Parameters
     ----------
     solved, found : state and margin.
     collapses_kpa : pressure at which the print collapses, NaN where it is not known.
-    meshed : the mesh was chosen by its error, which is stated.
+    by_mesh : the stated error, if there is one, is that of the mesh; else that of the reduced model.
     """
     solution, size = solved.solution, solved.model.parameters
     limit_kpa = solved.model.vacuum_limit.pressure_kpa
@@ -160,9 +160,13 @@ def _lines(solved: SolvedState, found: Assessment, collapses_kpa: float, *, mesh
         f"lowest eigenvalue {found.lowest_eigenvalue:.3f} (1 at rest, 0 at the critical pressure of "
         f"{limit_kpa:.3g} kPa)",
     ]
-    if meshed:
+    if by_mesh:
         elements = f"{size.axial_elements} x ({size.wall_elements} + {size.lattice_elements})"
         lines.append(f"error of the elongation by the mesh of {elements} elements: {solved.error_mm:.2g} mm")
+    elif solved.used == "reduced" and math.isfinite(solved.error_mm):
+        lines.append(f"error of elongation and guides by the residual in the full model: {solved.error_mm:.2g} mm")
+    elif math.isfinite(solved.error_mm):
+        lines.append("the reduced model has a larger error here: the full model was used, on the same mesh")
     if math.isfinite(found.growth_mm):
         lines.append(f"a print that is oval by {found.error_mm:g} mm is oval by another {found.growth_mm:+.2g} mm here")
     if math.isfinite(collapses_kpa):
@@ -170,14 +174,18 @@ def _lines(solved: SolvedState, found: Assessment, collapses_kpa: float, *, mesh
     return lines
 
 
-def _fallback(model: str, used: str, parameters: Path | None, level: Level) -> list[Warning]:
-    """Return the warning that the full model was used where the reduced one was chosen."""
-    if model == used:
+def _fallback(model: str, solved: SolvedState, parameters: Path | None, level: Level) -> list[Warning]:
+    """Return the warning that the full model was used because the reduced one, which was chosen, has no such state."""
+    if model == solved.used:
         return []
+    import numpy as np
+
     from analysis.warning import Warning, WarningCode
 
-    rectangle = chosen_table(chosen_parameters(parameters, level), level).rectangle
-    text = f"outside the table of the reduced model ({rectangle}): the full model was used"
+    table, state = chosen_table(chosen_parameters(parameters, level), level), solved.solution
+    if table.holds(np.array(state.pressure_kpa), np.array(state.elongation_mm)):  # there, but not within a tolerance
+        return []
+    text = f"outside the table of the reduced model ({table.rectangle}): the full model was used"
     return [Warning(WarningCode.OUTSIDE_TABLE, "", text)]
 
 
@@ -195,6 +203,7 @@ def table(
     parameters: ParametersOption = None,
     plot: Annotated[Path | None, typer.Option(help="Plot error against the number of shapes into this file.")] = None,
     rebuild: Annotated[bool, typer.Option("--rebuild", help="Build it even if it is in the cache.")] = False,
+    tolerance: TableToleranceOption = None,
     fidelity: FidelityOption = "normal",
     as_json: JsonOption = False,
 ) -> None:
@@ -206,11 +215,19 @@ def table(
     from analysis.shadow.model.drawing import table_errors_figure
     from analysis.shadow.model.frames import table_settings
     from analysis.shadow.model.table import build_table, load_table
+    from analysis.shadow.model.tolerance import table_within
 
+    if tolerance is not None and (rebuild or fidelity != "normal"):
+        raise typer.BadParameter("chooses the size: omit --rebuild and --fidelity", param_hint="--tolerance")
     chosen, settings = chosen_parameters(parameters, fidelity), table_settings(at(fidelity))
     begun = time.perf_counter()
     with progress_bar("building the table") as progress:
-        made = build_table(chosen, settings, progress) if rebuild else load_table(chosen, settings, progress=progress)
+        if tolerance is not None:
+            made, settings = table_within(chosen, tolerance, progress)
+        elif rebuild:
+            made = build_table(chosen, settings, progress)
+        else:
+            made = load_table(chosen, settings, progress=progress)
     seconds = time.perf_counter() - begun
     result = {
         "pressure_range_kpa": made.pressure_range_kpa,
@@ -220,6 +237,8 @@ def table(
         "error_bound_mm": made.error_bound_mm,
         "error_bound_percent": 100.0 * made.error_bound_mm / float(made.nominal_range_mm[1]),
         "held_out": settings.held_out,
+        "error_mm": made.errors_mm[-1] if tolerance is not None else math.nan,
+        "tolerance_mm": tolerance,
         "critical_pressure_kpa": float(made.critical_kpa),
         "states_per_s": made.states_per_second(),
         "seconds": seconds,
@@ -264,15 +283,29 @@ def states(
     dense: Annotated[bool, typer.Option("--dense", help="Points every 0.5 mm in place of 7 a guide.")] = False,
     parameters: ParametersOption = None,
     mesh: MeshOption = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(metavar="MM", help="Greatest error of the two extreme elongations by the mesh, which it chooses."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Write the guides in 15 states (7 compressed, rest, 7 elongated), as curves for the optical model.
 
     Example: boat-daq shadow states --out curves.csv
     """
+    if tolerance is not None and mesh is not None:
+        raise typer.BadParameter("chooses the mesh: omit --mesh", param_hint="--tolerance")
+    from analysis.shadow.model.full import FullModel
     from analysis.shadow.model.states import guide_states, write_states
+    from analysis.shadow.model.tolerance import mesh_within
 
-    found = guide_states(chosen_model(parameters, mesh), lowest_kpa=lowest, highest_kpa=highest, every_half_mm=dense)
+    error_mm = math.nan
+    if tolerance is None:
+        model = chosen_model(parameters, mesh)
+    else:
+        meshed, error_mm = mesh_within(chosen_parameters(parameters), (lowest, highest), tolerance)
+        model = FullModel(meshed)
+    found = guide_states(model, lowest_kpa=lowest, highest_kpa=highest, every_half_mm=dense)
     write_states(found, out)
     bow, points = found.bow_mm(), found.curves_mm.shape[2]
     content = {
@@ -282,6 +315,7 @@ def states(
         "bow_mm": bow,
         "curvature_per_mm": found.curvature_per_mm(),
         "points": points,
+        "error_mm": error_mm,
     }
     present(
         content,
@@ -303,6 +337,7 @@ def modulus(
     force_column: Annotated[str | None, typer.Option(help="Name or number of the force column.")] = None,
     displacement_column: Annotated[str | None, typer.Option(help="Name or number of the displacement column.")] = None,
     parameters: ParametersOption = None,
+    tolerance: TableToleranceOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find the effective modulus of the lattice from uniaxial compression, and its effect on nominal elongation.
@@ -319,14 +354,20 @@ def modulus(
     found = effective_modulus(tests, window)
     spread = found.sd_kpa if math.isfinite(found.sd_kpa) else found.standard_error_kpa
     table = chosen_table(
-        replace(chosen_parameters(parameters), lattice_modulus_kpa=found.mean_kpa, lattice_modulus_sd_kpa=spread)
+        replace(chosen_parameters(parameters), lattice_modulus_kpa=found.mean_kpa, lattice_modulus_sd_kpa=spread),
+        tolerance_mm=tolerance,
     )
     low, high = table.pressure_range_kpa
     pressures = np.array([p for p in BAND_PRESSURES_KPA if low <= p <= high])
     band = list(zip(pressures, *table.nominal_elongation(pressures), strict=True))
     keys = ("pressure_kpa", "nominal_elongation_mm", "standard_uncertainty_mm")
     present(
-        asdict(found) | {"n": len(tests), "band": [dict(zip(keys, row, strict=True)) for row in band]},
+        asdict(found)
+        | {
+            "n": len(tests),
+            "band": [dict(zip(keys, row, strict=True)) for row in band],
+            "error_mm": table.errors_mm[-1],
+        },
         *(f"{one.name}: {one.modulus_kpa:.2f} kPa (R² {one.r2:.4f}, {one.points} points)" for one in found.specimens),
         f"E = {found.mean_kpa:.2f} ± {spread:.2f} kPa, N = {len(tests)}",
         *(f"{p:+.0f} kPa: {x:+.3f} ± {u:.3f} mm (k = 1)" for p, x, u in band),
@@ -340,6 +381,7 @@ def replay(
     calibration: Annotated[Path | None, typer.Option(help="Run to calibrate from; default RUN itself.")] = None,
     elongation: Annotated[Path | None, typer.Option(help="CSV of the calibration's elongation readings.")] = None,
     parameters: ParametersOption = None,
+    tolerance: TableToleranceOption = None,
     plot: PlotOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -355,10 +397,11 @@ def replay(
     recording = load_recording(run)
     with progress_bar("calibrating") as progress:
         sensors = analyse(calibration or run, elongation, mcmc=False, progress=progress).sensors
-    table, measured_mm = chosen_table(chosen_parameters(parameters)), measured_elongation(recording, sensors)
+    table = chosen_table(chosen_parameters(parameters), tolerance_mm=tolerance)
+    measured_mm = measured_elongation(recording, sensors)
     cycles = [cycle.rows for cycle in find_cycles(recording).complete]
     result = compare(table, recording.time_s, recording.pressure_kpa, measured_mm, cycles)
-    summary = result.summary() | {"simulated": recording.simulated}
+    summary = result.summary() | {"simulated": recording.simulated, "error_mm": table.errors_mm[-1]}
     if plot is not None:
         save_figure(replay_figure(result), plot)
     if as_json:

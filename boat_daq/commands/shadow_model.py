@@ -22,6 +22,14 @@ if TYPE_CHECKING:
 
 ParametersOption = Annotated[Path | None, typer.Option("--parameters", help="TOML file of actuator parameters.")]
 MeshOption = Annotated[Path | None, typer.Option("--mesh", help="A .vtu or .msh mesh in place of the parametric one.")]
+TableToleranceOption = Annotated[
+    float | None,
+    typer.Option(
+        "--tolerance",
+        metavar="MM",
+        help="Greatest error of a tracked point by the table in 95 % of the states: chooses its size.",
+    ),
+]
 
 
 def chosen_parameters(path: Path | None, level: Level = "normal") -> ActuatorParameters:
@@ -51,14 +59,26 @@ def chosen_model(parameters: Path | None, mesh: Path | None, level: Level = "nor
     return FullModel(chosen_parameters(parameters, level), mesh=None if mesh is None else read_mesh(mesh))
 
 
-def chosen_table(actuator: ActuatorParameters, level: Level | None = None) -> ReducedModel:
-    """Return the reduced model of an actuator, of the fidelity's size where one is given."""
+def chosen_table(
+    actuator: ActuatorParameters, level: Level | None = None, tolerance_mm: float | None = None
+) -> ReducedModel:
+    """Return the reduced model of an actuator.
+
+    Parameters
+    ----------
+    actuator : its parameters.
+    level : fidelity that gives its size, where one is given.
+    tolerance_mm : error that chooses its size, as `table_within`; None for none.
+    """
     from analysis.fidelity import fidelity
     from analysis.shadow.model.frames import table_settings
     from analysis.shadow.model.table import load_table
+    from analysis.shadow.model.tolerance import table_within
 
     settings = None if level is None else table_settings(fidelity(level))
     with progress_bar("building the table") as progress:
+        if tolerance_mm is not None:
+            return table_within(actuator, tolerance_mm, progress)[0]
         return load_table(actuator, settings, progress=progress)
 
 
@@ -78,7 +98,7 @@ class SolvedState:
     ----------
     model : the full model. solution : the state.
     used : name of the model that solved it. seconds : that it took.
-    error_mm : of the elongation, where the mesh was chosen by it; else NaN.
+    error_mm : of the elongation by its mesh, or of the reduced model against it, where a tolerance chose; else NaN.
     """
 
     model: FullModel
@@ -120,20 +140,30 @@ def solved_state(
     return SolvedState(shadow.model, solution, used, time.perf_counter() - begun)
 
 
-def solved_within(parameters: Path | None, pressure_kpa: float, tolerance_mm: float) -> SolvedState:
-    """Return the state at a pressure, on no finer a mesh than an error of its elongation takes.
+def solved_within(
+    parameters: Path | None, pressure_kpa: float | None, elongation_mm: float | None, model: str, tolerance_mm: float
+) -> SolvedState:
+    """Return a state with no more work than an error takes: of the mesh, or of the reduced model by its residual.
 
     Parameters
     ----------
     parameters : TOML file; None for the defaults.
-    pressure_kpa, tolerance_mm : as `solve_within`.
+    pressure_kpa, elongation_mm : as `solved_state`; the full model takes a pressure alone.
+    model, tolerance_mm : "full" as `solve_within`, or "reduced" as `reduced_within`.
 
     Raises
     ------
     RequestError, DataError : as there.
     """
-    from analysis.shadow.model.tolerance import solve_within
+    from analysis.shadow.model.tolerance import reduced_within, solve_within
 
+    if model == "reduced":
+        shadow = chosen_shadow(parameters)
+        begun = time.perf_counter()
+        state = reduced_within(shadow, pressure_kpa, elongation_mm, tolerance_mm)
+        seconds = time.perf_counter() - begun
+        return SolvedState(shadow.model, state.solution, state.used, seconds, state.error_mm)
+    assert pressure_kpa is not None  # the command asks for it
     begun = time.perf_counter()
     met = solve_within(chosen_parameters(parameters), pressure_kpa, tolerance_mm)
     return SolvedState(met.model, met.solution, "full", time.perf_counter() - begun, met.error_mm)

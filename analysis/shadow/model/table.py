@@ -168,7 +168,7 @@ def _nominal_curves(model: FullModel, pressures: FloatArray, count: Count) -> tu
 
 def _held_out_errors(model: FullModel, table: ReducedModel, number: int, count: Count) -> FloatArray:
     """Return the greatest error of a tracked point over quasi-random states, with 1, 2, ... modes, shape (modes,)."""
-    unit = qmc.Sobol(2, seed=20260101).random(number)
+    unit = qmc.Sobol(2, seed=20260101).random_base2(max(number - 1, 0).bit_length())[:number]
     p0, p1 = table.pressure_range_kpa
     q0, q1 = table.elongation_range_mm
     states = np.stack([p0 + (p1 - p0) * unit[:, 0], q0 + (q1 - q0) * unit[:, 1]], axis=1)

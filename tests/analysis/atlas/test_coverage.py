@@ -12,7 +12,7 @@ from analysis.atlas import coverage
 from analysis.atlas.coverage import METHODS, Answer, measured, share_within
 from analysis.errors import RequestError
 
-SCENES = {"tracer": 60, "posterior": 80, "bootstrap": 60, "mesh": 20}
+SCENES = {"tracer": 60, "posterior": 80, "bootstrap": 60, "mesh": 20, "reduced": 6}
 
 
 def test_answers_and_refusals_are_counted(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

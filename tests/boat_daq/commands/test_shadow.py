@@ -52,6 +52,33 @@ def test_solve_keeps_its_contract(model: str) -> None:
     assert 0.0 < found["lowest_eigenvalue"] < 0.2
 
 
+@pytest.mark.usefixtures("cache")
+def test_a_reduced_state_has_the_error_of_its_residual() -> None:
+    """Within a coarse tolerance it is the reduced model's; within a fine one the full model's, without a warning."""
+    words = ("shadow", "solve", "--pressure", "-20", "--elongation", "-1", "--model", "reduced", "--tolerance")
+    coarse, fine = call(*words, "0.01"), call(*words, "1e-9")
+    assert (coarse["model"], fine["model"]) == ("reduced", "full")
+    assert 0.0 < coarse["error_mm"] < 0.001
+    assert fine["error_mm"] == 0.0
+    assert "outside_table" not in [warning["code"] for warning in fine["warnings"]]
+    moved = np.subtract(coarse["tracked_points_mm"], fine["tracked_points_mm"])
+    assert np.abs(moved).max() <= coarse["error_mm"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["solve", "--pressure", "5", "--elongation", "1", "--tolerance", "0.1"],
+        ["solve", "--pressure", "5", "--model", "reduced", "--fidelity", "draft", "--tolerance", "0.1"],
+        ["table", "--rebuild", "--tolerance", "0.1"],
+        ["states", "--out", "x.csv", "--mesh", "x.msh", "--tolerance", "0.1"],
+    ],
+)
+def test_a_tolerance_chooses_alone(words: list[str]) -> None:
+    """What it chooses is not given besides."""
+    assert exit_code("shadow", *words) == 2
+
+
 def test_solve_at_an_elongation() -> None:
     """The pressure follows from the elongation."""
     assert call("shadow", "solve", "--elongation", "3.8")["pressure_kpa"] == pytest.approx(50.0, abs=0.05)

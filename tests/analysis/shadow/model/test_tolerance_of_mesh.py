@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from pathlib import Path
 
-import numpy as np
 import pytest
 
 from analysis.errors import AnalysisError, RequestError
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.full import FullModel
-from analysis.shadow.model.tolerance import CALIBRATED, error_estimates, mesh_of, solve_within
+from analysis.shadow.model.tolerance import CALIBRATED, error_estimates, mesh_of, solve_within, table_within
 
 
 def test_an_error_of_second_order_is_estimated_exactly() -> None:
@@ -42,28 +41,26 @@ def test_numbers_without_sense_are_refused(tolerance_mm: float, pressure_kpa: fl
         solve_within(ActuatorParameters(), pressure_kpa, tolerance_mm)
 
 
+def test_a_table_is_as_small_as_its_tolerance_takes(
+    short: ActuatorParameters, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second of two tables meets half of the first one's error; neither meets nothing."""
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda name: tmp_path / name)
+    monkeypatch.setattr("analysis.shadow.model.tolerance.TABLES", ((2, 2, 2), (4, 4, 4)))
+    monkeypatch.setattr("analysis.shadow.model.tolerance.HELD_OUT", 5)
+    coarse, size = table_within(short, 10.0)
+    assert (size.pressures, size.held_out) == (2, 5)
+    fine, size = table_within(short, float(coarse.errors_mm[-1]) / 2.0)
+    assert size.pressures == 4
+    assert fine.errors_mm[-1] <= coarse.errors_mm[-1] / 2.0
+    with pytest.raises(RequestError) as refused:
+        table_within(short, 1e-12)
+    assert "allow" in refused.value.remedy
+
+
 @pytest.mark.nightly
 def test_a_tolerance_beyond_the_finest_mesh_is_refused_with_the_best() -> None:
     """The refusal states an error that can be met."""
     with pytest.raises(RequestError) as refused:
         solve_within(ActuatorParameters(), 20.0, 1e-9)
     assert "or more" in refused.value.remedy
-
-
-@pytest.mark.nightly
-def test_the_estimate_bounds_the_error_of_random_actuators() -> None:
-    """Of 20 random actuators on three meshes, the error is within the estimate in 87 % or more (95 % of so few)."""
-    rng, rest, inside = np.random.default_rng(5), ActuatorParameters(), []
-    for _ in range(20):
-        actuator = replace(
-            rest, wall_modulus_kpa=rest.wall_modulus_kpa * rng.uniform(0.7, 1.5),
-            neck_radius_mm=rest.neck_radius_mm * rng.uniform(0.8, 1.1), wall_mm=rng.uniform(1.9, 2.5),
-        )  # fmt: skip
-        pressure, found = rng.uniform(-25.0, 50.0), []
-        for level in range(1, 7):
-            along, wall, lattice = mesh_of(level)
-            mesh = replace(actuator, axial_elements=along, wall_elements=wall, lattice_elements=lattice)
-            found.append(FullModel(mesh).solver.solve(pressure_kpa=pressure).elongation_mm)
-        truth = found[-1] + (found[-1] - found[-2]) / ((6 / 5) ** 2 - 1)
-        inside += [abs(found[k] - truth) <= error_estimates(found)[k - 1] for k in (1, 2, 3)]
-    assert np.mean(inside) >= 0.87

@@ -27,7 +27,7 @@ CORNER_A, CORNER_B, FREE = 1, 2, 4
 JUNCTION_START, JUNCTION_END, NO_CELL = -1, -2, -3
 _SAMPLES = 1500
 _TIGHTEST = 0.98
-_MIRRORED = 1e-6
+_MIRRORED, _TWINS = 1e-6, 1e-12
 
 
 class SceneFrame(NamedTuple):
@@ -71,13 +71,23 @@ class SceneFrame(NamedTuple):
         return float(2 * np.min(np.minimum(middle - self.ends[:, 0], self.ends[:, 1] - middle)))
 
     @property
-    def mirrored(self) -> bool:
-        """Return whether the two guides are mirror images in the middle of the fan; cavities do not change that."""
+    def asymmetry(self) -> float:
+        """Return how far a guide is from the other's mirror image in the middle of the fan, in half thicknesses."""
         if len(self.nodes) != 2:
-            return False
+            return np.inf
         x, y = self.emitter[2:]
         left, right = (self.nodes[..., :2] - self.emitter[:2]) @ np.array([[x, -y], [y, x]])
-        return bool(np.allclose(left, right * [1.0, -1.0], rtol=0.0, atol=_MIRRORED * self.half_mm))
+        return float(np.max(np.abs(left - right * [1.0, -1.0]))) / self.half_mm
+
+    @property
+    def mirrored(self) -> bool:
+        """Return whether both halves of a fan sample the same function; cavities do not change that."""
+        return self.asymmetry <= _MIRRORED
+
+    @property
+    def twins(self) -> bool:
+        """Return whether each ray has a mirror image but for rounding, so that one of the two need not be followed."""
+        return self.asymmetry <= _TWINS
 
     def guide(self, number: int) -> ArcSpline:
         """Return the centreline of guide 0 or 1."""

@@ -29,13 +29,13 @@ from analysis.optics.scene.geometry import pattern_of
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, By, Design, Face, Light, Waveguide
 from analysis.optics.sweep.figure_of_merit import Merit, Uncertainty, merit, ranks_within, resolution, uncertainty
 from analysis.optics.sweep.sweep_file import SweepFile
-from analysis.optics.tracer.rays import Fan, Rules, fan_of, rules_of
+from analysis.optics.tracer.rays import Fan, Rules, fan_of, rules_of, share_of
 from analysis.optics.tracer.simulation import fan_sd, simulate_many, stacked
 from analysis.optics.tracer.tally import COUNTS, DETECTED, E_CUT, E_DETECTED, ENERGIES, HITS
 from analysis.progress import Progress
 
 Results = tuple[IntArray, FloatArray, FloatArray]
-Common = tuple[SceneFrame, Rules, Fan, int]
+Common = tuple[SceneFrame, Rules, Fan, IntArray]
 STEPS_MM = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 FILE_NAME = "sweep.sqlite"
 _RAYS_PER_ITEM = 60_000
@@ -155,8 +155,9 @@ def find_design(designs: Sequence[Design], design: Design = PAPER_OPTIMUM) -> in
 
 
 def common_of(frames: Sequence[SceneFrame], guide: Waveguide, light: Light) -> Common:
-    """Return what all work items of a sweep share: stacked frames, rules of tracing, fan, budget of secondaries."""
-    return stacked(frames), rules_of(guide, light), fan_of(light), light.secondary
+    """Return what all work items of a sweep share: stacked frames, rules of tracing, fan, what is followed of it."""
+    shares = np.array([share_of(frame, light) for frame in frames])
+    return stacked(frames), rules_of(guide, light), fan_of(light), shares
 
 
 def run_item(common: Common, patterns: FloatArray) -> Results:
@@ -170,11 +171,11 @@ def run_item(common: Common, patterns: FloatArray) -> Results:
     -------
     counts (p, s, 10), energy (p, s, 4), changes (p, s, 2) along the fan, in number and in power.
     """
-    frames, rules, fan, budget = common
+    frames, rules, fan, shares = common
     shape = (len(patterns), len(frames.nodes))
     counts = np.zeros((*shape, COUNTS), dtype=np.int64)
     energy, changes = np.zeros((*shape, ENERGIES)), np.zeros((*shape, 2))
-    simulate_many(frames, patterns, rules, fan, budget, counts, energy, changes)
+    simulate_many(frames, patterns, rules, fan, shares, counts, energy, changes)
     return counts, energy, changes
 
 

@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 from analysis.compiled import compiled
+from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.geometry import Geometry
 from analysis.optics.scene.parameters import ORDERS, Light, Waveguide
 
@@ -67,12 +68,13 @@ class Rules(NamedTuple):
 
 
 class Fan(NamedTuple):
-    """The released rays: half the cone (rad), number, Lambertian or not, phase."""
+    """The released rays: half the cone (rad), number, Lambertian or not, phase; the first `followed` are traced."""
 
     half: float
     rays: int
     lambertian: bool
     phase: float
+    followed: int
 
 
 def rules_of(guide: Waveguide, light: Light) -> Rules:
@@ -83,8 +85,21 @@ def rules_of(guide: Waveguide, light: Light) -> Rules:
 
 
 def fan_of(light: Light) -> Fan:
-    """Return the fan of a light."""
-    return Fan(math.radians(light.cone_deg) / 2, light.rays, light.emission == "lambertian", light.phase)
+    """Return the fan of a light, all of it followed."""
+    return Fan(math.radians(light.cone_deg) / 2, light.rays, light.emission == "lambertian", light.phase, light.rays)
+
+
+def share_of(frame: SceneFrame, light: Light) -> tuple[int, int]:
+    """Return the rays and the budget that are followed: half of both where the other half is their mirror image.
+
+    A ray and its mirror image have the same time of flight, so that a budget by time accepts both or neither; by
+    another criterion, and an odd one, it may accept one of them.
+    """
+    rays, budget = light.rays, light.secondary
+    alike = budget <= 0 or (light.order == "time" and budget % 2 == 0)
+    if not (alike and light.phase == 0.0 and rays % 2 == 0 and frame.twins):
+        return rays, budget
+    return rays // 2, budget // 2 if budget > 0 else budget
 
 
 @compiled

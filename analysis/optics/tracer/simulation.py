@@ -23,8 +23,8 @@ from analysis.optics.scene.parameters import ALL, PAPER_RAYS, Design, Light, Wav
 from analysis.optics.tracer import budget as queues
 from analysis.optics.tracer import tally as ledger
 from analysis.optics.tracer.budget import Queue, new_queue
-from analysis.optics.tracer.rays import Fan, Ray, Rules, fan_of, released, rules_of
-from analysis.optics.tracer.tally import COUNTS, DETECTED, Tally, add_tally, new_tally
+from analysis.optics.tracer.rays import Fan, Ray, Rules, fan_of, released, rules_of, share_of
+from analysis.optics.tracer.tally import COUNTS, DETECTED, Tally, add_tally, add_twins, new_tally
 from analysis.optics.tracer.tracer import follow
 from analysis.progress import Progress
 
@@ -72,7 +72,7 @@ def follow_block(g: Geometry, rules: Rules, fan: Fan, first: int, budget: int, q
     """
     queues.open_queue(q, budget, first)
     tables, queue, counts = pointers(g), pointers(q), pointers(tally)
-    last = min(first + BLOCK, fan.rays)
+    last = min(first + BLOCK, fan.followed)
     tally.counts[ledger.RELEASED] += last - first
     for i in range(first, last):
         follow(tables, rules, released(tables, fan, i), queue, counts, i)
@@ -96,18 +96,20 @@ def join(tally: Tally, q: Queue, later_tally: Tally, later: Queue) -> None:
 
 
 @compiled
-def follow_secondaries(g: Geometry, rules: Rules, rays: int, q: Queue, tally: Tally) -> None:
-    """Follow secondaries in the order of their rank until the budget or the queue is empty.
+def finish(g: Geometry, rules: Rules, fan: Fan, q: Queue, tally: Tally) -> None:
+    """Follow secondaries in the order of their rank until the budget or the queue is empty; count mirror images.
 
     Parameters
     ----------
-    g, rules : the scene and the rules of tracing. rays : released. q, tally : of all blocks, joined.
+    g, rules, fan : as in `follow_block`. q, tally : of all blocks, joined.
     """
     tables, queue, counts = pointers(g), pointers(q), pointers(tally)
-    queues.begin_secondaries(queue, rays, counts)
+    queues.begin_secondaries(queue, fan.rays, counts)
     while queues.has_secondary(queue):
-        _follow_secondary(tables, rules, queues.next_secondary(queue), queue, counts, rays)
+        _follow_secondary(tables, rules, queues.next_secondary(queue), queue, counts, fan.rays)
     queues.prune(queue, counts)
+    if fan.followed < fan.rays:
+        add_twins(tally, fan.followed)
 
 
 @compiled
@@ -120,12 +122,12 @@ def simulate(g: Geometry, rules: Rules, fan: Fan, budget: int, q: Queue, later: 
     q, tally : are filled. later : a second queue, used from the second block on.
     """
     follow_block(g, rules, fan, 0, budget, q, tally)
-    for first in range(BLOCK, fan.rays, BLOCK):
+    for first in range(BLOCK, fan.followed, BLOCK):
         later_tally = new_tally(tally.by_root, tally.drawn, tally.drawn_by)
         later_tally.counts[COUNTS] = tally.counts[COUNTS]
         follow_block(g, rules, fan, first, budget, later, later_tally)
         join(tally, q, later_tally, later)
-    follow_secondaries(g, rules, fan.rays, q, tally)
+    finish(g, rules, fan, q, tally)
 
 
 @compiled
@@ -164,7 +166,7 @@ def simulate_many(
     patterns: FloatArray,
     rules: Rules,
     fan: Fan,
-    budget: int,
+    shares: IntArray,
     counts: IntArray,
     energy: FloatArray,
     changes: FloatArray,
@@ -174,21 +176,23 @@ def simulate_many(
     Parameters
     ----------
     frames : from `stacked`. patterns : (p, 5) from `pattern_of`.
-    rules, fan, budget : as in `follow_block`.
+    rules, fan : as in `follow_block`. shares : (s, 2) rays and budget that are followed, from `share_of`.
     counts, energy, changes : (p, s, 10), (p, s, 4) and (p, s, 2) are filled.
     """
     no_points, no_owners = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
     guides, arcs = frames.curvature[0].shape
     most, face = int(np.max(patterns[:, 0])), int(np.max(patterns[:, 4]))
     g = allocate(guides, arcs, len(frames.surfaces[0]), most, frames.source_cell, face)
-    q, later = new_queue(budget, rules.faintest), new_queue(budget, rules.faintest)
+    most_secondary = int(np.max(shares[:, 1]))
+    q, later = new_queue(most_secondary, rules.faintest), new_queue(most_secondary, rules.faintest)
     by_root = np.empty((fan.rays, 2))
     for p in range(len(patterns)):
         for s in range(len(frames.nodes)):
             build(g, _frame_at(frames, s), patterns[p])
             by_root[:] = 0.0
             tally = new_tally(by_root, no_points, no_owners)
-            simulate(g, rules, fan, budget, q, later, tally)
+            followed = Fan(fan.half, fan.rays, fan.lambertian, fan.phase, shares[s, 0])
+            simulate(g, rules, followed, shares[s, 1], q, later, tally)
             counts[p, s] = tally.counts[:COUNTS]
             energy[p, s] = tally.energy / fan.rays
             changes[p, s] = changes_along_fan(by_root)
@@ -231,23 +235,24 @@ def trace(
     ------
     RequestError : the cavities do not fit the guide.
     """
-    g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)
+    followed, budget = share_of(frame, light)
+    g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)._replace(followed=followed)
     by_root = np.zeros((light.rays, 2))
     nothing = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
 
     def one(first: int) -> tuple[Tally, Queue]:
-        tally, q = new_tally(by_root, *nothing), new_queue(light.secondary, light.faintest)
-        follow_block(g, rules, fan, first, light.secondary, q, tally)
+        tally, q = new_tally(by_root, *nothing), new_queue(budget, light.faintest)
+        follow_block(g, rules, fan, first, budget, q, tally)
         return tally, q
 
     with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-        blocks = pool.map(one, range(0, light.rays, BLOCK))
+        blocks = pool.map(one, range(0, followed, BLOCK))
         tally, q = next(blocks)
         for done, later in enumerate(blocks, start=2):
             join(tally, q, *later)
             if progress is not None:
-                progress(min(done * BLOCK, light.rays), light.rays)
-    follow_secondaries(g, rules, light.rays, q, tally)
+                progress(min(done * BLOCK, followed), followed)
+    finish(g, rules, fan, q, tally)
     counts, energy = tally.counts.tolist(), (tally.energy / light.rays).tolist()
     ends = dict(zip(ledger.LEDGER, counts, strict=False)), dict(zip(ledger.ENERGY, energy, strict=True))
     secondaries = counts[ledger.GRANTED], counts[ledger.REFUSED]

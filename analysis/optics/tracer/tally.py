@@ -54,6 +54,15 @@ def add_tally(tally: Tally, later: Tally) -> None:
         tally.energy[i] += later.energy[i]
 
 
+@compiled
+def add_twins(tally: Tally, followed: int) -> None:
+    """Count the mirror images of all that the first `followed` released rays became."""
+    tally.counts[:COUNTS] *= 2
+    tally.energy[:] *= 2.0
+    for i in range(followed):
+        tally.by_root[2 * followed - 1 - i] = tally.by_root[i]
+
+
 @inner
 def draw(tally: Tally, x: float, y: float, power: float, number: int, medium: int) -> None:
     """Add a point to the drawn path of ray `number`, while there is capacity."""

@@ -190,6 +190,8 @@ def trace(
 
     Example: boat-daq optics trace --cavities 5 --width 1.0 --depth 0.5 --spacing 0.9 --state 0
     """
+    from analysis.optics.tracer.tolerance import FEWEST_RAYS
+
     if tolerance is not None and (rays is not None or fidelity is not None):
         raise typer.BadParameter("chooses the rays: omit --rays and --fidelity", param_hint="--tolerance")
     if tolerance is not None and phase is not None:
@@ -227,6 +229,8 @@ def trace(
     }
     if outcome.granted > used.rays:
         notify("most rays are reflected parts with next to no power: their number is no measure, use the power")
+    if 1 < used.rays < FEWEST_RAYS:
+        notify(f"the errors of {used.rays} rays are uncertain themselves: release {FEWEST_RAYS} or more")
     present(result, *_trace_lines(outcome, used.rays, number, 1 if tolerance is None else 3), as_json=as_json)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF
+from PySide6.QtGui import QColor, QFontMetrics, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
@@ -20,6 +20,7 @@ HELP = (
     "the camera see both. Each plateau then gets its reading; you can correct it in the table. Where no mark can be "
     "glued, drag a rectangle over a textured part of the base in the picture, then one over the tip."
 )
+WARNING_LINES = 3  # in the narrowest pane
 SMALLEST_PX = 16  # of a rectangle; a shorter drag is a click
 MARK_TIP = "Side of the marks' black square; 0 takes the scale from the millimetre grid in the picture"
 SOURCE_TIP = "Number of the camera (0 is the first), or the http:// or rtsp:// address of one on this computer"
@@ -36,7 +37,8 @@ class MarkedPicture(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setMinimumSize(style.PANE_WIDTH_NARROW, style.PANE_WIDTH_NARROW // 2)
         self._image = QImage()
-        self._kept: npt.NDArray[np.uint8] | None = None  # the image's own memory
+        self.shown: npt.NDArray[np.uint8] | None = None  # the image's own memory
+        self.host_ns: int | None = None  # arrival of the frame that is shown
         self._outlines: list[npt.NDArray[np.float64]] = []
         self._dragged: QRectF | None = None  # on the screen
         self.setCursor(Qt.CursorShape.CrossCursor)
@@ -48,9 +50,11 @@ class MarkedPicture(QWidget):
     def show_view(self, view: CameraView) -> None:
         """Show the newest picture; nothing is drawn where it is the one before."""
         picture = view.state.picture if view.state is not None else None
-        if picture is self._kept:
+        if picture is self.shown:
             return
-        self._kept = picture
+        self.shown = picture
+        reading = view.state.reading if view.state is not None else None
+        self.host_ns = reading.host_ns if reading is not None else None
         if picture is None:
             self._image = QImage()
         else:
@@ -146,8 +150,12 @@ class CameraPanel(QWidget):
             self.button,
             spacing=style.STEP,
         )
-        values = widgets.row(self.value, self.u, None, spacing=style.STEP)
-        parts = (asked, marks, self.help, self.print, (self.picture, 1), values, self.warning, self.line)
+        values = widgets.row(self.value, self.u, (self.warning, 1), spacing=style.STEP)
+        for text in (self.value, self.u, self.warning):
+            values.setAlignment(text, Qt.AlignmentFlag.AlignVCenter)
+        self.values = widgets.inside(values)  # as high with a warning as without: the picture does not move
+        self.values.setFixedHeight(WARNING_LINES * QFontMetrics(style.small_font()).lineSpacing())
+        parts = (asked, marks, self.help, self.print, self.values, self.line, (self.picture, 1))
         self.setLayout(widgets.column(*parts, None, spacing=style.GAP, margins=(0, style.GAP, 0, 0)))
         self._show(model.view())
 
@@ -173,7 +181,9 @@ class CameraPanel(QWidget):
 
     def draw(self) -> None:
         """Draw the newest picture; called for each frame of the screen."""
-        self._show(self.model.view())
+        channel = self.model.channel
+        if channel is None or channel.state.picture is not self.picture.shown:
+            self._show(self.model.view())
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Follow the camera; called a few times a second."""
@@ -186,7 +196,7 @@ class CameraPanel(QWidget):
             control.setReadOnly(is_open)
         self.help.setVisible(not is_open)
         self.print.setVisible(not is_open)
-        for shown in (self.picture, self.value, self.u, self.line, self.warning):
+        for shown in (self.picture, self.values, self.line):
             shown.setVisible(is_open)
         widgets.set_text(self.value, f"{view.elongation} mm")
         widgets.set_text(self.u, view.u)

@@ -144,8 +144,9 @@ class LivePlots(PlotCard):
         for quantity, channel in self.model.channels().items():
             if quantity not in self.own:
                 plot = self._own(quantity)
-                bands = [plot.band("Band, k = 2", lambda t: t.target)] if quantity == CAMERA else []
-                curve = plot.curve(channel.title, lambda t: t.target, gaps=True)
+                bands = [plot.band("Band, k = 2", lambda t: t.elongation)] if quantity == CAMERA else []
+                colour = (lambda t: t.elongation) if bands else (lambda t: t.target)
+                curve = plot.curve(channel.title, colour, gaps=True)
                 self.curves[quantity], self.layers[quantity] = curve, [*bands, curve]
                 self.camera_band = bands[0] if bands else self.camera_band
                 self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)

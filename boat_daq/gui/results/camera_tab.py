@@ -16,13 +16,19 @@ from boat_daq.viewmodels.results.camera import CameraResult
 
 
 class ContinuousCard(PlotCard):
-    """Loop over elongation, hysteresis of each cycle and dynamic error, all sensors in each plot."""
+    """Loop over elongation, hysteresis of each cycle or dynamic error, of all sensors; the operator chooses."""
 
     def __init__(self) -> None:
-        super().__init__("Continuous record", "Signal and elongation of every sample, in ramps too")
-        self.loop = self.add("From curve", "% FSO", x_title="Elongation", x_unit="mm")
-        self.cycles = self.add("Hysteresis", "% FSO", x_title="Cycle")
-        self.speed = self.add("Dynamic", "mV", x_title="Speed", x_unit="mm/s")
+        super().__init__("Continuous record", "Signal and elongation of every sample, in ramps too", show_title=False)
+        self.loop = self.add("Signal less curve", "% FSO", x_title="Elongation", x_unit="mm")
+        self.cycles = self.add("Hysteresis over elongation", "% FSO", x_title="Cycle")
+        self.speed = self.add("Signal less branch", "mV", x_title="Speed", x_unit="mm/s")
+        entries = (("Loop", self.loop), ("Hysteresis of each cycle", self.cycles), ("Dynamic error", self.speed))
+        self.chosen = widgets.choice("Plot of the continuous record", entries, lambda _: self._show_chosen())
+        self.bar.insertWidget(0, self.chosen)
+        self.view.setMinimumSize(*style.PLOT_MINIMUM)  # of the one that is shown
+        self._lower = {plot: (plot.x_title, plot.x_unit) for plot in self.plots}
+        self._show_chosen()
         self.layers: list[tuple[Curve, Points, Points]] = []  # of each sensor, in the plots' order
         for plot in (self.loop, self.speed):
             plot.line(lambda t: t.muted)
@@ -39,8 +45,6 @@ class ContinuousCard(PlotCard):
             self.layers.append(of_sensor)
             for layer in of_sensor:
                 layer.paint(self.theme)
-        several: list[Plot] = [self.cycles] if result.cycles.size > 1 else []
-        self.show_only([self.loop, *several, self.speed])
         for plot in self.plots:
             plot.clear()
         drawn = zip(self.layers, result.loops, result.per_cycle, result.by_speed, strict=False)
@@ -48,8 +52,15 @@ class ContinuousCard(PlotCard):
             loop.set(*of_loop)
             cycles.set(result.cycles[: per_cycle.size], per_cycle)
             speed.set(*by_speed)
-        for plot in (self.loop, *several, self.speed):
-            plot.fit()
+        self._show_chosen()
+
+    def _show_chosen(self) -> None:
+        """Show the plot that is chosen, with its own lower axis."""
+        plot: Plot = self.chosen.currentData()
+        self.show_only([plot])
+        plot.label_x(*self._lower[plot])
+        plot.fit()
+        self.paint_theme(self.theme)
 
 
 class CameraTab(QWidget):
@@ -61,7 +72,7 @@ class CameraTab(QWidget):
         self.card = ContinuousCard()
         self.text = widgets.label("", "small", wrap=True, name="Frames, delay and scale of the camera")
         self.table = FigureTable("Figures of the continuous record, with those of the plateaus")
-        self.setLayout(widgets.column((self.card, 3), self.text, (self.table, 2), spacing=style.GAP))
+        self.setLayout(widgets.column((self.card, 1), self.text, (self.table, 1), spacing=style.GAP))
 
     def show_camera(self, result: CameraResult | None, sensors: Sequence[str]) -> None:
         """Show a run with a camera; nothing of one without."""

@@ -64,7 +64,8 @@ def _text(camera: CameraFigures) -> str:
     ]
     if delay is None:
         return f"{lines[0]}\n\u25b2 The delay of the frames is not known"
-    lines.append(f"Frames late by {with_uncertainty(1000 * delay.delay_s, 1000 * delay.u_s)} ms, corrected")
+    late = with_uncertainty(1000 * delay.delay_s, 1000 * delay.u_s).replace("-", "\u2212")
+    lines.append(f"Frames late by {late} ms, corrected")
     return "\n".join(lines)
 
 

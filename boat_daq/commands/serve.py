@@ -10,13 +10,14 @@ import typer
 from typer.core import TyperCommand
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, show
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.outlets import ADDRESS
 
 if TYPE_CHECKING:
-    from boat_daq.engine.outlets.lsl import Convert, LslOutlet
+    from boat_daq.engine.outlets.lsl import LslOutlet
     from boat_daq.engine.outlets.secop_server import SecopServer
     from boat_daq.engine.session.session import Session
-
-SECOP = "localhost:10767"
+    from boat_daq.viewmodels.live.conversion import Conversion
 
 
 class ServeCommand(TyperCommand):
@@ -26,7 +27,7 @@ class ServeCommand(TyperCommand):
         """Read the arguments."""
         for at in (i for i, arg in enumerate(args) if arg == "--secop"):
             if at + 1 == len(args) or args[at + 1].startswith("-"):
-                return super().parse_args(ctx, [*args[: at + 1], SECOP, *args[at + 1 :]])
+                return super().parse_args(ctx, [*args[: at + 1], ADDRESS, *args[at + 1 :]])
         return super().parse_args(ctx, args)
 
 
@@ -40,7 +41,7 @@ def serve(
     rate: Annotated[int | None, typer.Option(help="Samples per second; default as in the settings.", min=1)] = None,
     lsl: Annotated[bool, typer.Option("--lsl", help="Stream samples and markers over LSL, on this computer.")] = False,
     lsl_network: Annotated[bool, typer.Option("--lsl-network", help="The same, for other computers too.")] = False,
-    secop: Annotated[str, typer.Option(metavar="[HOST:PORT]", help=f"Serve as a SECoP node; default {SECOP}.")] = "",
+    secop: Annotated[str, typer.Option(metavar="[HOST:PORT]", help=f"Serve as a SECoP node; default {ADDRESS}.")] = "",
     allow_control: Annotated[
         bool, typer.Option("--allow-control", help="SECoP clients may command pressure, runs and recordings.")
     ] = False,
@@ -65,9 +66,19 @@ def serve(
     if not (lsl or lsl_network or secop or listen):
         raise typer.BadParameter("give --lsl, --secop, or both")
     from boat_daq.engine.log import start_log
+    from boat_daq.engine.outlets.lsl import MARKERS, STREAM
+    from boat_daq.engine.plan import built_in_plans, plans_in
     from boat_daq.engine.session.session import Session
+    from boat_daq.engine.settings import recordings_folder
+    from boat_daq.viewmodels.common.outlets import NodeChoice, open_node, open_streams
 
     start_log("serve")
+    choice = NodeChoice(listen or secop or ADDRESS, allow_control, token_file)
+    try:
+        host, _ = choice.host_and_port
+    except OperatorError as error:
+        raise typer.BadParameter(error.cause, param_hint="--listen" if listen else "--secop") from error
+    armable = built_in_plans() if plans is None else plans_in(plans)
     options: dict[str, Any] = {
         "profile": str(profile) if profile else None,
         "rate_hz": rate,
@@ -78,13 +89,16 @@ def serve(
         seen = session.wait(lambda s: session.ring is not None, 5.0)
         if seen.simulated:
             notify("SIMULATED: this is the virtual board")
-        convert, calibration = _conversion(session, unit)
-        outlet = _lsl(session, convert, calibration, network=lsl_network) if lsl or lsl_network else None
-        node = None
+        conversion, calibration = _conversion(session, unit)
+        outlet = node = None
         try:
+            if lsl or lsl_network:
+                outlet = open_streams(session, network=lsl_network, conversion=conversion, calibration_id=calibration)
+                show(f"LSL streams {STREAM!r} and {MARKERS!r}, source_id {outlet.source_id}")
             if secop or listen:
-                address = _address(listen or secop or SECOP)
-                node = _secop(session, convert, address, token_file, plans, allow_control=allow_control)
+                folder = recordings_folder(session.settings)
+                node = open_node(session, choice, folder, conversion=lambda: conversion, plans=lambda: armable)
+                show(f"SECoP node {host}:{node.port}, control {'allowed' if allow_control else 'not allowed'}")
             _wait(session, duration)
         finally:
             for server in (node, outlet):
@@ -95,81 +109,20 @@ def serve(
         emit_json(content)
 
 
-def _conversion(session: Session, unit: str) -> tuple[Convert | None, str]:
+def _conversion(session: Session, unit: str) -> tuple[Conversion | None, str]:
     """Return the conversion by the calibration in force of a unit, and its identity; none without one."""
-    units = session.units.of(simulated=session.snapshot().simulated)
-    stored = units.load(unit).calibration if unit else None
+    seen = session.snapshot()
+    stored = session.units.of(simulated=seen.simulated).load(unit).calibration if unit else None
     if stored is None:
         notify("without elongation: the unit has no calibration" if unit else "without elongation: no --unit is given")
         return None, ""
     from boat_daq.viewmodels.live.conversion import prepare
 
     conversion = prepare(stored.content)
-
-    def convert(signal_mv: Any) -> Any:
-        found = conversion(signal_mv)
-        return found.mm, found.expanded_mm
-
-    return convert, f"{unit} {stored.utc}"
-
-
-def _lsl(session: Session, convert: Convert | None, calibration: str, *, network: bool) -> LslOutlet:
-    from analysis.errors import RequestError
-    from analysis.optional import optional
-    from boat_daq.engine.outlets.lsl import MARKERS, STREAM, LslOutlet
-
-    try:
-        pylsl = optional("pylsl")
-    except RuntimeError as error:  # the module is there, its library is not
-        raise RequestError(f"liblsl cannot be loaded: {error}", "Install liblsl of your system.") from error
-    outlet = LslOutlet(session, pylsl, network=network, convert=convert, calibration_id=calibration)
-    show(f"LSL streams {STREAM!r} and {MARKERS!r}, source_id {outlet.source_id}")
-    return outlet
-
-
-def _secop(
-    session: Session,
-    convert: Convert | None,
-    address: tuple[str, int],
-    token_file: Path | None,
-    plans: Path | None,
-    *,
-    allow_control: bool,
-) -> SecopServer:
-    import numpy as np
-
-    from boat_daq.engine.outlets.secop_node import SecopNode
-    from boat_daq.engine.outlets.secop_server import SecopServer, read_token
-    from boat_daq.engine.plan import built_in_plans, plans_in
-    from boat_daq.engine.settings import recordings_folder
-
-    def elongation(signal_mv: tuple[float, ...]) -> tuple[float, float]:
-        assert convert is not None
-        mm, u_mm = convert(np.array([signal_mv]))
-        return float(mm[0]), float(u_mm[0])
-
-    token = read_token(token_file) if token_file is not None else ""
-    known = plans_in(plans) if plans is not None else built_in_plans()
-    node = SecopNode(
-        session,
-        recordings_folder(session.settings),
-        allow_control=allow_control,
-        elongation=None if convert is None else elongation,
-        plans=lambda: known,
-    )
-    server = SecopServer(node, address, token=token)
-    show(f"SECoP node {address[0]}:{server.port}, control {'allowed' if allow_control else 'not allowed'}")
-    return server
-
-
-def _address(text: str) -> tuple[str, int]:
-    """Return host and port of ``HOST[:PORT]``."""
-    from boat_daq.engine.outlets.secop_server import PORT
-
-    host, _, number = text.rpartition(":") if ":" in text else (text, "", "")
-    if number and not number.isdecimal():
-        raise typer.BadParameter(f"{number!r} is no port", param_hint="--secop")
-    return host or "localhost", int(number or PORT)
+    if seen.last is None or conversion.sensors != len(seen.last.signal_mv):
+        notify(f"without elongation: the calibration is of {conversion.sensors} sensors")
+        return None, ""
+    return conversion, f"{unit} {stored.utc}"
 
 
 def _wait(session: Session, duration_s: float | None) -> None:

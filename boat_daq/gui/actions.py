@@ -90,6 +90,9 @@ def session(window: MainWindow) -> list[Command]:
         add(
             "Open a window for another board", "Ctrl+Shift+W", partial(attempt, start_window), also="second session new"
         ),
+        add(
+            "Streams and remote control …", "Ctrl+Shift+H", window.show_outlets, also="lsl secop outlet server network"
+        ),
         add("Disconnect", "Ctrl+Shift+K", partial(attempt, connection.disconnect), has_port),
         add("Start or close the recording", "Ctrl+R", run.toggle_recording, model.connected, apart=True),
         add("Add marker …", "Ctrl+M", window.live.ask_marker, model.connected, also="mark note comment moment"),

@@ -20,6 +20,7 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import open_path
 from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.common.notices import TITLES, Notice, Notices, Severity
+from boat_daq.viewmodels.common.outlets import OutletsModel
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.live.connection import ConnectionModel, link_text
 from boat_daq.viewmodels.live.conversion import UnitInUse
@@ -47,11 +48,12 @@ class Header(QWidget):
         connection: ConnectionModel,
         unit: UnitInUse,
         recording: RecordingStatus,
+        outlets: OutletsModel,
         vents: Vents,
         services: Services,
     ) -> None:
         super().__init__()
-        self._vents = vents
+        self._vents, self._outlets = vents, outlets
         self.connection, self.unit_in_use = connection, unit
         self.recording = RecordingBadge(recording, services)
         self.setFixedHeight(style.HEADER_HEIGHT)
@@ -59,9 +61,13 @@ class Header(QWidget):
         self.link = widgets.button("", partial(services.show, Panel.CONNECT), name="Connection", tip=CHOOSE)
         self.figures = [widgets.label("", "muted") for _ in range(FIGURES)]
         self.unit = widgets.button("", partial(services.show, Page.RUNS), name="Unit and calibration")
+        show_outlets = partial(services.show, Panel.OUTLETS)
+        self.outlets = widgets.button("", show_outlets, "outlets", name="Streams and remote control")
+        self.outlets.hide()
+        self._open_outlets = outlets.view()
         self._unit_text = ""
         self._lengths: tuple[object, ...] = ()
-        self._short = False  # whether the recording's size is left out
+        self._short = 0  # 1: the recording's size and the outlets' names are left out; 2: the outlets are a sign
         self.vent = vent_button(vents.this)
         self.vent_all = vent_all_button(vents.all)
         self.vent_all.hide()
@@ -70,7 +76,15 @@ class Header(QWidget):
         ends = (style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0)
         record = self.recording.badge, self.recording.button
         self.line = widgets.row(
-            *left, None, *record, self.unit, self.vent_all, self.vent, spacing=style.CARD_PADDING, margins=ends
+            *left,
+            None,
+            *record,
+            self.outlets,
+            self.unit,
+            self.vent_all,
+            self.vent,
+            spacing=style.CARD_PADDING,
+            margins=ends,
         )
         for widget in left:
             self.line.setAlignment(widget, Qt.AlignmentFlag.AlignVCenter)
@@ -85,13 +99,13 @@ class Header(QWidget):
     def _fit(self) -> None:
         """Leave out what does not fit; the tooltips of link and unit still show it.
 
-        The order: the program's name (it is in the title), size and disk of the recording, the date of the
+        The order: the program's name (it is in the title), size and disk of the recording, the outlets, the date of the
         calibration, link figures without a warning from the last on, the calibration.
         """
         wide = self.width() >= style.NARROW_BELOW
         widgets.set_text(self.vent_all, "ALL   Shift+F4" if wide else "ALL")
-        self._short = False
-        self.recording.fold(short=False)
+        self._short = 0
+        self._fold()
         shown = [label for label in self.figures if label.text()]
         left = [label for label in reversed(shown) if not label.property("state")]
         unit, _, calibration = self._unit_text.partition(SEPARATOR)
@@ -100,7 +114,8 @@ class Header(QWidget):
         widths = {name: self.unit.fontMetrics().horizontalAdvance(name) for name in names}
         around = self.unit.sizeHint().width() - self.unit.fontMetrics().horizontalAdvance(self.unit.text())
         record = self.recording.badge, self.recording.button
-        fixed = (self.simulated, self.link, self.vent, self.vent_all, *record, *([self.brand] if wide else []))
+        buttons = (self.link, self.vent, self.vent_all, self.outlets)
+        fixed = (self.simulated, *buttons, *record, *([self.brand] if wide else []))
 
         def fixed_width() -> int:
             return self._needed([w for w in fixed if w is self.brand or not w.isHidden()]) + around
@@ -111,17 +126,27 @@ class Header(QWidget):
             return needed + self._needed(shown, 0) + widths[names[0]] > self.width()
 
         if too_wide():
-            self._short = True
-            self.recording.fold(short=True)
+            self._short = 1
+            self._fold()
             needed = fixed_width()
         names = names[too_wide() :]
         while left and too_wide():
             shown.remove(left.pop(0))
         names = names[-1:] if too_wide() else names
+        if needed + widths[names[0]] > self.width():
+            self._short = 2
+            self._fold()
         self.brand.setVisible(wide)
         for label in self.figures:
             label.setVisible(label in shown)
         widgets.set_text(self.unit, names[0])
+
+    def _fold(self) -> None:
+        """Show recording and outlets as short as they must be."""
+        self.recording.fold(short=self._short > 0)
+        outlets = self._open_outlets
+        widgets.set_text(self.outlets, (outlets.badge, outlets.short, "\u21c4")[self._short])
+        widgets.set_state(self.outlets, "sign" if self._short == 2 else "", "fold")
 
     def _needed(self, shown: Sequence[QWidget], around: int = 1) -> int:
         """Return the width of `shown`, a space after each, and `around` times the margins and one space."""
@@ -148,16 +173,31 @@ class Header(QWidget):
             widgets.set_text(label, figure)
             widgets.set_state(label, state)
         self.recording.refresh(snapshot)
+        self._refresh_outlets()
         self._unit_text = self.unit_in_use.text(snapshot)
         self.link.setToolTip("\n".join((CHOOSE, words, *(figure for figure, _ in text.figures))))
         self.unit.setToolTip(f"{self._unit_text}\nThe connected unit and its calibration")
         widths = ((len(figure), state) for figure, state in text.figures)
-        lengths = (words, snapshot.simulated, self._unit_text, *self.recording.lengths(), *widths)
+        lengths = (
+            words,
+            snapshot.simulated,
+            self._unit_text,
+            self._open_outlets.badge,
+            *self.recording.lengths(),
+            *widths,
+        )
         if lengths != self._lengths:  # digits have one width: where no figure is longer, nothing is measured again
             self._lengths = lengths
             self._fit()
         else:
-            self.recording.fold(short=self._short)
+            self._fold()
+
+    def _refresh_outlets(self) -> None:
+        """Show what is streamed and served."""
+        view = self._open_outlets = self._outlets.view()
+        widgets.set_state(self.outlets, "warning" if view.control else "")
+        self.outlets.setToolTip(f"LSL: {view.streams}\nSECoP: {view.node}\nStreams and remote control")
+        self.outlets.setVisible(bool(view.badge))
 
 
 def vent_button(vent: Callable[[], None]) -> QPushButton:

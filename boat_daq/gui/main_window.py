@@ -22,6 +22,7 @@ from boat_daq.gui import style
 from boat_daq.gui.connect_panel import ConnectPanel
 from boat_daq.gui.header import Header, Navigation, Strip, Vents
 from boat_daq.gui.live.live_page import LivePage
+from boat_daq.gui.live.outlets_panel import OutletsPanel
 from boat_daq.gui.live.units_panel import UnitsPanel
 from boat_daq.gui.models.optics_page import OpticsPage
 from boat_daq.gui.models.shadow_page import ShadowPage
@@ -73,7 +74,8 @@ class MainWindow(QMainWindow):
         self.setAcceptDrops(True)
         self.setMinimumSize(*style.WINDOW_MINIMUM)
         vents = Vents(self.vent, model.windows.vent_all, lambda: model.windows.others)
-        self.header = Header(model.connection, model.unit, RecordingStatus(model.run), vents, model.services)
+        recording = RecordingStatus(model.run)
+        self.header = Header(model.connection, model.unit, recording, model.outlets, vents, model.services)
         self.strip = Strip(model.notices, model.jobs)
         self.navigation = Navigation(tuple(Page), self.go, self.show_keys)
         self.stack = QStackedWidget()
@@ -90,6 +92,7 @@ class MainWindow(QMainWindow):
         self.palette_ = Palette(self, self.commands)
         self.keys: ShortcutSheet | None = None
         self.units_panel: UnitsPanel | None = None  # made where it is first shown
+        self.outlets_panel: OutletsPanel | None = None
         self.window_keys = WindowKeys(
             self, self.vent, model.windows.vent_all, self.escape, lambda: self.page is Page.LIVE
         )
@@ -170,6 +173,8 @@ class MainWindow(QMainWindow):
         self.guard.show(self.connect_panel, "The connection", lambda: self.connect_panel.refresh(snapshot))
         self.guard.show(self.profile_panel, "The description of a board", self.profile_panel.refresh)
         self.guard.show(self.import_panel, "The import", self.import_panel.refresh)
+        if self.outlets_panel is not None and self.outlets_panel.isVisible():
+            self.guard.show(self.outlets_panel, "Streams and remote control", self.outlets_panel.refresh)
         title = self.model.title()
         if title != self.windowTitle():
             self.setWindowTitle(title)
@@ -207,11 +212,19 @@ class MainWindow(QMainWindow):
             return
         panels = {
             Panel.CONNECT: self.connect_panel.open_fresh, Panel.REPORT: self.ask_report,
-            Panel.SEGMENTS: self.live.edit_segments,
+            Panel.SEGMENTS: self.live.edit_segments, Panel.OUTLETS: self.show_outlets,
             Panel.PROFILE: self.profile_panel.open_fresh,
             Panel.PLAN: self.live.show_plan, Panel.PHOTOGRAPH: self.live.open_photograph,
         }  # fmt: skip
         panels[place]()
+
+    def show_outlets(self) -> None:
+        """Show the panel for streams and remote control."""
+        if self.outlets_panel is None:
+            self.outlets_panel = OutletsPanel(self, self.model.outlets, self.model.services)
+        self.outlets_panel.refresh()
+        self.outlets_panel.show()
+        self.outlets_panel.raise_()
 
     def vent(self) -> None:
         """Vent at once."""

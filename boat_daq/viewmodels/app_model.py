@@ -19,6 +19,7 @@ from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, prepare
 from boat_daq.viewmodels.common.notices import Notices, SessionMessages, Severity
 from boat_daq.viewmodels.common.open_windows import OpenWindows
+from boat_daq.viewmodels.common.outlets import OutletsModel
 from boat_daq.viewmodels.common.preferences import Precision, Preferences, UnitChoice
 from boat_daq.viewmodels.common.services import Page, Panel, Services, UndoHistory
 from boat_daq.viewmodels.live.board_profile import BoardProfile
@@ -75,6 +76,7 @@ class AppModel:
         self.readings = ReadingsModel(session, self.undo, self.shadow.nominal_at)
         self.camera = CameraModel(session, self.preferences)
         self.unit = UnitInUse(self.units, self.connection, self.live)
+        self.outlets = OutletsModel(session, self.preferences, self.unit, lambda: self.sequence.plans, recordings)
         self.runs = RunsModel(recordings, self.units, self.jobs, self.notices, self.undo, self._renamed)
         self.csv_import = CsvImport(recordings, self.jobs, self.preferences, self._imported)
         self.calibration = CalibrationModel(session, self.units, self.jobs, self.services, self.runs.newest)
@@ -136,6 +138,7 @@ class AppModel:
         attempt(lambda: self.run.follow(snapshot))
         attempt(lambda: self.camera.follow(snapshot))
         attempt(lambda: self.unit.follow(snapshot, self.calibration.units_revision))
+        attempt(lambda: self.outlets.follow(snapshot))
         self._messages.follow(snapshot)
         self.windows.follow()
         return snapshot
@@ -203,6 +206,7 @@ class AppModel:
         """Vent, close the recording and the link, cancel background work."""
         for part in (
             self.run.enough,
+            self.outlets,
             self.windows,
             self.jobs,
             self.unit,

@@ -21,6 +21,7 @@ import os
 import socket
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -86,6 +87,7 @@ class LslOutlet:
         self._last_s = 0.0  # stamp of the newest sample
         self._clock, self._offset_s = ClockFit(), _offset_s(pylsl)
         self._clock_told_s = 0.0
+        self._calibrations: deque[str] = deque()  # to be marked
         about = {
             "board_id": board_id,
             "unit": seen.unit,
@@ -109,6 +111,16 @@ class LslOutlet:
         slope = self._clock.slope
         drift_ppm = None if slope is None else (slope - 1.0) * 1e6
         return {"drift_ppm": drift_ppm, "jitter_ms": self._clock.jitter_ms, "host_offset_s": self._offset_s}
+
+    @property
+    def is_read(self) -> bool:
+        """Whether an inlet of the samples is open."""
+        return bool(self._samples is not None and self._samples.have_consumers())
+
+    def use(self, convert: Convert | None, calibration_id: str) -> None:
+        """Convert by another calibration from now on; a marker of kind `calibration` names it."""
+        self._convert = convert
+        self._calibrations.append(calibration_id)
 
     def close(self) -> None:
         """Push what waits, and withdraw the streams."""
@@ -145,7 +157,8 @@ class LslOutlet:
             return
         self.skipped += block.skipped
         nan = np.full(len(block), np.nan)
-        mm, u_mm = (nan, nan) if self._convert is None else self._convert(block.signal_mv)
+        convert = self._convert
+        mm, u_mm = (nan, nan) if convert is None else convert(block.signal_mv)
         usual = [block.signal_mv, block.pressure_kpa, block.target_kpa, mm, u_mm]
         values = np.column_stack([*usual, *block.others.values()])
         self._samples.push_chunk(np.ascontiguousarray(values), self._stamps(block).tolist())
@@ -170,6 +183,8 @@ class LslOutlet:
         if now_s - self._clock_told_s > CLOCK_EVERY_S and self._clock.slope is not None:
             self._clock_told_s = now_s
             self._mark({"kind": "clock", **self.clock}, now_s)
+        while self._calibrations:
+            self._mark({"kind": "calibration", "calibration_id": self._calibrations.popleft()}, now_s)
         for marker, time_us in self._told.new():
             known = time_us is not None and self.pushed > 0
             at_s = float(self._clock.host_s(np.array([time_us]))[0]) if known else now_s

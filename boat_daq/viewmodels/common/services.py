@@ -36,6 +36,7 @@ class Panel(StrEnum):
     SEGMENTS = "segments"
     PHOTOGRAPH = "photograph"
     REPORT = "report"
+    OUTLETS = "outlets"
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,6 +52,11 @@ class Conversion:
     def __init__(self, fusion: Fusion, prediction: LivePrediction | None = None) -> None:
         self.fusion, self.prediction = fusion, prediction
 
+    @property
+    def sensors(self) -> int:
+        """Number of sensors that are converted."""
+        return len(self.fusion.inverses)
+
     def __call__(self, signal_mv: FloatArray) -> LiveElongation:
         """Return the elongation of [n, sensors] signals, sensors fused."""
         found = self.fusion.evaluate(signal_mv)
@@ -112,6 +117,11 @@ class UnitInUse:
         text = f"calibrated {stored.utc[:10]}" if stored is not None else "not calibrated"
         text += ", out of tolerance" if stored is not None and stored.content.get("poor") else ""
         return f"{self.name(snapshot)}  \u00b7  {text}"
+
+    @property
+    def calibration_id(self) -> str:
+        """Name the calibration in force: unit and time; empty without one."""
+        return f"{self._followed[0]} {self._stored.utc}" if self._stored is not None else ""
 
     def follow(self, snapshot: SessionSnapshot, revision: int) -> None:
         """Use the calibration in force of the unit on the bench: that of a simulated unit on a simulated board.

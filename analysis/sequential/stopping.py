@@ -31,7 +31,8 @@ from analysis.calibration.fit import Calibration
 from analysis.errors import RequestError
 from analysis.figures.pipeline import Analysis, analyse
 from analysis.figures.sensor_analysis import AnalysedRun, Options
-from analysis.figures.uncertainty import COVERAGE_FACTOR, Budget, CycleEffect, elongation_reader
+from analysis.figures.uncertainty import COVERAGE_FACTOR, Budget, elongation_reader
+from analysis.segmentation.cycle_effect import CycleEffect
 
 FEWEST_CYCLES = 2
 FEWEST_REPEATS = 10

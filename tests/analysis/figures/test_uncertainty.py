@@ -18,7 +18,6 @@ from analysis.figures.figure import Figure
 from analysis.figures.uncertainty import (
     BudgetOfSensor,
     Component,
-    CycleEffect,
     SignalParts,
     combine,
     curve_candidates_of,
@@ -300,22 +299,6 @@ def test_without_counts_there_is_no_resolution(lacks: str) -> None:
     else:
         run.recording.meta[lacks] = None
     assert signal_parts(run, 0).resolution == 0.0
-
-
-def test_cycles_that_differ_as_a_whole_have_few_degrees_of_freedom() -> None:
-    """Three cycles 3 mV apart, four places that scatter by 0.1 mV about them: 2 degrees of freedom, not 6."""
-    own = 0.1 * np.array([[1.0, -1.0, 1.0, -1.0], [-1.0, 1.0, -1.0, 1.0], [0.0, 0.0, 0.0, 0.0]])
-    effect = CycleEffect.of(loops_of(own + 3.0 * np.array([[-1.0], [0.0], [1.0]])), 0)
-    assert (effect.cycles, effect.places) == (3, 4)
-    assert effect.mean_variance == pytest.approx(9.0)
-    assert effect.own_variance == pytest.approx(8 * 0.01 / 6)
-    pooled = np.sqrt(9.0 + 0.01)
-    shared = 9.0 - effect.own_variance / 4
-    assert effect.repeatability(pooled, 0.0) == pytest.approx(np.sqrt(shared * 4 / 3 + pooled**2 - shared))
-    assert effect.dof(pooled, 0.0) == pytest.approx(2.0, rel=0.02)
-    assert effect.repeatability(pooled, 9.0) == pytest.approx(pooled)
-    assert effect.dof(pooled, 9.0) == pytest.approx(6.0)
-    assert effect.upper_mv(0.8) == pytest.approx(np.sqrt(9.0 * 2 / 0.44628710 * 4 / 3))
 
 
 def test_run_of_one_cycle_and_level_has_degrees_of_freedom() -> None:

@@ -13,7 +13,7 @@ import pytest
 from analysis.atlas.runs import Stairs, analysed
 from analysis.errors import RequestError
 from analysis.figures.pipeline import Analysis
-from analysis.figures.uncertainty import CycleEffect
+from analysis.segmentation.cycle_effect import CycleEffect
 from analysis.sequential.stopping import (
     DRIFT,
     FEWEST_REPEATS,

@@ -1,0 +1,86 @@
+"""What the plateaus of a cycle differ by together from those of the other cycles.
+
+Strategy: one-way random effects: the mean of each cycle, about it each plateau. What is shared has the degrees of
+freedom of the cycles, the rest those of the plateaus.
+
+Rules: only places that every cycle has are compared; nothing here knows curves or elongations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from analysis.segmentation.loops import Loops
+
+
+@dataclass(frozen=True, slots=True)
+class CycleEffect:
+    """What the plateaus of a cycle differ by together from those of other cycles.
+
+    That has only as many degrees of freedom as there are cycles, and moved the curve too: the error of a mean over n
+    cycles adds 1/n of its variance.
+
+    Parameters
+    ----------
+    cycles, places : numbers of cycles, and of places that each of them has.
+    mean_variance : of the means of the cycles, mV^2. own_variance : of a plateau about the mean of its cycle.
+
+    Notes
+    -----
+    One-way random effects by the analysis of variance (S. R. Searle, G. Casella, C. E. McCulloch, Variance Components,
+    1992, 3.6); degrees of freedom of the sum by Welch and Satterthwaite.
+    """
+
+    cycles: int
+    places: int
+    mean_variance: float
+    own_variance: float
+
+    @classmethod
+    def of(cls, loops: Loops, sensor: int) -> CycleEffect:
+        """Assess the cycles of a run; no variance where it has one only."""
+        values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
+        whole = np.isfinite(values).all(axis=1)
+        cycles, places = loops.n_cycles, int(whole.sum())
+        if cycles < 2 or places < 2:
+            return cls(cycles, places, 0.0, 0.0)
+        away = values.transpose(1, 0, 2)[:, whole]
+        away = away - away.mean(axis=0)
+        means = away.mean(axis=1)
+        own = float(((away - means[:, None]) ** 2).sum()) / ((cycles - 1) * (places - 1))
+        return cls(cycles, places, float(means @ means) / (cycles - 1), own)
+
+    def _parts(self, repeatability: float, drift: float) -> tuple[float, float]:
+        """Return the variances of what the cycles differ by together, with its error of the curve, and of the rest."""
+        shared = self.mean_variance - self.own_variance / max(self.places, 1) - drift**2
+        shared = min(max(shared, 0.0), repeatability**2)
+        return shared * (1.0 + 1.0 / max(self.cycles, 1)), repeatability**2 - shared
+
+    def repeatability(self, pooled: float, drift: float) -> float:
+        """Return the repeatability of a reading in a further cycle, mV, of the pooled one without the drift."""
+        return float(np.sqrt(sum(self._parts(pooled, drift))))
+
+    def dof(self, pooled: float, drift: float) -> float:
+        """Return the degrees of freedom of `repeatability`."""
+        of_cycles, of_plateaus = self._parts(pooled, drift)
+        rows = max(self.cycles - 1, 1)
+        rest = float(rows * max(self.places - 1, 1))
+        small = of_cycles**2 / rows + of_plateaus**2 / rest
+        return (of_cycles + of_plateaus) ** 2 / small if small > 0.0 else rest
+
+    def upper_mv(self, share: float) -> float:
+        """Return the upper limit of what a further cycle may differ by from the curve, at a one-sided confidence."""
+        if self.cycles < 2:
+            return 0.0
+        rows = self.cycles - 1
+        limit = self.mean_variance * rows / float(stats.chi2.ppf(1.0 - share, rows))
+        return float(np.sqrt(limit * (1.0 + 1.0 / self.cycles)))
+
+    def interval(self, pooled: float) -> tuple[float, float]:
+        """Return the 95 % interval of a pooled sd over the cycles: that of a normal sample of as many degrees."""
+        dof = self.dof(pooled, 0.0)
+        low, high = (float(np.sqrt(dof / stats.chi2.ppf(share, dof))) for share in (0.975, 0.025))
+        return pooled * low, pooled * high

@@ -196,21 +196,24 @@ class WithinTolerance:
         return analysis, {f"accuracy_{name}": value for name, value in accuracy_of(analysis).as_json().items()}
 
 
-def sample_within(sample: Callable[[int], Posterior], tolerance: float) -> tuple[Posterior, float]:
-    """Return a posterior with no more samples than a tolerance takes, and the error of its band, in the unit of y.
+def sample_within(
+    sample: Callable[[int], Posterior], tolerance: float, unit: Literal["mm", "y"] = "y"
+) -> tuple[Posterior, float]:
+    """Return a posterior with no more samples than a tolerance takes, and the error of its band.
 
     Parameters
     ----------
     sample : returns the posterior with at least so many effective samples. tolerance : of its 95 % band, k = 2.
+    unit : of tolerance and error, as `greatest_band_error`.
 
     Raises
     ------
     RequestError : the tolerance cannot be met.
     """
-    check_tolerance(tolerance, "y")
+    check_tolerance(tolerance, unit)
     samples = FEWEST_SAMPLES
-    while (error := greatest_band_error([found := sample(samples)], "y")) > tolerance:
-        samples = draws_for(int(found.n_eff), error, tolerance, "in y", MOST_SAMPLES)
+    while (error := greatest_band_error([found := sample(samples)], unit)) > tolerance:
+        samples = draws_for(int(found.n_eff), error, tolerance, unit, MOST_SAMPLES)
     return found, error
 
 

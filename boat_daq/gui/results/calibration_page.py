@@ -30,6 +30,7 @@ from boat_daq.viewmodels.results.analysis_jobs import CurveBands, LoopSet, RunRe
 from boat_daq.viewmodels.results.calibration import (
     ACCEPT,
     ANYWAY,
+    BAND_TOLERANCES_MM,
     CHOICES,
     CURVE_HEADINGS,
     CalibrationModel,
@@ -45,6 +46,10 @@ BANDS = "Uncertainty bands"
 BANDS_TIP = (
     "Bands that include the uncertainty from the grid of the readings: samples the posterior of the coefficients with "
     "emcee, a Markov chain Monte Carlo; takes a while, in the background"
+)
+TOLERANCE_TIP = (
+    "Greatest error of the sampled 95 % bands by the number of samples (95 %): a smaller one takes more samples; "
+    "automatic: by the precision in the Models menu"
 )
 BANDS_SHOWN = (
     "Bands: 68 % and 95 % of the curve, from the least-squares fit or from the sampled posterior (emcee); the widest "
@@ -362,11 +367,17 @@ class CalibrationPage(QWidget):
         self.candidates = DataTable("Curves compared", CURVE_HEADINGS, stretched=0, right=(2, 3))
         self.candidates.explain(CURVE_TIPS)
         self.export = widgets.button("Export calibration \u2026", self.ask_export, tip=EXPORT_TIP)
+        steps = [("Automatic", None), *((f"\u00b1{mm:g} mm", mm) for mm in BAND_TOLERANCES_MM)]
+        self.tolerance = widgets.choice("Error of the bands", steps, self._choose_tolerance, tip=TOLERANCE_TIP)
         line = widgets.row(widgets.label("Curve"), self.choice, None, self.export)
-        return widgets.inside(widgets.column(style.GAP, line, (self.candidates, 1), spacing=style.GAP))
+        bands = widgets.row(widgets.label("Error of the sampled bands"), self.tolerance, None)
+        return widgets.inside(widgets.column(style.GAP, line, bands, (self.candidates, 1), spacing=style.GAP))
 
     def _choose_curve(self, name: str) -> None:
         self.services.notices.attempt(lambda: self.model.choose_curve(name))
+
+    def _choose_tolerance(self, tolerance_mm: float | None) -> None:
+        self.services.notices.attempt(lambda: self.model.set_tolerance(tolerance_mm))
 
     def _again(self) -> None:
         path = self.model.last_path
@@ -474,7 +485,8 @@ class CalibrationPage(QWidget):
     def _show_texts(self, result: RunResult) -> None:
         verdicts = {True: "converged", False: "NOT CONVERGED"}
         posterior = [
-            f"{s.label}: {verdicts[p.content['converged']]}, {p.content['n_eff']:.0f} independent samples"
+            f"{s.label}: {verdicts[p.content['converged']]}, {p.content['n_eff']:.0f} independent samples, bands "
+            f"\u00b1{p.content['band_error_mm']:.2g} mm"
             for s, p in zip(result.sensors, self.model.posterior, strict=False)
         ]
         self.posterior.setText("\n".join(["Uncertainty bands (emcee)", *posterior] if posterior else []))

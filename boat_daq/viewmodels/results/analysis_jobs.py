@@ -29,6 +29,7 @@ from boat_daq.viewmodels.results.camera import CameraResult, camera_result
 from protocol.units import STORED_UNITS, ShownUnits
 
 if TYPE_CHECKING:
+    from analysis.calibration.posterior import Posterior
     from analysis.conformity import Conformity
     from analysis.figures.acceptance import LimitStatement
     from analysis.figures.across_breaks import Break, Comparison
@@ -441,6 +442,7 @@ def sample_run(
     points: list[tuple[list[float], list[float], int, list[int] | None]],
     reading_sd_mm: float,
     level: Level = "normal",
+    tolerance_mm: float | None = None,
     *,
     progress: Progress | None = None,
 ) -> tuple[CurveBands, ...]:
@@ -451,22 +453,34 @@ def sample_run(
     points : for each sensor elongations (mm), signals (mV), the degree, and the position where each point was read.
     reading_sd_mm : standard uncertainty of a reading, mm.
     level : of the sampler's fidelity.
+    tolerance_mm : error of the 95 % band by its samples, which chooses their number; None for the fidelity's.
     progress : is called with what is done and the total.
     """
     from analysis.calibration.posterior import sample_posterior
+    from analysis.sequential.accuracy import greatest_band_error, sample_within
 
     results, fineness = [], fidelity(level)
-    for i, (x, y, degree, positions) in enumerate(points):
-        posterior = sample_posterior(
-            x, y, degree, reading_sd=reading_sd_mm, positions=positions, seed=i,
-            walkers=fineness.walkers, samples=fineness.posterior_samples, progress=part_of(progress, i, 1, len(points)),
-        )  # fmt: skip
+    for i, (x, y, *_) in enumerate(points):
+
+        def sample(samples: int, i: int = i) -> Posterior:
+            x, y, degree, positions = points[i]
+            return sample_posterior(
+                x, y, degree, reading_sd=reading_sd_mm, positions=positions, seed=i, walkers=fineness.walkers,
+                samples=samples, progress=part_of(progress, i, 1, len(points)),
+            )  # fmt: skip
+
+        if tolerance_mm is None:
+            posterior = sample(fineness.posterior_samples)
+            error_mm = greatest_band_error([posterior], "mm")
+        else:
+            posterior, error_mm = sample_within(sample, tolerance_mm, "mm")
         grid = np.linspace(min(x), max(x), GRID)
         mean = posterior.curves(grid).mean(axis=0)
         bands = posterior.curve_band(grid, 0.68), posterior.curve_band(grid, 0.95)
         results.append(
             CurveBands(
-                grid, mean, np.asarray(y) - np.interp(x, grid, mean), *bands, posterior.as_json(),
+                grid, mean, np.asarray(y) - np.interp(x, grid, mean), *bands,
+                posterior.as_json() | {"band_error_mm": error_mm},
                 posterior.new_reading_band(grid, 0.95),
             )
         )  # fmt: skip

@@ -59,6 +59,8 @@ CHOICES = (
     ("By cross-validation", AUTO),
 )
 """The curves that can be chosen, as texts with their names."""
+BAND_TOLERANCES_MM = (0.02, 0.01, 0.005)
+"""Errors of sampled bands that can be chosen: thousands of samples leave some hundredths."""
 CURVE_HEADINGS = ("Curve", "Verdict", "U, \u00b5m", "Error, mV")
 
 
@@ -118,6 +120,7 @@ class CalibrationModel:
         self.before: StoredCalibration | None = None  # the unit's calibration in force when the run was analysed
         self.agreements: tuple[Agreement | None, ...] = ()
         self.posterior: tuple[CurveBands, ...] = ()
+        self.tolerance_mm: float | None = None  # of the next sampled bands; None: by the fidelity
         self.failure: Any = None
         self.last_path: Path | None = None
         self.choice = ""  # that was chosen for the last recording; none: see `chosen_curve`
@@ -315,8 +318,15 @@ class CalibrationModel:
             raise OperatorError("a spline has no posterior", "Choose a degree for the curve.")
         contents = [s.fit.content for s in self.result.sensors if s.fit is not None]
         points = [(c["elongation_mm"], c["signal_mv"], int(c["fit"]["degree"]), c.get("positions")) for c in contents]
-        job = Job("Computing uncertainty bands", sample_run, points, self.result.reading_sd_mm, self.fidelity.level)
+        reading_sd_mm, level = self.result.reading_sd_mm, self.fidelity.level
+        job = Job("Computing uncertainty bands", sample_run, points, reading_sd_mm, level, self.tolerance_mm)
         self.jobs.start("posterior", job, self._sampled)
+
+    def set_tolerance(self, tolerance_mm: float | None) -> None:
+        """Allow another error of the bands by their samples, None for the fidelity's; sampled bands are made again."""
+        self.tolerance_mm = tolerance_mm
+        if self.posterior:
+            self.sample()
 
     def exports(self) -> bool:
         """Return whether the run that is shown has a calibration to export."""

@@ -53,9 +53,9 @@ def test_sampled_posterior_is_of_each_sensor(tmp_path, result, monkeypatch):
     class DoneJob:
         state = JobState.DONE
 
-        def __init__(self, _label, function, points, reading_sd_mm, level):
-            assert level == fidelity().level
-            self.result = function(points, reading_sd_mm, "draft")
+        def __init__(self, _label, function, points, reading_sd_mm, level, tolerance_mm):
+            assert (level, tolerance_mm) == (fidelity().level, model.tolerance_mm)
+            self.result = function(points, reading_sd_mm, "draft", tolerance_mm)
 
         def poll(self):
             return self.state
@@ -68,6 +68,11 @@ def test_sampled_posterior_is_of_each_sensor(tmp_path, result, monkeypatch):
     assert model.revision == before + 1
     for bands, sensor in zip(model.posterior, result.sensors, strict=True):
         assert np.abs(np.interp(bands.grid, sensor.fit.grid, sensor.fit.curve) - bands.curve).max() < 5.0
+    usual = [bands.content["band_error_mm"] for bands in model.posterior]
+    model.set_tolerance(2.0 * max(usual))  # sampled again, as there are bands
+    model.jobs.poll()
+    assert [bands.content["band_error_mm"] for bands in model.posterior] == pytest.approx(usual)
+    assert model.revision == before + 2
     with pytest.raises(OperatorError, match="no calibration yet"):
         model_on(tmp_path).sample()
 

@@ -7,7 +7,9 @@ from functools import partial
 from pathlib import Path
 
 from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter
 
+from analysis.figure_style import SOFT, sensor_colour
 from analysis.progress import Progress
 from analysis.reports.document import Report, ReportDrawing, ReportTable, Section
 from analysis.reports.unit import write_built
@@ -43,7 +45,7 @@ def dynamic_report(found: DynamicCalibration) -> Report:
     sections = [*([_steps(found)] if found.steps else []), *([_bode(found)] if found.bode else [])]
     edge = found.bandwidth_hz
     settled = [figures["settling_s"].value for figures in found.steps.values()]
-    parts = [f"settles in {max(settled):.2f} s or less" if settled else ""]
+    parts = [f"settles in {max(settled):.2f} s or less, mean of the steps of a size" if settled else ""]
     parts.append(f"bandwidth {edge:.2f} Hz (-3 dB)" if math.isfinite(edge) else "")
     return Report(
         title="Dynamic calibration",
@@ -66,7 +68,8 @@ def _steps(found: DynamicCalibration) -> Section:
         f"Steps of the setpoint under control, up and down. Settling is to within {found.tolerance_mm:g} mm. "
         "Each value is the mean of the steps of its size, with the 95 % interval of the mean (Student t)."
     )
-    return Section("Step response", (text, ReportTable(header, rows)))
+    drawing = ReportDrawing((partial(_draw_steps, found),), "Mean response to the steps of each size.")
+    return Section("Step response", (text, *([drawing] if found.responses else []), ReportTable(header, rows)))
 
 
 def _bode(found: DynamicCalibration) -> Section:
@@ -84,6 +87,15 @@ def _bode(found: DynamicCalibration) -> Section:
     return Section("Frequency response", (drawing, table))
 
 
+def _draw_steps(found: DynamicCalibration, axes: Axes) -> None:
+    """Draw the mean response to the steps of each size over time."""
+    for number, (size, (time_s, share)) in enumerate(found.responses.items()):
+        axes.plot(time_s, 100.0 * share, color=sensor_colour(number), label=f"{size:g} mm")
+    axes.axhline(100.0, linestyle=":", color=SOFT)
+    axes.set(xlabel="time since the setpoint changed, s", ylabel="elongation, % of the step")
+    axes.legend(loc="lower right")
+
+
 def _draw(found: DynamicCalibration, axes: Axes, *, gain: bool) -> None:
     """Draw gain or phase over frequency."""
     frequency = [p.frequency_hz for p in found.bode]
@@ -91,8 +103,10 @@ def _draw(found: DynamicCalibration, axes: Axes, *, gain: bool) -> None:
     half = [2 * (p.u_gain_db if gain else p.u_phase_deg) for p in found.bode]
     axes.errorbar(frequency, values, yerr=half, fmt="o-", capsize=2)
     axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda hz, _: f"{hz:g}"))
     if gain:
-        axes.axhline(-3.0, linestyle=":", color="0.5")
+        axes.axhline(-3.0, linestyle=":", color=SOFT)
+        axes.annotate("-3 dB", (min(frequency), -3.0), xytext=(0, 2), textcoords="offset points", color=SOFT)
     axes.set_xlabel("frequency, Hz")
     axes.set_ylabel("gain, dB" if gain else "phase, °")
 

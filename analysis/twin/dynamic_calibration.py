@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from analysis.arrays import FloatArray
 from analysis.calibration.inverse import Fusion
 from analysis.data.recording import Recording
 from analysis.errors import DataError
 from analysis.twin.dynamics import BodePoint, DynamicFigure, bandwidth_hz
-from analysis.twin.runs import bode_of_run, step_response_figures
+from analysis.twin.runs import StepResponse, bode_of_run, mean_response, step_response_figures, step_responses
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +25,7 @@ class DynamicCalibration:
     tolerance_mm : of settling.
     steps : figures by the size of the step, mm.
     bode : a point for each sine. bandwidth_hz : at -3 dB; NaN where no sine reaches it.
+    responses : times and mean response of the steps of each size [2, n], as a share of the step; drawn only.
     """
 
     unit: str
@@ -32,6 +35,7 @@ class DynamicCalibration:
     steps: dict[float, dict[str, DynamicFigure]]
     bode: tuple[BodePoint, ...]
     bandwidth_hz: float
+    responses: dict[float, FloatArray] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
         """Return the figures, steps as a list."""
@@ -58,19 +62,18 @@ def dynamic_calibration(recording: Recording, fusion: Fusion, tolerance_mm: floa
     ------
     DataError : it has neither.
     """
-    found: dict[str, Any] = {"steps": {}, "bode": ()}
-    causes = []
-    for name, compute in (
-        ("steps", lambda: step_response_figures(recording, fusion, tolerance_mm)),
-        ("bode", lambda: bode_of_run(recording, fusion)),
-    ):
-        try:
-            found[name] = compute()
-        except DataError as error:
-            causes.append(error)
-    if len(causes) == 2:
-        raise causes[0]
-    edge = bandwidth_hz(found["bode"]) if found["bode"] else math.nan
+    steps: dict[float, list[StepResponse]] = {}
+    bode: tuple[BodePoint, ...] = ()
+    try:
+        steps = step_responses(recording, fusion)
+    except DataError:
+        bode = bode_of_run(recording, fusion)
+    else:
+        with suppress(DataError):  # steps alone
+            bode = bode_of_run(recording, fusion)
+    edge = bandwidth_hz(bode) if bode else math.nan
+    figures = {size: step_response_figures(rows, tolerance_mm) for size, rows in steps.items()}
+    responses = {size: mean_response(rows) for size, rows in steps.items()}
     return DynamicCalibration(
-        recording.unit, recording.simulated, recording.source, tolerance_mm, found["steps"], found["bode"], edge
+        recording.unit, recording.simulated, recording.source, tolerance_mm, figures, bode, edge, responses
     )

@@ -289,10 +289,11 @@ def _recorded_values(time_s: FloatArray, share: FloatArray, tolerance: float) ->
             return float(time_s[0])
         return float(np.interp(level, share[at - 1 : at + 1], time_s[at - 1 : at + 1]))
 
-    noise = 2.0 * float(share[-(len(share) // 4) :].std())  # of the settled part: it is no departure
+    noise = 2.0 * float(share[-(len(share) // 4) :].std())  # of the settled part: it is no departure, and no overshoot
     outside = np.flatnonzero(np.abs(share - 1.0) > tolerance + noise)
     settled = float(time_s[min(int(outside[-1]) + 1, len(time_s) - 1)]) if len(outside) else float(time_s[0])
-    return first(0.632), first(0.9) - first(0.1), settled, max(0.0, 100.0 * (float(share.max()) - 1.0))
+    over = float(share.max()) - 1.0
+    return first(0.632), first(0.9) - first(0.1), settled, max(0.0, 100.0 * (over - noise))
 
 
 def _step_values(lag: Lag, tolerance: float) -> tuple[float, ...]:

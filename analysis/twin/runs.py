@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -146,15 +147,17 @@ def bode_of_run(recording: Recording, fusion: Fusion) -> tuple[BodePoint, ...]:
     return tuple(points)
 
 
-def step_response_figures(
-    recording: Recording, fusion: Fusion, tolerance_mm: float = 0.05
-) -> dict[float, dict[str, DynamicFigure]]:
-    """Return the figures of a run's steps in millimetres, by the size of the step.
+@dataclass(frozen=True, slots=True)
+class StepResponse:
+    """One step: times since the setpoint changed [n], elongation less its begin [n], and the step's size, mm."""
 
-    Parameters
-    ----------
-    recording : of the plan steps-mm, say. fusion : of the unit.
-    tolerance_mm : of settling.
+    time_s: FloatArray
+    moved_mm: FloatArray
+    size_mm: float
+
+
+def step_responses(recording: Recording, fusion: Fusion) -> dict[float, list[StepResponse]]:
+    """Return the responses to a run's steps in millimetres, by the size of the step.
 
     Raises
     ------
@@ -162,21 +165,31 @@ def step_response_figures(
     """
     elongation, _ = run_elongation(recording, fusion)
     smooth = _smoothed(elongation)
-    sizes: dict[float, list[tuple[FloatArray, FloatArray, float]]] = {}
+    sizes: dict[float, list[StepResponse]] = {}
     for one in recorded_segments(recording):
         size = one.segment.target - one.start
         if one.segment.kind != "step" or one.quantity != "mm" or abs(size) < 1e-6:
             continue
         grid = np.arange(0.0, one.end_s - one.begin_s - GRID_S, GRID_S)
         x, _ = _aligned(recording.time_s, smooth, one.begin_s, grid)
-        sizes.setdefault(round(abs(size), 6), []).append((grid, x - one.start, size))
+        sizes.setdefault(round(abs(size), 6), []).append(StepResponse(grid, x - one.start, size))
     if not sizes:
         raise DataError("this run has no steps of elongation", "Record the plan steps-mm.")
-    found = {}
-    for size, rows in sorted(sizes.items()):
-        times, away, signed = zip(*rows, strict=True)
-        found[size] = step_figures(times, away, signed, tolerance_mm)
-    return found
+    return dict(sorted(sizes.items()))
+
+
+def step_response_figures(steps: Sequence[StepResponse], tolerance_mm: float = 0.05) -> dict[str, DynamicFigure]:
+    """Return the figures of repeated steps of one size; `tolerance_mm` is that of settling."""
+    return step_figures(
+        [one.time_s for one in steps], [one.moved_mm for one in steps], [one.size_mm for one in steps], tolerance_mm
+    )
+
+
+def mean_response(steps: Sequence[StepResponse]) -> FloatArray:
+    """Return times, s, and the mean of the steps' responses as shares of their size: [2, n]."""
+    shortest = min(steps, key=lambda one: len(one.time_s))
+    shares = [one.moved_mm[: len(shortest.time_s)] / one.size_mm for one in steps]
+    return np.stack([shortest.time_s, np.mean(shares, axis=0)])
 
 
 def _smoothed(values: FloatArray, samples: int = 9) -> FloatArray:

@@ -17,7 +17,8 @@ FIGURES = {
     "overshoot_percent": DynamicFigure(4.2, 3.0, 5.4),
 }
 BODE = (BodePoint(0.5, -0.2, -20.0, 0.05, 1.0), BodePoint(1.0, -4.0, -60.0, 0.1, 2.0))
-FOUND = DynamicCalibration("SA1", True, "folder/steps.boat", 0.05, {1.0: FIGURES}, BODE, 0.87, {1.0: np.array([[0.0, 1.0], [0.0, 1.02]])})
+RESPONSE = np.array([[0.0, 1.0], [0.0, 1.02]])
+FOUND = DynamicCalibration("SA1", True, "folder/steps.boat", 0.05, {1.0: FIGURES}, BODE, 0.87, {1.0: RESPONSE})
 
 
 def test_figures_and_points_are_in_the_tables():

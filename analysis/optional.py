@@ -11,6 +11,7 @@ from analysis.errors import RequestError
 EXTRAS = {  # module: name of the library, extra that brings it
     "cv2": ("OpenCV", "camera"),
     "distributed": ("Dask", "cluster"),
+    "frappy": ("frappy", "secop"),
     "h5py": ("h5py", "hdf5"),
     "pyarrow": ("pyarrow", "parquet"),
     "pylsl": ("pylsl", "lsl"),

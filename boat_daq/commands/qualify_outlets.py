@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
+import subprocess
 import sys
 import time
 from importlib.util import find_spec
@@ -19,6 +20,21 @@ if TYPE_CHECKING:
     from boat_daq.engine.qualification.drills import Drill, DrillRig
 
 STREAMED_S = 20.0  # of board time
+FRAPPY = """  # in a process of its own: frappy is another program, under another licence
+import json, sys, time
+from frappy.client import SecopClient
+client = SecopClient(f"localhost:{sys.argv[1]}")
+client.connect(10)
+client.setParameter("pressure", "_ramp", 50.0)
+client.setParameter("pressure", "target", 8.0)
+end = time.monotonic() + 10
+while client.cache["pressure", "value"][0] < 6.5 and time.monotonic() < end:
+    time.sleep(0.05)
+reached = client.cache["pressure", "value"][0]
+client.execCommand("vent", "vent")
+client.disconnect()
+print(json.dumps({"modules": sorted(client.modules), "reached_kpa": reached}))
+"""
 
 
 def lsl(rig: DrillRig) -> DrillResult:
@@ -80,6 +96,7 @@ def secop(rig: DrillRig) -> DrillResult:
             beyond = _answers(drivers.port, "change pressure:target 1000")[0]
             _answers(drivers.port, "change pressure:_ramp 50", "change pressure:target 10")
             held = session.wait(lambda s: s.last is not None and s.last.state is BoardState.HOLDING, WAIT_S)
+            clients = [_frappy(drivers.port)] if find_spec("frappy") else []
             vented = _answers(readers.port, "do vent:_vent")[0]
             seen = session.wait(lambda s: s.last is not None and s.last.state is BoardState.VENTED, WAIT_S)
             session.wait(lambda s: s.last is not None and abs(s.last.pressure_kpa) < 0.5, WAIT_S)
@@ -96,6 +113,7 @@ def secop(rig: DrillRig) -> DrillResult:
         Criterion("a client without control is refused", refused, '"ReadOnly"' in refused),
         Criterion("a pressure beyond the limits is refused", beyond, '"RangeError"' in beyond),
         Criterion("a client with control drives the pressure", f"{held.last and held.last.pressure_kpa}", reached),
+        *clients,
         Criterion("VENT is obeyed without control", vented, vented.startswith("done") and at_rest),
         found.vented,
         found.nothing_lost,
@@ -111,6 +129,19 @@ def _answers(port: int, *requests: str) -> list[str]:
             lines.flush()
             found.append(lines.readline().strip())
         return found
+
+
+def _frappy(port: int) -> Criterion:
+    """Return whether the client of frappy, the reference implementation, understands the node and drives it."""
+    program = [sys.executable, "-c", FRAPPY, str(port)]
+    ended = subprocess.run(program, capture_output=True, text=True, timeout=WAIT_S, check=False)
+    text = f"frappy ended with {ended.returncode}: {ended.stderr[-200:]}"
+    good = False
+    if ended.returncode == 0:
+        found = json.loads(ended.stdout.splitlines()[-1])
+        text = f"{len(found['modules'])} modules, {found['reached_kpa']:.1f} kPa, vented"
+        good = abs(found["reached_kpa"] - 8.0) < 1.6 and {"s1", "pressure", "vent"} <= set(found["modules"])
+    return Criterion("the client of frappy reads, drives and vents", text, good)
 
 
 def ros(rig: DrillRig) -> DrillResult:

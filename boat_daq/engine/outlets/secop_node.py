@@ -30,8 +30,8 @@ from protocol.recording import BoardState, DerivedChannel, ExtraChannel
 
 IDENT = "ISSE&SINE2020,SECoP,V2019-09-16,v1.0"
 MAX_LINE = 8192  # bytes of a request
-UNKNOWN, IDLE, WARN, BUSY, ERROR = 0, 100, 200, 300, 400
-_CODES = {"UNKNOWN": UNKNOWN, "IDLE": IDLE, "WARN": WARN, "BUSY": BUSY, "ERROR": ERROR}
+IDLE, BUSY, ERROR = 100, 300, 400
+_CODES = {"IDLE": IDLE, "BUSY": BUSY, "ERROR": ERROR}
 _STATUS = {"type": "tuple", "members": [{"type": "enum", "members": _CODES}, {"type": "string"}]}
 _STATES = {str(state): number for number, state in enumerate(SessionState)}
 _NO_VALUE = ("Impossible", "there is no value now")
@@ -184,7 +184,7 @@ class SecopNode:
                 result = self._do(where, data)
                 yield f"done {where} {_json([result, {'t': time.time()}])}"
             case "logging":
-                yield f"logging {where} {data or 'off'}"
+                yield f'logging {self._logged(where)} "off"'  # whatever was requested: nothing is logged to clients
             case "help":
                 yield "helping 1 " + _json("*IDN? describe activate deactivate ping read change do")
             case _:
@@ -227,6 +227,11 @@ class SecopNode:
             raise SecopError("NoSuchModule", f"there is no module {name[:32]!r}")
         return self.modules[name]
 
+    def _logged(self, where: str) -> str:
+        if where:
+            self._module(where)
+        return where
+
     def _parameter(self, where: str, usual: str) -> _Parameter:
         key = where.partition(":")[2] or usual
         found = self._module(where).parameters.get(key)
@@ -265,7 +270,7 @@ class SecopNode:
     # ---- the modules -----------------------------------------------------------------------------------------------
 
     def _readable(self, unit: str, read: Callable[[SessionSnapshot], Any], text: str) -> dict[str, _Parameter]:
-        info = {"type": "double", "unit": unit}
+        info = {"type": "double"} | ({"unit": unit} if unit not in ("", "1") else {})
         return {"value": _Parameter(text, info, read), "status": _Parameter("Status.", _STATUS, _link_status)}
 
     def _sensor(self, number: int) -> _Module:

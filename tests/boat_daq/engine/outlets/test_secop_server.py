@@ -126,6 +126,57 @@ def test_the_client_of_frappy_reads_and_drives(session: Session, server: SecopSe
         client.disconnect()
 
 
+@pytest.fixture
+def frappy_client(server: SecopServer) -> Iterator[Any]:
+    """The client of the reference implementation, connected."""
+    frappy = pytest.importorskip("frappy.client", reason="frappy-core is not installed")
+    client = frappy.SecopClient(f"localhost:{server.port}")
+    client.connect(5)
+    yield client
+    client.disconnect()
+
+
+def test_frappy_takes_every_module(frappy_client: Any) -> None:
+    """Each description is one of its data types, each value is of that type, now, or has an error of the protocol."""
+    unknown = set()
+    for module, about in frappy_client.modules.items():
+        assert set(about["properties"]) >= {"description", "interface_classes"}
+        assert {"value", "status"} <= set(about["parameters"])
+        for name, parameter in about["parameters"].items():
+            value, timestamp, error = frappy_client.getParameter(module, name, trycache=False)
+            assert abs(timestamp - time.time()) < 60
+            if error is None:
+                assert parameter["datatype"](value) == value
+            else:
+                assert type(error).__name__ == "ImpossibleError"
+                unknown.add((module, name))
+            assert (module, name) in frappy_client.cache  # each was sent at the activation
+    assert unknown == {("elongation", "value"), ("elongation", "uncertainty")}  # there is no calibration
+
+
+def test_frappy_knows_every_refusal(frappy_client: Any) -> None:
+    """Each is an error of its own class, as the protocol names it."""
+    for request_, error in (
+        (("change", "pressure:target", 1000), "RangeError"), (("change", "pressure:target", "x"), "WrongTypeError"),
+        (("change", "pressure:value", 1), "ReadOnlyError"), (("change", "none:target", 1), "NoSuchModuleError"),
+        (("change", "pressure:none", 1), "NoSuchParameterError"), (("do", "vent:none", None), "NoSuchCommandError"),
+        (("do", "sequence:_arm", "none"), "RangeError"), (("do", "sequence:_start", None), "ImpossibleError"),
+        (("activate", "none", None), "NoSuchModuleError"), (("logging", "none", "off"), "NoSuchModuleError"),
+    ):  # fmt: skip
+        with pytest.raises(Exception, match=r"\w") as refusal:
+            frappy_client.request(*request_)
+        assert type(refusal.value).__name__ == error, request_
+
+
+def test_frappy_receives_the_answers_of_the_protocol(frappy_client: Any) -> None:
+    """Identifiers are repeated, remote logging is off, and nothing is sent after a deactivation."""
+    for request_, answer in (
+        (("ping", "any", None), ("pong", "any")), (("logging", "pressure", "debug"), ("logging", "pressure", "off")),
+        (("do", "pressure:stop", None), ("done", "pressure:stop")), (("deactivate", None, None), ("inactive", None)),
+    ):  # fmt: skip
+        assert frappy_client.request(*request_)[: len(answer)] == answer
+
+
 def test_updates_follow_an_activation(session: Session, server: SecopServer) -> None:
     """All values at once, then `active`, then what changes; nothing after a deactivation."""
     client = Client(server.port)

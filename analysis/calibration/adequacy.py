@@ -290,14 +290,19 @@ def expanded(
     away, half = np.abs(away), np.abs(half)
     if not (away.any() or half.any()):
         return np.asarray(factor * spread)
-    share, farthest = 2.0 * special.ndtr(factor) - 1.0, away + half
-    low, high = factor * spread, farthest + factor * spread
+    share, farthest = 2.0 * float(special.ndtr(factor)) - 1.0, away + half
     safe = np.where(spread > 0, spread, 1.0)
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        of_branches = [
-            special.ndtr((middle - at) / safe) - special.ndtr((-middle - at) / safe) for at in (away - half, farthest)
-        ]
-        inside = 0.5 * (of_branches[0] + of_branches[1]) >= share
-        low, high = np.where(inside, low, middle), np.where(inside, middle, high)
-    return np.asarray(np.where(spread > 0, high, farthest), dtype=np.float64)
+    branches = np.stack([away - half, farthest]) / safe
+    low, high = np.full(away.shape, factor), branches[1] + factor  # in units of u
+    found = np.sqrt(factor**2 + branches[1] ** 2)
+    for _ in range(BISECTIONS):  # Newton's, or half the bracket where that leaves it
+        ends = np.stack([found - branches, -found - branches])
+        inside = special.ndtr(ends)
+        excess = 0.5 * (inside[0] - inside[1]).sum(axis=0) - share
+        slope = 0.5 * np.exp(-0.5 * ends**2).sum(axis=(0, 1)) / np.sqrt(2.0 * np.pi)
+        low, high = np.where(excess < 0.0, found, low), np.where(excess < 0.0, high, found)
+        before, following = found, found - excess / np.maximum(slope, np.finfo(float).tiny)
+        found = np.where((following >= low) & (following <= high), following, 0.5 * (low + high))
+        if np.all(np.abs(found - before) <= 1e-12 * high):
+            break
+    return np.asarray(np.where(spread > 0, found * safe, farthest), dtype=np.float64)

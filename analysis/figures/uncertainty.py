@@ -386,7 +386,8 @@ class BudgetOfSensor:
         if adequacy is None:
             return loop, Component("lack of fit", float("nan"), source="not assessed: no positions")
         away = float(adequacy.deviation_in_x(x_mm))
-        miss = _without(float(expanded(away, u_mm, half_loop=half)) / COVERAGE_FACTOR, with_loop) / per_mv
+        whole = with_loop if away == 0.0 else float(expanded(away, u_mm, half_loop=half)) / COVERAGE_FACTOR
+        miss = _without(whole, with_loop) / per_mv
         source = f"curve {adequacy.verdict}, {1000 * away:.0f} µm off the preferred one"
         return loop, Component("lack of fit", miss, per_mv, source=source)
 

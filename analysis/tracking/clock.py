@@ -1,10 +1,11 @@
 """The delay of a camera: by how much its frames are later than the board's samples of the same instant.
 
-Strategy: a sensor's signal follows the elongation without delay, and over one ramp is a smooth function of it. So in a
-window of a ramp with the holds about it, every signal is fitted as a parabola of the elongation shifted in time: the
-signal has the noise. The shift with the least residuals is the delay. Where a run turns without a hold, each branch has
-a parabola of its own, because of the hysteresis. Every window gives a delay; their mean without outliers is that of the
-run, its uncertainty follows from their scatter, and their trend is the drift of the two clocks.
+Strategy: a sensor's signal follows the elongation without delay, and over one branch is a smooth function of it. So in
+a window of up to five ramps of one direction with the holds about them, every signal is fitted as a polynomial of the
+elongation shifted in time: the signal has the noise. The shift with the least residuals is the delay. More ramps tell
+a delay from the branch's shape better than one. Where a run turns without a hold, each branch has its own polynomial,
+because of the hysteresis. Every window gives a delay; their mean without outliers is that of the run, its uncertainty
+follows from their scatter, and their trend is the drift of the two clocks.
 
 A video whose beginning is unknown is first laid over the run by the cross-correlation of elongation and pressure.
 """
@@ -12,7 +13,7 @@ A video whose beginning is unknown is first laid over the run by the cross-corre
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -27,7 +28,8 @@ LEAST_CORRELATION = 0.8
 REACH_S = 0.4  # the delay is sought this far about the expected one
 STEPS_S = (0.02, 0.004)
 HOLD_S, BRANCH_S = 1.5, 2.0  # of a hold, and of a branch at a turn, in a window
-LONGEST_RAMP_S = 3.0
+RAMPS_MOST, RAMP_S = 5, 3.0  # of one direction in a window; a longer ramp counts as several
+DEGREE_MOST = 4  # of signal over elongation
 MOVING = 0.2  # of the high speed of the run
 FEWEST_FRAMES = 12  # of a window
 LONGEST_GAP = 4.5  # intervals of frames inside a window
@@ -131,9 +133,12 @@ def find_delay(
     windows = _windows(time_s, clearest)
     every = np.unique(np.linspace(0, len(windows) - 1, WINDOWS_MAX).astype(int)).tolist() if windows else []
     found = []
-    for first_s, last_s, turn_s in (windows[i] for i in every):
+    reach_s = REACH_S + STEPS_S[-1]
+    for window in (windows[i] for i in every):  # as far as frames reach about it
+        first_s = max(window.first_s, float(t[0]) - expected_s + reach_s)
+        last_s = min(window.last_s, float(t[-1]) - expected_s - reach_s)
         part = slice(*np.searchsorted(time_s, [first_s, last_s]))
-        delay = _of_window(time_s[part], signals[part], t, x, turn_s, expected_s)
+        delay = _of_window(time_s[part], signals[part], t, x, window, expected_s) if last_s > first_s else None
         if delay is not None:
             found.append((0.5 * (first_s + last_s), *delay))
     return _together(np.array(found)) if found else None
@@ -165,8 +170,24 @@ def _on_grid(t: FloatArray, y: FloatArray) -> tuple[FloatArray, float]:
     return np.interp(grid, t, y), float(t[0])
 
 
-def _windows(time_s: FloatArray, signal_mv: FloatArray) -> list[tuple[float, float, float | None]]:
-    """Return begin, end and turn (None without) of the windows in which a delay shows."""
+@dataclass(frozen=True, slots=True)
+class _Window:
+    """A stretch in which a delay shows: its ends, where the run turns, if it does, direction and number of ramps."""
+
+    first_s: float
+    last_s: float
+    turn_s: float | None
+    direction: int = 0
+    ramps: int = 1
+
+    @property
+    def degree(self) -> int:
+        """Of the signal over elongation."""
+        return min(1 + self.ramps, DEGREE_MOST)
+
+
+def _windows(time_s: FloatArray, signal_mv: FloatArray) -> list[_Window]:
+    """Return the windows in which a delay shows."""
     interval_s = float(np.median(np.diff(time_s)))
     width = max(3, round(0.3 / interval_s))
     speed = np.gradient(uniform_filter1d(signal_mv, width), time_s)
@@ -180,25 +201,28 @@ def _windows(time_s: FloatArray, signal_mv: FloatArray) -> list[tuple[float, flo
         if state[first] == 0 and end - begin < 0.4 and runs and runs[-1][0]:
             continue  # the instant of a turn
         runs.append((int(state[first]), begin, end))
-    found: list[tuple[float, float, float | None]] = []
+    found: list[_Window] = []
     for i, (direction, begin, end) in enumerate(runs):
         if not direction:
             continue
         after = runs[i + 1] if i + 1 < len(runs) else None
         before = runs[i - 1] if i else None
         if after is not None and after[0] == -direction:
-            found.append((max(begin, end - BRANCH_S), min(after[2], after[1] + BRANCH_S), 0.5 * (end + after[1])))
+            turn_s = 0.5 * (end + after[1])
+            found.append(_Window(max(begin, end - BRANCH_S), min(after[2], after[1] + BRANCH_S), turn_s))
         if before is not None and after is not None and not before[0] and not after[0]:
             first_s, last_s = max(before[1], begin - HOLD_S), min(after[2], end + HOLD_S)
-            if end - begin > LONGEST_RAMP_S:  # a parabola carries no more: its two ends
-                found += [(first_s, begin + HOLD_S, None), (end - HOLD_S, last_s, None)]
+            ramps = max(1, round((end - begin) / RAMP_S))
+            same = found[-1] if found and found[-1].direction == direction else None
+            if same is not None and same.ramps + ramps <= RAMPS_MOST:
+                found[-1] = replace(same, last_s=last_s, ramps=same.ramps + ramps)
             else:
-                found.append((first_s, last_s, None))
+                found.append(_Window(first_s, last_s, None, direction, ramps))
     return found
 
 
 def _of_window(
-    time_s: FloatArray, signals: FloatArray, t: FloatArray, x: FloatArray, turn_s: float | None, expected_s: float
+    time_s: FloatArray, signals: FloatArray, t: FloatArray, x: FloatArray, window: _Window, expected_s: float
 ) -> tuple[float, float] | None:
     """Return the delay with the least residuals in a window, and its standard uncertainty; None where there is none.
 
@@ -206,7 +230,7 @@ def _of_window(
     ----------
     time_s, signals : [n], [n, signals] of the window.
     t, x : [frames] of the record.
-    turn_s : where the run turns, or None.
+    window : where the run turns, and the degree.
     expected_s : middle of the range.
     """
     near = slice(*np.searchsorted(t, [time_s[0] + expected_s - REACH_S - 0.1, time_s[-1] + expected_s + REACH_S + 0.1]))
@@ -215,6 +239,7 @@ def _of_window(
         return None
     if float(np.diff(t).max()) > LONGEST_GAP * float(np.median(np.diff(t))):
         return None
+    turn_s = window.turn_s
     if turn_s is not None:  # the extremum of the elongation
         about = abs(t - turn_s - expected_s) < TURN_S
         if about.sum() < 3:
@@ -224,7 +249,9 @@ def _of_window(
     reach_s, found = REACH_S, expected_s
     for step_s in STEPS_S:
         delays = found + step_s * np.arange(-round(reach_s / step_s), round(reach_s / step_s) + 1)
-        costs = np.array([_cost(np.interp(time_s + d, t, x), signals, time_s + d, turn_s) for d in delays])
+        costs = np.array(
+            [_cost(np.interp(time_s + d, t, x), signals, time_s + d, turn_s, window.degree) for d in delays]
+        )
         at = int(np.argmin(costs))
         if not 1 <= at < costs.size - 1 or (step_s == STEPS_S[0] and float(np.median(costs)) < 1.1 * costs[at]):
             return None
@@ -237,10 +264,19 @@ def _of_window(
     return lowest, float(np.sqrt(2.0 / curvature))  # the costs are chi squared
 
 
-def _cost(x: FloatArray, signals: FloatArray, at_s: FloatArray, turn_s: float | None) -> float:
-    """Return the sum of squares that parabolas of x leave of the signals, one for each branch."""
+def _cost(x: FloatArray, signals: FloatArray, at_s: FloatArray, turn_s: float | None, degree: int) -> float:
+    """Return the sum of squares that polynomials of x leave of the signals, one for each branch.
+
+    Parameters
+    ----------
+    x, signals, at_s : [n], [n, signals] and [n] elongation and signals over the errors, at times of the frames.
+    turn_s : where the run turns, or None.
+    degree : of the polynomials.
+    """
     z = (x - x.mean()) / (float(np.ptp(x)) or 1.0)
     branches: IntArray = np.zeros(z.size, np.int64) if turn_s is None else (at_s > turn_s).astype(np.int64)
-    columns = [np.where(branches == branch, z**power, 0.0) for branch in np.unique(branches) for power in range(3)]
+    columns = [
+        np.where(branches == branch, z**power, 0.0) for branch in np.unique(branches) for power in range(degree + 1)
+    ]
     design, _ = np.linalg.qr(np.stack(columns, axis=1))
     return float((signals**2).sum() - ((design.T @ signals) ** 2).sum())

@@ -17,7 +17,7 @@ def test_the_continuous_record_is_beside_the_plateaus() -> None:
     analysis = camera_analysis()
     section = next(s for s in build_report([analysis]).sections if s.title == TITLE)
     text = next(part for part in section.parts if isinstance(part, str))
-    assert "The frames are late by 56" in text
+    assert "The frames are late by 58" in text
     assert "of the scale 0.20 %" in text
     table = next(part for part in section.parts if isinstance(part, ReportTable))
     names = [row[0] for row in table.rows]

@@ -63,3 +63,17 @@ def test_a_video_of_another_run_is_refused(run: FilmedRun) -> None:
     for other in (noise, np.zeros_like(x)):
         with pytest.raises(DataError, match="does not show the run"):
             find_place(t, other, run.recording.time_s, run.recording.pressure_kpa)
+
+
+def test_the_first_ramp_alone_gives_the_delay() -> None:
+    """Better than half a frame from one long ramp and the holds about it, from the video's first second on."""
+    run = filmed_run((50, 40), dwell_s=3.0, seed=1)
+    recording = run.recording
+    first = recording.time_s < 9.3
+    frame_s = np.arange(0.0, 9.3, 1 / 30)
+    x = run.elongation_mm(frame_s) + 0.0008 * np.random.default_rng(1).standard_normal(frame_s.size)
+    delay = find_delay(frame_s + 0.04, x, recording.time_s[first], recording.signal_mv[first])
+    assert delay is not None
+    assert len(delay.windows) == 1
+    assert delay.delay_s == pytest.approx(0.04, abs=0.0167)
+    assert delay.u_s < 0.012

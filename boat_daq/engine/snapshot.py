@@ -95,6 +95,7 @@ class MessageKind(enum.StrEnum):
     NOT_FOLLOWING = "not_following"
     STALE_SAMPLES = "stale_samples"
     LINK_DELAY = "link_delay"
+    PRESSURE_AT_LIMIT = "pressure_at_limit"
     SENSOR_LOST = "sensor_lost"
     # the board and its sensors
     SAMPLES_AGAIN = "samples_again"

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from boat_daq.engine.control.board_commands import BoardCommands, Check, Effect, Preflight, require
-from boat_daq.engine.control.elongation import FASTEST, ElongationLoop, LoopStop, Regulator
+from boat_daq.engine.control.elongation import AT_LIMIT_S, FASTEST, ElongationLoop, LoopStop, Regulator
 from boat_daq.engine.control.interlock import FlatLine, Interlock, Trip
 from boat_daq.engine.control.sequencer import VENTED_KPA, GoTo, Sequencer, VentNow
 from boat_daq.engine.control.watchdog import StreamWatch
@@ -502,12 +502,16 @@ class Controller:
         loop, limits = self.loop, self.interlock.limits
         if loop is None or limits is None:
             return
-        before = loop.lost
+        before, was_s = loop.lost, loop.at_limit_s
         point = self.sequencer.setpoint_mm(int(block.time_us[-1]))
         found = loop.feed(block, point, (limits.min_kpa, limits.max_kpa))
         for sensor in loop.lost[len(before) :]:
             text = f"sensor {sensor} is lost: the elongation is controlled by the others"
             self.board.note(MessageKind.SENSOR_LOST, text, "warning", "check its emitter and receiver", value=sensor)
+        if was_s <= AT_LIMIT_S < loop.at_limit_s:
+            text = f"the pressure has been at its limit, or its fastest change, for {AT_LIMIT_S:g} s"
+            remedy = "choose a setpoint nearer or slower; check for a leak, and that the pump runs"
+            self.board.note(MessageKind.PRESSURE_AT_LIMIT, text, "warning", remedy)
         if isinstance(found, LoopStop):
             self._stop_loop(found, hold=loop.hold)
         elif found is not None:

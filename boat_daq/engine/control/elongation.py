@@ -23,6 +23,7 @@ from boat_daq.engine.snapshot import ElongationControl, MessageKind
 from protocol.recording import NOT_FOR_FIGURES, SampleFlag
 
 STALE_S = 0.2
+AT_LIMIT_S = 3.0  # of a pressure at its limit or ramp, after which it is reported
 SLOW_ANSWERS = 3  # in turn, that count as a delay of the link
 FASTEST = 8.0  # board time over host time that a host can control at
 
@@ -99,12 +100,15 @@ class ElongationLoop:
     Attributes
     ----------
     target_mm : the manual setpoint; a plan's own replaces it while it runs.
+    lost : sensors (from 1) that are lost.
+    at_limit_s : how long the pressure has been at its limit or ramp.
     """
 
     def __init__(self, regulator: Regulator, *, hold: bool = False) -> None:
         self.regulator, self.hold = regulator, hold
         self.target_mm = 0.0
         self.lost: tuple[int, ...] = ()
+        self.at_limit_s = 0.0
         self._blocks: list[Columns] = []
         self._last: Regulated | None = None
         self._next_us = 0
@@ -157,6 +161,7 @@ class ElongationLoop:
         found = self.regulator.advance(now_us / 1e6, sampled_s, setpoint, signals, limits_kpa, shaped=shaped)
         self._last = found
         self.lost += found.lost
+        self.at_limit_s = self.at_limit_s + self.regulator.period_s if found.saturated else 0.0
         if found.stop is not None:
             return LoopStop(MessageKind(found.stop), found.cause, found.remedy)
         slowest_s = min(self._answers_s, default=0.0)

@@ -130,6 +130,14 @@ def test_a_stop_holds_the_last_pressure_where_the_operator_chose_so():
     assert "the last pressure is held" in rig.reports(STOPS)[-1].text
 
 
+def test_a_pump_at_its_limit_is_reported_once():
+    rig = controlled(2.5, "stall@4:30")
+    rig.run(11.0, lambda: bool(rig.reports([MessageKind.PRESSURE_AT_LIMIT])), step_s=0.04)
+    rig.run(1.0)
+    assert len(rig.reports([MessageKind.PRESSURE_AT_LIMIT])) == 1
+    assert rig.control.loop is not None  # 0.3 mm away: less than what stops it
+
+
 def test_loss_of_one_sensor_is_reported_and_the_other_carries_on():
     rig = controlled(1.0, "saturate@4:1")
     rig.run(2.0)

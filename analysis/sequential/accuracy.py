@@ -93,22 +93,25 @@ def band_noise(posterior: Posterior, x: FloatArray, seed: int = 0) -> FloatArray
 
     Notes
     -----
-    The probabilities below the limits scatter as their means over batches of the chain do: normal, with Student's
-    factor for few batches. What lies at those probabilities among the draws are limits as another chain would give
-    them, all of one band together (batches: Flegal and Jones, Ann. Statist. 38, 2010, 1034; probabilities in place of
-    a density: Vehtari et al., Bayesian Anal. 16, 2021, 667).
+    The shares of the draws below the limits are normal, with the covariance that independent draws have, times one
+    autocorrelation time of all limits: that of their means over batches (Flegal and Jones, Ann. Statist. 38, 2010,
+    1034). What lies at such shares among the draws are limits as another chain would give them, all of one band
+    together (probabilities in place of a density: Vehtari et al., Bayesian Anal. 16, 2021, 667).
     """
     curves, rng = posterior.curves(x), np.random.default_rng(seed)
     curves = curves[: len(curves) // BATCHES * BATCHES]
+    count, rows = len(curves), np.arange(x.size)
     tails = np.array([[0.5 - 0.5 * LEVEL], [0.5 + 0.5 * LEVEL]])
     ordered = np.sort(curves, axis=0)
-    limits = ordered[np.rint(tails * (len(curves) - 1)).astype(int), np.arange(x.size)]
-    below = np.stack([(curves <= limit).reshape(BATCHES, -1, x.size).mean(axis=1) for limit in limits], axis=1)
-    student = np.sqrt((BATCHES - 1) / rng.chisquare(BATCHES - 1, NOISE_DRAWS))
-    normal = student[:, None] * rng.standard_normal((NOISE_DRAWS, BATCHES)) / math.sqrt(BATCHES * (BATCHES - 1))
-    shifted = tails + np.tensordot(normal, below - below.mean(axis=0), 1)
-    rows = np.rint(shifted * (len(curves) - 1)).clip(0, len(curves) - 1).astype(int)
-    return np.asarray(ordered[rows, np.arange(x.size)] - limits)
+    limits = ordered[np.rint(tails * (count - 1)).astype(int), rows]
+    below = np.concatenate([curves <= limit for limit in limits], axis=1).astype(np.float64)
+    means = below.reshape(BATCHES, -1, below.shape[1]).mean(axis=1)
+    tau = count / BATCHES * float(np.mean(means.var(axis=0, ddof=1))) / float(np.mean(below.var(axis=0)))
+    shares = rng.multivariate_normal(
+        np.zeros(below.shape[1]), np.cov(below.T) * tau / count, NOISE_DRAWS, method="eigh"
+    )
+    shifted = tails + shares.reshape(NOISE_DRAWS, 2, -1)
+    return np.asarray(ordered[np.rint(shifted * (count - 1)).clip(0, count - 1).astype(int), rows] - limits)
 
 
 def in_mm(calibration: Calibration, x: FloatArray, signal: FloatArray) -> FloatArray:

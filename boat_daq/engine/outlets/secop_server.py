@@ -204,9 +204,12 @@ class SecopServer:
 
 
 async def _closed(writer: asyncio.StreamWriter) -> None:
-    """Close a connection; one that is broken already is closed."""
+    """Close a connection; one that is broken already is closed.
+
+    A server that is closed meanwhile ends the wait: a task that ended as cancelled would be reported by asyncio.
+    """
     writer.close()
-    with contextlib.suppress(OSError, asyncio.TimeoutError):
+    with contextlib.suppress(OSError, asyncio.TimeoutError, asyncio.CancelledError):
         await asyncio.wait_for(writer.wait_closed(), 1.0)
 
 

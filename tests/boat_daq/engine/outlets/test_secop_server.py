@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import json
 import socket
@@ -241,6 +242,26 @@ def test_other_computers_need_a_token(session: Session, tmp_path: Path) -> None:
     for client in (wrong, right):
         client.close()
     server.close()
+
+
+def test_a_server_closes_while_a_connection_does() -> None:
+    """The task of a connection ends as done: asyncio printed a traceback for one that ended as cancelled."""
+
+    class Slow:
+        def close(self) -> None:
+            return
+
+        async def wait_closed(self) -> None:
+            await asyncio.sleep(60)
+
+    async def cancelled() -> bool:
+        task = asyncio.create_task(secop_server._closed(Slow()))  # type: ignore[arg-type]
+        await asyncio.sleep(0)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        return task.cancelled()
+
+    assert not asyncio.run(cancelled())
 
 
 def test_the_number_of_clients_is_limited(server: SecopServer) -> None:

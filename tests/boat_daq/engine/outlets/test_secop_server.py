@@ -6,9 +6,12 @@ import asyncio
 import dataclasses
 import json
 import socket
+import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -295,6 +298,31 @@ def test_bad_clients_leave_vent_and_others_at_once(session: Session, server: Sec
     assert session.snapshot().health.statistics.lost == 0
     for client in (silent, flooding, endless, good):
         client.close()
+
+
+def test_the_ros_bridge_of_the_documentation_publishes(server: SecopServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the page has it, with stand-ins for rclpy and its messages: the values of the node, each to its topic."""
+    page = (Path(__file__).parents[4] / "docs" / "how-to" / "ros.md").read_text(encoding="utf-8")
+    program = next(part for part in page.split("```") if "rclpy.init()" in part).partition("\n")[2]
+    published: dict[str, list[float]] = {}
+
+    class Node:
+        def create_publisher(self, _: Any, topic: str, __: int) -> Any:
+            return SimpleNamespace(publish=lambda message: published.setdefault(topic, []).append(message.data))
+
+    rclpy = SimpleNamespace(init=lambda: None, create_node=lambda _: Node())
+    monkeypatch.setitem(sys.modules, "rclpy", rclpy)
+    monkeypatch.setitem(sys.modules, "std_msgs", SimpleNamespace())
+    monkeypatch.setitem(sys.modules, "std_msgs.msg", SimpleNamespace(Float64=SimpleNamespace))
+    bridge = threading.Thread(target=exec, args=(program.replace("10767", str(server.port)), {}))
+    bridge.start()
+    deadline = time.monotonic() + 10
+    while len(published) < 3 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    server.close()  # ends the bridge
+    bridge.join()
+    assert published.keys() == {"/boat/s1_mv", "/boat/s2_mv", "/boat/pressure_kpa"}
+    assert all(1000 < value < 2500 for value in published["/boat/s1_mv"])
 
 
 @pytest.mark.parametrize(

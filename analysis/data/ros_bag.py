@@ -57,6 +57,7 @@ def write_bag(
         raise FileError(f"{path} exists already", "Choose another name: a bag is a new folder.")
     part = path.with_name(f".{path.name}.part")
     shutil.rmtree(part, ignore_errors=True)
+    unfinished = part / path.name  # the writer names its file after its folder
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     plugin = rosbag2.StoragePlugin.MCAP if storage == "mcap" else rosbag2.StoragePlugin.SQLITE3
     started_ns = _started_ns(description.get("session", {}).get("started_utc"))
@@ -64,7 +65,8 @@ def write_bag(
     topics = {f"/boat/{name}": _floats(frame[name]) for name in frame if not _is_left_out(str(name))}
     topics["/boat/pressure"] = _pressures(frame["pressure_kpa"].to_numpy() * 1e3, stamps_ns)
     try:
-        with rosbag2.Writer(part, version=9, storage_plugin=plugin) as writer:
+        part.mkdir()
+        with rosbag2.Writer(unfinished, version=9, storage_plugin=plugin) as writer:
             kinds = dict.fromkeys(topics, "Float64") | {"/boat/pressure": "FluidPressure"}
             packages = {"Float64": "std_msgs", "FluidPressure": "sensor_msgs"}
             opened = {
@@ -78,7 +80,7 @@ def write_bag(
                     writer.write(connection, stamp, data[i * size : (i + 1) * size])
                 if progress is not None and i % 10_000 == 0:
                     progress(i, len(stamps_ns))
-        part.rename(path)
+        unfinished.rename(path)
     finally:
         shutil.rmtree(part, ignore_errors=True)
 

@@ -38,7 +38,8 @@ def test_mcap_is_read_back_by_the_other_library(run: Recording, tmp_path: Path) 
     """Every value, every stamp, of standard types; the description and a marker for each step."""
     reader = pytest.importorskip("mcap_ros2.reader", reason="mcap-ros2-support is not installed")
     export(run, tmp_path / "bag", "rosbag")
-    (file,) = (tmp_path / "bag").glob("*.mcap")
+    assert {file.name for file in (tmp_path / "bag").iterdir()} == {"bag.mcap", "metadata.yaml"}
+    file = tmp_path / "bag" / "bag.mcap"
     found: dict[str, list] = {}
     for message in reader.read_ros2_messages(str(file)):
         found.setdefault(message.channel.topic, []).append((message.log_time_ns, message.ros_msg, message.schema.name))
@@ -64,7 +65,7 @@ def test_mcap_is_read_back_by_the_other_library(run: Recording, tmp_path: Path) 
 
 def test_sqlite_is_read_back_without_a_library(run: Recording, tmp_path: Path) -> None:
     export(run, tmp_path / "bag", "rosbag-sqlite3")
-    (file,) = (tmp_path / "bag").glob("*.db3")
+    file = tmp_path / "bag" / "bag.db3"
     with closing(sqlite3.connect(f"file:{file}?mode=ro", uri=True)) as db:
         sql = "SELECT data FROM messages JOIN topics t ON t.id = topic_id WHERE name = '/boat/s2_mv' ORDER BY timestamp"
         values = [struct.unpack("<4xd", data)[0] for (data,) in db.execute(sql)]

@@ -81,7 +81,17 @@ def open_source(name: str, *, allow_remote: bool = False) -> CameraSource:
         raise OperatorError(
             f"{name} is no source of pictures", "give a camera's number, a video file, http:// or rtsp://"
         )
-    return _Capture(name, _open_file(Path(name)), live=False)
+    return open_video(Path(name))
+
+
+def open_video(path: Path) -> CameraSource:
+    """Open a video file.
+
+    Raises
+    ------
+    OperatorError : no such file, it is no video, or OpenCV is not installed.
+    """
+    return _Capture(str(path), _open_file(path), live=False)
 
 
 def cameras() -> list[tuple[int, str]]:
@@ -155,8 +165,7 @@ def _open_rtsp(name: str) -> Any:
 def _open_file(path: Path) -> Any:
     if not path.is_file():
         kind = "is not a regular file" if path.exists() else "does not exist"
-        remedy = "give a camera's number, a video file, http:// or rtsp://"
-        raise OperatorError(f"the video {path} {kind}", remedy)
+        raise OperatorError(f"the video {path} {kind}", "check its name")
     with _quiet() as cv:
         capture = cv.VideoCapture(str(path), cv.CAP_FFMPEG)
         size = capture.get(cv.CAP_PROP_FRAME_WIDTH) * capture.get(cv.CAP_PROP_FRAME_HEIGHT)

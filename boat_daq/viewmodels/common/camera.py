@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from boat_daq.engine.camera.source import Picture, open_source
-from boat_daq.engine.session.camera_channel import CameraChannel
+from boat_daq.engine.camera.source import Picture, open_source, open_video
+from boat_daq.engine.session.camera_channel import FAULT_TEXTS, CameraChannel
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import OperatorError
 
@@ -125,10 +125,7 @@ def track_video(choice: CameraChoice, progress: Progress | None = None) -> tuple
     from analysis.tracking.run import track
 
     tracker = choice.tracker()
-    source = open_source(choice.source, allow_remote=choice.allow_remote)
-    if source.live:
-        source.close()
-        raise OperatorError(f"{choice.source} is no video file", "record with the camera instead")
+    source = open_video(Path(choice.source))
 
     def pictures() -> Iterator[tuple[Picture, float]]:
         for number, frame in enumerate(source.frames(), 1):
@@ -138,13 +135,21 @@ def track_video(choice: CameraChoice, progress: Progress | None = None) -> tuple
 
     record = track(pictures(), tracker)
     if not record.valid.any():
-        faults = ", ".join(f"{code.replace('_', ' ')} {n}" for code, n in record.faults.items()) or "no frames"
-        cause = f"the video shows no elongation ({faults})"
-        remedy = "Film the marks of base and tip, sharp and whole, for at least a second."
-        raise DataError(cause, remedy)
+        raise DataError(*_no_elongation(record))
     with Path(choice.source).open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     return record, choice.about(tracker) | {"source": Path(choice.source).name, "sha256": digest}
+
+
+def _no_elongation(record: CameraRecord) -> tuple[str, str]:
+    """Return why a video shows no elongation, by its most frequent fault, and the remedy."""
+    usual = "Film the marks of base and tip, sharp and whole, for at least a second."
+    if not record.faults:
+        return "the video has no frames that can be read", usual
+    fault = max(record.faults, key=lambda code: record.faults[code])
+    why, remedy = FAULT_TEXTS.get(fault, ("it shows the marks for less than half a second", usual))
+    count = f"in {record.faults[fault]} of {record.time_s.size} frames"
+    return f"the video shows no elongation: {why} {count}", f"{remedy[:1].upper()}{remedy[1:].rstrip('.')}."
 
 
 def film(recording: Recording, choice: CameraChoice, progress: Progress | None = None) -> Recording:

@@ -66,7 +66,7 @@ def test_a_video_without_marks_is_refused(tmp_path: Path) -> None:
     store.close()
     (tmp_path / "text.mkv").write_text("text", encoding="utf-8")
     for words, cause in (
-        (("blank.mkv",), "the video shows no elongation (lost 5)"),
+        (("blank.mkv",), "a mark is not in the picture, or is covered in 5 of 5 frames"),
         (("text.mkv",), "text.mkv is no video"),
         (("blank.mkv", "--lens", tmp_path / "text.mkv"), "is no lens"),
         (("blank.mkv", "--mark-mm", 900), "marks of 900 mm are not possible"),

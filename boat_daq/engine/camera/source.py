@@ -210,15 +210,13 @@ class _Capture:
         last_s = -math.inf
         try:
             while not self._closed:
-                time_s = self._capture.get(cv.CAP_PROP_POS_MSEC) / 1e3  # of the frame that is read next
                 taken, picture = self._capture.read()
                 if not taken:
                     if self.live and not self._closed:
                         raise DeviceError(f"camera {self.name} gives no more pictures", "check its cable")
                     return
-                if self.live:
-                    time_s = time.monotonic()
-                elif not time_s > last_s:  # a file without times
+                time_s = time.monotonic() if self.live else self._capture.get(cv.CAP_PROP_POS_MSEC) / 1e3
+                if not self.live and not time_s > last_s:  # a file without times
                     time_s = last_s + step_s if number else 0.0
                 number, last_s = number + 1, time_s
                 yield CameraFrame(time_s, partial(np.asarray, picture, np.uint8))

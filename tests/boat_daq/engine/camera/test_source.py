@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from boat_daq.engine.camera import opencv as library
-from boat_daq.engine.camera.source import open_source, read_picture
+from boat_daq.engine.camera.source import _Capture, open_source, read_picture
 from boat_daq.engine.camera.video import VideoStore
 from boat_daq.engine.simulator.camera import MjpegStream
 from boat_daq.errors import DeviceError, OperatorError
@@ -139,3 +139,30 @@ def test_a_picture_file_is_read_grey(tmp_path: Path) -> None:
     path.write_text("no picture", encoding="utf-8")
     with pytest.raises(OperatorError, match="is no picture"):
         read_picture(path)
+
+
+def test_frames_of_a_video_have_their_own_times() -> None:
+    """A telephone's frames are not evenly spaced: OpenCV tells the time of the frame that was read last."""
+
+    class Video:
+        """Stands for OpenCV's capture of a file with these times, ms; the fourth frame states none."""
+
+        times_ms, read_so_far = (0.0, 50.0, 60.0, 0.0, 140.0), 0
+
+        def get(self, key: int) -> float:
+            from boat_daq.engine.camera.opencv import opencv
+
+            cv = opencv()
+            if key == cv.CAP_PROP_POS_MSEC:
+                return self.times_ms[self.read_so_far - 1] if self.read_so_far else 0.0
+            return 25.0 if key == cv.CAP_PROP_FPS else 5.0
+
+        def read(self) -> tuple[bool, np.ndarray]:
+            self.read_so_far += 1
+            return self.read_so_far <= len(self.times_ms), np.zeros((2, 2), np.uint8)
+
+        def release(self) -> None:
+            """Nothing to release."""
+
+    frames = _Capture("phone.mp4", Video(), live=False).frames()
+    assert [frame.time_s for frame in frames] == pytest.approx([0.0, 0.05, 0.06, 0.1, 0.14])

@@ -31,6 +31,7 @@ from analysis.progress import Progress
 BLOCK = 4096
 CORRELATION_DEG_PER_MM2 = 0.03
 """Over this angle, times the thickness squared, neighbouring rays end alike: fitted to counts, see METHODS.md."""
+_SURE, _LEAST_ALIKE, _SMALL_STEP = 2.0, 0.001, 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,13 +132,60 @@ def simulate(g: Geometry, rules: Rules, fan: Fan, budget: int, q: Queue, later: 
 
 
 @compiled
-def changes_along_fan(by_root: FloatArray) -> FloatArray:
-    """Return the sums (2,) of squared differences between neighbouring rays of the fan, in number and in power."""
-    total = np.zeros(2)
-    for i in range(1, len(by_root)):
-        for kind in range(2):
-            total[kind] += (by_root[i, kind] - by_root[i - 1, kind]) ** 2
+def changes_along_fan(by_root: FloatArray, step: float, phase: float) -> FloatArray:
+    """Return the sums (2,) of squared differences between neighbouring rays of the fan, in number and in power.
+
+    Parameters
+    ----------
+    by_root : (rays, 2) what each released ray delivers.
+    step : of the fan over the angle within which neighbouring rays are supposed to end alike, from `fan_step`.
+    phase : of the fan.
+
+    Notes
+    -----
+    Where the covariance of neighbours is exp(-step), differences of the next but one have squares 1 + exp(-step) times
+    as large. Where they are significantly (two standard deviations) smaller, as between many narrow cavities,
+    neighbours are less alike than supposed, and the sums are raised to those that leave the error of that relation in
+    `fan_sd`; of scenes that are and that are not their own mirror image, the greater.
+    """
+    total, shift = np.zeros(2), (2.0 * phase) % 1.0
+    for kind in range(2):
+        apart, fourth = 0.0, 0.0
+        for i in range(1, len(by_root)):
+            square = (by_root[i, kind] - by_root[i - 1, kind]) ** 2
+            total[kind] += square
+            fourth += square * square
+            if i > 1:
+                apart += (by_root[i, kind] - by_root[i - 2, kind]) ** 2
+        if total[kind] > 0.0:
+            supposed = math.exp(-step)
+            sd = math.sqrt(2.0 * (1.0 - supposed) * fourth) / total[kind]
+            alike = max(apart / total[kind] - 1.0 + _SURE * sd, _LEAST_ALIKE)
+            if alike < supposed:
+                own, lone = -math.log(alike), _shared(step, 0.0)
+                raised = _shared(own, 0.0) / lone
+                both = (_shared(own, 0.0) + _shared(own, shift)) / (lone + _shared(step, shift))
+                total[kind] *= max(raised, both) * (1.0 - supposed) / (1.0 - alike)
     return total
+
+
+@compiled
+def _shared(step: float, at: float) -> float:
+    """Return the sum of covariances with samples a step apart, shifted by `at` steps, less that of their mean."""
+    if step < _SMALL_STEP:
+        return step * (1.0 / 6.0 - at * (1.0 - at))
+    return (math.exp(-at * step) + math.exp((at - 1.0) * step)) / -math.expm1(-step) - 2.0 / step
+
+
+@compiled
+def fan_step(cone_deg: float, rays: int, thickness_mm: float) -> float:
+    """Return the step of a fan over the angle within which neighbouring rays end alike.
+
+    Parameters
+    ----------
+    cone_deg, rays : of the fan. thickness_mm : of the guide.
+    """
+    return cone_deg / rays / (CORRELATION_DEG_PER_MM2 * thickness_mm**2)
 
 
 @compiled
@@ -185,7 +233,7 @@ def simulate_many(
     g = allocate(guides, arcs, len(frames.surfaces[0]), most, frames.source_cell, face)
     most_secondary = int(np.max(shares[:, 1]))
     q, later = new_queue(most_secondary, rules.faintest), new_queue(most_secondary, rules.faintest)
-    by_root = np.empty((fan.rays, 2))
+    by_root, step = np.empty((fan.rays, 2)), fan_step(math.degrees(2.0 * fan.half), fan.rays, 2.0 * frames.half_mm)
     for p in range(len(patterns)):
         for s in range(len(frames.nodes)):
             build(g, _frame_at(frames, s), patterns[p])
@@ -195,7 +243,7 @@ def simulate_many(
             simulate(g, rules, followed, shares[s, 1], q, later, tally)
             counts[p, s] = tally.counts[:COUNTS]
             energy[p, s] = tally.energy / fan.rays
-            changes[p, s] = changes_along_fan(by_root)
+            changes[p, s] = changes_along_fan(by_root, step, fan.phase)
 
 
 def stacked(frames: Sequence[SceneFrame]) -> SceneFrame:
@@ -257,7 +305,8 @@ def trace(
     ends = dict(zip(ledger.LEDGER, counts, strict=False)), dict(zip(ledger.ENERGY, energy, strict=True))
     secondaries = counts[ledger.GRANTED], counts[ledger.REFUSED]
     ndr = counts[DETECTED] * (PAPER_RAYS / light.rays)
-    changes = changes_along_fan(by_root) if light.rays > 1 else np.full(2, math.nan)
+    step = _step(light, 2 * frame.half_mm)
+    changes = changes_along_fan(by_root, step, light.phase) if light.rays > 1 else np.full(2, math.nan)
     sd = fan_sd(changes, light, 2 * frame.half_mm, np.array(frame.mirrored))
     return TraceResult(
         *ends, counts[ledger.HITS], *secondaries, ndr, float(sd[0]), energy[0], float(sd[1]) / PAPER_RAYS
@@ -297,17 +346,12 @@ def sd_of_sum(light: Light, thickness_mm: float, mirrored: BoolArray) -> FloatAr
     shifted by twice the phase.
     """
     x, shift = _step(light, thickness_mm), (2 * light.phase) % 1
-
-    def shared(at: float) -> float:
-        """Return the sum of covariances with the samples at a shift of `at` steps, less that of their mean."""
-        return (math.exp(-at * x) + math.exp((at - 1) * x)) / -math.expm1(-x) - 2 / x
-
-    return np.asarray(PAPER_RAYS / light.rays * np.sqrt(light.rays * (shared(0.0) + mirrored * shared(shift))))
+    return np.asarray(PAPER_RAYS / light.rays * np.sqrt(light.rays * (_shared(x, 0.0) + mirrored * _shared(x, shift))))
 
 
 def _step(light: Light, thickness_mm: float) -> float:
-    """Return the step of the fan over the angle within which neighbouring rays end alike."""
-    return light.cone_deg / light.rays / (CORRELATION_DEG_PER_MM2 * thickness_mm**2)
+    """Return the step of a light's fan over the angle within which neighbouring rays end alike."""
+    return float(fan_step(light.cone_deg, light.rays, thickness_mm))
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ import pytest
 from analysis.optics.scene.curves import default_curves, frame_of, frames_of, parametric_curves
 from analysis.optics.scene.parameters import QUARTER_STEP, Design, Light, Waveguide, phase_of
 from analysis.optics.sweep.sweep import STEPS_MM
-from analysis.optics.tracer.simulation import fan_sd, trace
+from analysis.optics.tracer.simulation import changes_along_fan, fan_sd, fan_step, trace
 
 COVERAGE = (0.93, 0.97)
 
@@ -76,3 +76,19 @@ def test_fan_is_turned_beyond_the_papers_rays() -> None:
     """The paper's 250 rays keep their fan; with others it is turned by a quarter step."""
     assert (phase_of(250), phase_of(251), Light().with_rays(250).phase) == (0.0, 0.25, 0.0)
     assert Light().with_rays(2_500) == Light(rays=2_500, secondary=1_000, phase=0.25)
+
+
+def test_neighbours_that_are_less_alike_than_supposed_widen_the_error() -> None:
+    """Rays that end at random have the binomial error, whatever relation is supposed; related ones are left as counted.
+
+    The fan is of 4,000 rays, whose neighbours are supposed to be alike (covariance 0.78) in a guide of 2 mm.
+    """
+    rng, light, no = np.random.default_rng(1), Light(rays=4_000, phase=0.25), np.array(False)
+    step = fan_step(light.cone_deg, light.rays, 2.0)
+    random = (rng.random((4_000, 1)) < 0.3) * np.ones(2)
+    binomial = 250 / 4_000 * np.sqrt(4_000 * 0.3 * 0.7)
+    assert fan_sd(changes_along_fan(random, step, light.phase), light, 2.0, no) == pytest.approx(binomial, rel=0.25)
+    flips = rng.random(4_000) < 0.5 * (1.0 - np.exp(-step))
+    related = (np.cumsum(flips) % 2)[:, None] * np.ones(2)
+    counted = np.sum(np.diff(related[:, 0]) ** 2)
+    assert changes_along_fan(related, step, light.phase) == pytest.approx(counted)

@@ -451,7 +451,8 @@ def optimise(
     attenuation: Attenuation = 0.0,
     seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
     confidence: Annotated[
-        float | None, typer.Option(help="Also find the best of the designs searched with this probability, as 0.95.")
+        float | None,
+        typer.Option(help="Also find the best of the 64 best designs with this probability, as 0.95."),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the result as JSON.")] = None,
     as_json: JsonOption = False,

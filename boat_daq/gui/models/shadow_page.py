@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from PySide6.QtCore import Qt, QTimerEvent
 from PySide6.QtWidgets import QWidget
@@ -28,13 +30,21 @@ NOMINAL = (
     "Nominal: a healthy actuator of this design, computed by the shadow (a finite-element model); its band includes "
     "about 95 % of them (k = 2) and their hysteresis. Measured: this unit in the last minute, by its calibration."
 )
+TOLERANCE_TIP = (
+    "Greatest error of a point of the drawn actuator by the reduced model, in 95 % of its states: a smaller one takes "
+    "a larger table, built once; automatic: by the precision in the Models menu"
+)
+TABLE_TOLERANCES_MM = (0.01, 0.001, 0.0001)
 
 
 class NominalCard(PlotCard):
     """Measured elongation over pressure, over the nominal curve with its band."""
 
-    def __init__(self) -> None:
+    def __init__(self, choose: Callable[[float | None], object]) -> None:
         super().__init__("Elongation over pressure", NOMINAL)
+        errors = [("Error: automatic", None), *((f"Error \u00b1{mm:g} mm", mm) for mm in TABLE_TOLERANCES_MM)]
+        self.tolerance = widgets.choice("Error of the reduced model", errors, choose, tip=TOLERANCE_TIP)
+        self.bar.insertWidget(1, self.tolerance)
         self.plot = self.add("Elongation", "mm", x_title="Pressure", x_unit="kPa")
         self.band = self.plot.band("Nominal band", lambda t: t.target)
         self.nominal = self.plot.curve("Nominal", lambda t: t.target, pen_style=Qt.PenStyle.DashLine)
@@ -56,7 +66,8 @@ class NominalCard(PlotCard):
             self.nominal.set(pressure, mm)
             self.plot.fit()
         self.trace.set(*model.trace())
-        self.readout.setText("- - nominal with its band   — measured, last minute")
+        stated = model.problem or f"model \u00b1{1e3 * model.error_mm:.2g} \u00b5m"
+        self.readout.setText(f"- - nominal with its band   — measured, last minute   {stated}")
 
 
 class CyclesCard(PlotCard):
@@ -108,7 +119,7 @@ class ShadowPage(ReflowingPage):
         self._revision = -1
         self.pane = ShadowPane(model, services)
         self.pane.setContentsMargins(0, -style.GAP, 0, 0)
-        self.nominal, self.cycles = NominalCard(), CyclesCard(monitor)
+        self.nominal, self.cycles = NominalCard(model.set_tolerance), CyclesCard(monitor)
         plots = Shares("shadow plots", services.preferences, (self.nominal, 4), (self.cycles, 3))
         right = widgets.holder(widgets.column((plots, 1), self._alarms(), spacing=style.GAP))
         across = Shares("shadow", services.preferences, (self.pane, 2), (right, 3), beside=True)

@@ -102,6 +102,7 @@ class ShadowLive:
         self._live, self._jobs = live, jobs
         self._loading: Background[Shadow] = Background("shadow")
         self._prepared, self._level = False, "normal"
+        self.tolerance_mm: float | None = None  # of the table; None: that of the fidelity
         self.model: Shadow | None = None
         self.quantity = "displacement"
         self.show_cost = False
@@ -117,7 +118,7 @@ class ShadowLive:
         """Build the table in a helper process, once for each fidelity."""
         if not self._prepared:
             self._prepared = True
-            job = Job("Preparing the shadow", warm, self._level)
+            job = Job("Preparing the shadow", warm, self._level, self.tolerance_mm)
             self._jobs.start("shadow", job, self._built)
 
     def set_fidelity(self, level: str) -> None:
@@ -125,9 +126,20 @@ class ShadowLive:
         if level != self._level:
             self._level, self._prepared = level, False
 
+    def set_tolerance(self, tolerance_mm: float | None) -> None:
+        """Use a table with another error once `prepare` has built it; None leaves it to the fidelity."""
+        if tolerance_mm != self.tolerance_mm:
+            self.tolerance_mm, self._prepared = tolerance_mm, False
+
+    @property
+    def error_mm(self) -> float:
+        """Return the greatest error of a tracked point over the held-out states of the table; NaN while it loads."""
+        return math.nan if self.model is None else float(self.model.table.errors_mm[-1])
+
     def _built(self, job: Job) -> None:
         if job.state is JobState.DONE:
-            self._loading.call(shadow_of, self._level)
+            self.problem = ""
+            self._loading.call(shadow_of, self._level, self.tolerance_mm)
         elif job.failure is not None:
             self.problem = job.failure.cause
 
@@ -239,7 +251,7 @@ class ShadowLive:
             return ""
         if self._unstable is None:
             if self._stability_job is None:
-                self._stability_job = Job("Testing stability", unstable_held_states, self._level)
+                self._stability_job = Job("Testing stability", unstable_held_states, self._level, self.tolerance_mm)
                 self._jobs.start("stability", self._stability_job, self._take_stability)
             return self._no_stability
         unstable = place_of(pressure_kpa, elongation_mm) in self._unstable

@@ -45,6 +45,17 @@ def test_alarm_row_has_cause_time_and_probability(page):
     assert page.cycles.alarms.x.tolist() == [12.0]
 
 
+def test_the_error_of_the_model_is_chosen(page, app_model):  # noqa: F811 - the fixture above
+    """The table is built again, once, and automatic leaves it to the precision."""
+    shadow, choice = app_model.shadow, page.nominal.tolerance
+    for index, tolerance_mm in ((1, 0.01), (0, None)):
+        shadow._prepared = True
+        choice.setCurrentIndex(index)
+        choice.activated.emit(index)
+        assert (shadow.tolerance_mm, shadow._prepared) == (tolerance_mm, False)
+    assert np.isnan(shadow.error_mm)  # no model is loaded
+
+
 def test_each_figure_of_the_cycles_can_be_drawn(page):
     """The leak is drawn as its change from the first cycles; a figure that is NaN throughout draws nothing."""
     page.cycles.figure.setCurrentIndex(page.cycles.figure.findData("loss"))

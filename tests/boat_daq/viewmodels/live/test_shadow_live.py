@@ -123,7 +123,7 @@ def test_unstable_held_state_is_reported(ring, model, unstable, monkeypatch, elo
     pane, started = held(ring, model, monkeypatch, elongation)
     assert "Stability" not in lines_of(pane)  # nothing is reported before it is known
     ((job, then),) = started
-    assert job.call == (unstable_held_states, "normal")
+    assert job.call == (unstable_held_states, "normal", None)
     job.end(JobState.DONE, unstable)
     then(job)
     assert ("Stability" in lines_of(pane)) is warned

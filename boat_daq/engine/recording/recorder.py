@@ -8,9 +8,6 @@ memory is full, no later byte is taken, so that a file is always an unbroken beg
 
 from __future__ import annotations
 
-import contextlib
-import os
-import sys
 import threading
 import time
 from collections import deque
@@ -19,7 +16,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from boat_daq.engine.link.reader import Block
+from boat_daq.engine.link.reader import Block, raise_priority
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.file import RecordingFile, Statement, now_utc, set_meta
@@ -31,7 +28,6 @@ from protocol.recording import RunEnd, describe_dtype, open_recording, sample_dt
 
 COMMIT_S = 0.1
 LATENCIES_KEPT = 100  # commits: ten seconds
-WRITER_NICE = -10
 RETRY_S = 1.0
 MEMORY_BYTES_MAX = 128 * 2**20  # of what is not yet written
 _ITEM_BYTES = 400  # a block costs its bytes about twice, and this
@@ -264,7 +260,7 @@ class Recorder:
 
     def _run(self) -> None:
         """Commit every 100 ms and check the file every second, on the writing thread."""
-        _raise_priority()
+        raise_priority()
         stopping, due_s = False, time.monotonic()
         while not stopping:
             due_s = max(due_s + COMMIT_S, time.monotonic())  # the time that a commit takes does not put off the next
@@ -339,19 +335,6 @@ class Recorder:
             return
         self._reported.add(error.cause)
         self._on_error(error)
-
-
-def _raise_priority() -> None:
-    """Have the system run this thread before others, where it allows that: a busy computer delays commits less."""
-    if sys.platform == "linux":
-        with contextlib.suppress(PermissionError):  # of a user without the right (RLIMIT_NICE)
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), WRITER_NICE)
-    elif sys.platform == "win32":
-        import ctypes
-
-        kernel = ctypes.windll.kernel32
-        kernel.GetCurrentThread.restype = ctypes.c_void_p
-        kernel.SetThreadPriority(ctypes.c_void_p(kernel.GetCurrentThread()), 2)  # THREAD_PRIORITY_HIGHEST
 
 
 def append_reading(path: Path, reading: Reading) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from pathlib import Path
 
-from boat_daq.engine.link.reader import Block, PortReader
+from boat_daq.engine.link.reader import URGENT_NICE, Block, PortReader
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.errors import DeviceError
 from protocol import CommandDone, Connection, Identify, SetPressure, Start
@@ -125,3 +126,14 @@ def _wait_until(board: VirtualBoard, time_us: int) -> None:
     while board.now_us < time_us:
         assert time.monotonic() < deadline
         time.sleep(0.002)
+
+
+def urgent_nice() -> int:
+    """Return the nice value of an urgent thread: that of this program where its user has no right to lower it."""
+    own, thread = os.getpriority(os.PRIO_PROCESS, 0), threading.get_native_id()
+    try:
+        os.setpriority(os.PRIO_PROCESS, thread, own - 1)
+    except PermissionError:
+        return own
+    os.setpriority(os.PRIO_PROCESS, thread, own)
+    return URGENT_NICE

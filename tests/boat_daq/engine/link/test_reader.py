@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import threading
 
 import numpy as np
 import pytest
 
-from boat_daq.engine.link.reader import Block, PortLost, PortReader, PortSilent, SinkFailed
+from boat_daq.engine.link.reader import URGENT_NICE, Block, PortLost, PortReader, PortSilent, SinkFailed
 from boat_daq.errors import DeviceError
 from protocol import CommandDone, CommandLost, Connection, Heartbeat, Identify, Samples, Start, Vent
 from protocol.simulator.board import VirtualBoard
-from tests.boat_daq.engine.board_link import BoardTransport, Seen, identified
+from tests.boat_daq.engine.board_link import BoardTransport, Seen, identified, urgent_nice
 
 
 class FakeClock:
@@ -45,6 +47,15 @@ def test_blocks_are_the_bytes_with_their_samples():
         for event in block.events
         if isinstance(event, Samples)
     )
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a thread's priority cannot be read")
+def test_reader_runs_first_where_the_system_allows_it():
+    """A port holds some milliseconds of samples: what waits longer for the processor is lost."""
+    reader, _, _ = identified(BoardTransport(VirtualBoard(), end_us=1_000_000))
+    assert os.getpriority(os.PRIO_PROCESS, reader._thread.native_id) == urgent_nice()
+    assert os.getpriority(os.PRIO_PROCESS, os.getpid()) > URGENT_NICE
+    reader.stop()
 
 
 def test_a_sink_that_raises_is_reported_once_and_the_others_continue():

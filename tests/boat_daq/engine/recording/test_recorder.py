@@ -11,16 +11,16 @@ import time
 import numpy as np
 import pytest
 
-from boat_daq.engine.link.reader import Block
+from boat_daq.engine.link.reader import URGENT_NICE, Block
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.qualification.drills import slow_commits
-from boat_daq.engine.recording.recorder import WRITER_NICE, Recorder, append_reading
+from boat_daq.engine.recording.recorder import Recorder, append_reading
 from boat_daq.engine.recording.rows import step_row
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.errors import OperatorError, StorageError
 from protocol import CommandDone, Start
 from protocol.recording import APPLICATION_ID, SESSION_KEYS, RunEnd, open_recording, read_session
-from tests.boat_daq.engine.board_link import meta_of
+from tests.boat_daq.engine.board_link import meta_of, urgent_nice
 from tests.boat_daq.engine.recording_source import Source, add_step, begin, reading, rows, stored_samples
 
 
@@ -48,18 +48,11 @@ def test_what_a_crash_would_cost_is_measured(recorder, source):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a thread's priority cannot be read")
 def test_writer_runs_first_where_the_system_allows_it(recorder, path):
-    """Its nice value is -10, or that of this program where its user has no right to lower it."""
-    try:
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), os.getpriority(os.PRIO_PROCESS, 0) - 1)
-        expected = -10
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), os.getpriority(os.PRIO_PROCESS, 0) + 1)
-    except PermissionError:
-        expected = os.getpriority(os.PRIO_PROCESS, 0)
     recorder.flush()
     (writer,) = [thread for thread in threading.enumerate() if thread.name == f"recorder {path.name}"]
     assert writer.native_id is not None
-    assert os.getpriority(os.PRIO_PROCESS, writer.native_id) == expected
-    assert os.getpriority(os.PRIO_PROCESS, os.getpid()) > WRITER_NICE
+    assert os.getpriority(os.PRIO_PROCESS, writer.native_id) == urgent_nice()
+    assert os.getpriority(os.PRIO_PROCESS, os.getpid()) > URGENT_NICE
 
 
 def test_a_closed_recording_is_one_plain_file_that_names_itself(recorder, source, path):

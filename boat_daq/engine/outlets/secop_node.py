@@ -34,7 +34,6 @@ IDLE, BUSY, ERROR = 100, 300, 400
 _CODES = {"IDLE": IDLE, "BUSY": BUSY, "ERROR": ERROR}
 _STATUS = {"type": "tuple", "members": [{"type": "enum", "members": _CODES}, {"type": "string"}]}
 _STATES = {str(state): number for number, state in enumerate(SessionState)}
-_NO_VALUE = ("Impossible", "there is no value now")
 _REQUEST = re.compile(r"([a-z*][A-Za-z?_]{0,31})(?: (\S*)(?: (.*))?)?", re.DOTALL)
 _WORD = re.compile(r"[\w:.]{1,80}", re.ASCII)
 
@@ -68,12 +67,30 @@ class Driven(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Parameter:
-    """A value of a module: its type, how it is read, and how it is changed; None where it cannot be."""
+    """A value of a module: its type, how it is read, and how it is changed; None where it cannot be.
+
+    What is measured is known while the board sends: the last value of a lost link is not given as one of now.
+    """
 
     text: str
     datainfo: Mapping[str, Any]
     read: Callable[[SessionSnapshot], Any]
     change: Callable[[Any], None] | None = None
+    measured: bool = False
+
+    def value(self, seen: SessionSnapshot) -> Any:
+        """Return the value now.
+
+        Raises
+        ------
+        SecopError : there is none.
+        """
+        if self.measured and seen.link is not LinkState.UP:
+            raise SecopError("CommunicationFailed", f"the board does not send: the link is {seen.link}")
+        found = self.read(seen)
+        if isinstance(found, float) and not math.isfinite(found):
+            raise SecopError("Impossible", "there is no value now")
+        return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,9 +175,11 @@ class SecopNode:
         found = {}
         for name, module in chosen.items():
             for key, parameter in module.parameters.items():
-                where, value = f"{name}:{key}", parameter.read(seen)
-                known = f"update {where} {_json([value, {'t': now_s}])}" if _is_known(value) else ""
-                found[where] = known or f"error_update {where} {_json([*_NO_VALUE, {'t': now_s}])}"
+                where = f"{name}:{key}"
+                try:
+                    found[where] = f"update {where} {_json([parameter.value(seen), {'t': now_s}])}"
+                except SecopError as error:
+                    found[where] = f"error_update {where} {_json([error.name, str(error), {'t': now_s}])}"
         return found
 
     def _answer(self, action: str, where: str, data: str | None) -> Iterator[str]:
@@ -240,10 +259,7 @@ class SecopNode:
         return found
 
     def _value(self, where: str, usual: str) -> str:
-        value = self._parameter(where, usual).read(self._session.snapshot())
-        if not _is_known(value):
-            raise SecopError(*_NO_VALUE)
-        return _json([value, {"t": time.time()}])
+        return _json([self._parameter(where, usual).value(self._session.snapshot()), {"t": time.time()}])
 
     def _change(self, where: str, data: str | None) -> Any:
         parameter = self._parameter(where, "target")
@@ -271,7 +287,10 @@ class SecopNode:
 
     def _readable(self, unit: str, read: Callable[[SessionSnapshot], Any], text: str) -> dict[str, _Parameter]:
         info = {"type": "double"} | ({"unit": unit} if unit not in ("", "1") else {})
-        return {"value": _Parameter(text, info, read), "status": _Parameter("Status.", _STATUS, _link_status)}
+        return {
+            "value": _Parameter(text, info, read, measured=True),
+            "status": _Parameter("Status.", _STATUS, _link_status),
+        }
 
     def _sensor(self, number: int) -> _Module:
         def read(seen: SessionSnapshot) -> float:
@@ -308,7 +327,9 @@ class SecopNode:
             )
 
         parameters = self._readable("mm", read, "Elongation by the calibration; none without one or outside its range.")
-        u = _Parameter("Expanded uncertainty, k = 2.", {"type": "double", "unit": "mm"}, lambda seen: read(seen, 1))
+        u = _Parameter(
+            "Expanded uncertainty, k = 2.", {"type": "double", "unit": "mm"}, lambda seen: read(seen, 1), measured=True
+        )
         return _Module("Elongation of the actuator.", "Readable", parameters | {"_uncertainty": u})
 
     def _pressure(self, seen: SessionSnapshot) -> _Module:
@@ -334,7 +355,7 @@ class SecopNode:
         ramp = {"type": "double", "unit": "kPa/s", "min": 0.1, "max": 100.0}
         parameters = self._readable("kPa", lambda s: s.last.pressure_kpa if s.last else math.nan, "Gauge pressure.") | {
             "status": _Parameter("BUSY while it changes.", _STATUS, _pressure_status),
-            "target": _Parameter("Commanded pressure.", info, _target_kpa, go),
+            "target": _Parameter("Commanded pressure.", info, _target_kpa, go, measured=True),
             "_ramp": _Parameter("Rate towards the target.", ramp, lambda _: self._ramp_kpa_per_s, set_ramp),
         }
         return _Module(
@@ -377,9 +398,10 @@ class SecopNode:
         return _Module("The run of a plan.", "Readable", parameters, commands)
 
     def _vent(self) -> _Module:
-        vented = _Parameter(
-            "Whether the valve is open.", {"type": "bool"}, lambda s: bool(s.last and s.last.state is BoardState.VENTED)
-        )
+        def is_open(seen: SessionSnapshot) -> bool:
+            return bool(seen.last and seen.last.state is BoardState.VENTED)
+
+        vented = _Parameter("Whether the valve is open.", {"type": "bool"}, is_open, measured=True)
         parameters = {"value": vented, "status": _Parameter("Status.", _STATUS, _link_status)}
         return _Module("The vent valve.", "Readable", parameters, {"_vent": _Command("Vent now.", self._session.vent)})
 
@@ -429,10 +451,6 @@ def _run_status(seen: SessionSnapshot) -> list[Any]:
     if seen.state in (SessionState.FAULT, SessionState.ABORTED):
         return [ERROR, seen.latched or (seen.run_ended.text if seen.run_ended else str(seen.state))]
     return [BUSY if seen.state in (SessionState.RUNNING, SessionState.FINISHING) else IDLE, str(seen.state)]
-
-
-def _is_known(value: Any) -> bool:
-    return not isinstance(value, float) or math.isfinite(value)
 
 
 def _json(value: Any) -> str:

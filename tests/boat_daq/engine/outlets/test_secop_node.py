@@ -143,6 +143,24 @@ def test_extra_and_derived_channels_are_modules_that_are_only_read() -> None:
     assert node.updates()["flow_l_per_min:value"].startswith("error_update flow_l_per_min:value")
 
 
+def test_a_lost_link_gives_no_value_as_one_of_now() -> None:
+    """What was measured last is an error until the board sends again; the state of the run and VENT are there."""
+    rig = ControllerRig().connected()
+    node = SecopNode(RigSession(rig), Path("none"))
+    assert next(node.answer("read s1")).startswith("reply s1 ")
+    rig.plugged = False
+    rig.do(lambda: rig.control.link_lost("the port is gone"))
+    for where in ("s1:value", "pressure:value", "pressure:target", "vent:value", "elongation:value"):
+        assert next(node.answer(f"read {where}")).startswith(f'error_read {where} ["CommunicationFailed"')
+        assert node.updates()[where].startswith(f'error_update {where} ["CommunicationFailed"')
+    assert next(node.answer("read s1:status")).startswith('reply s1:status [[400, "lost"]')
+    assert next(node.answer("read sequence:value")).startswith("reply sequence:value")
+    assert next(node.answer("do vent:_vent")).startswith("done vent:_vent")
+    rig.replug()
+    rig.connected()
+    assert next(node.answer("read s1")).startswith("reply s1 ")
+
+
 class TestRandomRequests(Clients.TestCase):  # type: ignore[misc, name-defined]
     """What every change must pass."""
 

@@ -37,7 +37,7 @@ from analysis.segmentation.cycle_effect import CycleEffect
 FEWEST_CYCLES = 2
 FEWEST_REPEATS = 10
 """Cycles of a repeatability run before it may end: fewer leave the widths of the intervals themselves uncertain."""
-CONFIDENCE = 0.85
+CONFIDENCE = 0.9
 """One-sided, of the limit of what the cycles may differ by in U that ends a run: by its coverage (METHODS.md)."""
 DRIFT, SPREAD = "drift_percent_fso_per_100_cycles", "repeatability_percent_fso"
 FALLING = ("fit",)

@@ -105,10 +105,8 @@ def record(
         raise typer.BadParameter("--resume continues its own recording: omit --out and --duration")
     if video is not None and camera is None:
         raise typer.BadParameter("--video goes with --camera")
-    if uncertainty is not None and (plan is None or elongation is None or repeatability is not None):
-        raise typer.BadParameter("needs --plan and --elongation, and no --repeatability", param_hint="--uncertainty")
-    if repeatability is not None and plan is None:
-        raise typer.BadParameter("needs --plan", param_hint="--repeatability")
+    if uncertainty is not None and ((elongation is None and camera is None) or repeatability is not None):
+        raise typer.BadParameter("needs --elongation or --camera, and no --repeatability", param_hint="--uncertainty")
     readings = read_elongation_csv(elongation) if elongation is not None else None
     values = {"cycles": cycles, "dwell_s": dwell, "ramp_kpa_per_s": ramp}
     changes = {name: value for name, value in values.items() if value is not None}
@@ -130,7 +128,7 @@ def record(
         request = resumed(request, broken_run(resume, plan, changes, unit=unit))
     else:
         request = dataclasses.replace(request, plan=chosen_plan(plan, changes))
-        _check_kind(request.plan, {"staircase": uncertainty, "continuous": repeatability})
+    _check_kind(request.plan, {"staircase": uncertainty, "continuous": repeatability})
     enter = None
     if elongation is not None and readings is not None:
         enter = _entry(elongation, readings, request, growing=uncertainty is not None)
@@ -160,7 +158,8 @@ def _check_kind(plan: Plan | None, given: Mapping[str, float | None]) -> None:
     kind = None if plan is None else plan.kind
     for only, figure in given.items():
         if figure is not None and kind != only:
-            raise typer.BadParameter(f"is of {only} plans, this one is {kind}", param_hint=options[only])
+            what = "without one there is nothing to end" if kind is None else f"this one is {kind}"
+            raise typer.BadParameter(f"is of {only} plans, {what}", param_hint=options[only])
 
 
 def _entry(

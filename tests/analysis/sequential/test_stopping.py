@@ -80,8 +80,8 @@ def test_what_is_still_to_do_is_stated(assessment: StopAssessment, end: str) -> 
 
 
 def test_u_takes_the_cycles_at_their_upper_limit() -> None:
-    """Of two cycles the variance is known to a factor of 28, of eleven to 1.8; of one cycle nothing is known."""
-    for cycles, chi2 in ((2, 0.0357657792), (11, 5.5700594442)):
+    """Of two cycles the variance is known to a factor of 63, of eleven to 2.1; of one cycle nothing is known."""
+    for cycles, chi2 in ((2, 0.0157907741), (11, 4.8651820519)):
         effect = CycleEffect(cycles, 18, 0.04, 0.01)
         upper = 0.04 * (cycles - 1) / chi2 * (1 + 1 / cycles)
         assert u_at_most(0.06, effect, 0.025) == pytest.approx(math.hypot(0.06, 0.05 * math.sqrt(upper - 0.04)))

@@ -86,10 +86,10 @@ def test_u_of_ended_runs_holds_where_cycles_differ() -> None:
 @pytest.mark.parametrize("shared", [0.0, 0.5, 1.0, 2.0, 4.0])
 @pytest.mark.parametrize("asked", [2.3, 2.6, 3.5])
 def test_u_of_ended_runs_holds_at_its_rate(shared: float, asked: float) -> None:
-    """1,000 runs: at least 93 % at the end, and less than 4 % fewer than of runs that nothing ended."""
+    """1,000 runs: at least 93 % at the end, and at most 5 % less than of runs that nothing ended."""
     ended, fixed, _ = coverage_of_u(shared, asked, 1000)
     assert 0.93 < ended < 0.99
-    assert ended > fixed - 0.04
+    assert ended > fixed - 0.05
 
 
 def coverage_of_repeats(asked_percent: float, runs: int) -> FloatArray:

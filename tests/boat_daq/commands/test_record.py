@@ -36,6 +36,28 @@ def test_refusal_with_json_is_an_object(tmp_path: Path) -> None:
     assert not (tmp_path / "run.boat").exists()
 
 
+@pytest.mark.parametrize(
+    ("options", "cause"),
+    [
+        (["--plan", "calibration", "--uncertainty", "0.08"], "needs --elongation or --camera"),
+        (
+            ["--plan", "repeatability", "--uncertainty", "0.08", "--camera", "0"],
+            "is of staircase plans, this one is con",
+        ),
+        (["--uncertainty", "0.08", "--camera", "0"], "without one there is nothing to end"),
+        (["--plan", "calibration", "--repeatability", "0.1"], "is of continuous plans, this one is staircase"),
+        (["--plan", "repeatability", "--repeatability", "0"], "an uncertainty of 0"),
+        (["--plan", "repeatability", "--repeatability", "-1"], "an uncertainty of -1"),
+    ],
+)
+def test_an_end_that_a_plan_cannot_have_is_refused(tmp_path: Path, options: list[str], cause: str) -> None:
+    """Before the board is opened, and with the reason."""
+    code, _, err = program("record", "--port", tmp_path / "none", "--out", tmp_path / "run.boat", *options)
+    assert code != 0
+    assert cause in " ".join(err.replace("│", " ").split())
+    assert not (tmp_path / "run.boat").exists()
+
+
 def test_plan_outside_the_limits_leaves_no_recording(tmp_path: Path) -> None:
     """The limits are known before the first sample, so no file is created."""
     UnitLibrary().save(Unit("tender", min_kpa=-5.0, max_kpa=20.0))

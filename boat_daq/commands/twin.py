@@ -65,13 +65,15 @@ def identify(
 
     from analysis.optics.scene.parameters import PAPER_OPTIMUM
     from analysis.shadow.fem.parameters import read_parameters
-    from boat_daq.viewmodels.common.twin import identify_unit
+    from boat_daq.viewmodels.common.twin import identify_unit, store_twin
 
-    actuator = None if parameters is None else read_parameters(parameters)
-    place = None if face is None else replace(PAPER_OPTIMUM, face=face).face  # type: ignore[arg-type]  # checked there
+    chosen: dict[str, Any] = {} if parameters is None else {"actuator": read_parameters(parameters)}
+    chosen |= {} if face is None else {"face": replace(PAPER_OPTIMUM, face=face).face}  # type: ignore[arg-type]  # checked
     recording, units = _recording(run)
-    twin = identify_unit(recording, units, actuator, place)
+    twin = replace(identify_unit(recording, units), **chosen)
     _light(twin)
+    if chosen:
+        store_twin(units, twin)
     model = twin.model
     _present(
         twin,

@@ -18,8 +18,6 @@ from boat_daq.viewmodels.common.reference import stored_inverse
 if TYPE_CHECKING:
     from analysis.calibration.inverse import Fusion
     from analysis.data.recording import Recording
-    from analysis.optics.scene.parameters import Face
-    from analysis.shadow.fem.parameters import ActuatorParameters
     from analysis.twin.controller import Bounds, ElongationController
     from analysis.twin.light_table import LightTable
     from analysis.twin.prediction import LivePrediction, SensorPrediction
@@ -79,15 +77,10 @@ def load_twin(units: UnitLibrary, name: str) -> TwinFile:
     return twin
 
 
-def identify_unit(
-    recording: Recording, units: UnitLibrary, actuator: ActuatorParameters | None = None, face: Face | None = None
-) -> TwinFile:
-    """Identify the hysteresis of a recording's unit by its calibration in force, and store it; gains are kept.
+def identify_unit(recording: Recording, units: UnitLibrary) -> TwinFile:
+    """Identify the hysteresis of a recording's unit by its calibration in force, and store it.
 
-    Parameters
-    ----------
-    recording : of the unit. units : of its kind of board.
-    actuator, face : that its signals are predicted by; as before where None.
+    Gains, and the actuator that its signals are predicted by, are kept.
 
     Raises
     ------
@@ -104,7 +97,6 @@ def identify_unit(
     twin = TwinFile(recording.unit, units.simulated, stored.utc, name, model)
     if before is not None:
         twin = replace(twin, tuning=before.tuning, actuator=before.actuator, face=before.face)
-    twin = replace(twin, actuator=actuator or twin.actuator, face=face or twin.face)
     store_twin(units, twin)
     return twin
 

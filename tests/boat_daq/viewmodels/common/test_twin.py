@@ -10,9 +10,19 @@ import pytest
 
 from analysis import fit_calibration
 from analysis.data.recording import Recording
+from analysis.errors import FileError
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.twin import identify_unit, load_twin, prepare_control, regulator_of, store_twin
+from boat_daq.viewmodels.common.twin import (
+    fusion_of,
+    identify_unit,
+    live_prediction_of,
+    load_twin,
+    prepare_control,
+    regulator_of,
+    store_twin,
+    twin_path,
+)  # fmt: skip
 from tests.analysis.twin_unit import swings
 
 
@@ -66,6 +76,23 @@ def test_an_identified_unit_has_a_regulator_until_its_calibration_changes(units,
     store_twin(units, replace(twin, calibration_utc="2026-01-01T00:00:00+00:00"))
     with pytest.raises(OperatorError, match="another calibration"):
         regulator_of(units, "SA1")
+
+
+def test_another_actuator_is_kept_and_predicts_nothing_until_its_light_is_traced(units, run, monkeypatch, tmp_path):
+    accept(units)
+    twin = identify_unit(run, units)
+    fusion = fusion_of(units, "SA1")
+    assert live_prediction_of(units, "SA1", fusion) is not None
+    actuator = replace(twin.actuator, wall_mm=2.4)
+    store_twin(units, replace(twin, actuator=actuator, face="inner"))
+    again = identify_unit(run, units)
+    assert (again.actuator, again.face) == (actuator, "inner")
+    monkeypatch.setattr("analysis.twin.light_table.cache_folder", lambda: tmp_path)
+    assert live_prediction_of(units, "SA1", fusion) is None
+    path = twin_path(units, "SA1")
+    path.write_text(path.read_text(encoding="utf-8").replace('"wall_mm": 2.4', '"wall_mm": -2.4'), encoding="utf-8")
+    with pytest.raises(FileError, match="wall_mm"):
+        load_twin(units, "SA1")
 
 
 def test_a_calibration_run_prepares_the_control_and_says_what_is_next(units, run, monkeypatch):

@@ -45,6 +45,7 @@ MOST = 1500
 TOLERANCE = (
     1e-3  # of the light's range, in the middle of an interval; one that fails it is split, as are its neighbours
 )
+LEAST_RAYS = 5.0  # that the middle must be off by: fewer are the chance of a fan
 NARROWEST_MM = 5e-4
 RAYS = 100_000
 _ARRAYS = ("losses_db_per_cm", "elongation_mm", "light_percent")
@@ -205,7 +206,8 @@ def build_light(
     while suspect.any() and len(x) < MOST:
         middle = 0.5 * (x[:-1] + x[1:])[suspect]
         trace(middle)
-        x, suspect = _halved(x, middle, known, suspect, tolerance)
+        off_percent = max(tolerance * float(np.ptp(list(known.values()))), 100.0 * LEAST_RAYS / rays)
+        x, suspect = _halved(x, middle, known, suspect, off_percent)
     light = np.asarray([known[mm] for mm in x.tolist()])
     rows = [light]
     for number, loss in enumerate(losses):
@@ -220,11 +222,11 @@ def build_light(
 
 
 def _halved(
-    x: FloatArray, middle: FloatArray, known: dict[float, float], suspect: BoolArray, tolerance: float
+    x: FloatArray, middle: FloatArray, known: dict[float, float], suspect: BoolArray, off_percent: float
 ) -> tuple[FloatArray, BoolArray]:
     """Return the elongations with the middles of the suspect intervals, and which intervals are suspect then."""
     light, traced = (np.asarray([known[mm] for mm in values.tolist()]) for values in (x, middle))
-    away = np.abs(traced - 0.5 * (light[:-1] + light[1:])[suspect]) > tolerance * np.ptp(light)
+    away = np.abs(traced - 0.5 * (light[:-1] + light[1:])[suspect]) > off_percent
     split = np.zeros(len(x) - 1, dtype=bool)
     split[np.flatnonzero(suspect)[away]] = True
     split = split | np.concatenate([split[1:], [False]]) | np.concatenate([[False], split[:-1]])

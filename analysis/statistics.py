@@ -6,6 +6,8 @@ same seed gives the same numbers.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from scipy import stats
 
@@ -79,9 +81,15 @@ def resampling_weights(n: int, rng: np.random.Generator, resamples: int = RESAMP
     return rng.multinomial(n, np.full(n, 1.0 / n), size=resamples).astype(np.float64)
 
 
-def tail_shift(draws: int, tail: float = 0.025) -> float:
-    """Return the error (k = 2) of the probability beyond a quantile of so many draws; `tail` is that probability."""
-    return float(2.0 * np.sqrt(tail * (1.0 - tail) / draws))
+@cache
+def tails_within(draws: int, tail: float = 0.025) -> tuple[float, float]:
+    """Return the limits (k = 2) of the probability beyond a quantile of so many draws; `tail` is that quantile's own.
+
+    Source: A. Vehtari et al., Rank-normalization, folding, and localization, Bayesian Analysis 16 (2021) 667-718.
+    """
+    law = stats.beta(draws * tail + 1.0, draws * (1.0 - tail) + 1.0)
+    low, high = (float(law.ppf(stats.norm.cdf(sides))) for sides in (-2.0, 2.0))
+    return low, high
 
 
 def bootstrap_interval(

@@ -30,7 +30,7 @@ from analysis.segmentation.cycle_effect import CycleEffect
 from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.loops import Loops, LoopWidth, branch_mean, end_levels, loop_width
 from analysis.segmentation.plateaus import Plateau
-from analysis.statistics import bootstrap_interval, tail_shift, theil_sen
+from analysis.statistics import bootstrap_interval, tails_within, theil_sen
 
 CURVE_POINTS = 201
 NEVER_NEGATIVE = ("mV", "% FSO")  # spans, widths and spreads; slopes and decibels have a sign
@@ -655,8 +655,7 @@ def _with_error(limits: Callable[[float], tuple[float, float]], draws: int) -> t
     found = np.asarray(limits(tail))
     if not draws or not np.isfinite(found).all():
         return (float(found[0]), float(found[1])), 0.0
-    shift = tail_shift(draws, tail)
-    away = [np.abs(np.asarray(limits(max(tail + side * shift, 0.0))) - found).max() for side in (-1.0, 1.0)]
+    away = [np.abs(np.asarray(limits(other)) - found).max() for other in tails_within(draws, tail)]
     return (float(found[0]), float(found[1])), float(max(away))
 
 

@@ -155,7 +155,7 @@ class CameraPanel(QWidget):
             values.setAlignment(text, Qt.AlignmentFlag.AlignVCenter)
         self.values = widgets.inside(values)  # as high with a warning as without: the picture does not move
         self.values.setFixedHeight(WARNING_LINES * QFontMetrics(style.small_font()).lineSpacing())
-        parts = (asked, marks, self.help, self.print, self.values, self.line, (self.picture, 1))
+        parts = (asked, marks, self.help, self.print, self.values, self.line, (self.picture, 100))
         self.setLayout(widgets.column(*parts, None, spacing=style.GAP, margins=(0, style.GAP, 0, 0)))
         self._show(model.view())
 

@@ -69,7 +69,7 @@ def own_elongation(recording: Recording, options: Options, elongation: str | Pat
     ------
     AnalysisError : the run is no calibration, or its calibration gives no elongation.
     """
-    if elongation is None and not len(recording.readings):
+    if elongation is None and not len(recording.readings) and recording.camera is None:
         raise DataError("no elongation was read in this run", "Give a calibration of its unit.")
     return convert_recording(recording, CalibrationFile.of(analyse(recording, elongation, options=options)))
 

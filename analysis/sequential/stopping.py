@@ -114,15 +114,28 @@ class StopAssessment:
 
     @property
     def now(self) -> str:
-        """Return the values now and those asked for."""
-        return f"{self._values(0)}, {self._asked}"
+        """Return the values now and those asked for, in short."""
+        return f"{self._values(0)} of {self._asked} {self._unit} asked"
+
+    @property
+    def best(self) -> str:
+        """Return the values that the cycles of the plan lead to; "" where these suffice, or nothing is known."""
+        more = self.more_cycles
+        if not self.criteria or (more is not None and self.cycles + more <= self.planned):
+            return ""
+        lead = self._values(max(self.planned - self.cycles, 0))
+        return f"the {_cycles(self.planned)} of the plan lead to {lead} {self._unit}"
 
     @property
     def _asked(self) -> str:
-        return f"{self.criteria[0].asked:g} {self.criteria[0].unit} asked"
+        return f"{self.criteria[0].asked:g}"
+
+    @property
+    def _unit(self) -> str:
+        return self.criteria[0].unit
 
     def _values(self, more: int) -> str:
-        return ", ".join(f"{c.name}{c.after(self.cycles, more):.2g} {c.unit}" for c in self.criteria)
+        return ", ".join(f"{c.name}{c.after(self.cycles, more):.2g}" for c in self.criteria)
 
     @property
     def text(self) -> str:
@@ -130,15 +143,14 @@ class StopAssessment:
         after = _cycles(self.cycles)
         if self.void:
             return f"the uncertainty is not known after {after}: {self.void}"
-        now, more = f"{self._values(0)} after {after}, {self._asked}", self.more_cycles
+        more = self.more_cycles
+        now = f"{self._values(0)} {self._unit} after {after}, {self._asked} {self._unit} asked"
         if more == 0:
             return f"{now}: reached"
-        if more is None or self.cycles + more > self.planned:
-            lead = self._values(max(self.planned - self.cycles, 0))
-            best = f"the {_cycles(self.planned)} of the plan lead to {lead}"
-            return f"{now}: not reached, {best}" if more is None else f"{now}: {_cycles(more)} more, {best}"
+        if self.best:
+            return f"{now}: {'not reached' if more is None else f'{_cycles(more)} more'}, {self.best}"
         held = "" if self.hold is None else f", {len(self.hold)} plateaus each"
-        return f"{now}: {_cycles(more)} more{held}"
+        return f"{now}: {_cycles(more or 0)} more{held}"
 
     def as_json(self) -> dict[str, Any]:
         """Return it as a dictionary."""

@@ -154,7 +154,7 @@ class SequencePanel(QFrame):
         """Show state, progress and the buttons that may be pressed."""
         model = self.run.sequence
         widgets.set_text(self.state, state_text(snapshot))
-        shown = "   ".join(filter(None, (progress_text(snapshot), self.run.enough.text(snapshot))))
+        shown = "   ".join(filter(None, (self.run.enough.text(snapshot), progress_text(snapshot))))
         widgets.set_text(self.progress, shown or f"{model.plan.name}: {model.estimate}")
         allowed = model.allowed(snapshot)
         for key, button in self.buttons.items():

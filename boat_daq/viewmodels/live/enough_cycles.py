@@ -110,9 +110,11 @@ class EnoughCycles:
             return ""
         if self.known is None:
             return f"{self.asked:g} {self.unit(snapshot)} asked, known after a cycle"
-        progress, more = snapshot.progress, self.known.more_cycles
-        if more is None or self.known.cycles + more > self.known.planned:
+        if self.known.void:
             return self.known.text
+        if self.known.best:
+            return f"{self.known.now}, {self.known.best}"
+        progress, more = snapshot.progress, self.known.more_cycles or 0
         begun = progress.complete_cycles - self.known.cycles
         planned = max(progress.cycles - progress.complete_cycles, 1)
         left_s = progress.time_left_s * max(more - begun, 0) / planned

@@ -131,7 +131,7 @@ def test_a_repeatability_run_ends_when_drift_and_spread_are_known(run: Analysis)
     wide = assess_repeats(with_intervals(run, 0.1, 0.2999), 0.1, 100)
     assert wide.more_cycles == 2 * 9 - 2
     assert wide.text.endswith("0.1 % FSO asked: 16 cycles more")
-    assert "drift ±0.1 % FSO, repeatability ±0.3 % FSO" in wide.text
+    assert "drift ±0.1, repeatability ±0.3 % FSO after" in wide.text
     unknown = assess_repeats(with_intervals(run, 0.1, 0.1, "one cycle only"), 0.1, 100)
     assert "one cycle only" in unknown.text
     assert not unknown.reached

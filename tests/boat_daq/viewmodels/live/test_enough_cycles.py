@@ -81,7 +81,7 @@ def test_a_run_ends_after_the_cycle_that_leaves_the_u(model: EnoughCycles, ended
     model.follow(snapshot(1))
     assert not ended
     assert held == [Done.result.hold]
-    assert model.text(snapshot(1)).startswith("U 0.1 mm, 0.08 mm asked, 5:00 left")
+    assert model.text(snapshot(1)).startswith("U 0.1 of 0.08 mm asked, 5:00 left")
     Done.result = known(2, 0.079, 0.05)
     model.follow(snapshot(2))
     model.follow(snapshot(2))
@@ -96,7 +96,7 @@ def test_what_cannot_be_reached_or_assessed_is_reported(model: EnoughCycles, end
     Done.result = known(1, 0.1, 0.09)
     for _ in range(2):
         model.follow(snapshot(1))
-    assert model.text(snapshot(1)).endswith("not reached, the 5 cycles of the plan lead to U 0.092 mm")
+    assert model.text(snapshot(1)) == "U 0.1 of 0.08 mm asked, the 5 cycles of the plan lead to U 0.092 mm"
     Done.failure = JobFailure("the file is damaged", "", "")
     for _ in range(2):
         model.follow(snapshot(2))

@@ -177,7 +177,7 @@ def analyse_within(
         elif not sampled:
             chosen = replace(chosen, mcmc=True)
         elif found.error(unit) > tolerance:
-            samples = draws_for(found.samples, found.error(unit), tolerance, unit, MOST_SAMPLES)
+            samples = _samples_for(chosen.posterior_samples or 0, found.samples, found.error(unit), tolerance, unit)
             chosen = replace(chosen, posterior_samples=samples)
         elif math.isnan(found.error(unit)):
             why = "the posterior is not sampled" if unit == "mm" else "no figure has an interval"
@@ -216,7 +216,7 @@ def sample_within(
     check_tolerance(tolerance, unit)
     samples = FEWEST_SAMPLES
     while (error := greatest_band_error([found := sample(samples)], unit)) > tolerance:
-        samples = draws_for(int(found.n_eff), error, tolerance, unit, MOST_SAMPLES)
+        samples = _samples_for(samples, int(found.n_eff), error, tolerance, unit)
     return found, error
 
 
@@ -229,6 +229,24 @@ def check_tolerance(tolerance: float, unit: str) -> None:
     """
     if not 0.0 < tolerance < math.inf:
         raise RequestError(f"a tolerance of {tolerance:g} {unit}", "give a number above 0")
+
+
+def _samples_for(asked: int, reached: int, error: float, tolerance: float, unit: str) -> int:
+    """Return as many effective samples as a tolerance takes.
+
+    Parameters
+    ----------
+    asked, reached : effective samples of the chain, which ends at its most steps. error : that it leaves.
+    tolerance, unit : allowed.
+
+    Raises
+    ------
+    RequestError : the longest chain, or all samples that are kept, leave more.
+    """
+    if reached < 0.99 * asked:
+        cause = f"an error of {tolerance:g} {unit} takes a longer chain than is sampled"
+        raise RequestError(cause, f"allow {SPARE * error:.2g} {unit}")
+    return draws_for(reached, error, tolerance, unit, MOST_SAMPLES)
 
 
 def draws_for(now: int, error: float, tolerance: float, unit: str, most: int) -> int:

@@ -83,6 +83,8 @@ def test_a_band_takes_as_many_samples_as_its_tolerance() -> None:
     assert asked[1] == FEWEST_SAMPLES
     with pytest.raises(RequestError, match="more draws"):
         sample_within(sample, coarse / 100)
+    with pytest.raises(RequestError, match="longer chain"):  # one that does not grow
+        sample_within(lambda _: posterior, error / 1.2)
 
 
 def test_draws_follow_from_the_tolerance(run: tuple[Recording, Path]) -> None:

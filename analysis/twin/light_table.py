@@ -3,8 +3,7 @@
 Strategy: the shapes of the guides follow from the full model at many pressures, by a spline over elongation; the light
 of the paper's pattern is traced in them, every reflection followed. It falls in steps, where rays pass from one
 cavity's wall to the next: intervals are halved, their neighbours too, until the light in the middle is that between
-their ends. The guide's loss changes it smoothly, so that its ratio to the light without loss is traced at the first
-elongations alone.
+their ends. At a loss of the guide it is traced at the same elongations.
 
 The table of the default actuator, with its cavities in the outer face, comes with the program (`light.csv`); those of
 others are kept in the user's cache, named by a hash of all that they depend on. What was traced is kept there from
@@ -49,7 +48,7 @@ LEAST_RAYS = 5.0  # that the middle must be off by: fewer are the chance of a fa
 NARROWEST_MM = 5e-4
 RAYS = 100_000
 _ARRAYS = ("losses_db_per_cm", "elongation_mm", "light_percent")
-_PART = ("elongation_mm", "light_percent")
+_PART = ("loss_db_per_cm", "elongation_mm", "light_percent")
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,48 +184,48 @@ def build_light(
     part : where traced light is kept meanwhile.
     """
     kept = load_arrays(part, _PART) if part is not None else None
-    known = dict(zip(*(kept[name].tolist() for name in _PART), strict=True)) if kept is not None else {}
-    begin = np.linspace(*shapes.range_mm, first)
-    losses = [loss for loss in LOSSES_DB_PER_CM if loss > 0.0]
+    known: dict[tuple[float, float], float] = {}  # by loss and elongation
+    if kept is not None:
+        losses, places, lights = (kept[name].tolist() for name in _PART)
+        known = dict(zip(zip(losses, places, strict=True), lights, strict=True))
 
-    def trace(wanted: FloatArray) -> None:
-        """Trace what is not known without loss."""
-        todo = np.asarray([mm for mm in wanted.tolist() if mm not in known])
+    def light_at(elongation_mm: FloatArray, loss: float = 0.0, *, more: int = 0) -> FloatArray:
+        """Return the light, traced where it is not known; `more` is left to trace after it."""
+        wanted = elongation_mm.tolist()
+        todo = np.asarray([mm for mm in wanted if (loss, mm) not in known])
         for at in range(0, len(todo), STATES):
             some = todo[at : at + STATES]
-            known.update(zip(some.tolist(), traced_light(shapes, some, 0.0, face, rays).tolist(), strict=True))
+            traced = traced_light(shapes, some, loss, face, rays)
+            known.update({(loss, mm): light for mm, light in zip(some.tolist(), traced.tolist(), strict=True)})
             if part is not None:
-                keep_arrays(part, dict(zip(_PART, map(np.asarray, (list(known), list(known.values()))), strict=True)))
+                rows = np.asarray([(*at, light) for at, light in known.items()])
+                keep_arrays(part, dict(zip(_PART, rows.T, strict=True)))
             if progress is not None:
-                progress(len(known), len(known) + len(todo) - at - len(some) + first * len(losses))
+                progress(len(known), len(known) + len(todo) - at - len(some) + more)
+        return np.asarray([known[loss, mm] for mm in wanted])
 
-    trace(begin)
-    x = begin
-    suspect = np.ones(len(x) - 1, dtype=bool)
-    while suspect.any() and len(x) < MOST:
+    others = len(LOSSES_DB_PER_CM) - 1
+    x = np.linspace(*shapes.range_mm, first)
+    suspect = np.ones(first - 1, dtype=bool)
+    while True:
+        light = light_at(x, more=others * len(x))
+        if not suspect.any() or len(x) >= MOST:
+            break
+        off_percent = max(tolerance * float(np.ptp(light)), 100.0 * LEAST_RAYS / rays)
         middle = 0.5 * (x[:-1] + x[1:])[suspect]
-        trace(middle)
-        off_percent = max(tolerance * float(np.ptp(list(known.values()))), 100.0 * LEAST_RAYS / rays)
-        x, suspect = _halved(x, middle, known, suspect, off_percent)
-    light = np.asarray([known[mm] for mm in x.tolist()])
-    rows = [light]
-    for number, loss in enumerate(losses):
-        row = [
-            traced_light(shapes, begin[at : at + STATES], loss, face, rays) for at in range(0, first, STATES)
-        ]  # fmt: skip
-        ratio = np.concatenate(row) / np.asarray([known[mm] for mm in begin.tolist()])
-        rows.append(light * np.interp(x, begin, ratio))
-        if progress is not None:
-            progress(len(known) + (number + 1) * first, len(known) + len(losses) * first)
+        away = light_at(middle, more=others * (len(x) + len(middle))) - 0.5 * (light[:-1] + light[1:])[suspect]
+        x, suspect = _halved(x, middle, suspect, np.abs(away) > off_percent)
+    rows = [light_at(x, loss, more=(others - n) * len(x)) for n, loss in enumerate(LOSSES_DB_PER_CM)]
     return LightTable(np.asarray(LOSSES_DB_PER_CM), x, np.stack(rows))
 
 
-def _halved(
-    x: FloatArray, middle: FloatArray, known: dict[float, float], suspect: BoolArray, off_percent: float
-) -> tuple[FloatArray, BoolArray]:
-    """Return the elongations with the middles of the suspect intervals, and which intervals are suspect then."""
-    light, traced = (np.asarray([known[mm] for mm in values.tolist()]) for values in (x, middle))
-    away = np.abs(traced - 0.5 * (light[:-1] + light[1:])[suspect]) > off_percent
+def _halved(x: FloatArray, middle: FloatArray, suspect: BoolArray, away: BoolArray) -> tuple[FloatArray, BoolArray]:
+    """Return the elongations with the middles of the suspect intervals, and which intervals are suspect then.
+
+    Parameters
+    ----------
+    x : [n]. middle : of the suspect intervals. suspect : [n - 1]. away : whether the light in each middle was off.
+    """
     split = np.zeros(len(x) - 1, dtype=bool)
     split[np.flatnonzero(suspect)[away]] = True
     split = split | np.concatenate([split[1:], [False]]) | np.concatenate([[False], split[:-1]])

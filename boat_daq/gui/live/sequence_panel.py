@@ -118,7 +118,9 @@ class SequencePanel(QFrame):
         self.picture.setVisible(not low)
         upright = style.STEP if low else style.GAP
         self.inside.setContentsMargins(style.CARD_PADDING, upright, style.CARD_PADDING, upright)
-        self.setMaximumHeight(self.sizeHint().height() if low else UNLIMITED)
+        row = style.CONTROL_HEIGHT + 2 * upright + style.STEP  # with the frame
+        self.setMinimumHeight(row if low else 0)
+        self.setMaximumHeight(row if low else UNLIMITED)
 
     def press(self, key: str) -> None:
         """Press a button and show its effect at once."""

@@ -321,6 +321,7 @@ def states(
         content,
         f"wrote {out}: 15 states, {points} points a guide, elongation {found.elongation_mm[0]:+.2f} .. "
         f"{found.elongation_mm[-1]:+.2f} mm, bow {bow[0]:.2f} .. {bow[-1]:.2f} mm",
+        *([f"error of both ends by the mesh: {error_mm:.2g} mm or less"] if tolerance is not None else []),
         as_json=as_json,
     )
 

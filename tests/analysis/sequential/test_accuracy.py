@@ -99,9 +99,12 @@ def test_draws_follow_from_the_tolerance(run: tuple[Recording, Path]) -> None:
     assert 120 <= fine.resamples <= 1_600
 
 
-def test_a_tolerance_that_no_draws_meet_is_refused_with_the_best(run: tuple[Recording, Path]) -> None:
+def test_a_tolerance_that_no_draws_meet_is_refused_with_the_best(
+    run: tuple[Recording, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Too small a tolerance, none, and one of a posterior that is not sampled."""
     recording, file = run
+    monkeypatch.setattr("analysis.sequential.accuracy.MOST_RESAMPLES", 100)
     options = Options(mcmc=False, x_resolution_mm=0.0)
     for tolerance, unit, part in ((1e-9, "%FSO", "allow"), (0.0, "mm", "above 0"), (0.1, "mm", "posterior")):
         with pytest.raises(RequestError) as refused:

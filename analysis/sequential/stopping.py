@@ -28,6 +28,7 @@ import numpy as np
 
 from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration
+from analysis.calibration.quantised_x import Positions, common_variance
 from analysis.errors import RequestError
 from analysis.figures.pipeline import Analysis, analyse
 from analysis.figures.sensor_analysis import AnalysedRun, Options
@@ -40,8 +41,8 @@ FEWEST_REPEATS = 10
 CONFIDENCE = 0.9
 """One-sided, of the limit of what the cycles may differ by in U that ends a run: by its coverage (METHODS.md)."""
 DRIFT, SPREAD = "drift_percent_fso_per_100_cycles", "repeatability_percent_fso"
-FALLING = ("fit",)
-"""Components of the budget that fall as one over the cycles."""
+HELD_SHARE = 0.45
+"""Of a branch's plateaus, held at least: one much faster than the others is taken for the way to the vented state."""
 _POINTS = 41
 _BRANCHES = ("unloading", "loading")
 
@@ -186,9 +187,9 @@ def assess_calibration(analysis: Analysis, asked_mm: float, planned: int) -> Sto
         return StopAssessment(cycles, planned, FEWEST_CYCLES, (), void=void)
     worst = int(np.argmax([budget.u for budget in budgets.budgets]))
     u_mm = fused_u_mm(analysis, budgets.x_mm)
-    least_mm = u_mm * math.sqrt(max(1.0 - _falling_share(budgets.budgets[worst]), 0.0))
     calibration = analysis.sensors[worst].calibration
     assert calibration is not None
+    least_mm = u_mm * math.sqrt(max(1.0 - _falling_share(budgets.budgets[worst], calibration.reading, cycles), 0.0))
     per_mv = 1.0 / abs(float(calibration.slope(budgets.x_mm)))
     now_mm = u_at_most(u_mm, CycleEffect.of(analysis.loops, worst), per_mv)
     criterion = StopCriterion("U ", "mm", now_mm, asked_mm, least_mm)
@@ -224,9 +225,18 @@ def fused_u_mm(analysis: AnalysedRun, x_mm: float) -> float:
     return COVERAGE_FACTOR * float(elongation_reader(analysis).evaluate(signals).standard_uncertainty_mm)
 
 
-def _falling_share(budget: Budget) -> float:
-    """Return the share of the variance that falls with the cycles."""
-    return sum(share for name, share in budget.shares().items() if name in FALLING)
+def _falling_share(budget: Budget, reading: Positions | None, cycles: int) -> float:
+    """Return the share of the variance that falls with the cycles: of the curve, and of a reader who scatters.
+
+    The rounding to the grid is the same in every cycle, and does not fall.
+    """
+    shares = budget.shares()
+    falling = shares.get("fit", 0.0)
+    if reading is None:
+        return falling
+    shared = common_variance(reading.reader_sd, reading.grid)
+    own = max(reading.reader_sd**2 + reading.grid**2 / 12.0 - shared, 0.0) / cycles
+    return falling + shares.get("reading", 0.0) * (own / (own + shared) if own > 0.0 else 0.0)
 
 
 def held_plateaus(
@@ -266,12 +276,16 @@ def held_plateaus(
     while True:
         share = float(middle @ covariance @ middle) / before if before > 0.0 else 1.0
         u2 = criterion.least**2 + (criterion.now**2 - criterion.least**2) * share
-        if u2 <= criterion.asked**2:
+        short = [b for b in (0, 1) if sum(place[0] == b for place in held) < HELD_SHARE * last]
+        if u2 <= criterion.asked**2 and not short:
             return tuple((_BRANCHES[b], float(loops.level_kpa[g])) for b, g in sorted(held))
         if not left:
             return None
         after = [_read_at(covariance, basis.design(np.array([x[place]]))[0], s2) for place in left]
-        best = int(np.argmin([np.max(np.einsum("ij,jk,ik->i", grid, each, grid)) for each in after]))
+        largest = np.asarray([np.max(np.einsum("ij,jk,ik->i", grid, each, grid)) for each in after])
+        if u2 <= criterion.asked**2:
+            largest[[place[0] not in short for place in left]] = np.inf
+        best = int(np.argmin(largest))
         covariance = after[best]
         held.append(left.pop(best))
 

@@ -17,6 +17,7 @@ from analysis.segmentation.cycle_effect import CycleEffect
 from analysis.sequential.stopping import (
     DRIFT,
     FEWEST_REPEATS,
+    HELD_SHARE,
     SPREAD,
     StopAssessment,
     StopCriterion,
@@ -89,7 +90,7 @@ def test_u_takes_the_cycles_at_their_upper_limit() -> None:
 
 
 def test_next_cycle_holds_the_fewest_plateaus_that_lead_to_u(run: Analysis) -> None:
-    """The ends at least; each smaller U takes more; all where one cycle does not lead to it."""
+    """The ends and nearly half of a branch at least; a smaller U takes more; all where one cycle does not reach it."""
     calibration, x_mm = run.sensors[0].calibration, 0.5
     assert calibration is not None
     at_middle = StopCriterion("U ", "mm", 0.2, 0.19, 0.0)
@@ -100,8 +101,10 @@ def test_next_cycle_holds_the_fewest_plateaus_that_lead_to_u(run: Analysis) -> N
         low, high = run.loops.level_kpa[[0, -1]]
         assert {("unloading", low), ("loading", high)} <= set(found)
         assert len(set(found)) == len(found)
+        for branch in ("unloading", "loading"):
+            assert sum(one[0] == branch for one in found) >= HELD_SHARE * (run.loops.level_kpa.size - 1)
         counts.append(len(found))
-    assert 2 <= counts[0] < counts[1] < counts[2] < counts[3]
+    assert 2 * HELD_SHARE * (run.loops.level_kpa.size - 1) <= counts[0] <= counts[1] <= counts[2] < counts[3]
     assert held_plateaus(run, calibration, replace(at_middle, asked=0.1), x_mm) is None
     spline = cast(Any, SimpleNamespace(spline=object()))
     assert held_plateaus(run, spline, at_middle, x_mm) is None

@@ -26,6 +26,13 @@ MARK_TIP = "Side of the marks' black square; 0 takes the scale from the millimet
 SOURCE_TIP = "Number of the camera (0 is the first), or the http:// or rtsp:// address of one on this computer"
 
 
+def image_of(picture: npt.NDArray[np.uint8]) -> QImage:
+    """Return an image on the memory of a picture, grey or BGR, [height, width(, 3)]."""
+    kind = QImage.Format.Format_Grayscale8 if picture.ndim == 2 else QImage.Format.Format_BGR888
+    height, width = picture.shape[:2]
+    return QImage(picture.data, width, height, picture.strides[0], kind)
+
+
 class MarkedPicture(QWidget):
     """The newest picture, fitted, with an outline on each mark; the mouse drags rectangles on it."""
 
@@ -36,7 +43,7 @@ class MarkedPicture(QWidget):
         self.setAccessibleName("Picture of the camera")
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setMinimumSize(style.PANE_WIDTH_NARROW, style.PANE_WIDTH_NARROW // 2)
-        self._image = QImage()
+        self._image = self._shown_image = QImage()  # as it came, and as it is on the screen
         self.shown: npt.NDArray[np.uint8] | None = None  # the image's own memory
         self.host_ns: int | None = None  # arrival of the frame that is shown
         self._outlines: list[npt.NDArray[np.float64]] = []
@@ -55,12 +62,8 @@ class MarkedPicture(QWidget):
         self.shown = picture
         reading = view.state.reading if view.state is not None else None
         self.host_ns = reading.host_ns if reading is not None else None
-        if picture is None:
-            self._image = QImage()
-        else:
-            kind = QImage.Format.Format_Grayscale8 if picture.ndim == 2 else QImage.Format.Format_BGR888
-            height, width = picture.shape[:2]
-            self._image = QImage(picture.data, width, height, picture.strides[0], kind)
+        self._image = QImage() if picture is None else image_of(picture)
+        self._shown_image = QImage()
         tracked = view.state.tracked if view.state is not None else None
         corners = (getattr(tracked, "base_px", None), getattr(tracked, "tip_px", None))
         self._outlines = [quad for quad in corners if quad is not None]
@@ -70,6 +73,20 @@ class MarkedPicture(QWidget):
     def _scale(self) -> float:
         """Pixels of the screen for one of the picture."""
         return min(self.width() / self._image.width(), self.height() / self._image.height())
+
+    def _fitted(self) -> QImage:
+        """Return the picture in the pixels of the screen, made once for each picture and size: it is drawn often."""
+        ratio, scale = self.devicePixelRatio(), self._scale
+        size = QSize(round(ratio * scale * self._image.width()), round(ratio * scale * self._image.height()))
+        if self._shown_image.size() != size:
+            step = max(1, int(1.0 / (ratio * scale)))  # every so many pixels are enough, and the rest is interpolated
+            assert self.shown is not None
+            coarse = np.ascontiguousarray(self.shown[::step, ::step])
+            smooth = Qt.TransformationMode.SmoothTransformation
+            self._shown_image = image_of(coarse).scaled(size, Qt.AspectRatioMode.IgnoreAspectRatio, smooth)
+            self._shown_image.convertTo(QImage.Format.Format_RGB32)
+            self._shown_image.setDevicePixelRatio(ratio)
+        return self._shown_image
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         """Begin a rectangle."""
@@ -97,12 +114,9 @@ class MarkedPicture(QWidget):
         """Draw the picture and the outlines."""
         if self._image.isNull():
             return
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+        painter, scale = QPainter(self), self._scale
+        painter.drawImage(0, 0, self._fitted())
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        scale = self._scale
-        size = (scale * self._image.width(), scale * self._image.height())
-        painter.drawImage(QRectF(0, 0, *size), self._image)
         for quad in self._outlines:
             shown = QPolygonF([QPointF(scale * (x + 0.5), scale * (y + 0.5)) for x, y in quad])
             for colour, width in ((QColor("white"), 4), (style.colour(style.LIGHT.elongation), 2)):

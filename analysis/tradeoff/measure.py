@@ -47,7 +47,7 @@ class Setting:
     name: str
     call: Callable[[int], Any]
     error: Callable[[Any], float]
-    work: int = 1
+    work: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)

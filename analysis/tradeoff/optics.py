@@ -56,10 +56,10 @@ def tracer_settings(quick: bool) -> list[Setting]:
         return lambda repeat: _ndr(states[:count], replace(light, phase=PHASES[repeat]))
 
     rays = (50, 250, 1_000, 2_500) if quick else (50, 100, 250, 500, 1_000, 2_500, 10_000, 100_000, 1_000_000)
-    lights = {_rays(n): Light().with_rays(n) for n in rays}
+    lights = {rays_text(n): Light().with_rays(n) for n in rays}
     many = replace(Light(), rays=MANY, secondary=0)
-    lights[f"{_rays(MANY)}, no secondaries"] = many
-    lights[f"{_rays(MANY)}, 100 secondaries"] = replace(many, secondary=100)
+    lights[f"{rays_text(MANY)}, no secondaries"] = many
+    lights[f"{rays_text(MANY)}, 100 secondaries"] = replace(many, secondary=100)
     counts = {name: 1 if light.rays > MOST_FOR_ALL_STATES else len(states) for name, light in lights.items()}
     return [Setting(name, sampler(light, counts[name]), error, work=counts[name]) for name, light in lights.items()]
 
@@ -69,7 +69,7 @@ def _ndr(states: Sequence[int], light: Light) -> FloatArray:
     return np.array([trace(frames[s], PAPER_OPTIMUM, Waveguide(), light, threads=1).ndr for s in states])
 
 
-def _rays(count: int) -> str:
+def rays_text(count: int) -> str:
     return f"{count} rays"
 
 
@@ -87,7 +87,7 @@ def ranking_settings(quick: bool) -> list[Setting]:
         return 1.0 - float(spearmanr(truth, p).statistic)
 
     rays = (50, 250, 1_000, 5_000) if quick else (50, 250, 1_000, 2_500, 5_000, 10_000, 25_000)
-    return [Setting(_rays(n), ranked(n), error, work=len(patterns)) for n in rays]
+    return [Setting(rays_text(n), ranked(n), error, work=len(patterns)) for n in rays]
 
 
 def _p(patterns: FloatArray, light: Light) -> FloatArray:
@@ -100,11 +100,11 @@ TRACER = Method(
     "tracer", "Ray tracer",
     "a second tracer that tries every segment of the outline (1,000,000 rays, secondaries in proportion)", True,
     "the counting error of the paper's 250 rays: 95 % of its statistics, 1.96 sqrt(250 p (1 - p))",
-    counting_limit(), "rays of 250", "a simulation", lambda level: _rays(level.rays), tracer_settings,
+    counting_limit(), "rays of 250", "a simulation", lambda level: rays_text(level.rays), tracer_settings,
 )  # fmt: skip
 RANKING = Method(
     "ranking", "Ranking of designs by P",
     "the ranking by the second tracer (50,000 rays, secondaries in proportion)", True,
     "the choice of a design: a rank correlation of 0.95", 0.05, "1 - Spearman's correlation", "a design in 15 states",
-    lambda level: _rays(level.ranking_rays), ranking_settings,
+    lambda level: rays_text(level.ranking_rays), ranking_settings,
 )  # fmt: skip

@@ -45,6 +45,10 @@ METHODS = {
     "bootstrap": "Intervals (bootstrap)",
     "decimation": "Live plot",
     "tracking": "Camera",
+    "calibration": "Job: calibration",
+    "report": "Job: report",
+    "sweep": "Job: the paper's sweep",
+    "shadow": "Job: digital shadow",
 }
 """Every method that can be measured, by its name in the command; a test compares it with the command's list."""
 MAPPED = {"fit": "Fit of the calibration", "figures": "SNR and hysteresis", "alarms": "Alarms of the shadow"}

@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 
 from analysis.errors import RequestError
 from analysis.fidelity import LEVELS, fidelity
-from analysis.tradeoff.measure import CostPoint, Measured, measure
-from analysis.tradeoff.methods import METHODS
+from analysis.tradeoff.measure import CostPoint, Measured, Method, measure
+from analysis.tradeoff.methods import JOBS, METHODS, STEPS
 from analysis.tradeoff.report import MAY_BE_INFINITE
 from boat_daq.cli import app
 from boat_daq.errors import StorageError
@@ -29,6 +29,8 @@ ROOT = Path(__file__).resolve().parents[3]
 RECORDED = ROOT / "docs" / "tradeoff" / "tradeoff.json"
 LIVE_PLOT = live_plot()
 ALL = METHODS | {LIVE_PLOT.name: LIVE_PLOT}
+RULED = [*(step.name for step in STEPS), LIVE_PLOT.name]
+"""Methods whose settings the rule chooses; a job's follow from theirs."""
 
 
 def test_one_cheap_method_from_the_command_line(tmp_path: Path) -> None:
@@ -108,7 +110,7 @@ def recorded() -> dict[str, Measured]:
     return {name: Measured.of(ALL[name], [point(row) for row in rows]) for name, rows in kept.items()}
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", RULED)
 def test_defaults_and_levels_in_the_code_are_what_the_rule_chooses_on_the_named_machine(
     recorded: dict[str, Measured], name: str
 ) -> None:
@@ -122,20 +124,29 @@ def test_defaults_and_levels_in_the_code_are_what_the_rule_chooses_on_the_named_
     assert errors == sorted(errors, reverse=True)  # along the front, what costs more errs less
 
 
+@pytest.mark.parametrize("job", JOBS, ids=lambda job: job.name)
+def test_a_job_at_the_default_level_is_sufficient_on_the_named_machine(
+    recorded: dict[str, Measured], job: Method
+) -> None:
+    """The steps' defaults together stay below what the consumer of the whole notices."""
+    default = next(point for point in recorded[job.name].points if point.setting == job.default)
+    assert default.error < job.tolerance
+
+
 def test_named_machine_and_its_date_are_given() -> None:
     """The record names machine and date, is of a full run, and names no method without a reference."""
     content = json.loads(RECORDED.read_text(encoding="utf-8"))
     assert content["quick"] is False
     assert content["machine"]["processor"]
     assert content["machine"]["date_utc"].startswith("20")
-    assert all(m["independent"] for m in content["methods"])
+    assert all(m["independent"] for m in content["methods"] if m["name"] in RULED)
     for name in ("overview", *ALL):
         assert (RECORDED.parent / f"{name}.png").stat().st_size < 250_000
 
 
 @pytest.mark.nightly
 @pytest.mark.timeout(1200)
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", RULED)
 def test_measured_here_and_now_the_default_is_good_enough_and_costs_no_more_than_it_must(name: str) -> None:
     """The default is below its tolerance by the margin here too; what is good enough saves less than half of it."""
     found = measure(ALL[name], quick=False)

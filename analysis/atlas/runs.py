@@ -149,12 +149,12 @@ def analysed(run: Stairs, recording: Recording | None = None, *, readings: bool 
     return analysed_with(recording, text)
 
 
-def analysed_with(recording: Recording, text: str) -> Analysis:
+def analysed_with(recording: Recording, text: str, options: Options = EXACT) -> Analysis:
     """Analyse a run with the text of a file of elongations."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "elongation.csv")
         file.write_text(text, encoding="ascii")
-        return analyse(recording, file, options=EXACT)
+        return analyse(recording, file, options=options)
 
 
 def warnings_of(found: Analysis) -> str:

@@ -16,10 +16,10 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from analysis.arrays import FloatArray
-from analysis.atlas.runs import Stairs
+from analysis.atlas.runs import Stairs, analysed_with
 from analysis.data.recording import Recording
 from analysis.fidelity import LEVELS, Fidelity, Level, fidelity
-from analysis.figures.pipeline import Analysis, analyse
+from analysis.figures.pipeline import Analysis
 from analysis.figures.sensor_analysis import Options
 from analysis.optics.scene.parameters import Light, Waveguide
 from analysis.optics.sweep.figure_of_merit import merit, resolution
@@ -45,10 +45,7 @@ def calibrated(options: Options) -> Analysis:
     levels, branch = run.holds
     read = GRID_MM * np.round(run.elongation(levels, branch) / GRID_MM)
     rows = "".join(f"{p:.6f},{x:.1f}\n" for p, x in zip(levels, read, strict=True))
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder, "elongation.csv")
-        file.write_text(f"pressure_kpa,elongation_mm\n{rows}", encoding="ascii")
-        return analyse(_five_cycles(), file, options=options)
+    return analysed_with(_five_cycles(), f"pressure_kpa,elongation_mm\n{rows}", options)
 
 
 @cache

@@ -206,7 +206,7 @@ def write_report(results: Sequence[Measured], folder: Path, *, quick: bool) -> l
         for name, figure in charts.items():
             for kind in ("png", "svg"):
                 files.append(folder / f"{name}.{kind}")
-                style.save_picture(figure, files[-1], dpi=110, metadata=NO_DATE[kind])
+                style.save_picture(figure, files[-1], dpi=100, metadata=NO_DATE[kind])
                 figure.set_layout_engine("none")  # laid out once for both formats
     return files
 

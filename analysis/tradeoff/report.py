@@ -149,6 +149,7 @@ def _name(axes: Axes, at: Mapping[str, tuple[float, float]], levels: Mapping[str
         )  # fmt: skip
 
 
+DPI, OVERVIEW_DPI = 110, 88
 MAY_BE_INFINITE = ("error", "error_spread")
 NO_DATE: dict[str, dict[str, Any]] = {"png": {}, "svg": {"Date": None}}
 TIMING = (
@@ -206,7 +207,9 @@ def write_report(results: Sequence[Measured], folder: Path, *, quick: bool) -> l
         for name, figure in charts.items():
             for kind in ("png", "svg"):
                 files.append(folder / f"{name}.{kind}")
-                style.save_picture(figure, files[-1], dpi=100, metadata=NO_DATE[kind])
+                style.save_picture(
+                    figure, files[-1], dpi=DPI if name != "overview" else OVERVIEW_DPI, metadata=NO_DATE[kind]
+                )
                 figure.set_layout_engine("none")  # laid out once for both formats
     return files
 

@@ -32,7 +32,7 @@ class Metadata:
     Attributes
     ----------
     operator, customer, item, serial_number, note : texts.
-    ambient_temperature_c, ambient_humidity_percent : of the room, while it was recorded.
+    ambient_temperature_c, ambient_humidity_percent : of the air, while it was recorded.
     fields : free ones, by name.
     """
 

@@ -27,7 +27,7 @@ def tradeoff(
     folder: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for JSON, CSV and charts.")] = Path(
         "tradeoff"
     ),
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer settings and repeats, about half a minute.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer settings and repeats, some minutes.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Measure time against error of every method on this computer, and the defaults that follow.

@@ -400,7 +400,7 @@ class TradeoffPage(ReflowingPage):
         widgets.page_layout(self).addLayout(widgets.row(self._side(), (self._right(), 1)))
 
     def _side(self) -> QWidget:
-        extents = [("Quick, about half a minute", True), ("Full, about 3 minutes", False)]
+        extents = [("Quick, some minutes", True), ("Full, some 15 minutes", False)]
         self.kind = widgets.choice("Extent of the measurement", extents, self.model.set_quick)
         self.kind.setCurrentIndex(self.kind.findData(self.model.quick))
         levels = [(PRECISIONS[n], n) for n in LEVELS]

@@ -231,7 +231,7 @@ def trace(
         notify("most rays are reflected parts with next to no power: their number is no measure, use the power")
     if 1 < used.rays < FEWEST_RAYS:
         notify(f"the errors of {used.rays} rays are uncertain themselves: release {FEWEST_RAYS} or more")
-    present(result, *_trace_lines(outcome, used.rays, number, 1 if tolerance is None else 3), as_json=as_json)
+    present(result, *_trace_lines(outcome, used.rays, number), as_json=as_json)
 
 
 def _traced(
@@ -254,25 +254,36 @@ def _traced(
     return ToleratedTrace(outcome, light, float(stated_error(sd, light.rays)), math.inf, light.rays)
 
 
-def _trace_lines(outcome: TraceResult, rays: int, state: int, places: int) -> tuple[str, str, str]:
+def _trace_lines(outcome: TraceResult, rays: int, state: int) -> tuple[str, str, str]:
     """Return a simulation as lines.
 
     Parameters
     ----------
     outcome, rays, state : the simulation, the rays released in it, and the number of its state.
-    places : decimal places of the standard deviation of the count.
     """
-    known = math.isfinite(outcome.ndr_sd)  # a single ray has no spread
-    spread = f" +- {outcome.ndr_sd:.{places}f}" if known else ""
-    power_spread = f" +- {outcome.power_sd:.4f}" if known else ""
-    count = f"NDR {outcome.ndr:.1f}{spread} of 250"
+    count = f"NDR {_with_sd(outcome.ndr, outcome.ndr_sd, 1)} of 250"
     if outcome.granted > rays:
         count = f"{outcome.ledger['detected']} detected rays"
     return (
-        f"state {state}: {count}, power {outcome.power:.4f}{power_spread}, {outcome.hits} hits",
+        f"state {state}: {count}, power {_with_sd(outcome.power, outcome.power_sd, 4)}, {outcome.hits} hits",
         "rays: " + ", ".join(f"{name} {count}" for name, count in outcome.ledger.items()),
         "power: " + ", ".join(f"{name} {part:.4f}" for name, part in outcome.energy.items()),
     )
+
+
+def _with_sd(value: float, sd: float, decimals: int) -> str:
+    """Return a value with its standard deviation, to two significant digits of that (GUM, 7.2.6).
+
+    Parameters
+    ----------
+    value, sd : a single ray has no spread, and is written without.
+    decimals : the fewest.
+    """
+    if not math.isfinite(sd):
+        return f"{value:.{decimals}f}"
+    if sd > 0:
+        decimals = max(decimals, 1 - math.floor(math.log10(sd)))
+    return f"{value:.{decimals}f} +- {sd:.{decimals}f}"
 
 
 @app.command()

@@ -17,12 +17,14 @@ import time
 from pathlib import Path
 
 from PySide6.QtCore import QPoint, Qt
+from PySide6.QtGui import QPixmap
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QAbstractButton, QApplication, QPushButton, QWidget
+from PySide6.QtWidgets import QAbstractButton, QApplication, QMenu, QPushButton, QWidget
 
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.gui.app import make_application, make_window
 from boat_daq.gui.main_window import MainWindow
+from boat_daq.viewmodels.common.services import Page
 from tests.system.window_driver import SPEED, RestartedBoard, by_mouse, trial
 
 
@@ -33,7 +35,7 @@ class Scenario:
         self.folder = folder
         self.began = time.perf_counter()
         self.times: dict[str, float] = {}
-        self.pictures: list[tuple[str, object]] = []
+        self.pictures: list[tuple[str, QPixmap]] = []
         self.app: QApplication = make_application()
         self.window: MainWindow = make_window()
         self.window.choose_theme(theme)
@@ -159,13 +161,13 @@ class Scenario:
     def calibrate(self, *, sampled: bool) -> None:
         """Analyse, sample where it is asked for, accept."""
         model = self.window.model
-        self.click(self.window.navigation.buttons["Calibrate"])
+        self.click(self.window.navigation.buttons[Page.CALIBRATE])
         self.click("Analyse the last run")
         self.until(
             lambda: model.calibration.result is not None or model.calibration.failure is not None, "the analysis", 90
         )
         self.note("analysed")
-        page = self.window.pages["Calibrate"]
+        page = self.window.pages[Page.CALIBRATE]
         QTest.qWait(300)
         if sampled:
             self.click(page.sample)
@@ -180,8 +182,8 @@ class Scenario:
     def report(self) -> Path:
         """Make the PDF report through the Runs page."""
         model = self.window.model
-        self.click(self.window.navigation.buttons["Runs"])
-        page = self.window.pages["Runs"]
+        self.click(self.window.navigation.buttons[Page.RUNS])
+        page = self.window.pages[Page.RUNS]
         self.until(lambda: page.list.rowCount() > 0, "the list of runs")
         page.list.selectRow(0)
         self.until(page.buttons["report"].isEnabled, "the report's button")
@@ -201,7 +203,7 @@ def first_session(scenario: Scenario, sampled: str = "") -> None:
     scenario.choose_cycles(1)  # the nightly test by mouse runs two
     read = scenario.run_plan()
     scenario.calibrate(sampled=bool(sampled))
-    scenario.click(scenario.window.navigation.buttons["Live"])
+    scenario.click(scenario.window.navigation.buttons[Page.LIVE])
     scenario.window.live.pane.setCurrentWidget(scenario.window.live.shadow)
     scenario.until(lambda: scenario.window.model.shadow.model is not None, "the shadow", 90)
     scenario.window.model.session.set_pressure(30.0, 10.0)
@@ -238,7 +240,7 @@ def recover(scenario: Scenario) -> None:
     scenario.click(strip.act)
     model = scenario.window.model
     scenario.until(lambda: model.jobs.get("recover") is None, "the recovery")
-    scenario.click(scenario.window.navigation.buttons["Runs"])
+    scenario.click(scenario.window.navigation.buttons[Page.RUNS])
     scenario.until(
         lambda: any(r.summary and r.summary.status == "recovered" for r in model.runs.runs), "the recovered run"
     )
@@ -246,8 +248,8 @@ def recover(scenario: Scenario) -> None:
     killed_run, status = model.runs.runs[0].path, [r.summary.status for r in model.runs.runs if r.summary]
     samples = model.runs.runs[0].summary.samples
     scenario.connect_virtual()
-    scenario.click(scenario.window.navigation.buttons["Runs"])
-    page = scenario.window.pages["Runs"]
+    scenario.click(scenario.window.navigation.buttons[Page.RUNS])
+    page = scenario.window.pages[Page.RUNS]
     page.list.selectRow(0)
     scenario.until(page.buttons["resume"].isVisible, "the offer to resume", 10)
     scenario.keep("6-resume")
@@ -291,6 +293,7 @@ def prepare_for_vent(scenario: Scenario, name: str) -> None:
     subprocess.run(["xdotool", "windowfocus", "--sync", str(int(window.winId()))], check=True)  # no window manager does
     if name == "menu":
         menu = window.menuBar().actions()[0].menu()
+        assert isinstance(menu, QMenu)
         menu.popup(window.mapToGlobal(QPoint(5, 20)))
     if name == "field":
         window.live.pane.setCurrentWidget(window.live.plan)
@@ -355,11 +358,11 @@ def hundred_cycles(scenario: Scenario, speed: str = "100") -> None:
     board = RestartedBoard(scenario.folder, "pty", float(speed))
     window, model = scenario.window, scenario.window.model
     scenario.connect_to(board.port)
-    scenario.click(window.navigation.buttons["Repeat"])
+    scenario.click(window.navigation.buttons[Page.REPEAT])
     scenario.click("Choose the plan")
     scenario.until(lambda: model.sequence.plan.name == "repeatability", "the plan")
     scenario.start_run()
-    scenario.click(window.navigation.buttons["Repeat"])
+    scenario.click(window.navigation.buttons[Page.REPEAT])
     while_running = 0
     repeatability = model.repeatability
     while scenario.state() in (SessionState.RUNNING, SessionState.FINISHING):

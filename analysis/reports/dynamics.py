@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import partial
 from pathlib import Path
 
@@ -13,16 +12,8 @@ from analysis.figure_style import SOFT, sensor_colour
 from analysis.progress import Progress
 from analysis.reports.document import Report, ReportDrawing, ReportTable, Section
 from analysis.reports.unit import write_built
-from analysis.twin.dynamic_calibration import DynamicCalibration
-from analysis.twin.dynamics import DynamicFigure
+from analysis.twin.dynamic_calibration import BODE_HEADINGS, STEP_HEADINGS, DynamicCalibration
 from analysis.version import program_version
-
-LABELS = {  # of the figures, with the decimals that are shown
-    "time_constant_s": ("time constant, s", 3),
-    "rise_s": ("rise (10 to 90 %), s", 3),
-    "settling_s": ("settling, s", 2),
-    "overshoot_percent": ("overshoot, %", 1),
-}
 
 
 def write_dynamic_report(found: DynamicCalibration, path: str | Path, progress: Progress | None = None) -> Report:
@@ -43,15 +34,11 @@ def write_dynamic_report(found: DynamicCalibration, path: str | Path, progress: 
 def dynamic_report(found: DynamicCalibration) -> Report:
     """Return the report."""
     sections = [*([_steps(found)] if found.steps else []), *([_bode(found)] if found.bode else [])]
-    edge = found.bandwidth_hz
-    settled = [figures["settling_s"].value for figures in found.steps.values()]
-    parts = [f"settles in {max(settled):.2f} s or less, mean of the steps of a size" if settled else ""]
-    parts.append(f"bandwidth {edge:.2f} Hz (-3 dB)" if math.isfinite(edge) else "")
     return Report(
         title="Dynamic calibration",
         subject=f"unit {found.unit}",
         simulated=found.simulated,
-        verdict=", ".join(filter(None, parts)) or "gain and phase over frequency",
+        verdict=found.verdict,
         facts=(("Unit", found.unit), ("Recording", Path(found.recording).name)),
         sections=tuple(sections),
         footer=f"boat-daq {program_version()}",
@@ -59,32 +46,19 @@ def dynamic_report(found: DynamicCalibration) -> Report:
 
 
 def _steps(found: DynamicCalibration) -> Section:
-    rows = tuple(
-        (f"{size:g} mm", *(_cell(figures[key], decimals) for key, (_, decimals) in LABELS.items()))
-        for size, figures in found.steps.items()
-    )
-    header = ("step", *(label for label, _ in LABELS.values()))
     text = (
         f"Steps of the setpoint under control, up and down. Settling is to within {found.tolerance_mm:g} mm. "
         "Each value is the mean of the steps of its size, with the 95 % interval of the mean (Student t)."
     )
     drawing = ReportDrawing((partial(_draw_steps, found),), "Mean response to the steps of each size.")
-    return Section("Step response", (text, *([drawing] if found.responses else []), ReportTable(header, rows)))
+    table = ReportTable(STEP_HEADINGS, found.step_rows())
+    return Section("Step response", (text, *([drawing] if found.responses else []), table))
 
 
 def _bode(found: DynamicCalibration) -> Section:
-    rows = tuple(
-        (
-            f"{p.frequency_hz:g} Hz",
-            f"{p.gain_db:+.2f} ± {2 * p.u_gain_db:.2f}",
-            f"{p.phase_deg:+.1f} ± {2 * p.u_phase_deg:.1f}",
-        )
-        for p in found.bode
-    )
     caption = "Gain and phase of the measured elongation over its setpoint, U (k = 2)."
     drawing = ReportDrawing((partial(_draw, found, gain=True), partial(_draw, found, gain=False)), caption)
-    table = ReportTable(("frequency", "gain, dB", "phase, °"), rows)
-    return Section("Frequency response", (drawing, table))
+    return Section("Frequency response", (drawing, ReportTable(BODE_HEADINGS, found.bode_rows())))
 
 
 def _draw_steps(found: DynamicCalibration, axes: Axes) -> None:
@@ -109,10 +83,3 @@ def _draw(found: DynamicCalibration, axes: Axes, *, gain: bool) -> None:
         axes.annotate("-3 dB", (min(frequency), -3.0), xytext=(0, 2), textcoords="offset points", color=SOFT)
     axes.set_xlabel("frequency, Hz")
     axes.set_ylabel("gain, dB" if gain else "phase, °")
-
-
-def _cell(figure: DynamicFigure, decimals: int) -> str:
-    """Return a value with half the width of its interval."""
-    half = (figure.high - figure.low) / 2
-    text = f"{figure.value:.{decimals}f}"
-    return f"{text} ± {half:.{decimals}f}" if math.isfinite(half) else text

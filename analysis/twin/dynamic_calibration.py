@@ -14,6 +14,15 @@ from analysis.errors import DataError
 from analysis.twin.dynamics import BodePoint, DynamicFigure, bandwidth_hz
 from analysis.twin.runs import StepResponse, bode_of_run, mean_response, step_response_figures, step_responses
 
+STEP_FIGURES = {  # with the decimals that are shown
+    "time_constant_s": ("time constant, s", 3),
+    "rise_s": ("rise (10 to 90 %), s", 3),
+    "settling_s": ("settling, s", 2),
+    "overshoot_percent": ("overshoot, %", 1),
+}
+STEP_HEADINGS = ("step", *(label for label, _ in STEP_FIGURES.values()))
+BODE_HEADINGS = ("frequency", "gain, dB", "phase, °")
+
 
 @dataclass(frozen=True, slots=True)
 class DynamicCalibration:
@@ -36,6 +45,35 @@ class DynamicCalibration:
     bode: tuple[BodePoint, ...]
     bandwidth_hz: float
     responses: dict[float, FloatArray] = field(default_factory=dict)
+
+    @property
+    def verdict(self) -> str:
+        """The longest settling and the bandwidth, where they were measured."""
+        settled = [figures["settling_s"].value for figures in self.steps.values()]
+        parts = [f"settles in {max(settled):.2f} s or less, mean of the steps of a size" if settled else ""]
+        if self.bode and math.isfinite(self.bandwidth_hz):
+            parts.append(f"bandwidth {self.bandwidth_hz:.2f} Hz (-3 dB)")
+        elif self.bode:
+            parts.append(f"bandwidth above {max(p.frequency_hz for p in self.bode):g} Hz: -3 dB is not reached")
+        return ", ".join(filter(None, parts))
+
+    def step_rows(self) -> tuple[tuple[str, ...], ...]:
+        """Return the figures of the steps as texts, in the order of `STEP_HEADINGS`."""
+        return tuple(
+            (f"{size:g} mm", *(_with_interval(figures[key], decimals) for key, (_, decimals) in STEP_FIGURES.items()))
+            for size, figures in self.steps.items()
+        )
+
+    def bode_rows(self) -> tuple[tuple[str, ...], ...]:
+        """Return gain and phase with U (k = 2) as texts, in the order of `BODE_HEADINGS`."""
+        return tuple(
+            (
+                f"{p.frequency_hz:g} Hz",
+                f"{p.gain_db:+.2f} ± {2 * p.u_gain_db:.2f}",
+                f"{p.phase_deg:+.1f} ± {2 * p.u_phase_deg:.1f}",
+            )
+            for p in self.bode
+        )
 
     def as_json(self) -> dict[str, Any]:
         """Return the figures, steps as a list."""
@@ -77,3 +115,10 @@ def dynamic_calibration(recording: Recording, fusion: Fusion, tolerance_mm: floa
     return DynamicCalibration(
         recording.unit, recording.simulated, recording.source, tolerance_mm, figures, bode, edge, responses
     )
+
+
+def _with_interval(figure: DynamicFigure, decimals: int) -> str:
+    """Return a value with half the width of its interval."""
+    half = (figure.high - figure.low) / 2
+    text = f"{figure.value:.{decimals}f}"
+    return f"{text} ± {half:.{decimals}f}" if math.isfinite(half) else text

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from analysis.numbers import decimals_for
 from analysis.optics.scene.parameters import (
     ALL,
     BYS,
@@ -281,8 +282,7 @@ def _with_sd(value: float, sd: float, decimals: int) -> str:
     """
     if not math.isfinite(sd):
         return f"{value:.{decimals}f}"
-    if sd > 0:
-        decimals = max(decimals, 1 - math.floor(math.log10(sd)))
+    decimals = max(decimals, decimals_for(sd)) if sd > 0 else decimals
     return f"{value:.{decimals}f} +- {sd:.{decimals}f}"
 
 

@@ -17,6 +17,10 @@ from protocol.errors import damaged
 from protocol.recording import ExtraChannel, Metadata, metadata_of, schema, session_channels
 from protocol.recording.checks import DAMAGE, bytes_of
 
+CONTROLS = """
+    SELECT EXISTS (
+        SELECT 1 FROM step WHERE CASE WHEN json_valid(detail) THEN json_extract(detail, '$.quantity') = 'mm' END)"""
+
 
 @dataclass(frozen=True, slots=True)
 class SegmentSummary:
@@ -94,6 +98,7 @@ class Summary:
     metadata: Metadata = field(default_factory=Metadata)
     uuid: str | None = None  # stays where the file is renamed
     channels: tuple[ExtraChannel, ...] = ()  # beside pressure and sensors
+    controls_elongation: bool = False  # whether a step of its run was one of elongation
 
 
 def summarise(path: Path) -> Summary:
@@ -154,6 +159,7 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
         layout=schema.layout_version(path),
         breaks=tuple(_break(entry) for entry in schema.breaks_of(meta)),
         channels=session_channels(meta),
+        controls_elongation=bool(_one(db, CONTROLS)[0]),
     )
 
 

@@ -31,7 +31,7 @@ LOG_LABELS = 7
 GRID_BEYOND, GRID_LONGEST = 2.0, 50.0  # of what is shown: lines of the grid are longer on either side; at most so long
 CORNER = 2  # pixels between the axis and a title in the corner of the plot
 LOG_DIGITS = (1, 2, 5)
-FEW_DECADES = 1.6  # over fewer, the 2 and the 5 between are labelled too
+FEW_DECADES = 2.0  # over fewer, the 2 and the 5 between are labelled too
 
 
 class TickAxis(pg.AxisItem):  # type: ignore[misc]

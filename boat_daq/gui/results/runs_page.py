@@ -35,6 +35,7 @@ from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, PointLabels, ramp_colour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.closed_readings import ClosedReadings
+from boat_daq.gui.results.dynamics_window import DynamicsWindow
 from boat_daq.gui.results.metadata_form import MetadataForm
 from boat_daq.gui.results.repeat_page import FILLED, SYMBOLS
 from boat_daq.gui.results.unit_window import UnitWindow
@@ -168,6 +169,9 @@ class RunsPage(QWidget):
         buttons = {
             "open": widgets.button("Calibrate", calibrate, "primary", tip="Analyse it on the Calibrate page"),
             "repeat": widgets.button("Repeatability", partial(run, other.repeat, Page.REPEAT)),
+            "dynamics": widgets.button(
+                "Dynamics …", self._show_dynamics, tip="Step response and Bode plot of its control"
+            ),
             "readings": widgets.button("Readings …", partial(run, self._edit), tip="Correct or add its readings"),
             "resume": widgets.button("Resume this run", partial(run, other.resume), tip=tip),
             "replay": widgets.button("Replay", lambda: None, tip="Play it back like live data"),
@@ -331,6 +335,7 @@ class RunsPage(QWidget):
         ):
             widgets.allow(self.buttons[key], obstacle(key, chosen))
         self.buttons["resume"].setVisible(len(chosen) == 1 and chosen[0].resumable)
+        self.buttons["dynamics"].setVisible(len(chosen) == 1 and chosen[0].under_control)
         self.buttons["recover"].setVisible(any(run.recoverable for run in chosen))
         self.details.setText(selection_text(chosen))
         widgets.allow(self.over_time, "" if self.units.selectedIndexes() else "Choose a line of the units.")
@@ -389,6 +394,13 @@ class RunsPage(QWidget):
         row = self.units.currentRow()
         self.services.notices.attempt(
             lambda: UnitWindow(self.window(), self.model.over_time(row), self.services, self.history).show()
+        )
+
+    def _show_dynamics(self) -> None:
+        """Show the dynamics of the chosen run in a window of their own."""
+        path = self.selected()[0].path
+        self.services.notices.attempt(
+            lambda: DynamicsWindow(self.window(), self.model.dynamics(path), self.services, self.history).show()
         )
 
     def _show_history(self) -> None:

@@ -37,6 +37,7 @@ from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands, RunResult, compare_runs, export_run, report_runs
+from boat_daq.viewmodels.results.dynamics import DynamicsModel
 from boat_daq.viewmodels.results.metadata import MetadataModel
 from boat_daq.viewmodels.results.unit_over_time import UnitOverTimeModel
 from protocol.errors import DamagedRecordingError, ProtocolError
@@ -83,6 +84,11 @@ class RunEntry:
         """Whether its run ended early and can be resumed."""
         s = self.summary
         return s is not None and s.status != "recording" and s.run_end is not RunEnd.FINISHED and s.steps > 0
+
+    @property
+    def under_control(self) -> bool:
+        """Whether its plan sets an elongation."""
+        return self.closed and self.summary is not None and self.summary.controls_elongation
 
     @property
     def note(self) -> str:
@@ -516,6 +522,10 @@ class RunsModel:
         simulated, cells = lines[row]
         units = self.units.of(simulated=simulated)
         return UnitOverTimeModel(units, cells[0].removesuffix(SIMULATED_MARK), self.jobs, self._notices)
+
+    def dynamics(self, path: Path) -> DynamicsModel:
+        """Return the model of the window of a run's dynamics."""
+        return DynamicsModel(self.units, path, self.jobs, self._notices)
 
     def sensitivities(self, unit: str) -> list[tuple[FloatArray, FloatArray]]:
         """Return for each sensor (number of the accepted calibration, sensitivity in mV/mm), oldest first."""

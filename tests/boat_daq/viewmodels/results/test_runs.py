@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import sqlite3
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -172,3 +174,16 @@ def test_obstacle_names_why_an_action_is_refused(closed):
     assert "2 recordings are chosen" in obstacle("open", [good, good])
     assert (selection_text([]), selection_text([damaged])) == (NONE_CHOSEN, damaged.problem)
     assert "37 readings" in selection_text([good])
+
+
+def test_a_run_of_elongation_has_dynamics(closed):
+    """A closed run one of whose steps was of elongation; a calibration run has none, nor has one in progress."""
+    run = read_run(closed)
+    assert not run.under_control
+    with closing(sqlite3.connect(closed)) as db, db:
+        db.execute("UPDATE step SET detail = 'no JSON' WHERE id = 1")
+        db.execute("""UPDATE step SET detail = '{"quantity": "mm"}' WHERE id = 2""")
+    run = read_run(closed)
+    assert run.under_control
+    going = dataclasses.replace(run.summary, status="recording")
+    assert not dataclasses.replace(run, summary=going).under_control

@@ -1,0 +1,77 @@
+"""The dynamics of a run under control: its steps and sines of elongation. For a window and a report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from boat_daq.engine.settings import UnitLibrary
+from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
+from boat_daq.viewmodels.common.notices import Notices, Severity
+from boat_daq.viewmodels.common.twin import fusion_of
+
+if TYPE_CHECKING:
+    from analysis.twin.dynamic_calibration import DynamicCalibration
+
+
+def dynamics_of_run(units: UnitLibrary, path: Path) -> DynamicCalibration:
+    """Return the dynamics of a recording by its unit's calibration in force; for a helper process.
+
+    Raises
+    ------
+    OperatorError : the unit has no calibration. AnalysisError : the run has neither steps nor sines of elongation.
+    """
+    from analysis import load_recording
+    from analysis.twin.dynamic_calibration import dynamic_calibration
+
+    recording = load_recording(path)
+    return dynamic_calibration(recording, fusion_of(units.of(simulated=recording.simulated), recording.unit))
+
+
+def report_dynamics(found: DynamicCalibration, target: Path) -> None:
+    """Write the report of a dynamic calibration, HTML or PDF; for a helper process.
+
+    Raises
+    ------
+    AnalysisError : the file cannot be written.
+    """
+    from analysis.reports.dynamics import write_dynamic_report
+
+    write_dynamic_report(found, target)
+
+
+class DynamicsModel:
+    """State of the window of a run's dynamics.
+
+    Parameters
+    ----------
+    units : the units and their calibrations. path : of the recording.
+    jobs, notices : of the program.
+    """
+
+    def __init__(self, units: UnitLibrary, path: Path, jobs: JobRunner, notices: Notices) -> None:
+        self.path, self._jobs, self._notices = path, jobs, notices
+        self.found: DynamicCalibration | None = None
+        self.failed = ""
+        self._start("dynamics", Job(f"Computing the dynamics of {path.name}", dynamics_of_run, units, path), self._take)
+
+    def _take(self, found: DynamicCalibration) -> None:
+        self.found = found
+
+    def report(self, target: Path) -> None:
+        """Write the report, HTML or PDF, in the background; the dynamics are computed."""
+        assert self.found is not None
+        job = Job(f"Making the report of {self.path.name}", report_dynamics, self.found, target)
+        job.target = target
+        self._start("dynamics report", job, lambda _: self._notices.inform_saved(target))
+
+    def _start(self, slot: str, job: Job, done: Callable[[Any], None]) -> None:
+        def ended(job: Job) -> None:
+            if job.failure is not None:
+                self.failed = job.failure.cause
+                self._notices.add(Severity.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
+            elif job.state is JobState.DONE:
+                done(job.result)
+
+        self._jobs.start(slot, job, ended)

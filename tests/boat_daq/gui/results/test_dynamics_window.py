@@ -1,0 +1,73 @@
+"""The window of a run's dynamics: step response, Bode plot, figures; where there is none, its reason."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from analysis.twin.dynamic_calibration import DynamicCalibration
+from analysis.twin.dynamics import BodePoint, DynamicFigure
+from boat_daq.gui.results.dynamics_window import DynamicsWindow
+
+FIGURES = {
+    name: DynamicFigure(0.42, 0.40, 0.44) for name in ("time_constant_s", "rise_s", "settling_s", "overshoot_percent")
+}
+BODE = (BodePoint(0.5, -0.2, -20.0, 0.05, 1.0), BodePoint(1.0, -4.0, -60.0, 0.1, 2.0))
+RESPONSE = np.array([[0.0, 1.0], [0.0, 1.02]])
+FOUND = DynamicCalibration("SA1", True, "steps.boat", 0.05, {1.0: FIGURES}, BODE, 0.87, {1.0: RESPONSE})
+
+
+@pytest.fixture
+def window_of(live, tmp_path):
+    """Return what makes the window of a result; windows are closed at the end."""
+    windows = []
+
+    def make(found: DynamicCalibration | None, failed: str = "") -> DynamicsWindow:
+        live.go("Runs")
+        model = SimpleNamespace(found=found, failed=failed, path=tmp_path / "steps.boat", report=lambda target: None)
+        windows.append(DynamicsWindow(live, model, live.model.services, live.pages["Runs"].history))
+        windows[-1].show()
+        windows[-1].timerEvent()
+        return windows[-1]
+
+    yield make
+    for window in windows:
+        window.close()
+
+
+def test_steps_and_sines_are_shown_with_their_figures(window_of):
+    """The gain is drawn over the logarithm of the frequency, and saved over the frequency itself."""
+    window = window_of(FOUND)
+    assert window.verdict.text().startswith("Settles in 0.42 s or less")
+    assert not window.simulated.isHidden()
+    assert window.save.isEnabled()
+    curve = window.bode.layers[0][1]
+    assert curve.x == pytest.approx(np.log10([0.5, 1.0]))
+    assert curve.y.tolist() == [-0.2, -4.0]
+    columns = window.bode.columns()
+    assert columns["Frequency (Hz)"] == pytest.approx([0.5, 1.0])
+    assert columns["U of the phase (\u00b0)"].tolist() == [2.0, 4.0]
+    assert window.steps.plots[0].layers[0].y.tolist() == [0.0, 102.0]
+    assert "1 mm" in window.legend.text().replace("\u00a0", " ")
+    assert window.step_table.item(0, 1).text() == "0.420 \u00b1 0.020"
+    assert window.bode_table.item(1, 1).text() == "\u22124.00 \u00b1 0.20"
+    assert window.bode_table.horizontalHeaderItem(1).text() == "Gain, dB"
+
+
+def test_a_run_without_sines_has_no_bode_plot(window_of):
+    """What was not run is left out; a band that is not reached is said to be beyond the highest sine."""
+    steps = window_of(replace(FOUND, bode=(), bandwidth_hz=float("nan")))
+    assert steps.bode.isHidden()
+    assert not steps.steps.isHidden()
+    sines = window_of(replace(FOUND, steps={}, responses={}, bandwidth_hz=float("nan")))
+    assert sines.steps.isHidden()
+    assert sines.verdict.text() == "Bandwidth above 1 Hz: \u22123 dB is not reached"
+
+
+def test_a_failure_is_shown_and_nothing_can_be_saved(window_of):
+    window = window_of(None, "unit SA1 has no accepted calibration")
+    assert window.verdict.text() == "unit SA1 has no accepted calibration"
+    assert not window.save.isEnabled()

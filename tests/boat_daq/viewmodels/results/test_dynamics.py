@@ -1,0 +1,60 @@
+"""The dynamics of a run for the window: computed and reported in the background, a failure told."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from analysis.twin.dynamic_calibration import DynamicCalibration
+from analysis.twin.dynamics import BodePoint
+from boat_daq.engine.settings import UnitLibrary
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.jobs import JobState
+from boat_daq.viewmodels.results import dynamics
+from boat_daq.viewmodels.results.dynamics import DynamicsModel, dynamics_of_run
+
+FOUND = DynamicCalibration("SA1", True, "sweep.boat", 0.05, {}, (BodePoint(0.5, -0.2, -20.0, 0.05, 1.0),), float("nan"))
+
+
+class Here:
+    """A job that is run when it is made, in this process."""
+
+    target = None
+
+    def __init__(self, label, function, *args) -> None:
+        self.failure, self.result, self.state = None, None, JobState.DONE
+        try:
+            self.result = function(*args)
+        except OperatorError as error:
+            self.failure = SimpleNamespace(cause=error.cause, remedy=error.remedy, details="")
+
+
+@pytest.fixture
+def model_of(monkeypatch, tmp_path):
+    """Return what makes the model of a recording, with what it told."""
+    monkeypatch.setattr(dynamics, "Job", Here)
+    told: list[object] = []
+    notices = SimpleNamespace(inform_saved=told.append, add=lambda _severity, cause, *_, **__: told.append(cause))
+    jobs = SimpleNamespace(start=lambda slot, job, ended: ended(job))
+    return lambda path: (DynamicsModel(UnitLibrary(tmp_path / "units"), path, jobs, notices), told)
+
+
+def test_dynamics_are_taken_and_reported(model_of, monkeypatch, tmp_path):
+    monkeypatch.setattr(dynamics, "dynamics_of_run", lambda units, path: FOUND)
+    model, told = model_of(tmp_path / "sweep.boat")
+    assert model.found is FOUND
+    model.report(tmp_path / "dynamics.html")
+    assert "Frequency response" in (tmp_path / "dynamics.html").read_text(encoding="utf-8")
+    assert told == [tmp_path / "dynamics.html"]
+
+
+def test_a_unit_without_a_calibration_is_told(model_of, recording):
+    model, told = model_of(recording)
+    assert model.found is None
+    assert told == [model.failed] == ["simulated unit SA1 has no accepted calibration"]
+
+
+def test_the_units_of_the_runs_own_kind_of_board_are_asked(recording, tmp_path):
+    with pytest.raises(OperatorError, match="simulated unit SA1"):
+        dynamics_of_run(UnitLibrary(tmp_path / "units"), recording)

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from analysis.atlas import coverage
-from analysis.atlas.coverage import METHODS, Answer, measured, share_within
+from analysis.atlas.coverage import METHODS, Answer, measured, share_within, share_within_three, would_do
 from analysis.errors import RequestError
 
 SCENES = {"tracer": 60, "posterior": 80, "bootstrap": 60, "mesh": 20, "reduced": 6}
@@ -33,6 +33,16 @@ def test_answers_and_refusals_are_counted(monkeypatch: pytest.MonkeyPatch, capsy
     found = json.loads(capsys.readouterr().out)
     assert found["answers"] + found["refused"] == 50
     assert found["error_over_stated"]["0.5"] < found["error_over_stated"]["0.99"]
+
+
+def test_a_setting_does_where_95_percent_of_its_errors_are_within() -> None:
+    """Normal errors of half the tolerance do, of a third more do not; what was not tried is not counted."""
+    errors = np.random.default_rng(0).standard_normal(1_000)
+    assert would_do(0.49 * errors, 1.0)
+    assert not would_do(0.65 * errors, 1.0)
+    outcomes = [Answer(0.0, 1.0, third_does=each) for each in (True, False, False, False, None)]
+    assert share_within_three(outcomes) == 0.75
+    assert np.isnan(share_within_three([Answer(0.0, 1.0)]))
 
 
 def test_no_scene_begins_after_the_time() -> None:

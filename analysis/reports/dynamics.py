@@ -12,7 +12,7 @@ from analysis.figure_style import SOFT, sensor_colour
 from analysis.progress import Progress
 from analysis.reports.document import Report, ReportDrawing, ReportTable, Section
 from analysis.reports.unit import write_built
-from analysis.twin.dynamic_calibration import BODE_HEADINGS, STEP_HEADINGS, DynamicCalibration
+from analysis.twin.dynamic_figures import BODE_HEADINGS, STEP_HEADINGS, DynamicCalibration
 from analysis.version import program_version
 
 

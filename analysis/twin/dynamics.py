@@ -15,9 +15,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq, least_squares
@@ -26,6 +25,7 @@ from scipy.stats import t as student
 
 from analysis.arrays import FloatArray
 from analysis.errors import DataError
+from analysis.twin.dynamic_figures import BodePoint, DynamicFigure, StepFigures
 
 STEP_S = 0.01  # of the integration of a response
 LEAST_R2 = 0.9
@@ -67,41 +67,6 @@ class Lag:
 
 
 @dataclass(frozen=True, slots=True)
-class DynamicFigure:
-    """A figure with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True, slots=True)
-class StepFigures:
-    """Figures of a step response, each with a 95 % interval.
-
-    Attributes
-    ----------
-    time_constant_s : until 63.2 % of the step.
-    rise_s : from 10 to 90 %.
-    settling_s : until it stays within the tolerance of its final value.
-    overshoot_percent : of the step.
-    bandwidth_hz : at -3 dB.
-    phase_lag_deg : at a tenth of the bandwidth.
-    """
-
-    time_constant_s: DynamicFigure
-    rise_s: DynamicFigure
-    settling_s: DynamicFigure
-    overshoot_percent: DynamicFigure
-    bandwidth_hz: DynamicFigure
-    phase_lag_deg: DynamicFigure
-
-    def as_json(self) -> dict[str, Any]:
-        """Return value, low and high of each figure, by name."""
-        return asdict(self)
-
-
-@dataclass(frozen=True, slots=True)
 class Margins:
     """Margins of a loop. `crossover_hz`: where its gain is 1; `delay_s`: that it can bear in addition."""
 
@@ -109,17 +74,6 @@ class Margins:
     phase_deg: float
     crossover_hz: float
     delay_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class BodePoint:
-    """One frequency of a sweep: gain and phase of the elongation over its setpoint, with standard uncertainties."""
-
-    frequency_hz: float
-    gain_db: float
-    phase_deg: float
-    u_gain_db: float
-    u_phase_deg: float
 
 
 def fit_lag(time_s: FloatArray, command_mm: FloatArray, elongation_mm: FloatArray) -> Lag:

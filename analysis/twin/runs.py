@@ -19,7 +19,8 @@ from analysis.calibration.inverse import Fusion
 from analysis.data.recording import Recording
 from analysis.errors import DataError
 from analysis.twin.controller import Tuning
-from analysis.twin.dynamics import BodePoint, DynamicFigure, Lag, bode_point, fit_lag, step_figures
+from analysis.twin.dynamic_figures import BodePoint, DynamicFigure
+from analysis.twin.dynamics import Lag, bode_point, fit_lag, step_figures
 from analysis.twin.hysteresis import HysteresisModel, identify
 from protocol.recording import NOT_FOR_FIGURES, SampleFlag, Segment
 

@@ -15,7 +15,7 @@ from boat_daq.engine.settings import UnitLibrary
 if TYPE_CHECKING:
     from analysis.calibration.inverse import Fusion
     from analysis.data.recording import Recording
-    from analysis.twin.dynamics import DynamicFigure
+    from analysis.twin.dynamic_figures import DynamicFigure
     from analysis.twin.light_table import LightTable
     from analysis.twin.unit_file import TwinFile
 

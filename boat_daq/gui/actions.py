@@ -298,6 +298,7 @@ def recordings(window: MainWindow) -> list[Command]:
     return [
         command("Calibrate with the selected recording", "Ctrl+Alt+C", "open", apart=True),
         command("Repeatability of the selected recording", "Ctrl+Alt+R", "repeat"),
+        command("Dynamics of its control …", "Ctrl+Alt+Shift+D", "dynamics", also="step response bode elongation"),
         command("Correct its readings …", "Ctrl+Alt+E", "readings"),
         command("Rename it …", "Ctrl+Alt+F", "rename"),
         command("Write a note on it …", "Ctrl+Alt+N", "note", also="comment"),

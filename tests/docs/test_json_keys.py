@@ -17,8 +17,8 @@ from analysis.optics.scene.curves import default_curves
 from analysis.reports.reproduction import PaperDrawing, Reproduction, shadow_rows
 from analysis.shadow.model.states import GuideStates
 from analysis.twin.controller import Tuning
-from analysis.twin.dynamic_calibration import DynamicCalibration
-from analysis.twin.dynamics import BodePoint, DynamicFigure, lag_figures
+from analysis.twin.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
+from analysis.twin.dynamics import lag_figures
 from analysis.twin.prediction import published_prediction
 from analysis.twin.unit_file import TwinFile
 from boat_daq.cli import app

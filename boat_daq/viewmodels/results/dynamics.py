@@ -12,7 +12,7 @@ from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.twin import fusion_of
 
 if TYPE_CHECKING:
-    from analysis.twin.dynamic_calibration import DynamicCalibration
+    from analysis.twin.dynamic_figures import DynamicCalibration
 
 
 def dynamics_of_run(units: UnitLibrary, path: Path) -> DynamicCalibration:

@@ -7,8 +7,7 @@ import pytest
 
 from analysis.errors import RequestError
 from analysis.reports.dynamics import dynamic_report, write_dynamic_report
-from analysis.twin.dynamic_calibration import DynamicCalibration
-from analysis.twin.dynamics import BodePoint, DynamicFigure
+from analysis.twin.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
 
 FIGURES = {
     "time_constant_s": DynamicFigure(0.42, 0.40, 0.44),

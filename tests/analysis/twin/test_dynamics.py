@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from analysis.errors import DataError
+from analysis.twin.dynamic_figures import BodePoint
 from analysis.twin.dynamics import (
-    BodePoint,
     Lag,
     bandwidth_hz,
     bode_point,

@@ -8,8 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from analysis.twin.dynamic_calibration import DynamicCalibration
-from analysis.twin.dynamics import BodePoint, DynamicFigure
+from analysis.twin.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
 from boat_daq.gui.results.dynamics_window import DynamicsWindow
 
 FIGURES = {

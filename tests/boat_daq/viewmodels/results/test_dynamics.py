@@ -6,8 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from analysis.twin.dynamic_calibration import DynamicCalibration
-from analysis.twin.dynamics import BodePoint
+from analysis.twin.dynamic_figures import BodePoint, DynamicCalibration
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.jobs import JobState

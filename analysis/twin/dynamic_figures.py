@@ -1,0 +1,135 @@
+"""Figures of a unit's dynamics as values, with their texts: for a report, a window and a command."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from analysis.arrays import FloatArray
+
+STEP_FIGURES = {  # with the decimals that are shown
+    "time_constant_s": ("time constant, s", 3),
+    "rise_s": ("rise (10 to 90 %), s", 3),
+    "settling_s": ("settling, s", 2),
+    "overshoot_percent": ("overshoot, %", 1),
+}
+STEP_HEADINGS = ("step", *(label for label, _ in STEP_FIGURES.values()))
+BODE_HEADINGS = ("frequency", "gain, dB", "phase, °")
+
+
+@dataclass(frozen=True, slots=True)
+class DynamicFigure:
+    """A figure with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class StepFigures:
+    """Figures of a step response, each with a 95 % interval.
+
+    Attributes
+    ----------
+    time_constant_s : until 63.2 % of the step.
+    rise_s : from 10 to 90 %.
+    settling_s : until it stays within the tolerance of its final value.
+    overshoot_percent : of the step.
+    bandwidth_hz : at -3 dB.
+    phase_lag_deg : at a tenth of the bandwidth.
+    """
+
+    time_constant_s: DynamicFigure
+    rise_s: DynamicFigure
+    settling_s: DynamicFigure
+    overshoot_percent: DynamicFigure
+    bandwidth_hz: DynamicFigure
+    phase_lag_deg: DynamicFigure
+
+    def as_json(self) -> dict[str, Any]:
+        """Return value, low and high of each figure, by name."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class BodePoint:
+    """One frequency of a sweep: gain and phase of the elongation over its setpoint, with standard uncertainties."""
+
+    frequency_hz: float
+    gain_db: float
+    phase_deg: float
+    u_gain_db: float
+    u_phase_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class DynamicCalibration:
+    """The dynamics of a run.
+
+    Attributes
+    ----------
+    unit, simulated, recording : whose, and of which run.
+    tolerance_mm : of settling.
+    steps : figures by the size of the step, mm.
+    bode : a point for each sine. bandwidth_hz : at -3 dB; NaN where no sine reaches it.
+    responses : times and mean response of the steps of each size [2, n], as a share of the step; drawn only.
+    """
+
+    unit: str
+    simulated: bool
+    recording: str
+    tolerance_mm: float
+    steps: dict[float, dict[str, DynamicFigure]]
+    bode: tuple[BodePoint, ...]
+    bandwidth_hz: float
+    responses: dict[float, FloatArray] = field(default_factory=dict)
+
+    @property
+    def verdict(self) -> str:
+        """The longest settling and the bandwidth, where they were measured."""
+        settled = [figures["settling_s"].value for figures in self.steps.values()]
+        parts = [f"settles in {max(settled):.2f} s or less, mean of the steps of a size" if settled else ""]
+        if self.bode and math.isfinite(self.bandwidth_hz):
+            parts.append(f"bandwidth {self.bandwidth_hz:.2f} Hz (-3 dB)")
+        elif self.bode:
+            parts.append(f"bandwidth above {max(p.frequency_hz for p in self.bode):g} Hz: -3 dB is not reached")
+        return ", ".join(filter(None, parts))
+
+    def step_rows(self) -> tuple[tuple[str, ...], ...]:
+        """Return the figures of the steps as texts, in the order of `STEP_HEADINGS`."""
+        return tuple(
+            (f"{size:g} mm", *(_with_interval(figures[key], decimals) for key, (_, decimals) in STEP_FIGURES.items()))
+            for size, figures in self.steps.items()
+        )
+
+    def bode_rows(self) -> tuple[tuple[str, ...], ...]:
+        """Return gain and phase with U (k = 2) as texts, in the order of `BODE_HEADINGS`."""
+        return tuple(
+            (
+                f"{p.frequency_hz:g} Hz",
+                f"{p.gain_db:+.2f} ± {2 * p.u_gain_db:.2f}",
+                f"{p.phase_deg:+.1f} ± {2 * p.u_phase_deg:.1f}",
+            )
+            for p in self.bode
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the figures, steps as a list."""
+        steps = [
+            {"step_mm": size, **{name: asdict(figure) for name, figure in figures.items()}}
+            for size, figures in self.steps.items()
+        ]
+        head = {"unit": self.unit, "simulated": self.simulated, "recording": self.recording}
+        bode = [asdict(point) for point in self.bode]
+        return {
+            **head, "tolerance_mm": self.tolerance_mm, "steps": steps, "bode": bode, "bandwidth_hz": self.bandwidth_hz
+        }  # fmt: skip
+
+
+def _with_interval(figure: DynamicFigure, decimals: int) -> str:
+    """Return a value with half the width of its interval."""
+    half = (figure.high - figure.low) / 2
+    text = f"{figure.value:.{decimals}f}"
+    return f"{text} ± {half:.{decimals}f}" if math.isfinite(half) else text

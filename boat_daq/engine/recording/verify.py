@@ -3,12 +3,13 @@
 The chunks are checked against their checksums and decoded again by a link that begins in the state the recording's
 began in; samples, gaps and the overview must come out bit for bit as they are stored. Memory stays bounded however long
 the recording is. Results of analyses are derived again through a function of the caller's, because the engine does not
-import the analysis.
+import the analysis; their numbers may differ by rounding, because processors' vector instructions add in other orders.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import sqlite3
 import time
 from collections.abc import Callable, Iterator
@@ -33,6 +34,7 @@ from protocol.recording.checks import DAMAGE
 
 Progress = Callable[[float, float], None]
 _PIECE = 20_000  # samples compared at once
+ROUNDING = 1e-9  # relative, of a result; 1e-11 was seen between processors with AVX2 and with AVX-512
 # A result of less than the whole run, or from before a reading was corrected or a video was stored, cannot be derived
 # from the file. Compared as instants, to the millisecond: readings are in local time with its offset, results in UTC.
 _STANDING_RESULTS = """
@@ -282,8 +284,14 @@ def _in_terms_of(kept: Any, again: Any) -> Any:
     return again
 
 
+def _same(kept: Any, again: Any) -> bool:
+    if type(kept) is float and type(again) is float:
+        return math.isclose(kept, again, rel_tol=ROUNDING)
+    return json.dumps(kept, sort_keys=True) == json.dumps(again, sort_keys=True)
+
+
 def _first_other(kept: Any, again: Any, at: str = "") -> str | None:
-    """Return the name of the first value that differs, as JSON.
+    """Return the name of the first value that differs, as JSON; numbers may differ by their last digits.
 
     None where all are the same.
     """
@@ -292,6 +300,6 @@ def _first_other(kept: Any, again: Any, at: str = "") -> str | None:
     elif isinstance(kept, list) and isinstance(again, list) and len(kept) == len(again):
         pairs = ((f"{at}[{i}]", *both) for i, both in enumerate(zip(kept, again, strict=True)))
     else:
-        return None if json.dumps(kept, sort_keys=True) == json.dumps(again, sort_keys=True) else at
+        return None if _same(kept, again) else at
     found = (_first_other(one, other, name) for name, one, other in pairs)
     return next((name for name in found if name is not None), None)

@@ -3,7 +3,8 @@
 Strategy: the shapes of the guides follow from the full model at many pressures, by a spline over elongation; the light
 of the paper's pattern is traced in them, every reflection followed. It falls in steps, where rays pass from one
 cavity's wall to the next: intervals are halved, their neighbours too, until the light in the middle is that between
-their ends. At a loss of the guide it is traced at the same elongations.
+their ends. All are halved once more: with a loss of the guide, where the light is traced at the same elongations, the
+steps are larger shares of its range.
 
 The table of the default actuator, with its cavities in the outer face, comes with the program (`light.csv`); those of
 others are kept in the user's cache, named by a hash of all that they depend on. What was traced is kept there from
@@ -208,13 +209,15 @@ def build_light(
     x = np.linspace(*shapes.range_mm, first)
     suspect = np.ones(first - 1, dtype=bool)
     while True:
-        light = light_at(x, more=others * len(x))
+        light = light_at(x, more=(2 * others + 1) * len(x))
         if not suspect.any() or len(x) >= MOST:
             break
         off_percent = max(tolerance * float(np.ptp(light)), 100.0 * LEAST_RAYS / rays)
         middle = 0.5 * (x[:-1] + x[1:])[suspect]
-        away = light_at(middle, more=others * (len(x) + len(middle))) - 0.5 * (light[:-1] + light[1:])[suspect]
+        between = 0.5 * (light[:-1] + light[1:])[suspect]
+        away = light_at(middle, more=(2 * others + 1) * (len(x) + len(middle))) - between
         x, suspect = _halved(x, middle, suspect, np.abs(away) > off_percent)
+    x = np.sort(np.concatenate([x, 0.5 * (x[:-1] + x[1:])]))
     rows = [light_at(x, loss, more=(others - n) * len(x)) for n, loss in enumerate(LOSSES_DB_PER_CM)]
     return LightTable(np.asarray(LOSSES_DB_PER_CM), x, np.stack(rows))
 

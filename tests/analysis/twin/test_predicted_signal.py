@@ -83,12 +83,12 @@ def test_a_run_has_its_difference_as_a_column_and_agrees_where_nothing_is_wrong(
 
 
 @pytest.mark.nightly
-@pytest.mark.timeout(600)
-def test_stored_light_is_that_of_the_chain():
+@pytest.mark.timeout(1800)
+def test_stored_light_is_that_of_the_chain_within_a_thousandth_of_its_range():
+    """Ten times the rays: with the table's own number the chance of the fan would be most of the difference."""
     shapes, table = GuideShapes(ActuatorParameters()), stored_light()
     at = np.sort(np.random.default_rng(0).uniform(*table.elongation_mm[[0, -1]], 15))
     for loss, row in zip(table.losses_db_per_cm, table.light_percent, strict=True):
-        traced = traced_light(shapes, at, float(loss))
+        traced = traced_light(shapes, at, float(loss), rays=1_000_000)
         away = (table.light(at, loss) - traced) / np.ptp(row)
-        assert np.sqrt(np.mean(away**2)) < 0.002
-        assert np.abs(away).max() < 0.003
+        assert np.abs(away).max() < 1e-3

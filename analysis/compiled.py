@@ -103,6 +103,17 @@ def inner_fusing(function: Function) -> Function:
     return inner(function, fastmath={"contract"})
 
 
+def compile_ahead(function: Callable[..., Any], *arguments: Any) -> None:
+    """Compile `function` for arguments like these in this thread: threads of a pool that compile end only when done.
+
+    Parameters
+    ----------
+    function : decorated with one of the above. arguments : of a later call; only their types matter.
+    """
+    dispatcher = cast(Any, function)
+    dispatcher.compile(tuple(dispatcher.typeof_pyval(each) for each in arguments))
+
+
 @numba.extending.intrinsic
 def _pointers(_typing_context: Any, tables: Any) -> Any:
     """The same named tuple with the addresses of its contiguous arrays' first elements, to be indexed flat.

@@ -30,7 +30,15 @@ from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, By, Desi
 from analysis.optics.sweep.fans import turned
 from analysis.optics.sweep.figure_of_merit import FLOOR, merit
 from analysis.optics.sweep.race import FIRST_RAYS, Race
-from analysis.optics.sweep.sweep import SweepRequest, SweepResult, common_of, paper_grid, result_of, run_item
+from analysis.optics.sweep.sweep import (
+    SweepRequest,
+    SweepResult,
+    common_of,
+    compile_tracer,
+    paper_grid,
+    result_of,
+    run_item,
+)
 from analysis.progress import Progress
 
 POPULATION, RACING = 16, 48
@@ -108,6 +116,7 @@ class DesignMerit:
     def __init__(self, frames: Sequence[SceneFrame], guide: Waveguide, light: Light, by: By) -> None:
         self.request = SweepRequest((), guide, light, by=by)
         self._common = common_of(frames, guide, light)
+        compile_tracer(self._common)
         self._free = min(f.free_mm for f in frames)
         self._mirrored = np.array([f.mirrored for f in frames])
 

@@ -1,8 +1,9 @@
 """All designs in all states: in threads here, or on a cluster, with the same bits.
 
-Strategy: the frames of the states are computed once, then a work item is a few designs in all states, one compiled
-call. A simulation's result does not depend on which item, thread or machine computed it. Results are written as they
-arrive; a sweep that was stopped reads the finished designs from its file.
+Strategy: the frames of the states are computed once, then a work item is a few designs in all states, or one design in
+some states where the rays are many: one compiled call of a second or less, after which a stop takes effect. A
+simulation's result does not depend on which item, thread or machine computed it. Results are written as designs
+finish; a sweep that was stopped reads the finished designs from its file.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 
 from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.cluster import check_scheduler, connect
+from analysis.compiled import compile_ahead
 from analysis.errors import RequestError
 from analysis.optics.scene.curves import default_curves, frames_of
 from analysis.optics.scene.frame import SceneFrame, check_design
@@ -30,14 +32,16 @@ from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, By, Desi
 from analysis.optics.sweep.figure_of_merit import Merit, Uncertainty, merit, ranks_within, resolution, uncertainty
 from analysis.optics.sweep.sweep_file import SweepFile
 from analysis.optics.tracer.rays import Fan, Rules, fan_of, rules_of, share_of
-from analysis.optics.tracer.simulation import fan_sd, simulate_many, stacked
+from analysis.optics.tracer.simulation import fan_sd, simulate_many, stacked, states_of
 from analysis.optics.tracer.tally import COUNTS, DETECTED, E_CUT, E_DETECTED, ENERGIES, HITS
 from analysis.progress import Progress
 
 Results = tuple[IntArray, FloatArray, FloatArray]
 Common = tuple[SceneFrame, Rules, Fan, IntArray]
+Item = tuple[FloatArray, slice]
 STEPS_MM = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 FILE_NAME = "sweep.sqlite"
+EVERY = slice(None)
 _RAYS_PER_ITEM = 60_000
 
 
@@ -160,23 +164,36 @@ def common_of(frames: Sequence[SceneFrame], guide: Waveguide, light: Light) -> C
     return stacked(frames), rules_of(guide, light), fan_of(light), shares
 
 
-def run_item(common: Common, patterns: FloatArray) -> Results:
-    """Simulate a few patterns in all states: the work item of a thread or of a cluster's worker.
+def run_item(common: Common, patterns: FloatArray, states: slice = EVERY) -> Results:
+    """Simulate a few patterns in some states: the work item of a thread or of a cluster's worker.
 
     Parameters
     ----------
-    common : from `common_of`. patterns : (p, 5) from `geometry.pattern_of`.
+    common : from `common_of`. patterns : (p, 5) from `geometry.pattern_of`. states : all by default.
 
     Returns
     -------
     counts (p, s, 10), energy (p, s, 4), changes (p, s, 2) along the fan, in number and in power.
     """
+    arguments = _arguments(common, patterns, states)
+    simulate_many(*arguments)
+    return arguments[-3:]
+
+
+def compile_tracer(common: Common) -> None:
+    """Compile what `run_item` calls, before a pool of threads does; see `compiled.compile_ahead`."""
+    compile_ahead(simulate_many, *_arguments(common, np.array([pattern_of(PAPER_OPTIMUM)]), EVERY))
+
+
+def _arguments(
+    common: Common, patterns: FloatArray, states: slice
+) -> tuple[SceneFrame, FloatArray, Rules, Fan, IntArray, IntArray, FloatArray, FloatArray]:
+    """Return the arguments of `simulate_many`; the last three are to be filled."""
     frames, rules, fan, shares = common
+    frames, shares = states_of(frames, states), shares[states]
     shape = (len(patterns), len(frames.nodes))
     counts = np.zeros((*shape, COUNTS), dtype=np.int64)
-    energy, changes = np.zeros((*shape, ENERGIES)), np.zeros((*shape, 2))
-    simulate_many(frames, patterns, rules, fan, shares, counts, energy, changes)
-    return counts, energy, changes
+    return frames, patterns, rules, fan, shares, counts, np.zeros((*shape, ENERGIES)), np.zeros((*shape, 2))
 
 
 def run_sweep(
@@ -263,28 +280,40 @@ def _work(
     scheduler: str | None,
     threads: int | None,
 ) -> Iterator[tuple[Sequence[Design], Results]]:
-    """Yield finished work items in the order in which they finish."""
+    """Yield designs with their results in all states, in the order in which they finish."""
     common = common_of(frames, request.guide, request.light)
     size = max(1, min(16, _RAYS_PER_ITEM // (request.light.rays * len(frames))))
-    items = [todo[i : i + size] for i in range(0, len(todo), size)]
-    patterns = [np.array([pattern_of(d) for d in item]) for item in items]
+    some = max(1, min(len(frames), _RAYS_PER_ITEM // request.light.rays))
+    groups = [todo[i : i + size] for i in range(0, len(todo), size)]
+    parts = [slice(s, s + some) for s in range(0, len(frames), some)]
+    items = [(np.array([pattern_of(d) for d in group]), part) for group in groups for part in parts]
     if scheduler is None:
-        finished = _in_threads(common, patterns, threads or os.cpu_count() or 1)
+        finished = _in_threads(common, items, threads or os.cpu_count() or 1)
     else:
-        finished = _on_cluster(common, patterns, scheduler)
-    yield from ((items[number], results) for number, results in finished)
+        finished = _on_cluster(common, items, scheduler)
+    waiting: dict[int, dict[int, Results]] = {}
+    for number, results in finished:
+        group, part = divmod(number, len(parts))
+        done = waiting.setdefault(group, {})
+        done[part] = results
+        if len(done) == len(parts):
+            whole = zip(*(each for _, each in sorted(waiting.pop(group).items())), strict=True)
+            counts, energy, changes = (np.concatenate(each, axis=1) for each in whole)
+            yield groups[group], (counts, energy, changes)
 
 
-def _in_threads(common: Common, patterns: list[FloatArray], threads: int) -> Iterator[tuple[int, Results]]:
+def _in_threads(common: Common, items: list[Item], threads: int) -> Iterator[tuple[int, Results]]:
+    if items:
+        compile_tracer(common)
     pool = ThreadPoolExecutor(threads)
-    futures: dict[Future[Results], int] = {pool.submit(run_item, common, p): i for i, p in enumerate(patterns)}
+    futures: dict[Future[Results], int] = {pool.submit(run_item, common, *item): i for i, item in enumerate(items)}
     try:
         yield from ((futures[future], future.result()) for future in as_completed(futures))
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-def _on_cluster(common: Common, patterns: list[FloatArray], address: str) -> Iterator[tuple[int, Results]]:
+def _on_cluster(common: Common, items: list[Item], address: str) -> Iterator[tuple[int, Results]]:
     library = importlib.import_module("distributed")
     with connect(address) as client:
         if not client.scheduler_info()["workers"]:
@@ -292,7 +321,7 @@ def _on_cluster(common: Common, patterns: list[FloatArray], address: str) -> Ite
         futures: dict[Any, int] = {}
         try:
             shared = client.scatter(common, broadcast=True)
-            futures |= {client.submit(run_item, shared, p, pure=False): i for i, p in enumerate(patterns)}
+            futures |= {client.submit(run_item, shared, *item, pure=False): i for i, item in enumerate(items)}
             yield from ((futures[future], future.result()) for future in library.as_completed(list(futures)))
         except (TimeoutError, OSError, CancelledError, library.CancelledError, library.KilledWorker) as error:
             raise _cluster_lost(f"the Dask workers at {address} were lost") from error

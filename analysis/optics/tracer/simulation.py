@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from analysis.arrays import BoolArray, FloatArray, IntArray
-from analysis.compiled import compiled, pointers
+from analysis.compiled import compile_ahead, compiled, pointers
 from analysis.optics.scene.frame import NO_CELL, SceneFrame
 from analysis.optics.scene.geometry import Geometry, allocate, build, geometry_of
 from analysis.optics.scene.parameters import ALL, PAPER_RAYS, Design, Light, Waveguide
@@ -32,6 +32,7 @@ BLOCK = 4096
 CORRELATION_DEG_PER_MM2 = 0.03
 """Over this angle, times the thickness squared, neighbouring rays end alike: fitted to counts, see METHODS.md."""
 _SURE, _LEAST_ALIKE, _SMALL_STEP = 2.0, 0.001, 1e-3
+_SCALARS = ("half_mm", "source_cell")  # of a frame, the same in every state
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,8 +259,13 @@ def stacked(frames: Sequence[SceneFrame]) -> SceneFrame:
             arrays = [np.pad(a, pad, constant_values=fill[name]) for a, pad in zip(arrays, pads, strict=True)]
         return np.stack(arrays)
 
-    scalars = ("half_mm", "source_cell")
-    return frames[0]._replace(**{name: stack(name) for name in SceneFrame._fields if name not in scalars})
+    return frames[0]._replace(**{name: stack(name) for name in SceneFrame._fields if name not in _SCALARS})
+
+
+def states_of(frames: SceneFrame, states: slice) -> SceneFrame:
+    """Return some states of stacked frames."""
+    stacks = {name: getattr(frames, name)[states] for name in SceneFrame._fields if name not in _SCALARS}
+    return frames._replace(**stacks)
 
 
 def trace(
@@ -293,13 +299,18 @@ def trace(
         follow_block(g, rules, fan, first, budget, q, tally)
         return tally, q
 
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+    tally, q = new_tally(by_root, *nothing), new_queue(budget, light.faintest)
+    compile_ahead(follow_block, g, rules, fan, 0, budget, q, tally)
+    pool = ThreadPoolExecutor(threads or os.cpu_count() or 1)
+    try:
         blocks = pool.map(one, range(0, followed, BLOCK))
         tally, q = next(blocks)
         for done, later in enumerate(blocks, start=2):
             join(tally, q, *later)
             if progress is not None:
                 progress(min(done * BLOCK, followed), followed)
+    finally:
+        pool.shutdown(cancel_futures=True)
     finish(g, rules, fan, q, tally)
     counts, energy = tally.counts.tolist(), (tally.energy / light.rays).tolist()
     ends = dict(zip(ledger.LEDGER, counts, strict=False)), dict(zip(ledger.ENERGY, energy, strict=True))

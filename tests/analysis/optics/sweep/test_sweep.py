@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
+from numba.core import event
 
+from analysis.arrays import FloatArray
 from analysis.errors import RequestError
 from analysis.optics.scene.curves import frame_of
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light, Waveguide, light_by
 from analysis.optics.sweep.report import sweep_json, sweep_text
-from analysis.optics.sweep.sweep import SweepRequest, SweepResult, paper_grid, run_sweep
+from analysis.optics.sweep.sweep import Common, Results, SweepRequest, SweepResult, paper_grid, run_item, run_sweep
 from analysis.optics.tracer.simulation import trace
 from tests.analysis.optics.sweep.conftest import same
 
@@ -55,6 +59,42 @@ def test_power_ranks_with_every_reflection_followed() -> None:
 def test_threads_and_their_number_change_no_bit(small_request: SweepRequest, small_result: SweepResult) -> None:
     """One thread gives what all give."""
     assert same(run_sweep(small_request, threads=1), small_result)
+
+
+def test_states_of_a_design_simulated_apart_change_no_bit(
+    small_request: SweepRequest, small_result: SweepResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the rays are many an item is one design in some states, so that a stop takes effect within one."""
+    items: list[tuple[int, int]] = []
+
+    def counted(common: Common, patterns: FloatArray, states: slice) -> Results:
+        found = run_item(common, patterns, states)
+        items.append(found[0].shape[:2])
+        return found
+
+    monkeypatch.setattr("analysis.optics.sweep.sweep._RAYS_PER_ITEM", 4 * small_request.light.rays)
+    monkeypatch.setattr("analysis.optics.sweep.sweep.run_item", counted)
+    assert same(run_sweep(small_request), small_result)
+    assert sorted(set(items)) == [(1, 3), (1, 4)]
+
+
+def test_no_thread_of_the_pool_compiles(small_request: SweepRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tracer is compiled in the thread that Ctrl-C reaches; the pool's would end only when it is compiled."""
+    ends_threads: set[int] = set()
+
+    class Listener(event.Listener):  # type: ignore[misc]
+        def on_start(self, event: object) -> None: ...
+
+        def on_end(self, event: object) -> None:
+            ends_threads.add(threading.get_ident())
+
+    def nothing(frames, patterns, rules, fan, shares, counts, energy, changes):  # type: ignore[no-untyped-def]
+        counts[:] = 1
+
+    monkeypatch.setattr("analysis.optics.sweep.sweep.simulate_many", numba.njit(nogil=True)(nothing))
+    with event.install_listener("numba:compile", Listener()):
+        run_sweep(small_request)
+    assert ends_threads == {threading.get_ident()}
 
 
 def test_progress_reaches_its_end(small_request: SweepRequest) -> None:
@@ -111,7 +151,7 @@ def test_lost_workers_are_named_and_the_sweep_resumes_here(
     distributed = pytest.importorskip("distributed")
     file = tmp_path / "sweep.sqlite"
 
-    def lost(common: object, patterns: object) -> None:
+    def lost(common: object, patterns: object, states: object) -> None:
         raise TimeoutError("no answer")
 
     with distributed.LocalCluster(

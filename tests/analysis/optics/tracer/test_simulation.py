@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ from analysis.optics.scene.curves import (
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.outline import outline
 from analysis.optics.scene.parameters import ALL, FACES, ORDERS, Design, Light, Waveguide
-from analysis.optics.tracer.simulation import TraceResult, trace
+from analysis.optics.tracer.simulation import TraceResult, follow_block, trace
 from tests.analysis.optics import plain_tracer as plain
 from tests.analysis.optics import second_tracer
 
@@ -272,3 +274,24 @@ def test_all_secondaries_are_those_of_a_budget_that_refuses_none(curves: np.ndar
         assert out[0].power == pytest.approx(out[1].power, rel=1e-12)
         assert out[0].power_sd == pytest.approx(out[1].power_sd, rel=1e-9)
         assert sum(out[0].energy.values()) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_a_cancelled_scene_traces_no_further_block(frames: list[SceneFrame], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Raising from the progress leaves the blocks that wait untraced."""
+    begun: list[int] = []
+
+    def counted(*arguments: Any) -> None:
+        begun.append(arguments[3])
+        time.sleep(0.02)
+        follow_block(*arguments)
+
+    counted.compile, counted.typeof_pyval = follow_block.compile, follow_block.typeof_pyval  # type: ignore[attr-defined]
+    monkeypatch.setattr("analysis.optics.tracer.simulation.follow_block", counted)
+    monkeypatch.setattr("analysis.optics.tracer.simulation.BLOCK", 50)
+
+    def cancel(done: float, total: float) -> None:
+        raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        trace(frames[0], Design(), Waveguide(), Light(rays=50 * 40, secondary=0), threads=1, progress=cancel)
+    assert len(begun) < 10

@@ -106,12 +106,14 @@ class Interruption:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
 
-    @staticmethod
-    def _again(ignored: sys.UnraisableHookArgs) -> None:
-        """Interrupt once more where it came in a callback of compiled code (numba's), which discards it."""
+    def _again(self, ignored: sys.UnraisableHookArgs) -> None:
+        """Interrupt once more where it came in a callback of compiled code (numba's), which discards it.
+
+        What an interrupted compilation left unfinished cannot be finalised: that is no message to the user.
+        """
         if isinstance(ignored.exc_value, KeyboardInterrupt):
             threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT)).start()
-        else:
+        elif not self.came:
             sys.__unraisablehook__(ignored)
 
 

@@ -56,8 +56,8 @@ def identify(
 ) -> None:
     """Identify the hysteresis of a run's unit: a generalised Prandtl-Ishlinskii model, by the calibration in force.
 
-    Of another actuator than the paper's, or other cavities, the light is traced once: some minutes, a call that was
-    stopped continues. The unit's signals are predicted by it from then on.
+    Of another actuator than the paper's, or other cavities, the light is traced once: up to an hour on two cores; a
+    call that was stopped (Ctrl-C) continues. The unit's signals are predicted by it from then on.
 
     Example: boat-daq twin identify SA1.boat
     """

@@ -21,9 +21,34 @@ except KeyboardInterrupt:
 """
 
 
+UNFINISHED_OBJECTS = """
+import os, signal
+from boat_daq.cli import Interruption
+
+class Unfinished:
+    def __del__(self):
+        self.parts
+
+Interruption()
+Unfinished()
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+except KeyboardInterrupt:
+    Unfinished()
+"""
+
+
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_ctrl_c_in_a_callback_of_compiled_code_still_ends() -> None:
     """Such a callback discards the exception: the command would run to its end, after a traceback."""
     command = [sys.executable, "-c", INTERRUPTED_IN_A_CALLBACK]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert (done.stdout, done.stderr) == ("ended\n", "")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_what_ctrl_c_leaves_unfinished_prints_no_traceback() -> None:
+    """A compilation that is interrupted leaves objects that fail to end; before Ctrl-C such a failure is printed."""
+    command = [sys.executable, "-c", UNFINISHED_OBJECTS]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.stderr.count("AttributeError") == 1

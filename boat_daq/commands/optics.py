@@ -94,6 +94,13 @@ Confidence = Annotated[
         "probability, as 0.95; up to --rays (default 256000)."
     ),
 ]
+RaceSeconds = Annotated[
+    float | None,
+    typer.Option(
+        help="Time limit of the race, s; it then returns the designs left, which contain the best with the same "
+        "probability."
+    ),
+]
 Tolerance = Annotated[
     float | None,
     typer.Option(
@@ -353,6 +360,7 @@ def sweep(
         typer.Option(min=1, help="Turns of the fan whose ranks are compared; default 7 with 250 rays, else 1."),
     ] = None,
     confidence: Confidence = None,
+    seconds: RaceSeconds = None,
     tolerance: Tolerance = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the turns of the fan in a race.")] = 0,
     scheduler: Scheduler = None,
@@ -373,6 +381,8 @@ def sweep(
         raise typer.BadParameter(
             "chooses the rays: omit --rays, --phase, --fidelity and --confidence", param_hint="--tolerance"
         )
+    if seconds is not None and confidence is None:
+        raise typer.BadParameter("limits a race: add --confidence", param_hint="--seconds")
     if confidence is not None and fidelity is not None:
         raise typer.BadParameter("chooses the rays itself: omit --fidelity", param_hint="--confidence")
     from analysis.optics.sweep.fans import light_within
@@ -392,7 +402,8 @@ def sweep(
         with writing(out):
             out.mkdir(parents=True, exist_ok=True)
     if confidence is not None:
-        _race(request, confidence, most, seed, out, scheduler, allow_remote=allow_remote, as_json=as_json)
+        within = math.inf if seconds is None else seconds
+        _race(request, confidence, most, seed, within, out, scheduler, allow_remote=allow_remote, as_json=as_json)
     else:
         _sweep(request, fans, out, scheduler, allow_remote=allow_remote, as_json=as_json)
 
@@ -432,7 +443,7 @@ def _sweep(
 
 
 def _race(
-    request: SweepRequest, confidence: float, most_rays: int | None, seed: int, out: Path | None,
+    request: SweepRequest, confidence: float, most_rays: int | None, seed: int, seconds: float, out: Path | None,
     scheduler: str | None, *, allow_remote: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Run the race of a sweep, write its files and print its result; parameters are those of the command."""
@@ -442,8 +453,8 @@ def _race(
 
     with progress_bar("race") as advance:
         found = race_sweep(
-            request, confidence, most_rays=most_rays or MOST_RAYS, seed=seed, folder=out, scheduler=scheduler,
-            allow_remote=allow_remote, progress=advance,
+            request, confidence, most_rays=most_rays or MOST_RAYS, seed=seed, seconds=seconds, folder=out,
+            scheduler=scheduler, allow_remote=allow_remote, progress=advance,
         )  # fmt: skip
     for path in write_race(found, request.by, out) if out is not None else ():
         notify(f"wrote {path}")

@@ -1,11 +1,11 @@
 """The best design with a stated confidence: few rays for all designs, more only for those that may be the best.
 
 Strategy: every design is traced with 1,000 rays, from which on neighbouring rays of the fan are related and the error
-falls faster than its cost rises. Then, round after round, those with the largest P and, of those with the fewest rays,
+falls faster than its cost rises; by power with 2,000, for 1,000 leave half of the designs. Then, round after round, those with the largest P and, of those with the fewest rays,
 those with the largest upper bound of P are traced with more rays, twice as many up to 4,000 and then four times (lower
 and upper confidence bounds: Kalyanakrishnan et al., Proc. 29th ICML, 2012, 655), designs with as many rays all by the
 same fan, turned at random. A design is eliminated when its upper bound is below the greatest lower bound. The race ends
-when every design left has the most rays.
+when every design left has the most rays, or when its time is over: the bounds hold at any time.
 
 The best design is lost only if one of its own upper bounds fails, or a lower bound of another design does: half of the
 error probability is shared by the numbers of rays for the one, half by numbers of rays and designs for the other
@@ -15,7 +15,8 @@ their errors and whichever designs were traced again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -23,33 +24,42 @@ import numpy as np
 
 from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.errors import RequestError
-from analysis.optics.scene.parameters import Design, Light
+from analysis.optics.scene.parameters import By, Design, Light
 from analysis.optics.sweep.figure_of_merit import FLOOR, merit, p_bounds
 from analysis.optics.sweep.sweep import SweepRequest, SweepResult, run_sweep
-from analysis.progress import Progress
+from analysis.progress import Progress, part_of
 
 FIRST_RAYS, RELATED_RAYS = 1_000, 4_000
 """Up to the latter neighbouring rays become related, and twice the rays leave less than half of the error."""
+FIRST_RAYS_OF_POWER = 2_000
+"""Rays of the first round by power: 1,000 leave half of the designs, which costs what it saves (METHODS.md)."""
 MOST_RAYS = 256_000
 """Rays of the best design unless stated otherwise."""
 LEADERS, CHALLENGERS = 2, 16
 """Designs that a round traces again: those with the largest P, and of the others with the fewest rays those with the
 largest upper bound."""
+_PIECE = 32
+"""Designs that are traced between two looks at the clock."""
 
 Simulate = Callable[[Sequence[Design], Light], SweepResult]
 
 
-def rays_of_rounds(most_rays: int) -> tuple[int, ...]:
+def first_rays_of(by: By) -> int:
+    """Return the rays of a race's first round."""
+    return FIRST_RAYS_OF_POWER if by == "power" else FIRST_RAYS
+
+
+def rays_of_rounds(most_rays: int, first_rays: int = FIRST_RAYS) -> tuple[int, ...]:
     """Return the numbers of rays of a race: twice as many each time, then four times; the last the most.
 
     Raises
     ------
-    RequestError : the most are fewer than the first.
+    RequestError : the most are fewer than any race's first.
     """
     if most_rays < FIRST_RAYS:
         raise RequestError(f"a race with {most_rays} rays at most", f"allow {FIRST_RAYS} rays or more")
     found = [most_rays]
-    while (fewer := found[0] // (2 if found[0] <= RELATED_RAYS else 4)) >= FIRST_RAYS:
+    while (fewer := found[0] // (2 if found[0] <= RELATED_RAYS else 4)) >= first_rays:
         found.insert(0, fewer)
     return tuple(found)
 
@@ -63,12 +73,12 @@ class Race:
     designs : compete.
     light : its model, cone and emission are kept; rays and turn of the fan are those of each number of rays.
     confidence : that the candidates contain the best design, above 0 and below 1.
-    most_rays : of the last number of rays. seed : of the fan's turns.
+    most_rays, first_rays : of the last and the first number of rays. seed : of the fan's turns.
 
     Attributes
     ----------
     level : (n,) how many of `rays` each design was traced with.
-    p, low, high : (n,) P with the most rays so far, and its tightest bounds.
+    p, low, high : (n,) P with the most rays so far, and its tightest bounds; infinite where it was not traced.
     work : rays released for each state so far, all designs together; history : (work, candidates) after each round.
 
     Raises
@@ -81,17 +91,18 @@ class Race:
     confidence: float
     most_rays: int = MOST_RAYS
     seed: int = 0
+    first_rays: int = FIRST_RAYS
     history: list[tuple[int, int]] = field(default_factory=list)
     work: int = 0
 
     def __post_init__(self) -> None:
         if not 0.0 < self.confidence < 1.0:
             raise RequestError(f"a confidence of {self.confidence:g}", "choose above 0 and below 1, 0.95 is usual")
-        self.rays = rays_of_rounds(self.most_rays)
+        self.rays = rays_of_rounds(self.most_rays, self.first_rays)
         self.turns = np.random.default_rng(self.seed).uniform(-0.5, 0.5, len(self.rays))
         n = len(self.designs)
         self.level: IntArray = np.zeros(n, dtype=np.int64)
-        self.p: FloatArray = np.zeros(n)
+        self.p: FloatArray = np.full(n, -np.inf)
         self.low: FloatArray = np.full(n, -np.inf)
         self.high: FloatArray = np.full(n, np.inf)
 
@@ -99,6 +110,11 @@ class Race:
     def left(self) -> BoolArray:
         """Return (n,) which designs may still be the best."""
         return np.asarray(self.high >= np.max(self.low))
+
+    @property
+    def finished(self) -> bool:
+        """Return whether every candidate has the most rays; if not, the time ran out."""
+        return not np.any(self.left & (self.level < len(self.rays)))
 
     @property
     def best(self) -> int:
@@ -114,23 +130,53 @@ class Race:
     @property
     def equal_work(self) -> int:
         """Return the rays that the best design's precision for every design would take, for each state."""
-        return self.rays[-1] * len(self.designs)
+        return self.rays[max(int(np.max(self.level)), 1) - 1] * len(self.designs)
 
     @property
     def saving(self) -> float:
         """Return how many times less work the race was than equal precision everywhere."""
-        return self.equal_work / self.work
+        return self.equal_work / max(self.work, 1)
 
-    def run(self, simulate: Simulate) -> Race:
-        """Trace designs until every candidate has the most rays; returns itself."""
+    @property
+    def settled(self) -> float:
+        """Return how many designs are settled: 1 for one that is eliminated or has the most rays, else a part."""
+        return float(np.sum(np.where(self.left, self.level / len(self.rays), 1.0)))
+
+    def run(self, simulate: Simulate, *, seconds: float = np.inf, progress: Progress | None = None) -> Race:
+        """Trace designs until every candidate has the most rays, or the time is over; returns itself.
+
+        Parameters
+        ----------
+        simulate : traces designs with a light.
+        seconds : after which no other designs are traced.
+        progress : called with (designs settled, designs); raising from it stops the race.
+
+        Raises
+        ------
+        RequestError : no time is allowed.
+        """
+        if not seconds > 0:
+            raise RequestError(f"a race of {seconds:g} s", "allow more than 0 s")
+        end = time.perf_counter() + seconds
         chosen = np.arange(len(self.designs))
         while chosen.size:
-            levels = self.level[chosen]
-            for level in np.unique(levels):
-                self._trace(chosen[levels == level], int(level), simulate)
+            for some, level in self._pieces(chosen, whole=np.isinf(seconds)):
+                self._trace(some, level, simulate)
+                if progress is not None:
+                    progress(self.settled, len(self.designs))
+                if late := time.perf_counter() > end:
+                    break
             self.history.append((self.work, int(np.sum(self.left))))
-            chosen = self._next()
+            chosen = chosen[:0] if late else self._next()
         return self
+
+    def _pieces(self, chosen: IntArray, *, whole: bool) -> Iterator[tuple[IntArray, int]]:
+        """Yield designs of one level each with it; all of it together where the whole is wanted."""
+        levels = self.level[chosen]
+        for level in np.unique(levels):
+            some = chosen[levels == level]
+            size = some.size if whole else _PIECE
+            yield from ((some[i : i + size], int(level)) for i in range(0, some.size, size))
 
     def _next(self) -> IntArray:
         """Return the candidates to trace again: the leaders and the challengers that do not have the most rays yet."""
@@ -159,6 +205,7 @@ def race_sweep(
     *,
     most_rays: int = MOST_RAYS,
     seed: int = 0,
+    seconds: float = np.inf,
     folder: Path | None = None,
     scheduler: str | None = None,
     allow_remote: bool = False,
@@ -168,19 +215,24 @@ def race_sweep(
 
     Parameters
     ----------
-    request : what competes. confidence, most_rays, seed : as in `Race`.
+    request : what competes. confidence, most_rays, seed : as in `Race`. seconds : as in `Race.run`.
     folder : for the results file of each number of rays; a stopped race resumes from them.
     scheduler, allow_remote : as in `run_sweep`.
-    progress : called with (simulations done, all) of each round; raising from it stops the race.
+    progress : called with (designs settled, designs); raising from it stops the race.
 
     Raises
     ------
     RequestError, DataError, FileError : as `run_sweep` and `Race`.
     """
 
+    designs = tuple(dict.fromkeys(request.designs))
+    first_rays = first_rays_of(request.by)
+    race = Race(designs, request.light, confidence, most_rays, seed, first_rays)
+
     def simulate(designs: Sequence[Design], light: Light) -> SweepResult:
         part = replace(request, designs=tuple(designs), light=light)
         file = None if folder is None else folder / f"race_{light.rays}_rays.sqlite"
-        return run_sweep(part, file=file, scheduler=scheduler, allow_remote=allow_remote, progress=progress)
+        share = part_of(progress, race.settled, len(designs) / len(race.rays), len(race.designs))
+        return run_sweep(part, file=file, scheduler=scheduler, allow_remote=allow_remote, progress=share)
 
-    return Race(tuple(dict.fromkeys(request.designs)), request.light, confidence, most_rays, seed).run(simulate)
+    return race.run(simulate, seconds=seconds, progress=progress)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from analysis.numbers import finite
 from analysis.optics.scene.parameters import By, Design
 from analysis.optics.sweep.race import Race
 from analysis.version import program_version
@@ -23,6 +24,7 @@ def race_json(race: Race, by: By) -> dict[str, Any]:
         "best": rows[0],
         "candidates": rows,
         "decided": len(rows) == 1,
+        "finished": race.finished,
         "designs": len(race.designs),
         "rays": [{"rays": rays, "designs": int(np.sum(race.level > number))} for number, rays in enumerate(race.rays)],
         "work_rays": race.work,
@@ -35,9 +37,10 @@ def race_json(race: Race, by: By) -> dict[str, Any]:
 
 
 def _row(race: Race, i: int) -> dict[str, Any]:
-    """Return a design with its P, the bounds of P, and the rays it was traced with."""
+    """Return a design with its P, the bounds of P, and the rays it was traced with; null where it was not."""
     bounds = {"p": race.p[i], "p_low": race.low[i], "p_high": race.high[i]}
-    return {**asdict(race.designs[i]), **bounds, "rays": race.rays[race.level[i] - 1]}
+    rays = race.rays[race.level[i] - 1] if race.level[i] else 0
+    return {**asdict(race.designs[i]), **finite(bounds), "rays": rays}
 
 
 def race_text(race: Race, by: By) -> str:
@@ -54,7 +57,10 @@ def race_text(race: Race, by: By) -> str:
         lines.append(f"  {design_label(race.designs[i])}: {bounds}")
     if len(found) > _SHOWN:
         lines.append(f"  and {len(found) - _SHOWN} more")
-    lines.append(f"{race.work} rays in each state, {race.saving:.1f} times fewer than {race.rays[-1]} for every design")
+    for_all = race.equal_work // many
+    lines.append(f"{race.work} rays in each state, {race.saving:.1f} times fewer than {for_all} for every design")
+    if not race.finished:
+        lines.append("the time ran out: with more of it fewer designs are left")
     return "\n".join(lines)
 
 

@@ -23,6 +23,7 @@ from matplotlib.path import Path as Outline
 from analysis import figure_style as style
 from analysis.arrays import FloatArray
 from analysis.errors import FileError, writing
+from analysis.numbers import finite
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.outline import outline
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, By, Design, Light, Waveguide
@@ -357,12 +358,14 @@ def draw_race(race: Race, by: By) -> Figure:
     """Draw the bounds of P of every design beside its rays, and the candidates left against the work."""
     figure = Figure(figsize=(9.0, 3.9), layout="constrained")
     bounds, cost = figure.subplots(1, 2)
-    rng, left = np.random.default_rng(0), race.left
+    rng, traced = np.random.default_rng(0), race.level > 0
+    left = race.left
     rays = np.array(race.rays)[race.level - 1] * np.exp(rng.uniform(-0.45, 0.45, race.level.size))
-    for chosen, colour, name in ((~left, style.SOFT, "eliminated"), (left, VERMILLION, "may be the best")):
-        span = np.stack([race.p - race.low, race.high - race.p])[:, chosen]
+    for chosen, colour, name in ((~left, style.SOFT, "eliminated"), (left & traced, VERMILLION, "may be the best")):
+        p = race.p[chosen]
+        span = np.stack([p - race.low[chosen], race.high[chosen] - p])
         bounds.errorbar(
-            rays[chosen], race.p[chosen], yerr=np.maximum(span, 0.0), fmt="o", markersize=3, linewidth=0.5,
+            rays[chosen], p, yerr=np.maximum(span, 0.0), fmt="o", markersize=3, linewidth=0.5,
             color=colour, label=name,
         )  # fmt: skip
     bounds.axhline(float(np.max(race.low)), color=BLUE, linewidth=0.9, label="greatest lower bound")
@@ -372,7 +375,7 @@ def draw_race(race: Race, by: By) -> Figure:
     work, candidates = np.array([(0, len(race.designs)), *race.history], dtype=float).T
     cost.step(work, candidates, where="post", color=VERMILLION, label="race")
     cost.step([0.0, race.equal_work, race.equal_work], [len(race.designs), len(race.designs), candidates[-1]],
-              where="post", color=BLUE, label=f"{race.rays[-1]} rays for every design")  # fmt: skip
+              where="post", color=BLUE, label=f"{race.equal_work // len(race.designs)} rays for every design")  # fmt: skip
     cost.set(xlabel="rays released in each state, all designs", ylabel="designs that may be the best")
     cost.set_xscale("symlog", linthresh=float(race.history[0][0]))
     cost.set_yscale("log")
@@ -384,7 +387,7 @@ def draw_race(race: Race, by: By) -> Figure:
 def write_race(race: Race, by: By, folder: Path) -> list[Path]:
     """Write `race.json` and the chart (PNG and SVG) into a folder; returns the paths."""
     paths = [folder / "race.json"]
-    write_whole(paths[0], json.dumps(race_json(race, by), indent=1, default=float))
+    write_whole(paths[0], json.dumps(finite(race_json(race, by)), indent=1))
     figure = draw_race(race, by)
     for suffix in (".png", ".svg"):
         paths.append(folder / f"race{suffix}")

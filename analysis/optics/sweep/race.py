@@ -1,10 +1,10 @@
 """The best design with a stated confidence: few rays for all designs, more only for those that may be the best.
 
 Strategy: every design is traced with 1,000 rays, from which on neighbouring rays of the fan are related and the error
-falls faster than its cost rises; by power with 2,000, for 1,000 leave half of the designs. Then, round after round, those with the largest P and, of those with the fewest rays,
-those with the largest upper bound of P are traced with more rays, twice as many up to 4,000 and then four times (lower
-and upper confidence bounds: Kalyanakrishnan et al., Proc. 29th ICML, 2012, 655), designs with as many rays all by the
-same fan, turned at random. A design is eliminated when its upper bound is below the greatest lower bound. The race ends
+falls faster than its cost rises; by power with 2,000, for 1,000 leave half of the designs. Then, round after round,
+those with the largest P and, of those with the fewest rays, those with the largest upper bound of P are traced with
+more rays, twice as many up to 4,000 and then four times (lower and upper confidence bounds: Kalyanakrishnan et al.,
+Proc. 29th ICML, 2012, 655), designs with as many rays all by the same fan, turned at random. A design is eliminated when its upper bound is below the greatest lower bound. The race ends
 when every design left has the most rays, or when its time is over: the bounds hold at any time.
 
 The best design is lost only if one of its own upper bounds fails, or a lower bound of another design does: half of the
@@ -128,9 +128,14 @@ class Race:
         return np.asarray(found[np.argsort(-self.p[found], kind="stable")])
 
     @property
+    def equal_rays(self) -> int:
+        """Return the rays of the design with the most: those of equal precision everywhere."""
+        return self.rays[max(int(np.max(self.level)), 1) - 1]
+
+    @property
     def equal_work(self) -> int:
-        """Return the rays that the best design's precision for every design would take, for each state."""
-        return self.rays[max(int(np.max(self.level)), 1) - 1] * len(self.designs)
+        """Return the rays that this precision for every design would take, for each state."""
+        return self.equal_rays * len(self.designs)
 
     @property
     def saving(self) -> float:

@@ -375,7 +375,7 @@ def draw_race(race: Race, by: By) -> Figure:
     work, candidates = np.array([(0, len(race.designs)), *race.history], dtype=float).T
     cost.step(work, candidates, where="post", color=VERMILLION, label="race")
     cost.step([0.0, race.equal_work, race.equal_work], [len(race.designs), len(race.designs), candidates[-1]],
-              where="post", color=BLUE, label=f"{race.equal_work // len(race.designs)} rays for every design")  # fmt: skip
+              where="post", color=BLUE, label=f"{race.equal_rays} rays for every design")  # fmt: skip
     cost.set(xlabel="rays released in each state, all designs", ylabel="designs that may be the best")
     cost.set_xscale("symlog", linthresh=float(race.history[0][0]))
     cost.set_yscale("log")

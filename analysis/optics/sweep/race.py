@@ -4,8 +4,9 @@ Strategy: every design is traced with 1,000 rays, from which on neighbouring ray
 falls faster than its cost rises; by power with 2,000, for 1,000 leave half of the designs. Then, round after round,
 those with the largest P and, of those with the fewest rays, those with the largest upper bound of P are traced with
 more rays, twice as many up to 4,000 and then four times (lower and upper confidence bounds: Kalyanakrishnan et al.,
-Proc. 29th ICML, 2012, 655), designs with as many rays all by the same fan, turned at random. A design is eliminated when its upper bound is below the greatest lower bound. The race ends
-when every design left has the most rays, or when its time is over: the bounds hold at any time.
+Proc. 29th ICML, 2012, 655), designs with as many rays all by the same fan, turned at random. A design is eliminated
+when its upper bound is below the greatest lower bound. The race ends when every design left has the most rays, or when
+its time is over: the bounds of all rounds hold together.
 
 The best design is lost only if one of its own upper bounds fails, or a lower bound of another design does: half of the
 error probability is shared by the numbers of rays for the one, half by numbers of rays and designs for the other

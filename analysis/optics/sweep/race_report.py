@@ -57,7 +57,8 @@ def race_text(race: Race, by: By) -> str:
         lines.append(f"  {design_label(race.designs[i])}: {bounds}")
     if len(found) > _SHOWN:
         lines.append(f"  and {len(found) - _SHOWN} more")
-    lines.append(f"{race.work} rays in each state, {race.saving:.1f} times fewer than {race.equal_rays} for every design")
+    equal = f"{race.equal_rays} for every design"
+    lines.append(f"{race.work} rays in each state, {race.saving:.1f} times fewer than {equal}")
     if not race.finished:
         lines.append("the time ran out: with more of it fewer designs are left")
     return "\n".join(lines)

@@ -9,8 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 
 from analysis.figure_style import SOFT, sensor_colour
+from analysis.numbers import NOTHING
 from analysis.progress import Progress
-from analysis.reports.document import Report, ReportDrawing, ReportTable, Section
+from analysis.reports.document import Report, ReportDrawing, ReportTable, Section, date_of
 from analysis.reports.unit import write_built
 from analysis.twin.dynamic_figures import BODE_HEADINGS, STEP_HEADINGS, DynamicCalibration
 from analysis.version import program_version
@@ -38,17 +39,25 @@ def dynamic_report(found: DynamicCalibration) -> Report:
         title="Dynamic calibration",
         subject=f"unit {found.unit}",
         simulated=found.simulated,
-        verdict=found.verdict,
-        facts=(("Unit", found.unit), ("Recording", Path(found.recording).name)),
+        verdict=found.verdict[:1].upper() + found.verdict[1:],
+        facts=(
+            ("Unit", found.unit),
+            ("Recording", Path(found.recording).name),
+            ("Recorded", date_of(found.recorded_utc) or NOTHING),
+            ("Calibration", date_of(found.calibration_utc) or NOTHING),
+        ),
         sections=tuple(sections),
         footer=f"boat-daq {program_version()}",
+        date=found.recorded_utc,
     )
 
 
 def _steps(found: DynamicCalibration) -> Section:
     text = (
-        f"Steps of the setpoint under control, up and down. Settling is to within {found.tolerance_mm:g} mm. "
-        "Each value is the mean of the steps of its size, with the 95 % interval of the mean (Student t)."
+        "Steps of the setpoint under control, up and down, from the instant at which it changed. Time constant: until "
+        f"63.2 % of the step. Settling: until it stays within {found.tolerance_mm:g} mm. Each value is the mean of the "
+        "steps of its size, with the 95 % interval of the mean (Student t). The ramp of the pressure limits the rise "
+        "of larger steps."
     )
     drawing = ReportDrawing((partial(_draw_steps, found),), "Mean response to the steps of each size.")
     table = ReportTable(STEP_HEADINGS, found.step_rows())
@@ -56,9 +65,14 @@ def _steps(found: DynamicCalibration) -> Section:
 
 
 def _bode(found: DynamicCalibration) -> Section:
-    caption = "Gain and phase of the measured elongation over its setpoint, U (k = 2)."
+    text = (
+        "Sines of the setpoint under control; whole periods after the transient, by least squares. At the ends of the "
+        "bandwidth's interval every gain is off by its U. The ramp of the pressure limits large amplitudes at high "
+        "frequencies."
+    )
+    caption = "Gain and phase of the measured elongation over its setpoint, with U (k = 2)."
     drawing = ReportDrawing((partial(_draw, found, gain=True), partial(_draw, found, gain=False)), caption)
-    return Section("Frequency response", (drawing, ReportTable(BODE_HEADINGS, found.bode_rows())))
+    return Section("Frequency response", (text, drawing, ReportTable(BODE_HEADINGS, found.bode_rows())))
 
 
 def _draw_steps(found: DynamicCalibration, axes: Axes) -> None:

@@ -2,41 +2,60 @@
 
 from __future__ import annotations
 
-import math
-from contextlib import suppress
-
 from analysis.calibration.inverse import Fusion
 from analysis.data.recording import Recording
 from analysis.errors import DataError
 from analysis.twin.dynamic_figures import BodePoint, DynamicCalibration
-from analysis.twin.dynamics import bandwidth_hz
-from analysis.twin.runs import StepResponse, bode_of_run, mean_response, step_response_figures, step_responses
+from analysis.twin.dynamics import bandwidth
+from analysis.twin.runs import (
+    StepResponse,
+    bode_of_run,
+    mean_response,
+    recorded_segments,
+    step_response_figures,
+    step_responses,
+)
+from analysis.twin.sensor_loop import SensorLoops
 
 
-def dynamic_calibration(recording: Recording, fusion: Fusion, tolerance_mm: float = 0.05) -> DynamicCalibration:
+def dynamic_calibration(
+    recording: Recording,
+    fusion: Fusion,
+    tolerance_mm: float = 0.05,
+    *,
+    loops: SensorLoops | None = None,
+    calibration_utc: str = "",
+) -> DynamicCalibration:
     """Return the dynamics of a run with steps or sines of elongation.
 
     Parameters
     ----------
     recording : of a plan in millimetres. fusion : the calibration in force.
     tolerance_mm : of settling.
+    loops : of the sensors over elongation, which are taken out. calibration_utc : when that calibration was accepted.
 
     Raises
     ------
-    DataError : it has neither.
+    DataError : it has neither, or the elongation at a step is not known.
     """
-    steps: dict[float, list[StepResponse]] = {}
-    bode: tuple[BodePoint, ...] = ()
-    try:
-        steps = step_responses(recording, fusion)
-    except DataError:
-        bode = bode_of_run(recording, fusion)
-    else:
-        with suppress(DataError):  # steps alone
-            bode = bode_of_run(recording, fusion)
-    edge = bandwidth_hz(bode) if bode else math.nan
-    figures = {size: step_response_figures(rows, tolerance_mm) for size, rows in steps.items()}
-    responses = {size: mean_response(rows) for size, rows in steps.items()}
+    segments = recorded_segments(recording)
+    stepped, swept = any(one.step_mm for one in segments), any(one.is_sine_of_elongation for one in segments)
+    if not (stepped or swept):
+        raise DataError(
+            "this run has neither steps nor sines of elongation", "Record one with the plan steps-mm or sine-sweep-mm."
+        )
+    steps: dict[float, list[StepResponse]] = step_responses(recording, fusion, loops) if stepped else {}
+    bode: tuple[BodePoint, ...] = bode_of_run(recording, fusion, loops) if swept else ()
     return DynamicCalibration(
-        recording.unit, recording.simulated, recording.source, tolerance_mm, figures, bode, edge, responses
+        recording.unit,
+        recording.simulated,
+        recording.source,
+        tolerance_mm,
+        {size: step_response_figures(rows, tolerance_mm) for size, rows in steps.items()},
+        bode,
+        bandwidth(bode),
+        {size: mean_response(rows) for size, rows in steps.items()},
+        {size: len(rows) for size, rows in steps.items()},
+        recording.started_utc,
+        calibration_utc,
     )

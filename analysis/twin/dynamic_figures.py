@@ -15,7 +15,7 @@ STEP_FIGURES = {  # with the decimals that are shown
     "overshoot_percent": ("overshoot, %", 1),
 }
 STEP_HEADINGS = ("step", *(label for label, _ in STEP_FIGURES.values()))
-BODE_HEADINGS = ("frequency", "gain, dB", "phase, °")
+BODE_HEADINGS = ("frequency, amplitude", "gain, dB", "phase, °")
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,13 +55,17 @@ class StepFigures:
 
 @dataclass(frozen=True, slots=True)
 class BodePoint:
-    """One frequency of a sweep: gain and phase of the elongation over its setpoint, with standard uncertainties."""
+    """One frequency of a sweep: gain and phase of the elongation over its setpoint, with standard uncertainties.
+
+    `amplitude_mm` is that of the setpoint, NaN where it is not known.
+    """
 
     frequency_hz: float
     gain_db: float
     phase_deg: float
     u_gain_db: float
     u_phase_deg: float
+    amplitude_mm: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +77,10 @@ class DynamicCalibration:
     unit, simulated, recording : whose, and of which run.
     tolerance_mm : of settling.
     steps : figures by the size of the step, mm.
-    bode : a point for each sine. bandwidth_hz : at -3 dB; NaN where no sine reaches it.
+    bode : a point for each sine. bandwidth_hz : at -3 dB, with its interval; NaN where no sine reaches it.
     responses : times and mean response of the steps of each size [2, n], as a share of the step; drawn only.
+    counts : number of the steps of each size.
+    recorded_utc, calibration_utc : of the run, and of the calibration that gives its elongation; "" where not known.
     """
 
     unit: str
@@ -83,24 +89,37 @@ class DynamicCalibration:
     tolerance_mm: float
     steps: dict[float, dict[str, DynamicFigure]]
     bode: tuple[BodePoint, ...]
-    bandwidth_hz: float
+    bandwidth_hz: DynamicFigure
     responses: dict[float, FloatArray] = field(default_factory=dict)
+    counts: dict[float, int] = field(default_factory=dict)
+    recorded_utc: str = ""
+    calibration_utc: str = ""
 
     @property
     def verdict(self) -> str:
         """The longest settling and the bandwidth, where they were measured."""
         settled = [figures["settling_s"].value for figures in self.steps.values()]
-        parts = [f"settles in {max(settled):.2f} s or less, mean of the steps of a size" if settled else ""]
-        if self.bode and math.isfinite(self.bandwidth_hz):
-            parts.append(f"bandwidth {self.bandwidth_hz:.2f} Hz (-3 dB)")
-        elif self.bode:
-            parts.append(f"bandwidth above {max(p.frequency_hz for p in self.bode):g} Hz: -3 dB is not reached")
+        parts = [f"settles to within {self.tolerance_mm:g} mm in {max(settled):.2f} s or less" if settled else ""]
+        if self.bode:
+            parts.append(f"bandwidth {self.bandwidth_text}")
         return ", ".join(filter(None, parts))
+
+    @property
+    def bandwidth_text(self) -> str:
+        """The bandwidth with its interval, or what it is above."""
+        edge, highest = self.bandwidth_hz, max((p.frequency_hz for p in self.bode), default=math.nan)
+        if not math.isfinite(edge.value):
+            return f"above {highest:g} Hz: -3 dB is not reached"
+        upper = f"{edge.high:.2f}" if math.isfinite(edge.high) else f"more than {highest:g}"
+        return f"{edge.value:.2f} Hz ({edge.low:.2f} to {upper} Hz) at -3 dB"
 
     def step_rows(self) -> tuple[tuple[str, ...], ...]:
         """Return the figures of the steps as texts, in the order of `STEP_HEADINGS`."""
         return tuple(
-            (f"{size:g} mm", *(_with_interval(figures[key], decimals) for key, (_, decimals) in STEP_FIGURES.items()))
+            (
+                f"{size:g} mm" + (f", {self.counts[size]} times" if size in self.counts else ""),
+                *(_with_interval(figures[key], decimals) for key, (_, decimals) in STEP_FIGURES.items()),
+            )
             for size, figures in self.steps.items()
         )
 
@@ -108,9 +127,9 @@ class DynamicCalibration:
         """Return gain and phase with U (k = 2) as texts, in the order of `BODE_HEADINGS`."""
         return tuple(
             (
-                f"{p.frequency_hz:g} Hz",
+                f"{p.frequency_hz:g} Hz" + (f", {p.amplitude_mm:g} mm" if math.isfinite(p.amplitude_mm) else ""),
                 f"{p.gain_db:+.2f} ± {2 * p.u_gain_db:.2f}",
-                f"{p.phase_deg:+.1f} ± {2 * p.u_phase_deg:.1f}",
+                f"{p.phase_deg:+.2f} ± {2 * p.u_phase_deg:.2f}",
             )
             for p in self.bode
         )
@@ -118,13 +137,21 @@ class DynamicCalibration:
     def as_json(self) -> dict[str, Any]:
         """Return the figures, steps as a list."""
         steps = [
-            {"step_mm": size, **{name: asdict(figure) for name, figure in figures.items()}}
+            {
+                "step_mm": size,
+                "count": self.counts.get(size),
+                **{name: asdict(figure) for name, figure in figures.items()},
+            }
             for size, figures in self.steps.items()
         ]
-        head = {"unit": self.unit, "simulated": self.simulated, "recording": self.recording}
+        head = {
+            "unit": self.unit, "simulated": self.simulated, "recording": self.recording,
+            "recorded_utc": self.recorded_utc, "calibration_utc": self.calibration_utc,
+        }  # fmt: skip
         bode = [asdict(point) for point in self.bode]
         return {
-            **head, "tolerance_mm": self.tolerance_mm, "steps": steps, "bode": bode, "bandwidth_hz": self.bandwidth_hz
+            **head, "tolerance_mm": self.tolerance_mm, "steps": steps, "bode": bode,
+            "bandwidth_hz": self.bandwidth_hz.value, "bandwidth_95_hz": [self.bandwidth_hz.low, self.bandwidth_hz.high],
         }  # fmt: skip
 
 

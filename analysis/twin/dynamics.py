@@ -29,6 +29,7 @@ from analysis.twin.dynamic_figures import BodePoint, DynamicFigure, StepFigures
 
 STEP_S = 0.01  # of the integration of a response
 LEAST_R2 = 0.9
+COVERAGE_FACTOR = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,13 +185,20 @@ def bode_point(time_s: FloatArray, setpoint: FloatArray, elongation: FloatArray,
     return BodePoint(frequency_hz, gain, phase, 20.0 / math.log(10.0) * u, math.degrees(u))
 
 
-def bandwidth_hz(points: Sequence[BodePoint]) -> float:
-    """Return the lowest frequency at -3 dB, interpolated over the logarithm; NaN where the sweep ends before."""
-    ordered = sorted(points, key=lambda point: point.frequency_hz)
-    for one, other in pairwise(ordered):
-        if one.gain_db >= -3.0 > other.gain_db:
-            share = (one.gain_db + 3.0) / (one.gain_db - other.gain_db)
-            return float(one.frequency_hz * (other.frequency_hz / one.frequency_hz) ** share)
+def bandwidth(points: Sequence[BodePoint]) -> DynamicFigure:
+    """Return the lowest frequency at -3 dB, Hz, with the ends of its interval where every gain is off by U (k = 2).
+
+    Interpolated over the logarithm; NaN, each of the three, where the sweep ends before.
+    """
+    return DynamicFigure(*(_edge_hz(points, COVERAGE_FACTOR * side) for side in (0.0, -1.0, 1.0)))
+
+
+def _edge_hz(points: Sequence[BodePoint], off: float) -> float:
+    """Return the frequency at -3 dB with the gains off by so many standard uncertainties."""
+    found = sorted((point.frequency_hz, point.gain_db + off * point.u_gain_db) for point in points)
+    for (low_hz, above), (high_hz, below) in pairwise(found):
+        if above >= -3.0 > below:
+            return float(low_hz * (high_hz / low_hz) ** ((above + 3.0) / (above - below)))
     return math.nan
 
 

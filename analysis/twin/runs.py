@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from analysis.twin.controller import Tuning
 from analysis.twin.dynamic_figures import BodePoint, DynamicFigure
 from analysis.twin.dynamics import Lag, bode_point, fit_lag, step_figures
 from analysis.twin.hysteresis import HysteresisModel, identify
+from analysis.twin.sensor_loop import SensorLoops
 from protocol.recording import NOT_FOR_FIGURES, SampleFlag, Segment
 
 GRID_S = 0.01
@@ -41,16 +42,51 @@ class RecordedSegment:
     begin_s: float
     end_s: float
 
+    @property
+    def step_mm(self) -> float:
+        """The size of a step of elongation, signed; 0 for every other segment."""
+        size = self.segment.target - self.start
+        return size if self.segment.kind == "step" and self.quantity == "mm" and abs(size) > 1e-6 else 0.0
+
+    @property
+    def is_sine_of_elongation(self) -> bool:
+        """Whether it is one."""
+        return self.segment.kind == "sine" and self.quantity == "mm"
+
     def setpoint(self, time_s: FloatArray) -> FloatArray:
         """Return the setpoint at times [n], in its quantity."""
         return np.asarray([self.segment.at(t - self.begin_s, self.start)[0] for t in time_s.tolist()])
 
 
-def run_elongation(recording: Recording, fusion: Fusion) -> tuple[FloatArray, FloatArray]:
-    """Return the elongation of every sample [n] and its expanded uncertainty (k = 2), mm; NaN where unknown."""
+def run_elongation(
+    recording: Recording, fusion: Fusion, loops: SensorLoops | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the elongation of every sample [n] and its expanded uncertainty (k = 2), mm; NaN where unknown.
+
+    Parameters
+    ----------
+    recording, fusion : the run, and the calibration in force.
+    loops : of the sensors over elongation, which are taken out, as the control does.
+    """
     usable = (recording.flags & _NO_SIGNAL) == 0
-    found = fusion.evaluate(np.where(usable[:, None], recording.signal_mv, np.nan))
+    signal_mv = np.where(usable[:, None], recording.signal_mv, np.nan)
+    found = fusion.evaluate(signal_mv)
+    if loops is not None:
+        found = fusion.evaluate(signal_mv - _loop_signals(loops, _smoothed(found.elongation_mm)))
     return found.elongation_mm, 2.0 * found.standard_uncertainty_mm
+
+
+def _loop_signals(loops: SensorLoops, elongation_mm: FloatArray) -> FloatArray:
+    """Return what the loops add to the signals [n, sensors] over an elongation [n] without noise, which begins at rest.
+
+    Noise would move the plays of the loop by its peaks.
+    """
+    memory, mm, rows = loops.rest(0.0), 0.0, np.empty((len(elongation_mm), len(loops.half_mv)))
+    for i, now in enumerate(elongation_mm.tolist()):
+        if math.isfinite(now):
+            memory, mm = loops.after(memory, now), now
+        rows[i] = loops.signal_mv(memory, mm)
+    return rows
 
 
 def recorded_segments(recording: Recording) -> tuple[RecordedSegment, ...]:
@@ -124,17 +160,21 @@ def step_test_lag(recording: Recording, fusion: Fusion, model: HysteresisModel) 
     return fit_lag(grid, np.mean(commands, axis=0), np.mean(responses, axis=0)), steps[0].ramp_kpa_per_s
 
 
-def bode_of_run(recording: Recording, fusion: Fusion) -> tuple[BodePoint, ...]:
+def bode_of_run(recording: Recording, fusion: Fusion, loops: SensorLoops | None = None) -> tuple[BodePoint, ...]:
     """Return gain and phase of the elongation over its setpoint, at each sine of a run in millimetres.
+
+    Parameters
+    ----------
+    recording, fusion, loops : as of `run_elongation`.
 
     Raises
     ------
     DataError : no sine of elongation.
     """
-    elongation, _ = run_elongation(recording, fusion)
+    elongation, _ = run_elongation(recording, fusion, loops)
     points = []
     for one in recorded_segments(recording):
-        if one.segment.kind != "sine" or one.quantity != "mm":
+        if not one.is_sine_of_elongation:
             continue
         period_s = 1.0 / one.segment.frequency_hz
         last_s = one.begin_s + one.segment.moving_s(one.start)
@@ -142,7 +182,8 @@ def bode_of_run(recording: Recording, fusion: Fusion) -> tuple[BodePoint, ...]:
         first_s = last_s - math.floor((last_s - first_s) / period_s + 1e-9) * period_s  # whole periods
         rows = slice(*np.searchsorted(recording.time_s, [first_s, last_s]).tolist())
         t = recording.time_s[rows]
-        points.append(bode_point(t - one.begin_s, one.setpoint(t), elongation[rows], one.segment.frequency_hz))
+        point = bode_point(t - one.begin_s, one.setpoint(t), elongation[rows], one.segment.frequency_hz)
+        points.append(replace(point, amplitude_mm=abs(one.segment.amplitude)))
     if not points:
         raise DataError("this run has no sines of elongation", "Record the plan sine-sweep-mm.")
     return tuple(points)
@@ -157,19 +198,25 @@ class StepResponse:
     size_mm: float
 
 
-def step_responses(recording: Recording, fusion: Fusion) -> dict[float, list[StepResponse]]:
+def step_responses(
+    recording: Recording, fusion: Fusion, loops: SensorLoops | None = None
+) -> dict[float, list[StepResponse]]:
     """Return the responses to a run's steps in millimetres, by the size of the step.
+
+    Parameters
+    ----------
+    recording, fusion, loops : as of `run_elongation`.
 
     Raises
     ------
     DataError : no step of elongation.
     """
-    elongation, _ = run_elongation(recording, fusion)
+    elongation, _ = run_elongation(recording, fusion, loops)
     smooth = _smoothed(elongation)
     sizes: dict[float, list[StepResponse]] = {}
     for one in recorded_segments(recording):
-        size = one.segment.target - one.start
-        if one.segment.kind != "step" or one.quantity != "mm" or abs(size) < 1e-6:
+        size = one.step_mm
+        if not size:
             continue
         grid = np.arange(0.0, one.end_s - one.begin_s - GRID_S, GRID_S)
         x, _ = _aligned(recording.time_s, smooth, one.begin_s, grid)

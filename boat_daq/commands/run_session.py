@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from analysis.errors import AnalysisError
 from boat_daq.commands.console import Advance, notify, progress_bar
 from boat_daq.engine.control.elongation import Regulator
 from boat_daq.engine.log import start_log
@@ -120,7 +121,7 @@ def run_session(
         if camera is not None:
             _finish(camera)
         failure = why_failed(session.snapshot(), request.plan)
-    except BoatDaqError:
+    except (BoatDaqError, AnalysisError):
         if session.snapshot().recording is not None:
             notify(f"{request.path} holds the samples until then")
         raise

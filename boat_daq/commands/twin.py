@@ -13,11 +13,12 @@ from boat_daq.commands.shadow_model import ParametersOption
 from boat_daq.engine.settings import UnitLibrary
 
 if TYPE_CHECKING:
-    from analysis.calibration.inverse import Fusion
     from analysis.data.recording import Recording
     from analysis.twin.dynamic_figures import DynamicFigure
     from analysis.twin.light_table import LightTable
     from analysis.twin.unit_file import TwinFile
+
+UNITS = {"s": "s", "percent": "%", "hz": "Hz", "deg": "°"}  # by the last part of a figure's key
 
 app = typer.Typer(no_args_is_help=True, help="Control the elongation of a unit, and find its dynamics.")
 
@@ -137,7 +138,7 @@ def hold(
     from boat_daq.commands.record import dated_name
     from boat_daq.commands.run_session import SessionRequest, run_session
     from boat_daq.engine.plan import Plan
-    from boat_daq.viewmodels.common.twin import fusion_of
+    from boat_daq.viewmodels.common.twin import held_elongation
     from protocol.recording import Segment
 
     segment = Segment("step", mm, hold_s=seconds)
@@ -147,10 +148,19 @@ def hold(
     )
     summary, failure = run_session(request)
     recording, units = _recording(summary.path)
-    held = _held(recording, fusion_of(units, recording.unit), seconds)
-    content = {"recording": str(summary.path), "setpoint_mm": mm, **held, "failed": bool(failure), "failure": failure}
-    text = f"{summary.path}: {held['elongation_mm']:+.3f} mm, rms about the setpoint of {mm:g} mm"
-    present(content, text, as_json=as_json)
+    held = dict.fromkeys(("elongation_mm", "u_mm", "deviation_mm", "rms_mm"), float("nan"))
+    if not failure:
+        held = held_elongation(units, recording, seconds / 2)
+    content = {
+        "recording": str(summary.path), "setpoint_mm": mm, **held, "simulated": recording.simulated,
+        "failed": bool(failure), "failure": failure,
+    }  # fmt: skip
+    lines = [str(summary.path)] if failure else [
+        f"{summary.path}: {held['elongation_mm']:+.3f} mm over the last {seconds / 2:g} s, setpoint {mm:+g} mm",
+        f"deviation {held['deviation_mm']:+.3f} mm, rms {held['rms_mm']:.3f} mm; "
+        f"U of a sample {held['u_mm']:.3f} mm (k = 2)",
+    ]  # fmt: skip
+    present(content, *lines, as_json=as_json)
     if failure:
         notify(f"the control ended early: {failure}")
         raise typer.Exit(1)
@@ -167,11 +177,11 @@ def dynamics(
 
     Example: boat-daq twin dynamics steps.boat --out dynamic-calibration.pdf
     """
-    from analysis.twin.dynamic_calibration import dynamic_calibration
-    from boat_daq.viewmodels.common.twin import fusion_of
+    from analysis.twin.dynamic_figures import BODE_HEADINGS
+    from boat_daq.viewmodels.common.twin import dynamics_of
 
     recording, units = _recording(run)
-    found = dynamic_calibration(recording, fusion_of(units, recording.unit), tolerance)
+    found = dynamics_of(units, recording, tolerance)
     if out is not None:
         from analysis.reports.dynamics import write_dynamic_report
 
@@ -182,14 +192,12 @@ def dynamics(
         return
     if recording.simulated:
         show("SIMULATED")
-    _show_figures({f"{size:g} mm": figures for size, figures in found.steps.items()})
+    show(f"{found.unit}: {found.verdict}")
+    if found.steps:
+        _show_figures({f"{size:g} mm": figures for size, figures in found.steps.items()})
     if found.bode:
-        rows = (
-            (f"{p.frequency_hz:g}", f"{p.gain_db:+.2f} ± {2 * p.u_gain_db:.2f}", f"{p.phase_deg:+.1f}")
-            for p in found.bode
-        )
-        show_table(("Hz", "gain, dB", "phase, °"), rows, left=0, title="Bode plot: elongation over setpoint")
-        show(f"bandwidth (-3 dB): {found.bandwidth_hz:.2f} Hz")
+        show("elongation over setpoint, with U (k = 2):")
+        show_table(BODE_HEADINGS, found.bode_rows())
 
 
 @app.command()
@@ -236,7 +244,7 @@ def predict(
     if recording.simulated:
         show("SIMULATED")
     show_table(("curve", "fitted", "R²", "rms, % FSO", "gain, mV/%", "loss, dB/cm"), rows, left=2)
-    show("of the run: " + ", ".join(f"{word} {share:.0f} %" for word, share in found.words.items()))
+    show("what disagrees, by time: " + ", ".join(f"{word} {share:.0f} %" for word, share in found.words.items()))
 
 
 def _light(twin: TwinFile) -> LightTable:
@@ -257,26 +265,6 @@ def _recording(run: Path) -> tuple[Recording, UnitLibrary]:
     return recording, UnitLibrary().of(simulated=recording.simulated)
 
 
-def _held(recording: Recording, fusion: Fusion, seconds: float) -> dict[str, Any]:
-    """Return mean and rms deviation of the elongation over the last half of the hold."""
-    import numpy as np
-
-    from analysis.twin.runs import recorded_segments, run_elongation
-
-    elongation, u_mm = run_elongation(recording, fusion)
-    last = recorded_segments(recording)[-1]
-    rows = slice(*np.searchsorted(recording.time_s, [last.end_s - seconds / 2, last.end_s]).tolist())
-    x = elongation[rows]
-    away = x - last.segment.target
-    return {
-        "elongation_mm": float(np.nanmean(x)),
-        "u_mm": float(np.nanmean(u_mm[rows])),
-        "deviation_mm": float(np.nanmean(away)),
-        "rms_mm": float(np.sqrt(np.nanmean(away**2))),
-        "simulated": recording.simulated,
-    }
-
-
 def _present(twin: TwinFile, *lines: str, as_json: bool) -> None:
     head = f"unit {twin.unit}, identified from {twin.recording}"
     present(twin.as_json(), *(["SIMULATED"] if twin.simulated else []), head, *lines, as_json=as_json)
@@ -285,7 +273,7 @@ def _present(twin: TwinFile, *lines: str, as_json: bool) -> None:
 def _show_figures(groups: dict[str, dict[str, DynamicFigure]]) -> None:
     """Print figures with their intervals, a row each."""
     rows = [
-        (group, name.replace("_", " "), unit, f"{figure.value:.3g}", f"{figure.low:.3g} .. {figure.high:.3g}")
+        (group, name.replace("_", " "), UNITS[unit], f"{figure.value:.3g}", f"{figure.low:.3g} .. {figure.high:.3g}")
         for group, figures in groups.items()
         for (name, _, unit), figure in ((key.rpartition("_"), value) for key, value in figures.items())
     ]  # fmt: skip

@@ -91,7 +91,7 @@ def of_twin() -> dict[str, Any]:
     return {
         "twin identify RUN": twin,
         "twin tune RUN": twin | {"step_response": lag_figures(replace(LAG, covariance=np.eye(3).tolist())).as_json()},
-        "twin dynamics RUN": DynamicCalibration("SA1", True, "a", 0.05, {1.0: steps}, bode, 2.0).as_json(),
+        "twin dynamics RUN": DynamicCalibration("SA1", True, "a", 0.05, {1.0: steps}, bode, figure).as_json(),
         "twin predict RUN": {
             "unit": "", "simulated": True, "sensors": published, "published": published,
             "disagreement_percent": {"none": 100.0},

@@ -205,11 +205,17 @@ def _readings(db: sqlite3.Connection) -> int:
 
 
 def _cycles(db: sqlite3.Connection) -> CycleCounts:
-    """Count cycles; complete are those with the most steps, all reached, both branches."""
+    """Count cycles; complete are those with the most steps, all reached, and of a sweep both branches.
+
+    The segments of a profile may end where they begin: then all are of one branch.
+    """
     sql = """
-        SELECT count(*), sum(status = 'reached'), count(DISTINCT branch) FROM step
+        SELECT count(*), sum(status = 'reached'), count(DISTINCT branch),
+            max(CASE WHEN json_valid(detail) THEN json_type(detail, '$.segment') = 'object' END) FROM step
         WHERE cycle > 0 AND branch IN ('unloading', 'loading') GROUP BY cycle"""
     cycles = db.execute(sql).fetchall()
-    most = max((steps for steps, _, _ in cycles), default=0)
-    complete = sum(steps == most == reached and branches == 2 for steps, reached, branches in cycles)
+    most = max((row[0] for row in cycles), default=0)
+    complete = sum(
+        steps == most == reached and bool(branches == 2 or profile) for steps, reached, branches, profile in cycles
+    )
     return CycleCounts(complete, len(cycles) - complete)

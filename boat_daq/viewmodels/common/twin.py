@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from analysis.calibration.inverse import Fusion
     from analysis.data.recording import Recording
     from analysis.twin.controller import Bounds, ElongationController
+    from analysis.twin.dynamic_figures import DynamicCalibration
     from analysis.twin.light_table import LightTable
     from analysis.twin.prediction import LivePrediction, SensorPrediction
     from analysis.twin.sensor_loop import SensorLoops
@@ -50,6 +51,49 @@ def fusion_of(units: UnitLibrary, name: str) -> Fusion:
     from analysis.calibration.inverse import Fusion
 
     return Fusion.of([stored_inverse(sensor) for sensor in in_force(units, name).content["sensors"]])
+
+
+def dynamics_of(units: UnitLibrary, recording: Recording, tolerance_mm: float = 0.05) -> DynamicCalibration:
+    """Return the dynamics of a recording of this kind of board, by its unit's calibration in force.
+
+    Raises
+    ------
+    OperatorError : the unit has no calibration. AnalysisError : the run has neither steps nor sines of elongation.
+    """
+    from analysis.twin.dynamic_calibration import dynamic_calibration
+
+    name, fusion = recording.unit, fusion_of(units, recording.unit)
+    loops, utc = sensor_loops(units, name, fusion), in_force(units, name).utc
+    return dynamic_calibration(recording, fusion, tolerance_mm, loops=loops, calibration_utc=utc)
+
+
+def held_elongation(units: UnitLibrary, recording: Recording, seconds: float) -> dict[str, float]:
+    """Return mean, U (k = 2), mean deviation and rms deviation of the last segment's elongation, mm.
+
+    Parameters
+    ----------
+    units : of the kind of board. recording : of a plan in millimetres.
+    seconds : at the end of that segment that are taken.
+
+    Raises
+    ------
+    OperatorError : the unit has no calibration. AnalysisError : the run has no whole segment.
+    """
+    import numpy as np
+
+    from analysis.twin.runs import recorded_segments, run_elongation
+
+    fusion = fusion_of(units, recording.unit)
+    elongation, u_mm = run_elongation(recording, fusion, sensor_loops(units, recording.unit, fusion))
+    last = recorded_segments(recording)[-1]
+    rows = slice(*np.searchsorted(recording.time_s, [last.end_s - seconds, last.end_s]).tolist())
+    x, away = elongation[rows], elongation[rows] - last.segment.target
+    return {
+        "elongation_mm": float(np.nanmean(x)),
+        "u_mm": float(np.nanmean(u_mm[rows])),
+        "deviation_mm": float(np.nanmean(away)),
+        "rms_mm": float(np.sqrt(np.nanmean(away**2))),
+    }
 
 
 def twin_path(units: UnitLibrary, name: str) -> Path:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Notices, Severity
-from boat_daq.viewmodels.common.twin import fusion_of
+from boat_daq.viewmodels.common.twin import dynamics_of
 
 if TYPE_CHECKING:
     from analysis.twin.dynamic_figures import DynamicCalibration
@@ -23,10 +23,9 @@ def dynamics_of_run(units: UnitLibrary, path: Path) -> DynamicCalibration:
     OperatorError : the unit has no calibration. AnalysisError : the run has neither steps nor sines of elongation.
     """
     from analysis import load_recording
-    from analysis.twin.dynamic_calibration import dynamic_calibration
 
     recording = load_recording(path)
-    return dynamic_calibration(recording, fusion_of(units.of(simulated=recording.simulated), recording.unit))
+    return dynamics_of(units.of(simulated=recording.simulated), recording)
 
 
 def report_dynamics(found: DynamicCalibration, target: Path) -> None:

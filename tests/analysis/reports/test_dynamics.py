@@ -15,17 +15,20 @@ FIGURES = {
     "settling_s": DynamicFigure(1.1, 1.0, 1.2),
     "overshoot_percent": DynamicFigure(4.2, 3.0, 5.4),
 }
-BODE = (BodePoint(0.5, -0.2, -20.0, 0.05, 1.0), BodePoint(1.0, -4.0, -60.0, 0.1, 2.0))
+BODE = (BodePoint(0.5, -0.2, -20.0, 0.05, 1.0), BodePoint(1.0, -4.0, -60.0, 0.1, 2.0, 0.2))
+EDGE = DynamicFigure(0.87, 0.86, 0.88)
 RESPONSE = np.array([[0.0, 1.0], [0.0, 1.02]])
-FOUND = DynamicCalibration("SA1", True, "folder/steps.boat", 0.05, {1.0: FIGURES}, BODE, 0.87, {1.0: RESPONSE})
+FOUND = DynamicCalibration(
+    "SA1", True, "folder/steps.boat", 0.05, {1.0: FIGURES}, BODE, EDGE, {1.0: RESPONSE}, {1.0: 6}
+)
 
 
 def test_figures_and_points_are_in_the_tables():
     report = dynamic_report(FOUND)
     steps, bode = (section.parts[-1] for section in report.sections)
-    assert steps.rows == (("1 mm", "0.420 ± 0.020", "0.350 ± 0.020", "1.10 ± 0.10", "4.2 ± 1.2"),)
-    assert bode.rows[1] == ("1 Hz", "-4.00 ± 0.20", "-60.0 ± 4.0")
-    assert report.verdict == "settles in 1.10 s or less, mean of the steps of a size, bandwidth 0.87 Hz (-3 dB)"
+    assert steps.rows == (("1 mm, 6 times", "0.420 ± 0.020", "0.350 ± 0.020", "1.10 ± 0.10", "4.2 ± 1.2"),)
+    assert bode.rows[1] == ("1 Hz, 0.2 mm", "-4.00 ± 0.20", "-60.00 ± 4.00")
+    assert report.verdict == "Settles to within 0.05 mm in 1.10 s or less, bandwidth 0.87 Hz (0.86 to 0.88 Hz) at -3 dB"
     assert report.simulated
 
 

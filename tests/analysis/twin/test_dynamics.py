@@ -11,7 +11,7 @@ from analysis.errors import DataError
 from analysis.twin.dynamic_figures import BodePoint
 from analysis.twin.dynamics import (
     Lag,
-    bandwidth_hz,
+    bandwidth,
     bode_point,
     fit_lag,
     integral_for,
@@ -65,9 +65,11 @@ def test_bode_point_is_that_of_the_lag():
 
 
 def test_bandwidth_is_interpolated_and_unknown_beyond_the_sweep():
-    points = [BodePoint(1.0, -1.0, 0.0, 0.0, 0.0), BodePoint(2.0, -5.0, 0.0, 0.0, 0.0)]
-    assert bandwidth_hz(points) == pytest.approx(math.sqrt(2.0))
-    assert math.isnan(bandwidth_hz(points[:1]))
+    points = [BodePoint(1.0, -1.0, 0.0, 0.5, 0.0), BodePoint(2.0, -5.0, 0.0, 0.5, 0.0)]
+    edge = bandwidth(points)
+    assert edge.value == pytest.approx(math.sqrt(2.0))
+    assert (edge.low, edge.high) == pytest.approx((2.0**0.25, 2.0**0.75))  # every gain 1 dB lower, and higher
+    assert math.isnan(bandwidth(points[:1]).value)
 
 
 def test_figures_of_a_lag_are_those_of_the_second_order():

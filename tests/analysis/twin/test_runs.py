@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pandas as pd
@@ -15,8 +15,11 @@ from analysis.twin.controller import Tuning
 from analysis.twin.dynamic_calibration import dynamic_calibration
 from analysis.twin.dynamics import Lag
 from analysis.twin.runs import bode_of_run, identify_run, tune_run
+from analysis.twin.sensor_loop import find_loops
 from analysis.twin.unit_file import TwinFile, read_twin
 from protocol.recording import Segment
+from protocol.simulator.plant import Sensors
+from protocol.simulator.specimens import find_specimen
 from tests.analysis.twin_unit import identified, swings
 
 MODEL, FUSION = identified("SA1")
@@ -85,8 +88,32 @@ def test_steps_of_elongation_give_the_figures_of_the_lag():
     figures = found.steps[1.0]
     assert figures["overshoot_percent"].value == pytest.approx(6.8, abs=0.5)  # exp(-pi z / sqrt(1 - z^2))
     assert figures["settling_s"].value == pytest.approx(0.52, abs=0.06)
-    assert json.dumps(found.as_json()["steps"])
+    assert [row["count"] for row in found.as_json()["steps"]] == [3]
     assert found.bode == ()
+
+
+def test_the_sensors_own_loops_are_no_loss_of_gain():
+    """A small sine lies inside the sensors' loops, over which the signals change less than along their curves."""
+    parts = [(0.5, Segment("sine", 0.5, amplitude=0.25, frequency_hz=0.8, periods=8.0, hold_s=1.0))]
+    run = run_of("mm", parts, noise_mv=0.0)
+    unit, (_, x, signals) = find_specimen("SA1"), swings("SA1")
+    truth = FUSION.evaluate(run.signal_mv).elongation_mm
+    run = replace(
+        run, signal_mv=Sensors(unit.sensors, unit.range_mm).advance(np.r_[np.linspace(0, 0.5, 100), truth])[100:]
+    )
+    residuals = [signals[::100, i] - one.calibration.predict(x[::100]) for i, one in enumerate(FUSION.inverses)]
+    lag_db = 20 * np.log10(abs(TRUTH.response(np.array([2 * np.pi * 0.8]))[0]))
+    (without,), (corrected,) = bode_of_run(run, FUSION), bode_of_run(run, FUSION, find_loops(x[::100], residuals))
+    assert without.gain_db < lag_db - 0.08
+    assert corrected.gain_db == pytest.approx(lag_db, abs=0.03)
+    assert corrected.amplitude_mm == 0.25
+
+
+def test_steps_and_sines_of_pressure_are_no_dynamics_of_elongation():
+    """The plan step-test is one of pressure: it gives gains, no dynamic calibration."""
+    with pytest.raises(DataError, match="neither steps nor sines of elongation") as refused:
+        dynamic_calibration(run_of("kPa", [(0.0, Segment("step", 14.0, hold_s=2.0))]), FUSION)
+    assert "steps-mm or sine-sweep-mm" in refused.value.remedy
 
 
 def test_a_run_without_segments_is_refused():

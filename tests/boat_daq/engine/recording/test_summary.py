@@ -80,6 +80,18 @@ def test_cycles_are_complete_when_all_their_steps_were_reached(tmp_path):
     assert summary.steps == 12
 
 
+def test_cycles_of_a_profile_need_no_second_branch(tmp_path):
+    """Sines about one value end where they begin; one that was aborted is partial."""
+    recorder, source = begun(tmp_path / "run.boat")
+    recorder(source.next())
+    for cycle, status in ((1, "reached"), (2, "reached"), (3, "aborted")):
+        mark = add_step(recorder, cycle, "loading", detail={"segment": {"kind": "sine"}, "start": 0.5})
+        recorder.step(dataclasses.replace(mark, status=status), new=False)
+    recorder.close(RunEnd.STOPPED)
+    cycles = summarise(tmp_path / "run.boat").cycles
+    assert (cycles.complete, cycles.partial) == (2, 1)
+
+
 def test_damaged_frames_are_those_of_every_link(tmp_path):
     """The counters begin at zero with each link: what the links before counted is added, of whatever kind it is."""
     recorder, source = begun(tmp_path / "run.boat")

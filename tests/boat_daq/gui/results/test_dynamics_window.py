@@ -15,8 +15,9 @@ FIGURES = {
     name: DynamicFigure(0.42, 0.40, 0.44) for name in ("time_constant_s", "rise_s", "settling_s", "overshoot_percent")
 }
 BODE = (BodePoint(0.5, -0.2, -20.0, 0.05, 1.0), BodePoint(1.0, -4.0, -60.0, 0.1, 2.0))
+EDGE, NONE = DynamicFigure(0.87, 0.86, 0.88), DynamicFigure(*[float("nan")] * 3)
 RESPONSE = np.array([[0.0, 1.0], [0.0, 1.02]])
-FOUND = DynamicCalibration("SA1", True, "steps.boat", 0.05, {1.0: FIGURES}, BODE, 0.87, {1.0: RESPONSE})
+FOUND = DynamicCalibration("SA1", True, "steps.boat", 0.05, {1.0: FIGURES}, BODE, EDGE, {1.0: RESPONSE})
 
 
 @pytest.fixture
@@ -40,7 +41,7 @@ def window_of(live, tmp_path):
 def test_steps_and_sines_are_shown_with_their_figures(window_of):
     """The gain is drawn over the logarithm of the frequency, and saved over the frequency itself."""
     window = window_of(FOUND)
-    assert window.verdict.text().startswith("Settles in 0.42 s or less")
+    assert window.verdict.text().startswith("Settles to within 0.05 mm in 0.42 s or less")
     assert not window.simulated.isHidden()
     assert window.save.isEnabled()
     curve = window.bode.layers[0][1]
@@ -58,10 +59,10 @@ def test_steps_and_sines_are_shown_with_their_figures(window_of):
 
 def test_a_run_without_sines_has_no_bode_plot(window_of):
     """What was not run is left out; a band that is not reached is said to be beyond the highest sine."""
-    steps = window_of(replace(FOUND, bode=(), bandwidth_hz=float("nan")))
+    steps = window_of(replace(FOUND, bode=(), bandwidth_hz=NONE))
     assert steps.bode.isHidden()
     assert not steps.steps.isHidden()
-    sines = window_of(replace(FOUND, steps={}, responses={}, bandwidth_hz=float("nan")))
+    sines = window_of(replace(FOUND, steps={}, responses={}, bandwidth_hz=NONE))
     assert sines.steps.isHidden()
     assert sines.verdict.text() == "Bandwidth above 1 Hz: \u22123 dB is not reached"
 

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from analysis import fit_calibration
-from analysis.data.recording import Recording
+from analysis.data.recording import STEP_COLUMNS, Recording
 from analysis.errors import FileError
+from analysis.twin.runs import run_elongation
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.twin import (
     fusion_of,
+    held_elongation,
     identify_unit,
     live_prediction_of,
     load_twin,
@@ -23,6 +27,9 @@ from boat_daq.viewmodels.common.twin import (
     store_twin,
     twin_path,
 )  # fmt: skip
+from protocol.recording import Segment
+from protocol.simulator.plant import Sensors
+from protocol.simulator.specimens import find_specimen
 from tests.analysis.twin_unit import swings
 
 
@@ -76,6 +83,27 @@ def test_an_identified_unit_has_a_regulator_until_its_calibration_changes(units,
     store_twin(units, replace(twin, calibration_utc="2026-01-01T00:00:00+00:00"))
     with pytest.raises(OperatorError, match="another calibration"):
         regulator_of(units, "SA1")
+
+
+def test_a_held_elongation_is_that_of_the_control(units):
+    """The sensors' own loops are taken out, as the control does: a hold after a rise is not read below its setpoint."""
+    accept(units)
+    rise, hold = np.linspace(-2.5, 1.5, 400), np.full(300, 1.5)
+    x = np.r_[np.linspace(0.0, -2.5, 200), rise, hold]
+    unit = find_specimen("SA1")
+    segment = asdict(Segment("step", 1.5, hold_s=3.0))
+    detail = json.dumps({"segment": segment, "start": -2.5, "quantity": "mm"})
+    values = (2, 0, 2, 1, "loading", 0.0, 36.0, 6.0, 6.0, 6.0, 9.0, "reached", detail)
+    run = Recording.from_arrays(
+        np.arange(x.size) / 100.0, x, Sensors(unit.sensors, unit.range_mm).advance(x),
+        steps=pd.DataFrame([dict(zip(STEP_COLUMNS, values, strict=True))]), meta={"unit": "SA1"},
+    )  # fmt: skip
+    held = held_elongation(units, run, 1.5)
+    assert held["deviation_mm"] == pytest.approx(held["elongation_mm"] - 1.5)
+    assert abs(held["deviation_mm"]) < 0.01
+    assert held["rms_mm"] < 0.01 < held["u_mm"]
+    found = run_elongation(run, fusion_of(units, "SA1"))[0][-150:].mean() - 1.5
+    assert abs(found) > 0.015
 
 
 def test_another_actuator_is_kept_and_predicts_nothing_until_its_light_is_traced(units, run, monkeypatch, tmp_path):

@@ -6,14 +6,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from analysis.twin.dynamic_figures import BodePoint, DynamicCalibration
+from analysis.twin.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.jobs import JobState
 from boat_daq.viewmodels.results import dynamics
 from boat_daq.viewmodels.results.dynamics import DynamicsModel, dynamics_of_run
 
-FOUND = DynamicCalibration("SA1", True, "sweep.boat", 0.05, {}, (BodePoint(0.5, -0.2, -20.0, 0.05, 1.0),), float("nan"))
+NONE = DynamicFigure(*[float("nan")] * 3)
+FOUND = DynamicCalibration("SA1", True, "sweep.boat", 0.05, {}, (BodePoint(0.5, -0.2, -20.0, 0.05, 1.0),), NONE)
 
 
 class Here:

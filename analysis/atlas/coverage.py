@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
+from analysis.atlas.drives import Drive
 from analysis.atlas.runs import Stairs
 from analysis.calibration.posterior import KEPT_SAMPLES, sample_posterior
 from analysis.data.recording import Recording
@@ -34,6 +35,7 @@ from analysis.optics.scene.parameters import Light, Waveguide
 from analysis.optics.sweep.sweep import paper_grid
 from analysis.optics.tracer.simulation import trace
 from analysis.optics.tracer.tolerance import FEWEST_RAYS, trace_within
+from analysis.segmentation.stroke_sampling import sampling_within
 from analysis.sequential.accuracy import POINTS, accuracy_of, analyse_within, greatest_band_error, in_mm
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.frames import Shadow
@@ -194,9 +196,22 @@ def of_reduced(rng: np.random.Generator) -> list[Answer]:
     return found
 
 
+def of_segmentation(rng: np.random.Generator) -> list[Answer]:
+    """Find the strokes of a random drive by as few samples as 20 ms to 1 s of a period take: one of its periods."""
+    cycles, steps = int(rng.integers(3, 16)), int(rng.integers(1, 10))
+    dwell_s, ramp_kpa_per_s = rng.choice([0.0, log_uniform(rng, 0.05, 3.0)]), log_uniform(rng, 3.0, 60.0)
+    rate_hz, noise_kpa = log_uniform(rng, 10.0, 200.0), log_uniform(rng, 0.01, 2.0)
+    drive, tolerance_s = Drive(cycles, steps, dwell_s, ramp_kpa_per_s, rate_hz, noise_kpa), log_uniform(rng, 0.02, 1.0)
+    run = drive.run(rng)
+    found = sampling_within(run.time_s, run.pressure_kpa, tolerance_s)
+    error_s = abs(rng.choice(run.errors_s(found.every)))
+    third = [drive.run(rng).errors_s(3 * found.every) for _ in range(REPEATS)]
+    return [Answer(error_s, found.period_error_s, would_do(np.concatenate(third).tolist(), tolerance_s))]
+
+
 METHODS: dict[str, Method] = {
     "tracer": of_tracer, "posterior": of_posterior, "bootstrap": of_bootstrap, "mesh": of_mesh,
-    "reduced": of_reduced,
+    "reduced": of_reduced, "segmentation": of_segmentation,
 }  # fmt: skip
 
 

@@ -72,7 +72,7 @@ def find_strokes(time_s: FloatArray, drive: FloatArray, answer: FloatArray, *, m
     if x.size < 10 or np.ptp(x) == 0:
         raise DataError("the drive does not move", "Choose the column that is driven.")
     low, high = (float(v) for v in np.percentile(x, [1, 99]))
-    up, down = _crossings(x, low + LOW * (high - low), low + HIGH * (high - low))
+    up, down = crossings(x, *thresholds(x))
     peaks = [float(x[a:b].max()) for a, b in _between(up[:-1], down)]  # of whole cycles
     troughs = [float(x[a:b].min()) for a, b in _between(down, up)]
     pairs = list(itertools.pairwise(up.tolist()))
@@ -86,7 +86,7 @@ def find_strokes(time_s: FloatArray, drive: FloatArray, answer: FloatArray, *, m
     return Strokes(up, down, high - low, *figures)
 
 
-def stroke_figures(recording: Recording, *, min_speed_kpa_per_s: float = 0.0) -> dict[str, Any]:
+def stroke_figures(recording: Recording, *, min_speed_kpa_per_s: float = 0.0, every: int = 1) -> dict[str, Any]:
     """Return the strokes and loops of a run whose drive is the pressure, ready for JSON.
 
     The friction is half the width of a sensor's loop along the pressure, over 30 to 70 % of the signal's span; the half
@@ -97,19 +97,21 @@ def stroke_figures(recording: Recording, *, min_speed_kpa_per_s: float = 0.0) ->
     ----------
     recording : of a continuous run.
     min_speed_kpa_per_s : slower samples do not enter the half width.
+    every : one sample in so many is used.
 
     Raises
     ------
     DataError : fewer than ten usable samples, a pressure that is held, or a signal that does not move.
     """
-    time_s, pressure_kpa = recording.time_s, recording.pressure_kpa
+    time_s, pressure_kpa = recording.time_s[::every], recording.pressure_kpa[::every]
     drive = find_strokes(time_s, pressure_kpa, pressure_kpa)
     if drive.span <= 2.0 * TOLERANCE_KPA:
         moved = f"the pressure moved by {drive.span:.2g} kPa in all, no more than a held pressure may"
         raise DataError(f"{moved}: nothing was driven", "Choose the column that is driven, or check its unit.")
     sensors = []
     for number in range(recording.n_sensors):
-        signal_mv = np.where(recording.usable[:, number], recording.signal_mv[:, number], np.nan)
+        usable, signal_mv = recording.usable[::every, number], recording.signal_mv[::every, number]
+        signal_mv = np.where(usable, signal_mv, np.nan)
         loop = find_strokes(time_s, pressure_kpa, signal_mv, min_speed=min_speed_kpa_per_s)
         ends_mv = np.percentile(signal_mv[np.isfinite(signal_mv)], [1, 99])
         sensors.append({
@@ -131,7 +133,14 @@ def stroke_figures(recording: Recording, *, min_speed_kpa_per_s: float = 0.0) ->
     }
 
 
-def _crossings(x: FloatArray, low: float, high: float) -> tuple[IntArray, IntArray]:
+def thresholds(x: FloatArray) -> tuple[float, float]:
+    """Return the values that a stroke passes: 25 and 75 % of the span p1..p99."""
+    low, high = (float(v) for v in np.percentile(x, [1, 99]))
+    return low + LOW * (high - low), low + HIGH * (high - low)
+
+
+def crossings(x: FloatArray, low: float, high: float) -> tuple[IntArray, IntArray]:
+    """Return the rows at which the values are first above `high` after `low`, and first below `low` after `high`."""
     zone = (x > high).astype(np.int8) - (x < low).astype(np.int8)
     rows = np.flatnonzero(zone)
     turns = np.flatnonzero(np.diff(zone[rows]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -33,6 +33,7 @@ from boat_daq.commands.options import (
     figures_tolerance,
     limits_of,
     patches_of,
+    seconds_of,
     tolerances,
 )
 
@@ -311,6 +312,12 @@ def strokes(
     min_speed: Annotated[
         float, typer.Option(min=0.0, metavar="KPA_PER_S", help="Slower samples are omitted from the half width.")
     ] = 0.0,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MSms|Ss", help="Greatest error of a period by the sampling, as 20ms: uses as few samples as that."
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Measure the strokes of a continuous run: span and period, and each sensor's friction, half width and loop area.
@@ -320,14 +327,20 @@ def strokes(
 
     Example: boat-daq strokes repeatability.boat --json
     """
+    tolerance_s = seconds_of(tolerance) if tolerance is not None else None
     from analysis import load_recording
+    from analysis.segmentation.stroke_sampling import sampling_of, sampling_within
     from analysis.segmentation.strokes import stroke_figures
     from boat_daq.commands.importing import column_map
 
     recording = load_recording(run, columns=column_map(mapping) or None, rate_hz=rate)
-    figures = stroke_figures(recording, min_speed_kpa_per_s=min_speed)
+    columns = recording.time_s, recording.pressure_kpa
+    sampling = sampling_of(*columns) if tolerance_s is None else sampling_within(*columns, tolerance_s)
+    figures = stroke_figures(recording, min_speed_kpa_per_s=min_speed, every=sampling.every)
     if as_json:
-        emit_json({"simulated": recording.simulated, **figures})
+        emit_json(
+            {"simulated": recording.simulated, **figures, "sampling": {**asdict(sampling), "tolerance_s": tolerance_s}}
+        )
         return
     show(
         f"{'SIMULATED  ' if recording.simulated else ''}{recording.source}: {figures['cycles']} cycles, "
@@ -338,6 +351,9 @@ def strokes(
     show_table(("pressure", ""), pressures)
     rows = ([name, *(_text(sensor[name]) for sensor in sensors)] for name in sensors[0] if name != "name")
     show_table(("loop", *(sensor["name"] for sensor in sensors)), rows)
+    if math.isfinite(sampling.period_error_s):
+        used = "every sample" if sampling.every == 1 else f"one sample in {sampling.every}"
+        show(f"error of a period by the sampling: {1e3 * sampling.period_error_s:.2g} ms (k = 2), by {used}")
 
 
 def _text(value: Any) -> str:

@@ -190,3 +190,21 @@ def figures_tolerance(text: str | None) -> tuple[float, Unit] | None:
     if found is None:
         raise typer.BadParameter("takes mm or %FSO, as 0.005mm or 0.1%FSO", param_hint="--tolerance")
     return found
+
+
+def seconds_of(text: str) -> float:
+    """Return a tolerance of time, s.
+
+    Raises
+    ------
+    typer.BadParameter : it is no time above 0 with its unit, ms or s.
+    """
+    plain = text.replace(" ", "").lower()
+    unit, scale = next(((unit, scale) for unit, scale in (("ms", 1e-3), ("s", 1.0)) if plain.endswith(unit)), ("", 0.0))
+    try:
+        value = scale * float(plain.removesuffix(unit))
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < math.inf:
+        raise typer.BadParameter(f"{text!r} is no time above 0, as 20ms or 0.02s", param_hint="--tolerance")
+    return value

@@ -1,0 +1,74 @@
+"""Pressures that go up and down over and over, with the times at which they truly do: triangles and staircases.
+
+Strategy: a drive is a line through corners, so that it may be sampled at any rate and phase, and the time at which it
+passes a level is exact. Ramps and holds vary from one to the next as those of a pump and of an operator do, or else the
+periods would be the same multiple of the sampling interval throughout.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.segmentation.strokes import HIGH, find_strokes
+
+LOW_KPA, SPAN_KPA = -40.0, 90.0
+HOLDS_DIFFER, RAMPS_DIFFER = 0.10, 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class DrivenRun:
+    """The samples of a drive, s and kPa, and its true periods from rise to rise, s."""
+
+    time_s: FloatArray
+    pressure_kpa: FloatArray
+    periods_s: FloatArray
+
+    def errors_s(self, every: int) -> FloatArray:
+        """Return the errors of the periods that one sample in `every` gives; one of inf where strokes are missed."""
+        time_s, kpa = self.time_s[::every], self.pressure_kpa[::every]
+        rises = time_s[find_strokes(time_s, kpa, kpa).up_rows]
+        missed = rises.size != self.periods_s.size + 1
+        return np.array([np.inf]) if missed else np.diff(rises) - self.periods_s
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """Cycles from the upper end down and back.
+
+    Parameters
+    ----------
+    cycles, steps : of the run, and of each way; one step is a triangle or a trapezium.
+    dwell_s : of each hold; 0 without. ramp_kpa_per_s : between holds.
+    rate_hz, noise_kpa : of the samples; the noise is white.
+    """
+
+    cycles: int
+    steps: int
+    dwell_s: float
+    ramp_kpa_per_s: float
+    rate_hz: float
+    noise_kpa: float
+
+    def run(self, rng: np.random.Generator) -> DrivenRun:
+        """Return a run with random lengths of holds and ramps, phase of the samples and noise."""
+        way = LOW_KPA + SPAN_KPA * np.linspace(1.0, 0.0, self.steps + 1)
+        levels = np.concatenate([way[:1], *[way[1:], way[-2::-1]] * self.cycles])
+        lengths = np.empty(2 * levels.size - 1)
+        lengths[::2] = self.dwell_s * rng.uniform(1.0 - HOLDS_DIFFER, 1.0 + HOLDS_DIFFER, levels.size)
+        speed = self.ramp_kpa_per_s * rng.uniform(1.0 - RAMPS_DIFFER, 1.0 + RAMPS_DIFFER, levels.size - 1)
+        lengths[1::2] = np.abs(np.diff(levels)) / speed
+        at, corners = np.concatenate([[0.0], np.cumsum(lengths)]), np.repeat(levels, 2)
+        time_s = np.arange(rng.uniform(0.0, 1.0 / self.rate_hz), at[-1], 1.0 / self.rate_hz)
+        noise = self.noise_kpa * rng.standard_normal(time_s.size)
+        return DrivenRun(time_s, np.interp(time_s, at, corners) + noise, _periods(at, corners))
+
+
+def _periods(at: FloatArray, corners: FloatArray) -> FloatArray:
+    """Return the times from one passage of 75 % of the span to the next, upwards."""
+    level = LOW_KPA + HIGH * SPAN_KPA
+    before = np.flatnonzero((corners[:-1] < level) & (corners[1:] >= level))
+    share = (level - corners[before]) / (corners[before + 1] - corners[before])
+    return np.diff(at[before] + share * (at[before + 1] - at[before]))

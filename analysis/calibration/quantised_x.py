@@ -243,10 +243,16 @@ def _likelihoods(
         low, high = at[np.searchsorted(mass, [TAIL, 1.0 - TAIL])]
         step = 0.5 * (at[1] - at[0])
         edges[p] = np.linspace(low - step, high + step, cells + 1)
-        shares[p] = np.diff(np.interp(edges[p], at + step, mass, left=0.0, right=1.0))
+        below = np.interp(edges[p, 1:-1], at + step, mass)
+        shares[p] = np.diff(below, prepend=0.0, append=1.0)
+        # a cell at an end has the mean of all that lies beyond its inner edge: a sharp end of L_p stays in its place
+        moment = np.cumsum(density * at)
+        inner = np.interp(edges[p, [1, -2]], at + step, moment)
+        means = np.array([inner[0], moment[-1] - inner[1]]) / shares[p, [0, -1]]
+        edges[p, [0, -1]] = 2.0 * means - edges[p, [1, -2]]
         middle = float(density @ at)
         variance[p] = float(density @ (at - middle) ** 2)
-    return edges, shares / shares.sum(axis=1, keepdims=True), variance
+    return edges, shares, variance
 
 
 def _likelihood(read: FloatArray, grid: float, reader: float) -> tuple[FloatArray, FloatArray]:

@@ -134,7 +134,7 @@ _WIDTHS = "the same job with 50,000 resamples and 8,000 samples, mean of 16 seed
 _WIDTHS_CONSUMER = "the reader of widths of bands and intervals, printed with two digits: 5 %"
 CALIBRATION = Method(
     "calibration", "Job: calibration of a run", _WIDTHS, False, _WIDTHS_CONSUMER, 5.0, "% of the widths",
-    "a run of five cycles and two sensors", lambda level: level.level, calibration_settings,
+    "a five-cycle run", lambda level: level.level, calibration_settings,
 )  # fmt: skip
 REPORT = Method(
     "report", "Job: report on a run", _WIDTHS, False, _WIDTHS_CONSUMER, 5.0, "% of the widths", "a report",

@@ -272,7 +272,8 @@ class AtlasCard(PlotCard):
             self._add(column, shown, most)
         self.view.setVisible(bool(maps))
         self.legend.setVisible(bool(maps))
-        self.words.setText(maps[0].summary if len(maps) == 1 else POINT_AT if maps else WHAT_COMES)
+        no_map = self.model.no_map(method)
+        self.words.setText(maps[0].summary if len(maps) == 1 else POINT_AT if maps else no_map or WHAT_COMES)
         self.setMinimumHeight(LEAST_HEIGHT if maps else 0)
         self.setMaximumHeight(NO_LIMIT if maps else EMPTY_HEIGHT)
         self.paint_theme(self.theme)
@@ -280,6 +281,7 @@ class AtlasCard(PlotCard):
     def refresh(self) -> None:
         """Show the sweep under way."""
         widgets.set_text(self.sweep, "Stop" if self.model.job is not None else "Map")
+        widgets.allow(self.sweep, self.model.no_map(self.method) if self.model.job is None else "")
         widgets.set_text(self.readout, self.model.status(self.method))
 
     def _add(self, column: int, shown: MapView, most: int) -> None:

@@ -54,6 +54,17 @@ METHODS = {
 MAPPED = {"fit": "Fit of the calibration", "figures": "SNR and hysteresis", "alarms": "Alarms of the shadow"}
 """Methods that have a map of where they fail, but no chart of time against error."""
 ENTRIES = METHODS | MAPPED
+MAPPED_BY = {
+    "ranking": ("tracer",),
+    "bootstrap": ("figures",),
+    "decimation": (),
+    "tracking": (),
+    "calibration": ("segmentation", "fit", "posterior", "figures"),
+    "report": ("segmentation", "fit", "posterior", "figures"),
+    "sweep": ("tracer",),
+    "shadow": ("full-fem", "reduced-fem"),
+}
+"""Methods and jobs that have no map of their own, and the methods they rest on, which have."""
 Measurer = Callable[[Sequence[str], bool], dict[str, Any]]
 FILE = "tradeoff.json"
 CHOSEN, QUICK, SHOWN = "tradeoff_methods", "tradeoff_quick", "tradeoff_shown"
@@ -500,6 +511,14 @@ class AtlasModel(MeasuredResult):
         """Start sweeping a method's maps, or stop."""
         self._toggle(Job("Mapping where it works", sweep_method, method))
 
+    @staticmethod
+    def no_map(method: str) -> str:
+        """Return why there is no map of a method, and where to look; empty where there is one."""
+        if method not in MAPPED_BY:
+            return ""
+        others = ", ".join(f"\u201c{ENTRIES[name]}\u201d" for name in MAPPED_BY[method])
+        return "No map of its own" + (f": see {others}." if others else ", nor of a method that it rests on.")
+
     def _read(self, content: Any) -> None:
         self.maps = read_maps(content)
 
@@ -510,4 +529,5 @@ class AtlasModel(MeasuredResult):
 
     def status(self, method: str) -> str:
         """Return the progress of the sweep, or why there is no map, in a line."""
-        return self._progress_text("mapping") or ("" if self.maps.get(method) else "not mapped yet")
+        known = bool(self.maps.get(method)) or method in MAPPED_BY
+        return self._progress_text("mapping") or ("" if known else "not mapped yet")

@@ -126,6 +126,16 @@ def test_measurement_starts_reports_progress_and_stops(page, app_model, monkeypa
     assert app_model.tradeoff.job is None
 
 
+def test_a_job_without_a_map_names_those_of_its_methods(page, app_model):
+    """The button is grey, and the text refers to the tracer's map."""
+    for shown, allowed in (("sweep", False), ("tracer", True)):
+        app_model.tradeoff.show(shown)
+        page.refresh(app_model.snapshot)
+        page.refresh(app_model.snapshot)
+        assert page.atlas.sweep.isEnabled() is allowed
+        assert ("see \u201cRay tracer\u201d" in page.atlas.words.text()) is not allowed
+
+
 def test_map_shows_outcomes_by_colour_hatching_and_letter(page, app_model):
     """A place that works has the plain ground, a refused one is hatched; its tooltip shows the message."""
     axis = {"name": "noise", "unit": "mV", "values": [1.0, 2.0], "labels": []}

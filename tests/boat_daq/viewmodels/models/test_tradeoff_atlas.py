@@ -60,3 +60,13 @@ def test_new_sweep_replaces_its_method_only(tmp_path):
     assert again.status("figures") == "not mapped yet"
     again.path.write_text("[]", encoding="utf-8")
     assert AtlasModel(JobRunner(), tmp_path).status("fit") == "\u25b2 the last maps could not be read; sweep again"
+
+
+def test_every_entry_has_a_map_or_states_where_to_look():
+    """What the atlas does not study names methods that it does."""
+    from analysis.atlas.methods import METHOD_TITLES
+
+    assert set(tradeoff.ENTRIES) - set(tradeoff.MAPPED_BY) == set(METHOD_TITLES)
+    assert {name for names in tradeoff.MAPPED_BY.values() for name in names} <= set(METHOD_TITLES)
+    assert AtlasModel.no_map("tracer") == ""
+    assert AtlasModel.no_map("sweep") == "No map of its own: see \u201cRay tracer\u201d."

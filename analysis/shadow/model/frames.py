@@ -18,6 +18,7 @@ from typing import Literal
 import numpy as np
 
 from analysis.arrays import FloatArray, IntArray
+from analysis.errors import ConvergenceError
 from analysis.fidelity import Fidelity
 from analysis.progress import Progress
 from analysis.shadow.fem.element import deformation_gradients, nodal_stretch
@@ -174,7 +175,12 @@ class Shadow:
         start = self._last
         if start is not None and p is not None and abs(start.pressure_kpa - p) > 20.0:
             start = None
-        return self.model.solve(pressure_kpa=p, elongation_mm=q, start=start)
+        if start is not None:
+            try:
+                return self.model.solve(pressure_kpa=p, elongation_mm=q, start=start)
+            except ConvergenceError:  # the way from the last state may pass the limit of stability, that from rest not
+                pass
+        return self.model.solve(pressure_kpa=p, elongation_mm=q)
 
     def _frame(self, solution: Solution, model: Model, begun: float) -> ShadowState:
         u, p, q = solution.displacement_mm, solution.pressure_kpa, solution.elongation_mm

@@ -1,0 +1,84 @@
+"""States of the reduced model, or of the full one where an error takes it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis.errors import ConvergenceError
+from analysis.shadow.fem.parameters import ActuatorParameters
+from analysis.shadow.model.frames import Shadow
+from analysis.shadow.model.reduced import TableSettings
+from analysis.shadow.model.table import build_table
+from analysis.shadow.model.tolerance import RESIDUAL_FACTOR, reduced_error_mm, reduced_within
+
+MESH = ActuatorParameters(axial_elements=6, wall_elements=2, lattice_elements=3)
+
+
+@pytest.fixture(scope="module")
+def shadow() -> Shadow:
+    """Return a coarse table of a thin wall, whose states near its limit in vacuum are not stable themselves."""
+    thin = replace(
+        MESH, wall_modulus_kpa=1525.0548, wall_mm=1.8603874, neck_radius_mm=4.690498, belly_radius_mm=7.2290338
+    )
+    return Shadow(thin, build_table(thin, TableSettings(4, 4, 3, 1)))
+
+
+def test_error_of_a_reduced_state_is_that_of_the_full_model(shadow: Shadow) -> None:
+    """The estimate is the true error within a factor of 1.5, for states all over the table."""
+    for pressure, elongation in ((10.0, 1.0), (-10.0, -0.5), (20.0, None), (None, 1.5)):
+        state, used = shadow.solution(pressure_kpa=pressure, elongation_mm=elongation)
+        assert used == "reduced"
+        full = shadow.model.solve(pressure_kpa=pressure, elongation_mm=elongation)
+        points = shadow.model.guides.tracked.weights @ (full.displacement_mm - state.displacement_mm)
+        error = max(float(np.linalg.norm(points, axis=1).max()), abs(full.elongation_mm - state.elongation_mm))
+        stated = reduced_error_mm(shadow.model, state, pressure, elongation)
+        assert 1.0 / 1.5 < error / stated < 1.5
+
+
+def test_the_estimate_grows_with_the_square_of_the_step(shadow: Shadow) -> None:
+    """Steps of a micrometre and of a tenth of a millimetre: 1.03 and 2 times the step."""
+    solver = shadow.model.solver
+    state, _ = shadow.solution(pressure_kpa=10.0, elongation_mm=1.0)
+    step = solver.correction(state, pressure_kpa=10.0, elongation_mm=1.0)
+    longest = float(np.linalg.norm(shadow.model.guides.tracked.weights @ step, axis=1).max())
+    stated = []
+    for length_mm in (0.001, 0.1):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(type(solver), "correction", lambda *_, k=length_mm / longest, **__: k * step)
+            stated.append(reduced_error_mm(shadow.model, state, 10.0, 1.0) / length_mm)
+    assert stated == pytest.approx([RESIDUAL_FACTOR + 0.01, RESIDUAL_FACTOR + 1.0])
+
+
+def test_a_reduced_state_that_is_not_stable_is_replaced(shadow: Shadow, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without an estimate no tolerance is met by the table: the full model is used, and errs by nothing."""
+    corrected = shadow.model.solver.correction
+
+    def unstable(*args: object, **kwargs: object) -> None:
+        raise ConvergenceError("the state is not stable", "use the full model")
+
+    monkeypatch.setattr(type(shadow.model.solver), "correction", unstable)
+    found = reduced_within(shadow, 10.0, 1.0, 10.0)
+    assert (found.used, found.error_mm) == ("full", 0.0)
+    monkeypatch.undo()
+    assert np.abs(corrected(found.solution, pressure_kpa=10.0, elongation_mm=1.0)).max() < 1e-6
+
+
+def test_tolerance_decides_between_the_models(shadow: Shadow) -> None:
+    """Just above the estimate the reduced model is used, just below it the full one."""
+    stated = reduced_error_mm(shadow.model, shadow.solution(pressure_kpa=10.0, elongation_mm=1.0)[0], 10.0, 1.0)
+    assert reduced_within(shadow, 10.0, 1.0, 1.001 * stated).used == "reduced"
+    assert reduced_within(shadow, 10.0, 1.0, 0.999 * stated).used == "full"
+
+
+def test_full_state_does_not_depend_on_the_one_before(shadow: Shadow) -> None:
+    """From a state held in vacuum the way to a free elongation is not stable; from rest it is."""
+    states = [(-26.069163, 1.2130089), (None, 0.50704257)]
+    before, after = (shadow.solution(pressure_kpa=p, elongation_mm=q, model="full")[0] for p, q in states)
+    with pytest.raises(ConvergenceError):
+        shadow.model.solve(elongation_mm=0.50704257, start=before)
+    fresh = shadow.model.solve(elongation_mm=0.50704257)
+    assert after.elongation_mm == pytest.approx(fresh.elongation_mm, abs=1e-6)
+    assert after.pressure_kpa == pytest.approx(fresh.pressure_kpa, abs=1e-3)

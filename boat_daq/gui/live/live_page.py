@@ -352,9 +352,10 @@ class LivePage(QWidget):
         self.plan_editor.open_fresh(self.run.snapshot)
 
     def show_manual(self) -> None:
-        """Show the field for a manual pressure."""
+        """Show the fields for a manual pressure and a manual elongation, and focus the first."""
         self.show_plan()
-        self.plan.ensureWidgetVisible(self.plan.target)
+        for widget in (self.plan.elongation_button, self.plan.target):
+            self.plan.ensureWidgetVisible(widget, 0, style.GAP)
         self.plan.target.setFocus()
         self.plan.target.selectAll()
 

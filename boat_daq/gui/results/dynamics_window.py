@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QDialog, QWidget
 from analysis.twin.dynamic_figures import BODE_HEADINGS, STEP_HEADINGS, DynamicCalibration
 from boat_daq.gui import style
 from boat_daq.gui.plotting.axes import LogAxis, TickAxis
-from boat_daq.gui.plotting.plot import Plot, sensor_colour
+from boat_daq.gui.plotting.plot import Plot, ThemeColour, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
@@ -24,6 +24,10 @@ REFRESH_MS = 200
 SIZE = (1000, 720)
 LEAST_DB, LEAST_DEG = 1.0, 10.0  # heights of the plots: less is not spread over them
 EDGE_DB = -3.0
+STEP_COLOURS: tuple[ThemeColour, ...] = (  # told apart in either theme
+    sensor_colour(1), sensor_colour(2), lambda t: t.elongation, lambda t: t.pressure
+)  # fmt: skip
+SHOWN_ROWS = 4  # of a table, before it is scrolled
 STEPS = "Mean response to the steps of each size"
 BODE = "Measured elongation over its setpoint; surface: U, k = 2"
 
@@ -138,6 +142,10 @@ class DynamicsWindow(QDialog):
                 part.setVisible(bool(shown))
         self.step_table.fill(_shown(found.step_rows()))
         self.bode_table.fill(_shown(found.bode_rows()))
+        for table in (self.step_table, self.bode_table):
+            rows = min(table.rowCount(), SHOWN_ROWS) * table.verticalHeader().defaultSectionSize()
+            others = (table.horizontalHeader(), table.horizontalScrollBar())
+            table.setMinimumHeight(rows + sum(one.sizeHint().height() for one in others) + 2 * table.frameWidth())
         if found.steps:
             self._draw_steps(found)
         if found.bode:
@@ -147,20 +155,25 @@ class DynamicsWindow(QDialog):
         """Draw the mean response to the steps of each size."""
         plot = self.steps.plots[0]
         for place, (size, (time_s, share)) in enumerate(found.responses.items()):
-            curve = plot.curve(f"{size:g} mm", sensor_colour(place + 1), gaps=True)
+            curve = plot.curve(f"{size:g} mm", _step_colour(place), gaps=True)
             curve.set(time_s, 100.0 * share)
             curve.paint(self.steps.theme)
         plot.fit()
         ground = self.steps.theme.surface
         self.legend.setText(
             "  ".join(
-                style.swatch(sensor_colour(n)(self.steps.theme), ground, f"{size:g} mm")
-                for n, size in enumerate(found.responses, 1)
+                style.swatch(_step_colour(n)(self.steps.theme), ground, f"{size:g} mm")
+                for n, size in enumerate(found.responses)
             )
         )
 
     def _report(self) -> None:
         ask_save(self, self.services, f"{self.model.path.stem} dynamics", "pdf html", self.model.report, done="")
+
+
+def _step_colour(place: int) -> ThemeColour:
+    """Return the colour of the steps of one size, from the smallest."""
+    return STEP_COLOURS[place % len(STEP_COLOURS)]
 
 
 def _shown(rows: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:

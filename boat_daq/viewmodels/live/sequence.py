@@ -375,13 +375,14 @@ def state_text(snapshot: SessionSnapshot) -> str:
 
 
 def progress_text(snapshot: SessionSnapshot) -> str:
-    """Return cycle, step and time left in a line; the cause where the run was aborted."""
+    """Return cycle, step and time left in a line; why a run was aborted; the control of a manual elongation."""
     progress = snapshot.progress
     ended = snapshot.run_ended
     if snapshot.state in (SessionState.FAULT, SessionState.ABORTED) and ended is not None and ended.aborted:
         return ended.cause
     if progress is None:
-        return ""
+        held = elongation_text(snapshot)
+        return f"elongation controlled: {held[:1].lower()}{held[1:]}" if held else ""
     where = f"cycle {progress.cycle} of {progress.cycles}" if progress.cycle else "opening"
     left = f"{duration(progress.time_left_s)} left"
     step = f"step {progress.step} of {progress.steps}"

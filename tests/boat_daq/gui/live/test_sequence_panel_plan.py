@@ -57,3 +57,12 @@ def test_the_form_is_not_wider_than_its_tab(live):
     QTest.qWait(50)
     assert live.live.plan.verticalScrollBar().maximum() > 0
     assert live.live.plan.horizontalScrollBar().maximum() == 0
+
+
+def test_both_manual_fields_are_in_sight(live):
+    """Ctrl+G shows the pressure, with the focus, and the elongation below it."""
+    live.resize(1280, 800)
+    live.live.show_manual()
+    plan = live.live.plan
+    for widget in (plan.target, plan.elongation_button):
+        assert widget.visibleRegion().boundingRect().height() >= widget.height() - 1

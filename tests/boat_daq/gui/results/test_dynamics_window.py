@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from PySide6.QtTest import QTest
 
 from analysis.twin.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
-from boat_daq.gui.results.dynamics_window import DynamicsWindow
+from boat_daq.gui import style
+from boat_daq.gui.results.dynamics_window import STEP_COLOURS, DynamicsWindow
 
 FIGURES = {
     name: DynamicFigure(0.42, 0.40, 0.44) for name in ("time_constant_s", "rise_s", "settling_s", "overshoot_percent")
@@ -55,6 +58,20 @@ def test_steps_and_sines_are_shown_with_their_figures(window_of):
     assert window.step_table.item(0, 1).text() == "0.420 \u00b1 0.020"
     assert window.bode_table.item(1, 1).text() == "\u22124.00 \u00b1 0.20"
     assert window.bode_table.horizontalHeaderItem(1).text() == "Gain, dB"
+
+
+def test_steps_of_four_sizes_are_all_in_sight_in_colours_of_their_own(window_of):
+    """No size is scrolled away in a window of the first size, and no two have one colour, light or dark."""
+    sizes = (0.5, 1.0, 2.0, 3.0)
+    window = window_of(replace(FOUND, steps=dict.fromkeys(sizes, FIGURES), responses=dict.fromkeys(sizes, RESPONSE)))
+    table = window.step_table
+    QTest.qWait(50)
+    assert not table.verticalScrollBar().isVisible()
+    assert table.rowViewportPosition(3) + table.rowHeight(3) <= table.viewport().height()
+    for theme in (style.LIGHT, style.DARK):
+        seen = [style.colour(one(theme)) for one in STEP_COLOURS]
+        apart = [abs(a.hue() - b.hue()) for a, b in combinations(seen, 2)]
+        assert min(min(one, 360 - one) for one in apart) > 25
 
 
 def test_a_run_without_sines_has_no_bode_plot(window_of):

@@ -10,7 +10,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from boat_daq.engine.snapshot import Phase, Progress, SessionState
+from boat_daq.engine.snapshot import ElongationControl, Phase, Progress, SessionState
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.live.sequence import STATES, SequenceModel, drawing, staircase
@@ -113,3 +113,6 @@ def test_progress_in_a_line():
     paused = dataclasses.replace(progress, phase=Phase.VENTING)
     text = progress_text(dataclasses.replace(connected(), progress=paused, state=SessionState.PAUSED))
     assert text == "cycle 1 of 2   step 9 of 37   3:47 left   will repeat this cycle"
+    held = ElongationControl(1.5, 1.5, 1.493, 0.07)
+    text = progress_text(dataclasses.replace(connected(), elongation=held))
+    assert text == "elongation controlled: setpoint +1.50 mm, measured +1.49 mm"

@@ -28,7 +28,7 @@ def paper(
     speed: Annotated[float, typer.Option(min=1, max=200, help="Virtual board's time over real time.")] = 60.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Compute the paper's figures and numbers again, beside the paper's own: some two minutes on two cores.
+    """Compute the paper's figures and numbers again, beside the paper's own: one to three minutes on two cores.
 
     Calibration, sensitivities and SNR, hysteresis over 100 cycles, the optimal pattern, frames a second and states.
     Runs that are in DIR already are not recorded again, so that a call that was stopped (Ctrl-C) continues.

@@ -58,7 +58,8 @@ def identify(
     """Identify the hysteresis of a run's unit: a generalised Prandtl-Ishlinskii model, by the calibration in force.
 
     Of another actuator than the paper's, or other cavities, the light is traced once: a quarter of an hour on two free
-    cores, up to an hour on busy ones. A call that was stopped (Ctrl-C) continues. The unit's signals are predicted by it from then on.
+    cores, up to an hour on busy ones. A call that was stopped (Ctrl-C) continues. The unit's signals are predicted by
+    it from then on.
 
     Example: boat-daq twin identify SA1.boat
     """

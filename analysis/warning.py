@@ -35,6 +35,7 @@ class WarningCode(StrEnum):
     PARTIAL_CYCLE = "partial_cycle"
     CYCLE_LEFT_OUT = "cycle_left_out"
     EXCURSION_LEFT_OUT = "excursion_left_out"
+    TOLERANCE_TOO_WIDE = "tolerance_too_wide"
     VOID = "void"
     MARKS_DISAGREE = "marks_disagree"
     CONSTANT_SIGNAL = "constant_signal"

@@ -13,9 +13,10 @@ from analysis.calibration.adequacy import REFUSED_PERCENT, Adequacy, CurveVerdic
 from analysis.calibration.checks import calibration_warnings
 from analysis.figures.figure import Reason
 from analysis.numbers import percent, with_uncertainty
-from analysis.segmentation.cycles import Excursion, disagreements_with_marks
+from analysis.segmentation.cycles import TOLERANCE_KPA, Excursion, disagreements_with_marks, find_cycles
 from analysis.segmentation.influence import ChannelInfluence
 from analysis.segmentation.losses import LossCounter
+from analysis.segmentation.plateaus import find_plateaus
 from analysis.warning import Warning, WarningCode
 from protocol.units import as_text
 
@@ -67,6 +68,8 @@ def _run_texts(run: SegmentedRun) -> Iterator[tuple[WarningCode, str]]:
         yield WarningCode.NOT_DRIVEN, cycles.void
     if not cycles.used:
         yield WarningCode.NO_CYCLE, f"no complete cycle, {cycles.as_json()['partial']} partial"
+    if lost := _lost_plateaus_text(run):
+        yield WarningCode.TOLERANCE_TOO_WIDE, lost
     for found in run.breaks:
         yield BREAK_CODES[found.verdict], found.sentence
     for part in cycles.partial:
@@ -80,6 +83,23 @@ def _run_texts(run: SegmentedRun) -> Iterator[tuple[WarningCode, str]]:
         yield WarningCode.VOID, text
     for text in disagreements_with_marks(cycles, recording):
         yield WarningCode.MARKS_DISAGREE, text
+
+
+def _lost_plateaus_text(run: SegmentedRun) -> str:
+    """Return which plateaus a tolerance wider than the usual one joins with their neighbours, or ""."""
+    settings = run.options.plateau
+    if settings.tolerance_kpa <= TOLERANCE_KPA:
+        return ""
+    usual = find_plateaus(run.recording, find_cycles(run.recording), replace(settings, tolerance_kpa=TOLERANCE_KPA))
+    steps_kpa = np.abs(np.diff([plateau.pressure_kpa for plateau in usual]))
+    steps_kpa = steps_kpa[steps_kpa <= 2.0 * settings.tolerance_kpa + 0.5 * TOLERANCE_KPA]
+    lost = len(usual) - len(run.plateaus)
+    if lost <= 0 or not steps_kpa.size:
+        return ""
+    return (
+        f"{lost} of {len(usual)} plateaus are not found: the tolerance of {settings.tolerance_kpa:g} kPa is half of a "
+        f"step of {np.median(steps_kpa):.2g} kPa or more; give one well below that half"
+    )
 
 
 def _excursions_text(excursions: Sequence[Excursion], time_s: FloatArray) -> str:

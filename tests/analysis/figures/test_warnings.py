@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import sqlite3
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from analysis import Options, Recording, analyse
+from analysis.atlas.runs import Stairs
+from analysis.segmentation.plateaus import PlateauSettings
+from analysis.warning import WarningCode
 from tests.analysis.boat_builder import Plant, Staircase, triangle, write_boat
 
 QUICK = Options(mcmc=False, x_resolution_mm=0.0)
@@ -118,3 +123,31 @@ def test_loop_wider_than_the_full_scale_output_is_marked() -> None:
     assert figure.reason == "wider_than_full_scale"
     assert "no_span" in codes(recording)
     assert "no_span" not in codes(Plant().run(pressure, np.gradient(pressure) > 0, np.zeros(time.size)))
+
+
+@pytest.mark.parametrize(("tolerance_kpa", "lost"), [(1.0, False), (4.5, False), (5.0, True), (12.0, True)])
+def test_a_tolerance_as_wide_as_half_a_step_is_warned_of(tolerance_kpa: float, lost: bool) -> None:
+    """A staircase of 10 kPa: no plateau is left from 5 kPa on, which is reported with the step."""
+    options = replace(QUICK, plateau=PlateauSettings(tolerance_kpa))
+    found = analyse(Stairs().recording(), options=options)
+    texts = [warning.text for warning in found.warnings if warning.code is WarningCode.TOLERANCE_TOO_WIDE]
+    assert len(found.plateaus) == (0 if lost else 37)
+    assert texts == (
+        [
+            f"37 of 37 plateaus are not found: the tolerance of {tolerance_kpa:g} kPa is half of a step of 10 kPa or "
+            "more; give one well below that half"
+        ]
+        if lost
+        else []
+    )
+
+
+def test_a_wave_without_plateaus_loses_none_to_the_tolerance() -> None:
+    """A continuous run has no plateaus at any tolerance."""
+    time_s = np.arange(0.0, 120.0, 0.01)
+    wave = np.cos(time_s / 2.0)
+    found = analyse(
+        Recording.from_arrays(time_s, 5.0 + 45.0 * wave, 1600.0 + 100.0 * wave),
+        options=replace(QUICK, plateau=PlateauSettings(5.0)),
+    )
+    assert WarningCode.TOLERANCE_TOO_WIDE not in {warning.code for warning in found.warnings}

@@ -465,7 +465,7 @@ def _race(
 def optimise(
     rays: Annotated[int, typer.Option(help="Rays of each evaluation.")] = 2_000,
     by: By = "power",
-    seconds: Annotated[float, typer.Option(help="Time limit, s.")] = 50.0,
+    seconds: Annotated[float, typer.Option(help="Time limit of the search, s.")] = 50.0,
     index: Index = 1.50,
     curves: Curves = None,
     thickness: Thickness = 2.0,
@@ -474,8 +474,9 @@ def optimise(
     seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
     confidence: Annotated[
         float | None,
-        typer.Option(help="Also find the best of the 64 best designs with this probability, as 0.95."),
+        typer.Option(help="Race: find the best of all designs evaluated with this probability, as 0.95."),
     ] = None,
+    race_seconds: RaceSeconds = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the result as JSON.")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -486,6 +487,8 @@ def optimise(
     from analysis.optics.sweep.optimise import optimise as search
     from analysis.optics.sweep.report import optimum_json, optimum_text
 
+    if race_seconds is not None and confidence is None:
+        raise typer.BadParameter("limits a race: add --confidence", param_hint="--race-seconds")
     Light(rays=rays, secondary=0)  # refuses a number that cannot be traced
     if out is not None:
         with writing(out):
@@ -502,6 +505,7 @@ def optimise(
             by=by,  # type: ignore[arg-type]  # checked above
             seed=seed,
             confidence=confidence,
+            race_seconds=math.inf if race_seconds is None else race_seconds,
             progress=advance,
         )
     result = optimum_json(found)

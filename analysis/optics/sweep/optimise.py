@@ -6,6 +6,9 @@ population of scipy's differential evolution (count and face as integers), each 
 side. The search has converged when eight generations in a row have improved by less than a hundredth. The best of the
 grid and of the search are then evaluated alike with ten times the rays, and both winners again with the fan turned
 twice, so that chance at few rays is not reported as gain.
+
+With a confidence every design that was evaluated races the others, by fans of its own: the search prefers designs whose
+errors are in their favour, so that its fan proves nothing of them. The race's best is then the one found.
 """
 
 from __future__ import annotations
@@ -29,7 +32,7 @@ from analysis.optics.scene.geometry import pattern_of
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, By, Design, Face, Light, Waveguide, light_by
 from analysis.optics.sweep.fans import turned
 from analysis.optics.sweep.figure_of_merit import FLOOR, merit
-from analysis.optics.sweep.race import FIRST_RAYS, Race
+from analysis.optics.sweep.race import MOST_RAYS, Race, first_rays_of
 from analysis.optics.sweep.sweep import (
     SweepRequest,
     SweepResult,
@@ -41,8 +44,8 @@ from analysis.optics.sweep.sweep import (
 )
 from analysis.progress import Progress
 
-POPULATION, RACING = 16, 48
-"""Designs of a generation, which is the number of the grid's best that race too, and of the search's best that race."""
+POPULATION = 16
+"""Designs of a generation."""
 BOUNDS = ((1.0, 9.0), (0.3, 2.0), (0.2, 1.6), (0.3, 2.0), (0.0, 1.0))
 PATIENCE, BETTER = 8, 0.01
 """Generations without a design better by that part, after which the search has converged."""
@@ -84,7 +87,8 @@ class Optimum:
     evaluations, seconds : its cost; rays, checked_rays : released in the search and in the final evaluation.
     finished : False if the time ran out before the search converged.
     by : what P is computed from.
-    race : of the best designs searched, where a confidence was asked for.
+    work_rays : released for each state in search, race and final evaluation, all designs together.
+    race : of all designs evaluated, where a confidence was asked for.
     """
 
     start: Winner
@@ -96,7 +100,13 @@ class Optimum:
     checked_rays: int
     finished: bool
     by: By
+    work_rays: int
     race: Race | None = None
+
+    @property
+    def saving(self) -> float:
+        """Return how many times less work all of it was than the race's precision for every design evaluated."""
+        return np.nan if self.race is None else self.race.equal_work / self.work_rays
 
     @property
     def gain(self) -> float:
@@ -165,6 +175,8 @@ def optimise(
     by: By = "power",
     seed: int = 0,
     confidence: float | None = None,
+    most_rays: int = MOST_RAYS,
+    race_seconds: float = np.inf,
     progress: Progress | None = None,
 ) -> Optimum:
     """Search for the design with the largest P on power.
@@ -176,8 +188,10 @@ def optimise(
     seconds : time after which the search stops; it is repeatable if it converges before.
     first_face : face of the grid from which the search starts.
     by : what P is computed from. seed : of the random numbers.
-    confidence : with which a race finds the best of the designs searched; None evaluates the six best alike.
-    progress : called with (seconds gone, seconds allowed); raising from it cancels.
+    confidence : with which a race finds the best of the designs evaluated; None evaluates the six best alike.
+    most_rays, race_seconds : of the race, as in `Race` and `Race.run`.
+    progress : called with (seconds gone, seconds allowed), in the race with (designs settled, designs); raising from it
+        cancels.
 
     Raises
     ------
@@ -194,7 +208,7 @@ def optimise(
         search = _Search(frames, guide, light_by(by, rays), by, pool, _watch(began, seconds, progress))
         ranked = search.scan_grid(first_face, seed)
         found = search.evolve([design for _, design in ranked[:POPULATION]], seed)
-        race = None if confidence is None else search.race(ranked, confidence, seed)
+        race = None if confidence is None else search.race(confidence, most_rays, seed, race_seconds, progress)
         return _evaluated(search, ranked, found, race, began)
     finally:
         pool.shutdown(cancel_futures=True)
@@ -222,8 +236,10 @@ class _Search:
     by: By
     pool: ThreadPoolExecutor
     late: Callable[[float], bool]
+    scanned: list[Design] = field(default_factory=list)
     seen: dict[Design, float] = field(default_factory=dict)
     evaluations: int = 0
+    work: int = 0
     finished: bool = False
 
     @cached_property
@@ -236,8 +252,9 @@ class _Search:
         return DesignMerit(self.frames, self.guide, light, self.by)
 
     def scored(self, merit_of: DesignMerit, designs: Sequence[Design]) -> list[Scored]:
-        """Return P and design of some designs, evaluated side by side."""
+        """Return P and design of some designs that fit, evaluated side by side."""
         self.evaluations += len(designs)
+        self.work += len(designs) * merit_of.request.light.rays
         return list(zip(self.pool.map(merit_of.p, designs), designs, strict=True))
 
     def scan_grid(self, face: Face, seed: int) -> list[Scored]:
@@ -252,6 +269,7 @@ class _Search:
             rough += self.scored(coarse, grid[first : first + 2 * POPULATION])
             if self.late(_SCAN_PART):
                 break
+        self.scanned = [design for _, design in rough]
         return _best(self.scored(self.merit, [design for _, design in _best(rough)[: 3 * POPULATION]]))
 
     def evolve(self, first: Sequence[Design], seed: int) -> OptimizeResult:
@@ -294,20 +312,20 @@ class _Search:
             callback=converged,
         )
         self.evaluations += int(found.nfev)
+        self.work += sum(np.isfinite(p) for p in self.seen.values()) * self.light.rays
         return found
 
-    def race(self, grid: Sequence[Scored], confidence: float, seed: int) -> Race:
-        """Return the race of the best designs of the grid and of the search, up to ten times the search's rays."""
-        searched = _best([(p, design) for design, p in list(self.seen.items())])
-        entrants = dict.fromkeys([d for _, d in grid[:POPULATION]] + [d for _, d in searched[:RACING]])
-        able = tuple(design for design in entrants if self.merit.fits(design))
-        most_rays = max(_CHECK * self.light.rays, FIRST_RAYS)
+    def race(self, confidence: float, most_rays: int, seed: int, seconds: float, progress: Progress | None) -> Race:
+        """Return the race of all designs evaluated; parameters are those of `optimise`."""
+        able = dict.fromkeys([*self.scanned, *(design for design, p in self.seen.items() if np.isfinite(p))])
 
         def simulate(designs: Sequence[Design], light: Light) -> SweepResult:
             self.evaluations += len(designs)
             return self.merit_with(light).swept(designs, self.pool.map)
 
-        return Race(able, light_by(self.by, PAPER_RAYS), confidence, most_rays, seed).run(simulate)
+        light, first_rays = light_by(self.by, PAPER_RAYS), first_rays_of(self.by)
+        race = Race(tuple(able), light, confidence, most_rays, seed, first_rays)
+        return race.run(simulate, seconds=seconds, progress=progress)
 
 
 def _best(scored: Sequence[Scored]) -> list[Scored]:
@@ -322,21 +340,23 @@ def _evaluated(
     Parameters
     ----------
     search, grid, found : the search, the grid's best designs, and what differential evolution returned.
-    race : its candidates are finalists; without one the best designs of the search are.
+    race : decides which designs are the grid's best and the best; without one the final evaluation does.
     began : time at which the search began.
     """
-    light, most = light_by(search.by, _CHECK * search.light.rays), _FEW if search.late(1.0) else _FINALISTS
-    grid = grid[:most]
+    light = light_by(search.by, _CHECK * search.light.rays)
     final = search.merit_with(light)
-    searched = _best([(p, design) for design, p in list(search.seen.items())])[:most]
-    last = design_at(found.x)
-    chosen = [d for _, d in searched] if race is None else [race.designs[i] for i in race.candidates[:_FINALISTS]]
-    finalists = dict.fromkeys([*(d for _, d in grid), *chosen, last, PAPER_OPTIMUM])
-    able = [design for design in finalists if final.fits(design)]
+    if race is None:
+        most = _FEW if search.late(1.0) else _FINALISTS
+        searched = _best([(p, design) for design, p in list(search.seen.items())])[:most]
+        first = [design for _, design in grid[:most]]
+        chosen = [*(design for _, design in searched), design_at(found.x)]
+    else:
+        first, chosen = [race.designs[_leader(race, len(search.scanned))]], [race.designs[race.best]]
+    able = [design for design in dict.fromkeys([*first, *chosen, PAPER_OPTIMUM]) if final.fits(design)]
     results = dict(zip(able, search.pool.map(final.result, able), strict=True))
     p = {design: p_of(result) for design, result in results.items()}
-    start = max((design for _, design in grid), key=lambda design: p[design])
-    best = max((design for design in able if design != PAPER_OPTIMUM or design == start), key=lambda design: p[design])
+    start = max(first, key=lambda design: p[design])
+    best = max((d for d in able if d in chosen or d in first), key=lambda d: p[d]) if race is None else chosen[0]
     others = [search.merit_with(turned(light, turn)) for turn in range(1, TURNS + 1)]
 
     def winner(design: Design) -> Winner:
@@ -346,4 +366,10 @@ def _evaluated(
 
     winners, paper_p = (winner(start), winner(best)), p.get(PAPER_OPTIMUM, np.nan)
     seconds, rays = time.perf_counter() - began, (search.light.rays, light.rays)
-    return Optimum(*winners, paper_p, search.evaluations, seconds, *rays, search.finished, search.by, race)
+    work = search.work + (0 if race is None else race.work) + (len(able) + TURNS * len(winners)) * light.rays
+    return Optimum(*winners, paper_p, search.evaluations, seconds, *rays, search.finished, search.by, work, race)
+
+
+def _leader(race: Race, first: int) -> int:
+    """Return which of a race's first designs is the best: of those with the most rays the one with the largest P."""
+    return max(range(first), key=lambda i: (race.level[i], race.p[i]))

@@ -202,7 +202,7 @@ def draw_pareto(result: SweepResult) -> Figure:
     return figure
 
 
-OF_SEARCH = ("gain", "paper_p", "evaluations", "seconds", "rays", "checked_rays", "finished", "by")
+OF_SEARCH = ("gain", "paper_p", "evaluations", "seconds", "rays", "checked_rays", "finished", "by", "work_rays")
 TABLE = (
     "rank", "tied", "p", "p_low", "p_high", "p_printed", "delta", "n_sign", "rmse", "monotone", "rmse_floored",
 )  # fmt: skip
@@ -407,6 +407,8 @@ def optimum_json(found: Optimum) -> dict[str, Any]:
         **{name: getattr(found, name) for name in OF_SEARCH},
         **{f"{name}_power": w.power.tolist() for name, w in winners.items()},
         **{f"{name}_power_sd": w.power_sd.tolist() for name, w in winners.items()},
+        "equal_work_rays": None if found.race is None else found.race.equal_work,
+        "times_less_work": None if found.race is None else found.saving,
         "race": None if found.race is None else race_json(found.race, found.by),
     }
 
@@ -431,6 +433,7 @@ def optimum_text(found: Optimum) -> str:
         )
     if found.race is not None:
         lines.append(race_text(found.race, found.by))
+        lines.append(f"with the search {found.work_rays} rays in each state, {found.saving:.1f} times fewer")
     if found.finished:
         lines.append(f"converged: {PATIENCE} generations in a row improved by less than {100 * BETTER:g} %")
     else:

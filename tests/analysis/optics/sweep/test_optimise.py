@@ -79,7 +79,37 @@ def test_the_race_of_a_search_keeps_the_best_design(monkeypatch: pytest.MonkeyPa
     assert best in [race.designs[i] for i in race.candidates]
     assert found.best.design.cavities == 5
     assert found.best.design.face == "outer"
-    assert optimum_json(found)["race"]["times_less_work"] == pytest.approx(race.saving)
+    assert found.best.design == race.designs[race.best]
+    content = optimum_json(found)
+    assert content["race"]["times_less_work"] == pytest.approx(race.saving)
+    assert content["equal_work_rays"] == race.equal_rays * len(race.designs)
+    assert content["work_rays"] * content["times_less_work"] == pytest.approx(content["equal_work_rays"])
+    assert content["work_rays"] > race.work + 4_000 * len(race.designs) / 2
+    assert "with the search" in optimum_text(found)
+
+
+def test_every_design_of_a_search_races(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The grid's and the search's designs compete; stopped at once, the race leaves those it did not trace."""
+    monkeypatch.setattr("analysis.optics.sweep.optimise.paper_grid", lambda face: paper_grid((5,), face)[::8])
+    searched: list[Design] = []
+    evaluate = DesignMerit.p
+
+    def p(merit: DesignMerit, design: Design) -> float:
+        searched.append(design)
+        return evaluate(merit, design)
+
+    monkeypatch.setattr(DesignMerit, "p", p)
+    found = optimise(
+        Waveguide(), default_curves(), rays=100, seconds=0.5, by="count", confidence=0.95, most_rays=4_000,
+        race_seconds=1e-9,
+    )  # fmt: skip
+    race = found.race
+    assert race is not None
+    assert not race.finished
+    assert set(race.designs) <= set(searched)
+    assert {d for d in searched if d in paper_grid((5,))} <= {*race.designs, PAPER_OPTIMUM}
+    assert found.best.design in [race.designs[i] for i in race.candidates]
+    assert 0 < np.sum(race.level == 0) < len(race.designs)
 
 
 def merit_of(p: float, pattern: np.ndarray) -> float:

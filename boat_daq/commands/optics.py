@@ -477,6 +477,14 @@ def optimise(
         typer.Option(help="Race: find the best of all designs evaluated with this probability, as 0.95."),
     ] = None,
     race_seconds: RaceSeconds = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            metavar="RAYS",
+            help="Greatest error at 95 % of the winners' counts, or power of 250 rays: chooses the rays of the final "
+            "evaluation, else 10 times --rays.",
+        ),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the result as JSON.")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -506,6 +514,7 @@ def optimise(
             seed=seed,
             confidence=confidence,
             race_seconds=math.inf if race_seconds is None else race_seconds,
+            tolerance=tolerance,
             progress=advance,
         )
     result = optimum_json(found)

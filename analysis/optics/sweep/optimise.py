@@ -5,7 +5,7 @@ unless it is told to count. The grid is scanned with half of the rays; its best 
 population of scipy's differential evolution (count and face as integers), each generation's candidates running side by
 side. The search has converged when eight generations in a row have improved by less than a hundredth. The best of the
 grid and of the search are then evaluated alike with ten times the rays, and both winners again with the fan turned
-twice, so that chance at few rays is not reported as gain.
+twice, so that chance at few rays is not reported as gain. A tolerance chooses the rays of that final evaluation.
 
 With a confidence every design that was evaluated races the others, by fans of its own: the search prefers designs whose
 errors are in their favour, so that its fan proves nothing of them. The race's best is then the one found.
@@ -30,7 +30,7 @@ from analysis.optics.scene.curves import frames_of
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.geometry import pattern_of
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, By, Design, Face, Light, Waveguide, light_by
-from analysis.optics.sweep.fans import turned
+from analysis.optics.sweep.fans import light_within, turned
 from analysis.optics.sweep.figure_of_merit import FLOOR, merit
 from analysis.optics.sweep.race import MOST_RAYS, Race, first_rays_of
 from analysis.optics.sweep.sweep import (
@@ -42,6 +42,7 @@ from analysis.optics.sweep.sweep import (
     result_of,
     run_item,
 )
+from analysis.optics.tracer.tolerance import COVERAGE, MORE, TRIES, rays_for, stated_error
 from analysis.progress import Progress
 
 POPULATION = 16
@@ -87,6 +88,7 @@ class Optimum:
     evaluations, seconds : its cost; rays, checked_rays : released in the search and in the final evaluation.
     finished : False if the time ran out before the search converged.
     by : what P is computed from.
+    error : of the winners' responses in the final evaluation, at most, rays of 250 at 2 standard deviations.
     work_rays : released for each state in search, race and final evaluation, all designs together.
     race : of all designs evaluated, where a confidence was asked for.
     """
@@ -100,6 +102,7 @@ class Optimum:
     checked_rays: int
     finished: bool
     by: By
+    error: float
     work_rays: int
     race: Race | None = None
 
@@ -129,6 +132,11 @@ class DesignMerit:
         compile_tracer(self._common)
         self._free = min(f.free_mm for f in frames)
         self._mirrored = np.array([f.mirrored for f in frames])
+
+    @property
+    def mirrored(self) -> bool:
+        """Return whether every state is its own mirror image."""
+        return bool(np.all(self._mirrored))
 
     def fits(self, design: Design) -> bool:
         """Return whether the design can be built in every state."""
@@ -177,6 +185,7 @@ def optimise(
     confidence: float | None = None,
     most_rays: int = MOST_RAYS,
     race_seconds: float = np.inf,
+    tolerance: float | None = None,
     progress: Progress | None = None,
 ) -> Optimum:
     """Search for the design with the largest P on power.
@@ -184,18 +193,20 @@ def optimise(
     Parameters
     ----------
     guide, curves : the guide and the states.
-    rays : released in each evaluation, ten times as many in the final one.
+    rays : released in each evaluation, ten times as many in the final one, or as many as the tolerance takes.
     seconds : time after which the search stops; it is repeatable if it converges before.
     first_face : face of the grid from which the search starts.
     by : what P is computed from. seed : of the random numbers.
     confidence : with which a race finds the best of the designs evaluated; None evaluates the six best alike.
     most_rays, race_seconds : of the race, as in `Race` and `Race.run`.
+    tolerance : of the winners' counts in the final evaluation, or of their power of 250 rays; None for any error.
     progress : called with (seconds gone, seconds allowed), in the race with (designs settled, designs); raising from it
         cancels.
 
     Raises
     ------
-    RequestError : no design of the grid can be built in these states, or no time is allowed.
+    RequestError : no design of the grid can be built in these states, no time is allowed, or the tolerance cannot be
+        met.
     """
     if not 0 < seconds < np.inf:
         raise RequestError(f"a search of {seconds:g} s", "allow more than 0 s, 50 s are enough")
@@ -206,10 +217,13 @@ def optimise(
     pool = ThreadPoolExecutor(os.cpu_count() or 1)
     try:
         search = _Search(frames, guide, light_by(by, rays), by, pool, _watch(began, seconds, progress))
+        final = light_by(by, _CHECK * rays)
+        if tolerance is not None:  # refused before the search, if at all
+            final = light_within(SweepRequest(tuple(search.grid(first_face)), guide, final, curves, by), tolerance)
         ranked = search.scan_grid(first_face, seed)
         found = search.evolve([design for _, design in ranked[:POPULATION]], seed)
         race = None if confidence is None else search.race(confidence, most_rays, seed, race_seconds, progress)
-        return _evaluated(search, ranked, found, race, began)
+        return _evaluated(search, ranked, found, race, final, tolerance, began)
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -257,11 +271,21 @@ class _Search:
         self.work += len(designs) * merit_of.request.light.rays
         return list(zip(self.pool.map(merit_of.p, designs), designs, strict=True))
 
-    def scan_grid(self, face: Face, seed: int) -> list[Scored]:
-        """Return the grid's best designs, best first; it is scanned in random order, as time may end the scan."""
+    def grid(self, face: Face) -> list[Design]:
+        """Return the designs of the paper's grid that fit.
+
+        Raises
+        ------
+        RequestError : none does.
+        """
         every = [design for design in paper_grid(face=face) if self.merit.fits(design)]
         if not every:
             raise RequestError("no design of the grid fits these states", "use longer or thicker guides")
+        return every
+
+    def scan_grid(self, face: Face, seed: int) -> list[Scored]:
+        """Return the grid's best designs, best first; it is scanned in random order, as time may end the scan."""
+        every = self.grid(face)
         grid = [every[i] for i in np.random.default_rng(seed).permutation(len(every))]
         coarse = self.merit_with(light_by(self.by, max(self.light.rays // _SCAN, 50)))
         rough: list[Scored] = []
@@ -333,18 +357,18 @@ def _best(scored: Sequence[Scored]) -> list[Scored]:
 
 
 def _evaluated(
-    search: _Search, grid: Sequence[Scored], found: OptimizeResult, race: Race | None, began: float
-) -> Optimum:
-    """Return both winners with ten times the rays, and again with the fan turned; fewer finalists if it is late.
+    search: _Search, grid: Sequence[Scored], found: OptimizeResult, race: Race | None, light: Light,
+    tolerance: float | None, began: float,
+) -> Optimum:  # fmt: skip
+    """Return both winners with many rays, and again with the fan turned; fewer finalists if it is late.
 
     Parameters
     ----------
     search, grid, found : the search, the grid's best designs, and what differential evolution returned.
     race : decides which designs are the grid's best and the best; without one the final evaluation does.
+    light, tolerance : of the final evaluation; more rays are released where the tolerance is not met.
     began : time at which the search began.
     """
-    light = light_by(search.by, _CHECK * search.light.rays)
-    final = search.merit_with(light)
     if race is None:
         most = _FEW if search.late(1.0) else _FINALISTS
         searched = _best([(p, design) for design, p in list(search.seen.items())])[:most]
@@ -352,11 +376,14 @@ def _evaluated(
         chosen = [*(design for _, design in searched), design_at(found.x)]
     else:
         first, chosen = [race.designs[_leader(race, len(search.scanned))]], [race.designs[race.best]]
-    able = [design for design in dict.fromkeys([*first, *chosen, PAPER_OPTIMUM]) if final.fits(design)]
-    results = dict(zip(able, search.pool.map(final.result, able), strict=True))
+    able = [design for design in dict.fromkeys([*first, *chosen, PAPER_OPTIMUM]) if search.merit.fits(design)]
+
+    def two(p: dict[Design, float]) -> tuple[Design, Design]:
+        found = chosen if race is not None else [design for design in able if design in chosen or design in first]
+        return max(first, key=p.__getitem__), max(found, key=p.__getitem__)
+
+    results, (start, best), light, error, work = _with_rays(search, able, two, light, tolerance)
     p = {design: p_of(result) for design, result in results.items()}
-    start = max(first, key=lambda design: p[design])
-    best = max((d for d in able if d in chosen or d in first), key=lambda d: p[d]) if race is None else chosen[0]
     others = [search.merit_with(turned(light, turn)) for turn in range(1, TURNS + 1)]
 
     def winner(design: Design) -> Winner:
@@ -365,9 +392,39 @@ def _evaluated(
         return Winner(design, p[design], spread, own.power[0], own.power_sd[0], float(np.max(own.given_up)))
 
     winners, paper_p = (winner(start), winner(best)), p.get(PAPER_OPTIMUM, np.nan)
+    work += search.work + (0 if race is None else race.work) + TURNS * len(winners) * light.rays
     seconds, rays = time.perf_counter() - began, (search.light.rays, light.rays)
-    work = search.work + (0 if race is None else race.work) + (len(able) + TURNS * len(winners)) * light.rays
-    return Optimum(*winners, paper_p, search.evaluations, seconds, *rays, search.finished, search.by, work, race)
+    return Optimum(*winners, paper_p, search.evaluations, seconds, *rays, search.finished, search.by, error, work, race)
+
+
+def _with_rays(
+    search: _Search, designs: Sequence[Design], two: Callable[[dict[Design, float]], tuple[Design, Design]],
+    light: Light, tolerance: float | None,
+) -> tuple[dict[Design, SweepResult], tuple[Design, Design], Light, float, int]:  # fmt: skip
+    """Return results of designs, the two winners, the light, the winners' greatest error, and the rays released.
+
+    Parameters
+    ----------
+    search, designs : are evaluated. two : names the winners by P.
+    light, tolerance : more rays are released where the winners' errors are above the tolerance.
+
+    Raises
+    ------
+    RequestError : the tolerance cannot be met.
+    """
+    work = 0
+    for _ in range(TRIES):
+        final = search.merit_with(light)
+        results = dict(zip(designs, search.pool.map(final.result, designs), strict=True))
+        work += len(designs) * light.rays
+        winners = two({design: p_of(result) for design, result in results.items()})
+        error = max(float(np.max(stated_error(results[each].response[1], light.rays))) for each in winners)
+        if tolerance is None or error <= tolerance:
+            return results, winners, light, error, work
+        needed = rays_for(light, error / COVERAGE, tolerance, search.guide.thickness_mm, final.mirrored)
+        light = light.with_rays(max(needed, round(MORE * light.rays)))
+    cause = f"the error of the best designs is {error:.2g} rays of {PAPER_RAYS}"
+    raise RequestError(cause, f"allow {1.1 * error:.2g} rays or more")
 
 
 def _leader(race: Race, first: int) -> int:

@@ -50,6 +50,25 @@ def test_the_search_is_no_worse_than_where_it_starts() -> None:
         optimise(Waveguide(), default_curves(), seconds=0)
 
 
+def test_a_tolerance_chooses_the_rays_of_the_final_evaluation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The stated error is within it, a smaller one takes more rays, and one that cannot be met names the least."""
+    monkeypatch.setattr("analysis.optics.sweep.optimise.paper_grid", lambda face: paper_grid((5,), face)[::16])
+    coarse, fine = (
+        optimise(Waveguide(), default_curves(), rays=50, seconds=0.3, by="count", tolerance=tolerance)
+        for tolerance in (8.0, 0.8)
+    )
+    assert coarse.error <= 8.0
+    assert fine.error <= 0.8
+    assert coarse.checked_rays < fine.checked_rays
+    assert optimum_json(fine)["error"] == fine.error
+    assert "at k = 2" in optimum_text(fine)
+    searched: list[float] = []
+    with pytest.raises(RequestError) as refused:
+        optimise(Waveguide(), default_curves(), tolerance=1e-9, progress=lambda done, total: searched.append(done))
+    assert "rays or more" in str(refused.value.remedy)
+    assert not searched
+
+
 def test_the_race_of_a_search_keeps_the_best_design(monkeypatch: pytest.MonkeyPatch) -> None:
     """With P in closed form, largest for 5 cavities 1.2 mm wide, the search finds it and the race keeps it."""
     pattern = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, 15), 6))[0][:, 6] * np.sqrt(15.0)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,7 @@ MARGIN_DECADES = 0.25
 LEAST_DECADES = 1.0  # so that timing noise looks small
 LABEL_MARGIN = 0.08  # of the height, over the highest point
 RING, SQUARE, MARK_WIDTH = 18, 26, 2
-AT_RIGHT = 0.99
+AT_LEFT = 0.01  # where settings are cheap and their errors above the lines
 ONE_PLACE_DECADES = 0.05  # points nearer than this are labelled as one
 GAP = (math.nan, math.nan)  # between two strokes
 NOTHING = "Press Measure to plot each setting: time across, error up."
@@ -107,11 +108,9 @@ class TradeoffCard(PlotCard):
         self.asked = self.plot.line(lambda t: t.accent, movable=True, label="your tolerance: drag")
         self.asked.setCursor(Qt.CursorShape.SizeVerCursor)
         self.asked.sigPositionChanged.connect(self._show_asked)
-        self.asked.label.setPosition(AT_RIGHT)
-        self.asked.label.anchors = [(1, 0), (1, 0)]
-        for line, side in ((self.notices, 1), (self.sufficient, 0)):
-            line.label.setPosition(AT_RIGHT)
-            line.label.anchors = [(1, side), (1, side)]
+        for line, side in ((self.asked, 0), (self.notices, 1), (self.sufficient, 0)):
+            line.label.setPosition(AT_LEFT)
+            line.label.anchors = [(0, side), (0, side)]
         self.labels = self.plot.labels((-0.1, 1.1))
         self.shown: MethodChart | None = None
 
@@ -131,7 +130,8 @@ class TradeoffCard(PlotCard):
         at = {p.number: (float(a), float(b)) for p, a, b in zip(points, x, y, strict=True)}
         self.settings.set(x, y)
         for layer, mark in ((self.front, FRONT), (self.default, "default"), (self.chosen, "chosen")):
-            layer.set(*_columns_of([at[p.number] for p in points if mark in p.marks]))
+            marked = [at[p.number] for p in points if mark in p.marks]
+            layer.set(*_columns_of(in_steps(marked) if layer is self.front else marked))
         self.spread.set(*spread_bars(points, chart.floor))
         self.notices.setValue(math.log10(chart.tolerance))
         self.sufficient.setValue(math.log10(chart.sufficient))
@@ -181,6 +181,12 @@ def point_labels(points: Sequence[tuple[float, float, str]]) -> list[tuple[float
         else:
             joined.append((x, y, text))
     return joined
+
+
+def in_steps(front: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return a front, cheapest first, with a corner before each next point: no setting is on a line between two."""
+    corners = [(after[0], before[1]) for before, after in pairwise(front)]
+    return [place for pair in zip(front, corners, strict=False) for place in pair] + list(front[-1:])
 
 
 def spread_bars(points: Sequence[TradeoffPoint], floor: float) -> tuple[FloatArray, FloatArray]:

@@ -143,8 +143,8 @@ class MethodChart:
         asked, found = quantity(tolerance, self.unit), self.cheapest(tolerance)
         if found is None:
             best = min((p.error for p in self.points if p.drawn), default=math.nan)
-            return f"your tolerance, {asked}: no setting meets it, the best has {quantity(best, self.unit)}"
-        return f"your tolerance, {asked}: {found.setting}, {duration_text(found.seconds, 2)} {self.per}"
+            return f"{asked}: no setting meets it, the best has {quantity(best, self.unit)}"
+        return f"{asked}: {duration_text(found.seconds, 2)}, by {found.setting}"
 
     @property
     def explanation(self) -> str:

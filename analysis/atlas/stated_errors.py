@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.atlas.calibration import ReadSession
 from analysis.atlas.coverage import limits_of, recorded
 from analysis.atlas.runs import Stairs
@@ -33,7 +32,7 @@ from analysis.shadow.model.frames import Shadow
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.reduced import TableSettings
 from analysis.shadow.model.table import build_table
-from analysis.shadow.model.tolerance import TABLES, error_estimates, mesh_of, reduced_error_mm
+from analysis.shadow.model.tolerance import ALONG, ORDER, TABLES, error_estimate, on_mesh, reduced_error_mm
 
 TURNS, SESSIONS, RESPONSES, CHAINS = 6, 12, 500, 3
 _REFERENCE_RAYS = {"count": 40_000, "power": 20_000}
@@ -86,16 +85,18 @@ def _tracer_ratio(scene: Mapping[str, float], rng: np.random.Generator, by: By) 
 
 
 def mesh_ratio(scene: Mapping[str, float], _: np.random.Generator) -> float:
-    """Return the greatest error of an elongation by its mesh over the stated one, on the third and fourth mesh."""
-    actuator = _actuator(scene)
-    found: list[float] = []
-    for level in range(1, 6):
-        along, wall, lattice = mesh_of(level)
-        mesh = replace(actuator, axial_elements=along, wall_elements=wall, lattice_elements=lattice)
-        found.append(FullModel(mesh).solver.solve(pressure_kpa=scene["pressure_kpa"]).elongation_mm)
-    truth = found[-1] + (found[-1] - found[-2]) / ((5 / 4) ** 2 - 1)
-    stated: FloatArray = np.array(error_estimates(found))[1:3]
-    return float(np.max(np.abs(np.array(found[2:4]) - truth) / stated))
+    """Return the greatest error of an elongation over the stated one, of all meshes but the first and the last."""
+    known: dict[int, float] = {}
+    stated = []
+    for along in ALONG:
+        solver = FullModel(on_mesh(_actuator(scene), along)).solver
+        known[along] = solver.solve(pressure_kpa=scene["pressure_kpa"]).elongation_mm
+        if len(known) > 1:
+            stated.append(error_estimate(known))
+    last, finest = ALONG[-2:]
+    truth = known[finest] + (known[finest] - known[last]) / ((finest / last) ** ORDER - 1.0)
+    found = [abs(known[along] - truth) / error for along, error in zip(ALONG[1:-1], stated[:-1], strict=True)]
+    return float(max(found))
 
 
 def reduced_ratio(scene: Mapping[str, float], _: np.random.Generator) -> float:

@@ -10,28 +10,59 @@ import pytest
 from analysis.errors import AnalysisError, RequestError
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.full import FullModel
-from analysis.shadow.model.tolerance import CALIBRATED, error_estimates, mesh_of, solve_within, table_within
+from analysis.shadow.model.tolerance import (
+    ALONG,
+    FACTOR,
+    LEAST_MM,
+    ORDER,
+    SAFE_ORDER,
+    error_estimate,
+    solve_within,
+    table_within,
+)
 
 
-def test_an_error_of_second_order_is_estimated_exactly() -> None:
-    """Elongations that differ from 3 mm by 0.1 / k^2 have the calibrated part of just that error estimated."""
-    found = error_estimates([3.0 + 0.1 / k**2 for k in range(1, 6)])
-    assert found == pytest.approx([CALIBRATED[min(k, 4)] * 0.1 / k**2 for k in range(2, 6)])
+def test_the_error_of_the_order_is_contained_by_its_factor() -> None:
+    """Elongations that differ from 3 mm by 0.1 / n^1.5 have the factor times just that error estimated."""
+    known: dict[int, float] = {}
+    for along in ALONG:
+        known[along] = 3.0 + 0.1 / along**ORDER
+        if len(known) > 1:
+            last = FACTOR * 0.1 / along**ORDER
+            most = (along / ALONG[1]) ** (ORDER - SAFE_ORDER) * last  # the first change, by the lower order
+            assert last <= error_estimate(known) * (1.0 + 1e-9)
+            assert error_estimate(known) <= max(most, LEAST_MM) * (1.0 + 1e-9)
 
 
 def test_a_change_of_sign_does_not_hide_an_error() -> None:
-    """Two equal elongations by chance leave a quarter of what the estimate before leads to."""
-    first, second = error_estimates([1.0, 1.1, 1.1])
-    assert second == pytest.approx(CALIBRATED[3] * 0.25 * first / CALIBRATED[2] / (3 / 2) ** 2)
+    """Two equal elongations by chance leave what the change before leads to, by the order that is trusted."""
+    before = error_estimate({12: 1.0, 16: 1.01})
+    assert error_estimate({12: 1.0, 16: 1.01, 20: 1.01}) == pytest.approx(before * (16 / 20) ** SAFE_ORDER)
+
+
+def test_equal_elongations_have_an_error() -> None:
+    """Where nothing changes, as at rest, the error of the elements across is stated."""
+    assert error_estimate({12: 1.0, 16: 1.0}) == LEAST_MM > 0.0
 
 
 def test_a_coarse_tolerance_takes_a_coarse_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A tenth of a millimetre is met by the second or third mesh, and the error of the default mesh is below it."""
+    """A tenth of a millimetre is met by the second mesh, and the error of the default mesh is below it."""
     monkeypatch.setattr(FullModel, "check_limits", lambda *_: None)  # a search of its own, tested with the model
     found = solve_within(ActuatorParameters(), 20.0, 0.1)
     assert found.error_mm <= 0.1
-    assert found.elements in (mesh_of(2), mesh_of(3))
+    assert found.solved == ALONG[:2]
     assert abs(found.solution.elongation_mm - FullModel().solver.solve(pressure_kpa=20.0).elongation_mm) < 0.1
+
+
+def test_a_mesh_that_would_not_do_is_not_solved(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After the first two, whose error is 1.9 times the tolerance, the next one is as fine as that takes."""
+    monkeypatch.setattr(FullModel, "check_limits", lambda *_: None)
+    coarse = solve_within(ActuatorParameters(), 20.0, 0.1)
+    found = solve_within(ActuatorParameters(), 20.0, coarse.error_mm / 1.9)
+    assert found.solved[:2] == ALONG[:2]
+    assert found.solved[2] >= 1.9 * ALONG[1]
+    assert found.elements == (found.solved[-1], 2, 2)
+    assert found.error_mm <= coarse.error_mm / 1.9
 
 
 @pytest.mark.parametrize(("tolerance_mm", "pressure_kpa"), [(0.0, 10.0), (math.nan, 10.0), (0.1, math.nan)])
@@ -60,7 +91,8 @@ def test_a_table_is_as_small_as_its_tolerance_takes(
 
 @pytest.mark.nightly
 def test_a_tolerance_beyond_the_finest_mesh_is_refused_with_the_best() -> None:
-    """The refusal states an error that can be met."""
+    """The refusal states an error that can be met: with it, the state is solved."""
     with pytest.raises(RequestError) as refused:
         solve_within(ActuatorParameters(), 20.0, 1e-9)
-    assert "or more" in refused.value.remedy
+    allowed = float(refused.value.remedy.split()[1])
+    assert solve_within(ActuatorParameters(), 20.0, allowed).error_mm <= allowed

@@ -6,8 +6,6 @@ same seed gives the same numbers.
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 from scipy import stats
 
@@ -15,6 +13,8 @@ from analysis.arrays import FloatArray
 
 MAD_TO_SD = 1.482602218505602  # 1 / Phi^-1(3/4): median absolute deviation of a normal variable to its sd
 RESAMPLES = 2000
+PERCENTILES = (2.5, 97.5)
+"""Of the resamples, which a 95 % interval rests on."""
 
 
 def effective_count(values: FloatArray) -> float:
@@ -81,21 +81,30 @@ def resampling_weights(n: int, rng: np.random.Generator, resamples: int = RESAMP
     return rng.multinomial(n, np.full(n, 1.0 / n), size=resamples).astype(np.float64)
 
 
-@cache
-def tails_within(draws: int, tail: float = 0.025) -> tuple[float, float]:
-    """Return the limits (k = 2) of the probability beyond a quantile of so many draws; `tail` is that quantile's own.
-
-    Source: A. Vehtari et al., Rank-normalization, folding, and localization, Bayesian Analysis 16 (2021) 667-718.
-    """
-    law = stats.beta(draws * tail + 1.0, draws * (1.0 - tail) + 1.0)
-    low, high = (float(law.ppf(stats.norm.cdf(sides))) for sides in (-2.0, 2.0))
-    return low, high
-
-
 def bootstrap_interval(
-    estimate: float, replicates: FloatArray, n: int, *, positive: bool = False, tail: float = 0.025
+    estimate: float, replicates: FloatArray, n: int, *, positive: bool = False
 ) -> tuple[float, float]:
     """Return the 95 % expanded percentile interval of a bootstrap over `n` items.
+
+    Parameters
+    ----------
+    estimate : of the sample itself.
+    replicates : [resamples] of the resamples.
+    n : number of items drawn from.
+    positive : widen on the scale of logarithms.
+    """
+    finite = replicates[np.isfinite(replicates)]
+    if n < 2 or finite.size < 0.9 * replicates.size or not np.isfinite(estimate):
+        return float("nan"), float("nan")
+    percentiles = np.percentile(finite, PERCENTILES)
+    low, high = expanded_limits(estimate, percentiles[0], percentiles[1], n, positive=positive)
+    return float(low), float(high)
+
+
+def expanded_limits(
+    estimate: float, low: FloatArray, high: FloatArray, n: int, *, positive: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Return the limits of the expanded percentile interval that follow from percentiles.
 
     The plain percentile interval is too short for few items by sqrt((n-1)/n) z/t; it is widened about the estimate by
     the inverse. Source: T. C. Hesterberg, What teachers should know about the bootstrap, Am. Stat. 69 (2015) 371-386.
@@ -104,23 +113,20 @@ def bootstrap_interval(
     Parameters
     ----------
     estimate : of the sample itself.
-    replicates : [resamples] of the resamples.
+    low, high : percentiles of the resamples, of any shape.
     n : number of items drawn from.
-    positive : widen on the scale of logarithms.
-    tail : share of the replicates beyond each limit.
+    positive : widen on the scale of logarithms where both percentiles allow it.
     """
-    finite = replicates[np.isfinite(replicates)]
-    if n < 2 or finite.size < 0.9 * replicates.size or not np.isfinite(estimate):
-        return float("nan"), float("nan")
     widen = stats.t.ppf(0.975, n - 1) / stats.norm.ppf(0.975) * np.sqrt(n / (n - 1.0))
-    low, high = np.percentile(finite, [100.0 * tail, 100.0 - 100.0 * tail])
-    if positive and estimate > 0 and low > 0:
-        return (
-            float(estimate * np.exp(-widen * max(np.log(estimate / low), 0.0))),
-            float(estimate * np.exp(widen * max(np.log(high / estimate), 0.0))),
-        )
     # a statistic with an upward bias (a maximum) can have its estimate outside: the interval then starts at it
-    return (float(estimate - widen * max(estimate - low, 0.0)), float(estimate + widen * max(high - estimate, 0.0)))
+    found = estimate - widen * np.maximum(estimate - low, 0.0), estimate + widen * np.maximum(high - estimate, 0.0)
+    if not (positive and estimate > 0):
+        return found
+    with np.errstate(divide="ignore", invalid="ignore"):
+        down, up = np.log(estimate / np.asarray(low)), np.log(np.asarray(high) / estimate)
+    scaled = estimate * np.exp(-widen * np.maximum(down, 0.0)), estimate * np.exp(widen * np.maximum(up, 0.0))
+    above = np.asarray(low) > 0
+    return np.where(above, scaled[0], found[0]), np.where(above, scaled[1], found[1])
 
 
 def theil_sen(x: FloatArray, y: FloatArray) -> tuple[float, float, float]:

@@ -25,11 +25,11 @@ import numpy as np
 
 from analysis.atlas.drives import Drive
 from analysis.atlas.runs import Stairs
-from analysis.calibration.posterior import KEPT_SAMPLES, sample_posterior
+from analysis.calibration.posterior import Posterior, sample_posterior
 from analysis.data.recording import Recording
 from analysis.errors import ConvergenceError, RequestError
-from analysis.figures.pipeline import Analysis, analyse
-from analysis.figures.sensor_analysis import Options
+from analysis.figures.pipeline import analyse, redrawn_run
+from analysis.figures.sensor_analysis import AnalysedRun, Options
 from analysis.numbers import finite
 from analysis.optics.scene.curves import default_curves, frames_of, parametric_curves
 from analysis.optics.scene.parameters import Light, Waveguide
@@ -37,7 +37,16 @@ from analysis.optics.sweep.sweep import paper_grid
 from analysis.optics.tracer.simulation import trace
 from analysis.optics.tracer.tolerance import FEWEST_RAYS, trace_within
 from analysis.segmentation.stroke_sampling import sampling_within
-from analysis.sequential.accuracy import POINTS, accuracy_of, analyse_within, greatest_band_error, in_mm
+from analysis.sequential.accuracy import (
+    FEWEST,
+    FEWEST_SAMPLES,
+    POINTS,
+    accuracy_of,
+    analyses_within,
+    greatest_band_error,
+    in_mm,
+    sample_within,
+)
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.frames import Shadow
 from analysis.shadow.model.full import FullModel
@@ -100,15 +109,29 @@ def of_tracer(rng: np.random.Generator) -> list[Answer]:
 
 
 def of_posterior(rng: np.random.Generator) -> list[Answer]:
-    """Sample the posterior of a polynomial without reading error, whose band is Student's, in mm."""
+    """Sample the posterior of a polynomial without reading error, whose band is Student's, to a tolerance in mm."""
     degree, noise = int(rng.integers(1, 5)), log_uniform(rng, 0.3, 6.0)
     x = np.linspace(-2.5, 3.5, int(rng.integers(8, 14))).repeat(rng.integers(2, 7))
     y = 20.0 * x + rng.normal(0.0, 2.0) * x**2 + rng.normal(0.0, 0.3) * x**3 + rng.normal(0.0, noise, x.size)
-    samples = int(rng.choice([KEPT_SAMPLES // 2, KEPT_SAMPLES, 2 * KEPT_SAMPLES], p=[0.8, 0.15, 0.05]))
-    found = sample_posterior(x, y, degree, samples=samples, seed=int(rng.integers(1 << 30)))
-    at = np.linspace(*found.calibration.x_range, POINTS)
-    away = np.array(found.curve_band(at)) - np.array(found.calibration.band(at, 0.95))
-    return [Answer(float(np.abs(in_mm(found.calibration, at, away)).max()), greatest_band_error([found], "mm"))]
+    asked: list[Posterior] = []
+
+    def sample(samples: int, seed: int = int(rng.integers(1 << 30))) -> Posterior:
+        asked.append(sample_posterior(x, y, degree, samples=samples, seed=seed))
+        return asked[-1]
+
+    def error(found: Posterior) -> float:
+        away = np.array(found.curve_band(at)) - np.array(found.calibration.band(at, 0.95))
+        return float(np.abs(in_mm(found.calibration, at, away)).max())
+
+    shortest = sample(FEWEST_SAMPLES)
+    at, least = np.linspace(*shortest.calibration.x_range, POINTS), shortest.n_eff
+    tolerance = greatest_band_error([shortest], "mm") * log_uniform(rng, 0.4, 1.5)
+    asked.clear()
+    found, stated = sample_within(sample, tolerance, "mm")
+    work = sum(each.n_eff for each in asked)
+    seeds = rng.integers(1 << 30, size=REPEATS if work >= 3.0 * least else 0)
+    errors = [error(sample(int(work / 3.0), int(seed))) for seed in seeds]
+    return [Answer(error(found), stated, bool(errors) and would_do(errors, tolerance))]
 
 
 def random_run(rng: np.random.Generator, folder: Path) -> tuple[Recording, Path]:
@@ -141,7 +164,7 @@ def recorded(
     return Recording.from_arrays(at, pressure, np.stack([each.columns[2] for each in sensors], axis=1)), file
 
 
-def limits_of(analysis: Analysis) -> dict[tuple[int, str], tuple[float, float]]:
+def limits_of(analysis: AnalysedRun) -> dict[tuple[int, str], tuple[float, float]]:
     """Return the limits of the intervals of the figures in % FSO, by sensor and key."""
     return {
         (number, key): (figure.low, figure.high)
@@ -151,20 +174,30 @@ def limits_of(analysis: Analysis) -> dict[tuple[int, str], tuple[float, float]]:
     }
 
 
+def limits_away(analysis: AnalysedRun, truth: AnalysedRun) -> float:
+    """Return how far the worst limit of an analysis is from that of another with other draws, % FSO."""
+    limits, others = limits_of(analysis), limits_of(truth)
+    return float(np.abs([np.subtract(limits[key], others[key]) for key in limits.keys() & others.keys()]).max())
+
+
 def of_bootstrap(rng: np.random.Generator) -> list[Answer]:
-    """Analyse a run, with elongations or without, to 0.05 to 2 % FSO."""
+    """Analyse a run, with elongations or without, to 3 to 15 times the error of many resamples."""
     with tempfile.TemporaryDirectory() as folder:
         recording, file = random_run(rng, Path(folder))
         readings = file if rng.random() < 0.7 else None
-        options = Options(mcmc=False, x_resolution_mm=0.0, seed=int(rng.integers(1 << 30)))
+        options = Options(mcmc=False, x_resolution_mm=0.0, seed=int(rng.integers(1 << 30)), resamples=FEWEST)
         fine = replace(options, resamples=_REFERENCE_RESAMPLES, seed=options.seed + 1)
-        truth = analyse(recording, readings, options=fine)
-        tolerance = accuracy_of(truth).intervals_percent_fso * log_uniform(rng, 3.0, 15.0)
-        found = analyse_within(recording, readings, options, max(tolerance, 1e-6), "%FSO")
-    limits, others = limits_of(found), limits_of(truth)
-    away = np.abs([np.subtract(limits[key], others[key]) for key in limits.keys() & others.keys()]).max()
-    stated, of_truth = (accuracy_of(each).intervals_percent_fso for each in (found, truth))
-    return [Answer(float(away), float(np.hypot(stated, of_truth)))]
+        truth = redrawn_run(analyse(recording, readings, options=options), fine)
+        of_truth = accuracy_of(truth).intervals_percent_fso
+        tolerance = max(of_truth * log_uniform(rng, 3.0, 15.0), 0.01)
+        tries = list(analyses_within(recording, readings, options, tolerance, "%FSO"))
+    work, errors = sum(each.weights.shape[0] for each in tries), []
+    for seed in rng.integers(1 << 30, size=REPEATS if work >= 3 * FEWEST else 0):
+        third = replace(options, resamples=work // 3, seed=int(seed))
+        errors.append(limits_away(redrawn_run(truth, third), truth))
+    does = bool(errors) and would_do(errors, float(np.hypot(tolerance, of_truth)))
+    stated = float(np.hypot(accuracy_of(tries[-1]).intervals_percent_fso, of_truth))
+    return [Answer(limits_away(tries[-1], truth), stated, does)]
 
 
 def random_actuator(rng: np.random.Generator) -> ActuatorParameters:

@@ -25,6 +25,7 @@ from numpy.polynomial import legendre
 from scipy import optimize, stats
 
 from analysis.arrays import BoolArray, FloatArray
+from analysis.calibration.draws import lower_quantiles_by_chance, means_by_chance
 from analysis.calibration.quantised_x import Positions, common_variance
 from analysis.errors import DataError
 from analysis.polynomial import LeastSquares, legendre_slopes
@@ -428,13 +429,13 @@ def fit_of_best_loop(means: PositionMeans, basis: CurveBasis, most_terms: int) -
 class LoopEstimate:
     """The greatest width of a loop, less what its variance adds, and its 95 % interval, in the unit of y.
 
-    `error_by_draws` is that (k = 2) of the worse limit by the number of draws.
+    `by_draws` is [3, others] of them, as other draws of the loop would give them.
     """
 
     width: float
     low: float
     high: float
-    error_by_draws: float
+    by_draws: FloatArray
 
 
 def greatest_loop_width(fit: JointFit, rng: np.random.Generator, draws: int = WIDTH_DRAWS) -> LoopEstimate:
@@ -458,12 +459,18 @@ def greatest_loop_width(fit: JointFit, rng: np.random.Generator, draws: int = WI
     at = int(np.argmax(np.abs(widths)))
     greatest = float(np.abs(widths[at]))
     redrawn = np.abs(widths + noise).max(axis=1)
-    width = float(np.sqrt(max(2.0 * greatest**2 - float(np.mean(redrawn**2)), 0.0)))
-    centre = 2.0 * greatest - float(redrawn.mean())
+    of_pairs, of_squares = (part.reshape(2, -1).mean(axis=0) for part in (redrawn, redrawn**2))
     widen = float(stats.t.ppf(0.975, fit.effective_dof))
     reach = widen * float(np.linalg.norm(rows[at] @ root))
-    by_chance = float(np.percentile(np.abs(noise).max(axis=1), 95.0)) * widen / float(stats.norm.ppf(0.975))
-    low = 0.0 if greatest <= by_chance else min(max(centre - reach, 0.0), width)
-    pairs = redrawn.reshape(2, -1).mean(axis=0)
-    error = 2.0 * float(pairs.std()) / float(np.sqrt(draws))  # of the centre, the mean over the pairs
-    return LoopEstimate(width, low, max(centre, width) + reach, error)
+    alone = np.abs(noise[:draws]).max(axis=1)
+    by_chance = widen / float(stats.norm.ppf(0.975))
+
+    def estimate(mean: FloatArray, square: FloatArray, chance: FloatArray) -> FloatArray:
+        width = np.sqrt(np.maximum(2.0 * greatest**2 - square, 0.0))
+        centre = 2.0 * greatest - mean
+        low = np.where(greatest <= by_chance * chance, 0.0, np.minimum(np.maximum(centre - reach, 0.0), width))
+        return np.stack([width, low, np.maximum(centre, width) + reach])
+
+    width, low, high = estimate(redrawn.mean(), np.mean(redrawn**2), np.percentile(np.tile(alone, 2), 95.0)).tolist()
+    chances = -lower_quantiles_by_chance(-alone, 0.05)
+    return LoopEstimate(width, low, high, estimate(means_by_chance(of_pairs), means_by_chance(of_squares), chances))

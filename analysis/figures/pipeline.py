@@ -24,7 +24,7 @@ from analysis.data.recording import Recording
 from analysis.fidelity import fidelity
 from analysis.figures import sensor_figures as metrics
 from analysis.figures.across_breaks import compare_breaks, of_cycles, parts_of
-from analysis.figures.figure import Figure, LabFigure, Reason
+from analysis.figures.figure import Figure, LabFigure, Reason, changed
 from analysis.figures.outliers import without_wrong_readings
 from analysis.figures.sensor_analysis import (
     AnalysedRun,
@@ -34,6 +34,7 @@ from analysis.figures.sensor_analysis import (
     actuator_loop,
     analyse_sensor,
     limited_by_reading,
+    redrawn_sensor,
 )
 from analysis.figures.uncertainty import ElongationBudgets, elongation_uncertainty, middle_budgets
 from analysis.figures.warnings import run_warnings
@@ -205,6 +206,44 @@ def analyse(
     )
 
 
+def redrawn(analysis: Analysis, options: Options, *, progress: Progress | None = None) -> Analysis:
+    """Return an analysis as `analyse` makes it with other draws; what rests on none is kept.
+
+    Parameters
+    ----------
+    analysis, options, progress : as `redrawn_run`.
+    """
+    run = redrawn_run(analysis, options, progress=progress)
+    actuator, actuator_cycles = _actuator_hysteresis(run, run.sensors)
+    others = len(analysis.warnings) - len(run_warnings(analysis, analysis.sensors))
+    return replace(
+        analysis, options=run.options, weights=run.weights, sensors=run.sensors,
+        system_sensitivity=_system_sensitivity(run.sensors),
+        actuator_hysteresis=actuator, actuator_hysteresis_per_cycle=actuator_cycles,
+        warnings=(*analysis.warnings[:others], *run_warnings(run, run.sensors)),
+    )  # fmt: skip
+
+
+def redrawn_run(analysis: AnalysedRun, options: Options, *, progress: Progress | None = None) -> AnalysedRun:
+    """Return the sensors of an analysis with other draws.
+
+    Parameters
+    ----------
+    analysis : of a run without differing parts.
+    options : differ in seed, resamples and the sampling of the posterior only; it is sampled where they differ there.
+    progress : called as progress(done, total); raising from it cancels.
+    """
+    was, options = analysis.options, replace(options, type_b=analysis.options.type_b)
+    sample = any(getattr(was, name) != getattr(options, name) for name in ("mcmc", "posterior_samples", "seed"))
+    parts = {each.name: getattr(analysis, each.name) for each in fields(AnalysedRun)}
+    run = AnalysedRun(**{**parts, "options": options, "weights": _weights(analysis.loops, options)})
+    sensors = tuple(
+        redrawn_sensor(run, number, each, sample=sample, progress=part_of(progress, number, 1, len(run.sensors)))
+        for number, each in enumerate(run.sensors)
+    )
+    return replace(run, sensors=sensors)
+
+
 def _camera(film: Filmed, run: SegmentedRun, sensors: Sequence[SensorAnalysis]) -> CameraFigures:
     numbers = set(run.loops.numbers)
     cycles = [cycle for cycle in run.cycles.used if cycle.number in numbers]
@@ -282,7 +321,7 @@ def _actuator_hysteresis(run: SegmentedRun, sensors: Sequence[SensorAnalysis]) -
     return limited_by_reading(replace(figure, unit="%"), run.reading_sd_mm, per_mm), per_cycle
 
 
-def _system_sensitivity(sensors: list[SensorAnalysis]) -> Figure:
+def _system_sensitivity(sensors: Sequence[SensorAnalysis]) -> Figure:
     definition = "mean over the sensors of their end-to-end sensitivity"
     parts = [s.figures["sensitivity_mv_per_mm"] for s in sensors if s.calibration is not None]
     if len(parts) < len(sensors) or not parts:
@@ -290,9 +329,6 @@ def _system_sensitivity(sensors: list[SensorAnalysis]) -> Figure:
     flat = [s.name for s, p in zip(sensors, parts, strict=True) if p.value == 0.0]
     if flat:
         return Figure.nothing("mV/mm", Reason.NO_FULL_SCALE, f"{', '.join(flat)} is flat", definition)
-    n = len(parts)
-    value = sum(p.value for p in parts) / n
     # the sensors share their cycles and readings: half-widths are averaged, as for fully correlated parts
-    low = sum(p.value - p.low for p in parts) / n
-    high = sum(p.high - p.value for p in parts) / n
-    return Figure(value, "mV/mm", parts[0].n, value - low, value + high, definition=definition)
+    mean = changed(lambda *each: sum(each) / len(each), *parts)
+    return Figure(mean.value, "mV/mm", parts[0].n, mean.low, mean.high, definition=definition, by_draws=mean.by_draws)

@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray
+from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.calibration.adequacy import Adequacy, CurveVerdict, judge_curve
 from analysis.calibration.checks import fit_checks
 from analysis.calibration.curve_choice import AUTO, SPLINE, USUAL_DEGREE, Degree
@@ -40,7 +40,7 @@ from analysis.errors import AnalysisError, DataError
 from analysis.fidelity import Level, fidelity
 from analysis.figures import sensor_figures as metrics
 from analysis.figures.across_breaks import Break, of_cycles
-from analysis.figures.figure import Figure, Reason, marked_implausible, not_driven
+from analysis.figures.figure import Figure, Reason, changed, marked_implausible, not_driven
 from analysis.figures.repeatability import FiguresByCycle, figures_by_cycle
 from analysis.progress import Progress, part_of
 from analysis.segmentation.cycles import Cycles
@@ -236,32 +236,89 @@ def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None 
     """Compute every figure of a sensor, counted from 0; `progress` is that of its posterior, then of all."""
     calibration, posterior, reason = None, None, ""
     points = np.flatnonzero(run.calibration_points(sensor))
-    position = {number: k for k, number in enumerate(run.loops.numbers)}
-    cycle_of = np.asarray([position[run.plateaus[i].cycle] for i in points], dtype=np.float64)
     try:
         calibration = _calibrate(run, sensor, points)
-        if run.options.mcmc and calibration.spline is None:
-            fineness = fidelity(run.options.fidelity)
-            posterior = sample_posterior(
-                calibration.x, calibration.y, calibration.degree, reading_sd=run.reading_sd_mm,
-                positions=run.position_of(points), monotone=run.options.monotone, seed=run.options.seed + sensor,
-                walkers=fineness.walkers, samples=run.options.posterior_samples or fineness.posterior_samples,
-                progress=part_of(progress, 0, 4, 5),
-            )  # fmt: skip
+        posterior = _sampled(run, sensor, calibration, points, progress)
     except AnalysisError as error:
         reason = error.cause
+    drawn, system, own = _drawn(run, sensor, calibration, points)
+    fso, figures = drawn["fso_mv"].value, _usable(run, sensor, drawn)
+    if progress is not None:
+        progress(1, 1)
+    return SensorAnalysis(
+        run.recording.sensor_names[sensor], calibration, reason, posterior, figures,
+        _percent(own.per_cycle, fso) if own is not None else (), _percent(system.per_cycle, fso),
+        points.astype(np.float64), system, own,
+        figures_by_cycle(run.loops, sensor, figures["fso_mv"].value, system, _noise(run, sensor)),
+        _checks(calibration, _cycle_of(run, points)) if calibration is not None else None,
+        _joint_loop(calibration.adequacy) if calibration is not None else None,
+        influences(
+            run.recording, run.cycles, run.plateaus, run.loops, sensor, fso_mv=fso,
+            sensitivity_mv_per_mm=figures["sensitivity_mv_per_mm"].value if calibration is not None else float("nan"),
+        ),
+    )  # fmt: skip
+
+
+def redrawn_sensor(
+    run: SegmentedRun, sensor: int, before: SensorAnalysis, *, sample: bool = False, progress: Progress | None = None
+) -> SensorAnalysis:
+    """Return a sensor with the figures that the draws of a run make; what rests on none is kept.
+
+    Parameters
+    ----------
+    run : with its draws. sensor : counted from 0. before : the same sensor of the same run, by other draws.
+    sample : its posterior too. progress : of that.
+    """
+    calibration, points, posterior, reason = before.calibration, before.point_plateau.astype(np.int64), None, ""
+    if not sample or calibration is None:
+        posterior, reason = before.posterior, before.calibration_void
+    else:
+        try:
+            posterior = _sampled(run, sensor, calibration, points, progress)
+        except AnalysisError as error:
+            reason = error.cause
+    figures, system, own = _drawn(run, sensor, calibration, points)
+    return replace(
+        before, posterior=posterior, calibration_void=reason, figures=_usable(run, sensor, figures),
+        system_loop=system, sensor_loop=own,
+    )  # fmt: skip
+
+
+def _sampled(
+    run: SegmentedRun, sensor: int, calibration: Calibration, points: IntArray, progress: Progress | None
+) -> Posterior | None:
+    """Return the posterior of a calibration, where it is sampled."""
+    if not run.options.mcmc or calibration.spline is not None:
+        return None
+    fineness = fidelity(run.options.fidelity)
+    return sample_posterior(
+        calibration.x, calibration.y, calibration.degree, reading_sd=run.reading_sd_mm,
+        positions=run.position_of(points), monotone=run.options.monotone, seed=run.options.seed + sensor,
+        walkers=fineness.walkers, samples=run.options.posterior_samples or fineness.posterior_samples,
+        progress=part_of(progress, 0, 4, 5),
+    )  # fmt: skip
+
+
+def _cycle_of(run: SegmentedRun, points: IntArray) -> FloatArray:
+    position = {number: k for k, number in enumerate(run.loops.numbers)}
+    return np.asarray([position[run.plateaus[i].cycle] for i in points], dtype=np.float64)
+
+
+def _drawn(
+    run: SegmentedRun, sensor: int, calibration: Calibration | None, points: IntArray
+) -> tuple[dict[str, Figure], LoopWidth, LoopWidth | None]:
+    """Return the figures of a sensor, and the widths of its loops over pressure and over elongation."""
     adequacy = calibration.adequacy if calibration is not None else None
     if calibration is not None:
-        figures = _curve_figures(run, calibration, adequacy, cycle_of)
+        figures = _curve_figures(run, calibration, adequacy, _cycle_of(run, points))
     else:
         figures = {"fso_mv": metrics.pressure_full_scale(run.loops, sensor, run.weights)}
     fso = figures["fso_mv"].value
-    noise = _noise(run, sensor)
     system = loop_width(run.loops.pressure_kpa, run.loops.signal_mv[sensor], run.weights)
     own = None
     if run.loops.elongation_mm is not None:
         own = metrics.sensor_loop_width(run.loops, sensor, calibration, run.weights)
-    loops_figures = _loop_figures(run, sensor, calibration, fso, (system, own), noise)
+    loops_figures = _loop_figures(run, sensor, calibration, fso, (system, own), _noise(run, sensor))
     joint = _joint_loop(adequacy)
     if own is not None and joint is not None:
         rng = np.random.default_rng((run.options.seed, 2))
@@ -275,20 +332,11 @@ def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None 
     figures["combined_error_percent_fso"] = metrics.combined_error(
         [figures[name] for name in ("nonlinearity_percent_fso", chosen, "repeatability_percent_fso")]
     )
-    figures = not_driven(marked_implausible(with_losses(run, sensor, figures)), run.cycles.void)
-    if progress is not None:
-        progress(1, 1)
-    return SensorAnalysis(
-        run.recording.sensor_names[sensor], calibration, reason, posterior, figures,
-        _percent(own.per_cycle, fso) if own is not None else (), _percent(system.per_cycle, fso),
-        points.astype(np.float64), system, own,
-        figures_by_cycle(run.loops, sensor, figures["fso_mv"].value, system, noise),
-        _checks(calibration, cycle_of) if calibration is not None else None, joint,
-        influences(
-            run.recording, run.cycles, run.plateaus, run.loops, sensor, fso_mv=fso,
-            sensitivity_mv_per_mm=figures["sensitivity_mv_per_mm"].value if calibration is not None else float("nan"),
-        ),
-    )  # fmt: skip
+    return figures, system, own
+
+
+def _usable(run: SegmentedRun, sensor: int, figures: Mapping[str, Figure]) -> dict[str, Figure]:
+    return not_driven(marked_implausible(with_losses(run, sensor, figures)), run.cycles.void)
 
 
 def with_curve(run: AnalysedRun, sensor: int, degree: Degree) -> AnalysedRun:
@@ -454,7 +502,7 @@ def limited_by_reading(figure: Figure, reading_sd_mm: float, percent_per_mm: flo
     """
     floor = np.sqrt(12.0) * reading_sd_mm * percent_per_mm
     hidden = 2.0 * np.sqrt(2.0) * reading_sd_mm * percent_per_mm
-    figure = replace(figure, high=figure.value + float(np.hypot(figure.high - figure.value, hidden)))
+    figure = changed(lambda v: (v[0], v[1], v[0] + np.hypot(v[2] - v[0], hidden)), figure)
     return metrics.limited(figure, float(floor), f"a reading error of {reading_sd_mm:.2f} mm", 0.5)
 
 

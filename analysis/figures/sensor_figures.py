@@ -10,7 +10,6 @@ one cycle) has a reason and is NaN or infinite, never an exception and never zer
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -21,16 +20,17 @@ from scipy import stats
 
 from analysis.arrays import FloatArray
 from analysis.calibration.adequacy import Adequacy, CurveVerdict
+from analysis.calibration.draws import quantiles_by_chance
 from analysis.calibration.fit import Calibration
 from analysis.calibration.joint_fit import JointFit, LoopEstimate
 from analysis.data.recording import Recording
-from analysis.figures.figure import Figure, Reason
+from analysis.figures.figure import Figure, Limits, Reason, changed
 from analysis.numbers import percent
 from analysis.segmentation.cycle_effect import CycleEffect
 from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.loops import Loops, LoopWidth, branch_mean, end_levels, loop_width
 from analysis.segmentation.plateaus import Plateau
-from analysis.statistics import bootstrap_interval, tails_within, theil_sen
+from analysis.statistics import PERCENTILES, bootstrap_interval, expanded_limits, theil_sen
 
 CURVE_POINTS = 201
 NEVER_NEGATIVE = ("mV", "% FSO")  # spans, widths and spreads; slopes and decibels have a sign
@@ -114,16 +114,16 @@ class CurveDraws:
             return _figure(value, replicates, unit, self.n_cycles, definition)
         widen = stats.t.ppf(0.975, self.dof) / stats.norm.ppf(0.975)
 
-        def limits(tail: float) -> tuple[float, float]:
-            below, above = widen * (np.percentile(replicates, [100.0 * tail, 100.0 - 100.0 * tail]) - value)
-            low, high = float(value - above), float(value - below)  # what the draws are above it, the truth is below
+        def limits(quantiles: Limits) -> tuple[FloatArray, FloatArray, FloatArray]:
+            below, above = widen * (quantiles[1:] - value)
+            low, high = value - above, value - below  # what the draws are above it, the truth is below
             if either_way:
-                low, high = min(low, float(value + below)), max(high, float(value + above))
-            low = max(low, 0.0) if unit in NEVER_NEGATIVE else low
-            return min(low, value), max(high, value)  # a maximum can lie outside what its draws make of it
+                low, high = np.minimum(low, value + below), np.maximum(high, value + above)
+            low = np.maximum(low, 0.0) if unit in NEVER_NEGATIVE else low
+            return quantiles[0], np.minimum(low, value), np.maximum(high, value)  # a maximum can lie outside its draws
 
-        (low, high), error = _with_error(limits, replicates.size)
-        return Figure(float(value), unit, self.n_cycles, low, high, definition=definition, error_by_draws=error)
+        figure = Figure(float(value), unit, self.n_cycles, definition=definition)
+        return changed(limits, _with_quantiles(figure, replicates))
 
 
 def draw_joint(joint: JointFit, x: FloatArray, n_cycles: int, rng: np.random.Generator, count: int) -> CurveDraws:
@@ -242,9 +242,7 @@ def curve_figures(curves: CurveDraws, other: CurveDraws | None = None, *, verdic
     for key, of_other in (curve_figures(other) if other is not None else {}).items():
         own = figures[key]
         if np.isfinite([own.low, own.high, of_other.low, of_other.high]).all():
-            low, high = min(own.low, of_other.low), max(own.high, of_other.high)
-            error = max(own.error_by_draws, of_other.error_by_draws)
-            figures[key] = replace(own, low=low, high=high, error_by_draws=error)
+            figures[key] = changed(_either, own, of_other)
     if not verdict:
         return figures
     note = f"the curve is {verdict}: the interval also holds the preferred curve's figure"
@@ -282,13 +280,11 @@ def joint_hysteresis(
     if plain.void or not full_scale_value > 0:
         return plain
     scale = 100.0 / full_scale_value
-    value, low, high, error = (
-        scale * v for v in (estimate.width, estimate.low, estimate.high, estimate.error_by_draws)
-    )
+    value, low, high = (scale * v for v in (estimate.width, estimate.low, estimate.high))
     keep = plain.reason is Reason.PART_OF_RANGE
     return replace(
         plain, value=value, low=low, high=high, note=plain.note if keep else "",
-        reason=plain.reason if keep else Reason.NONE, error_by_draws=error,
+        reason=plain.reason if keep else Reason.NONE, by_draws=scale * estimate.by_draws,
     )  # fmt: skip
 
 
@@ -374,7 +370,7 @@ def limited(figure: Figure, floor: float, by: str, share: float = BOUND_SHARE) -
     by : the name of that cause.
     share : of the figure above which it is an upper bound.
     """
-    figure = replace(figure, low=min(figure.low, max(figure.value - floor, 0.0)))
+    figure = changed(lambda v: (v[0], np.minimum(v[1], np.maximum(v[0] - floor, 0.0)), v[2]), figure)
     if not floor > share * figure.value:
         return figure
     note = f"only an upper bound: {by} alone accounts for up to about {floor:.2g} {figure.unit} of it"
@@ -458,7 +454,7 @@ def repeatability(loops: Loops, sensor: int, full_scale_value: float, weights: F
     figure = _figure(scale * pooled[0], scale * pooled_b, "% FSO", n, "pooled sd over cycles of all levels / FSO")
     if figure.value > 0.0:  # resamples of few cycles that differ as a whole scatter less than the sd does
         low, high = (scale * end for end in CycleEffect.of(loops, sensor).interval(float(pooled[0])))
-        figure = replace(figure, low=min(figure.low, low), high=max(figure.high, high))
+        figure = changed(lambda v: (v[0], np.minimum(v[1], low), np.maximum(v[2], high)), figure)
     return {
         names[0]: figure,
         names[1]: _figure(scale * worst[0], scale * worst_b, "% FSO", n, "largest sd over cycles of a level / FSO"),
@@ -591,8 +587,13 @@ def _at_least(figure: Figure, reach: float) -> Figure:
     """Widen an interval, where there is one, to `reach` on either side of the value."""
     if not np.isfinite([figure.low, figure.high]).all():
         return figure
-    low = min(figure.low, max(figure.value - reach, 0.0 if figure.unit in NEVER_NEGATIVE else -np.inf))
-    return replace(figure, low=float(low), high=float(max(figure.high, figure.value + reach)))
+    least = 0.0 if figure.unit in NEVER_NEGATIVE else -np.inf
+
+    def widened(own: Limits) -> tuple[FloatArray, FloatArray, FloatArray]:
+        value, low, high = own
+        return value, np.minimum(low, np.maximum(value - reach, least)), np.maximum(high, value + reach)
+
+    return changed(widened, figure)
 
 
 def with_full_scale(figure: Figure, full_scale: Figure) -> Figure:
@@ -600,19 +601,18 @@ def with_full_scale(figure: Figure, full_scale: Figure) -> Figure:
     ends = np.asarray([full_scale.low, full_scale.high])
     if figure.unit == "mV" or not np.isfinite([figure.value, figure.low, figure.high, *ends]).all() or not ends[0] > 0:
         return figure
-    ratio = ends / full_scale.value
-    if figure.unit == "dB":
-        down, up = np.abs(20.0 * np.log10(ratio))
-    else:
-        up, down = np.abs(figure.value * (1.0 / ratio - 1.0))
-        down, up = (up, down) if figure.value < 0 else (down, up)
-    low = figure.value - float(np.hypot(figure.value - figure.low, down))
-    low = max(low, 0.0) if figure.unit in NEVER_NEGATIVE else low
-    half, added = max(figure.value - figure.low, figure.high - figure.value), float(max(down, up))
-    of_scale = abs(figure.value) / full_scale.value * full_scale.error_by_draws
-    error = float(np.hypot(half * figure.error_by_draws, added * of_scale) / max(np.hypot(half, added), 1e-300))
-    high = figure.value + float(np.hypot(figure.high - figure.value, up))
-    return replace(figure, low=low, high=high, error_by_draws=error)
+
+    def widened(own: Limits, scale: Limits) -> tuple[FloatArray, FloatArray, FloatArray]:
+        value, (smaller, larger) = own[0], np.maximum(scale[1:], 0.5 * ends[0]) / scale[0]
+        if figure.unit == "dB":
+            down, up = np.abs(20.0 * np.log10(smaller)), np.abs(20.0 * np.log10(larger))
+        else:
+            up, down = np.abs(value * (1.0 / smaller - 1.0)), np.abs(value * (1.0 / larger - 1.0))
+            down, up = (up, down) if figure.value < 0 else (down, up)
+        low, high = value - np.hypot(value - own[1], down), value + np.hypot(own[2] - value, up)
+        return value, np.maximum(low, 0.0) if figure.unit in NEVER_NEGATIVE else low, high
+
+    return changed(widened, figure, full_scale)
 
 
 def combined_error(parts: list[Figure]) -> Figure:
@@ -621,42 +621,45 @@ def combined_error(parts: list[Figure]) -> Figure:
     missing = next((p for p in parts if not np.isfinite(p.value)), None)
     if missing is not None:
         return Figure.nothing("% FSO", missing.reason, missing.void, definition)
-    value = float(np.sqrt(sum(p.value**2 for p in parts)))
+
     # each part's half-interval propagated linearly; the parts share cycles, so this is the cautious sum of squares
-    low = float(np.sqrt(sum((p.value * (p.value - p.low)) ** 2 for p in parts)) / value) if value > 0 else 0.0
-    high = float(np.sqrt(sum((p.value * (p.high - p.value)) ** 2 for p in parts)) / value) if value > 0 else 0.0
-    error = max((p.value * p.error_by_draws / value for p in parts), default=0.0) if value > 0 else 0.0
-    return Figure(
-        value, "% FSO", min(p.n for p in parts), value - low, value + high, definition=definition, error_by_draws=error
-    )
+    def root_sum(*of: Limits) -> tuple[FloatArray, FloatArray, FloatArray]:
+        value = np.sqrt(sum(v[0] ** 2 for v in of))
+        share = 1.0 / np.where(value > 0, value, np.inf)
+        low = np.sqrt(sum((v[0] * (v[0] - v[1])) ** 2 for v in of)) * share
+        high = np.sqrt(sum((v[0] * (v[2] - v[0])) ** 2 for v in of)) * share
+        return value, value - low, value + high
+
+    found = changed(root_sum, *parts)
+    n = min(p.n for p in parts)
+    return Figure(found.value, "% FSO", n, found.low, found.high, definition=definition, by_draws=found.by_draws)
 
 
 def _figure(value: float, replicates: FloatArray, unit: str, n: int, definition: str) -> Figure:
-    def limits(tail: float) -> tuple[float, float]:
-        low, high = bootstrap_interval(value, replicates, n, positive=unit in NEVER_NEGATIVE, tail=tail)
-        return (max(low, 0.0) if unit in NEVER_NEGATIVE and np.isfinite(low) else low), high
+    figure, positive = Figure(float(value), unit, n, definition=definition), unit in NEVER_NEGATIVE
+    low, high = bootstrap_interval(value, replicates, n, positive=positive)
+    if not np.isfinite([low, high]).all():
+        figure = replace(figure, low=low, high=high)
+        return replace(figure, note="one cycle gives no interval", reason=Reason.ONE_CYCLE) if n < 2 else figure
 
-    (low, high), error = _with_error(limits, replicates.size)
-    figure = Figure(float(value), unit, n, low, high, definition=definition, error_by_draws=error)
-    return replace(figure, note="one cycle gives no interval", reason=Reason.ONE_CYCLE) if n < 2 else figure
+    def limits(quantiles: Limits) -> tuple[FloatArray, FloatArray, FloatArray]:
+        low, high = expanded_limits(value, quantiles[1], quantiles[2], n, positive=positive)
+        return quantiles[0], np.maximum(low, 0.0) if positive else low, high
+
+    return changed(limits, _with_quantiles(figure, replicates))
 
 
-def _with_error(limits: Callable[[float], tuple[float, float]], draws: int) -> tuple[tuple[float, float], float]:
-    """Return the 95 % limits, and the error (k = 2) of the worse one by the number of draws; 0 without limits.
+def _with_quantiles(figure: Figure, replicates: FloatArray) -> Figure:
+    """Return a figure with the percentiles of its replicates, [resamples], in place of its limits."""
+    finite = replicates[np.isfinite(replicates)]
+    low, high = np.percentile(finite, PERCENTILES)
+    quantiles = quantiles_by_chance(finite, PERCENTILES[0] / 100.0)
+    by_draws = np.stack([np.full(quantiles.shape[1], figure.value), *quantiles])
+    return replace(figure, low=float(low), high=float(high), by_draws=by_draws)
 
-    The limits at probabilities that are off by their own error are as far away as theirs: no density is assumed, and
-    the few values that resamples of few cycles have are jumps.
 
-    Parameters
-    ----------
-    limits : lower and upper one with a share of the draws beyond each. draws : of which they are.
-    """
-    tail = 0.025
-    found = np.asarray(limits(tail))
-    if not draws or not np.isfinite(found).all():
-        return (float(found[0]), float(found[1])), 0.0
-    away = [np.abs(np.asarray(limits(other)) - found).max() for other in tails_within(draws, tail)]
-    return (float(found[0]), float(found[1])), float(max(away))
+def _either(own: Limits, other: Limits) -> tuple[FloatArray, FloatArray, FloatArray]:
+    return own[0], np.minimum(own[1], other[1]), np.maximum(own[2], other[2])
 
 
 def _no_full_scale(unit: str, definition: str = "") -> Figure:

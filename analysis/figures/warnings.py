@@ -32,7 +32,7 @@ BREAK_CODES = {
 }
 
 
-def run_warnings(run: SegmentedRun, sensors: list[SensorAnalysis]) -> tuple[Warning, ...]:
+def run_warnings(run: SegmentedRun, sensors: Sequence[SensorAnalysis]) -> tuple[Warning, ...]:
     """Return the warnings of a run, those of its sensors last."""
     of_run = tuple(Warning(code, "", text) for code, text in _run_texts(run))
     return of_run + tuple(warning for sensor in sensors for warning in _sensor_warnings(sensor, run))

@@ -1,14 +1,15 @@
 """What resampling and sampling leave uncertain in the figures of a run, and as many draws as a tolerance allows.
 
-Strategy: intervals rest on resamples of the cycles, the posterior's band on its samples. Each figure states the error
-of its own limits (`Figure.error_by_draws`), the band's follows from its samples in batches. Few draws measure both;
-they fall as one over the root of the draws, which gives the draws that a tolerance takes; the answer states its own.
+Strategy: intervals rest on resamples of the cycles, the posterior's band on its samples. Each figure has its limits as
+other draws would give them (`Figure.by_draws`), the band likewise by its samples in batches. The error of a run is that
+of the worst of all its limits, which err together. Few draws measure it; it falls as one over their root, which gives
+the draws that a tolerance takes; the answer states its own.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -16,24 +17,25 @@ from typing import Any, Literal
 import numpy as np
 
 from analysis.arrays import FloatArray
+from analysis.calibration.draws import OTHERS, greatest_error
 from analysis.calibration.fit import Calibration
 from analysis.calibration.posterior import Posterior
 from analysis.data.load import load_recording
 from analysis.data.recording import Recording
 from analysis.errors import RequestError
 from analysis.fidelity import fidelity
-from analysis.figures.pipeline import Analysis, analyse
-from analysis.figures.sensor_analysis import MOST_RESAMPLES, Options
+from analysis.figures.pipeline import Analysis, analyse, redrawn
+from analysis.figures.sensor_analysis import MOST_RESAMPLES, AnalysedRun, Options
 from analysis.progress import Progress
 
 Unit = Literal["mm", "%FSO"]
-BATCHES, LEVEL, NOISE_DRAWS = 16, 0.95, 1_000
-COVERAGE = 0.9545
-"""Of a stated error: that of k = 2."""
-FEWEST = 100
+BATCHES, LEVEL = 16, 0.95
+FEWEST = 400
+"""Resamples: ten beyond each limit."""
 FEWEST_SAMPLES = 500
+ENOUGH_TO_REFUSE = 800
 MOST_SAMPLES = 50_000
-SPARE, LEAST_GROWTH, MOST_GROWTH = 1.15, 1.3, 16
+SPARE, LEAST_GROWTH, MOST_GROWTH = 1.1, 1.2, 4
 """Part by which draws are chosen for less than the tolerance, and the factor by which they grow from try to try."""
 LEAST_SLOPE = 0.1
 """Of the steepest: near a turn of the curve an error in mm means nothing."""
@@ -46,9 +48,10 @@ class Accuracy:
 
     Parameters
     ----------
-    intervals_percent_fso : greatest of the limits of the intervals in % FSO. resamples : that they rest on.
-    band_percent_fso, band_mm : greatest of the limits of the posterior's band, mm by the slope of the curve.
+    intervals_percent_fso : of the worst limit of the intervals in % FSO. resamples : that they rest on.
+    band_percent_fso, band_mm : of the worst limit of the posterior's band, mm by the slope of the curve.
     samples : effective, of the posterior that has fewest; 0 without one.
+    percent_fso : of the worst limit of both.
     """
 
     intervals_percent_fso: float
@@ -56,32 +59,39 @@ class Accuracy:
     band_mm: float
     resamples: int
     samples: int
+    percent_fso: float
 
     def error(self, unit: Unit) -> float:
         """Return the greatest error in a unit; NaN where nothing has one."""
-        errors = [self.band_mm] if unit == "mm" else [self.intervals_percent_fso, self.band_percent_fso]
-        return max((each for each in errors if math.isfinite(each)), default=math.nan)
+        return self.band_mm if unit == "mm" else self.percent_fso
 
     def as_json(self) -> dict[str, Any]:
         """Return it as a dictionary."""
         return asdict(self)
 
 
-def accuracy_of(analysis: Analysis) -> Accuracy:
+def accuracy_of(analysis: AnalysedRun) -> Accuracy:
     """Return the errors that the draws of an analysis leave."""
     options, level = analysis.options, fidelity(analysis.options.fidelity)
     resamples = options.resamples or level.resamples
-    errors = [
-        figure.error_by_draws
+    limits = [
+        figure.limits_away
         for sensor in analysis.sensors
         for figure in sensor.figures.values()
-        if not figure.void and figure.unit == "% FSO" and math.isfinite(figure.high - figure.low)
+        if figure.unit == "% FSO" and figure.limits_away is not None
     ]
-    intervals = max(errors, default=math.nan)
     posteriors = [sensor.posterior for sensor in analysis.sensors if sensor.posterior is not None]
-    percent, mm = greatest_band_error(posteriors, "%FSO"), greatest_band_error(posteriors, "mm")
+    intervals, percent = np.concatenate([np.empty((0, OTHERS)), *limits]), band_errors(posteriors, "%FSO")
     samples = int(min((each.n_eff for each in posteriors), default=0))
-    return Accuracy(intervals, percent, mm, resamples, samples)
+    return Accuracy(
+        _error(intervals), _error(percent), greatest_band_error(posteriors, "mm"), resamples, samples,
+        _error(np.concatenate([intervals, percent])),
+    )  # fmt: skip
+
+
+def _error(away: FloatArray) -> float:
+    """Return the error of the worst of the limits, [limits, OTHERS]; NaN without one."""
+    return greatest_error(away) if len(away) else math.nan
 
 
 def band_noise(posterior: Posterior, x: FloatArray, seed: int = 0) -> FloatArray:
@@ -89,7 +99,7 @@ def band_noise(posterior: Posterior, x: FloatArray, seed: int = 0) -> FloatArray
 
     Parameters
     ----------
-    posterior, x : the band, at x (n,). seed : of the errors, (NOISE_DRAWS, 2, n), in the unit of y.
+    posterior, x : the band, at x (n,). seed : of the errors, (OTHERS, 2, n), in the unit of y.
 
     Notes
     -----
@@ -107,10 +117,8 @@ def band_noise(posterior: Posterior, x: FloatArray, seed: int = 0) -> FloatArray
     below = np.concatenate([curves <= limit for limit in limits], axis=1).astype(np.float64)
     means = below.reshape(BATCHES, -1, below.shape[1]).mean(axis=1)
     tau = count / BATCHES * float(np.mean(means.var(axis=0, ddof=1))) / float(np.mean(below.var(axis=0)))
-    shares = rng.multivariate_normal(
-        np.zeros(below.shape[1]), np.cov(below.T) * tau / count, NOISE_DRAWS, method="eigh"
-    )
-    shifted = tails + shares.reshape(NOISE_DRAWS, 2, -1)
+    shares = rng.multivariate_normal(np.zeros(below.shape[1]), np.cov(below.T) * tau / count, OTHERS, method="eigh")
+    shifted = tails + shares.reshape(OTHERS, 2, -1)
     return np.asarray(ordered[np.rint(shifted * (count - 1)).clip(0, count - 1).astype(int), rows] - limits)
 
 
@@ -125,10 +133,20 @@ def greatest_band_error(posteriors: Sequence[Posterior], unit: Literal["mm", "%F
 
     Parameters
     ----------
+    posteriors, unit : as `band_errors`.
+    """
+    return _error(band_errors(posteriors, unit))
+
+
+def band_errors(posteriors: Sequence[Posterior], unit: Literal["mm", "%FSO", "y"]) -> FloatArray:
+    """Return errors that the worst limit of the band of each sensor may have by its draws, [sensors, OTHERS].
+
+    Parameters
+    ----------
     posteriors : of the sensors.
     unit : % of the full scale, the unit of y itself, or that of x, by the slope of the curve.
     """
-    worst = np.zeros(NOISE_DRAWS)
+    worst = np.zeros((len(posteriors), OTHERS))
     for number, posterior in enumerate(posteriors):
         calibration = posterior.calibration
         x = np.linspace(*calibration.x_range, POINTS)
@@ -137,8 +155,8 @@ def greatest_band_error(posteriors: Sequence[Posterior], unit: Literal["mm", "%F
             noise = in_mm(calibration, x, noise)
         elif unit == "%FSO":
             noise = 100.0 * noise / calibration.full_scale
-        worst = np.maximum(worst, np.abs(noise).max(axis=(1, 2)))
-    return float(np.quantile(worst, COVERAGE)) if posteriors else math.nan
+        worst[number] = np.abs(noise).max(axis=(1, 2))
+    return worst
 
 
 def analyse_within(
@@ -162,13 +180,33 @@ def analyse_within(
     ------
     RequestError : the tolerance cannot be met, or nothing has an error in that unit. Others as `analyse`.
     """
+    *_, last = analyses_within(recording, elongation, options, tolerance, unit, progress=progress)
+    return last
+
+
+def analyses_within(
+    recording: Recording | str | Path,
+    elongation: str | Path | None,
+    options: Options,
+    tolerance: float,
+    unit: Unit,
+    *,
+    progress: Progress | None = None,
+) -> Iterator[Analysis]:
+    """Yield analyses with more and more draws, of which the last has as many as a tolerance takes.
+
+    Parameters
+    ----------
+    recording, elongation, options, tolerance, unit, progress : as `analyse_within`, and what is raised.
+    """
     check_tolerance(tolerance, unit)
     run = recording if isinstance(recording, Recording) else load_recording(recording)
     chosen = replace(options, posterior_samples=FEWEST_SAMPLES)
     if unit == "%FSO":  # the resamples first, without the posterior
         chosen = replace(chosen, mcmc=False, resamples=FEWEST)
+    analysis = analyse(run, elongation, options=chosen, progress=progress)
     while True:
-        analysis = analyse(run, elongation, options=chosen, progress=progress)
+        yield analysis
         found = accuracy_of(analysis)
         sampled = not options.mcmc or chosen.mcmc or all(each.calibration is None for each in analysis.sensors)
         if unit == "%FSO" and found.intervals_percent_fso > tolerance:
@@ -176,6 +214,9 @@ def analyse_within(
             chosen = replace(chosen, resamples=resamples)
         elif not sampled:
             chosen = replace(chosen, mcmc=True)
+        elif found.error(unit) > tolerance and unit == "%FSO" and found.intervals_percent_fso > found.band_percent_fso:
+            resamples = draws_for(found.resamples, found.error(unit), tolerance, unit, MOST_RESAMPLES)
+            chosen = replace(chosen, resamples=resamples)
         elif found.error(unit) > tolerance:
             samples = _samples_for(chosen.posterior_samples or 0, found.samples, found.error(unit), tolerance, unit)
             chosen = replace(chosen, posterior_samples=samples)
@@ -183,7 +224,11 @@ def analyse_within(
             why = "the posterior is not sampled" if unit == "mm" else "no figure has an interval"
             raise RequestError(f"no error in {unit}: {why}", "analyse a calibration run, with its posterior")
         else:
-            return analysis
+            return
+        if analysis.parts:
+            analysis = analyse(run, elongation, options=chosen, progress=progress)
+        else:
+            analysis = redrawn(analysis, chosen, progress=progress)
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,6 +297,8 @@ def _samples_for(asked: int, reached: int, error: float, tolerance: float, unit:
 def draws_for(now: int, error: float, tolerance: float, unit: str, most: int) -> int:
     """Return as many draws as a tolerance takes, by the root law from an error that is above it.
 
+    Where they are many more, half of them come first: the error of few draws is not well enough known.
+
     Parameters
     ----------
     now, error : draws, and the error that they leave. tolerance, unit : allowed. most : draws.
@@ -261,9 +308,10 @@ def draws_for(now: int, error: float, tolerance: float, unit: str, most: int) ->
     RequestError : more draws than `most`; few draws are not believed to say so.
     """
     needed = math.ceil(now * (SPARE * error / tolerance) ** 2)
-    if now >= most or (needed > most and now > MOST_GROWTH * FEWEST / 2):
+    if now >= most or (needed > most and now > ENOUGH_TO_REFUSE):
         best = SPARE * error * math.sqrt(min(now / most, 1.0))
         raise RequestError(
             f"an error of {tolerance:g} {unit} takes more draws than are kept", f"allow {best:.2g} {unit}"
         )
-    return min(max(needed, math.ceil(LEAST_GROWTH * now)), MOST_GROWTH * now, most)
+    next_ = needed // 2 if needed > MOST_GROWTH * now else needed
+    return min(max(next_, math.ceil(LEAST_GROWTH * now)), MOST_GROWTH * now, most)

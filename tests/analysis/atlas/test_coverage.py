@@ -12,7 +12,7 @@ from analysis.atlas import coverage
 from analysis.atlas.coverage import METHODS, Answer, measured, share_within, share_within_three, would_do
 from analysis.errors import RequestError
 
-SCENES = {"tracer": 60, "posterior": 80, "bootstrap": 60, "mesh": 20, "reduced": 6, "segmentation": 150}
+SCENES = {"tracer": 60, "posterior": 40, "bootstrap": 60, "mesh": 20, "reduced": 6, "segmentation": 150}
 
 
 def test_answers_and_refusals_are_counted(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -10,14 +11,16 @@ import numpy as np
 import pytest
 
 from analysis.atlas.runs import Stairs
+from analysis.calibration.draws import COVERAGE
 from analysis.calibration.fit import fit_calibration
 from analysis.calibration.posterior import Posterior
 from analysis.data.recording import Recording
 from analysis.errors import RequestError
+from analysis.figures.pipeline import analyse, redrawn
 from analysis.figures.sensor_analysis import Options
+from analysis.numbers import finite
 from analysis.sequential.accuracy import (
     BATCHES,
-    COVERAGE,
     FEWEST_SAMPLES,
     Accuracy,
     accuracy_of,
@@ -92,11 +95,11 @@ def test_draws_follow_from_the_tolerance(run: tuple[Recording, Path]) -> None:
     recording, file = run
     options = Options(mcmc=False, x_resolution_mm=0.0)
     coarse = accuracy_of(analyse_within(recording, file, options, 100.0, "%FSO"))
-    assert coarse.resamples == 100
+    assert coarse.resamples == 400
     assert math.isnan(coarse.band_mm)
     fine = accuracy_of(analyse_within(recording, file, options, coarse.error("%FSO") / 2, "%FSO"))
     assert fine.error("%FSO") <= coarse.error("%FSO") / 2
-    assert 120 <= fine.resamples <= 1_600
+    assert 480 <= fine.resamples <= 6_400
 
 
 def test_a_tolerance_that_no_draws_meet_is_refused_with_the_best(
@@ -104,7 +107,7 @@ def test_a_tolerance_that_no_draws_meet_is_refused_with_the_best(
 ) -> None:
     """Too small a tolerance, none, and one of a posterior that is not sampled."""
     recording, file = run
-    monkeypatch.setattr("analysis.sequential.accuracy.MOST_RESAMPLES", 100)
+    monkeypatch.setattr("analysis.sequential.accuracy.MOST_RESAMPLES", 400)
     options = Options(mcmc=False, x_resolution_mm=0.0)
     for tolerance, unit, part in ((1e-9, "%FSO", "allow"), (0.0, "mm", "above 0"), (0.1, "mm", "posterior")):
         with pytest.raises(RequestError) as refused:
@@ -114,7 +117,21 @@ def test_a_tolerance_that_no_draws_meet_is_refused_with_the_best(
 
 def test_an_accuracy_states_the_larger_of_what_it_has() -> None:
     """Intervals and band in % FSO; a band alone in mm; nothing where there is neither."""
-    found = Accuracy(0.2, 0.1, 0.01, 100, 500)
-    assert (found.error("%FSO"), found.error("mm")) == (0.2, 0.01)
+    found = Accuracy(0.2, 0.1, 0.01, 100, 500, 0.21)
+    assert (found.error("%FSO"), found.error("mm")) == (0.21, 0.01)
     assert math.isnan(replace(found, band_mm=math.nan).error("mm"))
     assert found.as_json()["resamples"] == 100
+
+
+def test_other_draws_give_what_a_whole_analysis_gives(run: tuple[Recording, Path]) -> None:
+    """With another seed, resamples and posterior: the same JSON; the error of the run is that of its worst limit."""
+    recording, file = run
+    coarse = analyse(recording, file, options=Options(mcmc=False, resamples=400))
+    other = Options(seed=3, resamples=700, posterior_samples=FEWEST_SAMPLES)
+    found = redrawn(coarse, other)
+    whole = analyse(recording, file, options=other)
+    assert json.dumps(finite(found.to_json())) == json.dumps(finite(whole.to_json()))
+    figures = [figure for sensor in found.sensors for figure in sensor.figures.values() if figure.unit == "% FSO"]
+    accuracy, greatest = accuracy_of(found), max(figure.error_by_draws for figure in figures)
+    assert greatest <= accuracy.intervals_percent_fso < 1.5 * greatest
+    assert accuracy.percent_fso >= max(accuracy.intervals_percent_fso, accuracy.band_percent_fso)

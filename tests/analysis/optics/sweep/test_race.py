@@ -157,9 +157,11 @@ def test_a_race_stopped_in_its_first_round_keeps_what_was_not_traced(tmp_path: P
     assert np.all(race.left[race.level == 0])
     content = race_json(race, "count")
     assert not content["finished"]
+    assert content["winner"] is None
+    assert content["tied"] == content["candidates"]
     assert content["candidates"][-1]["p"] is None
     assert content["candidates"][-1]["rays"] == 0
-    assert content["equal_work_rays"] == 1_000 * len(request.designs)
+    assert content["rays_equal_precision"] == 1_000 * len(request.designs)
     assert "the time ran out" in race_text(race, "count")
     assert json.loads(write_race(race, "count", tmp_path)[0].read_text())["finished"] is False
 
@@ -223,7 +225,9 @@ def test_a_race_finds_the_best_of_traced_designs_on_any_thread(tmp_path: Path) -
     assert np.array_equal(again.p, race.p)
     content, text = race_json(race, "count"), race_text(race, "count")
     assert content["best"]["cavities"] == 7
-    assert content["work_rays"] * content["times_less_work"] == pytest.approx(content["equal_work_rays"])
+    alone = len(content["candidates"]) == 1
+    assert (content["winner"], content["tied"]) == ((content["best"], []) if alone else (None, content["candidates"]))
+    assert content["rays_total"] * content["times_less_work"] == pytest.approx(content["rays_equal_precision"])
     assert "confidence" in text
     assert {path.name for path in write_race(race, "count", tmp_path)} == {"race.json", "race.png", "race.svg"}
 

@@ -97,7 +97,7 @@ def test_search_starts_stops_and_reports_its_gain(page):
     page.search_button.click()
     best, start = Design(7, 1.234, 0.61, 0.55, "inner"), Design(5, 1.0, 0.5, 0.9)
     winners = [Winner(design, p, (p, p), np.zeros(15), np.zeros(15), 0.01) for design, p in ((start, 2.5), (best, 3.0))]
-    found = Optimum(*winners, 2.0, 9, 1.0, 250, 2500, True, "power")
+    found = Optimum(*winners, 2.0, 9, 1.0, 250, 2500, True, "power", 0.5, 9_000)
     FakeJob.made[-1].bring(found)
     update(page)
     assert "1.20 times the merit of the grid's best (P on power: 3.00 against 2.50)" in page.outcome.text()

@@ -52,6 +52,8 @@ def lower_quantiles_by_chance(values: FloatArray, tail: float) -> FloatArray:
     ----------
     values : [rows]. tail : share of them that is below the quantile.
     """
+    from scipy import special
+
     ordered = np.sort(values)
     quantile = float(np.interp(tail * (values.size - 1), np.arange(values.size), ordered))
     errors = errors_by_chance((values <= quantile).astype(np.float64))
@@ -61,8 +63,6 @@ def lower_quantiles_by_chance(values: FloatArray, tail: float) -> FloatArray:
         at = np.clip(np.rint(probabilities * (values.size + 1)).astype(int) - 1, 0, values.size - 1)
         return np.asarray(ordered[at] + quantile - ordered[round(tail * (values.size - 1))])
     excess = float(beyond[-1] - beyond.mean()) * beyond.size / (beyond.size - 1)
-    from scipy import special
-
     at, edge = special.ndtri(tail), special.ndtri(WIDER * tail)
     of_normal = np.exp(-0.5 * edge**2) / np.sqrt(2.0 * np.pi) / (WIDER * tail) + edge
     return np.asarray(quantile + excess / of_normal * (special.ndtri(probabilities) - at))
@@ -86,7 +86,7 @@ def _weights() -> FloatArray:
 @cache
 def _probabilities(size: int, tail: float) -> FloatArray:
     """Return the probability below the quantile of so many draws, at a normal number of its errors."""
-    rank = tail * (size - 1) + 1.0
     from scipy import special
 
+    rank = tail * (size - 1) + 1.0
     return np.asarray(special.betaincinv(rank, size + 1.0 - rank, special.ndtr(_NORMALS)))

@@ -51,7 +51,7 @@ def test_pipe_and_device_are_refused_at_once(tmp_path: Path, name: str, kind: st
     else:
         path.symlink_to("/dev/zero")
     for read in READERS[name]:
-        with pytest.raises(Exception) as refusal:  # noqa: PT011: each package has its own family
+        with pytest.raises(Exception) as refusal:  # each package has its own family
             read(path)
         assert getattr(refusal.value, "cause", ""), refusal.value
 

@@ -353,7 +353,7 @@ def strokes(
     show_table(("loop", *(sensor["name"] for sensor in sensors)), rows)
     if math.isfinite(sampling.period_error_s):
         used = "every sample" if sampling.every == 1 else f"one sample in {sampling.every}"
-        show(f"error of a period by the sampling: {1e3 * sampling.period_error_s:.2g} ms (k = 2), by {used}")
+        show(f"error of a period by the sampling: {1e3 * sampling.period_error_s:.3g} ms (k = 2), by {used}")
 
 
 def _text(value: Any) -> str:

@@ -69,7 +69,8 @@ def test_tolerance_chooses_the_samples_and_the_answer_states_its_error(tmp_path:
     assert found["cycles"] == 9
     assert found["period_s"]["mean"] == pytest.approx(10.0, abs=0.02)
     assert call("strokes", file, "--tolerance", "0.02 s") == found
-    assert "16 ms (k = 2), by one sample in 4" in text("strokes", file, "--tolerance", "20ms")
+    assert " 16.3 ms (k = 2), by one sample in 4" in text("strokes", file, "--tolerance", "20ms")
+    assert "e+" not in text("strokes", file, "--tolerance", "200ms")
 
 
 def test_tolerance_of_strokes_that_is_not_met_is_refused(tmp_path: Path) -> None:

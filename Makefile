@@ -6,6 +6,7 @@ BIN    := $(VENV)/bin
 JOBS   ?= 3
 DAILY   = QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -m "not nightly and not benchmark_run"
 OUT    ?= out/demo
+ADVERSARY = tests/analysis/atlas/test_adversary.py::test_no_scene_exceeds_its_stated_error
 
 # What Qt and the tests need from Debian; the GUI's own libraries first, then the virtual screen and the PDF viewer.
 QT_PACKAGES   := libegl1 libgl1 libxkbcommon-x11-0 libdbus-1-3 libfontconfig1 libglib2.0-0 libxcb-cursor0 \
@@ -29,7 +30,7 @@ SECONDS ?= 600
 # Bytecode is kept: programs that tests start, and each of the tests' workers, would compile the same sources again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: delivered bundle sbom lock demo test check nightly chip bench docs pictures fuzz mutation faults audit setup setup-test system system-test compiled collected clean help
+.PHONY: delivered bundle sbom lock demo test check nightly adversary chip bench docs pictures fuzz mutation faults audit setup setup-test system system-test compiled collected clean help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -54,9 +55,13 @@ compiled: setup-test  # what numba compiles, once and not in each of the tests' 
 collected: setup-test  # rewritten asserts, once and not in each of the workers; what fails here fails there, with its message
 	-@QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest --collect-only -qq >/dev/null
 
-nightly: setup-test  ## the tests that take minutes
+nightly: setup-test  ## the tests that take minutes, then `adversary`: a night
 	@$(call debian_install,$(NIGHTLY_PACKAGES) $(CHIP_PACKAGES))
-	QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -m nightly --timeout 3600
+	QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -m nightly --timeout 3600 --deselect $(ADVERSARY)
+	@$(MAKE) --no-print-directory adversary
+
+adversary: setup-test  ## search scenes whose true error exceeds the stated one: an hour a method, two at a time
+	BOAT_ADVERSARY_S=$(or $(BOAT_ADVERSARY_S),3600) $(BIN)/python -m pytest $(ADVERSARY) -m nightly -n 2 --dist worksteal
 
 chip: setup-test  ## the firmware on an emulated Cortex-M3: build it, run it, print its port; Ctrl-C ends it
 	@$(call debian_install,$(CHIP_PACKAGES))

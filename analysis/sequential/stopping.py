@@ -114,6 +114,12 @@ class StopAssessment:
         return self.more_cycles == 0
 
     @property
+    def at_least(self) -> str:
+        """Return the rule that alone keeps the run from its end, its values being what was asked for; "" if none."""
+        small = bool(self.criteria) and all(criterion.now <= criterion.asked for criterion in self.criteria)
+        return f"{_cycles(self.fewest)} at least" if small and self.cycles < self.fewest else ""
+
+    @property
     def now(self) -> str:
         """Return the values now and those asked for, in short."""
         return f"{self._values(0)} of {self._asked} {self._unit} asked"
@@ -122,10 +128,11 @@ class StopAssessment:
     def best(self) -> str:
         """Return the values that the cycles of the plan lead to; "" where these suffice, or nothing is known."""
         more = self.more_cycles
-        if not self.criteria or (more is not None and self.cycles + more <= self.planned):
+        if not self.criteria or self.at_least or (more is not None and self.cycles + more <= self.planned):
             return ""
-        lead = self._values(max(self.planned - self.cycles, 0))
-        return f"the {_cycles(self.planned)} of the plan lead to {lead} {self._unit}"
+        lead = "leads" if self.planned == 1 else "lead"
+        values = self._values(max(self.planned - self.cycles, 0))
+        return f"the {_cycles(self.planned)} of the plan {lead} to {values} {self._unit}"
 
     @property
     def _asked(self) -> str:
@@ -136,18 +143,22 @@ class StopAssessment:
         return self.criteria[0].unit
 
     def _values(self, more: int) -> str:
-        return ", ".join(f"{c.name}{c.after(self.cycles, more):.2g}" for c in self.criteria)
+        return ", ".join(f"{c.name}{_shown(c.after(self.cycles, more), c.asked)}" for c in self.criteria)
+
+    @property
+    def _measured(self) -> str:
+        return f"{self._values(0)} {self._unit} after {_cycles(self.cycles)}, {self._asked} {self._unit} asked"
 
     @property
     def text(self) -> str:
         """Return the values now, those asked for, and what is still to do."""
-        after = _cycles(self.cycles)
         if self.void:
-            return f"the uncertainty is not known after {after}: {self.void}"
-        more = self.more_cycles
-        now = f"{self._values(0)} {self._unit} after {after}, {self._asked} {self._unit} asked"
+            return f"the uncertainty is not known after {_cycles(self.cycles)}: {self.void}"
+        more, now = self.more_cycles, self._measured
         if more == 0:
             return f"{now}: reached"
+        if self.at_least:
+            return f"{now}: {_cycles(more or 0)} more, {self.at_least}"
         if self.best:
             return f"{now}: {'not reached' if more is None else f'{_cycles(more)} more'}, {self.best}"
         held = "" if self.hold is None else f", {len(self.hold)} plateaus each"
@@ -156,6 +167,12 @@ class StopAssessment:
     def as_json(self) -> dict[str, Any]:
         """Return it as a dictionary."""
         return asdict(self) | {"reached": self.reached, "more_cycles": self.more_cycles}
+
+
+def _shown(value: float, asked: float) -> str:
+    """Return a value with two digits, or as many more as show on which side of the one asked for it is."""
+    texts = [f"{value:.{digits}g}" for digits in range(2, 7)]
+    return next((text for text in texts if (float(text) <= asked) == (value <= asked)), texts[-1])
 
 
 def _cycles(count: int) -> str:

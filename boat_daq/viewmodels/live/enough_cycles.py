@@ -118,7 +118,7 @@ class EnoughCycles:
         begun = progress.complete_cycles - self.known.cycles
         planned = max(progress.cycles - progress.complete_cycles, 1)
         left_s = progress.time_left_s * max(more - begun, 0) / planned
-        return f"{self.known.now}, {duration(left_s)} left"
+        return ", ".join(filter(None, (self.known.now, self.known.at_least, f"{duration(left_s)} left")))
 
     @staticmethod
     def unit(snapshot: SessionSnapshot) -> str:

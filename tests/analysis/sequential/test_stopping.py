@@ -71,6 +71,10 @@ def test_further_cycles_follow_from_what_falls_with_them() -> None:
         (replace(of_u(0.1, 0.08, 0.05), hold=(("loading", 50.0),) * 4), "2 cycles more, 4 plateaus each"),
         (of_u(0.1, 0.06, 0.05), "12 cycles more, the 5 cycles of the plan lead to U 0.074 mm"),
         (of_u(0.1, 0.05, 0.06), "not reached, the 5 cycles of the plan lead to U 0.078 mm"),
+        (replace(of_u(0.22, 0.5, 0.1), cycles=1), "after 1 cycle, 0.5 mm asked: 1 cycle more, 2 cycles at least"),
+        (replace(of_u(0.22, 0.5, 0.1), cycles=1, planned=1), "1 cycle more, 2 cycles at least"),
+        (replace(of_u(0.2, 0.1, 0.0), cycles=1, planned=1), "3 cycles more, the 1 cycle of the plan leads to U 0.2 mm"),
+        (of_u(0.0804, 0.08, 0.05), "U 0.0804 mm after 2 cycles, 0.08 mm asked: 1 cycle more"),
         (replace(of_u(0.1, 0.05, 0.06), criteria=(), void="no plateau"), "not known after 2 cycles: no plateau"),
     ],
 )
@@ -129,7 +133,9 @@ def with_intervals(run: Analysis, drift: float, spread: float, void: str = "") -
 
 def test_a_repeatability_run_ends_when_drift_and_spread_are_known(run: Analysis) -> None:
     """Never before ten cycles; the drift's interval falls faster with the cycles than that of the repeatability."""
-    assert assess_repeats(with_intervals(run, 0.05, 0.05), 0.1, 100).more_cycles == FEWEST_REPEATS - 2
+    early = assess_repeats(with_intervals(run, 0.05, 0.05), 0.1, 100)
+    assert early.more_cycles == FEWEST_REPEATS - 2
+    assert early.text.endswith("0.1 % FSO asked: 8 cycles more, 10 cycles at least")
     assert assess_repeats(with_intervals(run, 6.39, 0.1), 0.1, 100).more_cycles == 2 * 16 - 2
     wide = assess_repeats(with_intervals(run, 0.1, 0.2999), 0.1, 100)
     assert wide.more_cycles == 2 * 9 - 2

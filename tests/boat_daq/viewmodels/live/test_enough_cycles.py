@@ -82,6 +82,8 @@ def test_a_run_ends_after_the_cycle_that_leaves_the_u(model: EnoughCycles, ended
     assert not ended
     assert held == [Done.result.hold]
     assert model.text(snapshot(1)).startswith("U 0.1 of 0.08 mm asked, 5:00 left")
+    model.known = known(1, 0.05, 0.04)
+    assert model.text(snapshot(1)) == "U 0.05 of 0.08 mm asked, 2 cycles at least, 1:40 left"
     Done.result = known(2, 0.079, 0.05)
     model.follow(snapshot(2))
     model.follow(snapshot(2))

@@ -29,7 +29,6 @@ import numpy as np
 from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration
 from analysis.calibration.quantised_x import Positions, common_variance
-from analysis.errors import RequestError
 from analysis.figures.pipeline import Analysis, analyse
 from analysis.figures.sensor_analysis import AnalysedRun, Options
 from analysis.figures.uncertainty import COVERAGE_FACTOR, Budget, elongation_reader
@@ -177,17 +176,6 @@ def _shown(value: float, asked: float) -> str:
 
 def _cycles(count: int) -> str:
     return f"{count} cycle" if count == 1 else f"{count} cycles"
-
-
-def check_asked(asked: float, unit: str) -> None:
-    """Reject an uncertainty that is no number above 0; `unit` is mm or % FSO.
-
-    Raises
-    ------
-    RequestError : it is none.
-    """
-    if not 0.0 < asked < math.inf:
-        raise RequestError(f"an uncertainty of {asked:g} {unit}", f"give a number of {unit} above 0, as 0.08")
 
 
 def assess_calibration(analysis: Analysis, asked_mm: float, planned: int) -> StopAssessment:

@@ -76,6 +76,10 @@ def demo(
 
     Example: boat-daq demo --headless --out out/demo
     """
+    from analysis.sequential.asked import check_asked
+
+    if uncertainty is not None:
+        check_asked(uncertainty, "mm")
     if not headless and not as_json and has_screen():
         gui(port=None, board=True, speed=1.0)
         return

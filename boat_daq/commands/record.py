@@ -97,6 +97,8 @@ def record(
 
     Example: boat-daq record --port /dev/ttyACM0 --plan calibration --unit SA1 --out SA1.boat
     """
+    ends: dict[str, float | None] = {"staircase": uncertainty, "continuous": repeatability}
+    _check_asked(ends)
     from boat_daq.commands.run_session import SessionRequest, run_session
     from boat_daq.engine.derived_store import parse_lines
     from boat_daq.engine.session.readings import read_elongation_csv
@@ -105,14 +107,18 @@ def record(
         raise typer.BadParameter("--resume continues its own recording: omit --out and --duration")
     if video is not None and camera is None:
         raise typer.BadParameter("--video goes with --camera")
-    if uncertainty is not None and ((elongation is None and camera is None) or repeatability is not None):
-        raise typer.BadParameter("needs --elongation or --camera, and no --repeatability", param_hint="--uncertainty")
-    readings = read_elongation_csv(elongation) if elongation is not None else None
     values = {"cycles": cycles, "dwell_s": dwell, "ramp_kpa_per_s": ramp}
     changes = {name: value for name, value in values.items() if value is not None}
+    begun = None if resume is not None else chosen_plan(plan, changes)
+    if resume is None:
+        _check_kind(begun, ends)
+    if uncertainty is not None and elongation is None and camera is None:
+        raise typer.BadParameter("needs --elongation or --camera", param_hint="--uncertainty")
+    readings = read_elongation_csv(elongation) if elongation is not None else None
     request = SessionRequest(
         port=port,
         path=resume or _path(out, unit, plan or "", operator),
+        plan=begun,
         profile=str(profile) if profile else None,
         rate_hz=rate,
         unit=unit,
@@ -126,9 +132,7 @@ def record(
     )
     if resume is not None:
         request = resumed(request, broken_run(resume, plan, changes, unit=unit))
-    else:
-        request = dataclasses.replace(request, plan=chosen_plan(plan, changes))
-    _check_kind(request.plan, {"staircase": uncertainty, "continuous": repeatability})
+        _check_kind(request.plan, ends)
     enter = None
     if elongation is not None and readings is not None:
         enter = _entry(elongation, readings, request, growing=uncertainty is not None)
@@ -147,19 +151,45 @@ def record(
         raise typer.Exit(1)
 
 
+END_OPTIONS = {"staircase": "--uncertainty", "continuous": "--repeatability"}
+"""Options of the value that ends a run, by the kind of plan that has it."""
+
+
+def _check_asked(given: Mapping[str, float | None]) -> None:
+    """Refuse two ends of a run, and values that are no number above 0; `given` is the value for each kind of plan.
+
+    Raises
+    ------
+    BadParameter : there are two. RequestError : as `check_asked`.
+    """
+    from analysis.sequential.asked import check_asked
+
+    for kind, unit in (("staircase", "mm"), ("continuous", "% FSO")):
+        asked = given[kind]
+        if asked is not None:
+            check_asked(asked, unit)
+    if None not in given.values():
+        raise typer.BadParameter("use either --uncertainty or --repeatability", param_hint="--uncertainty")
+
+
 def _check_kind(plan: Plan | None, given: Mapping[str, float | None]) -> None:
-    """Refuse an ending by a figure that plans of this kind do not have; `given` is the figure of each kind.
+    """Refuse an end by a value that plans of this kind do not have; `given` is the value for each kind.
 
     Raises
     ------
     BadParameter : the plan is of another kind.
     """
-    options = {"staircase": "--uncertainty", "continuous": "--repeatability"}
     kind = None if plan is None else plan.kind
-    for only, figure in given.items():
-        if figure is not None and kind != only:
-            what = "without one there is nothing to end" if kind is None else f"this one is {kind}"
-            raise typer.BadParameter(f"is of {only} plans, {what}", param_hint=options[only])
+    for only, asked in given.items():
+        if asked is None or kind == only:
+            continue
+        if kind is None:
+            what = "without one there is nothing to end"
+        else:
+            cause = ": it has no plateaus to read" if only == "staircase" and kind == "continuous" else ""
+            remedy = f"; use {END_OPTIONS[kind]}" if kind in END_OPTIONS else ""
+            what = f"this one is {kind}{cause}{remedy}"
+        raise typer.BadParameter(f"is of {only} plans, {what}", param_hint=END_OPTIONS[only])
 
 
 def _entry(

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from analysis.errors import AnalysisError
+from analysis.sequential.asked import check_asked
 from boat_daq.commands.console import Advance, notify, progress_bar
 from boat_daq.engine.control.elongation import Regulator
 from boat_daq.engine.log import start_log
@@ -94,8 +95,6 @@ def run_session(
         here: the recording holds the samples until then.
     """
     if request.uncertainty is not None:
-        from analysis.sequential.stopping import check_asked
-
         check_asked(request.uncertainty, "mm or % FSO")
     start_log("record")
     camera: CameraChannel | None = None

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from analysis.sequential.asked import check_asked
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.errors import OperatorError
@@ -52,8 +53,6 @@ class EnoughCycles:
         RequestError : it is no number above 0.
         """
         if asked is not None:
-            from analysis.sequential.stopping import check_asked
-
             check_asked(asked, "mm or % FSO")
         self.asked, self.known = asked, None
 

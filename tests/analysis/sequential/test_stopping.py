@@ -14,6 +14,7 @@ from analysis.atlas.runs import Stairs, analysed
 from analysis.errors import RequestError
 from analysis.figures.pipeline import Analysis
 from analysis.segmentation.cycle_effect import CycleEffect
+from analysis.sequential.asked import check_asked
 from analysis.sequential.stopping import (
     DRIFT,
     FEWEST_REPEATS,
@@ -23,7 +24,6 @@ from analysis.sequential.stopping import (
     StopCriterion,
     assess_calibration,
     assess_repeats,
-    check_asked,
     held_plateaus,
     u_at_most,
 )

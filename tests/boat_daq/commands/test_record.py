@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -42,12 +44,20 @@ def test_refusal_with_json_is_an_object(tmp_path: Path) -> None:
         (["--plan", "calibration", "--uncertainty", "0.08"], "needs --elongation or --camera"),
         (
             ["--plan", "repeatability", "--uncertainty", "0.08", "--camera", "0"],
-            "is of staircase plans, this one is con",
+            "is of staircase plans, this one is continuous: it has no plateaus to read; use --repeatability",
         ),
+        (["--plan", "repeatability", "--uncertainty", "0.1"], "no plateaus to read; use --repeatability"),
+        (["--plan", "step-test", "--uncertainty", "0.1"], "is of staircase plans, this one is profile"),
+        (["--plan", "calibration", "--uncertainty", "0.1", "--repeatability", "1"], "use either --uncertainty or"),
         (["--uncertainty", "0.08", "--camera", "0"], "without one there is nothing to end"),
-        (["--plan", "calibration", "--repeatability", "0.1"], "is of continuous plans, this one is staircase"),
+        (
+            ["--plan", "calibration", "--repeatability", "0.1"],
+            "is of continuous plans, this one is staircase; use --unc",
+        ),
         (["--plan", "repeatability", "--repeatability", "0"], "an uncertainty of 0"),
         (["--plan", "repeatability", "--repeatability", "-1"], "an uncertainty of -1"),
+        (["--plan", "repeatability", "--repeatability", "nan"], "give a number of % FSO above 0"),
+        (["--plan", "calibration", "--uncertainty", "nan", "--camera", "0"], "give a number of mm above 0"),
     ],
 )
 def test_an_end_that_a_plan_cannot_have_is_refused(tmp_path: Path, options: list[str], cause: str) -> None:
@@ -56,6 +66,23 @@ def test_an_end_that_a_plan_cannot_have_is_refused(tmp_path: Path, options: list
     assert code != 0
     assert cause in " ".join(err.replace("│", " ").split())
     assert not (tmp_path / "run.boat").exists()
+
+
+@pytest.mark.parametrize(
+    "command", [["record", "--plan", "repeatability", "--repeatability"], ["demo", "--uncertainty"]]
+)
+def test_a_wrong_end_is_refused_at_once(command: list[str]) -> None:
+    """Without loading the analysis, which takes seconds, and before anything is opened."""
+    words = [*command, "nan", *(["--port", "none"] if command[0] == "record" else [])]
+    code = (
+        "import sys; from tests.boat_daq.commands.calls import program; "
+        f"ended = program(*{words!r}); assert ended.code != 0; print(ended.err); "
+        "late = {'analysis.figures', 'boat_daq.engine.session.session', 'boat_daq.engine.simulator.server'}; "
+        "assert not late & set(sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "an uncertainty of nan" in done.stdout
 
 
 def test_plan_outside_the_limits_leaves_no_recording(tmp_path: Path) -> None:

@@ -163,6 +163,14 @@ class StopAssessment:
         held = "" if self.hold is None else f", {len(self.hold)} plateaus each"
         return f"{now}: {_cycles(more or 0)} more{held}"
 
+    @property
+    def end(self) -> str:
+        """Return the values at the end of a run, and whether they are those asked for."""
+        if self.void:
+            return self.text
+        reached = "reached" if self.reached else "not reached"
+        return f"{self._measured}: {', '.join(filter(None, (reached, self.at_least)))}"
+
     def as_json(self) -> dict[str, Any]:
         """Return it as a dictionary."""
         return asdict(self) | {"reached": self.reached, "more_cycles": self.more_cycles}

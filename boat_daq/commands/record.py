@@ -99,7 +99,7 @@ def record(
     """
     ends: dict[str, float | None] = {"staircase": uncertainty, "continuous": repeatability}
     _check_asked(ends)
-    from boat_daq.commands.run_session import SessionRequest, run_session
+    from boat_daq.commands.run_session import SessionRequest, run_assessed_session
     from boat_daq.engine.derived_store import parse_lines
     from boat_daq.engine.session.readings import read_elongation_csv
 
@@ -143,9 +143,10 @@ def record(
         choice = CameraChoice(camera, mark_mm, u_mark_mm, lens, request.unit, patches_of(patch), allow_remote)
         choice.tracker()  # refuses what cannot be before the board is opened
         open_camera = partial(open_channel, choice=choice, video=video)
-    summary, failure = run_session(request, enter, open_camera)
+    summary, failure, at_end = run_assessed_session(request, enter, open_camera)
     if as_json:
-        emit_json({**dataclasses.asdict(summary), "failed": bool(failure), "failure": failure})
+        ended = {"failed": bool(failure), "failure": failure}
+        emit_json({**dataclasses.asdict(summary), **ended, "end_uncertainty": at_end and dataclasses.asdict(at_end)})
     _report(summary, failure, request)
     if failure:
         raise typer.Exit(1)

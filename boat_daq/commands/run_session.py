@@ -28,7 +28,7 @@ from boat_daq.engine.session.shared_vent import SharedVent
 from boat_daq.engine.settings import home, load_settings
 from boat_daq.engine.snapshot import LinkState, LinkWarningCode, MessageKind, SessionSnapshot, SessionState
 from boat_daq.errors import BoatDaqError, DeviceError
-from boat_daq.viewmodels.live.enough_cycles import EnoughCycles
+from boat_daq.viewmodels.live.enough_cycles import EndUncertainty, EnoughCycles
 from protocol.recording import BoardState, DerivedChannel
 
 POLL_S = 0.1
@@ -81,6 +81,19 @@ def run_session(
 ) -> tuple[Summary, str]:
     """Run one session to its end; return a summary of the recording, and why the run failed (empty if it did not).
 
+    Parameters and errors are those of `run_assessed_session`.
+    """
+    summary, failure, _ = run_assessed_session(request, after_run, open_camera)
+    return summary, failure
+
+
+def run_assessed_session(
+    request: SessionRequest,
+    after_run: Callable[[Session], object] | None = None,
+    open_camera: Callable[[Session], CameraChannel] | None = None,
+) -> tuple[Summary, str, EndUncertainty | None]:
+    """Run one session as `run_session`; return also the uncertainty at its end, None where none was asked for.
+
     Parameters
     ----------
     request : what to record.
@@ -98,6 +111,7 @@ def run_session(
         check_asked(request.uncertainty, "mm or % FSO")
     start_log("record")
     camera: CameraChannel | None = None
+    enough: EnoughCycles | None = None
     settings = load_settings()
     session = Session(dataclasses.replace(settings, allow_remote=settings.allow_remote or request.allow_remote))
     shared = SharedVent(session.vent, lambda: request.unit or request.path.name, home("config"))
@@ -132,7 +146,12 @@ def run_session(
         for message in session.snapshot().messages:
             if message.kind is MessageKind.PLUGIN:
                 notify(f"warning: {message.cause}; {message.remedy}")
-    return summarise(request.path), failure
+    at_end = None
+    if enough is not None and request.plan is not None:
+        at_end = enough.at_end(request.path, request.plan)
+    if at_end is not None and enough is not None and enough.ended_by is None:  # else it was reported in the run
+        notify(at_end.text)
+    return summarise(request.path), failure, at_end
 
 
 def _connect(session: Session, request: SessionRequest) -> SessionSnapshot:

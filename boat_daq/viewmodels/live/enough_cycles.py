@@ -10,17 +10,42 @@ the window; meanwhile the run continues.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from analysis.errors import AnalysisError
 from analysis.sequential.asked import check_asked
+from boat_daq.engine.plan import Plan
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
-from boat_daq.errors import OperatorError
+from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.viewmodels.common.formatting import count, duration
 from boat_daq.viewmodels.common.jobs import Job, JobState
 
 if TYPE_CHECKING:
     from analysis.sequential.stopping import StopAssessment
+
+
+@dataclass(frozen=True, slots=True)
+class EndUncertainty:
+    """The uncertainty at the end of a run.
+
+    Parameters
+    ----------
+    asked, unit : what was asked for, mm of U (k = 2) or % FSO.
+    value : the largest of what was to become as small; None where it is not known.
+    cycles : that it is of; None where the recording could not be analysed.
+    reached : whether the run could end at it.
+    text : this in words, or why it is not known.
+    """
+
+    asked: float
+    unit: str
+    value: float | None
+    cycles: int | None
+    reached: bool
+    text: str
 
 
 class EnoughCycles:
@@ -44,6 +69,7 @@ class EnoughCycles:
         self._job: Job | None = None
         self.asked: float | None = None
         self.known: StopAssessment | None = None
+        self.ended_by: StopAssessment | None = None  # of all complete cycles
 
     def ask(self, asked: float | None) -> None:
         """Set the uncertainty at which runs end, mm of U (k = 2) or % FSO; None runs all cycles.
@@ -54,7 +80,7 @@ class EnoughCycles:
         """
         if asked is not None:
             check_asked(asked, "mm or % FSO")
-        self.asked, self.known = asked, None
+        self.asked, self.known, self.ended_by = asked, None, None
 
     def close(self) -> None:
         """End the process of an assessment."""
@@ -70,7 +96,7 @@ class EnoughCycles:
             self.known = self.known if snapshot.state is SessionState.FINISHING else None
             return
         if self._job is not None and self._job.poll() is not JobState.RUNNING:
-            self._take(self._job)
+            self._take(self._job, progress.complete_cycles)
             self._job = None
         if self._job is None and progress.complete_cycles > self._cycles and snapshot.recording is not None:
             self._cycles = progress.complete_cycles
@@ -80,6 +106,7 @@ class EnoughCycles:
         """Start to assess the run."""
         from analysis.sequential.stopping import assess_run
 
+        self.ended_by = None
         assert snapshot.recording is not None
         assert snapshot.plan is not None
         try:
@@ -90,7 +117,7 @@ class EnoughCycles:
         plan, name = snapshot.plan, "Assessing the uncertainty"
         self._job = Job(name, assess_run, snapshot.recording, asked, plan.cycles, repeats=plan.kind == "continuous")
 
-    def _take(self, job: Job) -> None:
+    def _take(self, job: Job, complete_cycles: int) -> None:
         """Report an assessment, and end the run where it is enough."""
         if job.state is not JobState.DONE:
             cause = job.failure.cause if job.failure is not None else str(job.state.value)
@@ -100,8 +127,32 @@ class EnoughCycles:
         self._report(job.result.text)
         if job.result.reached:
             self._session.finish_early(job.result.text)
+            self.ended_by = job.result if complete_cycles == self._cycles else None
         else:
             self._session.hold_at(job.result.hold)
+
+    def at_end(self, recording: Path, plan: Plan) -> EndUncertainty | None:
+        """Assess all complete cycles of a run that has ended; return None where no uncertainty was asked for.
+
+        Parameters
+        ----------
+        recording : of the run, with its readings.
+        plan : of the run.
+        """
+        if self.asked is None:
+            return None
+        from analysis.sequential.stopping import assess_run
+
+        repeats, asked = plan.kind == "continuous", self.asked
+        unit = "% FSO" if repeats else "mm"
+        try:
+            found = self.ended_by or assess_run(recording, asked, plan.cycles, repeats=repeats)
+        except (AnalysisError, BoatDaqError) as error:
+            text = f"the uncertainty is not known at the end of the run, {asked:g} {unit} asked: {error.cause}"
+            return EndUncertainty(asked, unit, None, None, reached=False, text=text)
+        value = max((criterion.now for criterion in found.criteria), default=None)
+        text = f"{asked:g} {unit} asked: not reached, {found.end}" if found.void else found.end
+        return EndUncertainty(asked, unit, value, found.cycles, found.reached, text)
 
     def text(self, snapshot: SessionSnapshot) -> str:
         """Return the uncertainty now, the one asked for and the time left to it; "" where none is asked for."""

@@ -84,6 +84,20 @@ def test_what_is_still_to_do_is_stated(assessment: StopAssessment, end: str) -> 
     assert assessment.as_json()["reached"] is ("reached" in end and "not" not in end)
 
 
+@pytest.mark.parametrize(
+    ("assessment", "end"),
+    [
+        (of_u(0.0784, 0.08, 0.05), "U 0.078 mm after 2 cycles, 0.08 mm asked: reached"),
+        (of_u(0.1, 0.08, 0.05), "U 0.1 mm after 2 cycles, 0.08 mm asked: not reached"),
+        (replace(of_u(0.22, 0.5, 0.1), cycles=1), "1 cycle, 0.5 mm asked: not reached, 2 cycles at least"),
+        (replace(of_u(0.1, 0.05, 0.06), criteria=(), void="no plateau"), "not known after 2 cycles: no plateau"),
+    ],
+)
+def test_the_end_of_a_run_states_what_was_reached(assessment: StopAssessment, end: str) -> None:
+    """Of a run that has ended no further cycles are stated."""
+    assert assessment.end.endswith(end)
+
+
 def test_u_takes_the_cycles_at_their_upper_limit() -> None:
     """Of two cycles the variance is known to a factor of 63, of eleven to 2.1; of one cycle nothing is known."""
     for cycles, chi2 in ((2, 0.0157907741), (11, 4.8651820519)):

@@ -85,6 +85,18 @@ def test_a_wrong_end_is_refused_at_once(command: list[str]) -> None:
     assert "an uncertainty of nan" in done.stdout
 
 
+def test_a_run_that_ends_with_its_plan_states_what_it_reached(tmp_path: Path) -> None:
+    """The last cycles are assessed too: too few for an interval, and no end at 0.5 % FSO."""
+    plan = ["--plan", "repeatability", "--cycles", "2", "--ramp", "40", "--repeatability", "0.5"]
+    with serve_in_thread(BoardSettings(speed=10.0)) as board:
+        code, out, err = program("record", "--port", board.url, *plan, "--out", tmp_path / "run.boat", "--json")
+    assert code == 0
+    end = json.loads(out)["end_uncertainty"]
+    assert (end["asked"], end["unit"], end["reached"]) == (0.5, "% FSO", False)
+    assert "0.5 % FSO asked: not reached" in end["text"]
+    assert err.count(end["text"]) == 1
+
+
 def test_plan_outside_the_limits_leaves_no_recording(tmp_path: Path) -> None:
     """The limits are known before the first sample, so no file is created."""
     UnitLibrary().save(Unit("tender", min_kpa=-5.0, max_kpa=20.0))

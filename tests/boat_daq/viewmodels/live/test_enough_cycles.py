@@ -11,11 +11,12 @@ import pytest
 
 from analysis.errors import RequestError
 from analysis.sequential.stopping import StopAssessment, StopCriterion
+from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.jobs import JobFailure, JobState
 from boat_daq.viewmodels.live import enough_cycles
-from boat_daq.viewmodels.live.enough_cycles import EnoughCycles
+from boat_daq.viewmodels.live.enough_cycles import EndUncertainty, EnoughCycles
 
 
 class Done:
@@ -124,3 +125,40 @@ def test_an_ended_run_and_no_u_leave_nothing(model: EnoughCycles) -> None:
             model.ask(wrong)
     model.ask(None)
     assert model.text(snapshot(2)) == ""
+
+
+def test_at_its_end_a_run_has_the_u_of_all_its_cycles(model: EnoughCycles, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last cycle of a plan is assessed after the run; one that ended the run is not assessed again."""
+    plan, assessed = built_in_plans()["calibration"], known(5, 0.12, 0.1)
+    monkeypatch.setattr("analysis.sequential.stopping.assess_run", lambda *_, **__: assessed)
+    end = model.at_end(Path("run.boat"), plan)
+    text = "U 0.12 mm after 5 cycles, 0.08 mm asked: not reached"
+    assert end == EndUncertainty(0.08, "mm", 0.12, 5, reached=False, text=text)
+    Done.result = known(2, 0.079, 0.05)
+    for _ in range(2):
+        model.follow(snapshot(2))
+    model.follow(snapshot(2, SessionState.IDLE))
+    end = model.at_end(Path("run.boat"), plan)
+    assert end is not None
+    assert (end.reached, end.value, end.cycles, end.text) == (True, 0.079, 2, Done.result.text)
+    model.ask(None)
+    assert model.at_end(Path("run.boat"), plan) is None
+
+
+def test_a_cycle_beyond_the_end_is_assessed_too(model: EnoughCycles, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that became complete while the assessment was made that ended the run."""
+    monkeypatch.setattr("analysis.sequential.stopping.assess_run", lambda *_, **__: known(3, 0.07, 0.05))
+    Done.result = known(2, 0.079, 0.05)
+    model.follow(snapshot(2))
+    model.follow(snapshot(3))
+    end = model.at_end(Path("run.boat"), built_in_plans()["calibration"])
+    assert end is not None
+    assert (end.cycles, end.value) == (3, 0.07)
+
+
+def test_an_end_without_a_known_u_has_the_reason(model: EnoughCycles, tmp_path: Path) -> None:
+    """A recording that cannot be analysed."""
+    end = model.at_end(tmp_path / "none.boat", built_in_plans()["repeatability"])
+    assert end is not None
+    assert (end.value, end.cycles, end.reached) == (None, None, False)
+    assert end.text.startswith("the uncertainty is not known at the end of the run, 0.08 % FSO asked: ")

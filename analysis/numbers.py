@@ -46,6 +46,15 @@ def rounded(value: float, uncertainty: float) -> str:
     return f"{round(value, places) + 0.0:.{max(places, 0)}f}"  # no -0.00
 
 
+def rounded_up(value: float, digits: int = 2) -> float:
+    """Return a positive value rounded up to so many significant digits: one that may be asked for where it is least."""
+    if not (math.isfinite(value) and value > 0.0):
+        return value
+    step = 10.0 ** (math.floor(math.log10(value)) + 1 - digits)
+    found = float(f"{math.ceil(value / step) * step:.{digits}g}")
+    return found if found >= value else float(f"{found + step:.{digits}g}")
+
+
 def percent(share: float, places: int = 0) -> str:
     """Return "68 %"."""
     return f"{100.0 * share:.{places}f} %"

@@ -57,7 +57,7 @@ def summarise_run(
         else:
             analysis, further = within(path, readings_beside(path), options)
     except (AnalysisError, ProtocolError) as error:
-        return [{"run": path.name, "error": error.cause}]
+        return [{"run": path.name, "error": f"{error.cause}: {error.remedy}"}]
     cycles = analysis.cycles.as_json()
     head = {
         "run": path.name,

@@ -26,6 +26,7 @@ from analysis.errors import RequestError
 from analysis.fidelity import fidelity
 from analysis.figures.pipeline import Analysis, analyse, redrawn
 from analysis.figures.sensor_analysis import MOST_RESAMPLES, AnalysedRun, Options
+from analysis.numbers import rounded_up
 from analysis.progress import Progress
 
 Unit = Literal["mm", "%FSO"]
@@ -33,7 +34,8 @@ BATCHES, LEVEL = 16, 0.95
 FEWEST = 400
 """Resamples: ten beyond each limit."""
 FEWEST_SAMPLES = 500
-ENOUGH_TO_REFUSE = 800
+ENOUGH_TO_BELIEVE = 800
+"""Draws whose error shows that all are needed."""
 MOST_SAMPLES = 50_000
 SPARE, LEAST_GROWTH, MOST_GROWTH = 1.1, 1.2, 4
 """Part by which draws are chosen for less than the tolerance, and the factor by which they grow from try to try."""
@@ -289,15 +291,20 @@ def _samples_for(asked: int, reached: int, error: float, tolerance: float, unit:
     RequestError : the longest chain, or all samples that are kept, leave more.
     """
     if reached < 0.99 * asked:
-        cause = f"an error of {tolerance:g} {unit} takes a longer chain than is sampled"
-        raise RequestError(cause, f"allow {SPARE * error:.2g} {unit}")
+        raise _refusal("a longer chain than is sampled", error, tolerance, unit)
     return draws_for(reached, error, tolerance, unit, MOST_SAMPLES)
+
+
+def _refusal(what: str, error: float, tolerance: float, unit: str) -> RequestError:
+    """Return the refusal of a tolerance; the error of the most draws is the least that can be allowed."""
+    return RequestError(f"an error of {tolerance:g} {unit} takes {what}", f"allow {rounded_up(error):g} {unit}")
 
 
 def draws_for(now: int, error: float, tolerance: float, unit: str, most: int) -> int:
     """Return as many draws as a tolerance takes, by the root law from an error that is above it.
 
-    Where they are many more, half of them come first: the error of few draws is not well enough known.
+    Where they are many more, half of them come first: the error of few draws is not well enough known. Where they seem
+    to be more than there can be, all are taken: a tolerance is refused by the error that they leave, not by a law.
 
     Parameters
     ----------
@@ -305,13 +312,12 @@ def draws_for(now: int, error: float, tolerance: float, unit: str, most: int) ->
 
     Raises
     ------
-    RequestError : more draws than `most`; few draws are not believed to say so.
+    RequestError : there are as many as there can be.
     """
-    needed = math.ceil(now * (SPARE * error / tolerance) ** 2)
-    if now >= most or (needed > most and now > ENOUGH_TO_REFUSE):
-        best = SPARE * error * math.sqrt(min(now / most, 1.0))
-        raise RequestError(
-            f"an error of {tolerance:g} {unit} takes more draws than are kept", f"allow {best:.2g} {unit}"
-        )
+    if now >= most:
+        raise _refusal("more draws than are kept", error, tolerance, unit)
+    needed = math.ceil(min(now * (SPARE * error / tolerance) ** 2, most))
+    if needed == most and now >= ENOUGH_TO_BELIEVE:
+        return most
     next_ = needed // 2 if needed > MOST_GROWTH * now else needed
     return min(max(next_, math.ceil(LEAST_GROWTH * now)), MOST_GROWTH * now, most)

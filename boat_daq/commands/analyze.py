@@ -100,6 +100,10 @@ def analyze(
     limits, (settled_kpa, accuracy) = limits_of(limit), tolerances(tolerance)
     if accuracy is not None and fidelity != "normal":
         raise typer.BadParameter("chooses the draws itself: omit --fidelity", param_hint="--tolerance")
+    if accuracy is None and settled_kpa != PlateauSettings().tolerance_kpa:
+        notify(
+            f"plateaus settle within {settled_kpa:g} kPa; for an error of the figures give mm or %FSO with the number"
+        )
     recording = load_recording(run, columns=column_map(mapping) or None, rate_hz=rate)
     if video is not None:
         from boat_daq.viewmodels.common.camera import CameraChoice
@@ -402,6 +406,7 @@ def report(
     from analysis.calibration.curve_choice import degree_of
     from analysis.figures.against_shadow import against_shadow
     from analysis.progress import part_of
+    from analysis.sequential.accuracy import accuracy_of
     from boat_daq.viewmodels.common.plugged import with_plugins
     from boat_daq.viewmodels.common.reference import stated_contributions
     from protocol.units import ShownUnits
@@ -429,6 +434,8 @@ def report(
         _emit_report(content, to, analyses, limits)
     else:
         notify(f"wrote {to}: {content.title}. {content.verdict}")
+        for run, analysis in zip(runs, analyses, strict=True) if accuracy is not None else ():
+            notify(f"{run.name}: {_accuracy_text(accuracy_of(analysis))}")
 
 
 def _emit_report(content: Report, file: Path, analyses: list[Analysis], limits: Mapping[str, float]) -> None:

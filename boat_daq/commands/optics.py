@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from analysis.fidelity import Fidelity, Level
     from analysis.optics.scene.frame import SceneFrame
     from analysis.optics.sweep.sweep import SweepRequest
-    from analysis.optics.tracer.simulation import TraceResult
     from analysis.optics.tracer.tolerance import ToleratedTrace
 
 app = typer.Typer(no_args_is_help=True, help="The optical model: trace, scene, sweep, optimise.")
@@ -239,7 +238,7 @@ def trace(
         notify("most rays are reflected parts with next to no power: their number is no measure, use the power")
     if 1 < used.rays < FEWEST_RAYS:
         notify(f"the errors of {used.rays} rays are uncertain themselves: release {FEWEST_RAYS} or more")
-    present(result, *_trace_lines(outcome, used.rays, number), as_json=as_json)
+    present(result, *_trace_lines(traced, number), as_json=as_json)
 
 
 def _traced(
@@ -262,18 +261,16 @@ def _traced(
     return ToleratedTrace(outcome, light, float(stated_error(sd, light.rays)), math.inf, light.rays)
 
 
-def _trace_lines(outcome: TraceResult, rays: int, state: int) -> tuple[str, str, str]:
-    """Return a simulation as lines.
-
-    Parameters
-    ----------
-    outcome, rays, state : the simulation, the rays released in it, and the number of its state.
-    """
+def _trace_lines(traced: ToleratedTrace, state: int) -> tuple[str, ...]:
+    """Return a simulation as lines; `traced` is it with its error, `state` the number of its state."""
+    outcome, rays = traced.result, traced.light.rays
+    error = f"error (k = 2): {traced.error:.2g} rays of {PAPER_RAYS}, with {rays} rays from the emitter"
     count = f"NDR {_with_sd(outcome.ndr, outcome.ndr_sd, 1)} of 250"
     if outcome.granted > rays:
         count = f"{outcome.ledger['detected']} detected rays"
     return (
-        f"state {state}: {count}, power {_with_sd(outcome.power, outcome.power_sd, 4)}, {outcome.hits} hits",
+        f"state {state}: {count}, power {_with_sd(outcome.power, outcome.power_sd, 4)} (k = 1), {outcome.hits} hits",
+        *([error] if math.isfinite(traced.error) else []),
         "rays: " + ", ".join(f"{name} {count}" for name, count in outcome.ledger.items()),
         "power: " + ", ".join(f"{name} {part:.4f}" for name, part in outcome.energy.items()),
     )

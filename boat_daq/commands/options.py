@@ -171,9 +171,12 @@ def tolerances(text: str) -> tuple[float, tuple[float, Unit] | None]:
     except ValueError:
         raise typer.BadParameter(f"{text!r} is no number of kPa, mm or %FSO", param_hint="--tolerance") from None
     if unit:
+        if not 0.0 < value < math.inf:
+            raise typer.BadParameter(f"{text!r} is no finite number above 0", param_hint="--tolerance")
         return 1.0, (value, units[unit])
     if not 0.01 <= value < math.inf:
-        raise typer.BadParameter(f"{value:g} is not at least 0.01 kPa", param_hint="--tolerance")
+        remedy = "of a settled plateau; of the figures, give mm or %FSO with it"
+        raise typer.BadParameter(f"{value:g} is not at least 0.01 kPa, {remedy}", param_hint="--tolerance")
     return value, None
 
 

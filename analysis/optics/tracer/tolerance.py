@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from analysis.arrays import FloatArray
 from analysis.errors import RequestError
+from analysis.numbers import rounded_up
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.parameters import ALL, MOST_RAYS, PAPER_RAYS, Design, Light, Waveguide
 from analysis.optics.tracer.simulation import TraceResult, sd_of_sum, trace
@@ -24,6 +25,8 @@ COVERAGE = 2.0
 PILOT_RAYS, FEWEST_RAYS = 100, 50
 SPARE, MORE, TRIES = 1.15, 1.2, 8
 """Part by which the prediction stays below the tolerance; factor of rays of another try, and how many there are."""
+FOUND = 1.2
+"""Factor on the least error by a pilot fan, so that what is proposed is met with the error of the rays that follow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +79,10 @@ def rays_for(light: Light, sd: float, tolerance: float, thickness_mm: float, mir
         return float(sd * sd_of_sum(replace(light, rays=rays), thickness_mm, symmetric) / now)
 
     if predicted(MOST_RAYS) > allowed:
-        best = COVERAGE * SPARE * predicted(MOST_RAYS)
+        best = rounded_up(COVERAGE * SPARE * FOUND * predicted(MOST_RAYS))
         raise RequestError(
             f"an error of {tolerance:g} rays takes more than {MOST_RAYS:,} rays".replace(",", " "),
-            f"allow {best:.2g} rays or more",
+            f"allow {best:g} rays or more",
         )
     low, high = FEWEST_RAYS, MOST_RAYS
     while high > 1.02 * low:  # the error falls with the rays
@@ -124,7 +127,8 @@ def trace_within(
         needed = rays_for(fan, error / COVERAGE, tolerance, thickness, mirrored)
         fan = light.with_rays(max(needed, round(MORE * fan.rays)))
     raise RequestError(
-        f"the error of {fan.rays} rays is {error:.2g} rays of {PAPER_RAYS}", f"allow {1.1 * error:.2g} rays or more"
+        f"the error of {fan.rays} rays is {error:.2g} rays of {PAPER_RAYS}",
+        f"allow {rounded_up(1.1 * error):g} rays or more",
     )
 
 

@@ -115,6 +115,33 @@ def test_a_tolerance_that_no_draws_meet_is_refused_with_the_best(
         assert part in refused.value.remedy
 
 
+@pytest.mark.parametrize("tolerance", [1e-9, 0.02])
+def test_the_least_tolerance_that_a_refusal_names_is_met(
+    run: tuple[Recording, Path], monkeypatch: pytest.MonkeyPatch, tolerance: float
+) -> None:
+    """Resamples of three cycles jump, so that no law gives what the most of them leave."""
+    recording, file = run
+    monkeypatch.setattr("analysis.sequential.accuracy.MOST_RESAMPLES", 3_000)
+    options = Options(mcmc=False, x_resolution_mm=0.0)
+    with pytest.raises(RequestError) as refused:
+        analyse_within(recording, file, options, tolerance, "%FSO")
+    least = float(refused.value.remedy.split()[1])
+    found = accuracy_of(analyse_within(recording, file, options, least, "%FSO"))
+    assert tolerance < found.error("%FSO") <= least
+
+
+def test_the_least_tolerance_of_a_band_is_met() -> None:
+    """It is the error that the most samples leave, rounded up."""
+
+    def sample(samples: int) -> Posterior:
+        return drawn_posterior(np.random.default_rng(5).standard_normal((samples, 2)))
+
+    with pytest.raises(RequestError, match="more draws") as refused:
+        sample_within(sample, 1e-9)
+    least = float(refused.value.remedy.split()[1])
+    assert sample_within(sample, least)[1] <= least
+
+
 def test_an_accuracy_states_the_larger_of_what_it_has() -> None:
     """Intervals and band in % FSO; a band alone in mm; nothing where there is neither."""
     found = Accuracy(0.2, 0.1, 0.01, 100, 500, 0.21)

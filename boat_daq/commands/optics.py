@@ -264,13 +264,13 @@ def _traced(
 def _trace_lines(traced: ToleratedTrace, state: int) -> tuple[str, ...]:
     """Return a simulation as lines; `traced` is it with its error, `state` the number of its state."""
     outcome, rays = traced.result, traced.light.rays
-    error = f"error (k = 2): {traced.error:.2g} rays of {PAPER_RAYS}, with {rays} rays from the emitter"
+    error = f"{traced.error:.2g} rays of {PAPER_RAYS}"
     count = f"NDR {_with_sd(outcome.ndr, outcome.ndr_sd, 1)} of 250"
     if outcome.granted > rays:
-        count = f"{outcome.ledger['detected']} detected rays"
+        count, error = f"{outcome.ledger['detected']} detected rays", f"{traced.error / PAPER_RAYS:.2g} of the power"
     return (
         f"state {state}: {count}, power {_with_sd(outcome.power, outcome.power_sd, 4)} (k = 1), {outcome.hits} hits",
-        *([error] if math.isfinite(traced.error) else []),
+        *([f"error (k = 2): {error}, with {rays} rays from the emitter"] if math.isfinite(traced.error) else []),
         "rays: " + ", ".join(f"{name} {count}" for name, count in outcome.ledger.items()),
         "power: " + ", ".join(f"{name} {part:.4f}" for name, part in outcome.energy.items()),
     )

@@ -34,6 +34,8 @@ PROBE_SHARE = 5e-3
 """Amplitude, as a share of the cavity's radius, at which terms are differenced: small, but large beside rounding."""
 LINEAR_SHARE = 1e-3
 """Of that amplitude, for the linear response, which the terms of higher order are differences to."""
+LEAST_RESPONSE = 1e-5
+"""Response for each mm of error, without unit, below which the terms of higher order are lost in rounding."""
 MODE_PASSES = 8
 LARGEST_REMAINDER = 0.007
 """Up to it the growth was within 1 % of the direct solution (METHODS.md)."""
@@ -89,7 +91,8 @@ class OvalGrowth:
     def remainder(self, error_mm: float) -> float:
         """Return an estimate of the growth's relative error: the terms of the third order times the next ratio."""
         second = self.second_per_mm * self.multiplier_mm(error_mm)
-        third = abs(self.growth_mm(error_mm) / (self.gain * error_mm) - 1.0) if error_mm else 0.0
+        first = self.gain * error_mm
+        third = abs(self.growth_mm(error_mm) / first - 1.0) if first else 0.0
         return second * max(second, third)
 
 
@@ -124,12 +127,19 @@ def oval_growth(stability: Stability, state: Solution, imperfection: Imperfectio
     ------
     ConvergenceError
         If the state is not stable.
+
+    Notes
+    -----
+    At rest the imperfect shape is free of stress, so nothing grows. Near rest the response is proportional to the load,
+    and b the quotient of two small numbers: below `LEAST_RESPONSE` it is omitted, as xi is the error itself there.
     """
     waves, problem, p, u0 = imperfection.waves, stability.problem, state.pressure_kpa, state.displacement_mm
     first, double = (_factor(stability.harmonics.tangent(u0, p, k * waves.wave_number)) for k in (1, 2))
     axial = factorise(problem, u0, p, held=held)
     if axial is None:
         raise _unstable()
+    if p == 0.0 and not u0.any():
+        return OvalGrowth(0.0, 0.0, 0.0, 0.0)
     base = np.zeros((3, *imperfection.shape.shape))
     base[0, :, ::2] = u0
 
@@ -140,7 +150,11 @@ def oval_growth(stability: Stability, state: Solution, imperfection: Imperfectio
     answer = _solve(first, pull)
     once = waves.spread(answer)
     size = float(np.abs(once[cavity, 0]).max())
-    probe = probe_mm / size
+    at = cavity[np.abs(imperfection.shape[cavity, 0]).argmax()]
+    gain = float(once[at, 0] / imperfection.shape[at, 0])
+    if size < LEAST_RESPONSE:
+        return OvalGrowth(gain, 0.0, 0.0, 0.0)
+    probe = probe_mm / max(size, 1.0)  # bounds the response and the error: near rest the error is the larger
     linear, second = float(answer @ pull), np.zeros_like(base)
 
     def next_terms() -> list[FloatArray]:
@@ -162,9 +176,8 @@ def oval_growth(stability: Stability, state: Solution, imperfection: Imperfectio
     cubic = next_terms()[1]
     b = float(answer @ cubic) / linear
     third = waves.spread(b * answer - _solve(first, cubic))
-    at = cavity[np.abs(imperfection.shape[cavity, 0]).argmax()]
     return OvalGrowth(
-        gain=float(once[at, 0] / imperfection.shape[at, 0]),
+        gain=gain,
         b_per_mm2=b,
         third_per_mm2=float(third[at, 0] / imperfection.shape[at, 0]),
         second_per_mm=float(np.abs(second).max()) / size,

@@ -84,6 +84,15 @@ def test_solve_at_an_elongation() -> None:
     assert call("shadow", "solve", "--elongation", "3.8")["pressure_kpa"] == pytest.approx(50.0, abs=0.05)
 
 
+@pytest.mark.parametrize("words", [["--pressure", "0"], ["--pressure", "-0.01"], ["--elongation", "0"]])
+def test_solve_at_rest(words: list[str], coarse: list[str]) -> None:
+    """Nothing moves, an imperfect print does not grow, and no warning is printed."""
+    found = call("shadow", "solve", *words, "--print-error", "0.001", *coarse)
+    assert found["elongation_mm"] == pytest.approx(0.0, abs=0.002)
+    assert found["oval_growth_mm"] == pytest.approx(0.0, abs=1e-6)
+    assert [one["code"] for one in found["warnings"]] == ["coarse_mesh"]
+
+
 @pytest.mark.parametrize(
     ("words", "code"),
     [

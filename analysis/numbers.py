@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
+from decimal import ROUND_CEILING, Context, Decimal
 from pathlib import Path
 from typing import Any
 
@@ -47,12 +48,19 @@ def rounded(value: float, uncertainty: float) -> str:
 
 
 def rounded_up(value: float, digits: int = 2) -> float:
-    """Return a positive value rounded up to so many significant digits: one that may be asked for where it is least."""
-    if not (math.isfinite(value) and value > 0.0):
+    """Return a value rounded up to so many significant digits, as an allowance that must not fall below it.
+
+    Parameters
+    ----------
+    value : any; 0, NaN and infinities are returned as they are. digits : 1 or more.
+    """
+    if value == 0.0 or not math.isfinite(value):
         return value
-    step = 10.0 ** (math.floor(math.log10(value)) + 1 - digits)
-    found = float(f"{math.ceil(value / step) * step:.{digits}g}")
-    return found if found >= value else float(f"{found + step:.{digits}g}")
+    exact = Decimal(value)  # of the binary number: no product of floats rounds below it
+    place = exact.adjusted() - digits + 1
+    up = float(exact.quantize(Decimal(1).scaleb(place), rounding=ROUND_CEILING, context=Context(prec=digits + 1)))
+    nearest = float(f"{value:.{digits - 1}e}")  # a value of so many digits, whose binary number is just above them
+    return nearest if nearest >= value else up
 
 
 def percent(share: float, places: int = 0) -> str:

@@ -23,6 +23,7 @@ from itertools import pairwise
 import numpy as np
 
 from analysis.errors import ConvergenceError, RequestError
+from analysis.numbers import rounded_up
 from analysis.progress import Progress
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution
@@ -46,6 +47,20 @@ RESIDUAL_FACTOR, SQUARE_PER_MM = 1.02, 10.0
 HELD_OUT = 19
 TABLES = ((4, 4, 3), (5, 5, 4), (6, 6, 6), (7, 7, 8), (9, 9, 12))
 """Pressures, elongations and shapes of tables, from the coarsest."""
+
+
+class ToleranceError(RequestError):
+    """No mesh, or no table, has so small an error.
+
+    Parameters
+    ----------
+    cause, remedy : the remedy after the tolerance to allow.
+    allowed_mm : tolerance that can be met.
+    """
+
+    def __init__(self, cause: str, allowed_mm: float, remedy: str) -> None:
+        super().__init__(cause, f"allow {allowed_mm:.2g} mm {remedy}")
+        self.allowed_mm = allowed_mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +117,8 @@ def solve_within(parameters: ActuatorParameters, pressure_kpa: float, tolerance_
 
     Raises
     ------
-    RequestError : the tolerance cannot be met, or the state lies beyond the limit of stability. DataError : no number.
+    ToleranceError : the tolerance cannot be met. RequestError : it is no length, or the state lies beyond the limit of
+    stability. DataError : no number.
     """
     check_values(pressure_kpa, None)
     check_length(tolerance_mm)
@@ -125,7 +141,7 @@ def solve_within(parameters: ActuatorParameters, pressure_kpa: float, tolerance_
         model.check_limits(pressure_kpa, None)
         raise RequestError("the state is stable on one mesh alone", "choose a pressure closer to 0 kPa")
     cause = f"an error of {tolerance_mm:g} mm takes more than {ALONG[-1]} elements along a cell"
-    raise RequestError(cause, f"allow {1.05 * best:.2g} mm or more")
+    raise ToleranceError(cause, rounded_up(1.05 * best), "or more")
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +216,7 @@ def table_within(
 
     Raises
     ------
-    RequestError : no table has so small an error.
+    ToleranceError : no table has so small an error. RequestError : the tolerance is no length.
     """
     check_length(tolerance_mm)
     best = float("inf")
@@ -210,9 +226,8 @@ def table_within(
         if found.errors_mm[-1] <= tolerance_mm:
             return found, settings
         best = min(best, float(found.errors_mm[-1]))
-    raise RequestError(
-        f"no table has an error below {tolerance_mm:g} mm", f"allow {best:.2g} mm, or use the full model"
-    )
+    cause = f"no table has an error below {tolerance_mm:g} mm"
+    raise ToleranceError(cause, rounded_up(best), "or more, or use the full model")
 
 
 def mesh_within(
@@ -223,8 +238,20 @@ def mesh_within(
     Parameters
     ----------
     parameters, tolerance_mm : as `solve_within`. pressures_kpa : the ends of a range of states.
+
+    Raises
+    ------
+    RequestError, DataError : as `solve_within`; a `ToleranceError` allows what can be met at all of the pressures.
     """
-    solved = [solve_within(parameters, pressure, tolerance_mm) for pressure in pressures_kpa]
+    solved: list[ToleratedState] = []
+    refused: list[ToleranceError] = []
+    for pressure in pressures_kpa:
+        try:
+            solved.append(solve_within(parameters, pressure, tolerance_mm))
+        except ToleranceError as error:
+            refused.append(error)
+    if refused:
+        raise max(refused, key=lambda one: one.allowed_mm)
     return max(solved, key=lambda one: one.elements).model.parameters, max(one.error_mm for one in solved)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.errors import AnalysisError, RequestError
+from analysis.errors import AnalysisError
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.tolerance import (
@@ -16,7 +16,9 @@ from analysis.shadow.model.tolerance import (
     LEAST_MM,
     ORDER,
     SAFE_ORDER,
+    ToleranceError,
     error_estimate,
+    mesh_within,
     solve_within,
     table_within,
 )
@@ -84,15 +86,33 @@ def test_a_table_is_as_small_as_its_tolerance_takes(
     fine, size = table_within(short, float(coarse.errors_mm[-1]) / 2.0)
     assert size.pressures == 4
     assert fine.errors_mm[-1] <= coarse.errors_mm[-1] / 2.0
-    with pytest.raises(RequestError) as refused:
+    with pytest.raises(ToleranceError) as refused:
         table_within(short, 1e-12)
-    assert "allow" in refused.value.remedy
+    assert f"allow {refused.value.allowed_mm:g} mm" in refused.value.remedy
+    assert table_within(short, refused.value.allowed_mm)[0].errors_mm[-1] <= refused.value.allowed_mm
+
+
+def test_all_pressures_can_meet_the_allowed_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The end with the larger error decides, in either order; either end alone allows what it can meet."""
+    monkeypatch.setattr(FullModel, "check_limits", lambda *_: None)
+    monkeypatch.setattr("analysis.shadow.model.tolerance.ALONG", (4, 6))
+    short = ActuatorParameters(cells=2)
+    allowed = []
+    for pressures in ((2.0,), (20.0,), (2.0, 20.0), (20.0, 2.0)):
+        with pytest.raises(ToleranceError) as refused:
+            mesh_within(short, pressures, 1e-9)
+        allowed.append(refused.value.allowed_mm)
+        assert f"allow {allowed[-1]:g} mm" in refused.value.remedy
+    assert allowed[0] < allowed[1] == allowed[2] == allowed[3]
+    assert mesh_within(short, (2.0, 20.0), allowed[2])[1] <= allowed[2]
+    with pytest.raises(ToleranceError):
+        mesh_within(short, (2.0, 20.0), allowed[0])
 
 
 @pytest.mark.nightly
 def test_a_tolerance_beyond_the_finest_mesh_is_refused_with_the_best() -> None:
     """The refusal states an error that can be met: with it, the state is solved."""
-    with pytest.raises(RequestError) as refused:
+    with pytest.raises(ToleranceError) as refused:
         solve_within(ActuatorParameters(), 20.0, 1e-9)
-    allowed = float(refused.value.remedy.split()[1])
+    allowed = refused.value.allowed_mm
     assert solve_within(ActuatorParameters(), 20.0, allowed).error_mm <= allowed

@@ -25,6 +25,7 @@ from boat_daq.commands.shadow_model import (
     chosen_table,
     solved_state,
     solved_within,
+    stated_error,
 )
 
 if TYPE_CHECKING:
@@ -95,7 +96,8 @@ def solve(
     if tolerance is not None and (mesh, fidelity) != (None, "normal"):
         raise typer.BadParameter("chooses the mesh: omit --mesh and --fidelity", param_hint="--tolerance")
     if by_mesh and (pressure is None or elongation is not None):
-        raise typer.BadParameter("of the full model goes with --pressure alone", param_hint="--tolerance")
+        text = "the full model takes a tolerance with --pressure only: omit --elongation, or use --model reduced"
+        raise typer.BadParameter(text, param_hint="--tolerance")
     from analysis.shadow.model.assessment import PRINT_ERROR_MM, assess, collapse_kpa
 
     if tolerance is None:
@@ -104,7 +106,8 @@ def solve(
         solved = solved_within(parameters, pressure, elongation, model, tolerance)
     found = assess(solved.model, solved.solution, print_error or PRINT_ERROR_MM)
     collapses_kpa = collapse_kpa(solved.model, print_error) if print_error else math.nan
-    warnings = [*found.warnings, *_fallback(model, solved, parameters, fidelity)]
+    fallback = _fallback(model, solved, parameters, fidelity)
+    warnings = [*found.warnings, *fallback]
     for warning in warnings:
         notify(warning.text)
     if plot is not None:
@@ -115,7 +118,7 @@ def solve(
         "notes": [warning.text for warning in warnings],
         "warnings": [warning.as_json() for warning in warnings],
     }
-    lines = _lines(solved, found, collapses_kpa, by_mesh=by_mesh)
+    lines = _lines(solved, found, collapses_kpa, by_mesh=by_mesh, outside=bool(fallback))
     present(_json(solved, found) | notes, *lines, as_json=as_json)
 
 
@@ -143,7 +146,7 @@ def _json(solved: SolvedState, found: Assessment) -> dict[str, Any]:
     }
 
 
-def _lines(solved: SolvedState, found: Assessment, collapses_kpa: float, *, by_mesh: bool) -> list[str]:
+def _lines(solved: SolvedState, found: Assessment, collapses_kpa: float, *, by_mesh: bool, outside: bool) -> list[str]:
     """Return a state and its margin as lines.
 
     Parameters
@@ -151,6 +154,7 @@ def _lines(solved: SolvedState, found: Assessment, collapses_kpa: float, *, by_m
     solved, found : state and margin.
     collapses_kpa : pressure at which the print collapses, NaN where it is not known.
     by_mesh : the stated error, if there is one, is that of the mesh; else that of the reduced model.
+    outside : the state is outside the table of the reduced model, which a warning reports.
     """
     solution, size = solved.solution, solved.model.parameters
     limit_kpa = solved.model.vacuum_limit.pressure_kpa
@@ -160,13 +164,15 @@ def _lines(solved: SolvedState, found: Assessment, collapses_kpa: float, *, by_m
         f"lowest eigenvalue {found.lowest_eigenvalue:.3f} (1 at rest, 0 at the critical pressure of "
         f"{limit_kpa:.3g} kPa)",
     ]
+    elements = f"{size.axial_elements} x ({size.wall_elements} + {size.lattice_elements})"
     if by_mesh:
-        elements = f"{size.axial_elements} x ({size.wall_elements} + {size.lattice_elements})"
         lines.append(f"error of the elongation by the mesh of {elements} elements: {solved.error_mm:.2g} mm")
     elif solved.used == "reduced" and math.isfinite(solved.error_mm):
         lines.append(f"error of elongation and guides by the residual in the full model: {solved.error_mm:.2g} mm")
     elif math.isfinite(solved.error_mm):
-        lines.append("the reduced model has a larger error here: the full model was used, on the same mesh")
+        cause = "" if outside else "the reduced model has a larger error here: "
+        lines.append(f"{cause}the full model was used on the mesh of {elements} elements")
+        lines.append("the error by this mesh is not part of the tolerance")
     if math.isfinite(found.growth_mm):
         lines.append(f"a print that is oval by {found.error_mm:g} mm is oval by another {found.growth_mm:+.2g} mm here")
     if math.isfinite(collapses_kpa):
@@ -250,6 +256,7 @@ def table(
         result,
         f"{p0:.1f} .. {p1:.1f} kPa, {q0:.2f} .. {q1:.2f} mm; {result['modes']} shapes, ready in {seconds:.1f} s",
         f"error of every tracked point below {made.error_bound_mm:.2g} mm; {result['states_per_s']:,.0f} states/s",
+        *stated_error(made, tolerance),
         as_json=as_json,
     )
 
@@ -372,6 +379,7 @@ def modulus(
         *(f"{one.name}: {one.modulus_kpa:.2f} kPa (R² {one.r2:.4f}, {one.points} points)" for one in found.specimens),
         f"E = {found.mean_kpa:.2f} ± {spread:.2f} kPa, N = {len(tests)}",
         *(f"{p:+.0f} kPa: {x:+.3f} ± {u:.3f} mm (k = 1)" for p, x, u in band),
+        *stated_error(table, tolerance),
         as_json=as_json,
     )
 
@@ -414,6 +422,8 @@ def replay(
         f"{summary['cycles']} cycles; deviation {summary['deviation_mean_mm']:+.3f} mm on average, "
         f"{summary['deviation_rms_mm']:.3f} mm rms, {summary['inside_band_percent']:.0f} % inside the band (k = 2)"
     )
+    for line in stated_error(table, tolerance):
+        show(line)
     for alarm in result.alarms:
         show(f"ALARM in cycle {alarm.cycle}: {alarm.sentence}")
     for cause in result.left_out:

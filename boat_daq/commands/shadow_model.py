@@ -82,6 +82,13 @@ def chosen_table(
         return load_table(actuator, settings, progress=progress)
 
 
+def stated_error(table: ReducedModel, tolerance_mm: float | None) -> list[str]:
+    """Return the line on the error of a table that a tolerance chose; none without a tolerance."""
+    if tolerance_mm is None:
+        return []
+    return [f"error of a tracked point by the table: {table.errors_mm[-1]:.2g} mm or less in 95 % of the states"]
+
+
 def chosen_shadow(parameters: Path | None, level: Level = "normal") -> Shadow:
     """Return the shadow of the chosen parameters, its table of the fidelity's size."""
     from analysis.shadow.model.frames import Shadow

@@ -19,7 +19,7 @@ from analysis.shadow.model.table import table_digest, write_table
 from boat_daq.cli import app
 from boat_daq.commands.shadow import save_figure
 from boat_daq.errors import StorageError
-from tests.boat_daq.commands.calls import call, exit_code, program, refusal
+from tests.boat_daq.commands.calls import call, exit_code, program, refusal, text
 
 
 @pytest.fixture
@@ -63,6 +63,9 @@ def test_a_reduced_state_has_the_error_of_its_residual() -> None:
     assert "outside_table" not in [warning["code"] for warning in fine["warnings"]]
     moved = np.subtract(coarse["tracked_points_mm"], fine["tracked_points_mm"])
     assert np.abs(moved).max() <= coarse["error_mm"]
+    shown = text(*words, "1e-9")
+    assert "the reduced model has a larger error here: the full model was used on the mesh of 8 x (2 + 4)" in shown
+    assert "the error by this mesh is not part of the tolerance" in shown
 
 
 @pytest.mark.parametrize(
@@ -77,6 +80,34 @@ def test_a_reduced_state_has_the_error_of_its_residual() -> None:
 def test_a_tolerance_chooses_alone(words: list[str]) -> None:
     """What it chooses is not given besides."""
     assert exit_code("shadow", *words) == 2
+
+
+def test_a_tolerance_at_an_elongation_is_refused_with_a_remedy() -> None:
+    """The full model takes it with a pressure only, the reduced one with either."""
+    ended = program("shadow", "solve", "--elongation", "3", "--tolerance", "0.05")
+    message = " ".join(ended.err.replace("│", " ").split())
+    assert ended.code == 2
+    assert "takes a tolerance with --pressure only: omit --elongation, or use --model reduced" in message
+
+
+def test_the_error_by_a_table_is_stated(
+    tmp_path: Path, coarse: list[str], stairs: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By each command that chooses a table by a tolerance: the error in 95 % of the states, not its bound."""
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda name: tmp_path / name)
+    run, elongation = map(str, stairs)
+    test = tmp_path / "s1.csv"
+    way = np.linspace(0, 6, 100)
+    test.write_text("displacement_mm,force_n\n" + "".join(f"{x},{18.34e-3 * 2500 * x / 50}\n" for x in way))
+    size = ("--height-mm", "50", "--area-mm2", "2500")
+    for words in (("table",), ("replay", run, "--elongation", elongation), ("modulus", str(test), *size)):
+        given = ("shadow", *words, *coarse, "--tolerance", "0.5")
+        error_mm = call(*given)["error_mm"]
+        assert error_mm <= 0.5
+        line = f"error of a tracked point by the table: {error_mm:.2g} mm or less in 95 % of the states"
+        assert line in text(*given).splitlines()
+        if words[0] == "table":
+            assert "error of a tracked point by the table" not in text("shadow", *words, *coarse)
 
 
 def test_solve_at_an_elongation() -> None:

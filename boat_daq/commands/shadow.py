@@ -96,8 +96,10 @@ def solve(
     if tolerance is not None and (mesh, fidelity) != (None, "normal"):
         raise typer.BadParameter("chooses the mesh: omit --mesh and --fidelity", param_hint="--tolerance")
     if by_mesh and (pressure is None or elongation is not None):
-        text = "the full model takes a tolerance with --pressure only: omit --elongation, or use --model reduced"
-        raise typer.BadParameter(text, param_hint="--tolerance")
+        remedy = "give --pressure and omit --elongation, or use --model reduced"
+        raise typer.BadParameter(
+            f"the full model takes a tolerance with --pressure only: {remedy}", param_hint="--tolerance"
+        )
     from analysis.shadow.model.assessment import PRINT_ERROR_MM, assess, collapse_kpa
 
     if tolerance is None:

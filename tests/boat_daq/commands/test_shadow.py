@@ -87,7 +87,7 @@ def test_a_tolerance_at_an_elongation_is_refused_with_a_remedy() -> None:
     ended = program("shadow", "solve", "--elongation", "3", "--tolerance", "0.05")
     message = " ".join(ended.err.replace("│", " ").split())
     assert ended.code == 2
-    assert "takes a tolerance with --pressure only: omit --elongation, or use --model reduced" in message
+    assert "with --pressure only: give --pressure and omit --elongation, or use --model reduced" in message
 
 
 def test_the_error_by_a_table_is_stated(

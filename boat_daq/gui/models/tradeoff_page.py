@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QPointF, QRectF, QSignalBlocker, Qt
-from PySide6.QtGui import QBrush, QColor, QPainter
+from PySide6.QtGui import QBrush, QColor, QKeySequence, QPainter, QShortcut
 from PySide6.QtWidgets import QListWidget, QListWidgetItem, QProgressBar, QVBoxLayout, QWidget
 
 from analysis.arrays import FloatArray
@@ -55,6 +55,7 @@ LABEL_MARGIN = 0.08  # of the height, over the highest point
 RING, SQUARE, MARK_WIDTH = 18, 26, 2
 AT_LEFT = 0.01  # where settings are cheap and their errors above the lines
 ONE_PLACE_DECADES = 0.05  # points nearer than this are labelled as one
+KEY_DECADES = 0.05  # by which an arrow key moves the tolerance
 GAP = (math.nan, math.nan)  # between two strokes
 NOTHING = "Press Measure to plot each setting: time across, error up."
 SIDES = ("bottom", "left")
@@ -108,6 +109,11 @@ class TradeoffCard(PlotCard):
         self.asked = self.plot.line(lambda t: t.accent, movable=True, label="your tolerance: drag")
         self.asked.setCursor(Qt.CursorShape.SizeVerCursor)
         self.asked.sigPositionChanged.connect(self._show_asked)
+        self.asked.sigDragged.connect(self._keep_asked)
+        for key, step in ((Qt.Key.Key_Up, KEY_DECADES), (Qt.Key.Key_Down, -KEY_DECADES)):
+            moved = QShortcut(QKeySequence(key), self.view, context=Qt.ShortcutContext.WidgetWithChildrenShortcut)
+            moved.activated.connect(partial(self._move_asked, step))
+        self._kept: dict[str, float] = {}
         for line, side in ((self.asked, 0), (self.notices, 1), (self.sufficient, 0)):
             line.label.setPosition(AT_LEFT)
             line.label.anchors = [(0, side), (0, side)]
@@ -116,7 +122,7 @@ class TradeoffCard(PlotCard):
 
     def show_chart(self, chart: MethodChart | None) -> None:
         """Draw a method; None removes the plot."""
-        before, self.shown = self.shown, chart
+        self.shown = chart
         points = [p for p in chart.points if p.drawn] if chart is not None else []
         self.show_empty("" if points else NOTHING)
         if chart is None or not points:
@@ -135,11 +141,10 @@ class TradeoffCard(PlotCard):
         self.spread.set(*spread_bars(points, chart.floor))
         self.notices.setValue(math.log10(chart.tolerance))
         self.sufficient.setValue(math.log10(chart.sufficient))
-        if before is None or before.name != chart.name:  # another method: its consumer's tolerance; dragged it stays
-            self.asked.setValue(math.log10(chart.tolerance))
-        self._show_asked()
         self.labels.set(point_labels([(*at[p.number], f"{p.number} {', '.join(p.uses)}".strip()) for p in points]))
         self._frame(x, np.append(y, np.log10([chart.tolerance, chart.sufficient])))
+        self.asked.setValue(self._kept.get(chart.name, math.log10(chart.tolerance)))
+        self._show_asked()
         self.paint_theme(self.theme)
 
     def _show_asked(self, *_: object) -> None:
@@ -147,11 +152,23 @@ class TradeoffCard(PlotCard):
         if self.shown is not None:
             self.readout.setText(self.shown.asked_text(10.0 ** self.asked.value()))
 
+    def _move_asked(self, decades: float) -> None:
+        """Move the tolerance by so many powers of ten."""
+        self.asked.setValue(self.asked.value() + decades)
+        self._keep_asked()
+
+    def _keep_asked(self, *_: object) -> None:
+        """Remember the tolerance that was chosen for this method."""
+        if self.shown is not None:
+            self._kept[self.shown.name] = float(self.asked.value())
+
     def _frame(self, x: FloatArray, y: FloatArray) -> None:
         for values, show, above in ((x, self.plot.x_range, 0.0), (y, self.plot.y_range, LABEL_MARGIN)):
             low, high = float(values.min()), float(values.max())
             more = max(0.0, LEAST_DECADES - (high - low)) / 2 + MARGIN_DECADES * max(1.0, 0.3 * (high - low))
-            show(low - more, high + more + above * (high - low))
+            ends = low - more, high + more + above * (high - low)
+            show(*ends)
+        self.asked.setBounds(ends)  # of the errors: it cannot be dragged out of sight
 
     def paint_theme(self, theme: Theme) -> None:
         """Use the colours of `theme`."""

@@ -408,6 +408,8 @@ class Plot:
             labels.paint(theme)
         for item, colour, pen_style in self._lines:
             item.setPen(pg.mkPen(colour(theme), width=1, style=pen_style))
+            if getattr(item, "movable", False):
+                item.setHoverPen(pg.mkPen(colour(theme), width=2, style=pen_style))
             if hasattr(item, "label"):
                 item.label.setColor(colour(theme))
 

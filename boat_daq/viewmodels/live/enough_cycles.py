@@ -69,6 +69,7 @@ class EnoughCycles:
         self._job: Job | None = None
         self.asked: float | None = None
         self.known: StopAssessment | None = None
+        self.unknown = ""
         self.ended_by: StopAssessment | None = None  # of all complete cycles
 
     def ask(self, asked: float | None) -> None:
@@ -80,7 +81,7 @@ class EnoughCycles:
         """
         if asked is not None:
             check_asked(asked, "mm or % FSO")
-        self.asked, self.known, self.ended_by = asked, None, None
+        self.asked, self.known, self.ended_by, self.unknown = asked, None, None, ""
 
     def close(self) -> None:
         """End the process of an assessment."""
@@ -92,7 +93,7 @@ class EnoughCycles:
         progress = snapshot.progress
         if snapshot.state is not SessionState.RUNNING or progress is None or self.asked is None:
             self.close()
-            self._job, self._cycles = None, 0
+            self._job, self._cycles, self.unknown = None, 0, ""
             self.known = self.known if snapshot.state is SessionState.FINISHING else None
             return
         if self._job is not None and self._job.poll() is not JobState.RUNNING:
@@ -112,7 +113,7 @@ class EnoughCycles:
         try:
             self._enter()
         except OperatorError as error:
-            self._report(f"U is not known after {count(self._cycles, 'cycle')}: {error.cause}")
+            self._not_known(error.cause)
             return
         plan, name = snapshot.plan, "Assessing the uncertainty"
         self._job = Job(name, assess_run, snapshot.recording, asked, plan.cycles, repeats=plan.kind == "continuous")
@@ -121,15 +122,20 @@ class EnoughCycles:
         """Report an assessment, and end the run where it is enough."""
         if job.state is not JobState.DONE:
             cause = job.failure.cause if job.failure is not None else str(job.state.value)
-            self._report(f"U is not known after {count(self._cycles, 'cycle')}: {cause}")
+            self._not_known(cause)
             return
-        self.known = job.result
+        self.known, self.unknown = job.result, ""
         self._report(job.result.text)
         if job.result.reached:
             self._session.finish_early(job.result.text)
             self.ended_by = job.result if complete_cycles == self._cycles else None
         else:
             self._session.hold_at(job.result.hold)
+
+    def _not_known(self, cause: str) -> None:
+        """Report why the latest cycle has no assessment, and show it until a later one has."""
+        self.unknown = f"U is not known after {count(self._cycles, 'cycle')}: {cause}"
+        self._report(self.unknown)
 
     def at_end(self, recording: Path, plan: Plan) -> EndUncertainty | None:
         """Assess all complete cycles of a run that has ended; return None where no uncertainty was asked for.
@@ -158,6 +164,8 @@ class EnoughCycles:
         """Return the uncertainty now, the one asked for and the time left to it; "" where none is asked for."""
         if self.asked is None or snapshot.progress is None:
             return ""
+        if self.unknown:
+            return self.unknown
         if self.known is None:
             return f"{self.asked:g} {self.unit(snapshot)} asked, known after a cycle"
         if self.known.void:

@@ -374,8 +374,9 @@ class CalibrationModel:
     def _sampled(self, job: Job) -> None:
         if job.state is JobState.DONE:
             self.posterior = job.result
-        elif job.state is JobState.FAILED:
-            self.failure = job.failure
+        elif job.failure is not None:  # of the bands alone: the calibration stays as it is
+            notice = job.failure
+            self._services.notices.add(Severity.WARNING, notice.cause, notice.remedy, details=notice.details)
         self.revision += 1
 
     # ---- texts of the page ---------------------------------------------------------------------------------------

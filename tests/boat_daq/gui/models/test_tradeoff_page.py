@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from PySide6.QtWidgets import QApplication
 from analysis.fidelity import fidelity
 from boat_daq.gui import style
 from boat_daq.gui.models import tradeoff_jobs
-from boat_daq.gui.models.tradeoff_page import point_labels, spread_bars
+from boat_daq.gui.models.tradeoff_page import KEY_DECADES, point_labels, spread_bars
 from boat_daq.gui.plotting.axes import LogAxis, log_ticks
 from boat_daq.viewmodels.common.jobs import JobState
 from boat_daq.viewmodels.models import tradeoff
@@ -69,6 +70,24 @@ def test_chart_draws_the_measured_points(page):
     assert "cheapest setting with an error below 0.010 mm" in page.explanation.text()
     assert page.table.item(1, 1).text() == "fine"
     assert page.table.item(1, 4).text() == "\u25cb \u25a1"
+
+
+def test_the_tolerance_stays_in_sight_and_moves_by_key(page, qtbot, app_model):
+    """It stops at the edges of the chart, an arrow moves it, each method keeps its own, no mouse turns it red."""
+    card = page.chart
+    card.asked.setValue(-9.0)
+    assert card.asked.value() == pytest.approx(card.plot.item.getViewBox().viewRange()[1][0])
+    before = card.asked.value()
+    page.activateWindow()
+    card.view.setFocus()
+    qtbot.waitUntil(card.view.hasFocus)
+    qtbot.keyClick(card.view, Qt.Key.Key_Up)
+    assert card.asked.value() == pytest.approx(before + KEY_DECADES)
+    card.show_chart(replace(card.shown, name="another"))
+    assert card.asked.value() == card.notices.value()
+    card.show_chart(replace(card.shown, name="inverse"))
+    assert card.asked.value() == pytest.approx(before + KEY_DECADES)
+    assert card.asked.hoverPen.color() == card.asked.pen.color()
 
 
 def test_the_spread_of_the_repeats_is_drawn_about_each_point():

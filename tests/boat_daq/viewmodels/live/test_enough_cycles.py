@@ -103,6 +103,7 @@ def test_what_cannot_be_reached_or_assessed_is_reported(model: EnoughCycles, end
     Done.failure = JobFailure("the file is damaged", "", "")
     for _ in range(2):
         model.follow(snapshot(2))
+    assert model.text(snapshot(2)) == "U is not known after 2 cycles: the file is damaged"
 
     def refuse() -> None:
         raise OperatorError("9 rows for 19 plateaus")

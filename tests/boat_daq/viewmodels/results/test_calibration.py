@@ -13,7 +13,7 @@ from analysis.figures.batch import readings_beside
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.jobs import JobRunner, JobState
+from boat_daq.viewmodels.common.jobs import JobFailure, JobRunner, JobState
 from boat_daq.viewmodels.live.conversion import prepare
 from boat_daq.viewmodels.results import calibration
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands
@@ -75,6 +75,29 @@ def test_sampled_posterior_is_of_each_sensor(tmp_path, result, monkeypatch):
     assert model.revision == before + 2
     with pytest.raises(OperatorError, match="no calibration yet"):
         model_on(tmp_path).sample()
+
+
+def test_bands_that_cannot_be_sampled_leave_the_calibration(tmp_path, result, monkeypatch):
+    """A refused tolerance of the bands is a message with its remedy; the verdict is still that of the calibration."""
+
+    class RefusedJob:
+        state, result = JobState.FAILED, None
+        failure = JobFailure("0.005 mm takes more draws than are kept", "allow 0.0056 mm", "")
+
+        def __init__(self, *_):
+            pass
+
+        def poll(self):
+            return self.state
+
+    monkeypatch.setattr("boat_daq.viewmodels.results.calibration.Job", RefusedJob)
+    model = model_on(tmp_path, result)
+    before = model.verdict(), model.headline()
+    model.sample()
+    model.jobs.poll()
+    assert (model.verdict(), model.headline()) == before
+    notice = model._services.notices.current()
+    assert (notice.cause, notice.remedy) == (RefusedJob.failure.cause, RefusedJob.failure.remedy)
 
 
 def test_next_calibration_is_compared_with_the_previous(tmp_path, result):

@@ -316,7 +316,8 @@ def draws_for(now: int, error: float, tolerance: float, unit: str, most: int) ->
     """
     if now >= most:
         raise _refusal("more draws than are kept", error, tolerance, unit)
-    needed = math.ceil(min(now * (SPARE * error / tolerance) ** 2, most))
+    finer = min(SPARE * error / tolerance, math.sqrt(most / now))  # before it is squared: a tolerance may be tiny
+    needed = min(math.ceil(now * finer**2), most)
     if needed == most and now >= ENOUGH_TO_BELIEVE:
         return most
     next_ = needed // 2 if needed > MOST_GROWTH * now else needed

@@ -26,6 +26,7 @@ from analysis.sequential.accuracy import (
     accuracy_of,
     analyse_within,
     band_noise,
+    draws_for,
     greatest_band_error,
     sample_within,
 )
@@ -127,6 +128,11 @@ def test_the_least_tolerance_that_a_refusal_names_is_met(
     least = float(refused.value.remedy.split()[1])
     found = accuracy_of(analyse_within(recording, file, options, least, "%FSO"))
     assert 0.0 < found.error("%FSO") <= least
+
+
+def test_a_tiny_tolerance_takes_all_draws() -> None:
+    """The square of its ratio to the error is beyond the numbers of a computer."""
+    assert draws_for(1_000, 0.1, 1e-300, "mm", 50_000) == 50_000
 
 
 def test_the_least_tolerance_of_a_band_is_met() -> None:

@@ -96,7 +96,7 @@ class Calibration:
     def basis_covariance(self) -> FloatArray:
         """Covariance of the coefficients in the scaled basis, the reading of x included, a loop not."""
         if self.joint is not None:
-            return self.joint.curve_covariance(self.joint.variance)
+            return self.joint.whole_curve_covariance
         if self.reading is not None:
             return self.reading.covariance(self.fit)
         return self.residual_sd**2 * self.fit.basis_factor @ self.fit.basis_factor.T
@@ -295,6 +295,7 @@ def fit_by_branch(
     positions: npt.ArrayLike,
     branch: npt.ArrayLike,
     reading_sd: float = 0.0,
+    shared: FloatArray | None = None,
 ) -> Calibration:
     """Fit y(x) and a loop about it to the means of positions that were read again and again.
 
@@ -305,6 +306,7 @@ def fit_by_branch(
     positions : [n] label of the position (level and branch) of each.
     branch : [n] 1 loading, -1 unloading, 0 at the end levels, which both branches share.
     reading_sd : of one reading: the grid / sqrt(12); 0 where x is exact.
+    shared : [n] error of y that a position has in every cycle alike, see `PositionMeans`.
 
     Returns
     -------
@@ -321,6 +323,8 @@ def fit_by_branch(
         return plain
     try:
         means = position_means(plain.fit, plain.x, plain.y, positions, branch, plain.reading)
+        if shared is not None and shared.any():
+            means = means.with_shared(shared, positions)
         joint = joint_fit(means, PolynomialBasis(usual))
         if degree == SPLINE:
             joint = joint_fit(means, MonotoneSplineBasis.through(joint.scaled(means.x), falls=not plain.rises))

@@ -16,7 +16,7 @@ Trials 7 (1986) 177 (t^2); GUM (JCGM 100) 5.1.2.
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -51,6 +51,8 @@ class PositionMeans:
     dof : degrees of freedom of that scatter; 0 where no position was read twice.
     independent : False where most of the error is the rounding that a position has in every cycle: it follows x in a
         pattern, which a richer curve may take for its own.
+    shared : [positions] standard uncertainty of y by one cause that moves all positions, with their signs, fully
+        correlated; its square is in `y_variance`. Empty without one.
     """
 
     x: FloatArray
@@ -60,6 +62,7 @@ class PositionMeans:
     y_variance: FloatArray
     dof: int
     independent: bool = True
+    shared: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -78,6 +81,16 @@ class PositionMeans:
     def inner_pairs(self) -> int:
         """Number of inner positions on the branch that has fewer of them."""
         return min(int((self.inside & (self.branch == b)).sum()) for b in (-1, 1))
+
+    @property
+    def own_variance(self) -> FloatArray:
+        """[positions] `y_variance` without what is shared."""
+        return np.maximum(self.y_variance - self.shared**2, 0.0) if self.shared.size else self.y_variance
+
+    def with_shared(self, shared: FloatArray, positions: npt.ArrayLike) -> PositionMeans:
+        """Return the means with an error of y that is fully correlated, [n] of the points with these labels."""
+        _, first = np.unique(np.asarray(positions), return_index=True)
+        return replace(self, y_variance=self.y_variance + shared[first] ** 2, shared=shared[first])
 
     def loop_terms(self) -> int:
         """Return how many terms of the loop are fitted: each takes an inner position on either branch."""
@@ -212,7 +225,19 @@ class JointFit:
     @property
     def covariance(self) -> FloatArray:
         """Of the coefficients of curve and loop."""
-        return np.asarray((self.influence * self.variance) @ self.influence.T)
+        return self._propagated(self.influence)
+
+    def _propagated(self, influence: FloatArray) -> FloatArray:
+        """Return the covariance of coefficients with such an influence."""
+        root = self.root(influence)
+        return np.asarray(root @ root.T)
+
+    def root(self, influence: FloatArray) -> FloatArray:
+        """Return what independent normal errors of sd 1 move coefficients with such an influence by."""
+        if not self.means.shared.size:
+            return np.asarray(influence * np.sqrt(self.variance))
+        own = np.sqrt(np.maximum(self.variance - self.means.shared**2, 0.0))
+        return np.column_stack([influence * own, influence @ self.means.shared])
 
     @property
     def effective_dof(self) -> float:
@@ -244,14 +269,19 @@ class JointFit:
         """Return dy/dx of the curve."""
         return np.asarray(self.slope_rows(x) @ self.coefficients).reshape(np.shape(x))
 
+    @property
+    def whole_curve_covariance(self) -> FloatArray:
+        """Of the curve's coefficients, by all errors of the position means."""
+        return self._propagated(self.influence[: self.coefficients.size])
+
     def curve_covariance(self, variance: FloatArray) -> FloatArray:
-        """Return the covariance of the curve's coefficients that variances of the position means make."""
+        """Return the covariance of the curve's coefficients that independent errors of the position means make."""
         part = self.influence[: self.coefficients.size]
         return np.asarray((part * variance) @ part.T)
 
     def u(self, x: npt.ArrayLike) -> FloatArray:
         """Return the standard uncertainty of the curve."""
-        rows, covariance = self.rows(x), self.curve_covariance(self.variance)
+        rows, covariance = self.rows(x), self.whole_curve_covariance
         variance = np.einsum("ij,jk,ik->i", rows, covariance, rows)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0))).reshape(np.shape(x))
 
@@ -282,7 +312,9 @@ class JointFit:
         """
         means, size = self.means, (count, self.means.x.size)
         by_reading = np.sqrt(means.x_variance) * rng.standard_normal(size)
-        rest = np.sqrt(means.y_variance + self.misfit_sd**2) * rng.standard_normal(size)
+        rest = np.sqrt(means.own_variance + self.misfit_sd**2) * rng.standard_normal(size)
+        if means.shared.size:
+            rest += rng.standard_normal((count, 1)) * means.shared
         moved = (rest - self.slope_at * by_reading) @ self.influence[: self.coefficients.size].T
         ends = np.stack([by_reading[:, int(np.argmin(np.abs(means.x - end)))] + end for end in self.ends], axis=1)
         return self.coefficients + moved, ends
@@ -296,8 +328,7 @@ class JointFit:
         """Return the standard uncertainty of `loop_width`."""
         z = np.clip(self.scaled(x), -1.0, 1.0)
         rows = (1.0 - z**2)[..., None] * z[..., None] ** np.arange(self.loop.size)
-        part = self.influence[self.coefficients.size :]
-        covariance = (part * self.variance) @ part.T
+        covariance = self._propagated(self.influence[self.coefficients.size :])
         variance = np.einsum("...i,ij,...j->...", rows, covariance, rows)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)
 
@@ -451,9 +482,8 @@ def greatest_loop_width(fit: JointFit, rng: np.random.Generator, draws: int = WI
     """
     z = np.linspace(-1.0, 1.0, WIDTH_POINTS)
     rows = (1.0 - z**2)[:, None] * z[:, None] ** np.arange(fit.loop.size)
-    part = fit.influence[fit.coefficients.size :]
-    root = part * np.sqrt(fit.variance)
-    noise = (rng.standard_normal((draws, fit.means.x.size)) @ root.T) @ rows.T
+    root = fit.root(fit.influence[fit.coefficients.size :])
+    noise = (rng.standard_normal((draws, root.shape[1])) @ root.T) @ rows.T
     noise = np.concatenate([noise, -noise])
     widths = rows @ fit.loop
     at = int(np.argmax(np.abs(widths)))

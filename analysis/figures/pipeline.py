@@ -275,14 +275,16 @@ def _segmented(
         loops = staircase_loops(plateaus, cycles, x, recording.n_sensors)
     else:
         loops = continuous_loops(recording, cycles)
-    run = SegmentedRun(recording, options, cycles, plateaus, elongations, loops, _weights(loops, options), ())
+    no_light = np.zeros((recording.n_sensors, len(plateaus)))
+    run = SegmentedRun(recording, options, cycles, plateaus, elongations, loops, _weights(loops, options), (), no_light)
     left_out: tuple[Warning, ...] = ()
     if options.leave_out and plateaus:
         run, left_out = without_wrong_readings(run)
     breaks = compare_breaks(recording, cycles, run.loops)
     parts = [of_cycles(run.loops, numbers) for numbers in parts_of(breaks)]
     largest = max(reversed(parts), key=lambda part: part.n_cycles) if len(parts) > 1 else run.loops
-    return replace(run, loops=largest, weights=_weights(largest, options), breaks=breaks), parts, left_out
+    run = replace(run, loops=largest, weights=_weights(largest, options), breaks=breaks)
+    return run.with_ambient(), parts, left_out
 
 
 def _values(run: SegmentedRun) -> dict[str, Any]:
@@ -298,7 +300,7 @@ def _weights(loops: Loops, options: Options) -> FloatArray:
 def _part(run: SegmentedRun, loops: Loops) -> Part:
     """Return every figure of some cycles, without the posterior."""
     options = replace(run.options, mcmc=False)
-    part = replace(run, loops=loops, options=options, weights=_weights(loops, options))
+    part = replace(run, loops=loops, options=options, weights=_weights(loops, options)).with_ambient()
     return Part(loops.numbers, tuple(analyse_sensor(part, sensor) for sensor in range(run.recording.n_sensors)))
 
 

@@ -43,6 +43,7 @@ from analysis.figures.across_breaks import Break, of_cycles
 from analysis.figures.figure import Figure, Reason, changed, marked_implausible, not_driven
 from analysis.figures.repeatability import FiguresByCycle, figures_by_cycle
 from analysis.progress import Progress, part_of
+from analysis.segmentation.ambient_light import ambient_in_means
 from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.influence import ChannelInfluence, influences
 from analysis.segmentation.loops import (
@@ -171,6 +172,7 @@ class SegmentedRun:
     ----------
     weights : [resamples, cycles] of the bootstrap over the cycles of `loops`.
     breaks : where the run was interrupted and resumed.
+    ambient_mv : [sensors, plateaus] error by ambient light in every cycle alike, see `segmentation.ambient_light`.
     """
 
     recording: Recording
@@ -181,6 +183,7 @@ class SegmentedRun:
     loops: Loops
     weights: FloatArray
     breaks: tuple[Break, ...]
+    ambient_mv: FloatArray
 
     @property
     def reading_sd_mm(self) -> float:
@@ -197,6 +200,17 @@ class SegmentedRun:
             [p.cycle in used and not p.void and np.isfinite(p.signal_mv[sensor]) for p in self.plateaus], dtype=bool
         )
         return inside & self.elongations.known if self.elongations is not None else np.zeros_like(inside)
+
+    def with_ambient(self) -> SegmentedRun:
+        """Return the run with what ambient light does to the cycles of its loops."""
+        numbers = set(self.loops.numbers)
+        used = np.asarray([i for i, p in enumerate(self.plateaus) if p.cycle in numbers and not p.void], dtype=np.int64)
+        return replace(self, ambient_mv=ambient_in_means(self.recording, self.plateaus, used, self.position_of(used)))
+
+    def ambient_sd_mv(self, sensor: int) -> float:
+        """Return the rms of the error by ambient light over the plateaus, mV; sensors count from 0."""
+        moved = self.ambient_mv[sensor][self.ambient_mv[sensor] != 0.0]
+        return float(np.sqrt(np.mean(moved**2))) if moved.size else 0.0
 
     def with_elongations(self, elongations: Elongations) -> SegmentedRun:
         """Return the run with other readings; its loops keep their cycles."""
@@ -312,7 +326,8 @@ def _drawn(
     if calibration is not None:
         figures = _curve_figures(run, calibration, adequacy, _cycle_of(run, points))
     else:
-        figures = {"fso_mv": metrics.pressure_full_scale(run.loops, sensor, run.weights)}
+        over_pressure = metrics.pressure_full_scale(run.loops, sensor, run.weights)
+        figures = {"fso_mv": metrics.with_shared_error(over_pressure, run.ambient_sd_mv(sensor))}
     fso = figures["fso_mv"].value
     system = loop_width(run.loops.pressure_kpa, run.loops.signal_mv[sensor], run.weights)
     own = None
@@ -445,7 +460,10 @@ def _calibrate(run: SegmentedRun, sensor: int, points: np.ndarray[Any, Any]) -> 
 
     def fitted(of_degree: int | Literal["spline"]) -> Calibration:
         positions, branch = run.position_of(points), run.branch_of(points)
-        return fit_by_branch(x, y, of_degree, positions=positions, branch=branch, reading_sd=run.reading_sd_mm)
+        return fit_by_branch(
+            x, y, of_degree, positions=positions, branch=branch, reading_sd=run.reading_sd_mm,
+            shared=run.ambient_mv[sensor][points],
+        )  # fmt: skip
 
     if degree != AUTO:
         return fitted(degree)
@@ -472,6 +490,9 @@ def _loop_figures(
         found = metrics.hysteresis(own, fso, loops.n_cycles, definition.format("x"))
         per_mm = _percent_per_mm(calibration, loops.elongation_mm)
         figures["sensor_hysteresis_percent_fso"] = limited_by_reading(found, run.reading_sd_mm, per_mm)
+    if fso > 0:
+        shared = 100.0 / fso * run.ambient_sd_mv(sensor)
+        figures = {name: metrics.with_shared_error(figure, shared) for name, figure in figures.items()}
     usable = run.recording.signal_mv[run.recording.usable[:, sensor], sensor]
     rounding = 4.0 * float(np.spacing(np.abs(usable).max(initial=0.0)))
     figures["noise_mv"], figures["snr_db"] = metrics.noise_and_snr(noise, loops.numbers, fso, run.weights, rounding)

@@ -596,6 +596,25 @@ def _at_least(figure: Figure, reach: float) -> Figure:
     return changed(widened, figure)
 
 
+def with_shared_error(figure: Figure, shared: float) -> Figure:
+    """Widen the interval of a distance by an error of the means at its ends that the cycles share.
+
+    Parameters
+    ----------
+    figure : distance of two means. shared : sd of the error of each, in the unit of the figure.
+    """
+    if not shared > 0 or not np.isfinite([figure.value, figure.low, figure.high]).all():
+        return figure
+    reach = 1.96 * np.sqrt(2.0) * shared
+
+    def widened(own: Limits) -> tuple[FloatArray, FloatArray, FloatArray]:
+        value = own[0]
+        low, high = value - np.hypot(value - own[1], reach), value + np.hypot(own[2] - value, reach)
+        return value, np.maximum(low, 0.0), high
+
+    return changed(widened, figure)
+
+
 def with_full_scale(figure: Figure, full_scale: Figure) -> Figure:
     """Widen the interval of a figure in dB or % FSO by that of its full scale, as of independent parts."""
     ends = np.asarray([full_scale.low, full_scale.high])

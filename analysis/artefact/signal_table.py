@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from analysis.arrays import FloatArray
 from analysis.artefact.calibration_file import COVERAGE_FACTOR, CalibrationFile
 from analysis.calibration.inverse import Inverse
 from analysis.errors import RequestError
+from analysis.numbers import rounded_up
 
 FEWEST, MOST = 5, 4097
 BETWEEN = 8  # signals between two nodes at which the error is computed
@@ -35,15 +37,16 @@ def signal_table(inverse: Inverse, error_mm: float, *, single: bool = False) -> 
             f"an error of {error_mm:g} mm is no bound for a table", "Give a length above 0, such as 0.001."
         )
     low, high = sorted(map(float, inverse.nodes[[0, -1]]))
-    count = FEWEST
+    count, least = FEWEST, math.inf
     while count <= MOST:
         signal = np.linspace(low, high, count)
         x = inverse(signal, clamp=True)
-        if _error(inverse, signal, x, single=single) <= SHARE * error_mm:
+        least = min(least, _error(inverse, signal, x, single=single))
+        if least <= SHARE * error_mm:
             return signal, x
         count = 2 * count - 1
-    remedy = "Allow a larger error, or take the form without a table."
-    raise RequestError(f"a table of {MOST} nodes does not keep to {error_mm:g} mm", remedy)
+    remedy = f"Allow {rounded_up(least / SHARE):g} mm or more, or take the form without a table."
+    raise RequestError(f"no table of {FEWEST} to {MOST} nodes keeps to {error_mm:g} mm", remedy)
 
 
 def _error(inverse: Inverse, signal: FloatArray, x: FloatArray, *, single: bool) -> float:

@@ -55,13 +55,16 @@ class Strokes:
         return max(self.up_rows.size - 1, 0)
 
 
-def find_strokes(time_s: FloatArray, drive: FloatArray, answer: FloatArray, *, min_speed: float = 0.0) -> Strokes:
+def find_strokes(
+    time_s: FloatArray, drive: FloatArray, answer: FloatArray, *, min_speed: float = 0.0, every: int = 1
+) -> Strokes:
     """Find strokes and measure their loops.
 
     Parameters
     ----------
     time_s, drive, answer : [n]; rows that are not finite are left out.
     min_speed : of the drive, units a second; slower rows do not enter the half width.
+    every : one row in so many is searched for strokes; their loops are of all rows.
 
     Raises
     ------
@@ -72,7 +75,11 @@ def find_strokes(time_s: FloatArray, drive: FloatArray, answer: FloatArray, *, m
     if x.size < 10 or np.ptp(x) == 0:
         raise DataError("the drive does not move", "Choose the column that is driven.")
     low, high = (float(v) for v in np.percentile(x, [1, 99]))
-    up, down = crossings(x, *thresholds(x))
+    searched = np.flatnonzero(known[::every]) * every
+    up, down = (
+        np.searchsorted(np.flatnonzero(known), searched[rows])
+        for rows in crossings(drive[searched], *thresholds(drive[searched]))
+    )
     peaks = [float(x[a:b].max()) for a, b in _between(up[:-1], down)]  # of whole cycles
     troughs = [float(x[a:b].min()) for a, b in _between(down, up)]
     pairs = list(itertools.pairwise(up.tolist()))
@@ -97,22 +104,21 @@ def stroke_figures(recording: Recording, *, min_speed_kpa_per_s: float = 0.0, ev
     ----------
     recording : of a continuous run.
     min_speed_kpa_per_s : slower samples do not enter the half width.
-    every : one sample in so many is used.
+    every : as `find_strokes`.
 
     Raises
     ------
     DataError : fewer than ten usable samples, a pressure that is held, or a signal that does not move.
     """
-    time_s, pressure_kpa = recording.time_s[::every], recording.pressure_kpa[::every]
-    drive = find_strokes(time_s, pressure_kpa, pressure_kpa)
+    time_s, pressure_kpa = recording.time_s, recording.pressure_kpa
+    drive = find_strokes(time_s, pressure_kpa, pressure_kpa, every=every)
     if drive.span <= 2.0 * TOLERANCE_KPA:
         moved = f"the pressure moved by {drive.span:.2g} kPa in all, no more than a held pressure may"
         raise DataError(f"{moved}: nothing was driven", "Choose the column that is driven, or check its unit.")
     sensors = []
     for number in range(recording.n_sensors):
-        usable, signal_mv = recording.usable[::every, number], recording.signal_mv[::every, number]
-        signal_mv = np.where(usable, signal_mv, np.nan)
-        loop = find_strokes(time_s, pressure_kpa, signal_mv, min_speed=min_speed_kpa_per_s)
+        signal_mv = np.where(recording.usable[:, number], recording.signal_mv[:, number], np.nan)
+        loop = find_strokes(time_s, pressure_kpa, signal_mv, min_speed=min_speed_kpa_per_s, every=every)
         ends_mv = np.percentile(signal_mv[np.isfinite(signal_mv)], [1, 99])
         sensors.append({
             "name": f"s{number + 1}",

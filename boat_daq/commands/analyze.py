@@ -134,7 +134,7 @@ def analyze(
     if as_json:
         budgets = None if analysis.budgets is None else analysis.budgets.as_json()
         added = {"shadow": shadow, "conformity": conformity, "elongation_budget": budgets}
-        emit_json(analysis.to_json() | added | {"accuracy": accuracy_of(analysis).as_json()})
+        emit_json(analysis.to_json() | added | {"accuracy": _accuracy_json(analysis, accuracy)})
         return
     _show(analysis, limits)
     if accuracy is not None:
@@ -211,6 +211,14 @@ def _filmed(recording: Recording, run: Path, choice: CameraChoice, *, store: boo
         replaced = f"the video {before}, whose readings they replace" if before else "the camera, which stay stored"
         notify(f"from now on the readings of {choice.source} count before those of {replaced}")
     return load_recording(run), ""
+
+
+def _accuracy_json(analysis: Analysis, asked: tuple[float, Unit] | None) -> dict[str, Any]:
+    """Return the errors that the draws leave, and the tolerance that chose the draws, if one was asked."""
+    from analysis.sequential.accuracy import accuracy_of
+
+    tolerance, unit = asked or (None, None)
+    return accuracy_of(analysis).as_json() | {"tolerance": tolerance, "tolerance_unit": unit}
 
 
 def _accuracy_text(found: Accuracy) -> str:
@@ -431,26 +439,26 @@ def report(
         setting = part_of(advance, len(runs), 1, len(runs) + 1)
         content = write_report(analyses, to, limits, shadow, units=shown, progress=setting)
     if as_json:
-        _emit_report(content, to, analyses, limits)
+        _emit_report(content, to, analyses, limits, [_accuracy_json(analysis, accuracy) for analysis in analyses])
     else:
         notify(f"wrote {to}: {content.title}. {content.verdict}")
         for run, analysis in zip(runs, analyses, strict=True) if accuracy is not None else ():
             notify(f"{run.name}: {_accuracy_text(accuracy_of(analysis))}")
 
 
-def _emit_report(content: Report, file: Path, analyses: list[Analysis], limits: Mapping[str, float]) -> None:
+def _emit_report(
+    content: Report, file: Path, analyses: list[Analysis], limits: Mapping[str, float], accuracies: list[dict[str, Any]]
+) -> None:
     """Print what a report says as JSON; lists of each run where several are compared.
 
     Parameters
     ----------
     content, file : of the report.
-    analyses, limits : what it is of.
+    analyses, limits, accuracies : what it is of.
     """
     from analysis.figures.acceptance import conformity_json
-    from analysis.sequential.accuracy import accuracy_of
 
     conformity = [conformity_json(analysis, limits) for analysis in analyses]
-    accuracies = [accuracy_of(analysis).as_json() for analysis in analyses]
     single = len(analyses) == 1
     emit_json(
         {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 
 import numpy as np
 import pytest
@@ -35,3 +36,15 @@ def test_bound_that_no_table_keeps_is_refused(bound_mm: float) -> None:
     """Zero and below, and what single precision cannot carry."""
     with pytest.raises(RequestError):
         signal_table(file_of("line").reader().inverses[0], bound_mm, single=True)
+
+
+@pytest.mark.parametrize(("curve", "single"), [("line", True), ("falling cubic", True), ("falling cubic", False)])
+def test_refused_bound_names_the_least_that_is_kept(curve: str, single: bool) -> None:
+    """The value that the refusal proposes is accepted, and a tenth less is not."""
+    inverse = file_of(curve).reader().inverses[0]
+    with pytest.raises(RequestError) as refused:
+        signal_table(inverse, 1e-12, single=single)
+    least_mm = float(re.findall(r"Allow (\S+) mm or more", refused.value.remedy)[0])
+    signal_table(inverse, least_mm, single=single)
+    with pytest.raises(RequestError):
+        signal_table(inverse, 0.9 * least_mm, single=single)

@@ -89,3 +89,13 @@ def test_a_tolerance_is_a_pressure_or_has_a_unit() -> None:
     for wrong in ("", "0", "nan", "1 bar", "mm"):
         with pytest.raises(typer.BadParameter):
             tolerances(wrong)
+
+
+def test_json_states_the_tolerance_that_chose_the_draws(stairs: tuple[Path, Path]) -> None:
+    """With its unit; null where the precision chose them."""
+    options = ("--no-mcmc", "--no-shadow", "--no-store")
+    tolerance = ("--tolerance", "2%FSO")
+    asked, unasked = (call("analyze", stairs[0], *options, *more)["accuracy"] for more in (tolerance, ()))
+    assert (asked["tolerance"], asked["tolerance_unit"]) == (2.0, "%FSO")
+    assert asked["percent_fso"] <= 2.0
+    assert (unasked["tolerance"], unasked["tolerance_unit"]) == (None, None)

@@ -43,6 +43,21 @@ def test_noise_of_the_signal_does_not_turn_the_drive_round(tmp_path: Path) -> No
     assert sensor["half_width_mv"]["mean"] == pytest.approx(4.0, abs=0.3)
 
 
+def test_loops_are_of_all_samples_where_a_tolerance_thins_the_search(tmp_path: Path) -> None:
+    """One sample in hundreds finds each stroke of 30 s; half width and friction stay those of the branches."""
+    time_s = np.arange(0.0, 300.0, 0.01)
+    phase = (time_s / 30.0) % 1.0
+    pressure = 45.0 * (1.0 - 4.0 * np.abs(phase - 0.5)) + 5.0
+    signal = 5.0 * pressure + np.where(phase < 0.5, -4.0, 4.0)
+    rows = np.column_stack([time_s, pressure, signal])
+    np.savetxt(tmp_path / "loop.csv", rows, delimiter=",", header="time_s,pressure_kpa,s1_mv", comments="")
+    found = call("strokes", tmp_path / "loop.csv", "--tolerance", "4s")
+    assert found["sampling"]["every"] > 200
+    (sensor,) = found["sensors"]
+    assert sensor["half_width_mv"]["mean"] == pytest.approx(4.0, abs=0.01)
+    assert sensor["friction_kpa"]["mean"] == pytest.approx(0.8, abs=0.02)
+
+
 def _triangles(file: Path) -> Path:
     """Write 100 s of a triangle of 10 s at 200 Hz."""
     time_s = np.arange(0.0, 100.0, 0.005)

@@ -14,6 +14,7 @@ from analysis.shadow.model.tolerance import (
     ALONG,
     FACTOR,
     LEAST_MM,
+    LEAST_SHARE,
     ORDER,
     SAFE_ORDER,
     ToleranceError,
@@ -25,10 +26,10 @@ from analysis.shadow.model.tolerance import (
 
 
 def test_the_error_of_the_order_is_contained_by_its_factor() -> None:
-    """Elongations that differ from 3 mm by 0.1 / n^1.5 have the factor times just that error estimated."""
+    """Elongations that differ from 0 by 0.1 / n^1.5 mm have the factor times just that error estimated."""
     known: dict[int, float] = {}
     for along in ALONG:
-        known[along] = 3.0 + 0.1 / along**ORDER
+        known[along] = 0.1 / along**ORDER
         if len(known) > 1:
             last = FACTOR * 0.1 / along**ORDER
             most = (along / ALONG[1]) ** (ORDER - SAFE_ORDER) * last  # the first change, by the lower order
@@ -43,8 +44,11 @@ def test_a_change_of_sign_does_not_hide_an_error() -> None:
 
 
 def test_equal_elongations_have_an_error() -> None:
-    """Where nothing changes, as at rest, the error of the elements across is stated."""
-    assert error_estimate({12: 1.0, 16: 1.0}) == LEAST_MM > 0.0
+    """Where nothing changes, the error of the elements across is stated at rest, else a share that falls with them."""
+    assert error_estimate({16: 0.0, 20: 0.0}) == LEAST_MM > 0.0
+    first, last = error_estimate({16: 2.0, 20: 2.0}), error_estimate({16: 2.0, 20: 2.0, 40: 2.0})
+    assert first == pytest.approx(2.0 * LEAST_SHARE * 16 / 20)
+    assert last == pytest.approx(first / 2.0)
 
 
 def test_a_coarse_tolerance_takes_a_coarse_mesh(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -136,11 +136,17 @@ class Measured:
     @property
     def verdict(self) -> str:
         """Return one sentence about the default."""
+        limit = f"an error of at most {part_of_tolerance(MARGIN)}"
         if self.default_is_chosen:
-            return f"the default, {self.method.default}, is the cheapest below the tolerance"
+            return f"the default, {self.method.default}, is the cheapest with {limit}"
         if self.chosen is None:
-            return f"no setting measured is below the tolerance by {MARGIN:g}; the default is {self.method.default}"
+            return f"no setting measured has {limit}; the default is {self.method.default}"
         return f"the rule chooses {self.chosen}, the default is {self.method.default}"
+
+
+def part_of_tolerance(margin: float) -> str:
+    """Return how much of a tolerance an error may be with a margin, as text."""
+    return "half the tolerance" if margin == 2.0 else f"1/{margin:g} of the tolerance"
 
 
 def front_of(points: Sequence[CostPoint]) -> tuple[str, ...]:

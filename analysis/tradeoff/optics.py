@@ -105,6 +105,6 @@ TRACER = Method(
 RANKING = Method(
     "ranking", "Ranking of designs by P",
     "the ranking by the second tracer (50,000 rays, secondaries in proportion)", True,
-    "the choice of a design: a rank correlation of 0.95", 0.05, "1 - Spearman's correlation", "a design in 15 states",
+    "the choice of a design: a rank correlation of 0.95", 0.05, "of rank correlation", "a design in 15 states",
     lambda level: rays_text(level.ranking_rays), ranking_settings,
 )  # fmt: skip

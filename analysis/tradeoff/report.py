@@ -2,8 +2,9 @@
 
 Rules: the JSON has all that the charts show; an error that is infinite (the method failed) is null in it. In a chart
 time is to the right, error upwards, both logarithmic; lower left is better. Bars are the range of the repeats. The
-default has a ring, the rule's choice a square; the tolerance is a dashed line, and settings below the dotted one are
-sufficient. A setting without result is a cross at the top; an error of zero is on the lower edge.
+default has a ring, the rule's choice a square; the tolerance is a dashed line, and the rule accepts settings below the
+dotted one. A setting without result is a cross at the top; an error of zero is on the lower edge. A name covers no
+other; one that has no place is left out.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,15 +27,18 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from analysis import figure_style as style
 from analysis.fidelity import LEVELS, MARGINS
 from analysis.machine import machine
-from analysis.tradeoff.measure import MARGIN, CostPoint, Measured
+from analysis.tradeoff.label_places import Box, beside, best_place
+from analysis.tradeoff.measure import MARGIN, CostPoint, Measured, part_of_tolerance
 from protocol.whole_file import write_whole, written_whole
 
 DATA, DEFAULT, CHOSEN, REFUSED = style.SENSORS[0], style.SENSORS[1], style.PRESSURE, style.SOFT
 COLUMNS = 3
 MOST_NAMES = 16
 """Of more settings only those are named that are on the front, in the code or chosen by the rule."""
-NAME_PX, LINE_PX, ABOVE_PX, LETTER_PX = 110.0, 11.0, 4.0, 5.0
-"""Size of a setting's name: length, height, distance above its point; width of a letter."""
+DOT_PT, CROSS_PT, RING_PT, SQUARE_PT, STROKE_PT = 5.0, 6.0, 12.0, 16.0, 2.0
+POINTS_AN_INCH = 72.0
+FRONT, CHOICE = "front: least error for the time", "the rule's choice"
+Place = tuple[float, float]
 FEW_DECADES = 2.0
 DECADES_BELOW = 4.5
 """Errors further below the tolerance are drawn on the lower edge."""
@@ -43,11 +48,13 @@ def method_chart(measured: Measured, where: str) -> Figure:
     """Draw one method; `where` names the machine and the date."""
     figure = Figure(figsize=(7.6, 5.0), layout="constrained")
     axes = figure.subplots()
-    _draw(axes, measured, labels=True)
+    at = _draw(axes, measured, margin=0.24)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=4, fontsize=7.5)
     kind = "independent" if measured.method.independent else "not independent"
     text = f"reference ({kind}): {measured.method.reference}\nconsumer: {measured.method.consumer}\n{where}"
     figure.supxlabel(text, fontsize=6.5, color=style.SOFT)
+    figure.draw_without_rendering()  # the layout is known only then
+    _name(axes, measured, at)
     return figure
 
 
@@ -57,7 +64,7 @@ def overview_chart(results: Sequence[Measured], where: str) -> Figure:
     figure = Figure(figsize=(4.0 * COLUMNS, 3.1 * rows + 0.5), layout="constrained")
     grid = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
     for axes, measured in zip(grid, results, strict=False):
-        _draw(axes, measured, labels=False)
+        _draw(axes, measured, margin=0.14)
     for axes in grid[len(results) :]:
         axes.set_axis_off()
     entries: dict[str, Any] = {}
@@ -68,7 +75,8 @@ def overview_chart(results: Sequence[Measured], where: str) -> Figure:
     return figure
 
 
-def _draw(axes: Axes, measured: Measured, *, labels: bool) -> None:
+def _draw(axes: Axes, measured: Measured, *, margin: float) -> dict[str, Place]:
+    """Draw the settings with a margin at both sides, a share of the width; return where each is."""
     method, points = measured.method, {p.setting: p for p in measured.points}
     answered = {name: p for name, p in points.items() if math.isfinite(p.error)}
     smallest = min((p.error for p in answered.values() if p.error > 0), default=method.tolerance)
@@ -76,35 +84,40 @@ def _draw(axes: Axes, measured: Measured, *, labels: bool) -> None:
     at = {name: (p.cpu_seconds, max(p.error, floor)) for name, p in answered.items()}
     top = 3.0 * max([method.tolerance, *(y for _, y in at.values())])
     axes.axhline(method.tolerance, color=style.SOFT, ls="--", lw=1, label="noticeable above")
-    axes.axhline(method.tolerance / MARGIN, color=style.SOFT, ls=":", lw=1, label="sufficient below")
+    axes.axhline(
+        method.tolerance / MARGIN, color=style.SOFT, ls=":", lw=1, label=f"accepted below: {part_of_tolerance(MARGIN)}"
+    )
     for name, (x, y) in at.items():
         _bars(axes, points[name], x, y, floor)
     if at:
-        axes.plot(*zip(*at.values(), strict=True), "o", color=DATA, ms=5, ls="", label="setting")
+        axes.plot(*zip(*at.values(), strict=True), "o", color=DATA, ms=DOT_PT, ls="", label="setting")
     refused = {name: (p.cpu_seconds, top) for name, p in points.items() if name not in answered}
     if refused:
-        axes.plot(*zip(*refused.values(), strict=True), "x", color=REFUSED, ms=6, ls="", label="no result")
+        axes.plot(*zip(*refused.values(), strict=True), "x", color=REFUSED, ms=CROSS_PT, ls="", label="no result")
     front = [at[name] for name in measured.front if name in at]
     # in steps: no setting is on a straight line between two
-    axes.plot(*zip(*front, strict=True), "-", color=DATA, lw=1.2, drawstyle="steps-post", label="Pareto front")
+    axes.plot(
+        *zip(*front, strict=True),
+        "-",
+        color=DATA,
+        lw=1.2,
+        drawstyle="steps-post",
+        label=FRONT,
+    )
     if method.default in at:
-        axes.plot(*at[method.default], "o", ms=12, mfc="none", mec=DEFAULT, mew=1.8, ls="", label="default")
+        axes.plot(*at[method.default], "o", ms=RING_PT, mfc="none", mec=DEFAULT, mew=1.8, ls="", label="default")
     if measured.chosen in at:
-        axes.plot(*at[measured.chosen], "s", ms=16, mfc="none", mec=CHOSEN, mew=1.5, ls="", label="chosen by the rule")
+        axes.plot(*at[measured.chosen], "s", ms=SQUARE_PT, mfc="none", mec=CHOSEN, mew=1.5, ls="", label=CHOICE)
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.margins(0.24 if labels else 0.14, 0.14)
+    axes.margins(margin, 0.14)
     for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
         # a decade at least, so that noise of the clock is not magnified
         widen = max(1.0, 12.0 / (high / low)) ** 0.5
         axis.set_view_interval(low / widen, high * widen, ignore=True)
         _number_ticks(axis)
-    axes.set(title=method.title, xlabel=f"processor time {method.per}, s", ylabel=f"error, {method.unit}")
-    if labels:
-        named = {method.default, measured.chosen, *measured.front, *method.in_code.values(), *refused}
-        shown = {name: place for name, place in (at | refused).items() if name in named or len(points) <= MOST_NAMES}
-        levels = {name: level for level, name in method.in_code.items() if name != method.default}
-        _name(axes, shown, levels, measured.front)
+    axes.set(title=method.title, xlabel=f"processor time for {method.per}, s", ylabel=f"error, {method.unit}")
+    return at | refused
 
 
 def _number_ticks(axis: Axis) -> None:
@@ -126,27 +139,59 @@ def _bars(axes: Axes, point: CostPoint, x: float, y: float, floor: float) -> Non
     axes.errorbar(x, y, xerr=half_x, yerr=half_y or None, fmt="none", ecolor=DATA, elinewidth=0.7, alpha=0.5)
 
 
-def _name(axes: Axes, at: Mapping[str, tuple[float, float]], levels: Mapping[str, str], front: Sequence[str]) -> None:
-    """Write the settings beside their points: those of the front to the left, all others to the right."""
-    figure = axes.get_figure(root=True)
-    if figure is None:  # axes without a figure have nowhere to be drawn
-        return
-    figure.draw_without_rendering()  # the layout is known only then
-    taken: list[tuple[bool, float, float]] = []
-    edge = axes.get_window_extent().x0
-    for name, place in sorted(at.items(), key=lambda item: item[1][1]):
-        x, y = axes.transData.transform(place)
-        left = name in front and x - LETTER_PX * len(name) > edge
-        up = -ABOVE_PX if left else ABOVE_PX
-        while any(left == side and abs(x - a) < NAME_PX and abs(y + up - b) < LINE_PX for side, a, b in taken):
-            up += LINE_PX
-        taken.append((left, x, y + up))
-        text = f"{name} ({levels[name]})" if name in levels else name
-        offset = (-10.0 if left else 9.0, 72.0 * up / figure.dpi)
-        axes.annotate(
-            text, place, xytext=offset, textcoords="offset points", fontsize=6.5, color=style.INK,
-            ha="right" if left else "left", va="center",
+def _name(axes: Axes, measured: Measured, at: Mapping[str, Place]) -> None:
+    """Write the settings beside their points, those in use first, then the front, then the others."""
+    method, front = measured.method, measured.front
+    used = {method.default, measured.chosen, *method.in_code.values()}
+    levels = {name: level for level, name in method.in_code.items() if name not in (method.default, level)}
+    failed = {p.setting for p in measured.points if not math.isfinite(p.error)}
+    named = [name for name in at if name in used | failed | {*front} or len(at) <= MOST_NAMES]
+    view, dot = axes.get_window_extent(), axes.figure.dpi / POINTS_AN_INCH
+    inside, taken = Box(view.x0, -view.y1, view.width, view.height), _markers(axes, measured, at, dot)
+    drawn = _strokes(axes, measured, at, dot)
+    for name in sorted(named, key=lambda n: (n not in used, n not in front, at[n][1])):
+        text = axes.annotate(
+            f"{name} ({levels[name]})" if name in levels else name, at[name], xytext=(0, 0),
+            textcoords="offset points", fontsize=6.5, color=style.INK, ha="left", va="bottom",
         )  # fmt: skip
+        x, y = axes.transData.transform(at[name])
+        size = text.get_window_extent()
+        marker = SQUARE_PT if name == measured.chosen else RING_PT if name == method.default else DOT_PT
+        places = beside(x, -y, size.width, size.height, dot * (marker / 2 + STROKE_PT))
+        box = best_place(places, inside, taken, drawn)
+        if box is None:
+            text.remove()
+            continue
+        taken.append(box)
+        text.xyann = (box.left - x) / dot, (-box.top - box.height - y) / dot
+
+
+def _markers(axes: Axes, measured: Measured, at: Mapping[str, Place], dot: float) -> list[Box]:
+    """Return what the points with ring and square cover, pixels; `dot` is a point in pixels."""
+    pixel = {name: axes.transData.transform(place).tolist() for name, place in at.items()}
+    marks = [(name, DOT_PT) for name in at] + [(measured.method.default, RING_PT), (measured.chosen or "", SQUARE_PT)]
+    return [_around(pixel[name], pixel[name], dot * size) for name, size in marks if name in pixel]
+
+
+def _strokes(axes: Axes, measured: Measured, at: Mapping[str, Place], dot: float) -> list[Box]:
+    """Return what the front and the two lines cover, pixels; `dot` is a point in pixels."""
+    pixel = {name: axes.transData.transform(place).tolist() for name, place in at.items()}
+    boxes: list[Box] = []
+    front = [pixel[name] for name in measured.front if name in pixel]
+    for one, other in pairwise(front):
+        corner = (other[0], one[1])
+        boxes += [_around(one, corner, dot * STROKE_PT), _around(corner, other, dot * STROKE_PT)]
+    view = axes.get_window_extent()
+    for limit in (measured.method.tolerance, measured.method.tolerance / MARGIN):
+        y = axes.transData.transform((1.0, limit))[1]
+        boxes.append(_around((view.x0, y), (view.x1, y), dot * STROKE_PT))
+    return boxes
+
+
+def _around(one: Sequence[float], other: Sequence[float], width: float) -> Box:
+    """Return what a stroke of this width covers, y downwards."""
+    left, top = min(one[0], other[0]) - width / 2, -max(one[1], other[1]) - width / 2
+    return Box(left, top, abs(one[0] - other[0]) + width, abs(one[1] - other[1]) + width)
 
 
 DPI, OVERVIEW_DPI = 110, 88

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import matplotlib as mpl
 import numpy as np
 import pytest
@@ -38,5 +40,16 @@ def test_each_axis_has_at_least_two_numbered_ticks(decades: float) -> None:
 
 def test_front_promises_no_setting_between_two() -> None:
     """The line of the front is in steps: at a time between two settings it is at the error of the cheaper one."""
-    front = next(line for line in chart(1.0).lines if line.get_label() == "Pareto front")
+    front = next(line for line in chart(1.0).lines if line.get_label().startswith("front"))
     assert front.get_drawstyle() == "steps-post"
+
+
+@pytest.mark.parametrize("decades", [0.2, 1.0, 4.0])
+def test_names_of_settings_are_apart_and_whole(decades: float) -> None:
+    """Crowded or far apart: no name covers another, none leaves the chart, all four are there."""
+    axes = chart(decades)
+    boxes = [text.get_window_extent() for text in axes.texts]
+    inside = axes.get_window_extent()
+    assert len(boxes) == 4
+    assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+    assert all(inside.x0 <= b.x0 and b.x1 <= inside.x1 and inside.y0 <= b.y0 and b.y1 <= inside.y1 for b in boxes)

@@ -1,9 +1,10 @@
 """The trade-off page: time against error of each method on this computer, and the stability atlas of each.
 
 Rules: methods are measured, and maps swept, in a helper process. The last results are kept beside the window's
-preferences and shown at the next start; methods that were not measured again keep theirs, with their own date. A file
-that is not such a result is refused. Points are numbered from the cheapest; the error of a setting that failed is
-infinite and not drawn. A map shows where a method works, where only with a warning, where it refuses.
+preferences and shown at the next start; methods that were not measured again keep theirs, with their own date and
+computer. A file that is not such a result is refused. Points are numbered from the cheapest; the error of a setting
+that failed is infinite and not drawn. The setting for any tolerance is found by the rule of the defaults. A map shows
+where a method works, where only with a warning, where it refuses.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from analysis.arrays import FloatArray
+from analysis.machine import machine
 from analysis.progress import Progress
+from analysis.tradeoff.measure import MARGIN, CostPoint, choose, part_of_tolerance
 from boat_daq.engine.display.ring_buffer import MinMaxPyramid, fold_columns
 from boat_daq.engine.simulator.picture import CameraScene, Picture, Renderer
 from boat_daq.engine.toml_values import read_json
@@ -33,7 +36,9 @@ if TYPE_CHECKING:
     from analysis.tradeoff.measure import Method
 
 FRONT = "front"
+CHOICE = "the rule's choice"
 SYMBOLS = {"default": "\u25cb", "chosen": "\u25a1"}
+USES = {"chosen": CHOICE}
 METHODS = {
     "tracer": "Ray tracer",
     "ranking": "Ranking of the designs",
@@ -54,6 +59,11 @@ METHODS = {
 MAPPED = {"fit": "Fit of the calibration", "figures": "SNR and hysteresis", "alarms": "Alarms of the shadow"}
 """Methods that have a map of where they fail, but no chart of time against error."""
 ENTRIES = METHODS | MAPPED
+OVERVIEW = "overview"
+ROWS = {OVERVIEW: "All methods"} | ENTRIES
+"""What the page can show, by name."""
+JOBS = ("calibration", "report", "sweep", "shadow")
+"""Methods that are whole jobs, from the input to the result."""
 MAPPED_BY = {
     "ranking": ("tracer",),
     "bootstrap": ("figures",),
@@ -67,7 +77,7 @@ MAPPED_BY = {
 """Methods and jobs that have no map of their own, and the methods they rest on, which have."""
 Measurer = Callable[[Sequence[str], bool], dict[str, Any]]
 FILE = "tradeoff.json"
-CHOSEN, QUICK, SHOWN = "tradeoff_methods", "tradeoff_quick", "tradeoff_shown"
+CHOSEN, QUICK, SHOWN, ASKED = "tradeoff_methods", "tradeoff_quick", "tradeoff_shown", "tradeoff_tolerances"
 CODES = {"works": "works", "degraded": "degraded", "refused": "refused", "quiet wrong": "unwarned"}  # of `atlas --json`
 OUTCOMES = {  # code -> letter in a cell, text
     "works": ("", "works"),
@@ -110,52 +120,94 @@ class TradeoffPoint:
         """The program's uses of this setting."""
         return tuple(mark for mark in self.marks if mark != FRONT)
 
+    @property
+    def uses_text(self) -> str:
+        """Its uses as its label; a default that the rule chooses is the default."""
+        return ", ".join(USES.get(use, use) for use in self.uses if use != "chosen" or "default" not in self.uses)
+
 
 @dataclass(frozen=True, slots=True)
 class MethodChart:
-    """One measured method; below the error `sufficient` the rule accepts a setting."""
+    """One measured method; the rule accepts a setting whose error, times `margin`, is within a tolerance."""
 
     name: str
-    title: str
     reference: str
     consumer: str
     tolerance: float
-    sufficient: float
+    margin: float
     unit: str
     per: str
-    verdict: str
-    default_is_chosen: bool
-    measured: str
+    default: str
+    chosen: str | None
+    when: str
+    processor: str
     points: tuple[TradeoffPoint, ...]
 
     @property
     def floor(self) -> float:
         """Where an error of zero is drawn: below everything else."""
-        return min([p.error for p in self.points if p.error > 0 and p.drawn] + [self.sufficient]) / 3
+        return min([p.error for p in self.points if p.error > 0 and p.drawn] + [self.tolerance / self.margin]) / 3
 
-    def cheapest(self, tolerance: float) -> TradeoffPoint | None:
-        """Return the cheapest setting whose error is within a tolerance; None where no setting is."""
-        within = [p for p in self.points if p.drawn and p.error <= tolerance]
-        return min(within, key=lambda p: p.seconds, default=None)
+    @property
+    def default_is_chosen(self) -> bool:
+        """Whether the rule chooses the default."""
+        return self.chosen == self.default
+
+    @property
+    def default_point(self) -> TradeoffPoint | None:
+        """The setting that the program uses by default; None where it was not measured or failed."""
+        return next((p for p in self.points if p.setting == self.default and p.drawn), None)
+
+    def choice(self, tolerance: float) -> TradeoffPoint | None:
+        """Return what the rule chooses for a tolerance; None where no setting is accepted."""
+        drawn = {p.setting: p for p in self.points if p.drawn}
+        costs = [
+            CostPoint(p.setting, p.seconds, p.error, p.spread_s, p.seconds, p.error_spread, p.repeats)
+            for p in drawn.values()
+        ]
+        chosen = choose(costs, tolerance, self.default, self.margin)
+        return None if chosen is None else drawn[chosen]
 
     def asked_text(self, tolerance: float) -> str:
         """Return what a tolerance costs on the computer of the measurement."""
-        asked, found = quantity(tolerance, self.unit), self.cheapest(tolerance)
-        if found is None:
-            best = min((p.error for p in self.points if p.drawn), default=math.nan)
-            return f"{asked}: no setting meets it, the best has {quantity(best, self.unit)}"
-        return f"{asked}: {duration_text(found.seconds, 2)}, by {found.setting}"
+        asked, found = quantity(tolerance, self.unit), self.choice(tolerance)
+        if found is not None:
+            return f"Tolerance {asked}: {duration_text(found.seconds, 2)} with {found.setting}"
+        best = min((p.error for p in self.points if p.drawn), default=math.nan)
+        return f"Tolerance {asked}: no setting is accepted, the least error is {quantity(best, self.unit)}"
+
+    @property
+    def part(self) -> str:
+        """What of a tolerance the error of an accepted setting may be, as text."""
+        return part_of_tolerance(self.margin)
 
     @property
     def explanation(self) -> str:
-        """The tolerance, the rule and its choice."""
-        verdict = self.verdict[:1].upper() + self.verdict[1:]
+        """Where an error is noticed, the rule, and its choice for that tolerance."""
+        limit = quantity(self.tolerance, self.unit)
+        chosen = f"{self.chosen or 'none'}; the default is {self.default}"
+        if self.default_is_chosen:
+            chosen = f"the default, {self.default}"
         return (
-            f"Tolerance: {self.consumer} ({quantity(self.tolerance, self.unit)}).\n"
-            f"Rule: the cheapest setting with an error below {quantity(self.sufficient, self.unit)}.\n"
-            f"{verdict.rstrip('.')}.\n"
-            f"Error against: {self.reference}."
+            f"An error is noticeable above {limit}: {self.consumer}.\n"
+            f"The rule chooses the fastest setting whose error is at most {self.part}: {chosen}.\n"
+            f"Errors are against {self.reference}."
         )
+
+
+class DefaultPoint(NamedTuple):
+    """The default of one method in the overview; without `point` it was not measured."""
+
+    name: str
+    chart: MethodChart | None
+    point: TradeoffPoint | None
+
+    @property
+    def share(self) -> float:
+        """Its error divided by the least that is noticed; NaN without a measurement, never zero."""
+        if self.chart is None or self.point is None:
+            return math.nan
+        return max(self.point.error, self.chart.floor) / self.chart.tolerance
 
 
 def read_report(content: Any) -> dict[str, MethodChart]:
@@ -166,25 +218,19 @@ def read_report(content: Any) -> dict[str, MethodChart]:
     OperatorError : it is not a result of `boat-daq tradeoff`.
     """
     try:
-        margin = float(content.get("margin", 2.0))
-        machine = content["machine"]
-        return {str(m["name"]): _method(m, margin, machine, bool(content.get("quick"))) for m in content["methods"]}
+        return {str(m["name"]): _method(m) for m in _dated(content)}
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise OperatorError(
             "this file is not a measured trade-off", "Choose a tradeoff.json that this page or the command wrote."
         ) from error
 
 
-def _method(m: Mapping[str, Any], margin: float, machine: Mapping[str, Any], quick: bool) -> MethodChart:
-    chosen = m.get("chosen")
+def _method(m: Mapping[str, Any]) -> MethodChart:
     rows = sorted(m["points"], key=lambda p: float(p.get("cpu_seconds", p["seconds"])))
-    tolerance = float(m["tolerance"])
-    when = str(m.get("measured_utc", machine.get("date_utc", "")))[:10]
-    how = "quick" if m.get("quick", quick) else "full"
+    when = f"{'quick' if m['quick'] else 'full'}, {str(m['measured_utc'])[:10]}"
     return MethodChart(
-        str(m["name"]), str(m.get("title", m["name"])), str(m["reference"]), str(m["consumer"]), tolerance,
-        tolerance / margin, str(m["unit"]), str(m.get("per", "a call")), str(m.get("verdict", "")),
-        chosen is not None and chosen == m["default"], f"{how}, {when}, {machine.get('processor', 'unknown machine')}",
+        str(m["name"]), str(m["reference"]), str(m["consumer"]), float(m["tolerance"]), float(m["margin"]),
+        str(m["unit"]), str(m.get("per", "a call")), str(m["default"]), m.get("chosen"), when, str(m["processor"]),
         tuple(_point(i, p, m) for i, p in enumerate(rows, 1)),
     )  # fmt: skip
 
@@ -202,15 +248,22 @@ def _point(place: int, p: Mapping[str, Any], m: Mapping[str, Any]) -> TradeoffPo
 
 
 def merged(old: Mapping[str, Any] | None, new: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a new result with the methods that only the old one has; each method keeps its date and kind."""
-    fresh = [
-        {**m, "measured_utc": m.get("measured_utc", new["machine"].get("date_utc", "")), "quick": new.get("quick")}
-        for m in new["methods"]
-    ]
+    """Return a new result with the methods that only the old one has; each keeps its date, extent and processor."""
+    fresh, kept = _dated(new), _dated(old) if old is not None else []
     names = {m["name"] for m in fresh}
-    same = old is not None and old["machine"].get("processor") == new["machine"].get("processor")
-    kept = [m for m in old["methods"] if m["name"] not in names] if old is not None and same else []
-    return {**new, "methods": [*fresh, *kept]}
+    return {**new, "methods": [*fresh, *(m for m in kept if m["name"] not in names)]}
+
+
+def _dated(content: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the methods of a result, each with where, when and how it was measured and judged."""
+    by = content["machine"]
+    own = {
+        "measured_utc": by.get("date_utc", ""),
+        "quick": bool(content.get("quick")),
+        "margin": content.get("margin", MARGIN),
+        "processor": by.get("processor", "unknown processor"),
+    }
+    return [{**own, **m} for m in content["methods"]]
 
 
 def report_columns(charts: Mapping[str, MethodChart]) -> dict[str, list[Any]]:
@@ -313,6 +366,7 @@ class TradeoffModel(MeasuredResult):
         self.preferences = preferences
         self.measurer: Measurer = measure_methods  # the window has one that paints, too
         self.charts: dict[str, MethodChart] = {}
+        self.processor = str(machine()["processor"])
         super().__init__(jobs, folder / FILE)
 
     # ---- what is chosen ------------------------------------------------------------------------------------------
@@ -338,12 +392,12 @@ class TradeoffModel(MeasuredResult):
 
     @property
     def shown(self) -> str:
-        """Name of the method that is shown."""
+        """Name of the method that is shown, or `OVERVIEW`."""
         name = str(self.preferences.get(SHOWN, ""))
-        return name if name in ENTRIES else next(iter(ENTRIES))
+        return name if name in ROWS else OVERVIEW
 
     def show(self, name: str) -> None:
-        """Show a method."""
+        """Show a method, or all of them."""
         self.preferences.set(SHOWN, name)
         self.revision += 1
 
@@ -351,6 +405,26 @@ class TradeoffModel(MeasuredResult):
     def chart(self) -> MethodChart | None:
         """The chart of the shown method, where it was measured."""
         return self.charts.get(self.shown)
+
+    @property
+    def defaults(self) -> list[DefaultPoint]:
+        """The default of each method, for the overview."""
+        charts = {name: self.charts.get(name) for name in METHODS}
+        return [DefaultPoint(name, chart, chart.default_point if chart else None) for name, chart in charts.items()]
+
+    def tolerance(self, chart: MethodChart) -> float:
+        """Return the operator's tolerance of a method, in its unit: what is noticeable until another is chosen."""
+        asked = self.preferences.get(ASKED, {}).get(chart.name)
+        return asked if isinstance(asked, float) and 0 < asked < math.inf else chart.tolerance
+
+    def ask(self, chart: MethodChart, tolerance: float) -> None:
+        """Choose the tolerance of a method."""
+        self.preferences.set_later(ASKED, self.preferences.get(ASKED, {}) | {chart.name: tolerance})
+
+    def where(self, chart: MethodChart) -> str:
+        """Return the computer that a method was measured on."""
+        here = chart.processor == self.processor
+        return f"this computer ({chart.processor})" if here else f"another computer ({chart.processor})"
 
     # ---- measuring -----------------------------------------------------------------------------------------------
 
@@ -375,13 +449,15 @@ class TradeoffModel(MeasuredResult):
     # ---- files ---------------------------------------------------------------------------------------------------
 
     def load(self, path: Path) -> None:
-        """Show the result in a file, and keep it.
+        """Show the result in a file, and keep it with the methods that it does not have.
 
         Raises
         ------
         OperatorError : it cannot be read, or is no such result.
         """
-        self.take(read_json(path, MAX_BYTES))
+        content = read_json(path, MAX_BYTES)
+        read_report(content)  # refused before it is merged
+        self.take(merged(self.content, content))
         self._store()
 
     def save(self, path: Path) -> None:
@@ -406,8 +482,12 @@ class TradeoffModel(MeasuredResult):
         chart = self.charts.get(name)
         if name in MAPPED:
             return "map only"
+        if name == OVERVIEW:
+            return "default of each: time, error"
         if chart is None:
             return "not measured yet"
+        if chart.processor != self.processor:
+            return "\u25c7 of another computer"
         return "\u25cf default confirmed" if chart.default_is_chosen else "\u25b2 the rule chose another"
 
     def status(self) -> str:
@@ -508,7 +588,14 @@ class AtlasModel(MeasuredResult):
         super().__init__(jobs, folder / ATLAS_FILE)
 
     def toggle(self, method: str) -> None:
-        """Start sweeping a method's maps, or stop."""
+        """Start sweeping a method's maps, or stop.
+
+        Raises
+        ------
+        OperatorError : all methods are shown, not one.
+        """
+        if self.job is None and method == OVERVIEW:
+            raise OperatorError("no method is shown whose map could be made", "Choose one in the list of methods.")
         self._toggle(Job("Mapping where it works", sweep_method, method))
 
     @staticmethod

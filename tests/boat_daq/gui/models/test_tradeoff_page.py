@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPointF, Qt
+from PySide6.QtCore import QPointF, QRect, Qt
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QApplication
 
 from analysis.fidelity import fidelity
+from analysis.tradeoff.label_places import Box
 from boat_daq.gui import style
 from boat_daq.gui.models import tradeoff_jobs
-from boat_daq.gui.models.tradeoff_page import KEY_DECADES, point_labels, spread_bars
+from boat_daq.gui.models.tradeoff_chart import KEY_DECADES, point_labels, spread_bars
 from boat_daq.gui.plotting.axes import LogAxis, log_ticks
 from boat_daq.viewmodels.common.jobs import JobState
+from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.models import tradeoff
-from boat_daq.viewmodels.models.tradeoff import read_report
+from boat_daq.viewmodels.models.tradeoff import OVERVIEW, read_report
 from tests.boat_daq.gui.recorded_session import RecordedSession, idle
 from tests.boat_daq.viewmodels.models.reports import point, report
+
+RECORDED = Path(__file__).resolve().parents[4] / "docs" / "tradeoff" / "tradeoff.json"
 
 
 @pytest.fixture
@@ -61,13 +68,13 @@ def test_chart_draws_the_measured_points(page):
     assert np.allclose(card.front.y, [-1.0, -1.0, -3.0])
     assert card.notices.value() == pytest.approx(math.log10(0.02))
     assert card.sufficient.value() == pytest.approx(-2.0)
-    assert card.labels.texts == ["1", "2 default, chosen"]
+    assert card.labels.texts == ["2 default", "1"]
     assert card.asked.value() == card.notices.value()
-    card.asked.setValue(-0.9)
-    assert card.readout.text().endswith(f"by {card.shown.points[0].setting}")
+    card.asked.setValue(-0.6)
+    assert card.readout.text().endswith("with rough")
     card.asked.setValue(-5.0)
-    assert "no setting meets it" in card.readout.text()
-    assert "cheapest setting with an error below 0.010 mm" in page.explanation.text()
+    assert "no setting is accepted" in card.readout.text()
+    assert "at most half the tolerance: the default, fine." in page.explanation.text()
     assert page.table.item(1, 1).text() == "fine"
     assert page.table.item(1, 4).text() == "\u25cb \u25a1"
 
@@ -128,7 +135,7 @@ def test_measurement_starts_reports_progress_and_stops(page, app_model, monkeypa
 
     requested = []
     monkeypatch.setattr(tradeoff, "Job", FakeJob)
-    page.methods.item(0).setCheckState(Qt.CheckState.Unchecked)
+    page.methods.item(1).setCheckState(Qt.CheckState.Unchecked)
     page.start.click()
     page.refresh(app_model.snapshot)
     assert requested == [(tuple(tradeoff.METHODS)[1:], True)]
@@ -194,8 +201,6 @@ def test_method_without_a_chart_shows_its_map_alone(page, app_model):
 
 def test_fidelity_is_applied_and_kept(page, app_model):
     """Draft and reference move rays, table, sampler and live points; the choice is there at the next start."""
-    from boat_daq.viewmodels.common.preferences import Preferences
-
     draft, reference = fidelity("draft"), fidelity("reference")
     assert draft.rays < reference.rays
     page.level.setCurrentIndex(page.level.findData("draft"))
@@ -241,14 +246,101 @@ def test_narrow_page_puts_the_table_below_the_chart(page, qtbot):
 
 def test_method_that_is_not_measured_shows_what_will_be_there(whole):
     """Its title used to be in the middle of an empty card."""
-    chart = whole.pages["Trade-off"].chart
+    chart = whole.pages["Trade-off"].overview
     whole.go("Trade-off")
     QApplication.processEvents()
     assert chart.empty_text.isVisible()
     assert chart.heading.geometry().bottom() < chart.height() / 4
 
 
+def shown_at(page, qtbot, app_model, name, width, height):
+    """The card of a method of the measured file, at a size of the page."""
+    app_model.tradeoff.take(json.loads(RECORDED.read_text(encoding="utf-8")))
+    page.resize(width, height)
+    app_model.tradeoff.show(name)
+    page.refresh(app_model.snapshot)
+    card = page.overview if name == OVERVIEW else page.chart
+    qtbot.waitUntil(lambda: card.plot.item.getViewBox().width() > 0 and card.labels.boxes != [])
+    return card
+
+
+@pytest.mark.parametrize("size", [(1156, 680), (740, 900)])
+@pytest.mark.parametrize("name", [OVERVIEW, *tradeoff.METHODS])
+def test_labels_neither_overlap_nor_leave_the_chart(page, qtbot, app_model, name, size):
+    """Of the window at 1280 x 800 and 853 x 600: every label that is shown is whole; the lines have theirs."""
+    card = shown_at(page, qtbot, app_model, name, *size)
+    box = card.plot.item.getViewBox()
+    view = Box(0, 0, box.width(), box.height())
+    assert all(view.holds(label) for label in card.labels.boxes)
+    assert not any(a.covers(b) for a, b in combinations(card.labels.boxes, 2))
+    assert all(line.label.isVisible() for line in card.labels.lines)
+    if name != OVERVIEW:
+        assert any("default" in text for text in card.labels.texts)
+
+
+def test_line_label_evades_the_others_while_the_line_is_dragged(page, qtbot, app_model):
+    """Wherever the line is, no two labels overlap."""
+    card = shown_at(page, qtbot, app_model, "reduced-fem", 1156, 680)
+    for value in np.linspace(-4.0, 0.0, 30):
+        card.asked.setValue(value)
+        assert not any(a.covers(b) for a, b in combinations(card.labels.boxes, 2))
+
+
+def test_line_of_acceptance_moves_with_the_tolerance_which_is_kept(page, app_model):
+    """Half of the tolerance wherever it is dragged; Reset moves it back; the tolerance is there at the next start."""
+    card = page.chart
+    assert not card.back.isVisible()
+    card.asked.setValue(-1.5)
+    card._keep_asked()
+    assert card.sufficient.value() == pytest.approx(-1.5 - math.log10(2.0))
+    assert card.back.isVisible()
+    app_model.preferences.set("other", 1)
+    again = Preferences(app_model.folder)
+    assert again.get("tradeoff_tolerances") == {"inverse": pytest.approx(10**-1.5)}
+    card.back.click()
+    assert card.asked.value() == pytest.approx(card.notices.value())
+    assert app_model.tradeoff.tolerance(card.shown) == pytest.approx(0.02)
+
+
 def test_points_in_one_place_share_a_label():
-    """Two settings of equal cost and error were labelled one over the other."""
-    labels = point_labels([(0.0, 0.0, "1"), (0.01, -0.02, "2 default"), (0.2, 0.0, "3")])
-    assert labels == [(0.0, 0.0, "1, 2 default"), (0.2, 0.0, "3")]
+    """Two settings of equal cost and error were labelled one over the other; those in use come first."""
+    chart = read_report(report(points=[point("rough", 1.0, 0.1), point("as rough", 1.0, 0.1), point("fine", 2.0, 0.1)]))
+    points = chart["inverse"].points
+    at = {1: (0.0, 0.0), 2: (0.01, -0.01), 3: (0.3, 0.0)}
+    assert [label.text for label in point_labels(points, at)] == ["3 default", "1, 2"]
+
+
+def test_overview_shows_each_default_and_leads_to_its_method(page, qtbot, app_model):
+    """Error in percent of what is noticeable; a click on a point or a row, and Enter, show the method."""
+    card = shown_at(page, qtbot, app_model, OVERVIEW, 1156, 680)
+    assert page.all.isVisible()
+    assert not page.one.isVisible()
+    table = page.defaults
+    assert table.rowCount() == len(tradeoff.METHODS)
+    row = list(tradeoff.METHODS).index("tracer")
+    assert [table.item(row, k).text() for k in (1, 4)] == ["250 rays", "31 %"]
+    assert card.columns()["default"][row] == "250 rays"
+    place = card.plot.item.getViewBox().mapViewToScene(QPointF(*card._at["tracking"]))
+    card.click(place + QPointF(3, 2))
+    assert app_model.tradeoff.shown == "tracking"
+    page.refresh(app_model.snapshot)
+    assert page.one.isVisible()
+    assert page.methods.currentItem().text().startswith("Camera")
+    page.methods.setCurrentRow(0)
+    assert app_model.tradeoff.shown == OVERVIEW
+    table.cellActivated.emit(row, 0)
+    assert app_model.tradeoff.shown == "tracer"
+
+
+@pytest.mark.parametrize("width", [1156, 740])
+def test_names_of_settings_are_wrapped_not_cut(page, qtbot, app_model, width):
+    """A row is as high as the lines of its name."""
+    shown_at(page, qtbot, app_model, "reduced-fem", width, 680)
+    table = page.table
+    QApplication.processEvents()
+    for row in range(table.rowCount()):
+        needed = table.fontMetrics().boundingRect(
+            QRect(0, 0, table.columnWidth(1) - 8, 1000), Qt.TextFlag.TextWordWrap, table.item(row, 1).text()
+        )
+        assert needed.width() <= table.columnWidth(1)
+        assert needed.height() <= table.rowHeight(row)

@@ -11,7 +11,7 @@ from analysis.tradeoff.methods import METHODS as MEASURED
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.common.preferences import Preferences
-from boat_daq.viewmodels.models.tradeoff import ENTRIES, METHODS, TradeoffModel
+from boat_daq.viewmodels.models.tradeoff import ENTRIES, METHODS, OVERVIEW, AtlasModel, TradeoffModel
 from tests.boat_daq.viewmodels.models.reports import report
 
 
@@ -46,3 +46,31 @@ def test_measuring_without_a_method_is_refused(tmp_path):
         model.toggle()
     model.choose("tracer", on=True)
     assert TradeoffModel(JobRunner(), tmp_path, Preferences(tmp_path)).chosen == ("tracer",)
+
+
+def test_opened_file_keeps_the_other_methods_and_each_names_its_computer(tmp_path):
+    """Another computer's result is marked; what it does not have stays."""
+    model = TradeoffModel(JobRunner(), tmp_path, Preferences(tmp_path))
+    model.processor = "this one"
+    model.take(report("tracer"))
+    source = tmp_path / "given.json"
+    source.write_text(json.dumps(report("inverse", processor="another")), encoding="utf-8")
+    model.load(source)
+    assert {name: model.where(chart) for name, chart in model.charts.items()} == {
+        "inverse": "another computer (another)",
+        "tracer": "this computer (this one)",
+    }
+    assert model.entry("inverse").endswith("of another computer")
+    assert model.entry("tracer").endswith("default confirmed")
+
+
+def test_overview_lists_every_method_and_has_no_map(tmp_path):
+    """Methods that were not measured have no point; F12 with Shift names what to choose."""
+    model = TradeoffModel(JobRunner(), tmp_path, Preferences(tmp_path))
+    assert model.shown == OVERVIEW
+    model.take(report("tracer"))
+    assert [d.name for d in model.defaults] == list(METHODS)
+    assert [d.name for d in model.defaults if d.point is not None] == ["tracer"]
+    assert model.defaults[0].share == pytest.approx(0.05)
+    with pytest.raises(OperatorError, match="no method is shown"):
+        AtlasModel(JobRunner(), tmp_path).toggle(OVERVIEW)

@@ -1,0 +1,141 @@
+"""All methods at once: time and error of each default, as a chart and a table; a click shows the method.
+
+Errors of unlike units are compared by what is noticeable in each: 100 % is noticed, and the rule
+accepts half.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from PySide6.QtCore import QPointF, Qt
+
+from analysis.tradeoff.measure import MARGIN
+from boat_daq.gui import style
+from boat_daq.gui.models.tradeoff_chart import LABEL_MARGIN, NOTHING, accepted_text, framed, log_card
+from boat_daq.gui.plotting.placed_labels import PlacedLabels, PointLabel
+from boat_daq.gui.plotting.plot import sensor_colour
+from boat_daq.gui.plotting.plot_card import Columns, PlotCard
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets.wrapped_table import WrappedTable
+from boat_daq.viewmodels.common import tables
+from boat_daq.viewmodels.common.formatting import duration_text, number, quantity
+from boat_daq.viewmodels.models.tradeoff import JOBS, METHODS, OVERVIEW, ROWS, TradeoffModel
+
+REACH = 40.0  # pixels from a point within which a click is meant for it
+HEADINGS = ("Method", "Default", "Time", "Error", "Share")
+SHARE_TIP = "The error in percent of the least that is noticeable; the rule accepts a setting up to 50 %"
+LEAST_SHARE = 0.01
+"""Smaller errors are drawn here, so that the others are apart."""
+KEY = (
+    "\u25cf a method  \u25a0 a whole job.  Lower is more exact, further left is faster; errors below 1 % are at 1 %. "
+    "Click one to see its settings."
+)
+AXIS = "Error", "% of noticeable"
+MARKERS = {False: "o", True: "s"}
+
+
+class OverviewCard(PlotCard):
+    """Time and error of every default.
+
+    Parameters
+    ----------
+    model : has them, and is told which method to show.
+    """
+
+    def __init__(self, model: TradeoffModel) -> None:
+        super().__init__(ROWS[OVERVIEW])
+        self.model = model
+        self.plot = log_card(self, *AXIS, "Processor time of one call")
+        self.points = {
+            job: self.plot.points(
+                "Jobs" if job else "Methods", sensor_colour(2 if job else 1), symbol=symbol, size=style.POINT_SIZE
+            )
+            for job, symbol in MARKERS.items()
+        }
+        self.noticed = self.plot.line(lambda t: t.muted, at=math.log10(100.0), label="noticeable above")
+        self.accepted = self.plot.line(lambda t: t.ok, at=math.log10(100.0 / MARGIN), label=accepted_text(MARGIN))
+        markers = [(layer, style.POINT_SIZE) for layer in self.points.values()]
+        self.labels = PlacedLabels(self.plot, markers, (), (self.noticed, self.accepted), at_left=True)
+        self.key = widgets.label(KEY, "small", wrap=True, name="Key of the overview")
+        self.inside.addWidget(self.key)
+        self.view.setCursor(Qt.CursorShape.PointingHandCursor)
+        self.view.scene().sigMouseClicked.connect(lambda event: self.click(event.scenePos()))
+        self._at: dict[str, tuple[float, float]] = {}
+
+    def show_defaults(self) -> None:
+        """Draw what was measured."""
+        found = [(d.name, d.point, d.share) for d in self.model.defaults if d.point is not None]
+        self.show_empty("" if found else NOTHING)
+        self.key.setVisible(bool(found))
+        self._at = {
+            name: (math.log10(point.seconds), math.log10(100.0 * max(share, LEAST_SHARE)))
+            for name, point, share in found
+        }
+        if not self._at:
+            return
+        for job, layer in self.points.items():
+            places = [at for name, at in self._at.items() if (name in JOBS) is job]
+            layer.set(np.array([x for x, _ in places]), np.array([y for _, y in places]))
+        x, y = np.array(list(self._at.values())).T
+        self.plot.x_range(*framed(x))
+        self.plot.y_range(*framed(np.append(y, self.noticed.value()), LABEL_MARGIN))
+        self.paint_theme(self.theme)
+        clear = style.POINT_SIZE / 2 + 1
+        order = sorted(self._at.items(), key=lambda item: -item[1][0])  # at the right edge there are fewest places
+        self.labels.set([PointLabel(*at, METHODS[name].removeprefix("Job: "), clear) for name, at in order])
+
+    def click(self, at: QPointF) -> None:
+        """Show the method whose point is nearest to a place of the scene, where one is near."""
+        box = self.plot.item.getViewBox()
+        far = {name: (box.mapViewToScene(QPointF(*place)) - at).manhattanLength() for name, place in self._at.items()}
+        name = min(far, key=lambda n: far[n], default="")
+        if name and far[name] <= REACH:
+            self.model.show(name)
+
+    def columns(self) -> Columns:
+        """Return each default with its time and error."""
+        rows = [
+            (METHODS[d.name], d.point.setting, d.point.seconds, d.chart.per, d.point.error, d.chart.unit, d.share)
+            for d in self.model.defaults
+            if d.chart is not None and d.point is not None
+        ]
+        names = ("method", "default", "processor time (s)", "for", "error", "unit", "error / noticeable error")
+        return tables.by_column(names, rows)
+
+
+class DefaultsTable(WrappedTable):
+    """Every method with its default; a click or Enter shows the method.
+
+    Parameters
+    ----------
+    model : has them, and is told which method to show.
+    """
+
+    def __init__(self, model: TradeoffModel) -> None:
+        super().__init__("Default of each method; Enter shows the method", HEADINGS, stretched=(0, 1, 2, 3), right=(4,))
+        self.explain({HEADINGS.index("Share"): SHARE_TIP})
+        self.tradeoff = model
+        self.cellClicked.connect(self._chosen)
+        self.cellActivated.connect(self._chosen)
+
+    def show_defaults(self) -> None:
+        """Show what was measured."""
+        rows: list[tuple[str, ...]] = []
+        tips: list[str] = []
+        for name, chart, point in self.tradeoff.defaults:
+            if chart is None or point is None:
+                rows.append((METHODS[name], self.tradeoff.entry(name), *[""] * (len(HEADINGS) - 2)))
+                tips.append("")
+                continue
+            percent = 100 * point.error / chart.tolerance
+            share = f"{number(percent, 0)} %" if percent >= 1 else "< 1 %"
+            time = f"{duration_text(point.seconds, 2)} for {chart.per}"
+            rows.append((METHODS[name], point.setting, time, quantity(point.error, chart.unit), share))
+            tips.append(f"Measured: {chart.when}, on {self.tradeoff.where(chart)}")
+        self.fill(rows, tips)
+
+    def _chosen(self, row: int, *_: Any) -> None:
+        self.tradeoff.show(self.tradeoff.defaults[row].name)

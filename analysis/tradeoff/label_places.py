@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 RINGS = 3
-"""Candidates about a point are at so many distances."""
+"""Candidates about a point are at so many distances; from further off it is unclear whose label it is."""
 RANK_COST = 3.0
 """Square pixels that may be covered rather than taking the next candidate."""
 
@@ -39,7 +39,7 @@ class Box(NamedTuple):
         )
 
 
-def beside(x: float, y: float, width: float, height: float, clear: float) -> Iterator[Box]:
+def beside(x: float, y: float, width: float, height: float, clear: float, rings: int = RINGS) -> Iterator[Box]:
     """Return the candidates of a label about its point, the best first.
 
     Parameters
@@ -47,8 +47,9 @@ def beside(x: float, y: float, width: float, height: float, clear: float) -> Ite
     x, y : the point.
     width, height : of the label.
     clear : from the point to the nearest edge of the label.
+    rings : number of distances.
     """
-    for ring in range(RINGS):
+    for ring in range(rings):
         out = clear + ring * height / 2
         right, left, middle = x + clear, x - clear - width, x - width / 2
         above, below, level = y - out - height, y + out, y - height / 2

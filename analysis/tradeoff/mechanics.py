@@ -162,7 +162,7 @@ def _basis_name(side: int, modes: int) -> str:
 MESH = Method(
     "full-fem", "Full model: mesh and integration",
     "CalculiX 2.20, a second program, on 24 x (5 + 10) elements; each mesh is fitted to the same two elongations", True,
-    "the deviation from the readings: a tenth of the reading error", READING_MM / 10, "mm", "a warm solution",
+    "the deviation from the readings: a tenth of the reading error", READING_MM / 10, "mm", "a solution near the last",
     lambda level: _mesh_name(level.mesh), mesh_settings,
 )  # fmt: skip
 BASIS = Method(

@@ -47,7 +47,7 @@ KEY_DECADES = 0.05  # by which an arrow key moves the tolerance
 GAP = (math.nan, math.nan)  # between two strokes
 NOTHING = "Press Measure to plot each setting: time across, error up."
 KEY = (
-    "Lower is more exact, further left is faster. Blue steps: the front, the least error for the time.  "
+    "Lower: more exact; further left: faster. Blue steps: front, the least error for the time.  "
     f"\u25cb default  \u25a1 {CHOICE}"
 )
 EXPLANATION = (
@@ -121,9 +121,11 @@ class TradeoffCard(PlotCard):
             moved.activated.connect(partial(self._move_asked, step))
         tip = "Moves your tolerance back to the error that is noticeable"
         self.back = widgets.button("Reset", self._reset_asked, "quiet", name="Reset the tolerance", tip=tip)
-        self.bar.insertWidget(self.bar.indexOf(self.menu_button), self.back)
+        kept = self.back.sizePolicy()
+        kept.setRetainSizeWhenHidden(True)  # the chart does not move under the line that is dragged
+        self.back.setSizePolicy(kept)
         self.key = widgets.label(KEY, "small", wrap=True, name="Key of the chart")
-        self.inside.addWidget(self.key)
+        self.inside.addLayout(widgets.row((self.key, 1), self.back))
         self.shown: MethodChart | None = None
 
     def show_chart(self, chart: MethodChart | None) -> None:

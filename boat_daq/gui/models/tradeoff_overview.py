@@ -27,13 +27,14 @@ from boat_daq.viewmodels.models.tradeoff import JOBS, METHODS, OVERVIEW, ROWS, T
 REACH = 40.0  # pixels from a point within which a click is meant for it
 HEADINGS = ("Method", "Default", "Time", "Error", "Share")
 SHARE_TIP = "The error in percent of the least that is noticeable; the rule accepts a setting up to 50 %"
-LEAST_SHARE = 0.01
+LEAST_SHARE = 0.05
 """Smaller errors are drawn here, so that the others are apart."""
 KEY = (
-    "\u25cf a method  \u25a0 a whole job.  Lower is more exact, further left is faster; errors below 1 % are at 1 %. "
+    "\u25cf a method  \u25a0 a whole job.  Lower is more exact, further left is faster; errors below 5 % are at 5 %. "
     "Click one to see its settings."
 )
 AXIS = "Error", "% of noticeable"
+RINGS = 5  # names, not numbers: fewer would leave some out
 MARKERS = {False: "o", True: "s"}
 
 
@@ -58,7 +59,7 @@ class OverviewCard(PlotCard):
         self.noticed = self.plot.line(lambda t: t.muted, at=math.log10(100.0), label="noticeable above")
         self.accepted = self.plot.line(lambda t: t.ok, at=math.log10(100.0 / MARGIN), label=accepted_text(MARGIN))
         markers = [(layer, style.POINT_SIZE) for layer in self.points.values()]
-        self.labels = PlacedLabels(self.plot, markers, (), (self.noticed, self.accepted), at_left=True)
+        self.labels = PlacedLabels(self.plot, markers, (), (self.noticed, self.accepted), at_left=True, rings=RINGS)
         self.key = widgets.label(KEY, "small", wrap=True, name="Key of the overview")
         self.inside.addWidget(self.key)
         self.view.setCursor(Qt.CursorShape.PointingHandCursor)

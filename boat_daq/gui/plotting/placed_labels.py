@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from PySide6.QtCore import QPointF
 from PySide6.QtGui import QFontMetricsF
 
-from analysis.tradeoff.label_places import Box, beside, best_place
+from analysis.tradeoff.label_places import RINGS, Box, beside, best_place
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Layer, Plot
 
@@ -44,6 +44,7 @@ class PlacedLabels:
     curves : layers of lines, with NaN between strokes.
     lines : horizontal lines with a label.
     at_left : where these labels are preferred, instead of at the right.
+    rings : number of distances at which a label may be from its point.
     """
 
     def __init__(
@@ -54,8 +55,9 @@ class PlacedLabels:
         lines: Sequence[Any] = (),
         *,
         at_left: bool = False,
+        rings: int = RINGS,
     ) -> None:
-        self.plot, self.lines, self._at_left = plot, lines, at_left
+        self.plot, self.lines, self._at_left, self._rings = plot, lines, at_left, rings
         self._markers, self._curves = markers, curves
         self._box = plot.item.getViewBox()
         self._shown = plot.labels((0.0, 0.0))
@@ -100,7 +102,7 @@ class PlacedLabels:
         drawn, shown = [*self._drawn, *map(self._line_box, self.lines)], []
         for label in self._wanted:
             at = self._pixel(label.x, label.y)
-            places = beside(at.x(), at.y(), *_size(label.text), label.clear)
+            places = beside(at.x(), at.y(), *_size(label.text), label.clear, self._rings)
             box = best_place(places, view, [*self._fixed, *self._points, *self._on_lines, *self._taken], drawn)
             if box is not None:
                 self._taken.append(box)

@@ -59,10 +59,15 @@ def race_text(race: Race, by: By) -> str:
     if len(found) > _SHOWN:
         lines.append(f"  and {len(found) - _SHOWN} more")
     equal = f"{race.equal_rays} for every design"
-    lines.append(f"{race.work} rays in each state, {race.saving:.1f} times fewer than {equal}")
+    lines.append(f"{race.work} rays in each state, {times_fewer(race.saving)} than {equal}")
     if not race.finished:
         lines.append("the time ran out: with more of it fewer designs are left")
     return "\n".join(lines)
+
+
+def times_fewer(saving: float) -> str:
+    """Return `1.4 times fewer` for a saving of 1.4, and `1.4 times more` for one of 0.7."""
+    return f"{saving:.1f} times fewer" if saving >= 1.0 else f"{1.0 / saving:.1f} times more"
 
 
 def design_label(design: Design) -> str:

@@ -31,7 +31,7 @@ from analysis.optics.sweep.fans import FanResult, compare_fans, count_errors
 from analysis.optics.sweep.figure_of_merit import PARTING, Merit, pareto
 from analysis.optics.sweep.optimise import BETTER, PATIENCE, Optimum
 from analysis.optics.sweep.race import Race
-from analysis.optics.sweep.race_report import design_label, race_json, race_text
+from analysis.optics.sweep.race_report import design_label, race_json, race_text, times_fewer
 from analysis.optics.sweep.sweep import STEPS_MM, SweepResult
 from analysis.optics.tracer.simulation import ray_paths
 from analysis.version import program_version
@@ -44,6 +44,7 @@ DPI = 160
 _FAINT, _STRONG = 0.01, 0.22
 _MOST_DRAWN = 400
 _SHOWN = 3
+SEVERAL = {"count": "counts", "power": "powers"}
 UNITS = {"count": "rays of 250", "power": "power of 250 rays"}
 GROUPS = {"all": "designs", "same_cavities": "with as many cavities", "paper_map": "in its map"}
 
@@ -274,6 +275,15 @@ def power_text(result: SweepResult) -> str:
     )
 
 
+def error_text(result: SweepResult) -> str:
+    """Return the stated errors of a sweep's counts, or powers, in a line."""
+    errors = count_errors(result)
+    return (
+        f"{SEVERAL[result.request.by]} of 250 rays within {errors['of_95_percent']:.2g} "
+        f"(95 % of them; all within {errors['greatest']:.2g}), at k = 2"
+    )
+
+
 def _line(label: str, design: Design, merit: Merit, i: int) -> str:
     return (
         f"{label}: {design.cavities} cavities, width {design.width_mm:g}, depth {design.depth_mm:g}, "
@@ -295,11 +305,7 @@ def sweep_text(result: SweepResult, fans: FanResult | None = None) -> str:
     ]
     if result.request.by == "power":
         lines.append(power_text(result))
-    errors = count_errors(result)
-    lines.append(
-        f"{result.request.light.rays} rays: counts of 250 rays within {errors['of_95_percent']:.2g} "
-        f"(95 % of them; all within {errors['greatest']:.2g}), at k = 2"
-    )
+    lines.append(f"{result.request.light.rays} rays: {error_text(result)}")
     if paper is not None:
         lines += [
             _line(f"paper's optimum, rank {result.ranks()[paper]}", result.designs[paper], merit, paper),
@@ -382,7 +388,7 @@ def draw_race(race: Race, by: By) -> Figure:
     cost.set(xlabel="rays released in each state, all designs", ylabel="designs that may be the best")
     cost.set_xscale("symlog", linthresh=float(race.history[0][0]))
     cost.set_yscale("log")
-    cost.set_title(f"{race.saving:.0f} times less work")
+    cost.set_title(f"{times_fewer(race.saving)} rays")
     cost.legend()
     return figure
 
@@ -437,7 +443,7 @@ def optimum_text(found: Optimum) -> str:
         )
     if found.race is not None:
         lines.append(race_text(found.race, found.by))
-        lines.append(f"with the search {found.work_rays} rays in each state, {found.saving:.1f} times fewer")
+        lines.append(f"with the search {found.work_rays} rays in each state, {times_fewer(found.saving)}")
     if found.finished:
         lines.append(f"converged: {PATIENCE} generations in a row improved by less than {100 * BETTER:g} %")
     else:

@@ -20,7 +20,7 @@ from analysis.optics.scene.geometry import pattern_of
 from analysis.optics.scene.parameters import By, Design, Light, light_by
 from analysis.optics.sweep.figure_of_merit import FLOOR, merit, p_bounds, resolution
 from analysis.optics.sweep.race import Race, first_rays_of, race_sweep, rays_of_rounds
-from analysis.optics.sweep.race_report import race_json, race_text
+from analysis.optics.sweep.race_report import race_json, race_text, times_fewer
 from analysis.optics.sweep.report import write_race
 from analysis.optics.sweep.sweep import SweepRequest, SweepResult, common_of, paper_grid, result_of, run_item
 
@@ -230,6 +230,14 @@ def test_a_race_finds_the_best_of_traced_designs_on_any_thread(tmp_path: Path) -
     assert content["rays_total"] * content["times_less_work"] == pytest.approx(content["rays_equal_precision"])
     assert "confidence" in text
     assert {path.name for path in write_race(race, "count", tmp_path)} == {"race.json", "race.png", "race.svg"}
+
+
+@pytest.mark.parametrize(
+    ("saving", "text"), [(33.04, "33.0 times fewer"), (1.0, "1.0 times fewer"), (0.7, "1.4 times more")]
+)
+def test_a_race_that_took_more_rays_says_so(saving: float, text: str) -> None:
+    """It read "0.7 times fewer"."""
+    assert times_fewer(saving) == text
 
 
 @pytest.mark.parametrize(("confidence", "most_rays"), [(0.0, 4_000), (1.0, 4_000), (float("nan"), 4_000), (0.95, 999)])

@@ -42,7 +42,7 @@ from analysis.optics.sweep.sweep import (
     result_of,
     run_item,
 )
-from analysis.optics.tracer.tolerance import COVERAGE, MORE, TRIES, rays_for, stated_error
+from analysis.optics.tracer.tolerance import TRIES, finer, rays_for, stated_error, unmet
 from analysis.progress import Progress
 
 POPULATION = 16
@@ -218,9 +218,11 @@ def optimise(
     try:
         search = _Search(frames, guide, light_by(by, rays), by, pool, _watch(began, seconds, progress))
         final = light_by(by, _CHECK * rays)
-        if tolerance is not None:  # refused before the search, if at all
+        if tolerance is not None:  # refused before the search where most of the grid cannot meet it
             final = light_within(SweepRequest(tuple(search.grid(first_face)), guide, final, curves, by), tolerance)
         ranked = search.scan_grid(first_face, seed)
+        if tolerance is not None:  # the grid's best may be noisier than most of it: refused before the long part
+            search.require(tolerance, [design for _, design in ranked[:_FINALISTS]])
         found = search.evolve([design for _, design in ranked[:POPULATION]], seed)
         race = None if confidence is None else search.race(confidence, most_rays, seed, race_seconds, progress)
         return _evaluated(search, ranked, found, race, final, tolerance, began)
@@ -295,6 +297,19 @@ class _Search:
                 break
         self.scanned = [design for _, design in rough]
         return _best(self.scored(self.merit, [design for _, design in _best(rough)[: 3 * POPULATION]]))
+
+    def require(self, tolerance: float, designs: Sequence[Design]) -> None:
+        """Check that one of some designs can meet a tolerance with the most rays.
+
+        Raises
+        ------
+        RequestError : none can; it names the least error of the best of them.
+        """
+        self.evaluations += len(designs)
+        self.work += len(designs) * self.light.rays
+        results = self.pool.map(self.merit.result, designs)
+        sd = min(float(np.max(result.response[1])) for result in results)
+        rays_for(self.light, sd, tolerance, self.guide.thickness_mm, self.merit.mirrored)
 
     def evolve(self, first: Sequence[Design], seed: int) -> OptimizeResult:
         """Run differential evolution from some designs, until it converges or the time is over."""
@@ -421,10 +436,9 @@ def _with_rays(
         error = max(float(np.max(stated_error(results[each].response[1], light.rays))) for each in winners)
         if tolerance is None or error <= tolerance:
             return results, winners, light, error, work
-        needed = rays_for(light, error / COVERAGE, tolerance, search.guide.thickness_mm, final.mirrored)
-        light = light.with_rays(max(needed, round(MORE * light.rays)))
-    cause = f"the error of the best designs is {error:.2g} rays of {PAPER_RAYS}"
-    raise RequestError(cause, f"allow {1.1 * error:.2g} rays or more")
+        traced = light.rays
+        light = finer(light, error, tolerance, search.guide.thickness_mm, mirrored=final.mirrored)
+    raise unmet(traced, error)
 
 
 def _leader(race: Race, first: int) -> int:

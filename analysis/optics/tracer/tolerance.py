@@ -124,12 +124,35 @@ def trace_within(
         error = float(stated_error(sd, fan.rays))
         if error <= tolerance and fan.rays >= FEWEST_RAYS:
             return ToleratedTrace(result, fan, error, tolerance, work)
-        needed = rays_for(fan, error / COVERAGE, tolerance, thickness, mirrored)
-        fan = light.with_rays(max(needed, round(MORE * fan.rays)))
-    raise RequestError(
-        f"the error of {fan.rays} rays is {error:.2g} rays of {PAPER_RAYS}",
-        f"allow {rounded_up(1.1 * error):g} rays or more",
-    )
+        traced, fan = fan.rays, finer(fan, error, tolerance, thickness, mirrored=mirrored)
+    raise unmet(traced, error)
+
+
+def finer(light: Light, error: float, tolerance: float, thickness_mm: float, *, mirrored: bool) -> Light:
+    """Return a light with the rays that a tolerance is predicted to take, and notably more than it has.
+
+    Parameters
+    ----------
+    light, error : a fan, and the stated error of its count, which is above the tolerance.
+    tolerance, thickness_mm, mirrored : as in `rays_for`.
+
+    Raises
+    ------
+    RequestError : even the most rays have a larger error.
+    """
+    needed = rays_for(light, error / COVERAGE, tolerance, thickness_mm, mirrored)
+    return light.with_rays(max(needed, round(MORE * light.rays)))
+
+
+def unmet(rays: int, error: float) -> RequestError:
+    """Return the refusal of a tolerance that all tries have missed, with what the last one would meet.
+
+    Parameters
+    ----------
+    rays, error : of the last try, rays of 250 at 2 standard deviations.
+    """
+    cause = f"the error of {rays} rays is {error:.2g} rays of {PAPER_RAYS}"
+    return RequestError(cause, f"allow {rounded_up(1.1 * error):g} rays or more")
 
 
 def stated_error(sd: npt.ArrayLike, rays: int) -> FloatArray:

@@ -69,6 +69,20 @@ def test_a_tolerance_chooses_the_rays_of_the_final_evaluation(monkeypatch: pytes
     assert not searched
 
 
+def test_a_tolerance_that_the_best_of_the_grid_cannot_meet_is_refused_before_the_search(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Most of the grid may be less noisy than its best: that was refused only after the whole search."""
+    monkeypatch.setattr("analysis.optics.sweep.optimise.paper_grid", lambda face: paper_grid((5,), face)[::16])
+    monkeypatch.setattr("analysis.optics.sweep.optimise.light_within", lambda request, tolerance: request.light)
+    monkeypatch.setattr(
+        "analysis.optics.sweep.optimise._Search.evolve", lambda *_: pytest.fail("the search was started")
+    )
+    with pytest.raises(RequestError) as refused:
+        optimise(Waveguide(), default_curves(), rays=50, seconds=0.3, by="count", tolerance=1e-9)
+    assert "rays or more" in str(refused.value.remedy)
+
+
 def test_the_race_of_a_search_keeps_the_best_design(monkeypatch: pytest.MonkeyPatch) -> None:
     """With P in closed form, largest for 5 cavities 1.2 mm wide, the search finds it and the race keeps it."""
     pattern = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, 15), 6))[0][:, 6] * np.sqrt(15.0)

@@ -383,14 +383,21 @@ class RayPath:
 
 
 def ray_paths(
-    frame: SceneFrame, design: Design, guide: Waveguide, light: Light, most: int = 2_000_000
+    frame: SceneFrame,
+    design: Design,
+    guide: Waveguide,
+    light: Light,
+    most: int = 2_000_000,
+    *,
+    released_rays: int | None = None,
 ) -> list[RayPath]:
-    """Return the paths of all rays of a simulation, for drawing, without the last stretch of one that escapes.
+    """Return the paths of the rays of a simulation, for drawing, without the last stretch of one that escapes.
 
     Parameters
     ----------
     frame, design, guide, light : as in `trace`.
     most : points that are kept.
+    released_rays : how many of the fan are followed, evenly chosen, with secondaries in proportion; all by default.
 
     Raises
     ------
@@ -399,11 +406,36 @@ def ray_paths(
     g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)
     drawn, by = np.empty((most, 3)), np.empty((most, 2), dtype=np.int64)
     tally = new_tally(np.zeros((light.rays, 2)), drawn, by)
-    q, later = (new_queue(light.secondary, light.faintest) for _ in range(2))
-    simulate(g, rules, fan, light.secondary, q, later, tally)
+    few = min(released_rays or light.rays, light.rays)
+    budget = light.secondary if light.secondary == ALL else round(light.secondary * few / light.rays)
+    q, later = (new_queue(budget, light.faintest) for _ in range(2))
+    if few == light.rays:
+        simulate(g, rules, fan, budget, q, later, tally)
+    else:
+        _simulate_few(g, rules, fan, few, budget, q, later, tally)
     n = int(tally.counts[COUNTS])
     cuts = np.flatnonzero(np.diff(by[:n, 0])) + 1
     return [
         RayPath(p[:, :2].copy(), p[:, 2].copy(), b[1:, 1].copy(), bool(b[0, 0] >= light.rays))
         for p, b in zip(np.split(drawn[:n], cuts), np.split(by[:n], cuts), strict=True)
     ]
+
+
+def _simulate_few(
+    g: Geometry, rules: Rules, fan: Fan, few: int, budget: int, q: Queue, later: Queue, tally: Tally
+) -> None:
+    """Trace some rays of a fan, evenly chosen, each as a block of its own.
+
+    Parameters
+    ----------
+    g, rules, fan, q, later, tally : as in `simulate`.
+    few, budget : how many rays, and secondaries of theirs.
+    """
+    chosen = ((np.arange(few) + 0.5) * fan.rays / few).astype(int).tolist()
+    follow_block(g, rules, fan._replace(followed=chosen[0] + 1), chosen[0], budget, q, tally)
+    for i in chosen[1:]:
+        one = new_tally(tally.by_root, tally.drawn, tally.drawn_by)
+        one.counts[COUNTS] = tally.counts[COUNTS]
+        follow_block(g, rules, fan._replace(followed=i + 1), i, budget, later, one)
+        join(tally, q, one, later)
+    finish(g, rules, fan, q, tally)

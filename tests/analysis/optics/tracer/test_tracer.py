@@ -94,6 +94,20 @@ def test_fresnel_at_the_known_angles(index: float) -> None:
     assert reflected_part.py_func(index, ci, ct) == pytest.approx(0.5 * s, rel=1e-12)
 
 
+def test_rays_drawn_are_evenly_chosen_of_those_traced(frames: list[SceneFrame]) -> None:
+    """Each is one of the fan, to the last bit; all are drawn where there are no more; secondaries are in proportion."""
+    guide, light = Waveguide(), Light(rays=1_003, secondary=0, phase=0.25)
+    every = [path.points for path in ray_paths(frames[3], Design(), guide, light)]
+    few = [path.points for path in ray_paths(frames[3], Design(), guide, light, released_rays=250)]
+    assert len(few) == 250
+    places = [next(i for i, points in enumerate(every) if np.array_equal(points, path)) for path in few]
+    assert {3, 4, 5} >= set(np.diff(places).tolist()) > {4}
+    assert len(ray_paths(frames[3], Design(), guide, light, released_rays=2_000)) == 1_003
+    bright = Light(rays=1_000, secondary=400)
+    paths = ray_paths(frames[3], Design(), guide, bright, released_rays=250)
+    assert sum(path.secondary for path in paths) == 100
+
+
 def test_rays_traced_backwards_return(frames: list[SceneFrame]) -> None:
     """Turned round where it was detected, a ray runs back through the same points to the emitter."""
     guide, frame = Waveguide(), frames[7]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from boat_daq.commands.console import JsonOption, notify, present
+from boat_daq.commands.console import JsonOption, notify, present, progress_bar
 from boat_daq.commands.options import FidelityOption, one_of
 
 if TYPE_CHECKING:
@@ -178,13 +178,15 @@ def _posterior(
         return sample_posterior(
             read.x, read.y, calibration.degree, reading_sd=reading_sd, positions=read.positions,
             standard_uncertainty=read.u, monotone=monotone, seed=seed, walkers=fineness.walkers, samples=samples,
+            progress=advance,
         )  # fmt: skip
 
-    if tolerance is None:
-        found = sampled(fineness.posterior_samples)
-        error = greatest_band_error([found], "y")
-    else:
-        found, error = sample_within(sampled, tolerance)
+    with progress_bar("samples") as advance:
+        if tolerance is None:
+            found = sampled(fineness.posterior_samples)
+            error = greatest_band_error([found], "y")
+        else:
+            found, error = sample_within(sampled, tolerance)
     if read.positions is None and share_their_error(calibration.fit, calibration.x, calibration.y, reading_sd):
         notify("signals at equal x scatter less than independent reading errors: one common error is assumed")
     return found, error

@@ -254,9 +254,10 @@ def _traced(
     from analysis.optics.tracer.simulation import trace as trace_scene
     from analysis.optics.tracer.tolerance import ToleratedTrace, stated_error, trace_within
 
-    if tolerance is not None:
-        return trace_within(frame, design, guide, light, tolerance)
-    outcome = trace_scene(frame, design, guide, light)
+    with progress_bar("rays") as advance:
+        if tolerance is not None:
+            return trace_within(frame, design, guide, light, tolerance, progress=advance)
+        outcome = trace_scene(frame, design, guide, light, progress=advance)
     sd = PAPER_RAYS * outcome.power_sd if light.secondary == ALL else outcome.ndr_sd
     return ToleratedTrace(outcome, light, float(stated_error(sd, light.rays)), math.inf, light.rays)
 

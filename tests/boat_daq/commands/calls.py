@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import json
 import sys
-from contextlib import redirect_stderr, redirect_stdout
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 from unittest import mock
@@ -51,6 +52,20 @@ def text(*words: object) -> str:
     if result.exception is not None:
         raise result.exception
     return result.stdout
+
+
+@contextmanager
+def shown_progress(command: str) -> Iterator[dict[str, list[float]]]:
+    """Note the progress that a module of commands shows: its bars by label, each with the parts done."""
+    shown: dict[str, list[float]] = {}
+
+    @contextmanager
+    def bar(label: str) -> Iterator[Callable[[float, float], None]]:
+        parts = shown.setdefault(label, [])
+        yield lambda done, total: parts.append(done / total)
+
+    with mock.patch(f"boat_daq.commands.{command}.progress_bar", bar):
+        yield shown
 
 
 def exit_code(*words: object) -> int:

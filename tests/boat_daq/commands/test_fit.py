@@ -10,7 +10,7 @@ import pytest
 
 from analysis.errors import AnalysisError
 from tests.analysis.calibration.test_fit import DIGITS, certified, digits
-from tests.boat_daq.commands.calls import call, exit_code, text
+from tests.boat_daq.commands.calls import call, exit_code, shown_progress, text
 
 FIT_KEYS = {
     "degree", "n", "coefficients", "std_errors", "covariance", "r2", "rmse", "range", "turning_points", "monotone",
@@ -40,7 +40,9 @@ def test_equal_positions_share_their_reading_error(tmp_path: Path) -> None:
     ]
     path.write_text("\n".join(["x,y,text,number,own", *rows]))
     options = ("--x", "x", "--y", "y", "--degree", 1, "--x-resolution", 1.0, "--position")
-    by_text, by_number, each = (call("fit", path, *options, name) for name in ("text", "number", "own"))
+    with shown_progress("fit") as shown:
+        by_text, by_number, each = (call("fit", path, *options, name) for name in ("text", "number", "own"))
+    assert shown["samples"][-1] == 1.0
     for shared in (by_text, by_number):
         assert (shared["n"], shared["masked"]) == (8, 0)
         assert shared["std_errors_with_reading"][1] > 1.2 * each["std_errors_with_reading"][1]

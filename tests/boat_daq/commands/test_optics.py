@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from analysis.fidelity import Level
 from boat_daq.cli import app
 from boat_daq.commands.optics import released_rays
-from tests.boat_daq.commands.calls import call, exit_code, refusal
+from tests.boat_daq.commands.calls import call, exit_code, refusal, shown_progress
 
 LEDGER = {"released", "detected", "escaped", "trapped", "cut", "corner", "dropped"}
 
@@ -67,6 +67,14 @@ def test_a_count_is_written_to_two_digits_of_its_spread() -> None:
     assert re.search(r"NDR \d+\.\d{4,5} \+- 0\.00\d{2,3} of 250", fine), fine
     coarse = runner.invoke(app, ["optics", "trace", "--rays", "150"]).stdout
     assert re.search(r"NDR \d+\.\d \+- \d+\.\d of 250", coarse), coarse
+
+
+@pytest.mark.parametrize("option", [("--rays", 20_000), ("--tolerance", 0.2)])
+def test_trace_shows_its_progress(option: tuple[str, float]) -> None:
+    """Many rays take long; the last one is reported."""
+    with shown_progress("optics") as shown:
+        call("optics", "trace", *option)
+    assert shown["rays"][-1] == 1.0
 
 
 def test_trace_reads_a_curve_file(tmp_path: Path, curves: np.ndarray) -> None:

@@ -67,7 +67,7 @@ class AppModel:
         self.layouts = Layouts(self.preferences, self.undo, lambda: self.unit.name(self.snapshot))
         self.live = LiveModel(lambda: session.ring, layout=lambda: self.layouts.current)
         self.overlay = OverlayModel(lambda: session.ring, session.steps, self.live.time_of)
-        self.shadow = ShadowLive(self.live, self.jobs)
+        self.shadow = ShadowLive(self.live, self.jobs, self.notices)
         self.disagreement = DisagreementWatch(self.live)
         self.monitor = ShadowMonitor(lambda: self.shadow.model, self.overlay)
         self.sequence = SequenceModel(

@@ -52,22 +52,26 @@ class NominalCard(PlotCard):
         self.plot.x_range(*PRESSURES_KPA)
         self.plot.y_range(-5.0, 5.0)
         self._framed = False
+        self._drawn: object = None  # the model whose nominal curve is drawn
 
     def show_model(self, model: ShadowLive) -> None:
         """Draw the nominal curve once it is known, and the path of the last minute."""
         nominal = model.nominal_curve()
         if nominal is None:
-            self.readout.setText("preparing the shadow …" if not model.problem else model.problem)
+            self.readout.setText(f"\u25b2 {model.problem}" if model.problem else "preparing the shadow …")
             return
         pressure, mm, low, high = nominal
-        if not self._framed:
-            self._framed = True
+        if not self._framed or model.model is not self._drawn:  # also where another table has come
+            self._drawn = model.model
             self.band.fill(pressure, low, high)
             self.nominal.set(pressure, mm)
+        if not self._framed:
+            self._framed = True
             self.plot.fit()
         self.trace.set(*model.trace())
-        stated = model.problem or f"model \u00b1{1e3 * model.error_mm:.2g} \u00b5m"
-        self.readout.setText(f"- - nominal with its band   — measured, last minute   {stated}")
+        problem = f"\u25b2 {model.problem}   " if model.problem else ""
+        stated = f"model \u00b1{1e3 * model.error_mm:.2g} \u00b5m"
+        self.readout.setText(f"{problem}- - nominal with its band   — measured, last minute   {stated}")
 
 
 class CyclesCard(PlotCard):

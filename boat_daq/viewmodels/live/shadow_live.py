@@ -21,6 +21,7 @@ from analysis.published import LOOP_HALF_WIDTH_MM
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.viewmodels.common.formatting import MINUS, NOTHING, THIN, count, duration, in_units, number
 from boat_daq.viewmodels.common.jobs import Background, Job, JobRunner, JobState
+from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel, signals
 from boat_daq.viewmodels.live.shadow_jobs import can_be_unstable, place_of, shadow_of, unstable_held_states, warm
 from protocol.units import ShownUnits
@@ -96,13 +97,15 @@ class ShadowLive:
     ----------
     live : has the current ring and conversion.
     jobs : run the jobs that build the table and test stability.
+    notices : take a table that could not be built.
     """
 
-    def __init__(self, live: LiveModel, jobs: JobRunner) -> None:
-        self._live, self._jobs = live, jobs
+    def __init__(self, live: LiveModel, jobs: JobRunner, notices: Notices) -> None:
+        self._live, self._jobs, self._notices = live, jobs, notices
         self._loading: Background[Shadow] = Background("shadow")
         self._prepared, self._level = False, "normal"
         self.tolerance_mm: float | None = None  # of the table; None: that of the fidelity
+        self._made: tuple[str, float | None] = self._level, None  # fidelity and tolerance of the table that was built
         self.model: Shadow | None = None
         self.quantity = "displacement"
         self.show_cost = False
@@ -118,8 +121,9 @@ class ShadowLive:
         """Build the table in a helper process, once for each fidelity."""
         if not self._prepared:
             self._prepared = True
-            job = Job("Preparing the shadow", warm, self._level, self.tolerance_mm)
-            self._jobs.start("shadow", job, self._built)
+            made = self._level, self.tolerance_mm
+            job = Job("Preparing the shadow", warm, *made)
+            self._jobs.start("shadow", job, lambda job: self._built(job, made))
 
     def set_fidelity(self, level: str) -> None:
         """Use another fidelity once `prepare` has built its model; until then the current one stays."""
@@ -136,12 +140,13 @@ class ShadowLive:
         """Return the greatest error of a tracked point over the held-out states of the table; NaN while it loads."""
         return math.nan if self.model is None else float(self.model.table.errors_mm[-1])
 
-    def _built(self, job: Job) -> None:
+    def _built(self, job: Job, made: tuple[str, float | None]) -> None:
         if job.state is JobState.DONE:
-            self.problem = ""
-            self._loading.call(shadow_of, self._level, self.tolerance_mm)
+            self.problem, self._made = "", made
+            self._loading.call(shadow_of, *made)
         elif job.failure is not None:
-            self.problem = job.failure.cause
+            self.problem, failure = job.failure.text, job.failure
+            self._notices.add(Severity.WARNING, failure.cause, failure.remedy, details=failure.details)
 
     def poll(self) -> None:
         """Take the model once it is loaded."""
@@ -208,7 +213,7 @@ class ShadowLive:
     def picture(self) -> ShadowPicture:
         """Return the current picture; the same object until a visible change."""
         now = self.now()
-        key = (*now.visible, self.model is not None, self.quantity)
+        key = (*now.visible, id(self.model), self.quantity)
         if self._last is None or self._last[0] != key:
             self._last = (key, self._draw(now))
         return self._last[1]
@@ -251,7 +256,7 @@ class ShadowLive:
             return ""
         if self._unstable is None:
             if self._stability_job is None:
-                self._stability_job = Job("Testing stability", unstable_held_states, self._level, self.tolerance_mm)
+                self._stability_job = Job("Testing stability", unstable_held_states, *self._made)
                 self._jobs.start("stability", self._stability_job, self._take_stability)
             return self._no_stability
         unstable = place_of(pressure_kpa, elongation_mm) in self._unstable

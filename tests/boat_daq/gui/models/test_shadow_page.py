@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -54,6 +55,22 @@ def test_the_error_of_the_model_is_chosen(page, app_model):  # noqa: F811 - the 
         choice.activated.emit(index)
         assert (shadow.tolerance_mm, shadow._prepared) == (tolerance_mm, False)
     assert np.isnan(shadow.error_mm)  # no model is loaded
+
+
+def test_nominal_curve_is_drawn_again_with_another_table(page, app_model):  # noqa: F811 - the fixture above
+    """It stayed that of the first table; a refused tolerance is shown beside it with its remedy."""
+    shadow, pressure = app_model.shadow, np.linspace(-40.0, 50.0, 5)
+    for slope in (0.07, 0.08):
+        shadow.model = SimpleNamespace(table=SimpleNamespace(errors_mm=np.array([slope / 1e3])))
+        shadow.nominal_curve = lambda k=slope: (pressure, k * pressure, k * pressure - 1.0, k * pressure + 1.0)
+        page.nominal.show_model(shadow)
+        assert page.nominal.nominal.y[-1] == pytest.approx(50.0 * slope)
+        assert page.nominal.band.y[-1] == pytest.approx(50.0 * slope + 1.0)
+    shadow.problem = "no table has an error of 1e-09 mm. Allow 2e-05 mm or more."
+    page.nominal.show_model(shadow)
+    assert page.nominal.readout.text().startswith(f"\u25b2 {shadow.problem}")
+    assert page.nominal.readout.text().endswith("model \u00b10.08 \u00b5m")
+    shadow.model = None  # it draws no actuator
 
 
 def test_each_figure_of_the_cycles_can_be_drawn(page):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 import pytest
 
 from boat_daq.viewmodels.common.formatting import number
 from boat_daq.viewmodels.common.jobs import JobFailure, JobRunner, JobState
+from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.live import shadow_live
 from boat_daq.viewmodels.live.live_model import LiveElongation, LiveModel
 from boat_daq.viewmodels.live.shadow_jobs import unstable_held_states, unstable_places
@@ -24,7 +27,7 @@ def ring():
 
 
 def pane_on(ring, model, inverse):
-    pane = ShadowLive(LiveModel(lambda: ring, inverse=inverse), JobRunner())
+    pane = ShadowLive(LiveModel(lambda: ring, inverse=inverse), JobRunner(), Notices())
     pane.model = model
     return pane
 
@@ -154,6 +157,30 @@ def test_failed_stability_job_is_reported(ring, model, monkeypatch, state, failu
     then(job)
     assert lines_of(pane)["Stability"] == words
     assert len(started) == 1
+
+
+def test_refused_tolerance_has_its_remedy_and_leaves_the_table_in_use(ring, model, monkeypatch):
+    """The remedy was dropped, and stability was tested with a table that does not exist."""
+    pane, started = held(ring, model, monkeypatch, 2.5)
+    pane.set_tolerance(1e-9)
+    pane.prepare()
+    ((job, then),) = started
+    job.end(JobState.FAILED, failure=JobFailure("no table has an error of 1e-09 mm", "Allow 2e-05 mm or more.", ""))
+    then(job)
+    assert pane.problem == "no table has an error of 1e-09 mm. Allow 2e-05 mm or more."
+    notice = pane._notices.current()
+    assert (notice.cause, notice.remedy) == ("no table has an error of 1e-09 mm", "Allow 2e-05 mm or more.")
+    pane.lines()
+    assert started[-1][0].call == (unstable_held_states, "normal", None)
+
+
+def test_picture_is_drawn_again_with_another_table(ring, model):
+    """Nothing else has changed: the picture of the table before was kept."""
+    pane = pane_on(ring, model, Straight())
+    before = pane.picture()
+    assert pane.picture() is before
+    pane.model = copy(model)
+    assert pane.picture() is not before
 
 
 def test_trace_pairs_pressure_and_elongation(ring, model):

@@ -81,7 +81,7 @@ class AppModel:
         self.csv_import = CsvImport(recordings, self.jobs, self.preferences, self._imported)
         self.calibration = CalibrationModel(session, self.units, self.jobs, self.services, self.runs.newest)
         self.repeatability = RepeatabilityModel(self.jobs)
-        self.optics = OpticsModel(self.jobs)
+        self.optics = OpticsModel(self.jobs, self.notices)
         self.tradeoff = TradeoffModel(self.jobs, folder, self.preferences)
         self.atlas = AtlasModel(self.jobs, folder)
         self.run = RunModel(

@@ -192,6 +192,40 @@ class PointLabels:
             item.fill = pg.mkBrush(theme.surface if self._ground else None)
 
 
+class CornerText:
+    """A text in the upper right corner of a plot, whatever its range.
+
+    Parameters
+    ----------
+    item : the plot's pyqtgraph item.
+    """
+
+    def __init__(self, item: Any) -> None:
+        self._box = item.getViewBox()
+        self._item = pg.TextItem("", anchor=(1.0, 0.0))
+        self._item.setFont(style.small_font())
+        self._item.setParentItem(self._box)
+        self._box.sigResized.connect(self._place)
+        self._place()
+
+    @property
+    def text(self) -> str:
+        """The text that is shown."""
+        return str(self._item.toPlainText())
+
+    def set(self, text: str) -> None:
+        """Show a text."""
+        self._item.setText(text)
+
+    def _place(self, *_: object) -> None:
+        self._item.setPos(self._box.width(), 0.0)
+
+    def paint(self, theme: Theme) -> None:
+        """Use the colours of `theme`."""
+        self._item.setColor(theme.muted)
+        self._item.fill = pg.mkBrush(theme.surface)
+
+
 class Plot:
     """One plot of a card.
 
@@ -210,7 +244,7 @@ class Plot:
         self._x_shown = ("", "")  # title and unit below it
         self._theme: Theme | None = None
         self._lines: list[tuple[Any, ThemeColour, Qt.PenStyle]] = []
-        self._labels: list[PointLabels] = []
+        self._labels: list[PointLabels | CornerText] = []
         self.right: TickAxis | None = None  # made where it is first needed
         self._right_shown = ("", "")  # title and unit beside it
         self._on_right: list[Layer] = []
@@ -283,8 +317,15 @@ class Plot:
 
     def labels(self, anchor: tuple[float, float], *, ground: bool = False) -> PointLabels:
         """Add labels beside points; see `PointLabels`."""
-        self._labels.append(PointLabels(self.item, anchor, ground=ground))
-        return self._labels[-1]
+        made = PointLabels(self.item, anchor, ground=ground)
+        self._labels.append(made)
+        return made
+
+    def corner_text(self) -> CornerText:
+        """Add a text in the upper right corner; see `CornerText`."""
+        made = CornerText(self.item)
+        self._labels.append(made)
+        return made
 
     def remove_line(self, item: Any) -> None:
         """Remove a line."""

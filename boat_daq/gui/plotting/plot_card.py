@@ -176,6 +176,11 @@ class PlotCard(QFrame):
             self.empty_text.setVisible(bool(text))
             self.view.setVisible(not text)
 
+    def show_stale(self, *, stale: bool) -> None:
+        """Fade the plots while what they show is being renewed."""
+        for plot in self.plots:
+            plot.item.setOpacity(style.STALE_OPACITY if stale else 1.0)
+
     def clear(self) -> None:
         """Remove the data of all plots, and the readout."""
         for plot in self.plots:

@@ -7,6 +7,7 @@ name: `default` is the set that ships, `parametric` the one in closed form, anyt
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,9 +18,11 @@ import numpy as np
 from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.errors import DataError
 from analysis.fidelity import Fidelity, fidelity
+from analysis.numbers import rounded, with_uncertainty
 from analysis.progress import Progress, part_of
 from boat_daq.viewmodels.common.formatting import count, number
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
+from boat_daq.viewmodels.common.notices import Notices, Severity
 
 if TYPE_CHECKING:
     from analysis.optics.scene.frame import SceneFrame
@@ -53,6 +56,10 @@ RANKINGS: dict[By, str] = {"count": "By detected rays", "power": "By detected po
 CURVES = {"default": "Shape from the shadow", "parametric": "Shape by formula"}
 SEARCH_S = 50.0
 KEPT = 12
+DRAWN_RAYS = 250
+"""Most rays that are drawn of a state; more of them only blacken the picture."""
+STOPPED = "The tracing was stopped. Choose the design again to trace it."
+BEFORE = "the design before is shown"
 
 
 class StateScene(NamedTuple):
@@ -66,13 +73,21 @@ class StateScene(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class DesignResult:
-    """One design in all states; `ndr` counts rays of 250, or is the power of 250 rays."""
+    """One design in all states; `ndr` counts rays of 250, or is the power of 250 rays.
+
+    Parameters
+    ----------
+    ndr_sd, error : its standard deviation and its stated error (k = 2), by the number of rays alone, [states].
+    rays : released in each state.
+    """
 
     scenes: tuple[StateScene, ...]
     elongation_mm: FloatArray
     ndr: FloatArray
     ndr_sd: FloatArray
     merit: Merit
+    error: FloatArray
+    rays: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +100,7 @@ class SweepSummary:
     best, paper : index of the best design and of the paper's, -1 without it.
     seconds, simulated, rays : taken by the sweep, its simulations, rays of each.
     rank_text, winners, fans : ranks of the paper's optimum, and designs that win one of the turns of the fan.
-    power_text : errors of the power, where designs are ranked by it.
+    power_text : errors of the power, where designs are ranked by it. error_text : stated errors of counts or powers.
     """
 
     values: FloatArray
@@ -102,6 +117,7 @@ class SweepSummary:
     winners: int = 0
     fans: int = 1
     power_text: str = ""
+    error_text: str = ""
 
     def grid(self, cavities: int, width_mm: float, steps: tuple[float, ...]) -> FloatArray:
         """Return P, best = 1, over [spacing, depth] for one number of cavities and one width; NaN where there is none.
@@ -174,35 +190,58 @@ def trace_design(
     Parameters
     ----------
     values : cavities, width, depth, spacing (mm).
-    rays : released in each state, or the tolerance that chooses them.
+    rays : released in each state, or the tolerance that chooses them: no state has a larger error.
     curves : name of the states, see `curves_of`.
     face : of the cavities.
     by : the response: counted rays, or power.
-    progress : is called with the states done and their number.
+    progress : is called with the states done and their number; again from the first, if more rays are needed.
 
     Raises
     ------
-    AnalysisError : the design does not fit, or the curves cannot be read.
+    AnalysisError : the design does not fit, the curves cannot be read, or the tolerance cannot be met.
     """
     from analysis.optics.scene.curves import frames_of
-    from analysis.optics.scene.parameters import PAPER_RAYS, Design, Waveguide
+    from analysis.optics.scene.parameters import Design, Waveguide
     from analysis.optics.sweep.figure_of_merit import merit, resolution
-    from analysis.optics.tracer.simulation import trace
+    from analysis.optics.tracer.tolerance import TRIES, finer, stated_error, unmet
 
     design = Design(*values, face)  # type: ignore[arg-type]  # Design checks the face
     guide, states = Waveguide(), curves_of(curves)
-    light = light_for(rays, (design,), states, by)
-    frames = frames_of(states, guide)
-    scenes, detected = [], []
-    for done, frame in enumerate(frames, 1):
-        scenes.append(_scene(frame, design, guide, light))
-        outcome = trace(frame, design, guide, light)
+    light, frames = light_for(rays, (design,), states, by), frames_of(states, guide)
+    tolerance = rays.error if isinstance(rays, Within) else math.inf
+    for _ in range(TRIES):
+        ndr, ndr_sd = _detected(frames, design, guide, light, by, progress)
+        error, traced = stated_error(ndr_sd, light.rays), light.rays
+        if not np.any(error > tolerance):
+            scenes = tuple(_scene(frame, design, guide, light) for frame in frames)
+            found = merit(ndr, resolution(traced))
+            return DesignResult(scenes, elongations_of(curves, states), ndr, ndr_sd, found, error, traced)
+        mirrored = all(bool(frame.mirrored) for frame in frames)
+        light = finer(light, float(error.max()), tolerance, guide.thickness_mm, mirrored=mirrored)
+    raise unmet(traced, float(error.max()))
+
+
+def _detected(
+    frames: Sequence[SceneFrame], design: Design, guide: Waveguide, light: Light, by: By, progress: Progress | None
+) -> FloatArray:
+    """Return what is detected in each state, of 250 rays, and its standard deviation, [2, states].
+
+    Parameters
+    ----------
+    frames, design, guide, light : the scenes.
+    by, progress : as in `trace_design`.
+    """
+    from analysis.optics.scene.parameters import PAPER_RAYS
+    from analysis.optics.tracer.simulation import trace
+
+    detected = []
+    for done, frame in enumerate(frames):
+        outcome = trace(frame, design, guide, light, progress=part_of(progress, done, 1, len(frames)))
         power = PAPER_RAYS * outcome.power, PAPER_RAYS * outcome.power_sd
         detected.append((outcome.ndr, outcome.ndr_sd) if by == "count" else power)
         if progress is not None:
-            progress(done, len(frames))
-    ndr, ndr_sd = np.array(detected).T
-    return DesignResult(tuple(scenes), elongations_of(curves, states), ndr, ndr_sd, merit(ndr, resolution(light.rays)))
+            progress(done + 1, len(frames))
+    return np.array(detected).T
 
 
 def _scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light) -> StateScene:
@@ -212,7 +251,8 @@ def _scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light) ->
 
     shape = outline(frame, design)
     rings = [laid(frame, contour.sampled()) for contour in shape.contours]
-    paths = [(p.secondary, laid(frame, p.points)) for p in ray_paths(frame, design, guide, light)]
+    drawn = ray_paths(frame, design, guide, light, released_rays=DRAWN_RAYS)
+    paths = [(p.secondary, laid(frame, p.points)) for p in drawn]
     released, secondary = (_joined([line for second, line in paths if second is kind]) for kind in (False, True))
     receiver = laid(frame, shape.receiver) if np.isfinite(shape.receiver[0, 0]) else GAP
     return StateScene(_joined([np.concatenate([r, r[:1]]) for r in rings]), released, secondary, receiver)
@@ -244,7 +284,7 @@ def sweep(
     from analysis.optics.scene.parameters import PAPER_OPTIMUM
     from analysis.optics.sweep.fans import compare_fans, fans_of
     from analysis.optics.sweep.figure_of_merit import pareto
-    from analysis.optics.sweep.report import power_text, rank_text
+    from analysis.optics.sweep.report import error_text, power_text, rank_text
     from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
 
     designs, states = tuple(paper_grid(cavities)), curves_of(curves)
@@ -260,7 +300,7 @@ def sweep(
     return SweepSummary(
         values, found, result.uncertainty().tied, front, int(np.argmax(found.p)), -1 if paper is None else paper,
         result.ranks(), result.seconds, result.simulated, light.rays, rank_text(turned), len(turned.winners()), fans,
-        power_text(result) if by == "power" else "",
+        power_text(result) if by == "power" else "", error_text(result),
     )  # fmt: skip
 
 
@@ -289,10 +329,11 @@ class OpticsModel:
     Parameters
     ----------
     jobs : where rays are traced.
+    notices : take what could not be traced.
     """
 
-    def __init__(self, jobs: JobRunner) -> None:
-        self.jobs = jobs
+    def __init__(self, jobs: JobRunner, notices: Notices) -> None:
+        self.jobs, self.notices = jobs, notices
         self.values: Values = PAPER
         self.face = MAPPED_FACE
         self.curves = next(iter(CURVES))
@@ -301,11 +342,13 @@ class OpticsModel:
         self.by: By = "count"
         self.fidelity: Fidelity = fidelity()
         self.result: DesignResult | None = None
-        self.problem = ""
+        self.problem = ""  # why the chosen design has no result
+        self.problems: dict[str, str] = {}  # why the last "sweep" or search ("optimise") has none
         self.revision = 0
         self._kept: dict[tuple[Values, str, int | Within, str, By], DesignResult] = {}
         self._sweeps: dict[tuple[str, By], SweepSummary] = {}
         self._optima: dict[str, Optimum] = {}
+        self._shown = self._key()  # of the result
 
     def running(self, name: str) -> bool:
         """Return whether rays are traced: of one design ("optics"), of a "sweep", or to "optimise"."""
@@ -324,14 +367,35 @@ class OpticsModel:
     # ---- one design ----------------------------------------------------------------------------------------------
 
     def choose(self, values: Values, face: str = "") -> None:
-        """Show a design; trace a new one in the background."""
+        """Show a design; a new one is traced in the background, and the one before is shown until it is."""
         self.values, self.face, self.problem = values, face or self.face, ""
         key = self._key()
-        self.result = self._kept.get(key)
         self.revision += 1
-        if self.result is None:
-            job = Job("Tracing rays", trace_design, values, self.traced_rays, self.curves, self.face, self.by)
-            self.jobs.start("optics", job, lambda job: self._ended(job, self._kept, key))
+        if key in self._kept:
+            self.result, self._shown = self._kept[key], key
+            return
+        job = Job("Tracing rays", trace_design, values, self.traced_rays, self.curves, self.face, self.by)
+        self.jobs.start("optics", job, lambda job: self._traced(job, key))
+
+    def _traced(self, job: Job, key: tuple[Values, str, int | Within, str, By]) -> None:
+        """Keep a traced design; show it, or why there is none, if it is still the chosen one."""
+        self.revision += 1
+        if job.state is JobState.DONE:
+            self._kept[key] = job.result
+            while len(self._kept) > KEPT:
+                del self._kept[next(iter(self._kept))]
+        if key != self._key():
+            return
+        if job.state is JobState.DONE:
+            self.result, self._shown = job.result, key
+        else:
+            self.problem = self._reported(job) or STOPPED
+
+    @property
+    def outdated(self) -> bool:
+        """Whether the shown result is of the design before: the chosen one is being traced, or has no result."""
+        waits = self.running("optics") or bool(self.problem)
+        return self.result is not None and waits and self._shown != self._key()
 
     def _key(self) -> tuple[Values, str, int | Within, str, By]:
         return self.values, self.face, self.traced_rays, self.curves, self.by
@@ -357,26 +421,16 @@ class OpticsModel:
         self.choose(self.values)
 
     def set_fidelity(self, level: Fidelity) -> None:
-        """Set the fidelity of the next traces and sweeps."""
+        """Set the fidelity of the next traces and sweeps; a trace that is running begins again."""
         self.fidelity = level
         self.revision += 1
+        if self.running("optics"):
+            self.choose(self.values)
 
     def set_curves(self, name: str) -> None:
         """Use other deformation curves: a key of `CURVES`, or the path of a file."""
         self.curves = name
         self.choose(self.values)
-
-    def _ended(self, job: Job, results: dict[Any, Any], key: object) -> None:
-        """Keep a job's result under `key`, or its problem."""
-        self.revision += 1
-        if job.failure is not None:
-            self.problem = job.failure.text
-        elif job.state is JobState.DONE:
-            results[key] = job.result
-            while len(self._kept) > KEPT:
-                del self._kept[next(iter(self._kept))]
-            if key == self._key():
-                self.result = job.result
 
     def scene(self) -> StateScene | None:
         """Return the state that the slider selects."""
@@ -388,22 +442,42 @@ class OpticsModel:
         if self.result is None:
             return text
         x = number(float(self.result.elongation_mm[self.state]), 2, sign=True)
-        value = float(self.result.ndr[self.state])
-        detected = (
-            f"{number(value, 0)} of 250 rays" if self.by == "count" else f"{number(value / 2.5, 1)} % of the light"
-        )
-        return f"{text}: {x} mm   {detected} detected"
+        value, error = float(self.result.ndr[self.state]), float(self.result.error[self.state])
+        if self._shown_by == "count":
+            detected = f"NDR {with_uncertainty(value, error)} of 250 rays"
+        else:
+            detected = f"{with_uncertainty(value / 2.5, error / 2.5)} % of the light"
+        before = "   (design before)" if self.outdated else ""
+        return f"{text}: {x} mm   {detected} (k = 2), {number(self.result.rays, 0)} rays a fan{before}"
+
+    @property
+    def _shown_by(self) -> By:
+        """What the shown result measures."""
+        return self._shown[-1]
+
+    def drawn_text(self) -> str:
+        """Return how many of the rays are drawn, where it is not all of them."""
+        rays = self.result.rays if self.result is not None else 0
+        return f"{DRAWN_RAYS} of {number(rays, 0)} rays drawn" if rays > DRAWN_RAYS else ""
 
     def design_text(self) -> str:
-        """Return the design's figures in a line."""
+        """Return the design's figures in a line, or why they are not there yet."""
+        r, before = self.result, f"   {BEFORE}" if self.outdated else ""
         if self.problem:
-            return f"\u25b2 {self.problem}"
-        r = self.result
-        if r is None:
-            return "tracing \u2026" if self.running("optics") else ""
+            return f"\u25b2 {self.problem}{before}"
+        if r is None or self.outdated:
+            return self._progress_text() + before
         m, rises = r.merit, count(int(r.merit.n_sign), "rise")
         range_, roughness, merit = number(float(m.delta), 1), number(float(m.rmse), 2), number(float(m.p), 2)
-        return f"range {range_} rays   {rises}   roughness {roughness}   merit {merit}"
+        figures = f"range {range_} rays   {rises}   roughness {roughness}   merit {merit}"
+        greatest = float(np.max(r.error))
+        return f"{figures}   points within \u00b1{rounded(greatest, greatest)} (k = 2)"
+
+    def _progress_text(self) -> str:
+        """Return how much of the running trace is done."""
+        job = self.jobs.get("optics")
+        done = "" if job is None or job.fraction is None else f" {number(100 * job.fraction, 0)} %"
+        return "" if job is None else f"tracing \u2026{done}"
 
     # ---- the sweep and the search --------------------------------------------------------------------------------
 
@@ -421,8 +495,30 @@ class OpticsModel:
         if self.running(name):
             self.jobs.cancel(name)
             return
-        self.jobs.start(name, job, lambda job: self._ended(job, results, key))
+        self.problems.pop(name, None)
+        self.jobs.start(name, job, lambda job: self._ended(name, job, results, key))
         self.revision += 1
+
+    def _ended(self, name: str, job: Job, results: dict[Any, Any], key: object) -> None:
+        """Keep the result of a sweep or a search under `key`, or its problem under `name`."""
+        self.revision += 1
+        if job.failure is not None:
+            self.problems[name] = self._reported(job)
+        elif job.state is JobState.DONE:
+            results[key] = job.result
+
+    def _reported(self, job: Job) -> str:
+        """Add the failure of a job to the notices and return it as text; nothing for a cancelled one."""
+        failure = job.failure
+        if failure is None:
+            return ""
+        self.notices.add(Severity.WARNING, failure.cause, failure.remedy, details=failure.details)
+        return failure.text
+
+    def outcome_text(self) -> str:
+        """Return the results of sweep and search in lines, and why one has none."""
+        failed = (f"\u25b2 {text}" for text in self.problems.values())
+        return "\n".join(filter(None, (*failed, self.sweep_text(), self.optimum_text())))
 
     def sweep_text(self) -> str:
         """Return the result of the sweep in lines: the best design, the paper's, and the errors of power."""
@@ -435,7 +531,7 @@ class OpticsModel:
             turns = f"   {count(s.winners, 'design')} best in one of {s.fans} turns of the fan" if s.fans > 1 else ""
             paper = f"\npaper's optimum: rank {s.rank_text or s.ranks[s.paper]}, {merit} % of the best merit{turns}"
         equal = f"{count(int(s.tied.sum()), 'design')} equal within noise"
-        errors = f"\n{s.power_text}" if s.power_text else ""
+        errors = "".join(f"\n{text}" for text in (s.error_text, s.power_text) if text)
         return (
             f"{number(s.simulated, 0)} simulations of {number(s.rays, 0)} rays in {number(s.seconds, 1)} s   best: "
             f"{design_label(tuple(s.values[s.best]))}, {equal}{paper}{errors}"
@@ -454,7 +550,7 @@ class OpticsModel:
             self.choose((cavities, width_mm, STEPS_MM[k], STEPS_MM[i]), MAPPED_FACE)
 
     def optimum_text(self) -> str:
-        """Return the gain of the search in a line."""
+        """Return the gain of the search in a line, with the error of both designs."""
         o = self.optimum
         if o is None:
             return ""
@@ -462,7 +558,8 @@ class OpticsModel:
         end = "" if o.finished else "   (stopped by its time limit)"
         return (
             f"optimised: {design_label(best.values, 2)}, {best.face} face   {number(o.gain, 2)} times the merit of "
-            f"the grid's best (P on power: {number(o.best.p, 2)} against {number(o.start.p, 2)}){end}"
+            f"the grid's best (P on power: {number(o.best.p, 2)} against {number(o.start.p, 2)}; powers of 250 rays "
+            f"within \u00b1{rounded(o.error, o.error)}, k = 2, {number(o.checked_rays, 0)} rays a fan){end}"
         )
 
     def show_optimum(self) -> None:

@@ -14,10 +14,11 @@ from analysis.optics.scene.parameters import Design
 from analysis.optics.sweep.figure_of_merit import Merit, merit
 from analysis.optics.sweep.optimise import Optimum, Winner
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
+from boat_daq.gui import style
 from boat_daq.gui.models.optics_page import select
 from boat_daq.viewmodels.common.jobs import JobFailure, JobState
 from boat_daq.viewmodels.models import optics
-from boat_daq.viewmodels.models.optics import PAPER, DesignResult, OpticsModel, StateScene, SweepSummary
+from boat_daq.viewmodels.models.optics import PAPER, DesignResult, OpticsModel, StateScene, SweepSummary, Within
 from tests.boat_daq.gui.models.test_tradeoff_page import app_model  # noqa: F401 - a fixture
 
 NORMAL = fidelity("normal")
@@ -49,11 +50,11 @@ class FakeJob:
         self.state, self.failure = JobState.FAILED, JobFailure(cause, "Choose another.", "")
 
 
-def traced(values=PAPER, face="outer"):
+def traced(rays=250, error=4.6):
     """A design with fifteen straight rays."""
     scene, x = StateScene(LINE, LINE, LINE, LINE), np.linspace(-2.7, 3.8, 15)
     flat = np.full(15, 100.0)
-    return DesignResult((scene,) * 15, x, flat, flat, merit(flat, 1.0))
+    return DesignResult((scene,) * 15, x, flat, flat, merit(flat, 1.0), np.linspace(error / 2, error, 15), rays)
 
 
 def swept(rays=250):
@@ -100,7 +101,9 @@ def test_search_starts_stops_and_reports_its_gain(page):
     found = Optimum(*winners, 2.0, 9, 1.0, 250, 2500, True, "power", 0.5, 9_000)
     FakeJob.made[-1].bring(found)
     update(page)
-    assert "1.20 times the merit of the grid's best (P on power: 3.00 against 2.50)" in page.outcome.text()
+    stated = "powers of 250 rays within \u00b10.50, k = 2, 2\u2009500 rays a fan"
+    gain = f"1.20 times the merit of the grid's best (P on power: 3.00 against 2.50; {stated})"
+    assert gain in page.outcome.text()
     page.show_button.click()
     assert FakeJob.made[-1].args == ((7, 1.234, 0.61, 0.55), NORMAL.rays, "default", "inner", "count")
     update(page)
@@ -131,7 +134,8 @@ def test_results_are_kept_for_each_file_of_curves(page, tmp_path):
     assert page.model.sweep is None
     FakeJob.made[-1].fail("mine.csv has 3 points")
     update(page)
-    assert "mine.csv has 3 points" in page.response.readout.text()
+    shown = page.response.readout.text()
+    assert shown == "\u25b2 mine.csv has 3 points. Choose another.   the design before is shown"
     page.model.set_curves("default")
     update(page)
     assert page.curves.currentData() == "default"
@@ -142,7 +146,7 @@ def test_late_trace_is_not_shown_for_another_design(page):
     """The previous request's result is kept, not drawn in place of the current one's."""
     page.model.choose((3, 0.5, 0.5, 0.5))
     late = FakeJob.made[-1]
-    late.bring(traced((3, 0.5, 0.5, 0.5)))
+    late.bring(traced())
     page.model.values = PAPER
     page.model.result = None
     page.model.jobs.poll()
@@ -186,7 +190,7 @@ def test_ranking_by_power_is_another_sweep_and_another_trace(page):
     assert FakeJob.made[-1].args[-1] == "power"
     FakeJob.made[-1].bring(traced())
     update(page)
-    assert "40.0 % of the light detected" in page.scene.readout.text()
+    assert "40.0 \u00b1 1.4 % of the light (k = 2), 250 rays a fan" in page.scene.readout.text()
     assert page.model.sweep is None
     page.sweep_button.click()
     assert FakeJob.made[-1].args[-1] == "power"
@@ -208,6 +212,78 @@ def test_slider_selects_states_without_tracing(page):
     assert page.response.now.value() == pytest.approx(3.8)
     assert "state 14 of 14" in page.scene.readout.text()
     assert len(FakeJob.made) == before
+
+
+def test_answers_state_their_errors_and_rays(page):
+    """The error (k = 2) of the state and the greatest of all; the plot states how many of the rays are drawn."""
+    page.slider.setValue(14)
+    assert "NDR 100.0 \u00b1 4.6 of 250 rays (k = 2), 250 rays a fan" in page.scene.readout.text()
+    assert page.response.readout.text().endswith("points within \u00b14.6 (k = 2)")
+    assert page.scene.drawn.text == ""
+    page.model.set_rays(Within(0.2))
+    FakeJob.made[-1].bring(traced(20_000, 0.2))
+    update(page)
+    assert "NDR 100.00 \u00b1 0.20 of 250 rays (k = 2), 20\u2009000 rays a fan" in page.scene.readout.text()
+    assert page.scene.drawn.text == "250 of 20\u2009000 rays drawn"
+    page.sweep_button.click()
+    FakeJob.made[-1].bring(dataclasses.replace(swept(), error_text="counts of 250 rays within 7.8"))
+    update(page)
+    assert "counts of 250 rays within 7.8" in page.outcome.text()
+
+
+def test_design_before_is_shown_faded_until_the_new_one_is_traced(page):
+    """It vanished while the new one was traced; how much is done is shown."""
+    page.model.choose((3, 0.5, 0.5, 0.5))
+    update(page)
+    assert page.scene.view.isVisible()
+    assert page.scene.plot.item.opacity() == page.response.plot.item.opacity() == style.STALE_OPACITY
+    assert page.scene.readout.text().endswith("(design before)")
+    assert page.response.readout.text() == "tracing \u2026 50 %   the design before is shown"
+    FakeJob.made[-1].fraction = 0.8
+    update(page)
+    assert "80 %" in page.response.readout.text()
+    FakeJob.made[-1].bring(traced())
+    update(page)
+    assert page.scene.plot.item.opacity() == page.response.plot.item.opacity() == 1.0
+    assert "design before" not in page.scene.readout.text() + page.response.readout.text()
+
+
+def test_cancelled_trace_is_not_started_again(page):
+    """The plots keep the design before, and the page says how the chosen one is traced."""
+    page.model.choose((3, 0.5, 0.5, 0.5))
+    page.model.jobs.cancel("optics")
+    made = len(FakeJob.made)
+    update(page)
+    update(page)
+    assert len(FakeJob.made) == made
+    assert page.response.readout.text().startswith("\u25b2 The tracing was stopped. Choose the design again")
+    assert page.scene.plot.item.opacity() == style.STALE_OPACITY
+    page.model.choose(PAPER)
+    update(page)
+    assert page.scene.plot.item.opacity() == 1.0
+    assert "range" in page.response.readout.text()
+
+
+def test_refused_sweep_is_reported_beside_its_button(page):
+    """Cause and remedy; before, the design's own readout had them."""
+    page.sweep_button.click()
+    FakeJob.made[-1].fail("an error of 1e-09 rays takes more than 10 000 000 rays")
+    update(page)
+    assert page.outcome.text().startswith(
+        "\u25b2 an error of 1e-09 rays takes more than 10 000 000 rays. Choose another."
+    )
+    assert page.model.problem == ""
+    assert page.model.notices.current().remedy == "Choose another."
+    page.sweep_button.click()
+    update(page)
+    assert "\u25b2" not in page.outcome.text()
+
+
+def test_fidelity_chosen_during_a_trace_begins_it_again(page):
+    """Its result would be of the fidelity before."""
+    page.model.choose((3, 0.5, 0.5, 0.5))
+    page.model.set_fidelity(fidelity("reference"))
+    assert FakeJob.made[-1].args[1] == fidelity("reference").rays
 
 
 def test_chosen_rays_override_the_fidelity(page):

@@ -6,13 +6,14 @@ import numpy as np
 
 from analysis.optics.sweep.figure_of_merit import Merit
 from boat_daq.viewmodels.common.jobs import JobRunner
+from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.models.optics import OpticsModel, SweepSummary
 
 
 def test_cell_of_a_map_selects_its_design():
     """A click takes spacing across and depth up; beside the map it takes nothing."""
     chosen = []
-    model = OpticsModel(JobRunner())
+    model = OpticsModel(JobRunner(), Notices())
     model.choose = lambda values, face: chosen.append((values, face))
     model.pick(5, 1.0, 4.3, 0.2)
     model.pick(5, 1.0, 6.5, 0.2)

@@ -8,6 +8,7 @@ import pytest
 from analysis.errors import AnalysisError
 from analysis.optics.scene.curves import parametric_elongations
 from boat_daq.viewmodels.common.jobs import JobRunner
+from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.models import optics
 from boat_daq.viewmodels.models.optics import PAPER, OpticsModel
 
@@ -19,11 +20,25 @@ def test_design_is_traced_in_all_states():
     assert np.all((found.ndr >= 0) & (found.ndr <= 350))
     rays = found.scenes[7].released
     assert np.nanmin(rays[:, 0]) >= -1.0
-    model = OpticsModel(JobRunner())
+    model = OpticsModel(JobRunner(), Notices())
     model.result = found
     model.state = 0
     assert "state 0 of 14" in model.state_text()
     assert model.scene() is found.scenes[0]
+
+
+def test_tolerance_is_met_in_every_state_or_refused_with_the_best():
+    """The stated errors are within it with the rays that are stated; no more than 250 of them are drawn."""
+    found = optics.trace_design(PAPER, optics.Within(1.0))
+    assert found.rays > optics.DRAWN_RAYS
+    assert np.all(found.error <= 1.0)
+    assert np.all(found.error >= 2 * found.ndr_sd)
+    for scene in found.scenes:
+        assert np.sum(np.isnan(scene.released[:, 0])) <= optics.DRAWN_RAYS
+        assert np.sum(np.isnan(scene.secondary[:, 0])) <= 100
+    with pytest.raises(AnalysisError) as refused:
+        optics.trace_design(PAPER, optics.Within(1e-7))
+    assert "rays or more" in refused.value.remedy
 
 
 def test_curves_are_named_or_read_from_a_file(tmp_path):

@@ -69,9 +69,8 @@ class NominalCard(PlotCard):
             self._framed = True
             self.plot.fit()
         self.trace.set(*model.trace())
-        problem = f"\u25b2 {model.problem}   " if model.problem else ""
-        stated = f"model \u00b1{1e3 * model.error_mm:.2g} \u00b5m"
-        self.readout.setText(f"{problem}- - nominal with its band   — measured, last minute   {stated}")
+        head = f"\u25b2 {model.problem}" if model.problem else "- - nominal with its band   — measured, last minute"
+        self.readout.setText(f"{head}   model \u00b1{1e3 * model.error_mm:.2g} \u00b5m")
 
 
 class CyclesCard(PlotCard):

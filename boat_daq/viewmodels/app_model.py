@@ -116,7 +116,7 @@ class AppModel:
         self.live.points_a_column = chosen.points_a_column
         self.optics.set_fidelity(chosen)
         self.shadow.set_fidelity(chosen.level)
-        self.calibration.fidelity = self.repeatability.fidelity = chosen
+        self.calibration.fidelity = self.repeatability.fidelity = self.runs.fidelity = chosen
 
     def tick(self) -> SessionSnapshot:
         """Take a snapshot and the results of background work; return the snapshot."""

@@ -590,6 +590,7 @@ def report_runs(
     target: Path,
     *,
     curve: str = "",
+    level: Level = "normal",
     units: ShownUnits = STORED_UNITS,
     progress: Progress | None = None,
 ) -> str:
@@ -600,6 +601,7 @@ def report_runs(
     paths : of the recordings.
     target : .html or .pdf.
     curve : that is fitted, see `chosen_curve`.
+    level : of fidelity.
     units : in which the report shows values.
     progress : is called with the parts that are analysed and set, and their number.
 
@@ -614,7 +616,8 @@ def report_runs(
     parts, analyses = len(paths) + WRITING, []
     for i, path in enumerate(paths):
         recording = load_recording(path)
-        options = Options(chosen_curve(recording, curve), type_b=stated_contributions(recording))
+        type_b = stated_contributions(recording)
+        options = Options(chosen_curve(recording, curve), fidelity=level, type_b=type_b)
         readings = readings_beside(path)
         found = analyse(recording, readings, options=options, progress=part_of(progress, i, 1, parts))
         analyses.append(with_plugins(found, str(path)))

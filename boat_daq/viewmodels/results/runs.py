@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from analysis.arrays import FloatArray
+from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.recorder import append_reading
@@ -268,6 +269,7 @@ class RunsModel:
         self.wanted: Path | None = None  # is chosen once it is listed
         self.revision = 0
         self.shown_units = STORED_UNITS  # of its reports
+        self.fidelity: Fidelity = fidelity()  # of the next reports
         self.simulated = False  # whether the board in use is, or was last
         self._kinds: tuple[bool, ...] = (False, True)  # of the units that are shown
         self._scanned_at = -SCAN_INTERVAL_S
@@ -465,7 +467,8 @@ class RunsModel:
         """
         if not paths:
             raise OperatorError("no recording is chosen", "Choose one line or several.")
-        job = Job("Making the report", report_runs, paths, target, curve=curve, units=self.shown_units)
+        level, units = self.fidelity.level, self.shown_units
+        job = Job("Making the report", report_runs, paths, target, curve=curve, level=level, units=units)
         self.start("report", job, lambda _: self._notices.inform_saved(target))
 
     def start(self, name: str, job: Job, done: str | Callable[[Any], None]) -> None:

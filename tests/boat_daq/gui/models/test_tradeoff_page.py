@@ -209,6 +209,7 @@ def test_fidelity_is_applied_and_kept(page, app_model):
         draft.points_a_column, draft.rays, draft,
     )  # fmt: skip
     app_model.precision.choose("reference")
+    assert app_model.runs.fidelity.level == app_model.calibration.fidelity.level == "reference"
     page.refresh(app_model.snapshot)
     assert page.level.currentData() == "reference"
     assert app_model.optics.swept_rays == reference.ranking_rays

@@ -84,10 +84,11 @@ def test_uncertainty_names_what_was_not_assessed_and_the_published_limits(result
 
 def test_report_progress_rises_through_its_parts(monkeypatch, tmp_path):
     """Each run's analysis, then the pages: the fraction rises from part to part and ends at one."""
-    seen = []
+    seen, levels = [], []
 
     def in_steps(result):
-        def work(*_, progress, **__):
+        def work(*_, progress, options=None, **__):
+            levels.extend([options.fidelity] if options is not None else [])
             for step in (1, 2):
                 progress(step, 2)
             return result
@@ -100,5 +101,7 @@ def test_report_progress_rises_through_its_parts(monkeypatch, tmp_path):
     monkeypatch.setattr("analysis.figures.pipeline.analyse", in_steps("analysed"))
     monkeypatch.setattr("analysis.write_report", in_steps(SimpleNamespace(verdict="PASSES")))
     runs, target = [Path("a.boat"), Path("b.boat")], tmp_path / "r.pdf"
-    assert report_runs(runs, target, progress=lambda done, total: seen.append(done / total)) == "PASSES"
+    progress = lambda done, total: seen.append(done / total)  # noqa: E731
+    assert report_runs(runs, target, level="draft", progress=progress) == "PASSES"
     assert seen == [0.125, 0.25, 0.375, 0.5, 0.75, 1.0]
+    assert levels == ["draft", "draft"]

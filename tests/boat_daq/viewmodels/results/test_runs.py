@@ -7,17 +7,19 @@ import json
 import os
 import sqlite3
 from contextlib import closing
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from analysis import load_recording
+from analysis.fidelity import fidelity
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.services import UndoHistory
-from boat_daq.viewmodels.results import analysis_jobs
+from boat_daq.viewmodels.results import analysis_jobs, runs
 from boat_daq.viewmodels.results.runs import NONE_CHOSEN, RunEntry, RunsModel, obstacle, read_run, selection_text
 from protocol.recording import RunEnd
 from tests.boat_daq.gui.recorded_session import connected, idle
@@ -187,3 +189,16 @@ def test_a_run_of_elongation_has_dynamics(closed):
     assert run.under_control
     going = dataclasses.replace(run.summary, status="recording")
     assert not dataclasses.replace(run, summary=going).under_control
+
+
+def test_report_has_the_fidelity_and_units_of_the_program(monkeypatch, tmp_path):
+    """The report of the window was made at normal fidelity, whatever was chosen."""
+    ordered = []
+    monkeypatch.setattr(runs, "Job", lambda *args, **kwargs: ordered.append((args, kwargs)))
+    model = RunsModel(tmp_path, UnitLibrary(tmp_path), Mock(), Notices(), UndoHistory())
+    model.fidelity = fidelity("reference")
+    model.report([tmp_path / "a.boat"], tmp_path / "a.pdf", curve="2")
+    ((_, *args), kwargs) = ordered[0]
+    assert args == [analysis_jobs.report_runs, [tmp_path / "a.boat"], tmp_path / "a.pdf"]
+    assert kwargs == {"curve": "2", "level": "reference", "units": model.shown_units}
+    model.close()

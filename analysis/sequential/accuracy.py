@@ -247,7 +247,7 @@ class WithinTolerance:
 
 
 def sample_within(
-    sample: Callable[[int], Posterior], tolerance: float, unit: Literal["mm", "y"] = "y"
+    sample: Callable[[int], Posterior], tolerance: float, unit: Literal["mm", "%FSO", "y"] = "y"
 ) -> tuple[Posterior, float]:
     """Return a posterior with no more samples than a tolerance takes, and the error of its band.
 

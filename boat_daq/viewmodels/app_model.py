@@ -22,6 +22,7 @@ from boat_daq.viewmodels.common.open_windows import OpenWindows
 from boat_daq.viewmodels.common.outlets import OutletsModel
 from boat_daq.viewmodels.common.preferences import Precision, Preferences, UnitChoice
 from boat_daq.viewmodels.common.services import Page, Panel, Services, UndoHistory
+from boat_daq.viewmodels.common.tolerance import Tolerance, TypedChoice, tolerance_choice
 from boat_daq.viewmodels.live.board_profile import BoardProfile
 from boat_daq.viewmodels.live.camera import CameraModel
 from boat_daq.viewmodels.live.connection import ConnectionModel
@@ -31,10 +32,10 @@ from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.run_model import CalibrationOffer, ResumeRun, RunModel
 from boat_daq.viewmodels.live.sequence import SequenceModel
-from boat_daq.viewmodels.live.shadow_live import ShadowLive, ShadowMonitor
-from boat_daq.viewmodels.models.optics import OpticsModel
+from boat_daq.viewmodels.live.shadow_live import TABLE_ERRORS, ShadowLive, ShadowMonitor
+from boat_daq.viewmodels.models.optics import SUGGESTED_RAYS, OpticsModel, rays_of, rays_text
 from boat_daq.viewmodels.models.tradeoff import AtlasModel, TradeoffModel
-from boat_daq.viewmodels.results.analysis_jobs import load_analysis
+from boat_daq.viewmodels.results.analysis_jobs import FIGURE_TOLERANCES, load_analysis
 from boat_daq.viewmodels.results.calibration import CalibrationModel
 from boat_daq.viewmodels.results.csv_import import CsvImport
 from boat_daq.viewmodels.results.repeatability import RepeatabilityModel
@@ -106,6 +107,15 @@ class AppModel:
         )
         self.unit_choice = UnitChoice(self.preferences, self._use_units)
         self.precision = Precision(self.preferences, self._use_fidelity)
+        self.tolerance = tolerance_choice(
+            self.services, "the tolerance of the figures", FIGURE_TOLERANCES, self._use_tolerance
+        )
+        self.table_error = tolerance_choice(
+            self.services, "the error of the reduced model", TABLE_ERRORS, self.shadow.set_tolerance
+        )
+        self.rays = TypedChoice(
+            self.services, "the number of rays", SUGGESTED_RAYS, rays_of, self.optics.set_rays, rays_text
+        )
         self.snapshot = session.snapshot()
         self._messages = SessionMessages(self.notices, self.snapshot)
 
@@ -117,6 +127,11 @@ class AppModel:
         self.optics.set_fidelity(chosen)
         self.shadow.set_fidelity(chosen.level)
         self.calibration.fidelity = self.repeatability.fidelity = self.runs.fidelity = chosen
+
+    def _use_tolerance(self, chosen: Tolerance | None) -> None:
+        self.runs.tolerance = chosen
+        self.calibration.set_tolerance(chosen)
+        self.repeatability.set_tolerance(chosen)
 
     def tick(self) -> SessionSnapshot:
         """Take a snapshot and the results of background work; return the snapshot."""

@@ -26,16 +26,15 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
 from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.common.tolerance import TypedText
 from boat_daq.viewmodels.models.optics import (
     CAVITIES,
     CURVES,
     FACES,
     MAPPED_FACE,
     RANKINGS,
-    RAYS,
     STATES,
     STEPS_MM,
-    TOLERANCES,
     OpticsModel,
     SweepSummary,
 )
@@ -45,6 +44,10 @@ SHADES = 64
 SCALE_WIDTH = 68
 ON_GRID_MM = 1e-6
 LABEL_MARGIN = 0.1  # of the height, over the highest point
+RAYS_TIP = (
+    "Any number of rays, or any error (of 250 rays, 95 %), as \u00b12 rays, which takes as many as it needs. "
+    "Automatic: by the precision in the Models menu"
+)
 SWEEP_FIRST = "Press \u201cSweep all designs\u201d to "
 TRACE_FIRST = "The design is being traced; "
 
@@ -309,10 +312,11 @@ class OpticsPage(ReflowingPage):
     Parameters
     ----------
     model : the view model.
+    rays : their number, or their error.
     services : of the window.
     """
 
-    def __init__(self, model: OpticsModel, services: Services) -> None:
+    def __init__(self, model: OpticsModel, rays: TypedText, services: Services) -> None:
         super().__init__()
         self.model, self.services = model, services
         self._revision = -1
@@ -325,7 +329,7 @@ class OpticsPage(ReflowingPage):
         self.slider.setValue(self.model.state)
         self.slider.valueChanged.connect(self._slide)
         self.first = self.slider
-        head = self._head()
+        head = self._head(rays)
         states = widgets.row(widgets.label("compressed", "small"), self.slider, widgets.label("elongated", "small"))
         keep, upper = services.preferences, widgets.holder(widgets.column((self.scene, 1), states, spacing=style.GAP))
         left = Shares("rays", keep, (upper, 5), (self.response, 4))
@@ -337,7 +341,7 @@ class OpticsPage(ReflowingPage):
         self.rows = (across, self.choices)
         self.tall = (self.scene, self.response, self.maps, self.pareto)
 
-    def _head(self) -> QWidget:
+    def _head(self, rays: TypedText) -> QWidget:
         steps = [(f"{step:g}", step) for step in STEPS_MM]
         counts = [(str(n), n) for n in CAVITIES]
         self.fields = {"cavities": widgets.choice("Number of cavities", counts, self._choose)}
@@ -349,10 +353,7 @@ class OpticsPage(ReflowingPage):
         curves = [*((words, name) for name, words in CURVES.items()), ("From a file \u2026", FROM_FILE)]
         tip = "Shape of the actuator's wall in each state: computed, by a formula, or measured"
         self.curves = widgets.choice("Deformation curves", curves, self._choose_curves, tip=tip)
-        rays: list[tuple[str, Any]] = [(f"{n} rays" if n else "Rays: automatic", n) for n in RAYS]
-        rays += [(f"Error \u00b1{within.error:g} rays", within) for within in TOLERANCES]
-        tip = "Automatic: by the precision in the Models menu; an error (of 250 rays, 95 %) takes as many as it needs"
-        self.rays = widgets.choice("Rays", rays, self.model.set_rays, tip=tip)
+        self.rays = widgets.typed("Rays", rays, self.services.notices.attempt, tip=RAYS_TIP)
         rankings = [(words, by) for by, words in RANKINGS.items()]
         tip = "Detected rays are counted as in the paper; power includes every reflection and takes five times as long"
         self.by = widgets.choice("Ranking", rankings, self.model.set_by, tip=tip)
@@ -398,11 +399,11 @@ class OpticsPage(ReflowingPage):
             select(field, value, f"{value:.3g}")
         select(self.face, self.model.face, self.model.face)
         select(self.curves, self.model.curves, CURVES.get(self.model.curves) or Path(self.model.curves).name)
-        self.rays.setCurrentIndex(self.rays.findData(self.model.rays))
         self.by.setCurrentIndex(self.by.findData(self.model.by))
 
     def refresh(self, snapshot: SessionSnapshot | None = None) -> None:
         """Show design, sweep and search where they have changed; the first call traces the paper's design."""
+        self.rays.follow()
         model = self.model
         if model.result is None and not model.running("optics") and not model.problem:
             model.choose(model.values)

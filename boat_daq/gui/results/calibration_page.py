@@ -21,16 +21,17 @@ from boat_daq.gui.results.certificate_panel import CertificatePanel
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.results.contributions_form import ContributionsForm
 from boat_daq.gui.results.figure_table import SIDE, FigureTable
+from boat_daq.gui.results.tolerance_field import tolerance_field
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves, Shares
 from boat_daq.viewmodels.common.services import Page, Panel, Services
+from boat_daq.viewmodels.common.tolerance import TypedText
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands, LoopSet, RunResult, SensorResult
 from boat_daq.viewmodels.results.calibration import (
     ACCEPT,
     ANYWAY,
-    BAND_TOLERANCES_MM,
     CHOICES,
     CURVE_HEADINGS,
     CalibrationModel,
@@ -46,10 +47,6 @@ BANDS = "Uncertainty bands"
 BANDS_TIP = (
     "Bands that include the uncertainty from the grid of the readings: samples the posterior of the coefficients with "
     "emcee, a Markov chain Monte Carlo; takes a while, in the background"
-)
-TOLERANCE_TIP = (
-    "Greatest error of the sampled 95 % bands by the number of samples (95 %): a smaller one takes more samples; "
-    "automatic: by the precision in the Models menu"
 )
 BANDS_SHOWN = (
     "Bands: 68 % and 95 % of the curve, from the least-squares fit or from the sampled posterior (emcee); the widest "
@@ -214,13 +211,19 @@ class CalibrationPage(QWidget):
     ----------
     model : the view model.
     show_repeatability : shows a run on the Repeat page.
+    tolerance : of the figures.
     services : of the window.
     """
 
     def __init__(
-        self, model: CalibrationModel, show_repeatability: Callable[[RunResult], None], services: Services
+        self,
+        model: CalibrationModel,
+        show_repeatability: Callable[[RunResult], None],
+        tolerance: TypedText,
+        services: Services,
     ) -> None:
         super().__init__()
+        self.tolerance = tolerance_field(tolerance, services)
         self.model, self.show_repeatability, self.services = model, show_repeatability, services
         self._revision, self._step = -1, NextStep.NONE
         self.curves: list[CurveCard] = []
@@ -367,17 +370,12 @@ class CalibrationPage(QWidget):
         self.candidates = DataTable("Curves compared", CURVE_HEADINGS, stretched=0, right=(2, 3))
         self.candidates.explain(CURVE_TIPS)
         self.export = widgets.button("Export calibration \u2026", self.ask_export, tip=EXPORT_TIP)
-        steps = [("Automatic", None), *((f"\u00b1{mm:g} mm", mm) for mm in BAND_TOLERANCES_MM)]
-        self.tolerance = widgets.choice("Error of the bands", steps, self._choose_tolerance, tip=TOLERANCE_TIP)
         line = widgets.row(widgets.label("Curve"), self.choice, None, self.export)
-        bands = widgets.row(widgets.label("Error of the sampled bands"), self.tolerance, None)
-        return widgets.inside(widgets.column(style.GAP, line, bands, (self.candidates, 1), spacing=style.GAP))
+        tolerance = widgets.row(widgets.label("Tolerance of the figures"), self.tolerance, None)
+        return widgets.inside(widgets.column(style.GAP, line, tolerance, (self.candidates, 1), spacing=style.GAP))
 
     def _choose_curve(self, name: str) -> None:
         self.services.notices.attempt(lambda: self.model.choose_curve(name))
-
-    def _choose_tolerance(self, tolerance_mm: float | None) -> None:
-        self.services.notices.attempt(lambda: self.model.set_tolerance(tolerance_mm))
 
     def _again(self) -> None:
         path = self.model.last_path
@@ -398,6 +396,7 @@ class CalibrationPage(QWidget):
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the result where it has changed."""
+        self.tolerance.follow()
         if self.model.revision == self._revision:
             return
         self._revision = self.model.revision
@@ -486,11 +485,13 @@ class CalibrationPage(QWidget):
         verdicts = {True: "converged", False: "NOT CONVERGED"}
         posterior = [
             f"{s.label}: {verdicts[p.content['converged']]}, {p.content['n_eff']:.0f} independent samples, bands "
-            f"\u00b1{p.content['band_error_mm']:.2g} mm"
+            f"\u00b1{p.content['band_error_mm']:.2g} mm (\u00b1{p.content['band_error_percent_fso']:.2g} % FSO)"
             for s, p in zip(result.sensors, self.model.posterior, strict=False)
         ]
-        self.posterior.setText("\n".join(["Uncertainty bands (emcee)", *posterior] if posterior else []))
-        self.posterior.setVisible(bool(posterior))
+        lines = [result.draws] if result.draws else []
+        lines += ["Uncertainty bands (emcee)", *posterior] if posterior else []
+        self.posterior.setText("\n".join(lines))
+        self.posterior.setVisible(bool(lines))
         self.comparison.setText(self.model.comparison())
         rows = self.model.coefficient_rows()
         self.coefficients.setVisible(bool(rows))

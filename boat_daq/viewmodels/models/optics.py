@@ -8,6 +8,7 @@ name: `default` is the set that ships, `parametric` the one in closed form, anyt
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,9 +21,11 @@ from analysis.errors import DataError
 from analysis.fidelity import Fidelity, fidelity
 from analysis.numbers import rounded, with_uncertainty
 from analysis.progress import Progress, part_of
+from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import count, number
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Notices, Severity
+from boat_daq.viewmodels.common.tolerance import AUTOMATIC, plain_text
 
 if TYPE_CHECKING:
     from analysis.optics.scene.frame import SceneFrame
@@ -38,7 +41,6 @@ CAVITIES = (3, 5, 7)
 PAPER: Values = (5, 1.0, 0.5, 0.9)
 STATES = 15
 BY_FIDELITY = 0
-RAYS = (BY_FIDELITY, 250, 1000, 2500, 10_000)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +50,9 @@ class Within:
     error: float
 
 
-TOLERANCES = (Within(5.0), Within(1.0), Within(0.2))
+SUGGESTED_RAYS: tuple[int | Within, ...] = (BY_FIDELITY, 250, 1000, 2500, 10_000, Within(5.0), Within(1.0), Within(0.2))
+AUTOMATIC_RAYS = "Rays: automatic"
+RAYS_OR_ERROR = re.compile(r"(?:error)?(\u00b1|\+-)?([^r]+)(rays)?")
 FACES = {"outer": "Outer face", "inner": "Inner face", "both": "Both faces", "midline": "Voids inside"}
 MAPPED_FACE = next(iter(FACES))
 """Face of the designs that a sweep maps."""
@@ -133,6 +137,38 @@ class SweepSummary:
         depth, spacing = (np.abs(self.values[chosen, k, None] - np.array(steps)).argmin(axis=1) for k in (2, 3))
         out[spacing, depth] = self.merit.p_normalised[chosen]
         return out
+
+
+def rays_text(rays: int | Within) -> str:
+    """Return a number of rays, or their error, as it is shown."""
+    if isinstance(rays, Within):
+        return f"Error \u00b1{rays.error:.10g} rays"
+    return f"{rays} rays" if rays != BY_FIDELITY else AUTOMATIC_RAYS
+
+
+def rays_of(text: str) -> int | Within:
+    """Return the number of rays that was typed, as "300 rays", or their error, as "\u00b12 rays".
+
+    Raises
+    ------
+    OperatorError : it is neither. AnalysisError : so many rays cannot be traced.
+    """
+    from analysis.optics.scene.parameters import Light
+
+    plain = plain_text(text)
+    if plain in ("", AUTOMATIC.lower(), plain_text(AUTOMATIC_RAYS)):
+        return BY_FIDELITY
+    found = RAYS_OR_ERROR.fullmatch(plain)
+    try:
+        value = float(found[2]) if found else math.nan
+    except ValueError:
+        value = math.nan
+    if found and found[1] and 0.0 < value < math.inf:
+        return Within(value)
+    if found and found[3] and not found[1] and value.is_integer():
+        return Light(rays=int(value), secondary=0).rays
+    remedy = f"Enter their number, as 300 rays, their error of 250 rays, as \u00b12 rays, or {AUTOMATIC}."
+    raise OperatorError(f"{text!r} is neither a number of rays nor an error", remedy)
 
 
 def curves_of(name: str) -> FloatArray:
@@ -413,7 +449,8 @@ class OpticsModel:
     def set_rays(self, rays: int | Within) -> None:
         """Trace with another number of rays, or a tolerance; `BY_FIDELITY` leaves it to the fidelity."""
         self.rays = rays
-        self.choose(self.values)
+        if self.result is not None or self.running("optics") or self.problem:  # else the page traces its first design
+            self.choose(self.values)
 
     def set_by(self, by: By) -> None:
         """Rank designs by counted rays or by power."""

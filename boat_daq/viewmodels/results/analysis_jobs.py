@@ -22,24 +22,32 @@ from analysis.fidelity import Level, fidelity
 from analysis.figures.figure import SENSOR_FIGURES, Figure
 from analysis.progress import Progress, part_of
 from analysis.warning import Warning
-from boat_daq.viewmodels.common.formatting import NOTHING, number, sensor_words
+from boat_daq.viewmodels.common.formatting import NOTHING, count, number, sensor_words
 from boat_daq.viewmodels.common.plugged import with_plugins
 from boat_daq.viewmodels.common.reference import chosen_curve, exported_elongation, identity, stated_contributions
+from boat_daq.viewmodels.common.tolerance import Tolerance
 from boat_daq.viewmodels.results.camera import CameraResult, camera_result
 from protocol.units import STORED_UNITS, ShownUnits
 
 if TYPE_CHECKING:
     from analysis.calibration.posterior import Posterior
     from analysis.conformity import Conformity
+    from analysis.data.recording import Recording
     from analysis.figures.acceptance import LimitStatement
     from analysis.figures.across_breaks import Break, Comparison
     from analysis.figures.pipeline import Analysis
-    from analysis.figures.sensor_analysis import SensorAnalysis
+    from analysis.figures.sensor_analysis import Options, SensorAnalysis
+    from analysis.sequential.accuracy import Unit
 
 Band = tuple[FloatArray, FloatArray]
 Cell = tuple[str, str]
 """A text of a table with its tooltip."""
 GRID = 161
+FIGURE_TOLERANCES = (
+    *(Tolerance(percent, "%FSO") for percent in (0.2, 0.1, 0.05)),
+    *(Tolerance(mm, "mm") for mm in (0.02, 0.01, 0.005)),
+)
+"""That are suggested: thousands of samples leave some hundredths of a mm."""
 WRITING = 2  # what a report takes to be set, in analyses of a run
 
 
@@ -200,7 +208,7 @@ class RunResult:
     `u_elongation` has x and U of each sensor, [points, 2] mm, none where the curve gives no elongation;
     `u_elongation_void` says why. `traceability` is that of an elongation by every sensor. `recording_id` is the
     `identity` of the recording. `curve` is the choice that was fitted; `candidates` are each sensor's curves, none
-    where they were not compared. `camera` is None without one.
+    where they were not compared. `camera` is None without one. `draws` is what the resamples leave uncertain.
     """
 
     path: str
@@ -226,6 +234,7 @@ class RunResult:
     candidates: tuple[tuple[CurveCandidate, ...], ...] = ()
     stepped: bool = True  # whether the plateaus are steps of a plan, at which readings are typed
     camera: CameraResult | None = None
+    draws: str = ""
 
     @property
     def unit_text(self) -> str:
@@ -247,7 +256,13 @@ def load_analysis() -> None:
 
 
 def analyse_run(
-    path: str, *, level: Level = "normal", curve: str = "", compare: bool = False, progress: Progress | None = None
+    path: str,
+    *,
+    level: Level = "normal",
+    tolerance: Tolerance | None = None,
+    curve: str = "",
+    compare: bool = False,
+    progress: Progress | None = None,
 ) -> RunResult:
     """Return all figures and curves of a recording, without the posterior.
 
@@ -255,17 +270,17 @@ def analyse_run(
     ----------
     path : of the recording.
     level : of fidelity.
+    tolerance : of the intervals, % FSO, which chooses the resamples; one in mm is of the posterior, which is not here.
     curve : that is fitted, see `chosen_curve`.
     compare : whether every curve is tried, which takes longer than the rest.
     progress : is called with the steps done and their number.
 
     Raises
     ------
-    AnalysisError : the recording cannot be read.
+    AnalysisError : the recording cannot be read, or the tolerance cannot be met.
     """
     from analysis.data.load import load_recording
     from analysis.figures.batch import readings_beside
-    from analysis.figures.pipeline import analyse
     from analysis.figures.sensor_analysis import Options
     from analysis.figures.uncertainty import curve_candidates_of
 
@@ -274,7 +289,8 @@ def analyse_run(
     degree, type_b = chosen_curve(recording, curve), stated_contributions(recording)
     options = Options(degree, mcmc=False, fidelity=level, type_b=type_b)
     readings = readings_beside(Path(path))
-    found = with_plugins(analyse(recording, readings, options=options, progress=part_of(progress, 1, 1, 4)), path)
+    analysis = _analysed(recording, readings, options, tolerance, part_of(progress, 1, 1, 4))
+    found = with_plugins(analysis, path)
     candidates = []
     if compare and found.budgets is not None:
         for i in range(len(found.sensors)):
@@ -306,7 +322,56 @@ def analyse_run(
         candidates=tuple(candidates),
         stepped=bool(len(recording.steps)),
         camera=camera_result(found),
+        draws=_draws_text(found),
     )
+
+
+def _draws_text(found: Analysis) -> str:
+    """Return the error that the resamples leave in the intervals; empty where none is in % FSO."""
+    from analysis.sequential.accuracy import accuracy_of
+
+    reached = accuracy_of(found)
+    if not math.isfinite(reached.intervals_percent_fso):
+        return ""
+    return f"Intervals \u00b1{reached.intervals_percent_fso:.2g} % FSO by {count(reached.resamples, 'resample')}"
+
+
+def of_intervals(tolerance: Tolerance | None) -> bool:
+    """Return whether a tolerance is of the intervals, in % FSO, not of the sampled bands alone."""
+    return tolerance is not None and tolerance.unit != "mm"
+
+
+def _analysed(
+    recording: Recording, readings: Path | None, options: Options, tolerance: Tolerance | None, progress: Progress
+) -> Analysis:
+    """Return the analysis of a run with the draws that a tolerance takes.
+
+    Parameters
+    ----------
+    recording, readings, options, progress : as `analyse`.
+    tolerance : in mm or %FSO; None for the draws of the fidelity, which also serve where nothing has such an error.
+
+    Raises
+    ------
+    AnalysisError : as `analyse`, or the tolerance cannot be met.
+    """
+    from analysis.errors import RequestError
+    from analysis.figures.pipeline import analyse
+    from analysis.sequential.accuracy import accuracy_of, analyses_within
+
+    if tolerance is None or not (options.mcmc or of_intervals(tolerance)):
+        return analyse(recording, readings, options=options, progress=progress)
+    unit: Unit = "%FSO" if of_intervals(tolerance) else "mm"
+    found = None
+    try:
+        for finer in analyses_within(recording, readings, options, tolerance.value, unit, progress=progress):
+            found = finer
+    except RequestError:
+        if found is None or math.isfinite(accuracy_of(found).error(unit)):
+            raise
+        return analyse(recording, readings, options=options, progress=progress)
+    assert found is not None
+    return found
 
 
 def _expanded_rows(found: Analysis) -> list[tuple[Cell, ...]]:
@@ -442,7 +507,7 @@ def sample_run(
     points: list[tuple[list[float], list[float], int, list[int] | None]],
     reading_sd_mm: float,
     level: Level = "normal",
-    tolerance_mm: float | None = None,
+    tolerance: Tolerance | None = None,
     *,
     progress: Progress | None = None,
 ) -> tuple[CurveBands, ...]:
@@ -453,7 +518,7 @@ def sample_run(
     points : for each sensor elongations (mm), signals (mV), the degree, and the position where each point was read.
     reading_sd_mm : standard uncertainty of a reading, mm.
     level : of the sampler's fidelity.
-    tolerance_mm : error of the 95 % band by its samples, which chooses their number; None for the fidelity's.
+    tolerance : of the 95 % band by its samples, in mm or % FSO, which chooses their number; None for the fidelity's.
     progress : is called with what is done and the total.
     """
     from analysis.calibration.posterior import sample_posterior
@@ -469,18 +534,19 @@ def sample_run(
                 samples=samples, progress=part_of(progress, i, 1, len(points)),
             )  # fmt: skip
 
-        if tolerance_mm is None:
+        if tolerance is None:
             posterior = sample(fineness.posterior_samples)
-            error_mm = greatest_band_error([posterior], "mm")
         else:
-            posterior, error_mm = sample_within(sample, tolerance_mm, "mm")
+            posterior, _ = sample_within(sample, tolerance.value, "%FSO" if of_intervals(tolerance) else "mm")
+        errors = {"band_error_mm": greatest_band_error([posterior], "mm")}
+        errors["band_error_percent_fso"] = greatest_band_error([posterior], "%FSO")
         grid = np.linspace(min(x), max(x), GRID)
         mean = posterior.curves(grid).mean(axis=0)
         bands = posterior.curve_band(grid, 0.68), posterior.curve_band(grid, 0.95)
         results.append(
             CurveBands(
                 grid, mean, np.asarray(y) - np.interp(x, grid, mean), *bands,
-                posterior.as_json() | {"band_error_mm": error_mm},
+                posterior.as_json() | errors,
                 posterior.new_reading_band(grid, 0.95),
             )
         )  # fmt: skip
@@ -591,6 +657,7 @@ def report_runs(
     *,
     curve: str = "",
     level: Level = "normal",
+    tolerance: Tolerance | None = None,
     units: ShownUnits = STORED_UNITS,
     progress: Progress | None = None,
 ) -> str:
@@ -602,24 +669,23 @@ def report_runs(
     target : .html or .pdf.
     curve : that is fitted, see `chosen_curve`.
     level : of fidelity.
+    tolerance : of intervals and bands, % FSO, or of the bands, mm, which chooses the draws; None for the fidelity's.
     units : in which the report shows values.
     progress : is called with the parts that are analysed and set, and their number.
 
     Raises
     ------
-    AnalysisError : one of them cannot be read, or the target cannot be written.
+    AnalysisError : one of them cannot be read, the tolerance cannot be met, or the target cannot be written.
     """
     from analysis import Options, load_recording, write_report
     from analysis.figures.batch import readings_beside
-    from analysis.figures.pipeline import analyse
 
     parts, analyses = len(paths) + WRITING, []
     for i, path in enumerate(paths):
         recording = load_recording(path)
         type_b = stated_contributions(recording)
         options = Options(chosen_curve(recording, curve), fidelity=level, type_b=type_b)
-        readings = readings_beside(path)
-        found = analyse(recording, readings, options=options, progress=part_of(progress, i, 1, parts))
+        found = _analysed(recording, readings_beside(path), options, tolerance, part_of(progress, i, 1, parts))
         analyses.append(with_plugins(found, str(path)))
     setting = part_of(progress, len(paths), WRITING, parts)
     return write_report(analyses, target, units=units, progress=setting).verdict

@@ -33,6 +33,7 @@ from boat_daq.viewmodels.common.formatting import NOTHING, SUBSCRIPT, SUPERSCRIP
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Change, Services
+from boat_daq.viewmodels.common.tolerance import Tolerance
 from boat_daq.viewmodels.common.twin import prepare_control
 from boat_daq.viewmodels.results.analysis_jobs import (
     CurveBands,
@@ -40,6 +41,7 @@ from boat_daq.viewmodels.results.analysis_jobs import (
     SensorResult,
     analyse_run,
     export_calibration,
+    of_intervals,
     sample_run,
 )
 from boat_daq.viewmodels.results.certificates import CertificateModel
@@ -59,8 +61,6 @@ CHOICES = (
     ("By cross-validation", AUTO),
 )
 """The curves that can be chosen, as texts with their names."""
-BAND_TOLERANCES_MM = (0.02, 0.01, 0.005)
-"""Errors of sampled bands that can be chosen: thousands of samples leave some hundredths."""
 CURVE_HEADINGS = ("Curve", "Verdict", "U, \u00b5m", "Error, mV")
 
 
@@ -120,7 +120,8 @@ class CalibrationModel:
         self.before: StoredCalibration | None = None  # the unit's calibration in force when the run was analysed
         self.agreements: tuple[Agreement | None, ...] = ()
         self.posterior: tuple[CurveBands, ...] = ()
-        self.tolerance_mm: float | None = None  # of the next sampled bands; None: by the fidelity
+        self.tolerance: Tolerance | None = None  # of the next analyses (% FSO) and samples; None: by the fidelity
+        self._sampled_before = False  # whether the bands are sampled again after the analysis
         self.failure: Any = None
         self.last_path: Path | None = None
         self.choice = ""  # that was chosen for the last recording; none: see `chosen_curve`
@@ -173,8 +174,10 @@ class CalibrationModel:
     def _start(self, path: Path) -> None:
         self.failure = None
         self.revision += 1
-        level, curve = self.fidelity.level, self.choice
-        job = Job(f"Analysing {path.name}", analyse_run, str(path), level=level, curve=curve, compare=True)
+        job = Job(
+            f"Analysing {path.name}", analyse_run, str(path), level=self.fidelity.level, tolerance=self.tolerance,
+            curve=self.choice, compare=True,
+        )  # fmt: skip
         self.jobs.start("analysis", job, self._analysed)
 
     def contributions(self) -> ContributionsModel:
@@ -284,6 +287,9 @@ class CalibrationModel:
             return
         self.failure = job.failure
         self.show(job.result)
+        if self._sampled_before and self.samples():
+            self.sample()
+        self._sampled_before = False
 
     def show(self, result: RunResult | None) -> None:
         """Show a result and compare it with the unit's calibration in force.
@@ -319,13 +325,20 @@ class CalibrationModel:
         contents = [s.fit.content for s in self.result.sensors if s.fit is not None]
         points = [(c["elongation_mm"], c["signal_mv"], int(c["fit"]["degree"]), c.get("positions")) for c in contents]
         reading_sd_mm, level = self.result.reading_sd_mm, self.fidelity.level
-        job = Job("Computing uncertainty bands", sample_run, points, reading_sd_mm, level, self.tolerance_mm)
+        job = Job("Computing uncertainty bands", sample_run, points, reading_sd_mm, level, self.tolerance)
         self.jobs.start("posterior", job, self._sampled)
 
-    def set_tolerance(self, tolerance_mm: float | None) -> None:
-        """Allow another error of the bands by their samples, None for the fidelity's; sampled bands are made again."""
-        self.tolerance_mm = tolerance_mm
-        if self.posterior:
+    def set_tolerance(self, tolerance: Tolerance | None) -> None:
+        """Allow another error by the draws, None for the fidelity's: of the bands, mm, or of the intervals too, % FSO.
+
+        What is shown and depends on it is made again.
+        """
+        before, self.tolerance = self.tolerance, tolerance
+        sampled = bool(self.posterior) or self.jobs.get("posterior") is not None
+        if of_intervals(before) or of_intervals(tolerance):
+            self._sampled_before = sampled
+            self.follow_change()
+        elif sampled:
             self.sample()
 
     def exports(self) -> bool:

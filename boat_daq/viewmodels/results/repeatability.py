@@ -18,7 +18,8 @@ from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.viewmodels.common.formatting import count, duration
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
-from boat_daq.viewmodels.results.analysis_jobs import RunResult, analyse_run
+from boat_daq.viewmodels.common.tolerance import Tolerance
+from boat_daq.viewmodels.results.analysis_jobs import RunResult, analyse_run, of_intervals
 
 LEAST_INTERVAL_S = 20.0  # so that the helper takes a small share of the processor
 WRITTEN_S = 0.5  # after the end of a run its last samples are in the file
@@ -41,6 +42,7 @@ class RepeatabilityModel:
     def __init__(self, jobs: JobRunner, clock: Callable[[], float] = monotonic) -> None:
         self.jobs, self._clock = jobs, clock
         self.fidelity: Fidelity = fidelity()  # of the next analyses
+        self.tolerance: Tolerance | None = None  # of their intervals; None: by the fidelity
         self.result: RunResult | None = None
         self.failure = ""  # why the last run could not be read
         self.headline = ""
@@ -77,8 +79,15 @@ class RepeatabilityModel:
 
     def analyse(self, path: Path, *, label: str = "") -> None:
         """Analyse a recording in the background."""
-        job = Job(label or f"Repeatability of {path.name}", analyse_run, str(path), level=self.fidelity.level)
+        level, label = self.fidelity.level, label or f"Repeatability of {path.name}"
+        job = Job(label, analyse_run, str(path), level=level, tolerance=self.tolerance)
         self.jobs.start("repeatability", job, self._analysed)
+
+    def set_tolerance(self, tolerance: Tolerance | None) -> None:
+        """Allow another error of the intervals, None for the fidelity's; the run that is shown is analysed again."""
+        before, self.tolerance = self.tolerance, tolerance
+        if self.result is not None and (of_intervals(before) or of_intervals(tolerance)):
+            self.analyse(Path(self.result.path))
 
     def _analysed(self, job: Job) -> None:
         if job.state is JobState.DONE:

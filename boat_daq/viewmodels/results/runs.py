@@ -37,6 +37,7 @@ from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, numb
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Change, UndoHistory
+from boat_daq.viewmodels.common.tolerance import Tolerance
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands, RunResult, compare_runs, export_run, report_runs
 from boat_daq.viewmodels.results.dynamics import DynamicsModel
 from boat_daq.viewmodels.results.metadata import MetadataModel
@@ -270,6 +271,7 @@ class RunsModel:
         self.revision = 0
         self.shown_units = STORED_UNITS  # of its reports
         self.fidelity: Fidelity = fidelity()  # of the next reports
+        self.tolerance: Tolerance | None = None  # of their figures; None: by the fidelity
         self.simulated = False  # whether the board in use is, or was last
         self._kinds: tuple[bool, ...] = (False, True)  # of the units that are shown
         self._scanned_at = -SCAN_INTERVAL_S
@@ -467,8 +469,10 @@ class RunsModel:
         """
         if not paths:
             raise OperatorError("no recording is chosen", "Choose one line or several.")
-        level, units = self.fidelity.level, self.shown_units
-        job = Job("Making the report", report_runs, paths, target, curve=curve, level=level, units=units)
+        job = Job(
+            "Making the report", report_runs, paths, target, curve=curve, level=self.fidelity.level,
+            tolerance=self.tolerance, units=self.shown_units,
+        )  # fmt: skip
         self.start("report", job, lambda _: self._notices.inform_saved(target))
 
     def start(self, name: str, job: Job, done: str | Callable[[Any], None]) -> None:

@@ -18,7 +18,15 @@ from boat_daq.gui import style
 from boat_daq.gui.models.optics_page import select
 from boat_daq.viewmodels.common.jobs import JobFailure, JobState
 from boat_daq.viewmodels.models import optics
-from boat_daq.viewmodels.models.optics import PAPER, DesignResult, OpticsModel, StateScene, SweepSummary, Within
+from boat_daq.viewmodels.models.optics import (
+    PAPER,
+    DesignResult,
+    OpticsModel,
+    StateScene,
+    SweepSummary,
+    Within,
+    rays_text,
+)
 from tests.boat_daq.gui.models.test_tradeoff_page import app_model  # noqa: F401 - a fixture
 
 NORMAL = fidelity("normal")
@@ -72,7 +80,7 @@ def page(qtbot, app_model, monkeypatch):  # noqa: F811 - the fixture above
 
     FakeJob.made = []
     monkeypatch.setattr(optics, "Job", FakeJob)
-    shown = OpticsPage(app_model.optics, app_model.services)
+    shown = OpticsPage(app_model.optics, app_model.rays, app_model.services)
     qtbot.addWidget(shown)
     shown.resize(1100, 700)
     shown.show()
@@ -290,8 +298,15 @@ def test_chosen_rays_override_the_fidelity(page):
     """The fidelity sets the number of rays until a number is chosen."""
     model: OpticsModel = page.model
     assert (model.traced_rays, model.swept_rays) == (NORMAL.rays, NORMAL.ranking_rays)
-    model.set_rays(1000)
-    assert (model.traced_rays, model.swept_rays) == (1000, 1000)
+    for text, rays in (("1234 rays", 1234), ("+-0.7", Within(0.7)), ("Rays: automatic", 0)):
+        page.rays.setEditText(text)
+        page.rays.typed.editingFinished.emit()
+        assert (model.traced_rays, model.swept_rays) == (rays or NORMAL.rays, rays or NORMAL.ranking_rays)
+        assert page.rays.currentText() == rays_text(rays)
+    page.rays.setEditText("1000")  # of what?
+    page.rays.typed.editingFinished.emit()
+    assert model.rays == 0
+    assert page.rays.typed.property("wrong") == "true"
 
 
 def test_empty_plots_show_what_will_be_there(live, monkeypatch):

@@ -25,7 +25,7 @@ def page(qtbot, app_model):  # noqa: F811 - the fixture above
     from boat_daq.gui.models.shadow_page import ShadowPage
 
     app_model.shadow.prepare = lambda: None
-    shown = ShadowPage(app_model.shadow, app_model.monitor, app_model.services)
+    shown = ShadowPage(app_model.shadow, app_model.monitor, app_model.table_error, app_model.services)
     qtbot.addWidget(shown)
     app_model.monitor.marks = [mark(c, loss=-130.0 + 2.0 * (c > 9)) for c in range(1, 13)]
     app_model.monitor.alarms = [Alarm("drift", "offset", "mm", -0.02, 10, 12, 2500.0, ("leak",))]
@@ -47,12 +47,12 @@ def test_alarm_row_has_cause_time_and_probability(page):
 
 
 def test_the_error_of_the_model_is_chosen(page, app_model):  # noqa: F811 - the fixture above
-    """The table is built again, once, and automatic leaves it to the precision."""
+    """The table is built again, once, and automatic leaves it to the precision; any number can be typed."""
     shadow, choice = app_model.shadow, page.nominal.tolerance
-    for index, tolerance_mm in ((1, 0.01), (0, None)):
+    for text, tolerance_mm in (("\u00b10.01 mm", 0.01), ("0.0035 mm", 0.0035), ("Automatic", None)):
         shadow._prepared = True
-        choice.setCurrentIndex(index)
-        choice.activated.emit(index)
+        choice.setEditText(text)
+        choice.typed.editingFinished.emit()
         assert (shadow.tolerance_mm, shadow._prepared) == (tolerance_mm, False)
     assert np.isnan(shadow.error_mm)  # no model is loaded
 

@@ -192,9 +192,6 @@ def test_curve_is_chosen_beside_what_each_would_be(live, monkeypatch):
     page.choice.setCurrentIndex(page.choice.findText("Monotone spline"))
     page.choice.activated.emit(page.choice.currentIndex())
     assert chosen == ["spline"]
-    page.tolerance.setCurrentIndex(page.tolerance.findData(0.01))
-    page.tolerance.activated.emit(page.tolerance.currentIndex())
-    assert model.tolerance_mm == 0.01
     model.last_path, model.choice = Path("a.boat"), "spline"
     monkeypatch.setattr(main_window, "ask_save", lambda _, services, name, kinds, make, done: make(Path("r.pdf")))
     monkeypatch.setattr(live.model.runs, "report", lambda paths, target, curve: chosen.append((paths, curve)))

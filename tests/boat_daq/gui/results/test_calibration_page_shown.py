@@ -57,7 +57,8 @@ def test_sampled_posterior_replaces_curve_and_bands(calibrate):
     found = [
         CurveBands(
             GRID, fit + 3, np.zeros(X.size), (fit + 2, fit + 4), (fit, fit + 6),
-            {"converged": True, "n_eff": 9000.0, "acceptance": 0.4, "band_error_mm": 0.0123}, (fit - 5, fit + 9),
+            {"converged": True, "n_eff": 9000.0, "acceptance": 0.4, "band_error_mm": 0.0123,
+             "band_error_percent_fso": 0.2}, (fit - 5, fit + 9),
         )
     ] * 2  # fmt: skip
     calibrate.model.calibration.posterior = tuple(found)

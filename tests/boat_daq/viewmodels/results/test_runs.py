@@ -19,6 +19,7 @@ from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.services import UndoHistory
+from boat_daq.viewmodels.common.tolerance import Tolerance
 from boat_daq.viewmodels.results import analysis_jobs, runs
 from boat_daq.viewmodels.results.runs import NONE_CHOSEN, RunEntry, RunsModel, obstacle, read_run, selection_text
 from protocol.recording import RunEnd
@@ -191,14 +192,15 @@ def test_a_run_of_elongation_has_dynamics(closed):
     assert not dataclasses.replace(run, summary=going).under_control
 
 
-def test_report_has_the_fidelity_and_units_of_the_program(monkeypatch, tmp_path):
+def test_report_has_the_precision_and_units_of_the_program(monkeypatch, tmp_path):
     """The report of the window was made at normal fidelity, whatever was chosen."""
     ordered = []
     monkeypatch.setattr(runs, "Job", lambda *args, **kwargs: ordered.append((args, kwargs)))
     model = RunsModel(tmp_path, UnitLibrary(tmp_path), Mock(), Notices(), UndoHistory())
-    model.fidelity = fidelity("reference")
+    model.fidelity, model.tolerance = fidelity("reference"), Tolerance(0.05, "%FSO")
     model.report([tmp_path / "a.boat"], tmp_path / "a.pdf", curve="2")
     ((_, *args), kwargs) = ordered[0]
     assert args == [analysis_jobs.report_runs, [tmp_path / "a.boat"], tmp_path / "a.pdf"]
-    assert kwargs == {"curve": "2", "level": "reference", "units": model.shown_units}
+    how = {"level": "reference", "tolerance": model.tolerance, "units": model.shown_units}
+    assert kwargs == {"curve": "2", **how}
     model.close()

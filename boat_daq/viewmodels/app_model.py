@@ -22,7 +22,7 @@ from boat_daq.viewmodels.common.open_windows import OpenWindows
 from boat_daq.viewmodels.common.outlets import OutletsModel
 from boat_daq.viewmodels.common.preferences import Precision, Preferences, UnitChoice
 from boat_daq.viewmodels.common.services import Page, Panel, Services, UndoHistory
-from boat_daq.viewmodels.common.tolerance import Tolerance, TypedChoice, tolerance_choice
+from boat_daq.viewmodels.common.tolerance import TypedChoice, TypedTolerance, tolerance_choice
 from boat_daq.viewmodels.live.board_profile import BoardProfile
 from boat_daq.viewmodels.live.camera import CameraModel
 from boat_daq.viewmodels.live.connection import ConnectionModel
@@ -33,7 +33,15 @@ from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.run_model import CalibrationOffer, ResumeRun, RunModel
 from boat_daq.viewmodels.live.sequence import SequenceModel
 from boat_daq.viewmodels.live.shadow_live import TABLE_ERRORS, ShadowLive, ShadowMonitor
-from boat_daq.viewmodels.models.optics import SUGGESTED_RAYS, OpticsModel, rays_of, rays_text
+from boat_daq.viewmodels.models.optics import (
+    SUGGESTED_CONFIDENCES,
+    SUGGESTED_RAYS,
+    OpticsModel,
+    confidence_of,
+    confidence_text,
+    rays_of,
+    rays_text,
+)
 from boat_daq.viewmodels.models.tradeoff import AtlasModel, TradeoffModel
 from boat_daq.viewmodels.results.analysis_jobs import FIGURE_TOLERANCES, load_analysis
 from boat_daq.viewmodels.results.calibration import CalibrationModel
@@ -116,6 +124,10 @@ class AppModel:
         self.rays = TypedChoice(
             self.services, "the number of rays", SUGGESTED_RAYS, rays_of, self.optics.set_rays, rays_text
         )
+        self.confidence = TypedChoice(
+            self.services, "the confidence of the race", SUGGESTED_CONFIDENCES, confidence_of,
+            self.optics.set_confidence, confidence_text,
+        )  # fmt: skip
         self.snapshot = session.snapshot()
         self._messages = SessionMessages(self.notices, self.snapshot)
 
@@ -128,7 +140,7 @@ class AppModel:
         self.shadow.set_fidelity(chosen.level)
         self.calibration.fidelity = self.repeatability.fidelity = self.runs.fidelity = chosen
 
-    def _use_tolerance(self, chosen: Tolerance | None) -> None:
+    def _use_tolerance(self, chosen: TypedTolerance | None) -> None:
         self.runs.tolerance = chosen
         self.calibration.set_tolerance(chosen)
         self.repeatability.set_tolerance(chosen)

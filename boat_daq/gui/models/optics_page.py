@@ -45,8 +45,12 @@ SCALE_WIDTH = 68
 ON_GRID_MM = 1e-6
 LABEL_MARGIN = 0.1  # of the height, over the highest point
 RAYS_TIP = (
-    "Any number of rays, or any error (of 250 rays, 95 %), as \u00b12 rays, which takes as many as it needs. "
-    "Automatic: by the precision in the Models menu"
+    "Any number of rays, or any error (of 250 rays, 95 %), as \u00b12 rays, which takes as many as it needs, in "
+    "the final evaluation of the search too. Automatic: by the precision in the Models menu"
+)
+RACE_TIP = (
+    "Any confidence, as 95 %, with which \u201cOptimise\u201d then finds the best of all designs that it evaluated: "
+    "more rays, and more time, for those that may be the best"
 )
 SWEEP_FIRST = "Press \u201cSweep all designs\u201d to "
 TRACE_FIRST = "The design is being traced; "
@@ -312,11 +316,11 @@ class OpticsPage(ReflowingPage):
     Parameters
     ----------
     model : the view model.
-    rays : their number, or their error.
+    rays, confidence : number of rays, or their error; confidence of the search's race.
     services : of the window.
     """
 
-    def __init__(self, model: OpticsModel, rays: TypedText, services: Services) -> None:
+    def __init__(self, model: OpticsModel, rays: TypedText, confidence: TypedText, services: Services) -> None:
         super().__init__()
         self.model, self.services = model, services
         self._revision = -1
@@ -329,7 +333,7 @@ class OpticsPage(ReflowingPage):
         self.slider.setValue(self.model.state)
         self.slider.valueChanged.connect(self._slide)
         self.first = self.slider
-        head = self._head(rays)
+        head = self._head(rays, confidence)
         states = widgets.row(widgets.label("compressed", "small"), self.slider, widgets.label("elongated", "small"))
         keep, upper = services.preferences, widgets.holder(widgets.column((self.scene, 1), states, spacing=style.GAP))
         left = Shares("rays", keep, (upper, 5), (self.response, 4))
@@ -341,7 +345,7 @@ class OpticsPage(ReflowingPage):
         self.rows = (across, self.choices)
         self.tall = (self.scene, self.response, self.maps, self.pareto)
 
-    def _head(self, rays: TypedText) -> QWidget:
+    def _head(self, rays: TypedText, confidence: TypedText) -> QWidget:
         steps = [(f"{step:g}", step) for step in STEPS_MM]
         counts = [(str(n), n) for n in CAVITIES]
         self.fields = {"cavities": widgets.choice("Number of cavities", counts, self._choose)}
@@ -353,14 +357,16 @@ class OpticsPage(ReflowingPage):
         curves = [*((words, name) for name, words in CURVES.items()), ("From a file \u2026", FROM_FILE)]
         tip = "Shape of the actuator's wall in each state: computed, by a formula, or measured"
         self.curves = widgets.choice("Deformation curves", curves, self._choose_curves, tip=tip)
-        self.rays = widgets.typed("Rays", rays, self.services.notices.attempt, tip=RAYS_TIP)
+        attempt = self.services.notices.attempt
+        self.rays = widgets.typed("Rays", rays, attempt, tip=RAYS_TIP)
+        self.confidence = widgets.typed("Confidence of the search's race", confidence, attempt, tip=RACE_TIP)
         rankings = [(words, by) for by, words in RANKINGS.items()]
         tip = "Detected rays are counted as in the paper; power includes every reflection and takes five times as long"
         self.by = widgets.choice("Ranking", rankings, self.model.set_by, tip=tip)
         design = (widgets.label(text, "muted") for text in ("Cavities", "Width, depth, spacing, mm"))
         cavities, *lengths = self.fields.values()
         left = widgets.row(next(design), cavities, next(design), *lengths, self.face, None)
-        self.choices = widgets.row((left, 1), widgets.row(self.curves, self.rays, self.by, None))
+        self.choices = widgets.row((left, 1), widgets.row(self.curves, self.rays, self.by, self.confidence, None))
         return widgets.card(self.choices, self._actions())[0]
 
     def _actions(self) -> QHBoxLayout:
@@ -404,6 +410,7 @@ class OpticsPage(ReflowingPage):
     def refresh(self, snapshot: SessionSnapshot | None = None) -> None:
         """Show design, sweep and search where they have changed; the first call traces the paper's design."""
         self.rays.follow()
+        self.confidence.follow()
         model = self.model
         if model.result is None and not model.running("optics") and not model.problem:
             model.choose(model.values)

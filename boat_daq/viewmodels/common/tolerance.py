@@ -23,7 +23,7 @@ SIGNS = ("\u00b1", "+-")
 
 
 @dataclass(frozen=True, slots=True)
-class Tolerance:
+class TypedTolerance:
     """Greatest error that a computation itself may leave, at 95 %, in its unit, as `mm` or `%FSO`."""
 
     value: float
@@ -34,7 +34,7 @@ class Tolerance:
         return f"\u00b1{self.value:.10g} {self.unit.replace('%', '% ')}"
 
 
-def tolerance_of(text: str, units: tuple[str, ...]) -> Tolerance | None:
+def tolerance_of(text: str, units: tuple[str, ...]) -> TypedTolerance | None:
     """Return the tolerance that was typed; None where it is left to the precision.
 
     Parameters
@@ -58,11 +58,11 @@ def tolerance_of(text: str, units: tuple[str, ...]) -> Tolerance | None:
         value = math.nan
     if not 0.0 < value < math.inf or not unit:
         cause = "has no unit" if 0.0 < value < math.inf else "is not a tolerance"
-        examples = " or ".join(str(Tolerance(0.01, unit)).removeprefix(SIGNS[0]) for unit in units)
+        examples = " or ".join(str(TypedTolerance(0.01, unit)).removeprefix(SIGNS[0]) for unit in units)
         raise OperatorError(
             f"{text!r} {cause}", f"Enter a number above 0 with its unit, as {examples}, or {AUTOMATIC}."
         )
-    return Tolerance(value, unit)
+    return TypedTolerance(value, unit)
 
 
 def plain_text(text: str) -> str:
@@ -71,8 +71,8 @@ def plain_text(text: str) -> str:
 
 
 def tolerance_choice(
-    services: Services, name: str, suggested: tuple[Tolerance, ...], apply: Callable[[Tolerance | None], Any]
-) -> TypedChoice[Tolerance | None]:
+    services: Services, name: str, suggested: tuple[TypedTolerance, ...], apply: Callable[[TypedTolerance | None], Any]
+) -> TypedChoice[TypedTolerance | None]:
     """Return the choice of a tolerance, automatic at first, in any unit of those suggested; others as `TypedChoice`."""
     units = tuple(dict.fromkeys(one.unit for one in suggested))
     return TypedChoice(services, name, (None, *suggested), partial(tolerance_of, units=units), apply)

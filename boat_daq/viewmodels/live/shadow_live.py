@@ -22,7 +22,7 @@ from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.viewmodels.common.formatting import MINUS, NOTHING, THIN, count, duration, in_units, number
 from boat_daq.viewmodels.common.jobs import Background, Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Notices, Severity
-from boat_daq.viewmodels.common.tolerance import Tolerance
+from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel, signals
 from boat_daq.viewmodels.live.shadow_jobs import can_be_unstable, place_of, shadow_of, unstable_held_states, warm
 from protocol.units import ShownUnits
@@ -40,7 +40,7 @@ MISSING = object()
 LEVELS = 24  # of colour
 SCALES = {"displacement": (4.0, "mm", 1.0), "strain": (20.0, "%", 100.0)}  # full scale, unit, factor
 LENGTH_MM, RADIUS_MM = 75.0, 25.0
-TABLE_ERRORS = tuple(Tolerance(mm, "mm") for mm in (0.01, 0.001, 0.0001))
+TABLE_ERRORS = tuple(TypedTolerance(mm, "mm") for mm in (0.01, 0.001, 0.0001))
 PRESSURES_KPA = (-45.0, 55.0)
 TRACE_S, TRACE_POINTS = 60.0, 1200
 SEEN_KPA, SEEN_MM = 0.1, 0.02  # visible steps of pressure and elongation
@@ -132,7 +132,7 @@ class ShadowLive:
         if level != self._level:
             self._level, self._prepared = level, False
 
-    def set_tolerance(self, tolerance: Tolerance | None) -> None:
+    def set_tolerance(self, tolerance: TypedTolerance | None) -> None:
         """Use a table with another error, mm, once `prepare` has built it; None leaves it to the fidelity."""
         self.tolerance_mm, self._prepared = None if tolerance is None else tolerance.value, False
 

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from analysis.optics.scene.parameters import By, Design, Light, Waveguide
     from analysis.optics.sweep.figure_of_merit import Merit
     from analysis.optics.sweep.optimise import Optimum
+    from analysis.optics.sweep.race import Race
 
 Values = tuple[int, float, float, float]
 """Cavities, width, depth, spacing (mm) of a design."""
@@ -52,6 +53,8 @@ class Within:
 
 SUGGESTED_RAYS: tuple[int | Within, ...] = (BY_FIDELITY, 250, 1000, 2500, 10_000, Within(5.0), Within(1.0), Within(0.2))
 AUTOMATIC_RAYS = "Rays: automatic"
+NO_RACE = "No race"
+SUGGESTED_CONFIDENCES = (None, 0.9, 0.95, 0.99)
 RAYS_OR_ERROR = re.compile(r"(?:error)?(\u00b1|\+-)?([^r]+)(rays)?")
 FACES = {"outer": "Outer face", "inner": "Inner face", "both": "Both faces", "midline": "Voids inside"}
 MAPPED_FACE = next(iter(FACES))
@@ -169,6 +172,31 @@ def rays_of(text: str) -> int | Within:
         return Light(rays=int(value), secondary=0).rays
     remedy = f"Enter their number, as 300 rays, their error of 250 rays, as \u00b12 rays, or {AUTOMATIC}."
     raise OperatorError(f"{text!r} is neither a number of rays nor an error", remedy)
+
+
+def confidence_text(confidence: float | None) -> str:
+    """Return the confidence of a race as it is shown."""
+    return NO_RACE if confidence is None else f"Race at {100.0 * confidence:.10g} %"
+
+
+def confidence_of(text: str) -> float | None:
+    """Return the confidence that was typed, as "95 %" or "0.95"; None for no race.
+
+    Raises
+    ------
+    OperatorError : it is none.
+    """
+    plain = plain_text(text)
+    if plain in ("", plain_text(NO_RACE)):
+        return None
+    plain = plain.removeprefix("raceat")
+    try:
+        value = float(plain.removesuffix("%")) * (0.01 if plain.endswith("%") else 1.0)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < 1.0:
+        raise OperatorError(f"{text!r} is not a confidence", f"Enter more than 0 and less than 100 %, or {NO_RACE}.")
+    return value
 
 
 def curves_of(name: str) -> FloatArray:
@@ -340,23 +368,34 @@ def sweep(
     )  # fmt: skip
 
 
-def search(curves: str = "default", seconds: float = 50.0, *, progress: Progress | None = None) -> Optimum:
+def search(
+    curves: str = "default",
+    seconds: float = 50.0,
+    tolerance: float | None = None,
+    confidence: float | None = None,
+    *,
+    progress: Progress | None = None,
+) -> Optimum:
     """Return the best design found beyond the grid, on detected power.
 
     Parameters
     ----------
     curves : name of the states, see `curves_of`.
     seconds : about how long to search.
+    tolerance : of the winners' power in the final evaluation, rays of 250, which chooses its rays; None for any error.
+    confidence : with which a race finds the best of the designs evaluated; None for no race.
     progress : is called with what is done and the total.
 
     Raises
     ------
-    AnalysisError : no design of the grid fits these states, or the curves cannot be read.
+    AnalysisError : no design of the grid fits these states, the curves cannot be read, or the tolerance cannot be met.
     """
     from analysis.optics.scene.parameters import Waveguide
     from analysis.optics.sweep.optimise import optimise
 
-    return optimise(Waveguide(), curves_of(curves), seconds=seconds, progress=progress)
+    return optimise(
+        Waveguide(), curves_of(curves), seconds=seconds, tolerance=tolerance, confidence=confidence, progress=progress
+    )
 
 
 class OpticsModel:
@@ -375,6 +414,7 @@ class OpticsModel:
         self.curves = next(iter(CURVES))
         self.state = STATES // 2
         self.rays: int | Within = BY_FIDELITY
+        self.confidence: float | None = None  # of the race of the next search; None for no race
         self.by: By = "count"
         self.fidelity: Fidelity = fidelity()
         self.result: DesignResult | None = None
@@ -452,6 +492,10 @@ class OpticsModel:
         if self.result is not None or self.running("optics") or self.problem:  # else the page traces its first design
             self.choose(self.values)
 
+    def set_confidence(self, confidence: float | None) -> None:
+        """Let the next search find the best of its designs with this confidence; None for no race."""
+        self.confidence = confidence
+
     def set_by(self, by: By) -> None:
         """Rank designs by counted rays or by power."""
         self.by = by
@@ -525,7 +569,8 @@ class OpticsModel:
 
     def toggle_search(self) -> None:
         """Start the search beyond the grid, or stop the running one."""
-        job = Job("Searching beyond the grid", search, self.curves, SEARCH_S)
+        tolerance = self.rays.error if isinstance(self.rays, Within) else None
+        job = Job("Searching beyond the grid", search, self.curves, SEARCH_S, tolerance, self.confidence)
         self._toggle("optimise", self._optima, self.curves, job)
 
     def _toggle(self, name: str, results: dict[Any, Any], key: object, job: Job) -> None:
@@ -592,7 +637,7 @@ class OpticsModel:
         if o is None:
             return ""
         best = o.best.design
-        end = "" if o.finished else "   (stopped by its time limit)"
+        end = ("" if o.finished else "   (stopped by its time limit)") + race_line(o.race)
         return (
             f"optimised: {design_label(best.values, 2)}, {best.face} face   {number(o.gain, 2)} times the merit of "
             f"the grid's best (P on power: {number(o.best.p, 2)} against {number(o.start.p, 2)}; powers of 250 rays "
@@ -604,6 +649,15 @@ class OpticsModel:
         if self.optimum is not None:
             best = self.optimum.best.design
             self.choose((best.cavities, best.width_mm, best.depth_mm, best.spacing_mm), best.face)
+
+
+def race_line(race: Race | None) -> str:
+    """Return the result of a race as a further line; empty without one."""
+    if race is None:
+        return ""
+    left, designs = race.candidates.size, count(len(race.designs), "design")
+    found = "the best" if left == 1 else f"{number(left, 0)} cannot be told apart, the best among them,"
+    return f"\nrace: {found} of {designs} at {100.0 * race.confidence:g} % confidence"
 
 
 def design_label(values: tuple[float, ...], decimals: int = 1) -> str:

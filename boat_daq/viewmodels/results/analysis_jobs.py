@@ -25,7 +25,7 @@ from analysis.warning import Warning
 from boat_daq.viewmodels.common.formatting import NOTHING, count, number, sensor_words
 from boat_daq.viewmodels.common.plugged import with_plugins
 from boat_daq.viewmodels.common.reference import chosen_curve, exported_elongation, identity, stated_contributions
-from boat_daq.viewmodels.common.tolerance import Tolerance
+from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.results.camera import CameraResult, camera_result
 from protocol.units import STORED_UNITS, ShownUnits
 
@@ -44,8 +44,8 @@ Cell = tuple[str, str]
 """A text of a table with its tooltip."""
 GRID = 161
 FIGURE_TOLERANCES = (
-    *(Tolerance(percent, "%FSO") for percent in (0.2, 0.1, 0.05)),
-    *(Tolerance(mm, "mm") for mm in (0.02, 0.01, 0.005)),
+    *(TypedTolerance(percent, "%FSO") for percent in (0.2, 0.1, 0.05)),
+    *(TypedTolerance(mm, "mm") for mm in (0.02, 0.01, 0.005)),
 )
 """That are suggested: thousands of samples leave some hundredths of a mm."""
 WRITING = 2  # what a report takes to be set, in analyses of a run
@@ -259,7 +259,7 @@ def analyse_run(
     path: str,
     *,
     level: Level = "normal",
-    tolerance: Tolerance | None = None,
+    tolerance: TypedTolerance | None = None,
     curve: str = "",
     compare: bool = False,
     progress: Progress | None = None,
@@ -336,13 +336,13 @@ def _draws_text(found: Analysis) -> str:
     return f"Intervals \u00b1{reached.intervals_percent_fso:.2g} % FSO by {count(reached.resamples, 'resample')}"
 
 
-def of_intervals(tolerance: Tolerance | None) -> bool:
+def of_intervals(tolerance: TypedTolerance | None) -> bool:
     """Return whether a tolerance is of the intervals, in % FSO, not of the sampled bands alone."""
     return tolerance is not None and tolerance.unit != "mm"
 
 
 def _analysed(
-    recording: Recording, readings: Path | None, options: Options, tolerance: Tolerance | None, progress: Progress
+    recording: Recording, readings: Path | None, options: Options, tolerance: TypedTolerance | None, progress: Progress
 ) -> Analysis:
     """Return the analysis of a run with the draws that a tolerance takes.
 
@@ -507,7 +507,7 @@ def sample_run(
     points: list[tuple[list[float], list[float], int, list[int] | None]],
     reading_sd_mm: float,
     level: Level = "normal",
-    tolerance: Tolerance | None = None,
+    tolerance: TypedTolerance | None = None,
     *,
     progress: Progress | None = None,
 ) -> tuple[CurveBands, ...]:
@@ -657,7 +657,7 @@ def report_runs(
     *,
     curve: str = "",
     level: Level = "normal",
-    tolerance: Tolerance | None = None,
+    tolerance: TypedTolerance | None = None,
     units: ShownUnits = STORED_UNITS,
     progress: Progress | None = None,
 ) -> str:

@@ -33,7 +33,7 @@ from boat_daq.viewmodels.common.formatting import NOTHING, SUBSCRIPT, SUPERSCRIP
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Change, Services
-from boat_daq.viewmodels.common.tolerance import Tolerance
+from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.common.twin import prepare_control
 from boat_daq.viewmodels.results.analysis_jobs import (
     CurveBands,
@@ -120,7 +120,7 @@ class CalibrationModel:
         self.before: StoredCalibration | None = None  # the unit's calibration in force when the run was analysed
         self.agreements: tuple[Agreement | None, ...] = ()
         self.posterior: tuple[CurveBands, ...] = ()
-        self.tolerance: Tolerance | None = None  # of the next analyses (% FSO) and samples; None: by the fidelity
+        self.tolerance: TypedTolerance | None = None  # of the next analyses (% FSO) and samples; None: by the fidelity
         self._sampled_before = False  # whether the bands are sampled again after the analysis
         self.failure: Any = None
         self.last_path: Path | None = None
@@ -328,7 +328,7 @@ class CalibrationModel:
         job = Job("Computing uncertainty bands", sample_run, points, reading_sd_mm, level, self.tolerance)
         self.jobs.start("posterior", job, self._sampled)
 
-    def set_tolerance(self, tolerance: Tolerance | None) -> None:
+    def set_tolerance(self, tolerance: TypedTolerance | None) -> None:
         """Allow another error by the draws, None for the fidelity's: of the bands, mm, or of the intervals too, % FSO.
 
         What is shown and depends on it is made again.

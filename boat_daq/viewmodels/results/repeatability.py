@@ -18,7 +18,7 @@ from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.viewmodels.common.formatting import count, duration
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
-from boat_daq.viewmodels.common.tolerance import Tolerance
+from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.results.analysis_jobs import RunResult, analyse_run, of_intervals
 
 LEAST_INTERVAL_S = 20.0  # so that the helper takes a small share of the processor
@@ -42,7 +42,7 @@ class RepeatabilityModel:
     def __init__(self, jobs: JobRunner, clock: Callable[[], float] = monotonic) -> None:
         self.jobs, self._clock = jobs, clock
         self.fidelity: Fidelity = fidelity()  # of the next analyses
-        self.tolerance: Tolerance | None = None  # of their intervals; None: by the fidelity
+        self.tolerance: TypedTolerance | None = None  # of their intervals; None: by the fidelity
         self.result: RunResult | None = None
         self.failure = ""  # why the last run could not be read
         self.headline = ""
@@ -83,7 +83,7 @@ class RepeatabilityModel:
         job = Job(label, analyse_run, str(path), level=level, tolerance=self.tolerance)
         self.jobs.start("repeatability", job, self._analysed)
 
-    def set_tolerance(self, tolerance: Tolerance | None) -> None:
+    def set_tolerance(self, tolerance: TypedTolerance | None) -> None:
         """Allow another error of the intervals, None for the fidelity's; the run that is shown is analysed again."""
         before, self.tolerance = self.tolerance, tolerance
         if self.result is not None and (of_intervals(before) or of_intervals(tolerance)):

@@ -37,7 +37,7 @@ from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, numb
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Change, UndoHistory
-from boat_daq.viewmodels.common.tolerance import Tolerance
+from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands, RunResult, compare_runs, export_run, report_runs
 from boat_daq.viewmodels.results.dynamics import DynamicsModel
 from boat_daq.viewmodels.results.metadata import MetadataModel
@@ -271,7 +271,7 @@ class RunsModel:
         self.revision = 0
         self.shown_units = STORED_UNITS  # of its reports
         self.fidelity: Fidelity = fidelity()  # of the next reports
-        self.tolerance: Tolerance | None = None  # of their figures; None: by the fidelity
+        self.tolerance: TypedTolerance | None = None  # of their figures; None: by the fidelity
         self.simulated = False  # whether the board in use is, or was last
         self._kinds: tuple[bool, ...] = (False, True)  # of the units that are shown
         self._scanned_at = -SCAN_INTERVAL_S

@@ -10,9 +10,10 @@ import pytest
 from PySide6.QtCore import QPointF
 
 from analysis.fidelity import fidelity
-from analysis.optics.scene.parameters import Design
+from analysis.optics.scene.parameters import Design, Light
 from analysis.optics.sweep.figure_of_merit import Merit, merit
 from analysis.optics.sweep.optimise import Optimum, Winner
+from analysis.optics.sweep.race import Race
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.gui import style
 from boat_daq.gui.models.optics_page import select
@@ -80,7 +81,7 @@ def page(qtbot, app_model, monkeypatch):  # noqa: F811 - the fixture above
 
     FakeJob.made = []
     monkeypatch.setattr(optics, "Job", FakeJob)
-    shown = OpticsPage(app_model.optics, app_model.rays, app_model.services)
+    shown = OpticsPage(app_model.optics, app_model.rays, app_model.confidence, app_model.services)
     qtbot.addWidget(shown)
     shown.resize(1100, 700)
     shown.show()
@@ -307,6 +308,31 @@ def test_chosen_rays_override_the_fidelity(page):
     page.rays.typed.editingFinished.emit()
     assert model.rays == 0
     assert page.rays.typed.property("wrong") == "true"
+
+
+def test_search_has_the_tolerance_and_the_confidence(page):
+    """An error of the rays is that of the final evaluation; a confidence has the search end with a race."""
+    for rays, confidence, passed in (("\u00b12 rays", "97.5 %", (2.0, 0.975)), ("300 rays", "", (None, None))):
+        for field, text in ((page.rays, rays), (page.confidence, confidence)):
+            field.setEditText(text)
+            field.typed.editingFinished.emit()
+        page.model.toggle_search()
+        assert FakeJob.made[-1].args[2:] == passed
+        page.model.toggle_search()
+    assert page.confidence.currentText() == "No race"
+    page.confidence.setEditText("100 %")
+    page.confidence.typed.editingFinished.emit()
+    assert page.model.confidence is None
+    assert "less than 100 %" in page.services.notices.current().remedy
+
+
+@pytest.mark.parametrize(("low", "text"), [(2.0, "the best of 2 designs at 95 %"), (0.5, "2 cannot be told apart")])
+def test_race_reports_how_many_are_left(low, text):
+    """One design, or those that have the best among them."""
+    race = Race((Design(5, 1.0, 0.5, 0.9), Design(3, 1.0, 0.5, 0.9)), Light(), 0.95)
+    race.p[:], race.low[:], race.high[:] = (3.0, 1.0), (low, 0.5), (4.0, 1.5)
+    assert text in optics.race_line(race)
+    assert optics.race_line(None) == ""
 
 
 def test_empty_plots_show_what_will_be_there(live, monkeypatch):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from boat_daq.viewmodels.common.jobs import JobFailure, JobState
-from boat_daq.viewmodels.common.tolerance import Tolerance
+from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.results.analysis_jobs import BreakResult
 from tests.boat_daq.gui.results.run_results import CYCLES, run_result
 
@@ -105,7 +105,7 @@ def test_tolerance_is_one_value_of_all_pages(live, monkeypatch):
     live.go("Calibrate")
     live.refresh()
     assert calibrate.tolerance.currentText() == "\u00b10.03 % FSO"
-    tolerance = Tolerance(0.03, "%FSO")
+    tolerance = TypedTolerance(0.03, "%FSO")
     assert model.runs.tolerance == model.calibration.tolerance == model.repeatability.tolerance == tolerance
     assert analysed == [Path("c.boat"), Path(model.repeatability.result.path)]
     model.undo.undo()

@@ -7,7 +7,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
 from boat_daq.gui.widgets import controls as widgets
-from boat_daq.viewmodels.common.tolerance import AUTOMATIC, Tolerance, tolerance_choice
+from boat_daq.viewmodels.common.tolerance import AUTOMATIC, TypedTolerance, tolerance_choice
 from tests.boat_daq.gui.recorded_session import services_in
 
 
@@ -18,7 +18,7 @@ def field(qtbot, tmp_path):
 
     make_application()
     services = services_in(tmp_path)
-    choice = tolerance_choice(services, "the tolerance", (Tolerance(0.01, "mm"),), lambda _: None)
+    choice = tolerance_choice(services, "the tolerance", (TypedTolerance(0.01, "mm"),), lambda _: None)
     made = widgets.typed("Tolerance", choice, services.notices.attempt)
     made.services = services
     qtbot.addWidget(made)
@@ -45,7 +45,7 @@ def test_any_text_is_typed_and_shown_with_its_unit(field):
     assert not field.typed.property("wrong")
     field.setCurrentIndex(1)
     field.activated.emit(1)
-    assert field.shown.value == Tolerance(0.01, "mm")
+    assert field.shown.value == TypedTolerance(0.01, "mm")
 
 
 def test_refused_text_stays_and_is_reported_once(field):
@@ -57,7 +57,7 @@ def test_refused_text_stays_and_is_reported_once(field):
     assert "is not a tolerance" in notices.current().cause
     assert notices.waiting() == 0
     field.follow()
-    assert (field.currentText(), field.shown.value) == ("wide", Tolerance(0.02, "mm"))
+    assert (field.currentText(), field.shown.value) == ("wide", TypedTolerance(0.02, "mm"))
 
 
 def test_field_follows_what_is_undone_but_not_while_typing(field):

@@ -5,18 +5,18 @@ from __future__ import annotations
 import pytest
 
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.tolerance import AUTOMATIC, Tolerance, tolerance_choice, tolerance_of
+from boat_daq.viewmodels.common.tolerance import AUTOMATIC, TypedTolerance, tolerance_choice, tolerance_of
 from tests.boat_daq.gui.recorded_session import services_in
 
-SUGGESTED = (Tolerance(0.1, "%FSO"), Tolerance(0.01, "mm"))
+SUGGESTED = (TypedTolerance(0.1, "%FSO"), TypedTolerance(0.01, "mm"))
 
 
 @pytest.mark.parametrize(
     ("text", "found"),
     [
-        ("0.05%FSO", Tolerance(0.05, "%FSO")),
-        (" \u00b1 0,05 % fso ", Tolerance(0.05, "%FSO")),
-        ("+-3e-3 mm", Tolerance(0.003, "mm")),
+        ("0.05%FSO", TypedTolerance(0.05, "%FSO")),
+        (" \u00b1 0,05 % fso ", TypedTolerance(0.05, "%FSO")),
+        ("+-3e-3 mm", TypedTolerance(0.003, "mm")),
         ("automatic", None),
         ("", None),
     ],
@@ -37,7 +37,7 @@ def test_refusal_names_cause_and_units(text, cause):
     with pytest.raises(OperatorError, match=cause) as refused:
         tolerance_of(text, ("%FSO", "mm"))
     assert "0.01 % FSO or 0.01 mm" in refused.value.remedy
-    assert tolerance_of("0.05", ("mm",)) == Tolerance(0.05, "mm")
+    assert tolerance_of("0.05", ("mm",)) == TypedTolerance(0.05, "mm")
 
 
 def test_choice_is_applied_kept_and_undone(tmp_path):
@@ -47,10 +47,10 @@ def test_choice_is_applied_kept_and_undone(tmp_path):
     assert (choice.text, choice.suggestions) == (AUTOMATIC, (AUTOMATIC, "\u00b10.1 % FSO", "\u00b10.01 mm"))
     choice.choose("0.07 mm")
     choice.choose("\u00b10.07 mm")  # the same
-    assert applied == [Tolerance(0.07, "mm")]
+    assert applied == [TypedTolerance(0.07, "mm")]
     again = services_in(tmp_path)
     assert tolerance_choice(again, "the tolerance", SUGGESTED, applied.append).text == "\u00b10.07 mm"
-    assert applied == 2 * [Tolerance(0.07, "mm")]
+    assert applied == 2 * [TypedTolerance(0.07, "mm")]
     services.undo.undo()
     assert (choice.text, applied[-1]) == (AUTOMATIC, None)
     again.preferences.set("the tolerance", "7 bananas")

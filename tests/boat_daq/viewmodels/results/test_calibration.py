@@ -14,7 +14,7 @@ from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.jobs import JobFailure, JobRunner, JobState
-from boat_daq.viewmodels.common.tolerance import Tolerance
+from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.live.conversion import prepare
 from boat_daq.viewmodels.results import calibration
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands
@@ -70,7 +70,7 @@ def test_sampled_posterior_is_of_each_sensor(tmp_path, result, monkeypatch):
     for bands, sensor in zip(model.posterior, result.sensors, strict=True):
         assert np.abs(np.interp(bands.grid, sensor.fit.grid, sensor.fit.curve) - bands.curve).max() < 5.0
     usual = [bands.content["band_error_mm"] for bands in model.posterior]
-    model.set_tolerance(Tolerance(2.0 * max(usual), "mm"))  # sampled again, as there are bands
+    model.set_tolerance(TypedTolerance(2.0 * max(usual), "mm"))  # sampled again, as there are bands
     model.jobs.poll()
     assert [bands.content["band_error_mm"] for bands in model.posterior] == pytest.approx(usual)
     assert model.revision == before + 2
@@ -95,7 +95,7 @@ def test_tolerance_in_fso_is_of_intervals_and_bands(tmp_path, result, monkeypatc
     monkeypatch.setattr("boat_daq.viewmodels.results.calibration.Job", OrderedJob)
     model = model_on(tmp_path, result)
     model.last_path, model.posterior = tmp_path / "a.boat", (object(),)
-    model.set_tolerance(tolerance := Tolerance(0.1, "%FSO"))
+    model.set_tolerance(tolerance := TypedTolerance(0.1, "%FSO"))
     model.jobs.poll()
     assert [name for name, *_ in ordered] == ["analyse_run", "sample_run"]
     assert (ordered[0][2]["tolerance"], ordered[1][1][-1]) == (tolerance, tolerance)
@@ -106,7 +106,7 @@ def test_tolerance_in_fso_is_of_intervals_and_bands(tmp_path, result, monkeypatc
     model.jobs.poll()
     assert [name for name, *_ in ordered] == ["analyse_run", "sample_run"]
     ordered.clear()
-    model.set_tolerance(Tolerance(0.01, "mm"))
+    model.set_tolerance(TypedTolerance(0.01, "mm"))
     assert [name for name, *_ in ordered] == ["sample_run"]
 
 

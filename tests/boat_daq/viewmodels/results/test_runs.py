@@ -19,7 +19,7 @@ from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.services import UndoHistory
-from boat_daq.viewmodels.common.tolerance import Tolerance
+from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.results import analysis_jobs, runs
 from boat_daq.viewmodels.results.runs import NONE_CHOSEN, RunEntry, RunsModel, obstacle, read_run, selection_text
 from protocol.recording import RunEnd
@@ -197,7 +197,7 @@ def test_report_has_the_precision_and_units_of_the_program(monkeypatch, tmp_path
     ordered = []
     monkeypatch.setattr(runs, "Job", lambda *args, **kwargs: ordered.append((args, kwargs)))
     model = RunsModel(tmp_path, UnitLibrary(tmp_path), Mock(), Notices(), UndoHistory())
-    model.fidelity, model.tolerance = fidelity("reference"), Tolerance(0.05, "%FSO")
+    model.fidelity, model.tolerance = fidelity("reference"), TypedTolerance(0.05, "%FSO")
     model.report([tmp_path / "a.boat"], tmp_path / "a.pdf", curve="2")
     ((_, *args), kwargs) = ordered[0]
     assert args == [analysis_jobs.report_runs, [tmp_path / "a.boat"], tmp_path / "a.pdf"]

@@ -50,7 +50,7 @@ RAYS_TIP = (
 )
 RACE_TIP = (
     "Any confidence, as 95 %, with which \u201cOptimise\u201d then finds the best of all designs that it evaluated: "
-    "more rays, and more time, for those that may be the best"
+    "more rays for those that may be the best, up to five minutes more"
 )
 SWEEP_FIRST = "Press \u201cSweep all designs\u201d to "
 TRACE_FIRST = "The design is being traced; "

@@ -28,6 +28,7 @@ STEP_COLOURS: tuple[ThemeColour, ...] = (  # told apart in either theme
     sensor_colour(1), sensor_colour(2), lambda t: t.elongation, lambda t: t.pressure
 )  # fmt: skip
 SHOWN_ROWS = 4  # of a table, before it is scrolled
+SETTLED_TIP = "Distance from its end within which a step counts as settled, any number of mm. Automatic: 0.05 mm"
 STEPS = "Mean response to the steps of each size"
 BODE = "Measured elongation over its setpoint; surface: U, k = 2"
 
@@ -117,7 +118,9 @@ class DynamicsWindow(QDialog):
         self.bode_table = DataTable("Gain and phase of the sines", _shown((BODE_HEADINGS,))[0])
         self.save = widgets.button("Report \u2026", self._report, tip="Save it as PDF or HTML")
         self.save.setEnabled(False)
-        head = widgets.row(self.simulated, (self.verdict, 1))
+        self.settling = widgets.typed("Settled within", model.settling, services.notices.attempt, tip=SETTLED_TIP)
+        settling = widgets.label("Settled within", "muted"), self.settling
+        head = widgets.row(self.simulated, (self.verdict, 1), *settling)
         plots = widgets.row((self.steps, 1), (self.bode, 1))
         tables = widgets.row((self.step_table, 5), (self.bode_table, 3))
         self.of_steps, self.of_bode = (self.steps, self.step_table), (self.bode, self.bode_table)
@@ -128,6 +131,7 @@ class DynamicsWindow(QDialog):
 
     def timerEvent(self, event: QTimerEvent | None = None) -> None:
         """Show the dynamics once they are computed."""
+        self.settling.follow()
         found = self.model.found
         if self._shown is None and self.model.failed:
             self.verdict.setText(self.model.failed)
@@ -154,6 +158,8 @@ class DynamicsWindow(QDialog):
     def _draw_steps(self, found: DynamicCalibration) -> None:
         """Draw the mean response to the steps of each size."""
         plot = self.steps.plots[0]
+        if plot.layers:  # the same run: only the tolerance of settling has changed
+            return
         for place, (size, (time_s, share)) in enumerate(found.responses.items()):
             curve = plot.curve(f"{size:g} mm", _step_colour(place), gaps=True)
             curve.set(time_s, 100.0 * share)

@@ -400,7 +400,9 @@ class RunsPage(QWidget):
         """Show the dynamics of the chosen run in a window of their own."""
         path = self.selected()[0].path
         self.services.notices.attempt(
-            lambda: DynamicsWindow(self.window(), self.model.dynamics(path), self.services, self.history).show()
+            lambda: DynamicsWindow(
+                self.window(), self.model.dynamics(path, self.services), self.services, self.history
+            ).show()
         )
 
     def _show_history(self) -> None:

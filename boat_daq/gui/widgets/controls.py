@@ -155,14 +155,14 @@ class TypedField(QComboBox):
             accepted = self._attempt(lambda: self.shown.choose(text))
             if accepted:
                 self._show()
-            set_state(self.typed, "" if accepted else "true", "wrong")
+            set_state(self, "" if accepted else "true", "wrong")
 
     def _show(self) -> None:
         self._entered = self._in_force = self.shown.text
         self.setCurrentIndex(self.findText(self._entered))
         self.setEditText(self._entered)
         self.typed.setCursorPosition(0)
-        set_state(self.typed, "", "wrong")
+        set_state(self, "", "wrong")
 
 
 def typed(name: str, shown: TypedText, attempt: Callable[[Callable[[], object]], bool], *, tip: str = "") -> TypedField:

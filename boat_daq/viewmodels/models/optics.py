@@ -53,7 +53,7 @@ class Within:
 
 SUGGESTED_RAYS: tuple[int | Within, ...] = (BY_FIDELITY, 250, 1000, 2500, 10_000, Within(5.0), Within(1.0), Within(0.2))
 AUTOMATIC_RAYS = "Rays: automatic"
-NO_RACE = "No race"
+NO_RACE = "Race: none"
 SUGGESTED_CONFIDENCES = (None, 0.9, 0.95, 0.99)
 RAYS_OR_ERROR = re.compile(r"(?:error)?(\u00b1|\+-)?([^r]+)(rays)?")
 FACES = {"outer": "Outer face", "inner": "Inner face", "both": "Both faces", "midline": "Voids inside"}
@@ -62,6 +62,7 @@ MAPPED_FACE = next(iter(FACES))
 RANKINGS: dict[By, str] = {"count": "By detected rays", "power": "By detected power"}
 CURVES = {"default": "Shape from the shadow", "parametric": "Shape by formula"}
 SEARCH_S = 50.0
+RACE_S = 300.0  # after the search; the designs that are left then have the best among them all the same
 KEPT = 12
 DRAWN_RAYS = 250
 """Most rays that are drawn of a state; more of them only blacken the picture."""
@@ -176,7 +177,7 @@ def rays_of(text: str) -> int | Within:
 
 def confidence_text(confidence: float | None) -> str:
     """Return the confidence of a race as it is shown."""
-    return NO_RACE if confidence is None else f"Race at {100.0 * confidence:.10g} %"
+    return NO_RACE if confidence is None else f"Race: {100.0 * confidence:.10g} %"
 
 
 def confidence_of(text: str) -> float | None:
@@ -186,10 +187,9 @@ def confidence_of(text: str) -> float | None:
     ------
     OperatorError : it is none.
     """
-    plain = plain_text(text)
-    if plain in ("", plain_text(NO_RACE)):
+    plain = plain_text(text).removeprefix("race:")
+    if plain in ("", "none"):
         return None
-    plain = plain.removeprefix("raceat")
     try:
         value = float(plain.removesuffix("%")) * (0.01 if plain.endswith("%") else 1.0)
     except ValueError:
@@ -394,8 +394,9 @@ def search(
     from analysis.optics.sweep.optimise import optimise
 
     return optimise(
-        Waveguide(), curves_of(curves), seconds=seconds, tolerance=tolerance, confidence=confidence, progress=progress
-    )
+        Waveguide(), curves_of(curves), seconds=seconds, confidence=confidence, race_seconds=RACE_S,
+        tolerance=tolerance, progress=progress,
+    )  # fmt: skip
 
 
 class OpticsModel:
@@ -637,7 +638,7 @@ class OpticsModel:
         if o is None:
             return ""
         best = o.best.design
-        end = ("" if o.finished else "   (stopped by its time limit)") + race_line(o.race)
+        end = _stopped(finished=o.finished) + race_line(o.race)
         return (
             f"optimised: {design_label(best.values, 2)}, {best.face} face   {number(o.gain, 2)} times the merit of "
             f"the grid's best (P on power: {number(o.best.p, 2)} against {number(o.start.p, 2)}; powers of 250 rays "
@@ -657,7 +658,12 @@ def race_line(race: Race | None) -> str:
         return ""
     left, designs = race.candidates.size, count(len(race.designs), "design")
     found = "the best" if left == 1 else f"{number(left, 0)} cannot be told apart, the best among them,"
-    return f"\nrace: {found} of {designs} at {100.0 * race.confidence:g} % confidence"
+    return f"\nrace: {found} of {designs} at {100.0 * race.confidence:g} % confidence{_stopped(finished=race.finished)}"
+
+
+def _stopped(*, finished: bool) -> str:
+    """Return a note on a search or race that was not finished."""
+    return "" if finished else "   (stopped by its time limit)"
 
 
 def design_label(values: tuple[float, ...], decimals: int = 1) -> str:

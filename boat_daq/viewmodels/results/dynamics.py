@@ -8,15 +8,26 @@ from typing import TYPE_CHECKING, Any
 
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
-from boat_daq.viewmodels.common.notices import Notices, Severity
+from boat_daq.viewmodels.common.notices import Severity
+from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.common.tolerance import TypedTolerance, tolerance_choice
 from boat_daq.viewmodels.common.twin import dynamics_of
 
 if TYPE_CHECKING:
     from analysis.twin.dynamic_figures import DynamicCalibration
 
 
-def dynamics_of_run(units: UnitLibrary, path: Path) -> DynamicCalibration:
+SETTLED_MM = 0.05
+SUGGESTED = tuple(TypedTolerance(mm, "mm") for mm in (0.02, SETTLED_MM, 0.1))
+
+
+def dynamics_of_run(units: UnitLibrary, path: Path, tolerance_mm: float = SETTLED_MM) -> DynamicCalibration:
     """Return the dynamics of a recording by its unit's calibration in force; for a helper process.
+
+    Parameters
+    ----------
+    units : the units and their calibrations. path : of the recording.
+    tolerance_mm : of settling.
 
     Raises
     ------
@@ -25,7 +36,7 @@ def dynamics_of_run(units: UnitLibrary, path: Path) -> DynamicCalibration:
     from analysis import load_recording
 
     recording = load_recording(path)
-    return dynamics_of(units.of(simulated=recording.simulated), recording)
+    return dynamics_of(units.of(simulated=recording.simulated), recording, tolerance_mm)
 
 
 def report_dynamics(found: DynamicCalibration, target: Path) -> None:
@@ -46,14 +57,22 @@ class DynamicsModel:
     Parameters
     ----------
     units : the units and their calibrations. path : of the recording.
-    jobs, notices : of the program.
+    jobs, services : of the program.
     """
 
-    def __init__(self, units: UnitLibrary, path: Path, jobs: JobRunner, notices: Notices) -> None:
-        self.path, self._jobs, self._notices = path, jobs, notices
+    def __init__(self, units: UnitLibrary, path: Path, jobs: JobRunner, services: Services) -> None:
+        self.path, self._units, self._jobs, self._notices = path, units, jobs, services.notices
         self.found: DynamicCalibration | None = None
         self.failed = ""
-        self._start("dynamics", Job(f"Computing the dynamics of {path.name}", dynamics_of_run, units, path), self._take)
+        self.settling = tolerance_choice(services, "the tolerance of settling", SUGGESTED, self._compute)
+        if self.settling.value is None:  # else it is computed already
+            self._compute(None)
+
+    def _compute(self, tolerance: TypedTolerance | None) -> None:
+        """Compute the dynamics by a tolerance of settling, the usual one for None."""
+        within_mm, self.failed = SETTLED_MM if tolerance is None else tolerance.value, ""
+        job = Job(f"Computing the dynamics of {self.path.name}", dynamics_of_run, self._units, self.path, within_mm)
+        self._start("dynamics", job, self._take)
 
     def _take(self, found: DynamicCalibration) -> None:
         self.found = found

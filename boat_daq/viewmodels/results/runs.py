@@ -36,7 +36,7 @@ from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Notices, Severity
-from boat_daq.viewmodels.common.services import Change, UndoHistory
+from boat_daq.viewmodels.common.services import Change, Services, UndoHistory
 from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands, RunResult, compare_runs, export_run, report_runs
 from boat_daq.viewmodels.results.dynamics import DynamicsModel
@@ -530,9 +530,9 @@ class RunsModel:
         units = self.units.of(simulated=simulated)
         return UnitOverTimeModel(units, cells[0].removesuffix(SIMULATED_MARK), self.jobs, self._notices)
 
-    def dynamics(self, path: Path) -> DynamicsModel:
+    def dynamics(self, path: Path, services: Services) -> DynamicsModel:
         """Return the model of the window of a run's dynamics."""
-        return DynamicsModel(self.units, path, self.jobs, self._notices)
+        return DynamicsModel(self.units, path, self.jobs, services)
 
     def sensitivities(self, unit: str) -> list[tuple[FloatArray, FloatArray]]:
         """Return for each sensor (number of the accepted calibration, sensitivity in mV/mm), oldest first."""

@@ -307,7 +307,7 @@ def test_chosen_rays_override_the_fidelity(page):
     page.rays.setEditText("1000")  # of what?
     page.rays.typed.editingFinished.emit()
     assert model.rays == 0
-    assert page.rays.typed.property("wrong") == "true"
+    assert page.rays.property("wrong") == "true"
 
 
 def test_search_has_the_tolerance_and_the_confidence(page):
@@ -319,7 +319,7 @@ def test_search_has_the_tolerance_and_the_confidence(page):
         page.model.toggle_search()
         assert FakeJob.made[-1].args[2:] == passed
         page.model.toggle_search()
-    assert page.confidence.currentText() == "No race"
+    assert page.confidence.currentText() == "Race: none"
     page.confidence.setEditText("100 %")
     page.confidence.typed.editingFinished.emit()
     assert page.model.confidence is None

@@ -13,6 +13,8 @@ from PySide6.QtTest import QTest
 from analysis.twin.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
 from boat_daq.gui import style
 from boat_daq.gui.results.dynamics_window import STEP_COLOURS, DynamicsWindow
+from boat_daq.viewmodels.common.tolerance import tolerance_choice
+from boat_daq.viewmodels.results.dynamics import SUGGESTED
 
 FIGURES = {
     name: DynamicFigure(0.42, 0.40, 0.44) for name in ("time_constant_s", "rise_s", "settling_s", "overshoot_percent")
@@ -26,11 +28,13 @@ FOUND = DynamicCalibration("SA1", True, "steps.boat", 0.05, {1.0: FIGURES}, BODE
 @pytest.fixture
 def window_of(live, tmp_path):
     """Return what makes the window of a result; windows are closed at the end."""
-    windows = []
+    windows, settled = [], []
 
     def make(found: DynamicCalibration | None, failed: str = "") -> DynamicsWindow:
         live.go("Runs")
-        model = SimpleNamespace(found=found, failed=failed, path=tmp_path / "steps.boat", report=lambda target: None)
+        settling = tolerance_choice(live.model.services, "the tolerance of settling", SUGGESTED, settled.append)
+        path, report = tmp_path / "steps.boat", lambda target: None
+        model = SimpleNamespace(found=found, failed=failed, path=path, report=report, settling=settling)
         windows.append(DynamicsWindow(live, model, live.model.services, live.pages["Runs"].history))
         windows[-1].show()
         windows[-1].timerEvent()
@@ -58,6 +62,13 @@ def test_steps_and_sines_are_shown_with_their_figures(window_of):
     assert window.step_table.item(0, 1).text() == "0.420 \u00b1 0.020"
     assert window.bode_table.item(1, 1).text() == "\u22124.00 \u00b1 0.20"
     assert window.bode_table.horizontalHeaderItem(1).text() == "Gain, dB"
+    window.settling.setEditText("0.02 mm")
+    window.settling.typed.editingFinished.emit()
+    assert window.model.settling.value == SUGGESTED[0]
+    window.model.found = replace(FOUND, tolerance_mm=0.02)
+    window.timerEvent()
+    assert window.verdict.text().startswith("Settles to within 0.02 mm")
+    assert len(window.steps.plots[0].layers) == 1
 
 
 def test_steps_of_four_sizes_are_all_in_sight_in_colours_of_their_own(window_of):

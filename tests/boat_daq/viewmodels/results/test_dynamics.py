@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -12,6 +13,7 @@ from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.jobs import JobState
 from boat_daq.viewmodels.results import dynamics
 from boat_daq.viewmodels.results.dynamics import DynamicsModel, dynamics_of_run
+from tests.boat_daq.gui.recorded_session import services_in
 
 NONE = DynamicFigure(*[float("nan")] * 3)
 FOUND = DynamicCalibration("SA1", True, "sweep.boat", 0.05, {}, (BodePoint(0.5, -0.2, -20.0, 0.05, 1.0),), NONE)
@@ -35,15 +37,22 @@ def model_of(monkeypatch, tmp_path):
     """Return what makes the model of a recording, with what it told."""
     monkeypatch.setattr(dynamics, "Job", Here)
     told: list[object] = []
-    notices = SimpleNamespace(inform_saved=told.append, add=lambda _severity, cause, *_, **__: told.append(cause))
+    services = services_in(tmp_path)
+    services.notices = SimpleNamespace(
+        inform_saved=told.append, add=lambda _severity, cause, *_, **__: told.append(cause)
+    )
     jobs = SimpleNamespace(start=lambda slot, job, ended: ended(job))
-    return lambda path: (DynamicsModel(UnitLibrary(tmp_path / "units"), path, jobs, notices), told)
+    return lambda path: (DynamicsModel(UnitLibrary(tmp_path / "units"), path, jobs, services), told)
 
 
 def test_dynamics_are_taken_and_reported(model_of, monkeypatch, tmp_path):
-    monkeypatch.setattr(dynamics, "dynamics_of_run", lambda units, path: FOUND)
+    monkeypatch.setattr(dynamics, "dynamics_of_run", lambda units, path, mm: replace(FOUND, tolerance_mm=mm))
     model, told = model_of(tmp_path / "sweep.boat")
-    assert model.found is FOUND
+    assert model.found == FOUND
+    model.settling.choose("0.02 mm")
+    assert model.found.tolerance_mm == 0.02
+    model.settling.choose("Automatic")
+    assert model.found == FOUND
     model.report(tmp_path / "dynamics.html")
     assert "Frequency response" in (tmp_path / "dynamics.html").read_text(encoding="utf-8")
     assert told == [tmp_path / "dynamics.html"]

@@ -55,6 +55,10 @@ BANDS_SHOWN = (
 EXPORT_TIP = (
     "Save it for other programs: JSON, a C header for a microcontroller, a function for MATLAB and Octave, or a table"
 )
+TABLE_ERROR_TIP = (
+    "Greatest error of the table that \u201cExport calibration\u201d writes, any number of mm. Automatic: 0.001 mm in "
+    "a CSV file, and no table in a C header"
+)
 ACCEPT_TIP = "Store it with the unit and use it live"
 ANYWAY_TIP = "Store it with the unit, marked as out of tolerance, and use it live"
 NO_CYCLE = "A loop needs one complete cycle."
@@ -370,9 +374,13 @@ class CalibrationPage(QWidget):
         self.candidates = DataTable("Curves compared", CURVE_HEADINGS, stretched=0, right=(2, 3))
         self.candidates.explain(CURVE_TIPS)
         self.export = widgets.button("Export calibration \u2026", self.ask_export, tip=EXPORT_TIP)
+        attempt, name = self.services.notices.attempt, "Error of an exported table"
+        self.table_error = widgets.typed(name, self.model.table_error, attempt, tip=TABLE_ERROR_TIP)
         line = widgets.row(widgets.label("Curve"), self.choice, None, self.export)
         tolerance = widgets.row(widgets.label("Tolerance of the figures"), self.tolerance, None)
-        return widgets.inside(widgets.column(style.GAP, line, tolerance, (self.candidates, 1), spacing=style.GAP))
+        table = widgets.row(widgets.label(name), self.table_error, None)
+        lines = line, tolerance, table
+        return widgets.inside(widgets.column(style.GAP, *lines, (self.candidates, 1), spacing=style.GAP))
 
     def _choose_curve(self, name: str) -> None:
         self.services.notices.attempt(lambda: self.model.choose_curve(name))
@@ -397,6 +405,7 @@ class CalibrationPage(QWidget):
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the result where it has changed."""
         self.tolerance.follow()
+        self.table_error.follow()
         if self.model.revision == self._revision:
             return
         self._revision = self.model.revision

@@ -48,6 +48,7 @@ FIGURE_TOLERANCES = (
     *(TypedTolerance(mm, "mm") for mm in (0.02, 0.01, 0.005)),
 )
 """That are suggested: thousands of samples leave some hundredths of a mm."""
+EXPORTED_TABLE_ERRORS = tuple(TypedTolerance(mm, "mm") for mm in (0.01, 0.001, 0.0001))
 WRITING = 2  # what a report takes to be set, in analyses of a run
 
 
@@ -584,7 +585,14 @@ def export_run(path: Path, target: Path, *, progress: Progress | None = None) ->
     return void
 
 
-def export_calibration(path: Path, target: Path, *, curve: str = "", progress: Progress | None = None) -> str:
+def export_calibration(
+    path: Path,
+    target: Path,
+    *,
+    curve: str = "",
+    table_error: TypedTolerance | None = None,
+    progress: Progress | None = None,
+) -> str:
     """Write the calibration of a recording as the suffix of `target` says: .json, .h, .m or .csv.
 
     Parameters
@@ -592,6 +600,7 @@ def export_calibration(path: Path, target: Path, *, curve: str = "", progress: P
     path : of the recording.
     target : what is written.
     curve : that is fitted, see `chosen_curve`.
+    table_error : bound on the error of a table, mm; None for the usual one in a CSV, and for no table in C.
     progress : is called with what is done and the total.
 
     Returns
@@ -600,7 +609,8 @@ def export_calibration(path: Path, target: Path, *, curve: str = "", progress: P
 
     Raises
     ------
-    AnalysisError : the run is no calibration, or it gives no elongation, or the target cannot be written.
+    AnalysisError : the run is no calibration, it gives no elongation, no table keeps to the bound, or the target cannot
+        be written.
     """
     from analysis.artefact.calibration_file import CalibrationFile
     from analysis.artefact.forms import FORMS, write_calibration
@@ -611,7 +621,8 @@ def export_calibration(path: Path, target: Path, *, curve: str = "", progress: P
     recording = load_recording(path)
     options = Options(chosen_curve(recording, curve), mcmc=False, type_b=stated_contributions(recording))
     found = CalibrationFile.of(analyse(recording, options=options, progress=progress))
-    write_calibration(found, target, next(form for form, suffix in FORMS.items() if suffix == target.suffix))
+    form = next(form for form, suffix in FORMS.items() if suffix == target.suffix)
+    write_calibration(found, target, form, None if table_error is None else table_error.value)
     return ". ".join(found.remarks)
 
 

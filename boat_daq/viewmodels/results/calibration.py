@@ -33,9 +33,10 @@ from boat_daq.viewmodels.common.formatting import NOTHING, SUBSCRIPT, SUPERSCRIP
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Change, Services
-from boat_daq.viewmodels.common.tolerance import TypedTolerance
+from boat_daq.viewmodels.common.tolerance import TypedTolerance, tolerance_choice
 from boat_daq.viewmodels.common.twin import prepare_control
 from boat_daq.viewmodels.results.analysis_jobs import (
+    EXPORTED_TABLE_ERRORS,
     CurveBands,
     RunResult,
     SensorResult,
@@ -121,6 +122,9 @@ class CalibrationModel:
         self.agreements: tuple[Agreement | None, ...] = ()
         self.posterior: tuple[CurveBands, ...] = ()
         self.tolerance: TypedTolerance | None = None  # of the next analyses (% FSO) and samples; None: by the fidelity
+        self.table_error = tolerance_choice(  # of the next exports
+            services, "the error of an exported table", EXPORTED_TABLE_ERRORS, lambda _: None
+        )
         self._sampled_before = False  # whether the bands are sampled again after the analysis
         self.failure: Any = None
         self.last_path: Path | None = None
@@ -363,7 +367,7 @@ class CalibrationModel:
                 notices.inform_saved(target)
 
         label = f"Exporting the calibration of {run.name}"
-        job = Job(label, export_calibration, run, target, curve=self.result.curve)
+        job = Job(label, export_calibration, run, target, curve=self.result.curve, table_error=self.table_error.value)
         self.jobs.start("calibration export", job, ended)
 
     def prepare_control(self, path: Path) -> None:

@@ -122,7 +122,11 @@ def test_exports_read_back(recording, tmp_path):
 
 
 def test_calibration_is_exported_in_the_form_of_its_suffix(recording, tmp_path):
-    """A C header with the chosen curve, with what must be known of it."""
+    """A C header with the chosen curve, with what must be known of it; a table within the bound that was typed."""
+    coarse, fine = tmp_path / "coarse.csv", tmp_path / "fine.csv"
+    for target, bound in ((coarse, TypedTolerance(0.1, "mm")), (fine, None)):
+        analysis_jobs.export_calibration(recording, target, curve="2", table_error=bound)
+    assert len(coarse.read_text().splitlines()) < len(fine.read_text().splitlines())
     notes = analysis_jobs.export_calibration(recording, tmp_path / "boat_calibration.h", curve="2")
     assert "not traceable" in notes
     assert "int pieces, degree;" in (tmp_path / "boat_calibration.h").read_text()

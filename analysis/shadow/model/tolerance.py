@@ -4,7 +4,8 @@ Strategy: the same state is solved with more and more elements along a cell; two
 less than 0.0003 mm. The change from one mesh to the next, with the order 1.5 that actuators show, estimates the error
 that is left (Richardson; Roache, Annu. Rev. Fluid Mech. 29, 1997, 123). Each change states an error of the last mesh,
 by the order 1 from its own finer mesh on, and the greatest is believed: where errors change their sign one change is
-small by chance. For the same reason a share of the elongation is stated at least, of the size that errors have. A mesh whose error, by the same law, will be above the tolerance is not solved.
+small by chance. For the same reason a share of the elongation is stated at least, of the size that errors have. A mesh
+whose error, by the same law, will be above the tolerance is not solved.
 
 The reduced model's error is that of one state: its residual in the full model, brought to displacements by one Newton
 step (`ReducedState`), for a tenth of a full solution. Of a table it is the greatest over 19 states that were not used
@@ -41,7 +42,7 @@ ORDER, SAFE_ORDER = 1.5, 1.0
 FACTOR = 1.5
 """On the estimate, so that it holds for 95 % of the actuators and not for half of them."""
 LEAST_MM, LEAST_SHARE = 3e-4, 1.5e-3
-"""Error that is stated at least: that of the elements across; and of the elongation on the first mesh, by `SAFE_ORDER`."""
+"""Error that is stated at least: of the elements across, and as a share of the elongation on the first mesh."""
 RESIDUAL_FACTOR, SQUARE_PER_MM = 1.02, 10.0
 """On the Newton step: a factor, and more by the length of the step, because the step leaves out its own square."""
 HELD_OUT = 19
@@ -99,7 +100,7 @@ def error_estimate(elongations_mm: Mapping[int, float]) -> float:
     elongations_mm : by the elements along a cell.
     """
     along = sorted(elongations_mm)
-    share = LEAST_SHARE * (ALONG[0] / along[-1]) ** SAFE_ORDER
+    share = LEAST_SHARE * float((ALONG[0] / along[-1]) ** SAFE_ORDER)
     found = max(LEAST_MM, share * abs(elongations_mm[along[-1]]))
     for coarse, fine in pairwise(along):
         left = abs(elongations_mm[fine] - elongations_mm[coarse]) / float((fine / coarse) ** ORDER - 1.0)

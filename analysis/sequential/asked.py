@@ -1,10 +1,14 @@
-"""The uncertainty that is asked of a run, checked without loading the analysis."""
+"""The uncertainty that is asked of a run: its unit, and its check without loading the analysis."""
 
 from __future__ import annotations
 
 import math
 
 from analysis.errors import RequestError
+
+UNITS = {"staircase": "mm", "continuous": "% FSO"}
+"""Units of the uncertainty at which a run ends, by the kind of its plan: plans of other kinds have none."""
+EXAMPLES = {"mm": "0.08", "% FSO": "0.5"}
 
 
 def check_asked(asked: float, unit: str) -> None:
@@ -15,4 +19,5 @@ def check_asked(asked: float, unit: str) -> None:
     RequestError : it is none.
     """
     if not 0.0 < asked < math.inf:
-        raise RequestError(f"an uncertainty of {asked:g} {unit}", f"give a number of {unit} above 0, as 0.08")
+        remedy = f"give a number of {unit} above 0, as {EXAMPLES[unit]}"
+        raise RequestError(f"an uncertainty of {asked:g} {unit}", remedy)

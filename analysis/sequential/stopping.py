@@ -20,6 +20,7 @@ which a few cycles leave wide. It never ends before its second cycle, because on
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration
 from analysis.calibration.quantised_x import Positions, common_variance
 from analysis.figures.pipeline import Analysis, analyse
-from analysis.figures.sensor_analysis import AnalysedRun, Options
+from analysis.figures.sensor_analysis import AnalysedRun, Options, SensorAnalysis
 from analysis.figures.uncertainty import COVERAGE_FACTOR, Budget, elongation_reader
 from analysis.segmentation.cycle_effect import CycleEffect
 
@@ -121,7 +122,7 @@ class StopAssessment:
     @property
     def now(self) -> str:
         """Return the values now and those asked for, in short."""
-        return f"{self._values(0)} of {self._asked} {self._unit} asked"
+        return f"{self._values(0)} {self._unit} of {self._asked} {self._unit} asked"
 
     @property
     def best(self) -> str:
@@ -165,11 +166,27 @@ class StopAssessment:
 
     @property
     def end(self) -> str:
-        """Return the values at the end of a run, and whether they are those asked for."""
+        """Return the values at the end of a run, those asked for, and what these would have taken."""
         if self.void:
             return self.text
-        reached = "reached" if self.reached else "not reached"
-        return f"{self._measured}: {', '.join(filter(None, (reached, self.at_least)))}"
+        if self.reached and self.cycles < self.planned:
+            return f"ended after cycle {self.cycles}: {self.now}"
+        return f"{self.now} after {self._of_planned}: {self._lacking}"
+
+    @property
+    def _of_planned(self) -> str:
+        if self.cycles < self.planned:
+            return f"{self.cycles} of {_cycles(self.planned)}"
+        return f"all {_cycles(self.cycles)}" if self.cycles > 1 else _cycles(self.cycles)
+
+    @property
+    def _lacking(self) -> str:
+        more = self.more_cycles
+        if more is None:
+            return "not reached, no number of cycles leads to it"
+        if self.at_least or not more:
+            return self.at_least or "reached"
+        return f"not reached, about {more} more cycle{'s' if more > 1 else ''} needed"
 
     def as_json(self) -> dict[str, Any]:
         """Return it as a dictionary."""
@@ -309,6 +326,19 @@ def _read_at(covariance: FloatArray, g: FloatArray, variance: float) -> FloatArr
     return np.asarray(covariance - np.outer(shift, shift) / (variance + float(g @ shift)))
 
 
+def half_width(sensors: Sequence[SensorAnalysis], key: str) -> tuple[float, str]:
+    """Return half the width of the 95 % interval of a figure, of the worse sensor; NaN, and why, where it is not known.
+
+    Parameters
+    ----------
+    sensors : of a run. key : `DRIFT` or `SPREAD`, both in % FSO.
+    """
+    figures = [sensor.figures[key] for sensor in sensors]
+    void = next((figure.void for figure in figures if figure.void), "")
+    half = max((figure.high - figure.low for figure in figures), default=math.nan) / 2.0
+    return (half, "") if not void and math.isfinite(half) else (math.nan, void or "too few cycles for an interval")
+
+
 def assess_repeats(analysis: Analysis, asked_percent: float, planned: int) -> StopAssessment:
     """Return what a repeatability run knows of drift and spread.
 
@@ -319,12 +349,9 @@ def assess_repeats(analysis: Analysis, asked_percent: float, planned: int) -> St
     """
     cycles, criteria = len(analysis.cycles.used), []
     for key, name, power in ((DRIFT, "drift ±", 3.0), (SPREAD, "repeatability ±", 1.0)):
-        figures = [sensor.figures[key] for sensor in analysis.sensors]
-        void = next((figure.void for figure in figures if figure.void), "")
-        half = max((figure.high - figure.low for figure in figures), default=math.nan) / 2.0
-        if void or not math.isfinite(half):
-            why = void or "too few cycles for an interval"
-            return StopAssessment(cycles, planned, FEWEST_REPEATS, (), void=why)
+        half, void = half_width(analysis.sensors, key)
+        if void:
+            return StopAssessment(cycles, planned, FEWEST_REPEATS, (), void=void)
         criteria.append(StopCriterion(name, "% FSO", half, asked_percent, power=power))
     return StopAssessment(cycles, planned, FEWEST_REPEATS, tuple(criteria))
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from analysis.errors import AnalysisError
-from analysis.sequential.asked import check_asked
+from analysis.sequential.asked import UNITS, check_asked
 from boat_daq.commands.console import Advance, notify, progress_bar
 from boat_daq.engine.control.elongation import Regulator
 from boat_daq.engine.log import start_log
@@ -107,8 +107,9 @@ def run_assessed_session(
     DeviceError, OperatorError, StorageError : nothing could be recorded. A run that fails midway is not an error
         here: the recording holds the samples until then.
     """
+    unit = UNITS.get(request.plan.kind, "mm") if request.plan is not None else "mm"
     if request.uncertainty is not None:
-        check_asked(request.uncertainty, "mm or % FSO")
+        check_asked(request.uncertainty, unit)
     start_log("record")
     camera: CameraChannel | None = None
     enough: EnoughCycles | None = None
@@ -126,7 +127,7 @@ def run_assessed_session(
             shown = clear_latched_fault(session, seen)
             vent_residual_pressure(session)
             enough = EnoughCycles(session, partial(after_run or (lambda _: None), session), notify)
-            enough.ask(request.uncertainty)
+            enough.ask(request.uncertainty, unit)
             with contextlib.closing(enough):
                 run_plan(session, request, enough, shown=shown)
         if after_run is not None:

@@ -233,6 +233,7 @@ class AppModel:
         """Vent, close the recording and the link, cancel background work."""
         for part in (
             self.run.enough,
+            self.run.end_report,
             self.outlets,
             self.windows,
             self.jobs,

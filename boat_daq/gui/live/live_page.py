@@ -307,7 +307,7 @@ class LivePage(QWidget):
         self.shadow = ShadowPane(shadow, self.services)
         self.table = ReadingsTable(self.run.readings, self.services)
         self.table.model.corrected.connect(self.focus_reading, Qt.ConnectionType.QueuedConnection)
-        self.plan = PlanForm(self.run.sequence, self.run.enough, self.services)
+        self.plan = PlanForm(self.run.sequence, self.run.end_at, self.services)
         self.camera = CameraPanel(camera, self.services)
         pages = ((self.shadow, "Shadow"), (self.plan, "Plan"), (self.table, "Readings"), (self.camera, "Camera"))
         tabs = widgets.tabs("Shadow, plan, readings, camera", *pages)

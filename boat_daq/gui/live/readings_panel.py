@@ -51,11 +51,15 @@ class ReadingBar(QFrame):
         self.all.clicked.connect(run.toggle_read_all)
         self.skip = widgets.button("Skip", self.run.skip_reading, tip="Continue without a reading")
         self.field.textChanged.connect(self._ask)
-        unit = widgets.label("mm, Enter", "muted")
+        self.unit = widgets.label("mm, Enter", "muted")
         self.left = widgets.label("", "muted", name="Time left for the reading, or the value taken")
         self.left.setToolTip("The run continues without a reading when its time is over")
-        self.left.setFixedWidth(style.text_width(self.left.font(), "0:00:00 left"))
-        self.answer = widgets.row(self.field, unit, self.left, None, self.simulated, self.all, self.photo, self.skip)
+        self.left.setFixedWidth(
+            max(style.text_width(self.left.font(), text) for text in ("0:00:00 left", "+8.88 taken"))
+        )
+        self.answer = widgets.row(
+            self.field, self.unit, self.left, None, self.simulated, self.all, self.photo, self.skip
+        )
         self.lines = widgets.row(self.question, (self.answer, 1))
         widgets.as_card(self, self.lines)
         self.hide()
@@ -119,6 +123,7 @@ class ReadingBar(QFrame):
 
     def fold(self, narrow: bool, low: bool) -> None:
         """Stack question and answer in a narrow window, and put all closer; in a low one the edges, too."""
+        widgets.set_text(self.unit, "mm" if narrow else "mm, Enter")
         self.answer.setSpacing(style.STEP if narrow else style.GAP)
         self.lines.setSpacing(style.STEP if narrow else style.GAP)
         upright = style.STEP if low else style.GAP

@@ -6,18 +6,17 @@ from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
-from PySide6.QtWidgets import QCheckBox, QFrame, QLineEdit, QPushButton, QScrollArea, QWidget
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
+from PySide6.QtWidgets import QBoxLayout, QCheckBox, QFrame, QLineEdit, QPushButton, QScrollArea, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
-from boat_daq.errors import OperatorError
 from boat_daq.gui import style
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.services import Panel, Services
-from boat_daq.viewmodels.live.enough_cycles import EnoughCycles
+from boat_daq.viewmodels.live.enough_cycles import EndAt
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.sequence import (
     ENTRIES,
@@ -39,8 +38,17 @@ BUTTONS = {  # key -> text, explanation
     "clear": ("Clear fault", "Clear the fault once its cause is removed"),
 }
 PRIMARY = ("arm", "start", "resume", "clear")
-FIELD_WIDTH = 64
+FIELD_WIDTH = 60
 OF_CYCLES = ("high_kpa", "low_kpa", "step_kpa", "ramp_kpa_per_s", "max_dwell_s", "settling_s")  # not of segments
+END_AT = {  # label and explanation of the uncertainty at which a run ends, by its unit
+    "mm": ("End at U", "Ends the run after the first cycle that leaves this U (k = 2) of an elongation, mm"),
+    "% FSO": (
+        "End at \u00b1",
+        "Ends the run after the first cycle that leaves this half width of the intervals (95 %) of drift per 100 "
+        "cycles and of repeatability, % FSO",
+    ),
+    "": ("End at U", "A plan of segments runs all its cycles"),
+}
 UNLIMITED = (1 << 24) - 1  # Qt's QWIDGETSIZE_MAX, which PySide6 does not name
 START_OVER = ("Start over", "Arm the whole plan from its first cycle, in a new recording")
 
@@ -102,6 +110,9 @@ class SequencePanel(QFrame):
         self.picture = StaircasePicture("The plan and its progress")
         self.state = widgets.label("", "subtitle")
         self.progress = widgets.label("", "muted", name="Progress of the run", elide=True)
+        self.uncertainty = widgets.label("", "muted", name="Uncertainty of the run", wrap=True)
+        self.uncertainty.hide()
+        self._low = False
         self.buttons: dict[str, QPushButton] = {
             key: widgets.button(text, partial(self.press, key), "primary" if key in PRIMARY else "", tip=tip)
             for key, (text, tip) in BUTTONS.items()
@@ -109,18 +120,48 @@ class SequencePanel(QFrame):
         rest, fit = "Run the remaining cycles, in the same recording", "Fit the curve to the readings of this run"
         self.resume = widgets.button("", self._resume, "primary", tip=rest)
         self.calibrate = widgets.button("Calibrate", self._calibrate, "primary", tip=fit)
-        head = widgets.row(self.state, self.progress, None, *self.buttons.values(), self.resume, self.calibrate)
-        self.inside = widgets.column(head, (self.picture, 1))
+        head = widgets.row(self.state, (self.progress, 1), *self.buttons.values(), self.resume, self.calibrate)
+        self.inside = widgets.column(head, self.uncertainty, (self.picture, 1))
         widgets.as_card(self, self.inside)
 
     def fold(self, low: bool) -> None:
-        """Show the buttons alone in a low window, with the plan's picture below them in any other."""
+        """Show no picture of the plan in a low window."""
+        self._low = low
         self.picture.setVisible(not low)
         upright = style.STEP if low else style.GAP
         self.inside.setContentsMargins(style.CARD_PADDING, upright, style.CARD_PADDING, upright)
-        row = style.CONTROL_HEIGHT + 2 * upright + style.STEP  # with the frame
-        self.setMinimumHeight(row if low else 0)
-        self.setMaximumHeight(row if low else UNLIMITED)
+        self._fit()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Fit the height to the lines of the uncertainty."""
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        """Take the height of the buttons and of the uncertainty in a low window, at least this in any other."""
+        margins = self.inside.contentsMargins()
+        least = style.CONTROL_HEIGHT + margins.top() + margins.bottom() + style.STEP  # with the frame
+        if not self.uncertainty.isHidden():
+            width = self.width() - margins.left() - margins.right()
+            least += self.uncertainty.heightForWidth(width) + self.inside.spacing()
+        if not self._low:
+            least += self.picture.minimumHeight() + self.inside.spacing()
+        self.setMinimumHeight(least)
+        self.setMaximumHeight(least if self._low else UNLIMITED)
+
+    def _show_progress(self, snapshot: SessionSnapshot) -> None:
+        """Show as many parts of the progress as fit; without a run the estimate of the plan."""
+        plan, measure = self.run.sequence.plan, self.progress.fontMetrics().horizontalAdvance
+        texts = [progress_text(snapshot, leave_out) for leave_out in range(3)]
+        shown = next((text for text in texts if measure(text) <= self.progress.width()), texts[-1])
+        widgets.set_text(self.progress, shown or f"{plan.name}: {self.run.sequence.estimate}")
+
+    def _show_uncertainty(self, text: str) -> None:
+        """Show the uncertainty in a line of its own, wrapped: no number of it is ever cut."""
+        if text != self.uncertainty.text():
+            self.uncertainty.setText(text)
+            self.uncertainty.setVisible(bool(text))
+            self._fit()
 
     def press(self, key: str) -> None:
         """Press a button and show its effect at once."""
@@ -156,8 +197,8 @@ class SequencePanel(QFrame):
         """Show state, progress and the buttons that may be pressed."""
         model = self.run.sequence
         widgets.set_text(self.state, state_text(snapshot))
-        shown = "   ".join(filter(None, (self.run.enough.text(snapshot), progress_text(snapshot))))
-        widgets.set_text(self.progress, shown or f"{model.plan.name}: {model.estimate}")
+        self._show_progress(snapshot)
+        self._show_uncertainty(self.run.uncertainty_text(snapshot))
         allowed = model.allowed(snapshot)
         for key, button in self.buttons.items():
             if key not in allowed and button.hasFocus():
@@ -170,10 +211,10 @@ class SequencePanel(QFrame):
 class PlanForm(QScrollArea):
     """The plan of a `SequenceModel`."""
 
-    def __init__(self, sequence: SequenceModel, enough: EnoughCycles, services: Services) -> None:
+    def __init__(self, sequence: SequenceModel, end_at: EndAt, services: Services) -> None:
         super().__init__()
-        self.sequence, self.enough, self.services = sequence, enough, services
-        self._revision = -1
+        self.sequence, self.end_at, self.services = sequence, end_at, services
+        self._revision = (-1, -1)
         self.setWidgetResizable(True)
         self.setAccessibleName("Plan, manual pressure and elongation")
         layout = widgets.column(
@@ -189,33 +230,36 @@ class PlanForm(QScrollArea):
         self.refused = widgets.label("", wrap=True, name="Why the entry is invalid")
         show = partial(self.services.show, Panel.SEGMENTS)
         self.segments = widgets.button("Segments …", show, tip="Steps, ramps, sines, loops, readings (Ctrl+Shift+G)")
+        files = widgets.button("Open …", self.open), widgets.button("Save …", self.save)
+        beside = widgets.row(*files, spacing=style.STEP)
+        self.buttons = widgets.row(beside, self.segments, None, spacing=style.STEP)
         self.estimate = widgets.label("", "muted", wrap=True)
         self.ask_readings = QCheckBox("Wait for each reading")
         self.ask_readings.setChecked(sequence.wait_for_reading)
         self.ask_readings.toggled.connect(sequence.require_readings)
-        self.asked = widgets.field("Uncertainty at which a run ends, mm or % FSO", "", width=FIELD_WIDTH)
-        self.asked.setPlaceholderText("off")
-        self.asked.setToolTip(
-            "Ends the run after the first cycle that leaves this U (k = 2) of an elongation, mm; of a plan without "
-            "plateaus, this half width of the intervals of drift and repeatability, % FSO"
-        )
+        self.asked = widgets.field("", width=FIELD_WIDTH, placeholder="off")
         self.asked.editingFinished.connect(self._ask)
+        self.asked_label, self.asked_unit = widgets.label(), widgets.label("", "muted")
+        entries = widgets.form((entry.label, self.fields[entry.key], entry.unit) for entry in ENTRIES)
+        entries.setHorizontalSpacing(style.STEP)
+        for k, widget in enumerate((self.asked_label, self.asked, self.asked_unit)):
+            entries.addWidget(widget, len(ENTRIES), k)
+        self._show_asked()
         plan, _ = widgets.card(
             widgets.row(widgets.label("Plan", "subtitle"), None, self.choice),
-            widgets.form((entry.label, self.fields[entry.key], entry.unit) for entry in ENTRIES),
+            entries,
             self.refused,
             self.ask_readings,
-            widgets.form((("End at U of", self.asked, "mm, %"),)),
             self.estimate,
-            widgets.row(
-                widgets.button("Open …", self.open),
-                widgets.button("Save …", self.save),
-                self.segments,
-                None,
-                spacing=style.STEP,
-            ),
+            self.buttons,
         )
         return plan
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Put the last button below the others in a narrow pane: units are never pushed out of it."""
+        way = QBoxLayout.Direction
+        self.buttons.setDirection(way.TopToBottom if self.width() < style.PANE_WIDTH else way.LeftToRight)
+        super().resizeEvent(event)
 
     def _pressure_card(self) -> QFrame:
         self.limits = widgets.label("", "muted", wrap=True)
@@ -234,7 +278,7 @@ class PlanForm(QScrollArea):
         tip = "Controls the pressure so that the unit has this elongation"
         self.elongation_button = widgets.button("Set elongation", self._set_elongation, tip=tip)
         self.elongation = widgets.label("", "muted", wrap=True)
-        self.hold = QCheckBox("Hold the pressure if it stops")
+        self.hold = QCheckBox("Hold pressure if it stops")
         self.hold.setToolTip("Where sensors disagree or the elongation does not follow; otherwise the unit is vented")
         self.hold.toggled.connect(self._hold)
         elongation, _ = widgets.card(
@@ -252,18 +296,22 @@ class PlanForm(QScrollArea):
         return field
 
     def _ask(self) -> None:
-        """Set U at which runs end; an empty field runs all cycles."""
-        text = self.asked.text().strip().replace(",", ".")
+        """Set the uncertainty at which runs end; an empty field runs all cycles."""
+        taken = self.services.notices.attempt(partial(self.end_at.enter, self.asked.text()))
+        widgets.set_state(self.asked, "" if taken else "true", "wrong")
 
-        def ask() -> None:
-            try:
-                self.enough.ask(float(text) if text else None)
-            except ValueError:
-                raise OperatorError(
-                    f"{text!r} is no length", "Enter a number of mm, as 0.08, or of % FSO, or nothing."
-                ) from None
-
-        widgets.set_state(self.asked, "" if self.services.notices.attempt(ask) else "true", "wrong")
+    def _show_asked(self) -> None:
+        """Show the uncertainty of the plan's kind, with its unit; an entry that is refused stays with its unit."""
+        unit = self.end_at.unit
+        if self.asked.property("wrong") == "true" and unit == self.asked_unit.text():
+            return
+        name, tip = END_AT[unit]
+        widgets.set_text(self.asked_label, name)
+        widgets.set_text(self.asked_unit, unit)
+        widgets.set_text(self.asked, self.end_at.text)
+        widgets.set_state(self.asked, "", "wrong")
+        self.asked.setAccessibleName(", ".join(filter(None, ("Uncertainty at which a run ends", unit))))
+        self.asked.setToolTip(tip)
 
     def _edit(self, key: str, field: QLineEdit) -> None:
         self.sequence.edit(key, field.text())
@@ -313,15 +361,18 @@ class PlanForm(QScrollArea):
         unused = {"staircase": (), "continuous": ("step_kpa",)}.get(model.plan.kind, OF_CYCLES)
         for key in unused:
             self.fields[key].setEnabled(False)
+        self.asked.setEnabled(idle and bool(self.end_at.unit))
         for button in (self.set_button, self.elongation_button):
             button.setEnabled("arm" in model.allowed(snapshot))
         self.hold.setEnabled(snapshot.elongation is None)
         free = "Connect to a board to set an elongation." if snapshot.limits is None else "Not controlled"
         widgets.set_text(self.elongation, elongation_text(snapshot) or free)
         widgets.set_text(self.limits, limits_text(snapshot.limits) or "Connect to a board to set a pressure.")
-        if model.revision == self._revision:
+        revision = (model.revision, self.end_at.revision)
+        if revision == self._revision:
             return
-        self._revision = model.revision
+        self._revision = revision
+        self._show_asked()
         self.ask_readings.setChecked(model.wait_for_reading)
         if self.choice.findData(model.plan.name) < 0:
             self.choice.addItem(model.plan.name, model.plan.name)

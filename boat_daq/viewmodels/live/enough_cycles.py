@@ -4,27 +4,39 @@ Of a plan with plateaus that is U of an elongation in mm, of one without it is t
 and repeatability in % FSO. Until then a plan with plateaus holds those that lower U most, and passes the others.
 
 The run is analysed after each complete cycle, in a process of its own, so that the analysis delays neither samples nor
-the window; meanwhile the run continues.
+the window; meanwhile the run continues. In the window a calibration ends at mm of U, a repeatability run at % FSO; each
+has a value of its own, kept between starts, off until one is entered.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING
 
 from analysis.errors import AnalysisError
-from analysis.sequential.asked import check_asked
+from analysis.sequential.asked import EXAMPLES, UNITS, check_asked
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.errors import BoatDaqError, OperatorError
-from boat_daq.viewmodels.common.formatting import count, duration
+from boat_daq.viewmodels.common.formatting import count, duration, plain_number
 from boat_daq.viewmodels.common.jobs import Job, JobState
+from boat_daq.viewmodels.common.notices import Notices, sentence
+from boat_daq.viewmodels.common.services import Change, Services
 
 if TYPE_CHECKING:
     from analysis.sequential.stopping import StopAssessment
+    from boat_daq.viewmodels.live.sequence import SequenceModel
+
+KEY = "end_at"  # of the preferences
+WRITTEN_S = 0.5  # after the end of a run its last samples are in the file
+ENOUGH = "Assessing the uncertainty"  # what the process of an assessment does
+NOT_KNOWN = {"mm": "U {:g} mm asked, known after a cycle", "% FSO": "\u00b1{:g} % FSO asked, known after a few cycles"}
+WITH_PLAN = (SessionState.ARMED, SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +59,32 @@ class EndUncertainty:
     reached: bool
     text: str
 
+    @classmethod
+    def of(cls, found: StopAssessment, asked: float, unit: str) -> EndUncertainty:
+        """Return that of an assessment of all complete cycles."""
+        value = max((criterion.now for criterion in found.criteria), default=None)
+        text = f"{asked:g} {unit} asked: not reached, {found.end}" if found.void else found.end
+        return cls(asked, unit, value, found.cycles, found.reached, text)
+
+
+def assess_end(recording: Path, asked: float, unit: str, cycles: int) -> EndUncertainty:
+    """Return the uncertainty of all complete cycles of a run that has ended.
+
+    Parameters
+    ----------
+    recording : of the run, with its readings.
+    asked, unit : the uncertainty asked for, mm of U (k = 2) or % FSO.
+    cycles : of the plan.
+    """
+    from analysis.sequential.stopping import assess_run
+
+    try:
+        found = assess_run(recording, asked, cycles, repeats=unit == UNITS["continuous"])
+    except (AnalysisError, BoatDaqError) as error:
+        text = f"the uncertainty is not known at the end of the run, {asked:g} {unit} asked: {error.cause}"
+        return EndUncertainty(asked, unit, None, None, reached=False, text=text)
+    return EndUncertainty.of(found, asked, unit)
+
 
 class EnoughCycles:
     """What a run knows, and the U at which it ends.
@@ -56,6 +94,10 @@ class EnoughCycles:
     session : with the run, which is being recorded.
     enter : enters the readings of the plateaus reached; None where they are entered otherwise.
     report : called with each assessment in words.
+
+    Attributes
+    ----------
+    asked : by its unit: that of a calibration is no number for a repeatability run.
     """
 
     def __init__(
@@ -67,21 +109,33 @@ class EnoughCycles:
         self._session, self._enter, self._report = session, enter, report
         self._cycles = 0
         self._job: Job | None = None
-        self.asked: float | None = None
+        self.asked: dict[str, float] = {}
         self.known: StopAssessment | None = None
         self.unknown = ""
         self.ended_by: StopAssessment | None = None  # of all complete cycles
 
-    def ask(self, asked: float | None) -> None:
-        """Set the uncertainty at which runs end, mm of U (k = 2) or % FSO; None runs all cycles.
+    def ask(self, asked: float | None, unit: str) -> None:
+        """Set the uncertainty at which runs of plans with this unit end; None runs all their cycles.
+
+        Parameters
+        ----------
+        asked, unit : mm of U (k = 2), or % FSO.
 
         Raises
         ------
         RequestError : it is no number above 0.
         """
-        if asked is not None:
-            check_asked(asked, "mm or % FSO")
-        self.asked, self.known, self.ended_by, self.unknown = asked, None, None, ""
+        if asked is None:
+            self.asked.pop(unit, None)
+        else:
+            check_asked(asked, unit)
+            self.asked[unit] = asked
+        self.known, self.ended_by, self.unknown = None, None, ""
+
+    def asked_of(self, plan: Plan | None) -> tuple[float, str] | None:
+        """Return the uncertainty at which a run of a plan ends, and its unit; None where it runs all cycles."""
+        unit = UNITS.get(plan.kind, "") if plan is not None else ""
+        return (self.asked[unit], unit) if unit in self.asked else None
 
     def close(self) -> None:
         """End the process of an assessment."""
@@ -90,18 +144,20 @@ class EnoughCycles:
 
     def follow(self, snapshot: SessionSnapshot) -> None:
         """Assess the run after each further complete cycle; end it where U is small enough."""
-        progress = snapshot.progress
-        if snapshot.state is not SessionState.RUNNING or progress is None or self.asked is None:
+        progress, asked = snapshot.progress, self.asked_of(snapshot.plan)
+        if snapshot.state is not SessionState.RUNNING or progress is None or asked is None:
             self.close()
             self._job, self._cycles, self.unknown = None, 0, ""
             self.known = self.known if snapshot.state is SessionState.FINISHING else None
             return
+        if not progress.complete_cycles:
+            self.ended_by = None  # that of the run before
         if self._job is not None and self._job.poll() is not JobState.RUNNING:
             self._take(self._job, progress.complete_cycles)
             self._job = None
         if self._job is None and progress.complete_cycles > self._cycles and snapshot.recording is not None:
             self._cycles = progress.complete_cycles
-            self._begin(snapshot, self.asked)
+            self._begin(snapshot, asked[0])
 
     def _begin(self, snapshot: SessionSnapshot, asked: float) -> None:
         """Start to assess the run."""
@@ -115,8 +171,8 @@ class EnoughCycles:
         except OperatorError as error:
             self._not_known(error.cause)
             return
-        plan, name = snapshot.plan, "Assessing the uncertainty"
-        self._job = Job(name, assess_run, snapshot.recording, asked, plan.cycles, repeats=plan.kind == "continuous")
+        plan = snapshot.plan
+        self._job = Job(ENOUGH, assess_run, snapshot.recording, asked, plan.cycles, repeats=plan.kind == "continuous")
 
     def _take(self, job: Job, complete_cycles: int) -> None:
         """Report an assessment, and end the run where it is enough."""
@@ -127,7 +183,7 @@ class EnoughCycles:
         self.known, self.unknown = job.result, ""
         self._report(job.result.text)
         if job.result.reached:
-            self._session.finish_early(job.result.text)
+            self._session.finish_early(job.result.end)
             self.ended_by = job.result if complete_cycles == self._cycles else None
         else:
             self._session.hold_at(job.result.hold)
@@ -145,40 +201,170 @@ class EnoughCycles:
         recording : of the run, with its readings.
         plan : of the run.
         """
-        if self.asked is None:
+        asked = self.asked_of(plan)
+        if asked is None:
             return None
-        from analysis.sequential.stopping import assess_run
-
-        repeats, asked = plan.kind == "continuous", self.asked
-        unit = "% FSO" if repeats else "mm"
-        try:
-            found = self.ended_by or assess_run(recording, asked, plan.cycles, repeats=repeats)
-        except (AnalysisError, BoatDaqError) as error:
-            text = f"the uncertainty is not known at the end of the run, {asked:g} {unit} asked: {error.cause}"
-            return EndUncertainty(asked, unit, None, None, reached=False, text=text)
-        value = max((criterion.now for criterion in found.criteria), default=None)
-        text = f"{asked:g} {unit} asked: not reached, {found.end}" if found.void else found.end
-        return EndUncertainty(asked, unit, value, found.cycles, found.reached, text)
+        if self.ended_by is not None:
+            return EndUncertainty.of(self.ended_by, *asked)
+        return assess_end(recording, *asked, plan.cycles)
 
     def text(self, snapshot: SessionSnapshot) -> str:
-        """Return the uncertainty now, the one asked for and the time left to it; "" where none is asked for."""
-        if self.asked is None or snapshot.progress is None:
+        """Return the uncertainty now, the one asked for and the time left to it; "" without a run that has one."""
+        asked = self.asked_of(snapshot.plan)
+        if asked is None or snapshot.state not in WITH_PLAN:
             return ""
         if self.unknown:
             return self.unknown
-        if self.known is None:
-            return f"{self.asked:g} {self.unit(snapshot)} asked, known after a cycle"
+        if self.known is None or snapshot.progress is None:
+            return NOT_KNOWN[asked[1]].format(asked[0])
         if self.known.void:
             return self.known.text
+        if self.known.reached:
+            return self.known.end
         if self.known.best:
             return f"{self.known.now}, {self.known.best}"
         progress, more = snapshot.progress, self.known.more_cycles or 0
         begun = progress.complete_cycles - self.known.cycles
         planned = max(progress.cycles - progress.complete_cycles, 1)
         left_s = progress.time_left_s * max(more - begun, 0) / planned
-        return ", ".join(filter(None, (self.known.now, self.known.at_least, f"{duration(left_s)} left")))
+        return ", ".join(filter(None, (self.known.now, self.known.at_least, f"ends in about {duration(left_s)}")))
+
+
+class EndAt:
+    """The entry of the plan's form.
+
+    Parameters
+    ----------
+    enough : ends the runs.
+    sequence : the kind of its plan has the unit.
+    services : keep the values, and take the edits.
+    """
+
+    def __init__(self, enough: EnoughCycles, sequence: SequenceModel, services: Services) -> None:
+        self._enough, self._sequence = enough, sequence
+        self._preferences, self._undo = services.preferences, services.undo
+        self.revision = 0
+        kept = self._preferences.get(KEY, {})
+        for unit in UNITS.values():
+            value = kept.get(unit)
+            if isinstance(value, int | float) and 0.0 < value < math.inf:
+                enough.ask(float(value), unit)
+
+    @property
+    def unit(self) -> str:
+        """Return the unit for the chosen plan; empty where its kind runs all cycles."""
+        return UNITS.get(self._sequence.plan.kind, "")
+
+    @property
+    def text(self) -> str:
+        """Return the value of that unit; empty where it is off."""
+        asked = self._enough.asked.get(self.unit)
+        return "" if asked is None else f"{asked:g}"
+
+    def enter(self, text: str) -> None:
+        """Set the value of the chosen plan's unit from text; an empty one runs all cycles.
+
+        Raises
+        ------
+        OperatorError, RequestError : it is no number above 0.
+        """
+        unit, typed = self.unit, text.strip()
+        asked, before = self._number(typed, unit) if typed else None, self._enough.asked.get(unit)
+        if asked != before:
+            text, ask = "U at which runs end", self._ask
+            self._undo.push(Change(text, lambda: ask(asked, unit), lambda: ask(before, unit)))
 
     @staticmethod
-    def unit(snapshot: SessionSnapshot) -> str:
-        """Return the unit of what is asked for."""
-        return "% FSO" if snapshot.plan is not None and snapshot.plan.kind == "continuous" else "mm of U"
+    def _number(typed: str, unit: str) -> float:
+        try:
+            asked = plain_number(typed.removesuffix(unit))
+        except ValueError:
+            remedy = f"Enter a number of {unit}, as {EXAMPLES[unit]}, or nothing for all cycles."
+            raise OperatorError(f"{typed!r} is not a number of {unit}", remedy) from None
+        check_asked(asked, unit)
+        return asked
+
+    def _ask(self, asked: float | None, unit: str) -> None:
+        self._enough.ask(asked, unit)
+        self._preferences.set(KEY, dict(self._enough.asked))
+        self.revision += 1
+
+
+class EndReport:
+    """Reports what a run had reached when it ended by its U, its plan or the operator's stop.
+
+    Parameters
+    ----------
+    enough : has the uncertainty asked for, and the assessment that ended the run.
+    notices : take the report; that of a run which ended at its U is a message of the session already.
+    clock : seconds, monotonic.
+
+    Attributes
+    ----------
+    text : the report, until the next plan is armed.
+    """
+
+    def __init__(self, enough: EnoughCycles, notices: Notices, clock: Callable[[], float] = monotonic) -> None:
+        self._enough, self._notices, self._clock = enough, notices, clock
+        self._run: tuple[Path, Plan] | None = None  # under way, with a complete cycle
+        self._ended: tuple[Path, Plan] | None = None
+        self._due_s = 0.0
+        self._job: Job | None = None
+        self._name = ""  # of the recording that is assessed
+        self.text = ""
+
+    def close(self) -> None:
+        """End the process of an assessment."""
+        if self._job is not None:
+            self._job.cancel()
+            self._job = None
+
+    def follow(self, snapshot: SessionSnapshot) -> None:
+        """Assess a run once it has ended and its samples are written."""
+        if snapshot.state in WITH_PLAN:
+            self._run, self.text = self._under_way(snapshot), ""
+        elif self._run is not None:
+            self._end(self._run, snapshot)
+            self._run = None
+        if self._ended is not None and self._clock() >= self._due_s:
+            self._assess(*self._ended, shown=snapshot.state not in WITH_PLAN)
+            self._ended = None
+        if self._job is not None and self._job.poll() is not JobState.RUNNING:
+            self._take(self._job, shown=snapshot.state not in WITH_PLAN)
+            self._job = None
+
+    def _under_way(self, snapshot: SessionSnapshot) -> tuple[Path, Plan] | None:
+        """Return recording and plan of a run with a complete cycle; None without one, or where no U is asked for."""
+        plan, recording, progress = snapshot.plan, snapshot.recording, snapshot.progress
+        if plan is None or recording is None or progress is None or self._enough.asked_of(plan) is None:
+            return None
+        return (recording, plan) if progress.complete_cycles else None
+
+    def _end(self, run: tuple[Path, Plan], snapshot: SessionSnapshot) -> None:
+        """Take the assessment that ended the run, else let all its cycles be assessed."""
+        ended = snapshot.run_ended
+        if ended is None or ended.aborted:  # it can be resumed
+            return
+        if self._enough.ended_by is None:
+            self._ended, self._due_s = run, self._clock() + WRITTEN_S
+        elif (found := self._enough.at_end(*run)) is not None:
+            self.text = sentence(found.text)
+
+    def _assess(self, recording: Path, plan: Plan, *, shown: bool) -> None:
+        """Start to assess the run that has ended; `shown` is whether no other one is armed."""
+        asked = self._enough.asked_of(plan)
+        if asked is None:
+            return
+        self.close()
+        self._job, self._name = Job(ENOUGH, assess_end, recording, *asked, plan.cycles), recording.name
+        self.text = "Assessing the uncertainty of all cycles \u2026" if shown else ""
+
+    def _take(self, job: Job, *, shown: bool) -> None:
+        """Report an assessment, with the recording's name beside the next run."""
+        if job.state is JobState.DONE:
+            cause = job.result.text
+        else:
+            failure = job.failure.cause if job.failure is not None else str(job.state.value)
+            cause = f"the uncertainty is not known at the end of the run: {failure}"
+        self.text = sentence(cause) if shown else ""
+        self._notices.inform(cause if shown else f"{self._name}: {cause}")

@@ -27,7 +27,7 @@ from boat_daq.viewmodels.common.notices import Notice, Severity
 from boat_daq.viewmodels.common.run_queue import RunQueue
 from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.live.connection import ENDED, ConnectionModel
-from boat_daq.viewmodels.live.enough_cycles import EnoughCycles
+from boat_daq.viewmodels.live.enough_cycles import EndAt, EndReport, EnoughCycles
 from boat_daq.viewmodels.live.live_model import LiveModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.sequence import SequenceModel
@@ -243,7 +243,8 @@ class RunModel:
     live, sequence, readings : of the same session.
     resumption, calibration : what is offered after a run.
     read_all : whether every plateau of a simulated unit is read from its grid.
-    trial, enough, queue : the quick trial, the U at which a run ends, and runs one after the other.
+    trial, queue : the quick trial, and runs one after the other.
+    enough, end_at, end_report : ends a run at its U, the entry of that U, and what a run had reached at its end.
     services : of the window.
     """
 
@@ -258,12 +259,16 @@ class RunModel:
     read_all: bool = False
     trial: QuickTrial = field(init=False)
     enough: EnoughCycles = field(init=False)
+    end_at: EndAt = field(init=False)
+    end_report: EndReport = field(init=False)
     queue: RunQueue = field(init=False)
 
     def __post_init__(self) -> None:
         self.trial = QuickTrial(self)
         self.queue = RunQueue(self)
         self.enough = EnoughCycles(self.session)
+        self.end_at = EndAt(self.enough, self.sequence, self.services)
+        self.end_report = EndReport(self.enough, self.services.notices)
 
     @property
     def snapshot(self) -> SessionSnapshot:
@@ -314,7 +319,13 @@ class RunModel:
             self.read_simulated(snapshot.waiting_for_reading.step_id)
         self.trial.follow(snapshot)
         self.enough.follow(snapshot)
+        self.end_report.follow(snapshot)
         self.queue.follow(snapshot)
+
+    def uncertainty_text(self, snapshot: SessionSnapshot) -> str:
+        """Return the uncertainty of the run, or what the last one had reached; "" where none was asked for."""
+        text = self.enough.text(snapshot) or self.end_report.text
+        return text[:1].upper() + text[1:]
 
     def may_read_grid(self) -> bool:
         """Return whether a plateau of this window's virtual board waits for its reading."""

@@ -374,8 +374,14 @@ def state_text(snapshot: SessionSnapshot) -> str:
     return " ".join(STATES[snapshot.state][:2])
 
 
-def progress_text(snapshot: SessionSnapshot) -> str:
-    """Return cycle, step and time left in a line; why a run was aborted; the control of a manual elongation."""
+def progress_text(snapshot: SessionSnapshot, leave_out: int = 0) -> str:
+    """Return cycle, step and time left in a line; why a run was aborted; the control of a manual elongation.
+
+    Parameters
+    ----------
+    snapshot : of the session.
+    leave_out : 1 leaves out the phase, 2 the step too, for a narrow window.
+    """
     progress = snapshot.progress
     ended = snapshot.run_ended
     if snapshot.state in (SessionState.FAULT, SessionState.ABORTED) and ended is not None and ended.aborted:
@@ -386,12 +392,12 @@ def progress_text(snapshot: SessionSnapshot) -> str:
     where = f"cycle {progress.cycle} of {progress.cycles}" if progress.cycle else "opening"
     left = f"{duration(progress.time_left_s)} left"
     step = f"step {progress.step} of {progress.steps}"
-    if snapshot.state is SessionState.PAUSED:
-        return f"{where}   {step}   {left}   will repeat this cycle"
     phase = PHASE_WORDS.get(progress.phase, progress.phase.value)
     mm = progress.target_mm
     goal = target(progress.target_kpa) if mm is None else f"{number(mm, 2, sign=True)} mm"
-    return f"{where}   {step}   {left}   {phase} at {goal}"
+    doing = "will repeat this cycle" if snapshot.state is SessionState.PAUSED else f"{phase} at {goal}"
+    parts = ((where, step, left, doing), (where, step, left), (where, left))
+    return "   ".join(parts[leave_out])
 
 
 def done_s(plan: Plan, snapshot: SessionSnapshot) -> float:

@@ -87,15 +87,33 @@ def test_what_is_still_to_do_is_stated(assessment: StopAssessment, end: str) -> 
 @pytest.mark.parametrize(
     ("assessment", "end"),
     [
-        (of_u(0.0784, 0.08, 0.05), "U 0.078 mm after 2 cycles, 0.08 mm asked: reached"),
-        (of_u(0.1, 0.08, 0.05), "U 0.1 mm after 2 cycles, 0.08 mm asked: not reached"),
-        (replace(of_u(0.22, 0.5, 0.1), cycles=1), "1 cycle, 0.5 mm asked: not reached, 2 cycles at least"),
-        (replace(of_u(0.1, 0.05, 0.06), criteria=(), void="no plateau"), "not known after 2 cycles: no plateau"),
+        (of_u(0.0784, 0.08, 0.05), "ended after cycle 2: U 0.078 mm of 0.08 mm asked"),
+        (replace(of_u(0.0784, 0.08, 0.05), planned=2), "U 0.078 mm of 0.08 mm asked after all 2 cycles: reached"),
+        (
+            replace(of_u(0.1, 0.08, 0.05), planned=2),
+            "U 0.1 mm of 0.08 mm asked after all 2 cycles: not reached, about 2 more cycles needed",
+        ),
+        (
+            of_u(0.081, 0.08, 0.05),
+            "U 0.081 mm of 0.08 mm asked after 2 of 5 cycles: not reached, about 1 more cycle needed",
+        ),
+        (
+            of_u(0.1, 0.05, 0.06),
+            "U 0.1 mm of 0.05 mm asked after 2 of 5 cycles: not reached, no number of cycles leads to it",
+        ),
+        (
+            replace(of_u(0.22, 0.5, 0.1), cycles=1, planned=1),
+            "U 0.22 mm of 0.5 mm asked after 1 cycle: 2 cycles at least",
+        ),
+        (
+            replace(of_u(0.1, 0.05, 0.06), criteria=(), void="no plateau"),
+            "the uncertainty is not known after 2 cycles: no plateau",
+        ),
     ],
 )
 def test_the_end_of_a_run_states_what_was_reached(assessment: StopAssessment, end: str) -> None:
-    """Of a run that has ended no further cycles are stated."""
-    assert assessment.end.endswith(end)
+    """After which of the planned cycles, and how many more were needed."""
+    assert assessment.end == end
 
 
 def test_u_takes_the_cycles_at_their_upper_limit() -> None:

@@ -56,7 +56,7 @@ def test_refusal_with_json_is_an_object(tmp_path: Path) -> None:
         ),
         (["--plan", "repeatability", "--repeatability", "0"], "an uncertainty of 0"),
         (["--plan", "repeatability", "--repeatability", "-1"], "an uncertainty of -1"),
-        (["--plan", "repeatability", "--repeatability", "nan"], "give a number of % FSO above 0"),
+        (["--plan", "repeatability", "--repeatability", "nan"], "give a number of % FSO above 0, as 0.5"),
         (["--plan", "calibration", "--uncertainty", "nan", "--camera", "0"], "give a number of mm above 0"),
     ],
 )

@@ -6,10 +6,12 @@ import dataclasses
 from pathlib import Path
 
 import pytest
+from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QApplication,
 )
 
+from analysis.sequential.stopping import StopAssessment, StopCriterion
 from boat_daq.engine.plan import StepMark, built_in_plans
 from boat_daq.engine.snapshot import (
     RunEnding,
@@ -18,7 +20,7 @@ from boat_daq.engine.snapshot import (
 from boat_daq.viewmodels.common.notices import Severity
 from protocol.recording import RunEnd
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
-from tests.boat_daq.gui.windows import PATIENCE_MS, RAMPING
+from tests.boat_daq.gui.windows import ASKED, NARROW, PATIENCE_MS, RAMPING, Grid
 
 
 def test_interrupted_run_has_buttons_to_resume_and_to_start_over(live):
@@ -142,3 +144,83 @@ def test_end_of_a_run_offers_to_calibrate(make):
     assert window.page == "Calibrate"
     window.refresh()
     assert "There is no recording yet" in window.strip.text.text()
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (NARROW, 800), (NARROW, 600)])
+@pytest.mark.parametrize(
+    "criteria",
+    [
+        (StopCriterion("U ", "mm", 0.1, 0.08, 0.07),),
+        (StopCriterion("drift \u00b1", "% FSO", 0.62, 0.5), StopCriterion("repeatability \u00b1", "% FSO", 0.14, 0.5)),
+    ],
+)
+def test_the_uncertainty_of_the_run_is_never_cut(running, width, height, criteria):
+    """It shared an elided line with the progress: at 1280 pixels the time left was cut, at 853 the numbers too."""
+    running.resize(width, height)
+    run, panel = running.model.run, running.live.sequence
+    plan = built_in_plans()["calibration" if len(criteria) == 1 else "repeatability"]
+    for unit in ("mm", "% FSO"):
+        run.enough.ask(criteria[0].asked, unit)
+    run.enough.known = StopAssessment(2, 100, 2, criteria)
+    run.enough.follow = lambda _: None
+    running.model.session.change(plan=plan)
+    running.refresh()
+    QApplication.processEvents()
+    shown = panel.uncertainty
+    assert shown.isVisible()
+    assert shown.text().startswith(("U 0.1 mm of 0.08 mm asked", "Drift ±0.62, repeatability ±0.14 % FSO of 0.5 % FSO"))
+    assert "ends in about" in shown.text()
+    assert shown.height() >= shown.heightForWidth(shown.width())
+    assert panel.rect().contains(shown.geometry())
+    for button in (panel.buttons["pause"], panel.buttons["stop"]):
+        assert panel.rect().contains(button.geometry())
+    assert panel.picture.isVisible() is (height > 640)
+    assert not panel.picture.isVisible() or panel.picture.height() >= panel.picture.minimumHeight()
+
+
+def test_what_a_run_had_reached_is_shown_after_it(running):
+    """Until the next plan is armed, in the line of the run."""
+    session, enough, shown = running.model.session, running.model.run.enough, running.live.sequence.uncertainty
+    enough.ask(0.08, "mm")
+    enough._cycles = 3  # of which the assessment is known
+    progress, plan = dataclasses.replace(RAMPING, complete_cycles=3), built_in_plans()["calibration"]
+    session.change(plan=plan, recording=Path("SA1.boat"), progress=progress)
+    running.refresh()
+    enough.ended_by = StopAssessment(3, 5, 2, (StopCriterion("U ", "mm", 0.078, 0.08, 0.05),))
+    session.change(state=SessionState.IDLE, progress=None, run_ended=RunEnding(RunEnd.FINISHED))
+    for _ in range(2):
+        running.refresh()
+        assert shown.text() == "Ended after cycle 3: U 0.078 mm of 0.08 mm asked."
+        assert shown.isVisible()
+    session.change(state=SessionState.ARMED)
+    running.refresh()
+    assert shown.text() == "U 0.08 mm asked, known after a cycle"
+    enough.ask(None, "mm")
+    running.refresh()
+    assert shown.isHidden()
+
+
+def test_the_progress_of_a_run_leaves_out_what_does_not_fit(running):
+    """At 853 pixels the time left was cut in the middle of its digits."""
+    progress = running.live.sequence.progress
+    for width, whole in ((1280, True), (NARROW, False)):
+        running.resize(width, 800)
+        for _ in range(2):
+            running.refresh()
+            QTest.qWait(50)
+        assert progress.fontMetrics().horizontalAdvance(progress.text()) <= progress.width()
+        assert "2:10 left" in progress.text()
+        assert progress.text().endswith("ramping at +20 kPa") is whole
+
+
+def test_the_page_of_a_run_fits_a_narrow_window(running):
+    """With the simulated grid the reading bar was 3 pixels too wide at 853 pixels, and both scroll bars came."""
+    model = running.model
+    model.connection.board = Grid(1.0)
+    model.session.change(waiting_for_reading=ASKED)
+    running.resize(NARROW, 800)
+    for _ in range(2):
+        running.refresh()
+        QTest.qWait(50)
+    scroll = running.scrolls["Live"]
+    assert (scroll.horizontalScrollBar().maximum(), scroll.verticalScrollBar().maximum()) == (0, 0)

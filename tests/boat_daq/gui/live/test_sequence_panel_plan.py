@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import pytest
 from PySide6.QtTest import QTest
+
+from tests.boat_daq.gui.windows import NARROW
 
 
 def test_invalid_plan_is_marked_and_not_armed(live):
@@ -50,10 +53,14 @@ def test_edit_of_the_plan_is_undone(live):
     assert field.text() == "5"
 
 
-def test_the_form_is_not_wider_than_its_tab(live):
-    """With its vertical scroll bar at 1280 x 720 nothing is cut at the right."""
-    live.resize(1280, 720)
+@pytest.mark.parametrize("plan", ["calibration", "repeatability"])
+@pytest.mark.parametrize(("width", "height"), [(1280, 720), (NARROW, 600)])
+def test_the_form_is_not_wider_than_its_tab(live, width, height, plan):
+    """With its vertical scroll bar nothing is cut at the right; at 853 pixels the units were."""
+    live.resize(width, height)
+    live.model.sequence.choose(plan)
     live.live.pane.setCurrentWidget(live.live.plan)
+    live.refresh()
     QTest.qWait(50)
     assert live.live.plan.verticalScrollBar().maximum() > 0
     assert live.live.plan.horizontalScrollBar().maximum() == 0
@@ -66,3 +73,36 @@ def test_both_manual_fields_are_in_sight(live):
     plan = live.live.plan
     for widget in (plan.target, plan.elongation_button):
         assert widget.visibleRegion().boundingRect().height() >= widget.height() - 1
+
+
+def test_the_uncertainty_has_the_unit_of_its_plan(live):
+    """0.08 mm became 0.08 % FSO with the plan; each unit keeps its own, off until it is entered."""
+    live.live.pane.setCurrentWidget(live.live.plan)
+    form, model = live.live.plan, live.model
+
+    def shown(plan):
+        model.sequence.choose(plan)
+        live.refresh()
+        named = form.asked.accessibleName().rpartition(", ")[2]
+        return form.asked_label.text(), form.asked.text(), form.asked_unit.text(), named, form.asked.isEnabled()
+
+    def enter(text):
+        form.asked.setText(text)
+        form.asked.editingFinished.emit()
+        live.refresh()
+
+    assert shown("calibration") == ("End at U", "", "mm", "mm", True)
+    enter("0.08")
+    assert shown("repeatability") == ("End at \u00b1", "", "% FSO", "% FSO", True)
+    enter("0.5")
+    assert shown("calibration") == ("End at U", "0.08", "mm", "mm", True)
+    assert shown("step-test")[1:3] == ("", "")
+    assert not form.asked.isEnabled()
+    assert shown("repeatability")[1] == "0.5"
+    enter("wide")
+    model.sequence.edit("cycles", "50")
+    live.refresh()
+    assert (form.asked.text(), form.asked.property("wrong")) == ("wide", "true")
+    assert "% FSO" in model.notices.current().remedy
+    assert shown("calibration")[1] == "0.08"
+    assert form.asked.property("wrong") == ""

@@ -68,27 +68,27 @@ def model(ended: list[str], held: list[Any], monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(enough_cycles, "Job", Done)
     monkeypatch.setattr(Done, "failure", None)
     made = EnoughCycles(cast(Any, SimpleNamespace(finish_early=ended.append, hold_at=held.append)))
-    made.ask(0.08)
+    made.ask(0.08, "mm")
     return made
 
 
 def test_a_run_ends_after_the_cycle_that_leaves_the_u(model: EnoughCycles, ended: list[str], held: list[Any]) -> None:
     """Nothing ends before a cycle is complete, nor by a larger U; the time left follows from the cycles needed."""
     model.follow(snapshot(0))
-    assert model.text(snapshot(0)).startswith("0.08 mm of U asked")
+    assert model.text(snapshot(0)).startswith("U 0.08 mm asked, known after a cycle")
     Done.result = known(1, 0.1, 0.07, (("loading", 50.0), ("unloading", -40.0)))
     assert Done.result.more_cycles == 3
     model.follow(snapshot(1))
     model.follow(snapshot(1))
     assert not ended
     assert held == [Done.result.hold]
-    assert model.text(snapshot(1)).startswith("U 0.1 of 0.08 mm asked, 5:00 left")
+    assert model.text(snapshot(1)).startswith("U 0.1 mm of 0.08 mm asked, ends in about 5:00")
     model.known = known(1, 0.05, 0.04)
-    assert model.text(snapshot(1)) == "U 0.05 of 0.08 mm asked, 2 cycles at least, 1:40 left"
+    assert model.text(snapshot(1)) == "U 0.05 mm of 0.08 mm asked, 2 cycles at least, ends in about 1:40"
     Done.result = known(2, 0.079, 0.05)
     model.follow(snapshot(2))
     model.follow(snapshot(2))
-    assert ended == [Done.result.text]
+    assert ended == ["ended after cycle 2: U 0.079 mm of 0.08 mm asked"]
     assert len(held) == 1
 
 
@@ -99,7 +99,7 @@ def test_what_cannot_be_reached_or_assessed_is_reported(model: EnoughCycles, end
     Done.result = known(1, 0.1, 0.09)
     for _ in range(2):
         model.follow(snapshot(1))
-    assert model.text(snapshot(1)) == "U 0.1 of 0.08 mm asked, the 5 cycles of the plan lead to U 0.092 mm"
+    assert model.text(snapshot(1)) == "U 0.1 mm of 0.08 mm asked, the 5 cycles of the plan lead to U 0.092 mm"
     Done.failure = JobFailure("the file is damaged", "", "")
     for _ in range(2):
         model.follow(snapshot(2))
@@ -123,8 +123,8 @@ def test_an_ended_run_and_no_u_leave_nothing(model: EnoughCycles) -> None:
     assert model.known is None
     for wrong in (0.0, math.nan):
         with pytest.raises(RequestError):
-            model.ask(wrong)
-    model.ask(None)
+            model.ask(wrong, "mm")
+    model.ask(None, "mm")
     assert model.text(snapshot(2)) == ""
 
 
@@ -133,7 +133,7 @@ def test_at_its_end_a_run_has_the_u_of_all_its_cycles(model: EnoughCycles, monke
     plan, assessed = built_in_plans()["calibration"], known(5, 0.12, 0.1)
     monkeypatch.setattr("analysis.sequential.stopping.assess_run", lambda *_, **__: assessed)
     end = model.at_end(Path("run.boat"), plan)
-    text = "U 0.12 mm after 5 cycles, 0.08 mm asked: not reached"
+    text = "U 0.12 mm of 0.08 mm asked after all 5 cycles: not reached, no number of cycles leads to it"
     assert end == EndUncertainty(0.08, "mm", 0.12, 5, reached=False, text=text)
     Done.result = known(2, 0.079, 0.05)
     for _ in range(2):
@@ -141,8 +141,8 @@ def test_at_its_end_a_run_has_the_u_of_all_its_cycles(model: EnoughCycles, monke
     model.follow(snapshot(2, SessionState.IDLE))
     end = model.at_end(Path("run.boat"), plan)
     assert end is not None
-    assert (end.reached, end.value, end.cycles, end.text) == (True, 0.079, 2, Done.result.text)
-    model.ask(None)
+    assert (end.reached, end.value, end.cycles, end.text) == (True, 0.079, 2, Done.result.end)
+    model.ask(None, "mm")
     assert model.at_end(Path("run.boat"), plan) is None
 
 
@@ -159,7 +159,34 @@ def test_a_cycle_beyond_the_end_is_assessed_too(model: EnoughCycles, monkeypatch
 
 def test_an_end_without_a_known_u_has_the_reason(model: EnoughCycles, tmp_path: Path) -> None:
     """A recording that cannot be analysed."""
+    model.ask(0.5, "% FSO")
     end = model.at_end(tmp_path / "none.boat", built_in_plans()["repeatability"])
     assert end is not None
     assert (end.value, end.cycles, end.reached) == (None, None, False)
-    assert end.text.startswith("the uncertainty is not known at the end of the run, 0.08 % FSO asked: ")
+    assert end.text.startswith("the uncertainty is not known at the end of the run, 0.5 % FSO asked: ")
+
+
+def test_a_value_is_of_its_unit_alone(model: EnoughCycles, ended: list[str]) -> None:
+    """0.08 mm of a calibration ended a repeatability run at 0.08 % FSO."""
+    plans = built_in_plans()
+    assert model.asked_of(plans["calibration"]) == (0.08, "mm")
+    assert model.asked_of(plans["repeatability"]) is None
+    assert model.asked_of(plans["step-test"]) is None
+    model.ask(0.5, "% FSO")
+    assert model.asked_of(plans["calibration"]) == (0.08, "mm")
+    assert model.asked_of(plans["repeatability"]) == (0.5, "% FSO")
+    armed = snapshot(0, SessionState.ARMED)
+    armed.plan.kind = "continuous"
+    assert model.text(armed) == "\u00b10.5 % FSO asked, known after a few cycles"
+    assert not ended
+
+
+def test_the_next_run_does_not_end_as_the_one_before(model: EnoughCycles, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that ends before its first assessment had the U of the run before."""
+    monkeypatch.setattr("analysis.sequential.stopping.assess_run", lambda *_, **__: known(5, 0.12, 0.05))
+    Done.result = known(2, 0.079, 0.05)
+    for complete in (2, 2, 0):
+        model.follow(snapshot(complete))
+    end = model.at_end(Path("run.boat"), built_in_plans()["calibration"])
+    assert end is not None
+    assert (end.reached, end.cycles) == (False, 5)

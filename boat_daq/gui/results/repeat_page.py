@@ -121,6 +121,7 @@ class RepeatPage(QWidget):
         self._revision = -1
         self.headline = widgets.label("", "subtitle", elide=True)
         self.warm_up = widgets.label("", "muted")
+        self.known = widgets.label("", "muted", name="Uncertainty of drift and repeatability", wrap=True)
         self.loops = LoopsByCycle()
         self.drift = DriftCard()
         self.hysteresis = CycleFigureCard("Hysteresis", "Per cycle", "% FSO")
@@ -140,7 +141,7 @@ class RepeatPage(QWidget):
     def _filled(self) -> QWidget:
         report = widgets.button("Report \u2026", partial(self.services.show, Panel.REPORT))
         parts = self.headline, self.warm_up, None, widgets.label("Tolerance", "muted"), self.tolerance, report
-        head, _ = widgets.card(widgets.row(*parts))
+        head, _ = widgets.card(widgets.row(*parts), self.known)
         keep = self.services.preferences
         columns = ((self.drift, self.sensitivity), (self.hysteresis, self.snr))
         halves = [Shares(f"repeat {i}", keep, *((card, 1) for card in cards)) for i, cards in enumerate(columns)]
@@ -166,6 +167,8 @@ class RepeatPage(QWidget):
             self.missing.say(title, text, self.missing.button.text())
         self.headline.setText(model.headline)
         self.warm_up.setText(model.warm_up())
+        self.known.setText(model.known())
+        self.known.setVisible(bool(self.known.text()))
         if result is None or not result.cycles:
             return
         sensors = len(result.sensors)

@@ -209,6 +209,8 @@ class RunResult:
     `u_elongation` has x and U of each sensor, [points, 2] mm, none where the curve gives no elongation;
     `u_elongation_void` says why. `traceability` is that of an elongation by every sensor. `recording_id` is the
     `identity` of the recording. `curve` is the choice that was fitted; `candidates` are each sensor's curves, none
+    where they were not compared. `camera` is None without one. `drift_half` and `spread_half` are the half widths of
+    the 95 % intervals of drift (% FSO per 100 cycles) and repeatability (% FSO), of the worse sensor; else NaN.
     where they were not compared. `camera` is None without one. `draws` is what the resamples leave uncertain.
     """
 
@@ -235,6 +237,8 @@ class RunResult:
     candidates: tuple[tuple[CurveCandidate, ...], ...] = ()
     stepped: bool = True  # whether the plateaus are steps of a plan, at which readings are typed
     camera: CameraResult | None = None
+    drift_half: float = math.nan
+    spread_half: float = math.nan
     draws: str = ""
 
     @property
@@ -284,6 +288,7 @@ def analyse_run(
     from analysis.figures.batch import readings_beside
     from analysis.figures.sensor_analysis import Options
     from analysis.figures.uncertainty import curve_candidates_of
+    from analysis.sequential.stopping import DRIFT, SPREAD, half_width
 
     recording = load_recording(Path(path))
     part_of(progress, 0, 1, 4)(1, 1)
@@ -323,6 +328,8 @@ def analyse_run(
         candidates=tuple(candidates),
         stepped=bool(len(recording.steps)),
         camera=camera_result(found),
+        drift_half=half_width(found.sensors, DRIFT)[0],
+        spread_half=half_width(found.sensors, SPREAD)[0],
         draws=_draws_text(found),
     )
 

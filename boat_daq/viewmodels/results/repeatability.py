@@ -6,6 +6,7 @@ nothing is computed in two ways. Cycles are drawn in groups of one colour: a hun
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ import numpy as np
 from analysis.arrays import FloatArray, IntArray
 from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
-from boat_daq.viewmodels.common.formatting import count, duration
+from boat_daq.viewmodels.common.formatting import count, duration, quantity
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.results.analysis_jobs import RunResult, analyse_run, of_intervals
@@ -132,6 +133,18 @@ class RepeatabilityModel:
         loops = self.result.loops
         top, bottom = (np.nanmean(loops.signal_mv[sensor][:, :, at], axis=0) for at in (-1, 0))
         return np.asarray(loops.numbers, dtype=float), top - top[0], bottom - bottom[0]
+
+    def known(self) -> str:
+        """Return how well drift and repeatability are known, of the worse sensor; "" without an interval."""
+        if self.result is None:
+            return ""
+        drift, spread = self.result.drift_half, self.result.spread_half
+        parts = []
+        if math.isfinite(drift):
+            parts.append(f"drift \u00b1{quantity(drift, '% FSO')} per 100 cycles")
+        if math.isfinite(spread):
+            parts.append(f"repeatability \u00b1{quantity(spread, '% FSO')}")
+        return f"Known to (95 %): {', '.join(parts)}" if parts else ""
 
     def warm_up(self) -> str:
         """Return the warm-up cycles as text; empty where there are none, or too few cycles."""

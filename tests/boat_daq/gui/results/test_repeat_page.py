@@ -13,6 +13,7 @@ from boat_daq.viewmodels.common.jobs import JobFailure, JobState
 from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.results.analysis_jobs import BreakResult
 from tests.boat_daq.gui.results.run_results import CYCLES, run_result
+from tests.boat_daq.gui.windows import NARROW
 
 
 def test_every_cycle_and_interruption_is_drawn(live):
@@ -33,6 +34,21 @@ def test_every_cycle_and_interruption_is_drawn(live):
     live.model.repeatability.show(dataclasses.replace(broken, breaks=()))
     live.refresh()
     assert (page.break_lines, page.tabs.count()) == ([], 1)
+
+
+@pytest.mark.parametrize("width", [1280, NARROW])
+def test_what_the_run_has_reached_is_shown_in_a_line(live, width):
+    """Whole at both widths; without an interval no space is left for it."""
+    live.resize(width, 800)
+    live.go("Repeat")
+    page = live.pages["Repeat"]
+    live.model.repeatability.show(run_result(drift_half=0.42, spread_half=0.13))
+    live.refresh()
+    assert page.known.text().endswith("drift ±0.42 % FSO per 100 cycles, repeatability ±0.13 % FSO")
+    assert page.known.width() >= page.known.fontMetrics().horizontalAdvance(page.known.text())
+    live.model.repeatability.show(run_result())
+    live.refresh()
+    assert page.known.isHidden()
 
 
 @pytest.mark.parametrize("sensors", [1, 3, 4])

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
 
 from analysis.fidelity import fidelity
+from analysis.sequential.stopping import DRIFT, SPREAD
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import Progress, SessionState
 from boat_daq.viewmodels.common.jobs import JobRunner
+from boat_daq.viewmodels.results.analysis_jobs import analyse_run
 from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel
 from tests.boat_daq.gui.recorded_session import connected
 
@@ -51,6 +54,30 @@ def test_every_cycle_has_its_figures(result):
     sensors = tuple(dataclasses.replace(s, cycles=long) for s in result.sensors)
     model.show(dataclasses.replace(result, sensors=sensors, cycles=100))
     assert model.warm_up() == "warm-up: cycles 1 to 3"
+
+
+def test_what_is_known_of_drift_and_repeatability_has_its_unit(result):
+    """Half widths of their intervals, of the worse sensor; an unknown one is left out."""
+    model = RepeatabilityModel(JobRunner())
+    assert model.known() == ""
+    model.show(result)  # two cycles have no interval
+    assert model.known() == ""
+    model.show(dataclasses.replace(result, drift_half=0.42, spread_half=0.1349))
+    assert model.known() == "Known to (95 %): drift \u00b10.42 % FSO per 100 cycles, repeatability \u00b10.13 % FSO"
+    model.show(dataclasses.replace(result, drift_half=math.nan, spread_half=12.0))
+    assert model.known() == "Known to (95 %): repeatability \u00b112 % FSO"
+    model.show(dataclasses.replace(result, drift_half=math.nan, spread_half=math.nan))
+    assert model.known() == ""
+
+
+def test_the_intervals_are_those_at_which_a_run_ends(recording, monkeypatch):
+    """Drift and repeatability of all sensors, as the assessment of a run with a % FSO asked for."""
+    halves = {DRIFT: 0.4, SPREAD: 0.1}
+    monkeypatch.setattr(
+        "analysis.sequential.stopping.half_width", lambda sensors, key: (halves[key] * len(sensors), "")
+    )
+    found = analyse_run(str(recording), level="draft")
+    assert (found.drift_half, found.spread_half) == (0.8, 0.2)
 
 
 def test_running_recording_is_analysed_again(recording):

@@ -39,7 +39,7 @@ ACROSS = 2
 """Elements across the wall, and across the lattice."""
 ORDER, SAFE_ORDER = 1.5, 1.0
 """Powers of the number of elements along a cell: by which errors fall, and by which they are trusted to."""
-FACTOR = 1.5
+FACTOR = 1.1
 """On the estimate, so that it holds for 95 % of the actuators and not for half of them."""
 LEAST_MM, LEAST_SHARE = 3e-4, 1.5e-3
 """Error that is stated at least: of the elements across, and as a share of the elongation on the first mesh."""

@@ -110,7 +110,7 @@ def test_the_narrow_necks_that_were_found_are_nearly_within_their_estimate() -> 
             "pressure_kpa": -26.8,
         },
     ):  # fmt: skip
-        assert OBJECTIVES["mesh"].ratio(scene, np.random.default_rng(0)) <= OBJECTIVES["mesh"].most
+        assert OBJECTIVES["mesh"].ratio(scene, np.random.default_rng(0)) <= OBJECTIVES["mesh"].most < 3.0
 
 
 @pytest.mark.nightly

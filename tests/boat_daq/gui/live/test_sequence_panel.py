@@ -205,12 +205,14 @@ def test_the_progress_of_a_run_leaves_out_what_does_not_fit(running):
     progress = running.live.sequence.progress
     for width, whole in ((1280, True), (NARROW, False)):
         running.resize(width, 800)
-        for _ in range(2):
+
+        def is_laid_out(whole: bool = whole) -> bool:
             running.refresh()
-            QTest.qWait(50)
+            return progress.text().endswith("ramping at +20 kPa") is whole
+
+        assert QTest.qWaitFor(is_laid_out, 5000)
         assert progress.fontMetrics().horizontalAdvance(progress.text()) <= progress.width()
         assert "2:10 left" in progress.text()
-        assert progress.text().endswith("ramping at +20 kPa") is whole
 
 
 def test_the_page_of_a_run_fits_a_narrow_window(running):

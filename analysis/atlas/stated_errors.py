@@ -202,7 +202,7 @@ OBJECTIVES = {
     ),
     "mesh": Objective({**_ACTUATOR, "pressure_kpa": (-30.0, 50.0)}, mesh_ratio, most=2.5),
     "reduced": Objective(
-        {**_ACTUATOR, "table": (0.0, 3.0), "pressure": (0.0, 1.0), "elongation": (0.0, 1.0)}, reduced_ratio, most=1.25
+        {**_ACTUATOR, "table": (0.0, 3.0), "pressure": (0.0, 1.0), "elongation": (0.0, 1.0)}, reduced_ratio, most=1.05
     ),
     "fit": Objective(
         {

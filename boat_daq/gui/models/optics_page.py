@@ -366,7 +366,7 @@ class OpticsPage(ReflowingPage):
         design = (widgets.label(text, "muted") for text in ("Cavities", "Width, depth, spacing, mm"))
         cavities, *lengths = self.fields.values()
         left = widgets.row(next(design), cavities, next(design), *lengths, self.face, None)
-        self.choices = widgets.row((left, 1), widgets.row(self.curves, self.rays, self.by, None))
+        self.choices = widgets.row((left, 1), widgets.row(self.curves, self.rays, self.by, self.confidence, None))
         return widgets.card(self.choices, self._actions())[0]
 
     def _actions(self) -> QHBoxLayout:
@@ -376,7 +376,7 @@ class OpticsPage(ReflowingPage):
         tip = "Search width, depth, spacing, count and face beyond the grid, under a minute"
         self.search_button = widgets.button("Optimise", partial(attempt, self.model.toggle_search), tip=tip)
         self.sweep_button = widgets.button("Sweep all designs", partial(attempt, self.model.toggle_sweep), "primary")
-        return widgets.row((self.outcome, 1), self.show_button, self.confidence, self.search_button, self.sweep_button)
+        return widgets.row((self.outcome, 1), self.show_button, self.search_button, self.sweep_button)
 
     def _choose(self, _: object) -> None:
         n, width, depth, spacing = (field.currentData() for field in self.fields.values())

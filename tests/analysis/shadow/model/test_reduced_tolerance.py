@@ -12,7 +12,7 @@ from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.frames import Shadow
 from analysis.shadow.model.reduced import TableSettings
 from analysis.shadow.model.table import build_table
-from analysis.shadow.model.tolerance import RESIDUAL_FACTOR, reduced_error_mm, reduced_within
+from analysis.shadow.model.tolerance import reduced_error_mm, reduced_within
 
 MESH = ActuatorParameters(axial_elements=6, wall_elements=2, lattice_elements=3)
 
@@ -27,7 +27,7 @@ def shadow() -> Shadow:
 
 
 def test_error_of_a_reduced_state_is_that_of_the_full_model(shadow: Shadow) -> None:
-    """The estimate is the true error within a factor of 1.5, for states all over the table."""
+    """The estimate is the true error within 1 %, for states all over the table."""
     for pressure, elongation in ((10.0, 1.0), (-10.0, -0.5), (20.0, None), (None, 1.5)):
         state, used = shadow.solution(pressure_kpa=pressure, elongation_mm=elongation)
         assert used == "reduced"
@@ -35,21 +35,21 @@ def test_error_of_a_reduced_state_is_that_of_the_full_model(shadow: Shadow) -> N
         points = shadow.model.guides.tracked.weights @ (full.displacement_mm - state.displacement_mm)
         error = max(float(np.linalg.norm(points, axis=1).max()), abs(full.elongation_mm - state.elongation_mm))
         stated = reduced_error_mm(shadow.model, state, pressure, elongation)
-        assert 1.0 / 1.5 < error / stated < 1.5
+        assert stated == pytest.approx(error, rel=0.01)
 
 
-def test_the_estimate_grows_with_the_square_of_the_step(shadow: Shadow) -> None:
-    """Steps of a micrometre and of a tenth of a millimetre: 1.03 and 2 times the step."""
-    solver = shadow.model.solver
-    state, _ = shadow.solution(pressure_kpa=10.0, elongation_mm=1.0)
-    step = solver.correction(state, pressure_kpa=10.0, elongation_mm=1.0)
-    longest = float(np.linalg.norm(shadow.model.guides.tracked.weights @ step, axis=1).max())
-    stated = []
-    for length_mm in (0.001, 0.1):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(type(solver), "correction", lambda *_, k=length_mm / longest, **__: k * step)
-            stated.append(reduced_error_mm(shadow.model, state, 10.0, 1.0) / length_mm)
-    assert stated == pytest.approx([RESIDUAL_FACTOR + 0.01, RESIDUAL_FACTOR + 1.0])
+def test_error_far_from_the_nominal_curve_is_that_of_the_full_model() -> None:
+    """A soft actuator pulled to 11.5 mm at 5 kPa: one Newton step states 0.6 of the error, as a search found."""
+    soft = replace(MESH, wall_modulus_kpa=718.438, wall_mm=1.6, neck_radius_mm=4.653, belly_radius_mm=8.189)
+    table = build_table(soft, TableSettings(6, 6, 6, 1))
+    elongation = float(table.elongation_range_mm[1])
+    found = Shadow(soft, table)
+    state, _ = found.solution(pressure_kpa=5.0, elongation_mm=elongation)
+    full = found.model.solve(pressure_kpa=5.0, elongation_mm=elongation)
+    points = found.model.guides.tracked.weights @ (full.displacement_mm - state.displacement_mm)
+    error = float(np.linalg.norm(points, axis=1).max())
+    assert error > 5e-4
+    assert reduced_error_mm(found.model, state, 5.0, elongation) == pytest.approx(error, rel=0.01)
 
 
 def test_a_reduced_state_that_is_not_stable_is_replaced(shadow: Shadow, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -43,7 +43,7 @@ _REFERENCE_RESAMPLES, _PLACES = 4_000, 21
 class Objective:
     """What is searched: the bounds of a scene's numbers, and its ratio; a scene that is refused has none.
 
-    Above the ratio `most` a scene is a find.
+    Above the ratio `most` a scene is a find. It is above 1 where what one answer cannot show is known to be missed.
     """
 
     bounds: Mapping[str, tuple[float, float]]
@@ -190,8 +190,8 @@ _ACTUATOR = {
     "belly_radius_mm": (6.5, 8.5),
 }  # fmt: skip
 OBJECTIVES = {
-    "tracer": Objective(_OPTICS, lambda scene, rng: _tracer_ratio(scene, rng, "count")),
-    "power": Objective(_OPTICS, lambda scene, rng: _tracer_ratio(scene, rng, "power")),
+    "tracer": Objective(_OPTICS, lambda scene, rng: _tracer_ratio(scene, rng, "count"), most=1.5),
+    "power": Objective(_OPTICS, lambda scene, rng: _tracer_ratio(scene, rng, "power"), most=1.5),
     "race": Objective(
         {
             "slope": (0.0, 4.0), "wave": (0.0, 4.0), "turns": (0.0, 3.0), "log_sd": (np.log(0.01), np.log(2.0)),

@@ -10,6 +10,7 @@ import pytest
 from boat_daq.viewmodels.common.formatting import number
 from boat_daq.viewmodels.common.jobs import JobFailure, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Notices
+from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.live import shadow_live
 from boat_daq.viewmodels.live.live_model import LiveElongation, LiveModel
 from boat_daq.viewmodels.live.shadow_jobs import unstable_held_states, unstable_places
@@ -162,7 +163,7 @@ def test_failed_stability_job_is_reported(ring, model, monkeypatch, state, failu
 def test_refused_tolerance_has_its_remedy_and_leaves_the_table_in_use(ring, model, monkeypatch):
     """The remedy was dropped, and stability was tested with a table that does not exist."""
     pane, started = held(ring, model, monkeypatch, 2.5)
-    pane.set_tolerance(1e-9)
+    pane.set_tolerance(TypedTolerance(1e-9, "mm"))
     pane.prepare()
     ((job, then),) = started
     job.end(JobState.FAILED, failure=JobFailure("no table has an error of 1e-09 mm", "Allow 2e-05 mm or more.", ""))

@@ -31,6 +31,7 @@ from analysis.errors import DataError
 from analysis.polynomial import LeastSquares, legendre_slopes
 
 ITERATIONS = 8
+LEAST_SLOPE = 0.1  # of the steepest: an error of x acts by no less, or a turn of the curve has no error
 LOOP_TERMS, MORE_LOOP_TERMS = 2, 5
 OTHER_SHAPE = 0.001  # chance of such a gain by more terms for a loop of the model's shape
 SUSPECTED = 0.2  # chance of such means for the right curve: no evidence yet, but a misfit may hide in it
@@ -379,6 +380,8 @@ def joint_fit(means: PositionMeans, basis: CurveBasis, loop_terms: int | None = 
         if step < ITERATIONS - 1:
             adjusted = x + means.x_variance * slope / variance * residuals
             slope = rows @ solution / half
+            least = LEAST_SLOPE * np.abs(slope).max()
+            slope = np.where(np.abs(slope) < least, np.copysign(least, slope), slope)
     if np.linalg.matrix_rank(design[:, free] * root[:, None]) < int(free.sum()):
         raise DataError(
             f"the positions do not carry {needed} coefficients", "Read more positions, or fit a lower degree."

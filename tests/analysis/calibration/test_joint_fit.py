@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from analysis.atlas.calibration import ReadSession
 from analysis.calibration.compare import compare_fits
 from analysis.calibration.joint_fit import (
     PolynomialBasis,
@@ -194,3 +195,17 @@ def test_too_few_positions_fall_back_to_the_fit_through_points() -> None:
     assert fit.joint is None
     assert fit.adequacy is None
     assert fit.reading is not None
+
+
+@pytest.mark.parametrize(
+    ("seed", "noise_mv", "loop_mv", "actuator_mm", "levels", "cycles", "grid_mm"),
+    [(229, 0.0233, 2.144, 0.391, 6, 3, 0.469), (46, 0.0154, 0.334, 0.375, 8, 5, 0.482)],
+)
+def test_a_turn_of_the_curve_at_an_end_has_an_error(
+    seed: int, noise_mv: float, loop_mv: float, actuator_mm: float, levels: int, cycles: int, grid_mm: float
+) -> None:
+    """A mean on a curve that is flat there by chance had all the weight, and U was a thirtieth of the error."""
+    session = ReadSession(grid_mm, 0.0, loop_mv, seed, levels, cycles, noise_mv, actuator_mm)
+    fit = session.calibration()
+    at = np.linspace(*fit.x_range, 21)
+    assert np.abs((fit.predict(at) - session.signal(at)) / fit.expanded_u(at)).max() < 2.0

@@ -31,7 +31,7 @@ from analysis.errors import DataError
 from analysis.polynomial import LeastSquares, legendre_slopes
 
 ITERATIONS = 8
-LEAST_SLOPE = 0.1  # of the steepest: an error of x acts by no less, or a turn of the curve has no error
+LEAST_SLOPE = 0.07  # of the steepest: an error of x acts by no less, or a turn of the curve has no error
 LOOP_TERMS, MORE_LOOP_TERMS = 2, 5
 OTHER_SHAPE = 0.001  # chance of such a gain by more terms for a loop of the model's shape
 SUSPECTED = 0.2  # chance of such means for the right curve: no evidence yet, but a misfit may hide in it

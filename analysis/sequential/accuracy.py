@@ -19,7 +19,6 @@ import numpy as np
 from analysis.arrays import FloatArray
 from analysis.calibration.draws import OTHERS, greatest_error
 from analysis.calibration.fit import Calibration
-from analysis.calibration.joint_fit import LEAST_SLOPE
 from analysis.calibration.posterior import Posterior
 from analysis.data.load import load_recording
 from analysis.data.recording import Recording
@@ -40,6 +39,8 @@ ENOUGH_TO_BELIEVE = 800
 MOST_SAMPLES = 50_000
 SPARE, LEAST_GROWTH, MOST_GROWTH = 1.1, 1.2, 4
 """Part by which draws are chosen for less than the tolerance, and the factor by which they grow from try to try."""
+LEAST_SLOPE = 0.1
+"""Of the steepest: near a turn of the curve an error in mm means nothing."""
 POINTS = 31
 
 

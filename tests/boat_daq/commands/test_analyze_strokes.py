@@ -12,15 +12,23 @@ from analysis.errors import DataError, RequestError
 from tests.boat_daq.commands.calls import call, exit_code, text
 
 
+def _loop(
+    folder: Path, *, period_s: float = 10.0, cycles: int = 10, rate_hz: float = 200.0, noise_mv: float = 0.0
+) -> Path:
+    """Write a triangle of pressure and a signal of 5 mV/kPa with branches 8 mV apart, 1.6 kPa."""
+    time_s = np.arange(0.0, cycles * period_s, 1.0 / rate_hz)
+    phase = (time_s / period_s) % 1.0
+    pressure = 45.0 * (1.0 - 4.0 * np.abs(phase - 0.5)) + 5.0
+    noise = np.random.default_rng(0).normal(0.0, noise_mv, time_s.size)
+    signal = 5.0 * pressure + np.where(phase < 0.5, -4.0, 4.0) + noise
+    rows, file = np.column_stack([time_s, pressure, signal]), folder / "loop.csv"
+    np.savetxt(file, rows, delimiter=",", header="time_s,pressure_kpa,s1_mv", comments="")
+    return file
+
+
 def test_triangular_drive_gives_its_loop(tmp_path: Path) -> None:
     """A signal of 5 mV/kPa with branches 8 mV apart: half width 4 mV, friction 0.8 kPa, area from the rectangle."""
-    time_s = np.arange(0.0, 100.0, 0.005)
-    phase = (time_s / 10.0) % 1.0
-    pressure = 45.0 * (1.0 - 4.0 * np.abs(phase - 0.5)) + 5.0
-    signal = 5.0 * pressure + np.where(phase < 0.5, -4.0, 4.0)
-    rows = np.column_stack([time_s, pressure, signal])
-    np.savetxt(tmp_path / "loop.csv", rows, delimiter=",", header="time_s,pressure_kpa,s1_mv", comments="")
-    found = call("strokes", tmp_path / "loop.csv")
+    found = call("strokes", _loop(tmp_path))
     assert (found["strokes_up"], found["strokes_down"], found["cycles"]) == (10, 10, 9)
     assert found["period_s"]["mean"] == pytest.approx(10.0, abs=0.01)
     (sensor,) = found["sensors"]
@@ -32,26 +40,14 @@ def test_triangular_drive_gives_its_loop(tmp_path: Path) -> None:
 
 def test_noise_of_the_signal_does_not_turn_the_drive_round(tmp_path: Path) -> None:
     """Branches 1.6 kPa apart, and noise far above the signal's step from sample to sample: friction 0.8 kPa."""
-    time_s = np.arange(0.0, 100.0, 0.005)
-    phase = (time_s / 10.0) % 1.0
-    pressure = 45.0 * (1.0 - 4.0 * np.abs(phase - 0.5)) + 5.0
-    signal = 5.0 * pressure + np.where(phase < 0.5, -4.0, 4.0) + np.random.default_rng(0).normal(0, 3.0, time_s.size)
-    rows = np.column_stack([time_s, pressure, signal])
-    np.savetxt(tmp_path / "loop.csv", rows, delimiter=",", header="time_s,pressure_kpa,s1_mv", comments="")
-    (sensor,) = call("strokes", tmp_path / "loop.csv")["sensors"]
+    (sensor,) = call("strokes", _loop(tmp_path, noise_mv=3.0))["sensors"]
     assert sensor["friction_kpa"]["mean"] == pytest.approx(0.8, abs=0.06)
     assert sensor["half_width_mv"]["mean"] == pytest.approx(4.0, abs=0.3)
 
 
 def test_loops_are_of_all_samples_where_a_tolerance_thins_the_search(tmp_path: Path) -> None:
     """One sample in hundreds finds each stroke of 30 s; half width and friction stay those of the branches."""
-    time_s = np.arange(0.0, 300.0, 0.01)
-    phase = (time_s / 30.0) % 1.0
-    pressure = 45.0 * (1.0 - 4.0 * np.abs(phase - 0.5)) + 5.0
-    signal = 5.0 * pressure + np.where(phase < 0.5, -4.0, 4.0)
-    rows = np.column_stack([time_s, pressure, signal])
-    np.savetxt(tmp_path / "loop.csv", rows, delimiter=",", header="time_s,pressure_kpa,s1_mv", comments="")
-    found = call("strokes", tmp_path / "loop.csv", "--tolerance", "4s")
+    found = call("strokes", _loop(tmp_path, period_s=30.0, rate_hz=100.0), "--tolerance", "4s")
     assert found["sampling"]["every"] > 200
     (sensor,) = found["sensors"]
     assert sensor["half_width_mv"]["mean"] == pytest.approx(4.0, abs=0.01)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimerEvent
+from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
@@ -135,6 +136,11 @@ class ShadowPage(ReflowingPage):
         self.alarms = DataTable("Alarms of the monitor, the newest on top", ALARM_HEADINGS)
         self.alarms.setFixedHeight(ALARM_LINES * style.CONTROL_HEIGHT)
         return widgets.card(widgets.row(widgets.label("Alarms", "subtitle"), (self.verdict, 1)), self.alarms)[0]
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Prepare a shadow whose preparation was cancelled."""
+        self.model.try_again()
+        super().showEvent(event)
 
     def timerEvent(self, event: QTimerEvent) -> None:
         """Draw one frame while the page is visible."""

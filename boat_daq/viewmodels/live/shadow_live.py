@@ -44,6 +44,7 @@ TABLE_ERRORS = tuple(TypedTolerance(mm, "mm") for mm in (0.01, 0.001, 0.0001))
 PRESSURES_KPA = (-45.0, 55.0)
 TRACE_S, TRACE_POINTS = 60.0, 1200
 SEEN_KPA, SEEN_MM = 0.1, 0.02  # visible steps of pressure and elongation
+CANCELLED = "not prepared: cancelled. Open the Shadow page again to prepare it."
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +149,13 @@ class ShadowLive:
         elif job.failure is not None:
             self.problem, failure = job.failure.text, job.failure
             self._notices.add(Severity.WARNING, failure.cause, failure.remedy, details=failure.details)
+        else:
+            self.problem = CANCELLED
+
+    def try_again(self) -> None:
+        """Let `prepare` build a table whose preparation was cancelled."""
+        if self.problem == CANCELLED:
+            self.problem, self._prepared = "", False
 
     def poll(self) -> None:
         """Take the model once it is loaded."""

@@ -14,7 +14,7 @@ from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.live import shadow_live
 from boat_daq.viewmodels.live.live_model import LiveElongation, LiveModel
 from boat_daq.viewmodels.live.shadow_jobs import unstable_held_states, unstable_places
-from boat_daq.viewmodels.live.shadow_live import LEVELS, Moment, ShadowLive
+from boat_daq.viewmodels.live.shadow_live import CANCELLED, LEVELS, Moment, ShadowLive
 from protocol.simulator.plant import Body
 from protocol.simulator.specimens import find_specimen
 from tests.boat_daq.gui.recorded_session import connected, filled_ring
@@ -173,6 +173,23 @@ def test_refused_tolerance_has_its_remedy_and_leaves_the_table_in_use(ring, mode
     assert (notice.cause, notice.remedy) == ("no table has an error of 1e-09 mm", "Allow 2e-05 mm or more.")
     pane.lines()
     assert started[-1][0].call == (unstable_held_states, "normal", None)
+
+
+def test_cancelled_preparation_is_said_and_begins_again_when_asked(ring, model, monkeypatch):
+    """The pane said "preparing" for good."""
+    pane, started = held(ring, model, monkeypatch, 2.5)
+    pane.model = None
+    pane.prepare()
+    ((job, then),) = started
+    job.end(JobState.CANCELLED)
+    then(job)
+    pane.prepare()
+    assert lines_of(pane)["Shadow"] == CANCELLED
+    assert len(started) == 1
+    pane.try_again()
+    pane.prepare()
+    assert lines_of(pane)["Shadow"] == "preparing \u2026"
+    assert len(started) == 2
 
 
 def test_picture_is_drawn_again_with_another_table(ring, model):

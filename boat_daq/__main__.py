@@ -1,6 +1,7 @@
 """`python -m boat_daq` is `boat-daq`: the command line, left quietly if Ctrl-C comes while it is still loading."""
 
 import sys
+from contextlib import suppress
 
 
 def main() -> None:
@@ -13,10 +14,18 @@ def main() -> None:
 
         run()
     except KeyboardInterrupt:
-        import signal  # not earlier: a file of that name in the working folder would be taken
-
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # another one while the interpreter ends would kill it
+        ignore_interruptions()
         sys.exit(130)
+
+
+def ignore_interruptions() -> None:
+    """Ignore Ctrl-C from now on: another one while the interpreter ends would kill it."""
+    import signal  # not earlier: a file of that name in the working folder would be taken
+
+    while True:
+        with suppress(KeyboardInterrupt):  # by one that is pending, which `signal.signal` handles first
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            return
 
 
 if __name__ == "__main__":

@@ -92,17 +92,19 @@ class Interruption:
     """Turns SIGINT (Ctrl-C) and SIGTERM into a KeyboardInterrupt, and records it in `came`."""
 
     def __init__(self) -> None:
-        self.came = False
+        self.came, self._leaving = False, False
         sys.unraisablehook = self._again
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self)
 
     def __call__(self, _signal: int, _frame: FrameType | None) -> None:
         self.came = True
-        raise KeyboardInterrupt
+        if not self._leaving:
+            raise KeyboardInterrupt
 
     def leave(self) -> None:
         """Ignore what comes from now on: the interpreter, as it ends, would be killed by it and lose the exit code."""
+        self._leaving = True  # for one that is pending already, which `signal.signal` handles first
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
 

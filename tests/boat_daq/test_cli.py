@@ -38,6 +38,37 @@ except KeyboardInterrupt:
 """
 
 
+INTERRUPTED_AGAIN = """
+import os, signal
+from boat_daq import __main__, cli
+
+def app():
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+    except KeyboardInterrupt:
+        os.kill(os.getpid(), signal.SIGINT)
+
+ignore = signal.signal
+def signal_again(number, handler):
+    if handler is signal.SIG_IGN:
+        signal.signal = ignore
+        os.kill(os.getpid(), signal.SIGINT)
+    return ignore(number, handler)
+
+cli.app = app
+signal.signal = signal_again
+__main__.main()
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_ctrl_c_while_ctrl_c_is_handled_keeps_the_exit_code() -> None:
+    """One during the handling of the first, one that is pending as the interpreter is to ignore them: -2 before."""
+    command = [sys.executable, "-c", INTERRUPTED_AGAIN]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (130, "")
+
+
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_ctrl_c_in_a_callback_of_compiled_code_still_ends() -> None:
     """Such a callback discards the exception: the command would run to its end, after a traceback."""

@@ -21,7 +21,7 @@ from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.dynamics import DynamicsModel
 
 REFRESH_MS = 200
-SIZE = (1000, 720)
+SIZE = (1060, 720)
 LEAST_DB, LEAST_DEG = 1.0, 10.0  # heights of the plots: less is not spread over them
 EDGE_DB = -3.0
 STEP_COLOURS: tuple[ThemeColour, ...] = (  # told apart in either theme
@@ -122,7 +122,7 @@ class DynamicsWindow(QDialog):
         settling = widgets.label("Settled within", "muted"), self.settling
         head = widgets.row(self.simulated, (self.verdict, 1), *settling)
         plots = widgets.row((self.steps, 1), (self.bode, 1))
-        tables = widgets.row((self.step_table, 5), (self.bode_table, 3))
+        tables = widgets.row((self.step_table, 3), (self.bode_table, 2))
         self.of_steps, self.of_bode = (self.steps, self.step_table), (self.bode, self.bode_table)
         buttons = widgets.row(widgets.button("Close", self.close), None, self.save)
         parts = (head, (plots, 2), (tables, 1), buttons)

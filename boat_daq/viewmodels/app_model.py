@@ -91,7 +91,7 @@ class AppModel:
         self.calibration = CalibrationModel(session, self.units, self.jobs, self.services, self.runs.newest)
         self.repeatability = RepeatabilityModel(self.jobs)
         self.optics = OpticsModel(self.jobs, self.notices)
-        self.tradeoff = TradeoffModel(self.jobs, folder, self.preferences)
+        self.tradeoff = TradeoffModel(self.jobs, folder, self.preferences, self.undo)
         self.atlas = AtlasModel(self.jobs, folder)
         self.run = RunModel(
             session,

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -30,6 +31,7 @@ from boat_daq.viewmodels.common.formatting import count, duration_text, power_te
 from boat_daq.viewmodels.common.jobs import Job, JobRunner
 from boat_daq.viewmodels.common.measured_result import MAX_BYTES, MeasuredResult
 from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.viewmodels.common.services import Change, UndoHistory
 
 if TYPE_CHECKING:
     from analysis.tradeoff.decimation import Curve, Paint
@@ -358,12 +360,13 @@ class TradeoffModel(MeasuredResult):
     jobs : where methods are measured.
     folder : where the last result is kept.
     preferences : keep the choices.
+    undo : takes the opening of a file.
     """
 
     name, noun, again = "tradeoff", "result", "measure again"
 
-    def __init__(self, jobs: JobRunner, folder: Path, preferences: Preferences) -> None:
-        self.preferences = preferences
+    def __init__(self, jobs: JobRunner, folder: Path, preferences: Preferences, undo: UndoHistory) -> None:
+        self.preferences, self._undo = preferences, undo
         self.measurer: Measurer = measure_methods  # the window has one that paints, too
         self.charts: dict[str, MethodChart] = {}
         self.processor = str(machine()["processor"])
@@ -449,7 +452,7 @@ class TradeoffModel(MeasuredResult):
     # ---- files ---------------------------------------------------------------------------------------------------
 
     def load(self, path: Path) -> None:
-        """Show the result in a file, and keep it with the methods that it does not have.
+        """Show the result in a file, undoably, and keep it with the methods that it does not have.
 
         Raises
         ------
@@ -457,7 +460,18 @@ class TradeoffModel(MeasuredResult):
         """
         content = read_json(path, MAX_BYTES)
         read_report(content)  # refused before it is merged
+        change = partial(self._open, content), partial(self._close, content, self.content)
+        self._undo.push(Change("the opened trade-off", *change))
+
+    def _open(self, content: dict[str, Any]) -> None:
         self.take(merged(self.content, content))
+        self._store()
+
+    def _close(self, content: dict[str, Any], before: dict[str, Any] | None) -> None:
+        """Show the result before a file was opened, with what was measured since."""
+        now, opened = self.content or content, _dated(content)
+        others = [method for method in now["methods"] if method not in opened]
+        self.take(merged(before, {**now, "methods": others}))
         self._store()
 
     def save(self, path: Path) -> None:

@@ -200,7 +200,7 @@ OBJECTIVES = {
         bounds_ratio,
         most=1.25,
     ),
-    "mesh": Objective({**_ACTUATOR, "pressure_kpa": (-30.0, 50.0)}, mesh_ratio, most=2.5),
+    "mesh": Objective({**_ACTUATOR, "pressure_kpa": (-30.0, 50.0)}, mesh_ratio, most=2.25),
     "reduced": Objective(
         {**_ACTUATOR, "table": (0.0, 3.0), "pressure": (0.0, 1.0), "elongation": (0.0, 1.0)}, reduced_ratio, most=1.05
     ),

@@ -99,8 +99,12 @@ def test_the_thick_wall_that_was_found_is_within_its_estimate() -> None:
 
 @pytest.mark.nightly
 def test_the_narrow_necks_that_were_found_are_nearly_within_their_estimate() -> None:
-    """The change from 12 to 16 elements was nothing by chance: 12 and 6 times the stated error, then on 16."""
+    """The change from 12 to 16 elements was nothing by chance: 12, 6 and 2.8 times the stated error, then on 16."""
     for scene in (
+        {
+            "wall_modulus_kpa": 2495.03, "neck_radius_mm": 3.001, "wall_mm": 2.6003, "belly_radius_mm": 8.4982,
+            "pressure_kpa": -20.749,
+        },
         {
             "wall_modulus_kpa": 2242.8, "neck_radius_mm": 3.0, "wall_mm": 2.7423, "belly_radius_mm": 7.267,
             "pressure_kpa": -30.0,
@@ -110,7 +114,7 @@ def test_the_narrow_necks_that_were_found_are_nearly_within_their_estimate() -> 
             "pressure_kpa": -26.8,
         },
     ):  # fmt: skip
-        assert OBJECTIVES["mesh"].ratio(scene, np.random.default_rng(0)) <= OBJECTIVES["mesh"].most < 3.0
+        assert OBJECTIVES["mesh"].ratio(scene, np.random.default_rng(0)) <= OBJECTIVES["mesh"].most < 2.5
 
 
 @pytest.mark.nightly

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.tolerance import (
     ALONG,
+    CONTRACTION_SHARE,
     FACTOR,
     LEAST_MM,
     LEAST_SHARE,
@@ -20,6 +22,7 @@ from analysis.shadow.model.tolerance import (
     ToleranceError,
     error_estimate,
     mesh_within,
+    on_mesh,
     solve_within,
     table_within,
 )
@@ -49,6 +52,20 @@ def test_equal_elongations_have_an_error() -> None:
     first, last = error_estimate({16: 2.0, 20: 2.0}), error_estimate({16: 2.0, 20: 2.0, 40: 2.0})
     assert first == pytest.approx(2.0 * LEAST_SHARE * 16 / 20)
     assert last == pytest.approx(first / 2.0)
+    assert error_estimate({16: -2.0, 20: -2.0}) == pytest.approx(first + 2.0 * CONTRACTION_SHARE)
+
+
+def test_a_contraction_states_what_the_elements_across_leave(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a soft actuator in vacuum, among the worst of 1,000, it was 2.2 times the stated error, and is 1.3 times."""
+    monkeypatch.setattr(FullModel, "check_limits", lambda *_: None)
+    soft = replace(
+        ActuatorParameters(), wall_modulus_kpa=826.378, wall_mm=1.70116, neck_radius_mm=3.44328, belly_radius_mm=7.53828
+    )
+    found = solve_within(soft, -16.6233, 0.003)
+    fine = FullModel(on_mesh(soft, ALONG[-1], 8)).solver.solve(pressure_kpa=-16.6233)
+    error = abs(found.solution.elongation_mm - fine.elongation_mm)
+    assert found.error_mm - CONTRACTION_SHARE * abs(fine.elongation_mm) < error / 1.9
+    assert error < 1.4 * found.error_mm
 
 
 def test_a_coarse_tolerance_takes_a_coarse_mesh(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -128,15 +128,26 @@ def test_the_narrow_cavities_that_were_found_are_nearly_within_their_error() -> 
     assert np.sqrt(np.mean(np.square(ratios))) < 1.3
 
 
+EIGHT_CAVITIES = {
+    "cavities": 8.0, "width_mm": 0.5805367561383304, "depth_mm": 0.267555881026413, "spacing_mm": 0.6635739072135645,
+    "index": 1.572, "thickness_mm": 2.4, "state": 8.0, "curves": 0.169,
+}  # fmt: skip
+NINE_CAVITIES = {
+    "cavities": 8.994526154, "width_mm": 0.323729873, "depth_mm": 0.839270676, "spacing_mm": 0.214363401,
+    "index": 1.608921505, "thickness_mm": 2.111263971, "state": 0.813508115, "curves": 0.738214178,
+}  # fmt: skip
+
+
 @pytest.mark.nightly
-def test_a_number_of_rays_in_tune_with_a_pattern_is_nearly_within_its_error() -> None:
-    """Eight cavities and 269 rays, whose step beats with them: three standard deviations; 270 rays are within one."""
-    scene = {
-        "cavities": 8.0, "width_mm": 0.5805367561383304, "depth_mm": 0.267555881026413,
-        "spacing_mm": 0.6635739072135645, "index": 1.572, "thickness_mm": 2.4, "state": 8.0, "curves": 0.169,
-    }  # fmt: skip
-    objective, found = OBJECTIVES["tracer"], {}
-    for rays in (269, 270):
+@pytest.mark.parametrize(
+    ("by", "scene", "tuned", "other"), [("tracer", EIGHT_CAVITIES, 269, 270), ("power", NINE_CAVITIES, 529, 530)]
+)
+def test_a_number_of_rays_in_tune_with_a_pattern_is_nearly_within_its_error(
+    by: str, scene: dict[str, float], tuned: int, other: int
+) -> None:
+    """Rays whose step beats with the cavities: three standard deviations; one ray more is within 1.6."""
+    objective, found = OBJECTIVES[by], {}
+    for rays in (tuned, other):
         several = [objective.ratio({**scene, "log_rays": np.log(rays)}, np.random.default_rng(n)) for n in range(4)]
         found[rays] = np.sqrt(np.mean(np.square(several)))
-    assert found[270] < 0.5 < found[269] < objective.most
+    assert found[other] < 0.8 < 1.0 < found[tuned] < objective.most

@@ -46,7 +46,7 @@ LEAST_MM, LEAST_SHARE = 3e-4, 1.5e-3
 """Error that is stated at least: of the elements across, and as a share of the elongation on the first mesh."""
 CONTRACTION_SHARE = 5e-4
 """Of a contraction, stated besides: near the limit of stability it follows small errors of the stiffness."""
-RESIDUAL_FACTOR = 1.0001
+RESIDUAL_FACTOR = 1.000001
 """On the sum of the Newton steps, so that it holds for 95 % of the states."""
 MOST_STEPS, LAST_STEP = 6, 0.1
 """Of Newton from a reduced state: the most, and the last as a part of their sum."""

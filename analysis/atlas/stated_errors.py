@@ -191,7 +191,7 @@ _ACTUATOR = {
 }  # fmt: skip
 OBJECTIVES = {
     "tracer": Objective(_OPTICS, lambda scene, rng: _tracer_ratio(scene, rng, "count"), most=1.5),
-    "power": Objective(_OPTICS, lambda scene, rng: _tracer_ratio(scene, rng, "power"), most=1.75),
+    "power": Objective(_OPTICS, lambda scene, rng: _tracer_ratio(scene, rng, "power"), most=1.5),
     "race": Objective(
         {
             "slope": (0.0, 4.0), "wave": (0.0, 4.0), "turns": (0.0, 3.0), "log_sd": (np.log(0.01), np.log(2.0)),

@@ -150,4 +150,4 @@ def test_a_number_of_rays_in_tune_with_a_pattern_is_nearly_within_its_error(
     for rays in (tuned, other):
         several = [objective.ratio({**scene, "log_rays": np.log(rays)}, np.random.default_rng(n)) for n in range(4)]
         found[rays] = np.sqrt(np.mean(np.square(several)))
-    assert found[other] < 0.8 < 1.0 < found[tuned] < objective.most
+    assert found[other] < 0.8 < 1.0 < found[tuned] < 1.75

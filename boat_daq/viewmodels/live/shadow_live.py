@@ -112,7 +112,7 @@ class ShadowLive:
         self.model: Shadow | None = None
         self.quantity = "displacement"
         self.show_cost = False
-        self.problem = ""
+        self.problem, self._cancelled = "", False
         self._last: tuple[tuple[object, ...], ShadowPicture] | None = None
         self._unstable: frozenset[tuple[int, int]] | None = None  # places of the table; None until the job has ended
         self._stability_job: Job | None = None
@@ -143,6 +143,7 @@ class ShadowLive:
         return math.nan if self.model is None else float(self.model.table.errors_mm[-1])
 
     def _built(self, job: Job, made: tuple[str, float | None]) -> None:
+        self._cancelled = job.state is JobState.CANCELLED
         if job.state is JobState.DONE:
             self.problem, self._made = "", made
             self._loading.call(shadow_of, *made)
@@ -154,8 +155,8 @@ class ShadowLive:
 
     def try_again(self) -> None:
         """Let `prepare` build a table whose preparation was cancelled."""
-        if self.problem == CANCELLED:
-            self.problem, self._prepared = "", False
+        if self._cancelled:
+            self.problem, self._cancelled, self._prepared = "", False, False
 
     def poll(self) -> None:
         """Take the model once it is loaded."""

@@ -177,7 +177,7 @@ def reduced_error_mm(
 
     Raises
     ------
-    ConvergenceError : the state is not stable.
+    ConvergenceError : the state is not stable, or too far from the full model's for Newton.
     """
     moved = np.zeros_like(solution.displacement_mm)
     for _ in range(MOST_STEPS):  # far from the nominal curve, or near a limit of stability, the first are too short
@@ -186,6 +186,8 @@ def reduced_error_mm(
         moved += step
         if np.abs(step).max() <= LAST_STEP * np.abs(moved).max():  # the next would be its square
             break
+    else:
+        raise ConvergenceError("the error of the reduced state does not settle", "use the full model")
     points = np.linalg.norm(model.guides.tracked.weights @ moved, axis=1)
     return RESIDUAL_FACTOR * max(float(points.max()), abs(model.problem.plate_displacement(moved)))
 

@@ -220,6 +220,7 @@ def trace(
         "state": number,
         "rays": used.rays,
         "phase": used.phase,
+        "jitter": used.jitter,
         "ndr": outcome.ndr,
         "power": outcome.power,
         "power_sd": outcome.power_sd,

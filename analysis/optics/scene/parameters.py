@@ -165,6 +165,7 @@ class Light:
     path_cap_mm : a ray is given up after this path length, 1000.
     faintest : a ray whose power falls below this part of a released one's is dropped, 1e-12.
     phase : shift of the fan in steps of its own angle, -0.5..0.5; a repeat with another phase is an independent sample.
+    jitter : seed of a random place of each ray in its own step, in place of a phase; None for an even fan.
     """
 
     rays: int = PAPER_RAYS
@@ -175,6 +176,7 @@ class Light:
     path_cap_mm: float = 1000.0
     faintest: float = 1e-12
     phase: float = 0.0
+    jitter: int | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= self.rays <= MOST_RAYS:
@@ -190,11 +192,21 @@ class Light:
         _between("phase of the fan", self.phase, -0.5, 0.5)
 
     def with_rays(self, rays: int) -> Light:
-        """Return the same model sampled by other rays: secondaries in proportion, the fan turned by `phase_of`."""
+        """Return the same model sampled by other rays: secondaries in proportion, an even fan turned by `phase_of`."""
         if rays == self.rays:
             return self
         budget = ALL if self.secondary == ALL else round(self.secondary * rays / self.rays)
-        return replace(self, rays=rays, secondary=budget, phase=phase_of(rays))
+        return replace(self, rays=rays, secondary=budget, phase=0.0 if self.jittered else phase_of(rays))
+
+    @property
+    def jittered(self) -> bool:
+        """Return whether each ray has a random place in its own step."""
+        return self.jitter is not None
+
+    @property
+    def shift(self) -> float:
+        """Return by how many steps the fan and its mirror image are apart, 0..1."""
+        return 0.5 if self.jittered else (2.0 * self.phase) % 1.0
 
 
 def light_by(by: By, rays: int) -> Light:

@@ -17,7 +17,7 @@ from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, Design, Light
 from analysis.optics.sweep.figure_of_merit import ranks_within
 from analysis.optics.sweep.sweep import SweepRequest, SweepResult, find_design, run_sweep
-from analysis.optics.tracer.tolerance import PILOT_RAYS, rays_for, stated_error
+from analysis.optics.tracer.tolerance import PILOT_RAYS, jittered, rays_for, stated_error
 from analysis.progress import Progress, part_of
 
 PAPER_FANS = 7
@@ -32,7 +32,9 @@ def fans_of(rays: int) -> int:
 
 
 def turned(light: Light, fan: int) -> Light:
-    """Return a light with its fan turned; fan 0 is its own."""
+    """Return a light with its fan turned, or with other random places; fan 0 is its own."""
+    if light.jitter is not None:
+        return replace(light, jitter=light.jitter + fan)
     return replace(light, phase=(light.phase + fan * _GOLDEN + 0.5) % 1 - 0.5)
 
 
@@ -93,12 +95,13 @@ def light_within(request: SweepRequest, tolerance: float) -> Light:
     ------
     RequestError : the tolerance cannot be met, or as `run_sweep`.
     """
-    fan = request.light.with_rays(PILOT_RAYS)
+    light = jittered(request.light)
+    fan = light.with_rays(PILOT_RAYS)
     pilot = run_sweep(replace(request, designs=request.designs[:: max(1, len(request.designs) // 32)], light=fan))
     sd = np.quantile(pilot.response[1], CERTAIN)
     thickness = request.guide.thickness_mm
     rays = rays_for(fan, float(sd), tolerance, thickness, bool(np.all(pilot.mirrored)))
-    return request.light.with_rays(rays)
+    return light.with_rays(rays)
 
 
 def count_errors(result: SweepResult) -> dict[str, float]:

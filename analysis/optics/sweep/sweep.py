@@ -73,7 +73,7 @@ class SweepRequest:
         shape = np.ascontiguousarray(self.curves)
         return {
             "guide": asdict(self.guide),
-            "light": asdict(self.light),
+            "light": {name: value for name, value in asdict(self.light).items() if (name, value) != ("jitter", None)},
             "states": len(shape),
             "curves_sha256": hashlib.sha256(shape.tobytes()).hexdigest(),
         }
@@ -118,7 +118,7 @@ class SweepResult:
     def floor(self) -> float:
         """Return the smallest RMSE that this fan resolves: its counts rise in twos where its halves are mirrored."""
         light = self.request.light
-        in_pairs = (2 * light.phase) % 1 == 0 and bool(np.all(self.mirrored))
+        in_pairs = light.shift == 0.0 and bool(np.all(self.mirrored))
         return float(resolution(light.rays)) * (2 if in_pairs else 1)
 
     @property

@@ -116,7 +116,7 @@ def _sources(frame: SceneFrame, design: Design, light: Light) -> list[dict[str, 
     """Return the fan: one angle source where a full turn is a whole number of its steps, else ray by ray."""
     turn = light.rays * 360.0 / light.cone_deg
     emitter, axis = frame.emitter[:2], frame.emitter[2:]
-    if light.emission == "uniform" and abs(turn - round(turn)) < 1e-9:
+    if light.emission == "uniform" and not light.jittered and abs(turn - round(turn)) < 1e-9:
         half = math.radians(light.cone_deg) / light.rays * (0.5 + light.phase)
         c, s = math.cos(half), math.sin(half)
         turned = np.array([c * axis[0] - s * axis[1], c * axis[1] + s * axis[0]])

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+from analysis.arrays import FloatArray
 from analysis.compiled import compiled
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.geometry import Geometry
@@ -68,13 +71,17 @@ class Rules(NamedTuple):
 
 
 class Fan(NamedTuple):
-    """The released rays: half the cone (rad), number, Lambertian or not, phase; the first `followed` are traced."""
+    """The released rays: half the cone (rad), number, Lambertian or not, phase; the first `followed` are traced.
+
+    `places` (rays,) are those in their own steps, 0..1; (0,) where all are in the middle but for the phase.
+    """
 
     half: float
     rays: int
     lambertian: bool
     phase: float
     followed: int
+    places: FloatArray
 
 
 def rules_of(guide: Waveguide, light: Light) -> Rules:
@@ -86,7 +93,16 @@ def rules_of(guide: Waveguide, light: Light) -> Rules:
 
 def fan_of(light: Light) -> Fan:
     """Return the fan of a light, all of it followed."""
-    return Fan(math.radians(light.cone_deg) / 2, light.rays, light.emission == "lambertian", light.phase, light.rays)
+    half, lambertian = math.radians(light.cone_deg) / 2, light.emission == "lambertian"
+    return Fan(half, light.rays, lambertian, light.phase, light.rays, _places(light))
+
+
+def _places(light: Light) -> FloatArray:
+    """Return the places of a light's rays in their steps; those of a ray and of its mirror image are half a step apart."""
+    if light.jitter is None:
+        return np.empty(0)
+    first = np.random.default_rng((light.jitter, light.rays)).random((light.rays + 1) // 2)
+    return np.concatenate([first, ((1.5 - first[: light.rays // 2]) % 1.0)[::-1]])
 
 
 def share_of(frame: SceneFrame, light: Light) -> tuple[int, int]:
@@ -97,7 +113,8 @@ def share_of(frame: SceneFrame, light: Light) -> tuple[int, int]:
     """
     rays, budget = light.rays, light.secondary
     alike = budget <= 0 or (light.order == "time" and budget % 2 == 0)
-    if not (alike and light.phase == 0.0 and rays % 2 == 0 and frame.twins):
+    even = light.phase == 0.0 and rays % 2 == 0 and not light.jittered
+    if not (alike and even and frame.twins):
         return rays, budget
     return rays // 2, budget // 2 if budget > 0 else budget
 
@@ -106,7 +123,8 @@ def share_of(frame: SceneFrame, light: Light) -> tuple[int, int]:
 def released(g: Geometry, fan: Fan, i: int) -> Ray:
     """Return ray `i` of the fan."""
     x, y, axis_x, axis_y = g.emitter[0], g.emitter[1], g.emitter[2], g.emitter[3]
-    part = (2.0 * (i + 0.5 + fan.phase)) / fan.rays - 1.0
+    place = fan.places[i] if len(fan.places) else 0.5 + fan.phase
+    part = (2.0 * (i + place)) / fan.rays - 1.0
     angle = math.asin(math.sin(fan.half) * part) if fan.lambertian else fan.half * part
     c, s = math.cos(angle), math.sin(angle)
     dx, dy = c * axis_x - s * axis_y, c * axis_y + s * axis_x

@@ -31,7 +31,7 @@ from analysis.progress import Progress
 BLOCK = 4096
 CORRELATION_DEG_PER_MM2 = 0.03
 """Over this angle, times the thickness squared, neighbouring rays end alike: fitted to counts, see METHODS.md."""
-_SURE, _LEAST_ALIKE, _SMALL_STEP = 2.0, 0.001, 1e-3
+_SURE, _LEAST_ALIKE, _SMALL_STEP, _LARGE_STEP, _HALVINGS = 2.0, 0.001, 1e-3, 1e3, 40
 _SCALARS = ("half_mm", "source_cell")  # of a frame, the same in every state
 
 
@@ -133,23 +133,23 @@ def simulate(g: Geometry, rules: Rules, fan: Fan, budget: int, q: Queue, later: 
 
 
 @compiled
-def changes_along_fan(by_root: FloatArray, step: float, phase: float) -> FloatArray:
+def changes_along_fan(by_root: FloatArray, step: float, shift: float, jittered: bool) -> FloatArray:
     """Return the sums (2,) of squared differences between neighbouring rays of the fan, in number and in power.
 
     Parameters
     ----------
     by_root : (rays, 2) what each released ray delivers.
     step : of the fan over the angle within which neighbouring rays are supposed to end alike, from `fan_step`.
-    phase : of the fan.
+    shift, jittered : of the light.
 
     Notes
     -----
-    Where the covariance of neighbours is exp(-step), differences of the next but one have squares 1 + exp(-step) times
-    as large. Where they are significantly (two standard deviations) smaller, as between many narrow cavities,
-    neighbours are less alike than supposed, and the sums are raised to those that leave the error of that relation in
-    `fan_sd`; of scenes that are and that are not their own mirror image, the greater.
+    Differences of the next but one have squares 1 + `_alike` times as large. Where they are significantly (two standard
+    deviations) smaller, as between many narrow cavities, neighbours are less alike than supposed, and the sums are
+    raised to those that leave the error of that relation in `fan_sd`; of scenes that are and that are not their own
+    mirror image, the greater.
     """
-    total, shift = np.zeros(2), (2.0 * phase) % 1.0
+    total = np.zeros(2)
     for kind in range(2):
         apart, fourth = 0.0, 0.0
         for i in range(1, len(by_root)):
@@ -159,22 +159,56 @@ def changes_along_fan(by_root: FloatArray, step: float, phase: float) -> FloatAr
             if i > 1:
                 apart += (by_root[i, kind] - by_root[i - 2, kind]) ** 2
         if total[kind] > 0.0:
-            supposed = math.exp(-step)
+            supposed = _alike(step, jittered)
             sd = math.sqrt(2.0 * (1.0 - supposed) * fourth) / total[kind]
             alike = max(apart / total[kind] - 1.0 + _SURE * sd, _LEAST_ALIKE)
             if alike < supposed:
-                own, lone = -math.log(alike), _shared(step, 0.0)
-                raised = _shared(own, 0.0) / lone
-                both = (_shared(own, 0.0) + _shared(own, shift)) / (lone + _shared(step, shift))
-                total[kind] *= max(raised, both) * (1.0 - supposed) / (1.0 - alike)
+                own, lone = _step_of(alike, jittered), _shared(step, 0.0, jittered)
+                raised = _shared(own, 0.0, jittered) / lone
+                both = _shared(own, 0.0, jittered) + _shared(own, shift, jittered)
+                both /= lone + _shared(step, shift, jittered)
+                total[kind] *= max(raised, both) * _unlike(step, jittered) / _unlike(own, jittered)
     return total
 
 
 @compiled
-def _shared(step: float, at: float) -> float:
-    """Return the sum of covariances with samples a step apart, shifted by `at` steps, less that of their mean."""
+def _unlike(step: float, jittered: bool) -> float:
+    """Return half the mean squared difference of neighbours, of a process of unit variance."""
+    return 1.0 - (math.expm1(-step) / step) ** 2 if jittered else -math.expm1(-step)
+
+
+@compiled
+def _alike(step: float, jittered: bool) -> float:
+    """Return the part by which squared differences of the next but one are larger than those of neighbours."""
+    if not jittered:
+        return math.exp(-step)
+    return (1.0 - _unlike(step, True)) * -math.expm1(-step) / _unlike(step, True)
+
+
+@compiled
+def _step_of(alike: float, jittered: bool) -> float:
+    """Return the step at which the next but one differ by such a part."""
+    low, high = _SMALL_STEP, _LARGE_STEP
+    for _ in range(_HALVINGS):
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if _alike(middle, jittered) < alike else (middle, high)
+    return high
+
+
+@compiled
+def _shared(step: float, at: float, jittered: bool) -> float:
+    """Return the variance of a ray's part in the sum, or its covariance with a ray shifted by `at` steps.
+
+    Notes
+    -----
+    Of an even fan it is the sum of covariances with samples a step apart, less that of their mean; of random places,
+    each independent in its own step but for the mirror image's, that within a step, less that of its mean.
+    """
     if step < _SMALL_STEP:
-        return step * (1.0 / 6.0 - at * (1.0 - at))
+        return step * (1.0 / 6.0 - at * (1.0 - at)) * (2.0 if jittered else 1.0)
+    if jittered:
+        together = (1.0 - at) * math.exp(-at * step) + at * math.exp((at - 1.0) * step)
+        return together - 2.0 * (step + math.expm1(-step)) / step**2
     return (math.exp(-at * step) + math.exp((at - 1.0) * step)) / -math.expm1(-step) - 2.0 / step
 
 
@@ -234,17 +268,19 @@ def simulate_many(
     g = allocate(guides, arcs, len(frames.surfaces[0]), most, frames.source_cell, face)
     most_secondary = int(np.max(shares[:, 1]))
     q, later = new_queue(most_secondary, rules.faintest), new_queue(most_secondary, rules.faintest)
+    jittered = len(fan.places) > 0
+    shift = 0.5 if jittered else (2.0 * fan.phase) % 1.0
     by_root, step = np.empty((fan.rays, 2)), fan_step(math.degrees(2.0 * fan.half), fan.rays, 2.0 * frames.half_mm)
     for p in range(len(patterns)):
         for s in range(len(frames.nodes)):
             build(g, _frame_at(frames, s), patterns[p])
             by_root[:] = 0.0
             tally = new_tally(by_root, no_points, no_owners)
-            followed = Fan(fan.half, fan.rays, fan.lambertian, fan.phase, shares[s, 0])
+            followed = Fan(fan.half, fan.rays, fan.lambertian, fan.phase, shares[s, 0], fan.places)
             simulate(g, rules, followed, shares[s, 1], q, later, tally)
             counts[p, s] = tally.counts[:COUNTS]
             energy[p, s] = tally.energy / fan.rays
-            changes[p, s] = changes_along_fan(by_root, step, fan.phase)
+            changes[p, s] = changes_along_fan(by_root, step, shift, jittered)
 
 
 def stacked(frames: Sequence[SceneFrame]) -> SceneFrame:
@@ -317,7 +353,8 @@ def trace(
     secondaries = counts[ledger.GRANTED], counts[ledger.REFUSED]
     ndr = counts[DETECTED] * (PAPER_RAYS / light.rays)
     step = _step(light, 2 * frame.half_mm)
-    changes = changes_along_fan(by_root, step, light.phase) if light.rays > 1 else np.full(2, math.nan)
+    alone = light.rays == 1
+    changes = np.full(2, math.nan) if alone else changes_along_fan(by_root, step, light.shift, light.jittered)
     sd = fan_sd(changes, light, 2 * frame.half_mm, np.array(frame.mirrored))
     return TraceResult(
         *ends, counts[ledger.HITS], *secondaries, ndr, float(sd[0]), energy[0], float(sd[1]) / PAPER_RAYS
@@ -325,7 +362,7 @@ def trace(
 
 
 def fan_sd(changes: FloatArray, light: Light, thickness_mm: float, mirrored: BoolArray) -> FloatArray:
-    """Return the standard deviation of what an even fan, turned at random, delivers, scaled to 250 rays.
+    """Return the standard deviation of what a fan, turned or jittered at random, delivers, scaled to 250 rays.
 
     Parameters
     ----------
@@ -338,7 +375,7 @@ def fan_sd(changes: FloatArray, light: Light, thickness_mm: float, mirrored: Boo
     Detections along the fan are a process with covariance exp(-angle / angle0), of which neighbouring rays give the
     variance; `sd_of_sum` has the rest.
     """
-    variance = changes / max(light.rays - 1, 1) / (-2 * math.expm1(-_step(light, thickness_mm)))
+    variance = changes / max(light.rays - 1, 1) / (2 * _unlike(_step(light, thickness_mm), light.jittered))
     return np.asarray(np.sqrt(variance) * sd_of_sum(light, thickness_mm, mirrored))
 
 
@@ -353,11 +390,12 @@ def sd_of_sum(light: Light, thickness_mm: float, mirrored: BoolArray) -> FloatAr
     -----
     The sum of a process's samples a step apart has variance coth(x / 2) - 2 / x a ray, x = step / angle0: 1 where
     neighbours are unrelated, x / 6 where each change is resolved (systematic sampling: Cochran, Sampling Techniques,
-    3rd edition, 1977, chapter 8). In a mirrored scene the other half of the fan is a second sample of the same process,
-    shifted by twice the phase.
+    3rd edition, 1977, chapter 8); x / 3 there with random places (stratified sampling, chapter 5). In a mirrored scene
+    the other half of the fan is a second sample of the same process, shifted.
     """
-    x, shift = _step(light, thickness_mm), (2 * light.phase) % 1
-    return np.asarray(PAPER_RAYS / light.rays * np.sqrt(light.rays * (_shared(x, 0.0) + mirrored * _shared(x, shift))))
+    x, jittered = _step(light, thickness_mm), light.jittered
+    a_ray = _shared(x, 0.0, jittered) + mirrored * _shared(x, light.shift, jittered)
+    return np.asarray(PAPER_RAYS / light.rays * np.sqrt(light.rays * a_ray))
 
 
 def _step(light: Light, thickness_mm: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 from analysis.optics.scene.curves import default_curves, frame_of, frames_of, parametric_curves
 from analysis.optics.scene.parameters import QUARTER_STEP, Design, Light, Waveguide, phase_of
 from analysis.optics.sweep.sweep import STEPS_MM
-from analysis.optics.tracer.simulation import changes_along_fan, fan_sd, fan_step, trace
+from analysis.optics.tracer.rays import fan_of
+from analysis.optics.tracer.simulation import CORRELATION_DEG_PER_MM2, changes_along_fan, fan_sd, fan_step, trace
 
 COVERAGE = (0.93, 0.97)
 
@@ -87,8 +89,84 @@ def test_neighbours_that_are_less_alike_than_supposed_widen_the_error() -> None:
     step = fan_step(light.cone_deg, light.rays, 2.0)
     random = (rng.random((4_000, 1)) < 0.3) * np.ones(2)
     binomial = 250 / 4_000 * np.sqrt(4_000 * 0.3 * 0.7)
-    assert fan_sd(changes_along_fan(random, step, light.phase), light, 2.0, no) == pytest.approx(binomial, rel=0.25)
+    changes = changes_along_fan(random, step, light.shift, light.jittered)
+    assert fan_sd(changes, light, 2.0, no) == pytest.approx(binomial, rel=0.25)
     flips = rng.random(4_000) < 0.5 * (1.0 - np.exp(-step))
     related = (np.cumsum(flips) % 2)[:, None] * np.ones(2)
     counted = np.sum(np.diff(related[:, 0]) ** 2)
-    assert changes_along_fan(related, step, light.phase) == pytest.approx(counted)
+    assert changes_along_fan(related, step, light.shift, light.jittered) == pytest.approx(counted)
+
+
+Pattern = Callable[[np.ndarray], np.ndarray]
+
+
+def sampled(pattern: Pattern, mean: float, light: Light, *, mirrored: bool = False) -> tuple[float, float]:
+    """Return the error of a fan's sum and its stated standard deviation, rays of 250.
+
+    Parameters
+    ----------
+    pattern : what is detected at places of the fan, 0..1. mean : of all places. light, mirrored : the fan.
+    """
+    places = (np.arange(light.rays) + fan_of(light).places) / light.rays
+    y = pattern(np.abs(2.0 * places - 1.0) if mirrored else places)
+    changes = changes_along_fan(
+        np.stack([y, y], axis=1), fan_step(light.cone_deg, light.rays, 2.0), light.shift, light.jittered
+    )
+    return 250.0 * (float(y.mean()) - mean), float(fan_sd(changes, light, 2.0, np.array(mirrored))[0])
+
+
+@pytest.mark.parametrize("rays", [1, 2, 7, 250])
+def test_each_ray_has_a_random_place_in_its_own_step(rays: int) -> None:
+    """Places are 0 to 1, the same for the same seed; those of a ray and of its mirror image are half a step apart."""
+    places = fan_of(Light(rays=rays, jitter=5)).places
+    assert places.shape == (rays,)
+    assert np.all((places >= 0.0) & (places < 1.0))
+    assert np.array_equal(places, fan_of(Light(rays=rays, jitter=5)).places)
+    assert not np.any(places == fan_of(Light(rays=rays, jitter=6)).places)
+    pairs = rays // 2
+    image = 1.0 - places[::-1][:pairs]
+    assert np.abs(places[:pairs] - image) == pytest.approx(np.full(pairs, 0.5))
+    assert fan_of(Light(rays=rays)).places.size == 0
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("rays", [300, 1_000, 4_000, 20_000])
+def test_random_places_err_as_stated_on_the_process_supposed(rays: int, mirrored: bool) -> None:
+    """A signal that flips at random, whose mean is known exactly: error over stated deviation is 1, root mean square."""
+    flips = 120.0 / (2.0 * CORRELATION_DEG_PER_MM2 * 4.0)  # of a covariance exp(-angle / angle0) over the cone
+    flips *= 0.5 if mirrored else 1.0
+    rng, ratios = np.random.default_rng(rays), []
+    for seed in range(300):
+        at = np.sort(rng.random(rng.poisson(flips)))
+        ends = np.concatenate([[0.0], at, [1.0]])
+
+        def pattern(places: np.ndarray, at: np.ndarray = at) -> np.ndarray:
+            return (np.searchsorted(at, places) % 2).astype(float)
+
+        mean = float(np.sum(np.diff(ends)[1::2]))
+        error, sd = sampled(pattern, mean, Light(rays=rays, jitter=seed), mirrored=mirrored)
+        ratios.append(error / sd)
+    assert np.sqrt(np.mean(np.square(ratios))) == pytest.approx(1.0, abs=0.13)  # three standard errors of 300
+
+
+@pytest.mark.parametrize("period", [0.5, 0.93, 1.0, 1.003, 1.5, 2.0, 2.01, 5.3])
+@pytest.mark.parametrize("share", [0.05, 0.5, 0.9])
+def test_no_regular_pattern_beats_with_random_places(period: float, share: float) -> None:
+    """Cavities that repeat about once a step: an even fan errs beyond any statement, random places within it.
+
+    The mean squared difference of neighbours is never less than the variance of their sum: the true deviation is at
+    most 3 ** 0.5 times the stated one, which is so where each change is resolved.
+    """
+    rays = 2_000
+
+    def pattern(places: np.ndarray) -> np.ndarray:
+        return ((places * rays / period + 0.17) % 1.0 < share).astype(float)
+
+    mean = float(pattern((np.arange(4_000_000) + 0.5) / 4_000_000).mean())
+    ratios = [np.divide(*sampled(pattern, mean, Light(rays=rays, jitter=seed))) for seed in range(100)]
+    assert np.sqrt(np.mean(np.square(ratios))) < 3**0.5
+    if period == 1.0:
+        even = pattern((np.arange(rays) + 0.5) / rays)
+        changes = changes_along_fan(np.stack([even, even], axis=1), fan_step(120.0, rays, 2.0), 0.0, False)
+        assert abs(even.mean() - mean) > 0.04
+        assert fan_sd(changes, Light(rays=rays), 2.0, np.array(False))[0] == 0.0

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.arrays import FloatArray
-from analysis.segmentation.strokes import HIGH, find_strokes
+from analysis.segmentation.strokes import find_strokes, thresholds
 
 LOW_KPA, SPAN_KPA = -40.0, 90.0
 HOLDS_DIFFER, RAMPS_DIFFER = 0.10, 0.05
@@ -20,18 +20,25 @@ HOLDS_DIFFER, RAMPS_DIFFER = 0.10, 0.05
 
 @dataclass(frozen=True, slots=True)
 class DrivenRun:
-    """The samples of a drive, s and kPa, and its true periods from rise to rise, s."""
+    """The samples of a drive, s and kPa, and the times and pressures of its corners."""
 
     time_s: FloatArray
     pressure_kpa: FloatArray
-    periods_s: FloatArray
+    at_s: FloatArray
+    corners_kpa: FloatArray
+
+    def periods_s(self, level_kpa: float) -> FloatArray:
+        """Return the true times from one passage of a level to the next, upwards."""
+        at, corners = self.at_s, self.corners_kpa
+        before = np.flatnonzero((corners[:-1] < level_kpa) & (corners[1:] >= level_kpa))
+        share = (level_kpa - corners[before]) / (corners[before + 1] - corners[before])
+        return np.diff(at[before] + share * (at[before + 1] - at[before]))
 
     def errors_s(self, every: int) -> FloatArray:
         """Return the errors of the periods that one sample in `every` gives; one of inf where strokes are missed."""
-        time_s, kpa = self.time_s[::every], self.pressure_kpa[::every]
-        rises = time_s[find_strokes(time_s, kpa, kpa).up_rows]
-        missed = rises.size != self.periods_s.size + 1
-        return np.array([np.inf]) if missed else np.diff(rises) - self.periods_s
+        time_s, kpa = self.time_s, self.pressure_kpa
+        rises, periods = time_s[find_strokes(time_s, kpa, kpa, every=every).up_rows], self.periods_s(thresholds(kpa)[1])
+        return np.array([np.inf]) if rises.size != periods.size + 1 else np.diff(rises) - periods
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,12 +70,4 @@ class Drive:
         at, corners = np.concatenate([[0.0], np.cumsum(lengths)]), np.repeat(levels, 2)
         time_s = np.arange(rng.uniform(0.0, 1.0 / self.rate_hz), at[-1], 1.0 / self.rate_hz)
         noise = self.noise_kpa * rng.standard_normal(time_s.size)
-        return DrivenRun(time_s, np.interp(time_s, at, corners) + noise, _periods(at, corners))
-
-
-def _periods(at: FloatArray, corners: FloatArray) -> FloatArray:
-    """Return the times from one passage of 75 % of the span to the next, upwards."""
-    level = LOW_KPA + HIGH * SPAN_KPA
-    before = np.flatnonzero((corners[:-1] < level) & (corners[1:] >= level))
-    share = (level - corners[before]) / (corners[before + 1] - corners[before])
-    return np.diff(at[before] + share * (at[before + 1] - at[before]))
+        return DrivenRun(time_s, np.interp(time_s, at, corners) + noise, at, corners)

@@ -16,6 +16,7 @@ import numpy as np
 
 from analysis.atlas.calibration import ReadSession
 from analysis.atlas.coverage import limits_of, recorded
+from analysis.atlas.drives import Drive
 from analysis.atlas.runs import Stairs
 from analysis.calibration.posterior import KEPT_SAMPLES, sample_posterior
 from analysis.figures.pipeline import analyse
@@ -26,6 +27,7 @@ from analysis.optics.scene.parameters import PAPER_RAYS, By, Design, Waveguide, 
 from analysis.optics.sweep.figure_of_merit import FLOOR, merit, p_bounds
 from analysis.optics.tracer.simulation import TraceResult, trace
 from analysis.optics.tracer.tolerance import stated_error
+from analysis.segmentation.stroke_sampling import sampling_within
 from analysis.sequential.accuracy import POINTS, accuracy_of, greatest_band_error, in_mm
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.frames import Shadow
@@ -34,7 +36,9 @@ from analysis.shadow.model.reduced import TableSettings
 from analysis.shadow.model.table import build_table
 from analysis.shadow.model.tolerance import ALONG, ORDER, TABLES, error_estimate, on_mesh, reduced_error_mm
 
-TURNS, SESSIONS, RESPONSES, CHAINS = 6, 12, 500, 3
+TURNS, SESSIONS, RESPONSES, CHAINS, DRIVES = 6, 12, 500, 3, 6
+MISSED = 100.0
+"""Ratio of a run whose strokes are missed."""
 _REFERENCE_RAYS = {"count": 40_000, "power": 20_000}
 _REFERENCE_RESAMPLES, _PLACES = 4_000, 21
 
@@ -63,7 +67,7 @@ def _frames(paper: bool, thickness_mm: float) -> tuple[SceneFrame, ...]:
 
 
 def tracer_ratio(scene: Mapping[str, float], rng: np.random.Generator, by: By, *, even: bool = False) -> float:
-    """Return the error of a count, or power, by the rays of a scene over the stated one, over random places of the rays.
+    """Return the error of a count, or power, by the rays of a scene over the stated one, over random places of rays.
 
     Parameters
     ----------
@@ -175,6 +179,20 @@ def bootstrap_ratio(scene: Mapping[str, float], rng: np.random.Generator) -> flo
     return _rms(ratios)
 
 
+def segmentation_ratio(scene: Mapping[str, float], rng: np.random.Generator) -> float:
+    """Return the error of periods by as few samples as a tolerance takes over the stated one, over runs of a drive."""
+    drive = Drive(
+        round(scene["cycles"]), round(scene["steps"]), scene["dwell_s"], float(np.exp(scene["log_ramp_kpa_per_s"])),
+        float(np.exp(scene["log_rate_hz"])), float(np.exp(scene["log_noise_kpa"])),
+    )  # fmt: skip
+    ratios = []
+    for _ in range(DRIVES):
+        run = drive.run(rng)
+        found = sampling_within(run.time_s, run.pressure_kpa, float(np.exp(scene["log_tolerance_s"])))
+        ratios.append(min(_rms(run.errors_s(found.every).tolist()) / found.period_error_s, MISSED))
+    return _rms(ratios)
+
+
 def bounds_ratio(scene: Mapping[str, float], rng: np.random.Generator) -> float:
     """Return how often a bound of P fails over the stated probability, the worse of both bounds."""
     states, error = np.arange(15.0), 0.04
@@ -231,5 +249,13 @@ OBJECTIVES = {
             "bulge_at": (0.3, 0.7), "reading_sd_mm": (0.0, 0.1), "log_resamples": (np.log(100), np.log(1_000)),
         },
         bootstrap_ratio,
+    ),
+    "segmentation": Objective(
+        {
+            "cycles": (5.0, 15.0), "steps": (1.0, 9.0), "dwell_s": (0.0, 3.0),
+            "log_ramp_kpa_per_s": (np.log(3.0), np.log(60.0)), "log_rate_hz": (np.log(10.0), np.log(200.0)),
+            "log_noise_kpa": (np.log(0.01), np.log(2.0)), "log_tolerance_s": (np.log(0.02), np.log(1.0)),
+        },
+        segmentation_ratio,
     ),
 }  # fmt: skip

@@ -50,10 +50,15 @@ def sampling_of(time_s: FloatArray, drive: FloatArray, every: int = 1) -> Stroke
     time_s, drive : [n] as `find_strokes`; rows that are not finite are left out.
     every : one sample in so many is used.
     """
+    _, whole = _thinned(time_s, drive, 1)
+    return _sampling(time_s, drive, every, thresholds(whole)) if whole.size else StrokeSampling(every, 0, float("inf"))
+
+
+def _sampling(time_s: FloatArray, drive: FloatArray, every: int, ends: tuple[float, float]) -> StrokeSampling:
+    """Return the same with the thresholds of all samples."""
     time, x = _thinned(time_s, drive, every)
     if x.size < FEWEST:
         return StrokeSampling(every, x.size, float("inf"))
-    ends = thresholds(x)
     rises, _ = crossings(x, *ends)
     halves = [_between_samples(time[first::2], x[first::2], ends) for first in (0, 1)]
     if rises.size < 2 or any(half.size != rises.size for half in halves):
@@ -79,8 +84,13 @@ def sampling_within(time_s: FloatArray, drive: FloatArray, tolerance_s: float) -
     time, x = _thinned(time_s, drive, 1)
     interval_s = float(np.median(np.diff(time))) if time.size > 1 else 0.0
     every = int(min(tolerance_s / (BY_INTERVAL * interval_s), x.size / FEWEST)) if interval_s > 0.0 else 1
-    while (found := sampling_of(time, x, max(every, 1))).every > 1:
-        if found.period_error_s <= tolerance_s and _rises(time, x, every) == _rises(time, x, 2 * every // 3):
+    ends = thresholds(x) if x.size else (0.0, 0.0)
+
+    def rises(of_each: int) -> int:
+        return int(crossings(x[::of_each], *ends)[0].size)
+
+    while (found := _sampling(time, x, max(every, 1), ends)).every > 1:
+        if found.period_error_s <= tolerance_s and rises(every) == rises(2 * every // 3):
             return found
         every = min(every - 1, max(int(every * tolerance_s / found.period_error_s), 2 * every // 3))
     if found.period_error_s <= tolerance_s:
@@ -100,11 +110,6 @@ def _thinned(time_s: FloatArray, drive: FloatArray, every: int) -> tuple[FloatAr
     time, x = time_s[::every], drive[::every]
     known = np.isfinite(time) & np.isfinite(x)
     return time[known], x[known]
-
-
-def _rises(time_s: FloatArray, drive: FloatArray, every: int) -> int:
-    _, x = _thinned(time_s, drive, every)
-    return int(crossings(x, *thresholds(x))[0].size)
 
 
 def _between_samples(time_s: FloatArray, drive: FloatArray, ends: tuple[float, float]) -> FloatArray:

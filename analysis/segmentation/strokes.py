@@ -1,8 +1,8 @@
 """Strokes of a drive and the loops of its answer: what a stage, a tester or a pump does over and over.
 
-Strategy: two thresholds at 25 and 75 % of the span p1..p99 of the drive; a rise through both is an upstroke. Cycles run
-from rise to rise. Used for data whose drive is not a pressure plan; the cycles of a calibration are
-`analysis.segmentation.cycles`.
+Strategy: two thresholds at 25 and 75 % of the span p1..p99 of the drive, or up to a tenth of it away, between the
+levels at which a staircase is held; a rise through both is an upstroke. Cycles run from rise to rise. Used for data
+whose drive is not a pressure plan; the cycles of a calibration are `analysis.segmentation.cycles`.
 
 Rules: the figures are those of the loop, without a calibration; nothing is smoothed.
 """
@@ -21,6 +21,9 @@ from analysis.errors import DataError
 from analysis.segmentation.cycles import TOLERANCE_KPA
 
 LOW, HIGH = 0.25, 0.75
+AWAY, NEAR, CHANCE, BINS = 0.1, 0.015, 4.0, 200
+"""How far thresholds may move, and how near (sd) a hold disturbs, of the span; they move where more samples are near
+than elsewhere, by so many standard deviations of their numbers; bins in which samples are counted."""
 MIDDLE = (0.30, 0.70)  # share of the stroke where the half width is taken
 
 
@@ -78,7 +81,7 @@ def find_strokes(
     searched = np.flatnonzero(known[::every]) * every
     up, down = (
         np.searchsorted(np.flatnonzero(known), searched[rows])
-        for rows in crossings(drive[searched], *thresholds(drive[searched]))
+        for rows in crossings(drive[searched], *thresholds(x))
     )
     peaks = [float(x[a:b].max()) for a, b in _between(up[:-1], down)]  # of whole cycles
     troughs = [float(x[a:b].min()) for a, b in _between(down, up)]
@@ -140,9 +143,23 @@ def stroke_figures(recording: Recording, *, min_speed_kpa_per_s: float = 0.0, ev
 
 
 def thresholds(x: FloatArray) -> tuple[float, float]:
-    """Return the values that a stroke passes: 25 and 75 % of the span p1..p99."""
+    """Return the values that a stroke passes: 25 and 75 % of the span p1..p99, or between holds that are near.
+
+    A drive that is held at a threshold passes it whenever noise has it.
+    """
     low, high = (float(v) for v in np.percentile(x, [1, 99]))
-    return low + LOW * (high - low), low + HIGH * (high - low)
+    samples, _ = np.histogram(x, bins=BINS, range=(low, high))
+    shares = (np.arange(samples.size) + 0.5) / BINS
+
+    def passed(usual: float) -> float:
+        levels = usual + np.linspace(-AWAY, AWAY, round(AWAY * BINS) + 1)
+        near = np.exp(-0.5 * ((levels[:, None] - shares) / NEAR) ** 2) @ samples
+        here, least = near[levels.size // 2], near.min()
+        held = here - least > CHANCE * np.sqrt(here + least)
+        level = float(levels[np.argmin(near)]) if held else usual
+        return low + level * (high - low)
+
+    return passed(LOW), passed(HIGH)
 
 
 def crossings(x: FloatArray, low: float, high: float) -> tuple[IntArray, IntArray]:

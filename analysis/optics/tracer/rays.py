@@ -98,7 +98,7 @@ def fan_of(light: Light) -> Fan:
 
 
 def _places(light: Light) -> FloatArray:
-    """Return the places of a light's rays in their steps; those of a ray and of its mirror image are half a step apart."""
+    """Return the places of a light's rays in their steps, those of a ray and of its mirror image half a step apart."""
     if light.jitter is None:
         return np.empty(0)
     first = np.random.default_rng((light.jitter, light.rays)).random((light.rays + 1) // 2)

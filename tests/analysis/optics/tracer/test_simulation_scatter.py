@@ -132,7 +132,7 @@ def test_each_ray_has_a_random_place_in_its_own_step(rays: int) -> None:
 @pytest.mark.parametrize("mirrored", [False, True])
 @pytest.mark.parametrize("rays", [300, 1_000, 4_000, 20_000])
 def test_random_places_err_as_stated_on_the_process_supposed(rays: int, mirrored: bool) -> None:
-    """A signal that flips at random, whose mean is known exactly: error over stated deviation is 1, root mean square."""
+    """A signal that flips at random, of known mean: error over stated deviation is 1, root mean square."""
     flips = 120.0 / (2.0 * CORRELATION_DEG_PER_MM2 * 4.0)  # of a covariance exp(-angle / angle0) over the cone
     flips *= 0.5 if mirrored else 1.0
     rng, ratios = np.random.default_rng(rays), []

@@ -80,8 +80,7 @@ def find_strokes(
     low, high = (float(v) for v in np.percentile(x, [1, 99]))
     searched = np.flatnonzero(known[::every]) * every
     up, down = (
-        np.searchsorted(np.flatnonzero(known), searched[rows])
-        for rows in crossings(drive[searched], *thresholds(x))
+        np.searchsorted(np.flatnonzero(known), searched[rows]) for rows in crossings(drive[searched], *thresholds(x))
     )
     peaks = [float(x[a:b].max()) for a, b in _between(up[:-1], down)]  # of whole cycles
     troughs = [float(x[a:b].min()) for a, b in _between(down, up)]

@@ -45,6 +45,8 @@ def test_trace_turns_the_fan_and_drops_the_faintest() -> None:
     assert (plain["phase"], turned["phase"]) == (0.0, 0.25)
     assert plain["power"] != turned["power"]
     assert call("optics", "trace", "--rays", "100")["phase"] == 0.25
+    assert plain["jitter"] is None
+    assert call("optics", "trace", "--tolerance", "20")["jitter"] == 1
     every = [call("optics", "trace", "--rays", "10", "--secondary", "5000", "--faintest", p) for p in ("1e-2", "1e-5")]
     followed = [each["secondaries"]["followed"] for each in every]  # type: ignore[index]
     assert followed[0] < followed[1]

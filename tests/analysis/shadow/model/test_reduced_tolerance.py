@@ -76,6 +76,18 @@ def test_a_reduced_state_that_is_not_stable_is_replaced(shadow: Shadow, monkeypa
     assert np.abs(corrected(found.solution, pressure_kpa=10.0, elongation_mm=1.0)).max() < 1e-6
 
 
+def test_a_reduced_state_whose_newton_steps_do_not_settle_is_replaced(
+    shadow: Shadow, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Six steps of one size lead to no estimate."""
+    state = shadow.solution(pressure_kpa=10.0, elongation_mm=1.0)[0]
+    step = 1e-3 * state.displacement_mm
+    monkeypatch.setattr(type(shadow.model.solver), "correction", lambda *_, **__: step)
+    with pytest.raises(ConvergenceError, match="does not settle"):
+        reduced_error_mm(shadow.model, state, 10.0, 1.0)
+    assert reduced_within(shadow, 10.0, 1.0, 10.0).used == "full"
+
+
 def test_tolerance_decides_between_the_models(shadow: Shadow) -> None:
     """Just above the estimate the reduced model is used, just below it the full one."""
     stated = reduced_error_mm(shadow.model, shadow.solution(pressure_kpa=10.0, elongation_mm=1.0)[0], 10.0, 1.0)

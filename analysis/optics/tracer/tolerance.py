@@ -24,7 +24,7 @@ from analysis.progress import Progress
 
 COVERAGE = 2.0
 """Standard deviations of a stated error: about 95 %."""
-PILOT_RAYS, FEWEST_RAYS = 60, 50
+PILOT_RAYS, FEWEST_RAYS = 100, 50
 SPARE, MORE, TRIES = 1.15, 1.2, 8
 """Part by which the prediction stays below the tolerance; factor of rays of another try, and how many there are."""
 SEED = 1

@@ -29,9 +29,11 @@ def test_enlarged_screen_shows_what_matters(make, size, theme):
     QTest.qWait(50)
     window.refresh()
     window.draw()
-    QTest.qWait(50)
     bar = window.live.reading
-    for widget in (window.header.vent, bar.question, bar.field, bar.skip, window.live.figures["kpa"]):
+    shown = window.header.vent, bar.question, bar.field, bar.skip, window.live.figures["kpa"]
+    # the layout settles over several events, which take longer while others use the processor
+    QTest.qWaitFor(lambda: all(each.visibleRegion().boundingRect().size() == each.size() for each in shown), 2_000)
+    for widget in shown:
         corner = widget.mapTo(window, widget.rect().bottomRight())
         assert widget.isVisible()
         assert window.rect().contains(corner), widget.accessibleName()

@@ -31,6 +31,8 @@ from analysis.progress import Progress
 
 Unit = Literal["mm", "%FSO"]
 BATCHES, FINE_BATCHES, LEVEL = 16, 32, 0.95
+FREEDOM = 5.9
+"""Degrees of freedom of the autocorrelation time by each independent limit: 2 over the variance of 2 v16 - v32."""
 FEWEST = 400
 """Resamples: ten beyond each limit."""
 FEWEST_SAMPLES = 500
@@ -107,11 +109,11 @@ def band_noise(posterior: Posterior, x: FloatArray, seed: int = 0) -> FloatArray
     -----
     The limits of other chains lie at probabilities that have beta distributions, as those of independent draws would,
     as many as the draws over one autocorrelation time of all limits: that of the shares below them over batches (Flegal
-    and Jones, Ann. Statist. 38, 2010, 1034). They are drawn together, with the correlation of these shares. What lies
-    there, in a normal tail with the scale of the draws in it, are limits as another chain would give them, all of one
-    band: the distances of single draws would add noise of their own at each place. Batches of few autocorrelation times
-    vary too little: what they lack is taken from batches of half their length (Vats and Flegal, Biometrika 109, 2022,
-    735).
+    and Jones, Ann. Statist. 38, 2010, 1034). They are drawn together, with the correlation of these shares, by
+    Student's t, as the time is known from few batches. What lies there, in a normal tail with the scale of the draws in
+    it, are limits as another chain would give them, all of one band: the distances of single draws would add noise of
+    their own at each place. Batches of few autocorrelation times vary too little: what they lack is taken from batches
+    of half their length (Vats and Flegal, Biometrika 109, 2022, 735).
     """
     curves, rng, tail = posterior.curves(x), np.random.default_rng(seed), 0.5 - 0.5 * LEVEL
     curves = curves[: len(curves) // FINE_BATCHES * FINE_BATCHES]
@@ -125,8 +127,11 @@ def band_noise(posterior: Posterior, x: FloatArray, seed: int = 0) -> FloatArray
 
     coarse, fine = variance_of_means(BATCHES), variance_of_means(FINE_BATCHES)
     size = max(round(float(np.mean(below.var(axis=0))) / max(2.0 * coarse - fine, coarse)), 1)
-    normal = rng.multivariate_normal(np.zeros(below.shape[1]), np.corrcoef(below.T), OTHERS, method="eigh")
-    lower, upper = np.moveaxis(normal.reshape(OTHERS, 2, -1), 1, 0)
+    together = np.corrcoef(below.T)
+    freedom = FREEDOM * below.shape[1] ** 2 / float(np.sum(together**2))
+    normal = rng.multivariate_normal(np.zeros(below.shape[1]), together, OTHERS, method="eigh")
+    student = normal / np.sqrt(rng.chisquare(freedom, (OTHERS, 1)) / freedom)
+    lower, upper = np.moveaxis(student.reshape(OTHERS, 2, -1), 1, 0)
     most = max(round(WIDER * tail * count), 2)
     return np.stack([
         distances_in_tail(ordered[:most], tail, probabilities_by_chance(size, tail, lower)),

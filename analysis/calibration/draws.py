@@ -52,20 +52,41 @@ def lower_quantiles_by_chance(values: FloatArray, tail: float) -> FloatArray:
     ----------
     values : [rows]. tail : share of them that is below the quantile.
     """
-    from scipy import special
-
     ordered = np.sort(values)
     quantile = float(np.interp(tail * (values.size - 1), np.arange(values.size), ordered))
     errors = errors_by_chance((values <= quantile).astype(np.float64))
-    probabilities = np.interp(-errors, _NORMALS, _probabilities(values.size, tail))
+    probabilities = probabilities_by_chance(values.size, tail, -errors)
     beyond = ordered[: max(round(WIDER * tail * values.size), 2)]
     if np.unique(beyond).size < REPEATED * beyond.size:
         at = np.clip(np.rint(probabilities * (values.size + 1)).astype(int) - 1, 0, values.size - 1)
         return np.asarray(ordered[at] + quantile - ordered[round(tail * (values.size - 1))])
-    excess = float(beyond[-1] - beyond.mean()) * beyond.size / (beyond.size - 1)
-    at, edge = special.ndtri(tail), special.ndtri(WIDER * tail)
-    of_normal = np.exp(-0.5 * edge**2) / np.sqrt(2.0 * np.pi) / (WIDER * tail) + edge
-    return np.asarray(quantile + excess / of_normal * (special.ndtri(probabilities) - at))
+    return np.asarray(quantile + distances_in_tail(beyond, tail, WIDER * tail, probabilities))
+
+
+def distances_in_tail(beyond: FloatArray, tail: float, share: float, probabilities: FloatArray) -> FloatArray:
+    """Return how far quantiles at some probabilities are from the one at `tail`, in a normal tail.
+
+    Parameters
+    ----------
+    beyond : the lowest draws in order, [draws, ...], the scale is from their mean. share : of all draws that they are.
+    probabilities : [..., ...].
+    """
+    from scipy import special
+
+    excess = (beyond[-1] - beyond.mean(axis=0)) * len(beyond) / (len(beyond) - 1)
+    edge = special.ndtri(share)
+    of_normal = np.exp(-0.5 * edge**2) / np.sqrt(2.0 * np.pi) / share + edge
+    return np.asarray(excess / of_normal * (special.ndtri(probabilities) - special.ndtri(tail)))
+
+
+def probabilities_by_chance(size: int, tail: float, normals: FloatArray) -> FloatArray:
+    """Return the probabilities at which the lower quantile of other draws lies.
+
+    Parameters
+    ----------
+    size : independent draws. tail : share of them below the quantile. normals : numbers of standard errors, any shape.
+    """
+    return np.asarray(np.interp(normals, _NORMALS, _probabilities(size, tail)))
 
 
 def quantiles_by_chance(values: FloatArray, tail: float) -> FloatArray:

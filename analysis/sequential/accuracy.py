@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from analysis.arrays import FloatArray
-from analysis.calibration.draws import OTHERS, greatest_error
+from analysis.calibration.draws import OTHERS, distances_in_tail, greatest_error, probabilities_by_chance
 from analysis.calibration.fit import Calibration
 from analysis.calibration.posterior import Posterior
 from analysis.data.load import load_recording
@@ -30,7 +30,11 @@ from analysis.numbers import rounded_up
 from analysis.progress import Progress
 
 Unit = Literal["mm", "%FSO"]
-BATCHES, LEVEL = 16, 0.95
+BATCHES, FINE_BATCHES, LEVEL = 16, 32, 0.95
+FREEDOM = 5.9
+"""Degrees of freedom of the autocorrelation time by each independent limit: 2 over the variance of 2 v16 - v32."""
+WIDER = 2.0
+"""Times the tail of a limit: the samples from which its scale is found, where Student's t is nearly normal."""
 FEWEST = 400
 """Resamples: ten beyond each limit."""
 FEWEST_SAMPLES = 500
@@ -105,23 +109,48 @@ def band_noise(posterior: Posterior, x: FloatArray, seed: int = 0) -> FloatArray
 
     Notes
     -----
-    The shares of the draws below the limits are normal, with the covariance that independent draws have, times one
-    autocorrelation time of all limits: that of their means over batches (Flegal and Jones, Ann. Statist. 38, 2010,
-    1034). What lies at such shares among the draws are limits as another chain would give them, all of one band
-    together (probabilities in place of a density: Vehtari et al., Bayesian Anal. 16, 2021, 667).
+    The limits of other chains lie at probabilities that have beta distributions, as those of as many independent draws
+    as these are worth. They are drawn together, with the correlation of the shares below them, by Student's t, as that
+    number is known from few batches. What lies there, in a normal tail with the scale of the draws in it, are limits
+    as another chain would give them, all of one band: the distances of single draws would add noise of their own at
+    each place.
     """
-    curves, rng = posterior.curves(x), np.random.default_rng(seed)
-    curves = curves[: len(curves) // BATCHES * BATCHES]
-    count, rows = len(curves), np.arange(x.size)
-    tails = np.array([[0.5 - 0.5 * LEVEL], [0.5 + 0.5 * LEVEL]])
-    ordered = np.sort(curves, axis=0)
-    limits = ordered[np.rint(tails * (count - 1)).astype(int), rows]
+    curves, rng, tail = posterior.curves(x), np.random.default_rng(seed), 0.5 - 0.5 * LEVEL
+    curves = curves[: len(curves) // FINE_BATCHES * FINE_BATCHES]
+    count, ordered = len(curves), np.sort(curves, axis=0)
+    limits = [ordered[round(share * (count - 1))] for share in (tail, 1.0 - tail)]
     below = np.concatenate([curves <= limit for limit in limits], axis=1).astype(np.float64)
-    means = below.reshape(BATCHES, -1, below.shape[1]).mean(axis=1)
-    tau = count / BATCHES * float(np.mean(means.var(axis=0, ddof=1))) / float(np.mean(below.var(axis=0)))
-    shares = rng.multivariate_normal(np.zeros(below.shape[1]), np.cov(below.T) * tau / count, OTHERS, method="eigh")
-    shifted = tails + shares.reshape(OTHERS, 2, -1)
-    return np.asarray(ordered[np.rint(shifted * (count - 1)).clip(0, count - 1).astype(int), rows] - limits)
+    size, together = _independent_draws(below), np.corrcoef(below.T)
+    freedom = FREEDOM * below.shape[1] ** 2 / float(np.sum(together**2))
+    normal = rng.multivariate_normal(np.zeros(below.shape[1]), together, OTHERS, method="eigh")
+    student = normal / np.sqrt(rng.chisquare(freedom, (OTHERS, 1)) / freedom)
+    lower, upper = np.moveaxis(student.reshape(OTHERS, 2, -1), 1, 0)
+    wide = WIDER * tail
+    most = max(round(wide * count), 2)
+    return np.stack([
+        distances_in_tail(ordered[:most], tail, wide, probabilities_by_chance(size, tail, lower)),
+        -distances_in_tail(-ordered[: -most - 1 : -1], tail, wide, probabilities_by_chance(size, tail, -upper)),
+    ], axis=1)  # fmt: skip
+
+
+def _independent_draws(below: FloatArray) -> int:
+    """Return as how many independent draws those of a chain are worth, by one autocorrelation time of all limits.
+
+    The time is that of the shares below the limits over batches (Flegal and Jones, Ann. Statist. 38, 2010, 1034).
+    Batches of few autocorrelation times vary too little: what they lack is taken from batches of half their length
+    (Vats and Flegal, Biometrika 109, 2022, 735).
+
+    Parameters
+    ----------
+    below : whether a draw is below a limit, 1 or 0, [draws in order, limits].
+    """
+
+    def variance_of_means(batches: int) -> float:
+        means = below.reshape(batches, -1, below.shape[1]).mean(axis=1)
+        return float(np.mean(means.var(axis=0, ddof=1))) / batches
+
+    coarse, fine = variance_of_means(BATCHES), variance_of_means(FINE_BATCHES)
+    return max(round(float(np.mean(below.var(axis=0))) / max(2.0 * coarse - fine, coarse)), 1)
 
 
 def in_mm(calibration: Calibration, x: FloatArray, signal: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import signal, stats
 
 from analysis.atlas.runs import Stairs
 from analysis.calibration.draws import COVERAGE
@@ -50,6 +51,39 @@ def drawn_posterior(draws: np.ndarray) -> Posterior:
     fit = fit_calibration(x, 2.0 + x + 0.1 * rng.standard_normal(20), 1)
     size = len(draws)
     return Posterior(fit, draws, np.ones(size), draws[0], draws[0], 1.0, 0.0, 1.0, size, 0.5, size, converged=True)
+
+
+def test_the_worst_limit_of_a_band_errs_as_stated() -> None:
+    """Of 100 bands of a straight line at 31 places, which err together: its rms is the stated one within a sixth.
+
+    With the distances of single draws, which are noise at each place, it was 1.22 times the true one.
+    """
+    rng, x = np.random.default_rng(6), np.linspace(0.0, 1.0, 31)
+    half = 1.959964 * drawn_posterior(rng.standard_normal((400_000, 2))).curves(x).std(axis=0)
+    true, stated = [], []
+    for seed in range(100):
+        posterior = drawn_posterior(rng.standard_normal((3_200, 2)))
+        low, high = np.percentile(posterior.curves(x), [2.5, 97.5], axis=0)
+        true.append(max(np.abs(low + half).max(), np.abs(high - half).max()))
+        stated.append(np.abs(band_noise(posterior, x, seed)).max(axis=(1, 2)))
+    ratio = np.sqrt(np.mean(np.square(stated)) / np.mean(np.square(true)))
+    assert ratio == pytest.approx(1.0, abs=0.16)
+
+
+def test_the_error_of_a_band_follows_a_slow_chain() -> None:
+    """Of 300 chains it is the true one, root mean square, to 12 %; of 15 autocorrelation times a fifth too small."""
+    rng, x = np.random.default_rng(7), np.array([1.0])
+    for slow, least, most in ((0.9, 0.88, 1.12), (0.97, 0.88, 1.12), (0.99, 1.2, 1.4)):
+        true, stated = [], []
+        for seed in range(300):
+            steps = rng.standard_normal(3_200)
+            steps[1:] *= math.sqrt(1.0 - slow**2)
+            chain = signal.lfilter([1.0], [1.0, -slow], steps)
+            posterior = drawn_posterior(np.column_stack([np.zeros_like(chain), chain]))
+            slope = posterior.calibration.fit.basis.design(x)[0, 1]
+            true.append(np.percentile(chain, [2.5, 97.5]) - stats.norm.ppf([0.025, 0.975]))
+            stated.append(band_noise(posterior, x, seed)[:, :, 0] / slope)
+        assert least < np.sqrt(np.mean(np.square(true)) / np.mean(np.square(stated))) < most
 
 
 def test_the_error_of_a_band_is_true() -> None:

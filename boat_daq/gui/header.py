@@ -268,7 +268,7 @@ class Navigation(QWidget):
 
 
 class Strip(QWidget):
-    """The strip; `refresh` shows the current notice and the newest job."""
+    """The strip; `refresh` shows the current notice and the newest job, whose name gives way to a notice."""
 
     def __init__(self, notices: Notices, jobs: JobRunner) -> None:
         super().__init__()
@@ -286,9 +286,8 @@ class Strip(QWidget):
         self.copy = widgets.button("Copy", self._copy, "link", name="Copy message")
         self.close_ = widgets.button("Dismiss", self.dismiss, "link", name="Dismiss message")
         self.behind = widgets.label("", "small")
-        self.work = widgets.label("", "muted")
+        self.work = widgets.label("", "muted", elide=True, least=style.VENT_WIDTH)
         self.bar = QProgressBar()
-        self.bar.setFixedWidth(style.VENT_WIDTH)
         self.bar.setAccessibleName("Progress")
         self.cancel = widgets.button("Cancel", self.cancel_job, name="Cancel task")
         self.details = QPlainTextEdit(readOnly=True)
@@ -320,11 +319,16 @@ class Strip(QWidget):
         waiting = self.notices.waiting()
         widgets.set_text(self.behind, f"{waiting} more" if waiting else "")
         running = self.jobs.running()
-        for widget in (self.work, self.bar, self.cancel):
+        crowded = notice is not None and self.width() < style.NARROW_BELOW
+        for widget in (self.bar, self.cancel):
             widget.setVisible(bool(running))
+        self.work.setVisible(bool(running) and not crowded)
         if running:
             job = running[-1]
             widgets.set_text(self.work, job.label)
+            self.work.setMaximumWidth(max(style.VENT_WIDTH, self.width() // 4))  # the rest is the message's
+            self.bar.setFixedWidth(style.VENT_WIDTH // 2 if crowded else style.VENT_WIDTH)
+            self.bar.setToolTip(job.label)
             self.bar.setRange(0, 0 if job.fraction is None else 1000)
             self.bar.setValue(job.permille)
 

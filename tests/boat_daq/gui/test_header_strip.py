@@ -67,6 +67,25 @@ def test_job_has_a_progress_bar_and_a_cancel(live):
     assert not live.strip.bar.isVisible()
 
 
+def test_a_running_job_leaves_its_place_to_a_message(live, qtbot):
+    """The name of a job takes a quarter of the strip; beside a message in a narrow window it is said on hover."""
+    label = "Computing the posterior and its bands of sensors 1 and 2 from 4,000 samples"
+    strip = live.strip
+    live.model.jobs.start("long", Job(label, pause, 60), lambda job: None)
+    live.resize(853, 600)
+    live.refresh()
+    assert strip.work.isVisible()
+    live.model.notices.add(Severity.WARNING, "the regulator does not follow", "Check its supply.")
+    live.refresh()
+    assert not strip.work.isVisible()
+    assert strip.bar.toolTip() == label
+    qtbot.waitUntil(lambda: strip.text.width() > strip.width() // 4)
+    live.resize(1280, 800)
+    live.refresh()
+    assert strip.work.isVisible()
+    qtbot.waitUntil(lambda: strip.work.width() <= strip.width() // 4 < strip.text.width() + strip.work.width())
+
+
 def test_warning_shows_cause_and_remedy(make):
     """A message of the session comes to the strip and stays until it is dismissed."""
     session = RecordedSession(connected(), filled_ring(10.0))

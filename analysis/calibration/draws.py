@@ -69,7 +69,7 @@ def distances_in_tail(beyond: FloatArray, tail: float, share: float, probabiliti
     Parameters
     ----------
     beyond : the lowest draws in order, [draws, ...], the scale is from their mean. share : of all draws that they are.
-    probabilities : [..., ...].
+    probabilities : [others, ...].
     """
     from scipy import special
 

@@ -109,18 +109,18 @@ def band_noise(posterior: Posterior, x: FloatArray, seed: int = 0) -> FloatArray
 
     Notes
     -----
-    The limits of other chains lie at probabilities that have beta distributions, as those of as many independent draws
-    as these are worth. They are drawn together, with the correlation of the shares below them, by Student's t, as that
-    number is known from few batches. What lies there, in a normal tail with the scale of the draws in it, are limits
-    as another chain would give them, all of one band: the distances of single draws would add noise of their own at
-    each place.
+    The limits of other chains lie at probabilities that have beta distributions, those of independent draws of the
+    effective sample size. They are drawn together, with the correlation of the shares below them, from Student's t, as
+    that size is estimated from few batches. The quantiles there, of a normal tail with the scale of the draws in it,
+    are limits as another chain would give them, all of one band: distances between single draws would add noise of
+    their own at each place.
     """
     curves, rng, tail = posterior.curves(x), np.random.default_rng(seed), 0.5 - 0.5 * LEVEL
     curves = curves[: len(curves) // FINE_BATCHES * FINE_BATCHES]
     count, ordered = len(curves), np.sort(curves, axis=0)
     limits = [ordered[round(share * (count - 1))] for share in (tail, 1.0 - tail)]
     below = np.concatenate([curves <= limit for limit in limits], axis=1).astype(np.float64)
-    size, together = _independent_draws(below), np.corrcoef(below.T)
+    size, together = _effective_size(below), np.corrcoef(below.T)
     freedom = FREEDOM * below.shape[1] ** 2 / float(np.sum(together**2))
     normal = rng.multivariate_normal(np.zeros(below.shape[1]), together, OTHERS, method="eigh")
     student = normal / np.sqrt(rng.chisquare(freedom, (OTHERS, 1)) / freedom)
@@ -133,16 +133,18 @@ def band_noise(posterior: Posterior, x: FloatArray, seed: int = 0) -> FloatArray
     ], axis=1)  # fmt: skip
 
 
-def _independent_draws(below: FloatArray) -> int:
-    """Return as how many independent draws those of a chain are worth, by one autocorrelation time of all limits.
-
-    The time is that of the shares below the limits over batches (Flegal and Jones, Ann. Statist. 38, 2010, 1034).
-    Batches of few autocorrelation times vary too little: what they lack is taken from batches of half their length
-    (Vats and Flegal, Biometrika 109, 2022, 735).
+def _effective_size(below: FloatArray) -> int:
+    """Return the effective sample size of the shares below the limits.
 
     Parameters
     ----------
     below : whether a draw is below a limit, 1 or 0, [draws in order, limits].
+
+    Notes
+    -----
+    One size of all limits, from the variance of their means over batches (Flegal and Jones, Ann. Statist. 38, 2010,
+    1034). Batches of few autocorrelation times vary too little: batches of half their length give the correction (Vats
+    and Flegal, Biometrika 109, 2022, 735).
     """
 
     def variance_of_means(batches: int) -> float:

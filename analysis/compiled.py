@@ -108,7 +108,7 @@ def compile_ahead(function: Callable[..., Any], *arguments: Any) -> None:
 
     Parameters
     ----------
-    function : decorated with one of the above. arguments : of a later call; only their types matter.
+    function : decorated with one of the above.
     """
     dispatcher = cast(Any, function)
     dispatcher.compile(tuple(dispatcher.typeof_pyval(each) for each in arguments))

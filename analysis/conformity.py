@@ -45,7 +45,6 @@ class ConformityStatement:
 
     Attributes
     ----------
-    conformity : the statement.
     probability : that the measurand is within the limits; NaN without an uncertainty.
     guard_band : on the side of the limit that is nearest in its uncertainties; NaN without one.
     """

@@ -29,14 +29,10 @@ class Fidelity:
 
     Parameters
     ----------
-    level : its name.
     rays : released in one traced scene.
     ranking_rays : released in each scene of a sweep that ranks designs.
     mesh : elements of the shadow's full model: along a cell, across the wall, across the lattice.
     wall_modulus_kpa, neck_radius_mm : the two fitted numbers of the actuator, fitted on that mesh.
-    table : of the reduced model: pressures, elongations, shapes.
-    walkers, posterior_samples : of the sampler, and how many effective samples end it.
-    resamples : of every bootstrap.
     points_a_column : looked at for each column of pixels of a live curve, of which the extremes are painted.
     """
 

@@ -173,7 +173,6 @@ def with_coefficients(fit: LeastSquares, x: FloatArray, y: FloatArray, basis_coe
 
     Parameters
     ----------
-    fit : of the points, in the basis of the coefficients.
     x, y : [n] points.
     basis_coefficients : [degree + 1] in the scaled basis.
     """

@@ -70,14 +70,7 @@ def white_noise_sd(values: FloatArray) -> float:
 
 
 def resampling_weights(n: int, rng: np.random.Generator, resamples: int = RESAMPLES) -> FloatArray:
-    """Return how often each of `n` items is drawn in each bootstrap resample, [resamples, n].
-
-    Parameters
-    ----------
-    n : number of items.
-    rng : generator of the draws.
-    resamples : number of resamples.
-    """
+    """Return how often each of `n` items is drawn in each bootstrap resample, [resamples, n]."""
     return rng.multinomial(n, np.full(n, 1.0 / n), size=resamples).astype(np.float64)
 
 
@@ -88,7 +81,6 @@ def bootstrap_interval(
 
     Parameters
     ----------
-    estimate : of the sample itself.
     replicates : [resamples] of the resamples.
     n : number of items drawn from.
     positive : widen on the scale of logarithms.
@@ -112,7 +104,6 @@ def expanded_limits(
 
     Parameters
     ----------
-    estimate : of the sample itself.
     low, high : percentiles of the resamples, of any shape.
     n : number of items drawn from.
     positive : widen on the scale of logarithms where both percentiles allow it.

@@ -61,7 +61,6 @@ def start_module(module: str, *arguments: str, **options: Any) -> subprocess.Pop
     Parameters
     ----------
     module : name of a module, as behind `python -m`.
-    arguments : its command line.
     options : of `subprocess.Popen`.
     """
     import subprocess

@@ -28,7 +28,6 @@ def c_header(calibration: CalibrationFile, table_error_mm: float | None = None) 
 
     Parameters
     ----------
-    calibration : that gives an elongation.
     table_error_mm : bound on the error of tables in single precision; None for Newton's method in double precision.
 
     Raises

@@ -28,7 +28,6 @@ def convert_signals(calibration: CalibrationFile, signal_mv: FloatArray, flags: 
 
     Parameters
     ----------
-    calibration : that gives an elongation.
     signal_mv : [n, sensors].
     flags : [n] `SampleFlag`; a sample that is marked as no measurement is left out, a wrong pressure does not matter.
 
@@ -61,8 +60,6 @@ def own_elongation(recording: Recording, options: Options, elongation: str | Pat
 
     Parameters
     ----------
-    recording : a calibration run.
-    options : of its analysis.
     elongation : CSV of elongations; without one the recording's own readings are used.
 
     Raises
@@ -79,8 +76,6 @@ def check_signals(calibration: CalibrationFile, sensors: int, *, simulated: bool
 
     Parameters
     ----------
-    calibration : of the signals.
-    sensors : number of the signals.
     simulated : whether they are those of a virtual board.
 
     Raises
@@ -127,7 +122,7 @@ def converted_rows(time_s: FloatArray, signal_mv: FloatArray, converted: Convert
 
     Parameters
     ----------
-    time_s, signal_mv : [n], [n, sensors]. converted : of these signals.
+    time_s, signal_mv : [n], [n, sensors].
     """
     names = {f"s{number + 1}_mv": column for number, column in enumerate(signal_mv.T)}
     columns = {"time_s": time_s, **names, "elongation_mm": converted.elongation_mm, "u_mm": converted.u_mm}

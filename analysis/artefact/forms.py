@@ -21,7 +21,7 @@ def calibration_text(calibration: CalibrationFile, form: str, table_error_mm: fl
 
     Parameters
     ----------
-    calibration : what is written. form : one of `FORMS`.
+    form : one of `FORMS`.
     table_error_mm : bound on the error of a table; None for none in C, and the usual one in CSV.
 
     Raises
@@ -42,7 +42,7 @@ def write_calibration(calibration: CalibrationFile, path: Path, form: str, table
 
     Parameters
     ----------
-    calibration, form, table_error_mm : as `calibration_text` takes them. path : of the file.
+    calibration, form, table_error_mm : as `calibration_text` takes them.
 
     Raises
     ------

@@ -24,7 +24,6 @@ def signal_table(inverse: Inverse, error_mm: float, *, single: bool = False) -> 
 
     Parameters
     ----------
-    inverse : of one sensor.
     error_mm : bound on the error of the elongation that is interpolated between them.
     single : whether it is interpolated in single precision.
 
@@ -66,7 +65,7 @@ def table_csv(calibration: CalibrationFile, error_mm: float = USUAL_ERROR_MM) ->
 
     Parameters
     ----------
-    calibration : that gives an elongation. error_mm : bound on the error, as `signal_table` takes it.
+    error_mm : bound on the error, as `signal_table` takes it.
 
     Raises
     ------

@@ -34,7 +34,7 @@ class Evolution:
 
     Parameters
     ----------
-    mean : (n,) where it begins. step : width of the first generation. rng : of its points.
+    mean : (n,) where it begins. step : width of the first generation.
     """
 
     def __init__(self, mean: FloatArray, step: float, rng: np.random.Generator) -> None:
@@ -87,7 +87,6 @@ class Find:
     Parameters
     ----------
     method, scene : what was computed; the worst scene, by the names of its numbers.
-    ratio : of that scene, the true error over the stated one, over all its repeats.
     scenes, refused : how many were tried, and of those how many cannot be built.
     finds : confirmed scenes above the objective's limit, the worst first.
     """
@@ -137,12 +136,7 @@ class _Search:
 
 
 def search(name: str, objective: Objective, seconds: float, seed: int = 0) -> Find:
-    """Search for the scene with the largest ratio.
-
-    Parameters
-    ----------
-    name, objective : the method. seconds : of the search. seed : of the scenes.
-    """
+    """Search for the scene with the largest ratio."""
     found, began = _Search(objective, np.random.default_rng(seed)), time.perf_counter()
     n = len(objective.bounds)
     while not found.tried or time.perf_counter() - began < RANDOM_SHARE * seconds:

@@ -25,8 +25,6 @@ def healthy(degrees: float, correlation: float, cycles: int, runs: int) -> Float
 
     Parameters
     ----------
-    degrees : of freedom of the driving noise.
-    correlation : of neighbouring cycles.
     cycles, runs : shape of the result.
     """
     rng = np.random.default_rng(0)

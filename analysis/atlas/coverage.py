@@ -153,7 +153,6 @@ def recorded(
     Parameters
     ----------
     sensors : the same staircase with the signal of each sensor.
-    reading_sd_mm, rng : of the readings of elongation. folder : of the file.
     """
     run = sensors[0]
     levels, branch = run.holds
@@ -289,7 +288,7 @@ def measured(method: Method, scenes: int, seed: int = 0, seconds: float = np.inf
 
     Parameters
     ----------
-    method, scenes : what is computed, and how often. seed : of the scenes.
+    method, scenes : what is computed, and how often.
     seconds : after which no further scene is begun.
     """
     found: list[Answer] = []

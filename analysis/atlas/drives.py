@@ -47,9 +47,7 @@ class Drive:
 
     Parameters
     ----------
-    cycles, steps : of the run, and of each way; one step is a triangle or a trapezium.
-    dwell_s : of each hold; 0 without. ramp_kpa_per_s : between holds.
-    rate_hz, noise_kpa : of the samples; the noise is white.
+    dwell_s : of each hold; 0 without.
     """
 
     cycles: int

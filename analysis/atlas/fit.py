@@ -90,7 +90,7 @@ def over_draws(x: FloatArray, off: FloatArray, degree: int) -> StudyResult:
 
     Parameters
     ----------
-    x : (n,) mm. off : (n,) errors put in, sd of the noise. degree : of the fit.
+    x : (n,) mm. off : (n,) errors put in, sd of the noise.
     """
     fits = []
     for seed in range(DRAWS):

@@ -112,7 +112,7 @@ def second_tracer(
     ----------
     surfaces : from `segments`.
     start, direction : (rays, 2), mm and unit vectors.
-    index : of the resin. cap_mm : path length after which a ray is stopped.
+    cap_mm : path length after which a ray is stopped.
 
     Returns
     -------

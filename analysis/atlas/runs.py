@@ -39,8 +39,6 @@ class Stairs:
 
     Parameters
     ----------
-    span_kpa : from end to end. dwell_s : of each hold. rate_hz : of samples. ramp_kpa_per_s : between holds.
-    pressure_noise_kpa, noise_mv : sd of white noise.
     scale : of the signal's swing about its value at rest.
     bulge_percent, bulge_at : the sensor's own loop, % of full scale, widest at this share of the range of x.
     """
@@ -138,7 +136,7 @@ def analysed(run: Stairs, recording: Recording | None = None, *, readings: bool 
 
     Parameters
     ----------
-    run : with its truth. recording : of the run, disturbed; the run as it is by default. readings : whether with file.
+    recording : of the run, disturbed; the run as it is by default.
     """
     recording = recording or run.recording()
     if not readings:

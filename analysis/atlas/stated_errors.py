@@ -71,7 +71,7 @@ def tracer_ratio(scene: Mapping[str, float], rng: np.random.Generator, by: By, *
 
     Parameters
     ----------
-    scene, rng, by : the scene. even : over turns of an even fan, which no tolerance chooses.
+    even : over turns of an even fan, which no tolerance chooses.
     """
     thickness = round(scene["thickness_mm"], 1)
     guide = Waveguide(thickness_mm=thickness, index=scene["index"])

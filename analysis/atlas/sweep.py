@@ -43,14 +43,7 @@ class CellOutcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One parameter of a sweep.
-
-    Parameters
-    ----------
-    name, unit : as the map shows them; no unit is "".
-    values : in their order along the axis, drawn at equal distances.
-    labels : of the values, where the plain number would not do.
-    """
+    """One parameter of a sweep."""
 
     name: str
     unit: str
@@ -108,10 +101,8 @@ class Study:
 
     Parameters
     ----------
-    name : of the map. method : it belongs to, as `boat-daq tradeoff` names methods; several maps may share one.
-    title : in plain words. truth : what the error is measured against.
-    unit, tolerance : of the error; beyond the tolerance a number is wrong.
-    x, y : the two parameters.
+    method : it belongs to, as `boat-daq tradeoff` names methods; several maps may share one.
+    truth : what the error is measured against.
     run : calls the method at (x, y); an error of the analysis is a refusal.
     library : module of an optional library that the truth comes from; may be empty.
     """

@@ -79,7 +79,6 @@ class Adequacy:
     candidates : all that the positions carry.
     averaged : weights and curves of the average that the chosen one is measured by: itself alone without a suspicion.
     remainder : rms over the range by which the chosen curve misses; in the unit of y.
-    remainder_percent : of the full scale.
     """
 
     verdict: CurveVerdict
@@ -282,7 +281,6 @@ def expanded(
     Parameters
     ----------
     deviation, u : of any one shape: uncorrected deviation, standard uncertainty.
-    factor : of coverage without a deviation.
     half_loop : half the distance of two branches about the deviation, one as likely as the other.
     """
     given = (np.asarray(one, dtype=np.float64) for one in (deviation, half_loop, u))

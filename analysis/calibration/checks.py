@@ -68,7 +68,6 @@ def leave_one_out(x: FloatArray, y: FloatArray, group: FloatArray, degree: int) 
     ----------
     x, y : [n] points.
     group : [n] the cycle of each point.
-    degree : of the polynomial.
 
     Returns
     -------
@@ -148,9 +147,7 @@ def calibration_warnings(
 
     Parameters
     ----------
-    calibration : to check.
     point : name of a point, counted from 0; None names it by its x and y.
-    units : of x and y in the texts.
     """
     x_unit, y_unit = (f" {unit}" if unit else "" for unit in units)
     found = [

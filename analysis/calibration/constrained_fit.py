@@ -114,7 +114,6 @@ def with_solution(
 
     Parameters
     ----------
-    calibration : of the points.
     basis_coefficients : [degree + 1] in its scaled basis.
     factor : [degree + 1, parameters] F with the covariance sd^2 F F^T.
     leverage : [n] of the points.

@@ -44,10 +44,8 @@ class CurveCandidate:
     Attributes
     ----------
     name : one of `CURVES`.
-    verdict, sentence : on its adequacy and why; empty where it could not be tested.
     prediction_rms_mv : of each inner position from the others; NaN where that was not computed.
     expanded_mm : U of an elongation in the middle of the range; NaN where it gives none.
-    void : why it gives none.
     """
 
     name: str

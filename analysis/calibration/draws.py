@@ -68,7 +68,7 @@ def distances_in_tail(beyond: FloatArray, tail: float, share: float, probabiliti
 
     Parameters
     ----------
-    beyond : the lowest draws in order, [draws, ...], the scale is from their mean. share : of all draws that they are.
+    beyond : the lowest draws in order, [draws, ...], the scale is from their mean.
     probabilities : [others, ...].
     """
     from scipy import special
@@ -84,7 +84,7 @@ def probabilities_by_chance(size: int, tail: float, normals: FloatArray) -> Floa
 
     Parameters
     ----------
-    size : independent draws. tail : share of them below the quantile. normals : numbers of standard errors, any shape.
+    tail : share of them below the quantile. normals : numbers of standard errors, any shape.
     """
     return np.asarray(np.interp(normals, _NORMALS, _probabilities(size, tail)))
 

@@ -42,14 +42,11 @@ class Calibration:
     r2, adjusted_r2 : share of the (weighted) variance explained; NaN where y does not vary.
     rmse : sqrt(sum of squared residuals / n).
     residual_sd : sqrt(sum of squared residuals / (n - degree - 1)); NaN without degrees of freedom.
-    x_range, y_range : of the data.
     turning_points : every x where the slope is zero and changes sign, inside the range or not.
     monotone : no turning point inside the range, and not flat.
     fit : the solution in its scaled basis.
-    x, y : the data.
     reading : what reading x on a grid leaves unknown, see `with_reading`; None where x is known.
     joint : the fit by branch that the curve is from, see `fit_by_branch`; None for a fit through points.
-    adequacy : of that fit.
     """
 
     coefficients: FloatArray
@@ -221,7 +218,6 @@ class Calibration:
         ----------
         x : any shape, in the unit of x.
         level : of confidence, 0 to 1.
-        new_reading : of one new reading instead of the curve.
         """
         spread = self.curve_u(x) if self.adequacy is None else self.adequacy.average_u(x)
         if new_reading:

@@ -41,7 +41,6 @@ class GeneralFit:
     ----------
     calibration : the curve; where an uncertainty was stated its covariance is that of the statement.
     residual_sd : scatter about the curve, of a point of weight 1.
-    options : that it was made with.
     stated : test of the stated uncertainty; None without one.
     robust : the trail; None without a robust method.
     tests : of the residuals, see `residual_tests`.

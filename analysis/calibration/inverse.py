@@ -63,7 +63,6 @@ def raise_without_inverse(calibration: Calibration, *, by_parts: bool = False) -
 
     Parameters
     ----------
-    calibration : its curve.
     by_parts : allow one that turns inside its range: it has an inverse on either side of the turn.
     """
     turns = calibration.turns_inside
@@ -91,7 +90,6 @@ class Inverse:
     nodes : [NODES] signal at equally spaced u.
     noise_mm, shared_mm : [U_NODES] standard uncertainty at equally spaced u: of the noise of one signal, and of what
         the sensors of one unit share in part (curve, reading, model). No more than the width of the range.
-    half_division_mm : of the grid that the ends of the range were read on.
     reference : of the type B contributions: a constant, mm, and a share of x, which add in squares.
     calibration : that it is from; None where it was read from a file.
     """
@@ -121,7 +119,6 @@ class Inverse:
 
         Parameters
         ----------
-        calibration : monotone over its range.
         noise_sd : sd of one new signal about the curve, mV, independent between sensors; the residual sd of the fit
             by default.
         model_sd : sd of what the curve leaves out and the sensors share (repeatability, drift), mV.
@@ -242,7 +239,7 @@ def _uncertainty(
 
     Parameters
     ----------
-    calibration : its curve. x : mm.
+    x : mm.
     noise_sd, model_sd : as `Inverse.of` takes them. half_loop : at x, mV.
     """
     per_mv = 1.0 / np.maximum(np.abs(calibration.slope(x)), LEVEL)

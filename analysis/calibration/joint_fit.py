@@ -186,7 +186,6 @@ class JointFit:
     misfit_sd : t, what the positions miss the model by besides.
     residuals, leverage : [positions], in the direction of y.
     slope : [positions] of the branch that each lies on.
-    means : the positions.
     """
 
     basis: CurveBasis
@@ -302,10 +301,6 @@ class JointFit:
     def draws(self, rng: np.random.Generator, count: int) -> tuple[FloatArray, FloatArray]:
         """Draw curves that the errors of the position means allow, and the ends of their range.
 
-        Parameters
-        ----------
-        rng : of the draws. count : of the draws.
-
         Returns
         -------
         coefficients [count, coefficients] and ends [count, 2]. An error of reading moves a position's y by -f' e and,
@@ -339,8 +334,6 @@ def joint_fit(means: PositionMeans, basis: CurveBasis, loop_terms: int | None = 
 
     Parameters
     ----------
-    means : of the readings.
-    basis : family of the curve.
     loop_terms : of the loop; as many as the positions carry by default.
 
     Raises
@@ -444,10 +437,6 @@ def fit_of_best_loop(means: PositionMeans, basis: CurveBasis, most_terms: int) -
 
     None where the positions carry no loop, or one of another shape. A term is kept where it takes more than its own
     expectation off the sum of squares (H. Theil, Economic Forecasts and Policy, 1961, 6.3: F > 1).
-
-    Parameters
-    ----------
-    means : of the readings. basis : family of the curve. most_terms : of the loop.
     """
     fits: list[JointFit] = []
     with suppress(DataError):  # as many as the positions carry
@@ -478,10 +467,6 @@ def greatest_loop_width(fit: JointFit, rng: np.random.Generator, draws: int = WI
     The square of the greatest width exceeds the truth's by about its variance, found by redrawing the loop. The
     interval is about the greatest width less its own bias, and starts at zero where a loop of zero would be estimated
     as wide with a chance of 5 % or more.
-
-    Parameters
-    ----------
-    fit : with loop terms. rng, draws : of the loop, each drawn with both signs.
     """
     z = np.linspace(-1.0, 1.0, WIDTH_POINTS)
     rows = (1.0 - z**2)[:, None] * z[:, None] ** np.arange(fit.loop.size)

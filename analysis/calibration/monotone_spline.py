@@ -31,7 +31,6 @@ class MonotoneSplineBasis:
         Parameters
         ----------
         z : [positions] of both branches, two a level.
-        falls : the curve falls.
         """
         count = max((z.size + 2) // 2 - WITHOUT_KNOT, 1)
         knots = np.quantile(np.clip(z, -1.0, 1.0), np.linspace(0.0, 1.0, count + 2)[1:-1])

@@ -58,10 +58,7 @@ class Posterior:
     sigma_samples : [draws] noise sd.
     mean, sd : [degree + 1] of the monomial coefficients.
     sigma : posterior mean of the noise sd.
-    reading_sd : s_x that was assumed.
     tau : integrated autocorrelation time, steps, the longest of all parameters.
-    n_eff : draws / tau.
-    acceptance : mean acceptance fraction.
     steps : steps kept after the burn-in.
     converged : steps >= 50 tau and an acceptance between 0.1 and 0.9.
     """
@@ -96,7 +93,6 @@ class Posterior:
         ----------
         x : [points] in the unit of x.
         level : of the band, 0 to 1.
-        seed : of the draws of noise.
 
         Returns
         -------
@@ -169,8 +165,6 @@ def sample_posterior(
         signals refute it (`analysis.calibration.quantised_x`).
     standard_uncertainty : [n] of y where the noise is unequal; only the ratios matter, their scale is sampled.
     monotone : leave out curves that turn inside the range.
-    seed : same seed, same draws.
-    walkers, max_steps : of the ensemble; it stops before where it has converged and has enough samples.
     samples : effective, that are enough; more than `KEPT_SAMPLES` are all kept.
     start_sd : size of the ball that it starts in, standard errors.
     progress : called as progress(done, total); raising from it cancels.

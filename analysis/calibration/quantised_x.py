@@ -110,7 +110,6 @@ def gather(
 
     Parameters
     ----------
-    fit : polynomial through the points.
     x, y : [n] readings and signals.
     reading_sd : of one reading to the nearest mark: the grid / sqrt(12).
     labels : [n] anything that names the position of each point; None: each is its own, unless equal readings share
@@ -169,9 +168,7 @@ def share_their_error(fit: LeastSquares, x: FloatArray, y: FloatArray, reading_s
 
     Parameters
     ----------
-    fit : polynomial through the points.
     x, y : [n] readings and signals.
-    reading_sd : of one reading to the nearest mark, in the unit of x.
     """
     weights = fit.weights
     values, of_x, many = np.unique(np.round(x, 9), return_inverse=True, return_counts=True)

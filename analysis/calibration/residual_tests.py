@@ -67,7 +67,6 @@ def chi_squared(calibration: Calibration, u: FloatArray) -> ChiSquared | None:
 
     Parameters
     ----------
-    calibration : weighted by these uncertainties.
     u : [n] stated standard uncertainty of each y.
     """
     dof = calibration.dof
@@ -104,7 +103,6 @@ def durbin_watson(calibration: Calibration, order: FloatArray | None = None) -> 
 
     Parameters
     ----------
-    calibration : the fit.
     order : [n] neighbours by this; None takes the order of the rows.
 
     Notes

@@ -84,7 +84,6 @@ def huber(calibration: Calibration, refit: Refit = lambda fit: fit) -> RobustFit
 
     Parameters
     ----------
-    calibration : of all points, with its constraint.
     refit : applied to each fit, for a constraint.
 
     Raises
@@ -152,7 +151,6 @@ def leave_out(calibration: Calibration, refit: Callable[[Calibration], Calibrati
 
     Parameters
     ----------
-    calibration : of all points.
     refit : applied to each fit, for a constraint.
     """
     kept = np.ones(calibration.n, dtype=bool)

@@ -64,7 +64,6 @@ class TypeBContribution:
     u : standard uncertainty, in `unit` (mm, percent of the elongation, kpa, k).
     sensitivity : mm per unit; of the elongation's per cent it is |x| / 100.
     dof : degrees of freedom; infinite where the statement is certain.
-    distribution, certificate, source : as stated.
     """
 
     name: str
@@ -106,13 +105,7 @@ class TypeBContribution:
 
 
 class ContributionError(RequestError):
-    """A contribution is refused.
-
-    Parameters
-    ----------
-    name : of the contribution. key : of its table, for what is refused; empty for the table itself.
-    cause, remedy : as of the family.
-    """
+    """A contribution is refused."""
 
     def __init__(self, name: str, key: str, cause: str, remedy: str) -> None:
         super().__init__(f"type_b.{name:.60}: {cause}", remedy)

@@ -66,10 +66,8 @@ class Level:
     Attributes
     ----------
     branch : loading, unloading, or end: the end levels belong to both.
-    elongation_mm, signal_mv : as read, and as measured there.
     indicated_mm : the elongation that the curve gives for the signal.
     expanded_mm : U of such an elongation, k = 2, covering `coverage`.
-    n : readings.
     """
 
     branch: str
@@ -157,7 +155,6 @@ class CalibratedItem:
 
     Attributes
     ----------
-    name : of the item, for the customer; unit : for the program.
     begun, ended : dates of the calibration, ISO 8601.
     previous : when the calibration in force before was made, ISO 8601; "" without one.
     """
@@ -260,7 +257,6 @@ class Request:
     items : names in the order of the runs; overrides those of the metadata.
     limits : of the customer, see `analysis.figures.acceptance.LIMITS`.
     issued : date, ISO 8601; today where it is empty.
-    number : of the laboratory; made from the content where it is empty.
     previous : of each run the stored content of the calibration in force before, with its date as `utc`; or None.
     """
 
@@ -274,12 +270,7 @@ class Request:
 
 
 def missing(analyses: Sequence[Analysis], request: Request) -> tuple[str, ...]:
-    """Return what a certificate must state and nobody has stated: laboratory, customer, item.
-
-    Parameters
-    ----------
-    analyses : of the runs. request : what is stated besides.
-    """
+    """Return what a certificate must state and nobody has stated: laboratory, customer, item."""
     stated = [analysis.recording.metadata for analysis in analyses]
     named = [
         name or analysis.recording.unit
@@ -295,10 +286,6 @@ def missing(analyses: Sequence[Analysis], request: Request) -> tuple[str, ...]:
 
 def certificate_of(analyses: Sequence[Analysis], request: Request) -> Certificate:
     """Return the certificate of one calibration, or of several that are compared.
-
-    Parameters
-    ----------
-    analyses : of calibration runs, simulated or real ones. request : what no run shows.
 
     Raises
     ------

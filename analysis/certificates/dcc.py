@@ -339,7 +339,6 @@ def _list(
 
     Parameters
     ----------
-    parent : list or data. name : of the quantity.
     values : [n]. units : one for all, or [n].
     expanded : U and its coverage probability, [n] each; k = 2.
     ref_type : what the quantity is in a calibration.

@@ -56,7 +56,7 @@ def write_certificate(certificate: Certificate, path: str | Path) -> Path:
 
     Parameters
     ----------
-    certificate : to write. path : ends in .pdf or .xml.
+    path : ends in .pdf or .xml.
 
     Raises
     ------

@@ -15,9 +15,6 @@ class Laboratory:
     ----------
     name : is required; what else is empty is not stated.
     country_code : two letters, ISO 3166-1.
-    accreditation : its number or code.
-    procedure : of the calibration, as the laboratory names it.
-    signatory : who authorises the certificate.
     """
 
     name: str

@@ -276,8 +276,6 @@ def store_result(
 
     Parameters
     ----------
-    path : of a closed recording.
-    kind : of the result, e.g. "analysis".
     content, parameters : of the result, in JSON's own types.
     seed : that it was computed with; None without one.
 
@@ -312,7 +310,6 @@ def store_video(path: str | Path, record: CameraRecord, about: Mapping[str, Any]
 
     Parameters
     ----------
-    path : of a closed recording.
     record : placed in the recording's time, its delay left in.
     about : `source`, `mark_mm`, `u_scale`, as of a recording with a camera.
 

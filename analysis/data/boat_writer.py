@@ -46,8 +46,6 @@ def write_boat_file(path: str | Path, recording: Recording, *, original: str | P
 
     Parameters
     ----------
-    path : of the new recording.
-    recording : as imported.
     original : the file it was imported from; its bytes are kept.
 
     Raises

@@ -22,7 +22,6 @@ class CameraRecord:
     time_s : [frames] in order; of the recording, except for the camera's delay.
     elongation_mm, u_mm : [frames] value and standard uncertainty, NaN where there is none.
     fault : [frames] code of why there is none, "" where there is one.
-    dropped : frames that are missing.
     """
 
     time_s: FloatArray

@@ -87,7 +87,6 @@ def map_columns(table: Table, columns: Mapping[str, str] | None = None, *, toler
 
     Parameters
     ----------
-    table : whose columns are mapped.
     columns : as `import_csv` takes them; an empty text maps no column to that name.
     tolerant : whether a column with an unknown unit is left out with a warning, not refused.
 
@@ -164,14 +163,7 @@ def _channels(table: Table, taken: Set[int], stated: Mapping[int, tuple[str, str
 
 
 def save_profile(path: str | Path, mapping: ColumnMap, table: Table) -> None:
-    """Keep a column map as JSON, to be used again for files of the same kind.
-
-    Parameters
-    ----------
-    path : of the JSON file.
-    mapping : to store.
-    table : that the mapping is of.
-    """
+    """Keep a column map as JSON, to be used again for files of the same kind."""
     text = json.dumps({"boat_daq_import": 1, "columns": mapping.as_profile(table)}, indent=2, ensure_ascii=False)
     write_whole(Path(path), text + "\n")
 
@@ -311,7 +303,6 @@ def unmapped(name: str, missing: list[str], mapping: ColumnMap, table: Table) ->
 
     Parameters
     ----------
-    name : of the file.
     missing : our names that no column was mapped to.
     mapping, table : what was recognised, and of which table.
     """
@@ -368,10 +359,8 @@ def import_csv(
 
     Parameters
     ----------
-    path : the file.
     columns : NAME -> "COLUMN" or "COLUMN:UNIT"; COLUMN is a name or a number from 1; "" for no column.
     profile : a saved map (`save_profile`); `columns` overrides it.
-    rate_hz : where the file has no time.
     separator : of the columns, " " for white space; found when None.
     signals_only : whether a file without pressure is taken as well; its pressure is NaN.
 
@@ -394,7 +383,6 @@ def preview(
 
     Parameters
     ----------
-    path : the file.
     columns, separator : as `import_csv` takes them.
     rows : how many of the first rows to show.
     """

@@ -61,7 +61,7 @@ def samples_frame(
 
     Parameters
     ----------
-    recording : of the samples; its camera, if it has one, on its clock. rows : some of them; None for all.
+    rows : some of them; None for all.
     converted : their elongation; None without.
     """
     frame = recording.to_frame(rows)
@@ -97,8 +97,6 @@ def export(
 
     Parameters
     ----------
-    recording : to export.
-    path : of the file.
     format : csv, parquet, hdf5, mat, rosbag (MCAP storage) or rosbag-sqlite3.
     converted : the elongation of the samples; None without a calibration.
     progress : called as progress(done, total) for CSV; raising from it cancels.

@@ -74,7 +74,6 @@ class Recording:
     pressure_usable : [n] True where the pressure may.
     masked : rows left out, by reason.
     interval_s : median sampling interval, NaN below two samples.
-    gaps : where samples are missing.
     channel : [n, channels] extra channels, each in its own unit, NaN where it was not measured; None without any.
     steps, readings : frames with STEP_COLUMNS and READING_COLUMNS; empty where the source has none.
     meta : the session's keys.

@@ -43,8 +43,6 @@ def write_bag(
     Parameters
     ----------
     frame : samples in the columns of the export.
-    description : of the recording, as JSON.
-    path : folder of the bag.
     storage : mcap or sqlite3.
     progress : called as progress(done, total).
 

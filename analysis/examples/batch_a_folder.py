@@ -15,8 +15,6 @@ def main(folder: str, table: str, workers: int | None = None) -> int:
 
     Parameters
     ----------
-    folder : of the runs.
-    table : the CSV to write.
     workers : processes; None takes one for each core.
     """
     rows = batch(folder, workers=workers)

@@ -122,7 +122,6 @@ def out_of_tolerance(sensor: SensorAnalysis, reading_sd_mm: float) -> tuple[Warn
     Parameters
     ----------
     sensor : analysed; without a calibration nothing is judged.
-    reading_sd_mm : of a reading of x within its grid; it lowers the limit of R² by what the grid alone can make.
     """
     if sensor.calibration is None:
         return ()
@@ -148,12 +147,7 @@ def _is_beyond(statement: ConformityStatement) -> bool:
 
 
 def r2_statement(name: str, calibration: Calibration, reading_sd_mm: float) -> LimitStatement:
-    """State the conformity of R² with the published residuals and what the grid of the readings makes.
-
-    Parameters
-    ----------
-    name : of the sensor. calibration : of the sensor. reading_sd_mm : of a reading of x within its grid.
-    """
+    """State the conformity of R² with the published residuals and what the grid of the readings makes."""
     grid = f" and what a grid of {np.sqrt(12.0) * reading_sd_mm:.2g} mm makes" if reading_sd_mm > 0 else ""
     source = f"twice the published residuals{grid}"
     tolerance = Tolerance("r2", _least_r2(calibration, reading_sd_mm), source, is_lower=True)

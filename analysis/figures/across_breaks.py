@@ -106,11 +106,6 @@ class Break:
 def compare_breaks(recording: Recording, cycles: Cycles, loops: Loops) -> tuple[Break, ...]:
     """Compare the parts on both sides of each break of a run; none for a run that was not interrupted.
 
-    Parameters
-    ----------
-    recording, cycles : the run.
-    loops : of its used cycles.
-
     Raises
     ------
     RecordingError : the entries of the breaks are damaged.

@@ -96,9 +96,7 @@ def readings_against_shadow(
 
     Parameters
     ----------
-    analysis : of a run with readings.
     level : of the shadow's mesh and table.
-    progress : of building the table.
 
     Returns
     -------
@@ -126,11 +124,6 @@ def readings_against_shadow(
 
 def measured_elongation(recording: Recording, sensors: Sequence[SensorAnalysis]) -> FloatArray:
     """Return the elongation by each sensor's calibration, shape (n, sensors); NaN outside its range.
-
-    Parameters
-    ----------
-    recording : of the same unit.
-    sensors : with the calibrations, of this or another run.
 
     Raises
     ------

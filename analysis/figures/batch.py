@@ -42,7 +42,6 @@ def summarise_run(
 
     Parameters
     ----------
-    path : the run.
     seed, mcmc : as `analyse` takes them.
     within : analyses to a tolerance, and returns further columns; None for the usual draws.
     """
@@ -95,7 +94,6 @@ def batch(
 
     Parameters
     ----------
-    runs : a folder, or files.
     seed, mcmc, within : as `summarise_run` takes them.
     workers : processes; one for each core by default, 1 for none.
     scheduler : address of a Dask scheduler; then the runs must be readable from its workers.

@@ -52,7 +52,6 @@ class UnitComparison:
     ----------
     unit, runs : its name, and how many runs; "" where the runs name none and are taken to be of one.
     spreads, spread_void : of each sensor's levels, or why there are none.
-    histories : of each sensor that was calibrated twice or more.
     budgets : of the latest calibration of two or more, the reproducibility included; else None.
     """
 

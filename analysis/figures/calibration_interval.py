@@ -37,8 +37,6 @@ class CalibrationInterval:
     ----------
     days : NaN where `void` gives the reason.
     due_utc : date of the next calibration, ISO 8601; "" without one.
-    drift_mm_per_year, drift_u : of the check point, and its standard uncertainty.
-    limit_mm : permissible drift.
     extrapolated : whether the interval is cut at twice the time that the calibrations cover.
     """
 
@@ -81,7 +79,6 @@ def proposed_interval(
     ----------
     when : [n] of each calibration, in order; None where it is not known.
     error_mm, u_mm : [n] of the check point, and its standard uncertainty.
-    limit_mm : permissible drift.
     """
     known = [time for time in when if time is not None]
     days = np.asarray([(time - known[0]).total_seconds() / 86_400.0 for time in known])

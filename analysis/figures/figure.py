@@ -148,9 +148,7 @@ class Figure:
 
         Parameters
         ----------
-        unit : of the figure.
         reason, void : why, as a code and as text.
-        definition : of the figure.
         """
         return cls(float("nan"), unit, 0, void=void, definition=definition, reason=reason)
 
@@ -180,7 +178,6 @@ def changed(change: Callable[..., tuple[Any, Any, Any]], figure: Figure, *others
     Parameters
     ----------
     change : takes the `Limits` of every figure; returns value, low and high. It is called for numbers and for arrays.
-    figure, others : from which they follow; all else is that of the first.
     """
     every = [np.array([each.value, each.low, each.high]) for each in (figure, *others)]
     value, low, high = (float(number) for number in change(*every))

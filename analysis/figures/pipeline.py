@@ -69,7 +69,6 @@ class Analysis(AnalysedRun):
     ----------
     budgets : of an elongation in the middle of the calibrated range; None without a calibration.
     u_elongation : of each sensor [points, 2], x and U of an elongation there, mm, NaN where it is not known.
-    u_elongation_void : of each sensor, why U is not given everywhere in the range, or "".
     parts : of a run whose parts differ over a break; `sensors` are those of the largest.
     camera : what the camera adds; None without one.
     lab_figures : of the lab's plugins, which are not computed here.
@@ -229,7 +228,6 @@ def redrawn_run(analysis: AnalysedRun, options: Options, *, progress: Progress |
 
     Parameters
     ----------
-    analysis : of a run without differing parts.
     options : differ in seed, resamples and the sampling of the posterior only; it is sampled where they differ there.
     progress : called as progress(done, total); raising from it cancels.
     """

@@ -33,14 +33,12 @@ class FiguresByCycle:
 
     Attributes
     ----------
-    numbers : the cycles' numbers.
     hysteresis_percent_fso, span_mv, snr_db : [cycles] hysteresis over pressure, output span, signal-to-noise ratio.
     displacement_percent_fso : [cycles] mean of the levels less their median over the second half of the run.
     level_displacement_percent_fso : [cycles, levels] each level, mean of both branches, less its mean over the cycles.
     branch_displacement_percent_fso : [2, cycles, levels] the same of each branch alone.
     hysteresis_lift_percent_fso : how much noise lifts the hysteresis of a cycle on average; NaN below two cycles.
     sensitivity, sensitivity_unit : [cycles] end to end, mV/mm, or mV/kPa where x was not read in every cycle.
-    warm_up : number of warm-up cycles.
     """
 
     numbers: tuple[int, ...]

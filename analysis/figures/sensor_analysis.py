@@ -78,9 +78,6 @@ class Options:
     degree : of the calibration, or spline; auto takes the curve that predicts best, see `calibration.adequacy`.
     x_resolution_mm : grid of the readings; None takes that of the recording, else 0.5 mm.
     monotone : only monotone curves in the posterior.
-    seed : of the bootstrap and the sampler.
-    mcmc : sample the posterior.
-    plateau : what counts as settled.
     fidelity : how fine bootstrap and sampler are, see `analysis.fidelity`.
     resamples, posterior_samples : in place of the fidelity's.
     leave_out : leave out readings whose points are off the curve, each with a warning.
@@ -171,7 +168,6 @@ class SegmentedRun:
     Attributes
     ----------
     weights : [resamples, cycles] of the bootstrap over the cycles of `loops`.
-    breaks : where the run was interrupted and resumed.
     ambient_mv : [sensors, plateaus] error by ambient light in every cycle alike, see `segmentation.ambient_light`.
     """
 
@@ -280,8 +276,7 @@ def redrawn_sensor(
 
     Parameters
     ----------
-    run : with its draws. sensor : counted from 0. before : the same sensor of the same run, by other draws.
-    sample : its posterior too. progress : of that.
+    sensor : counted from 0. before : the same sensor of the same run, by other draws.
     """
     calibration, points, posterior, reason = before.calibration, before.point_plateau.astype(np.int64), None, ""
     if not sample or calibration is None:
@@ -359,7 +354,7 @@ def with_curve(run: AnalysedRun, sensor: int, degree: Degree) -> AnalysedRun:
 
     Parameters
     ----------
-    run : that was analysed. sensor : counted from 0. degree : of the other curve.
+    sensor : counted from 0.
 
     Raises
     ------
@@ -389,10 +384,6 @@ def actuator_loop(run: SegmentedRun, sensors: Sequence[SensorAnalysis]) -> Actua
 
     The polygon through the plateaus misses the maximum between two of them; the loop of the fit does not. None where
     no calibration has a joint fit, or the positions do not carry the loop.
-
-    Parameters
-    ----------
-    run : with its readings. sensors : of the run.
     """
     fitted = next((s for s in sensors if s.calibration is not None and s.calibration.joint is not None), None)
     if fitted is None:
@@ -541,7 +532,6 @@ def with_losses(run: SegmentedRun, sensor: int, figures: Mapping[str, Figure]) -
 
     Parameters
     ----------
-    run : that the figures are of.
     sensor : counted from 0.
     figures : by key.
     """

@@ -65,10 +65,9 @@ class CurveDraws:
 
     Attributes
     ----------
-    fit : the curve itself. x : [n] the readings. x_range : calibrated.
+    x : [n] the readings.
     coefficients : [draws, coefficients]; NaN rows where a resample cannot carry the degree.
     ends : [draws, 2] the range of each draw.
-    n_cycles : of the run.
     dof : degrees of freedom of the errors drawn; NaN where the draws are a bootstrap over the cycles.
     """
 
@@ -107,7 +106,6 @@ class CurveDraws:
         Parameters
         ----------
         value, replicates : of the curve and of the draws, [draws].
-        unit, definition : of the figure.
         either_way : the wider, at each end, of the draws' percentiles and their reflection.
         """
         if np.isnan(self.dof):
@@ -131,8 +129,7 @@ def draw_joint(joint: JointFit, x: FloatArray, n_cycles: int, rng: np.random.Gen
 
     Parameters
     ----------
-    joint : the curve. x : [n] the readings. n_cycles : of the run.
-    rng, count : of the draws.
+    x : [n] the readings.
     """
     coefficients, ends = joint.draws(rng, count)
     return CurveDraws(joint, x, joint.ends, coefficients, ends, n_cycles, joint.effective_dof)
@@ -147,8 +144,6 @@ def resample_fit(
     ----------
     cycle_of : [n] position (0, 1, ...) of the cycle of each point of the calibration.
     weights : [resamples, cycles] how often each cycle was drawn.
-    rng : of the readings of x; a grid rounds one position alike in every cycle, which the cycles do not show:
-        where x was read, each position is moved once in each resample, by a normal draw.
 
     Notes
     -----
@@ -193,7 +188,6 @@ def pressure_full_scale(loops: Loops, sensor: int, weights: FloatArray) -> Figur
 
     Parameters
     ----------
-    loops : of the used cycles.
     sensor : counted from 0.
     weights : [resamples, cycles] of the bootstrap.
     """
@@ -234,9 +228,7 @@ def curve_figures(curves: CurveDraws, other: CurveDraws | None = None, *, verdic
 
     Parameters
     ----------
-    curves : the calibration.
     other : the curve that it may deviate from: the intervals hold the figures of either.
-    verdict : on the calibration where it is not adequate, for the notes.
     """
     figures = {"fso_mv": full_scale(curves), **sensitivities(curves), "nonlinearity_percent_fso": nonlinearity(curves)}
     for key, of_other in (curve_figures(other) if other is not None else {}).items():
@@ -269,11 +261,7 @@ def joint_hysteresis(
 
     Parameters
     ----------
-    estimate : of its greatest width.
-    width : of the loops between the points, for the abscissa that the branches share.
     full_scale_value : what it is relative to, in its unit.
-    n : number of cycles.
-    over : the abscissa.
     """
     definition = f"max over {over} of |loading - unloading| / FSO, loop of the joint fit, less its variance"
     plain = hysteresis(width, full_scale_value, n, definition)
@@ -297,7 +285,6 @@ def sensor_loop_width(loops: Loops, sensor: int, calibration: Calibration | None
 
     Parameters
     ----------
-    loops : with elongations.
     sensor : counted from 0.
     calibration : subtracted from the signal; None where there is none.
     weights : [resamples, cycles] of the bootstrap.
@@ -315,10 +302,7 @@ def hysteresis(width: LoopWidth, full_scale_value: float, n: int, definition: st
 
     Parameters
     ----------
-    width : of the loops.
     full_scale_value : what the width is relative to, in its unit.
-    n : number of cycles.
-    definition : of the figure.
     """
     if width.void:
         return Figure.nothing("% FSO", Reason.NO_OVERLAP, width.void, definition)
@@ -341,8 +325,6 @@ def loop_made_by_noise(
 
     Parameters
     ----------
-    plateaus : of a staircase; none for a continuous run.
-    loops, cycles : of the run.
     sensor : counted from 0.
     noise_mv : rms noise of a sample, mV.
     """
@@ -365,10 +347,8 @@ def limited(figure: Figure, floor: float, by: str, share: float = BOUND_SHARE) -
 
     Parameters
     ----------
-    figure : a hysteresis.
     floor : what else makes, in the unit of the figure.
     by : the name of that cause.
-    share : of the figure above which it is an upper bound.
     """
     figure = changed(lambda v: (v[0], np.minimum(v[1], np.maximum(v[0] - floor, 0.0)), v[2]), figure)
     if not floor > share * figure.value:
@@ -409,7 +389,6 @@ def pressure_nonlinearity(loops: Loops, sensor: int, full_scale_value: float, we
 
     Parameters
     ----------
-    loops : of the used cycles.
     sensor : counted from 0.
     full_scale_value : full-scale output, mV.
     weights : [resamples, cycles] of the bootstrap.
@@ -432,7 +411,6 @@ def repeatability(loops: Loops, sensor: int, full_scale_value: float, weights: F
 
     Parameters
     ----------
-    loops : of the used cycles.
     sensor : counted from 0.
     full_scale_value : full-scale output, mV.
     weights : [resamples, cycles] of the bootstrap.
@@ -466,7 +444,6 @@ def drift(loops: Loops, sensor: int, full_scale_value: float) -> Figure:
 
     Parameters
     ----------
-    loops : of the used cycles.
     sensor : counted from 0.
     full_scale_value : full-scale output, mV.
     """
@@ -502,7 +479,6 @@ def continuous_noise(recording: Recording, cycles: Cycles, sensor: int) -> tuple
 
     Parameters
     ----------
-    recording, cycles : the run.
     sensor : counted from 0.
     """
     used = cycles.used
@@ -545,7 +521,6 @@ def noise_and_snr(
     Parameters
     ----------
     parts : sums of squares, degrees of freedom and cycle, as `staircase_noise` returns them.
-    numbers : of the cycles.
     full_scale_value : full-scale output, mV.
     weights : [resamples, cycles] of the bootstrap.
     rounding_mv : what the rounding of doubles may make.
@@ -601,7 +576,7 @@ def with_shared_error(figure: Figure, shared: float) -> Figure:
 
     Parameters
     ----------
-    figure : distance of two means. shared : sd of the error of each, in the unit of the figure.
+    shared : sd of the error of each, in the unit of the figure.
     """
     if not shared > 0 or not np.isfinite([figure.value, figure.low, figure.high]).all():
         return figure

@@ -33,7 +33,6 @@ def store_analysis(run: str | Path, analysis: Analysis, elongation: str | Path |
     Parameters
     ----------
     run : the file that was analysed.
-    analysis : of it.
     elongation : the file of elongations that was used; None without one.
 
     Returns
@@ -76,11 +75,6 @@ def code_state() -> str:
 
 def reproduce(run: str | Path, parameters: Mapping[str, Any]) -> dict[str, Any] | None:
     """Compute a stored analysis again, with the options that it was made with.
-
-    Parameters
-    ----------
-    run : the recording.
-    parameters : that it was stored with.
 
     Returns
     -------

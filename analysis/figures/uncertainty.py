@@ -205,7 +205,6 @@ def elongation_budget(analysis: AnalysedRun, x_mm: float, *, runs: Sequence[Anal
 
     Parameters
     ----------
-    analysis : of a calibration run.
     runs : calibrations of the same unit, this one among them; with two or more reproducibility is assessed.
 
     Raises
@@ -223,7 +222,7 @@ def elongation_uncertainty(analysis: AnalysedRun, sensor: int) -> tuple[FloatArr
 
     Parameters
     ----------
-    analysis : of a run. sensor : counted from 0.
+    sensor : counted from 0.
 
     Returns
     -------
@@ -265,7 +264,6 @@ def middle_budgets(analysis: AnalysedRun, runs: Sequence[AnalysedRun] = ()) -> E
 
     Parameters
     ----------
-    analysis : of a calibration run.
     runs : calibrations of the same unit, as `elongation_budget` takes them.
     """
     ranges = [sensor.calibration.x_range for sensor in analysis.sensors if sensor.calibration is not None]
@@ -283,7 +281,7 @@ def curve_candidates_of(analysis: AnalysedRun, sensor: int, x_mm: float) -> tupl
 
     Parameters
     ----------
-    analysis : of a run. sensor : counted from 0; without a calibration it has no candidates.
+    sensor : counted from 0; without a calibration it has no candidates.
     x_mm : the elongation that U is of.
     """
     if analysis.sensors[sensor].calibration is None:
@@ -322,7 +320,7 @@ class BudgetOfSensor:
 
         Parameters
         ----------
-        analysis : of a calibration run. sensor : counted from 0.
+        sensor : counted from 0.
         runs : calibrations of the same unit, as `elongation_budget` takes them.
 
         Raises

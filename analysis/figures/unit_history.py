@@ -53,7 +53,6 @@ class UnitHistory:
     en : [n] En score against the calibration before; NaN for the first.
     expanded_mm : [n] U of an elongation at x0, k = 2; NaN where the curve gives none there.
     curves : of each, [points, 2] x and y over its range.
-    interval : to the next calibration.
     """
 
     sensor: str
@@ -139,11 +138,8 @@ def calibrations_in(
 
     Parameters
     ----------
-    folder : of the runs.
-    unit : its name.
     simulated : whether those of simulated boards are kept, or those of real ones; None for the real ones where there
         are any, else the simulated ones.
-    seed : of the analyses.
     progress : called as progress(done, total); raising from it cancels.
 
     Raises
@@ -192,7 +188,6 @@ def unit_history(
 
     Parameters
     ----------
-    analyses : of one unit, in any order.
     sensor : counted from 0.
     check_point_mm : elongation of the control chart.
     limit_mm : permissible drift; None for U of an elongation at the check point.
@@ -223,7 +218,6 @@ def history_of(
     Parameters
     ----------
     calibrations : one or more, in any order.
-    sensor : its name.
     check_point_mm, limit_mm : as `unit_history` takes them.
 
     Raises

@@ -56,7 +56,6 @@ def write_report(
     path : ends in .html or .pdf.
     limits : name -> value, see `analysis.figures.acceptance.LIMITS`; the verdict is given against them.
     shadow : the run beside the digital shadow, for a report on one run; None leaves it out.
-    units : in which the reader sees the values.
     progress : is called with the pages or sections that are set and their number; raising from it leaves no file.
 
     Returns

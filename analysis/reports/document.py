@@ -73,8 +73,6 @@ class Report:
     facts : the lines of its head: who, what, when.
     date : ISO 8601, of the document; "" where it is not known.
     marks : across the head of every page, beside SIMULATED.
-    author : who issues it.
-    attachments : files within the PDF.
     """
 
     title: str

@@ -47,13 +47,7 @@ def finished(ax: Axes) -> None:
 
 
 def over_cycles(ax: Axes, ylabel: str, title: str) -> None:
-    """Give axes over whole numbers of cycles their titles.
-
-    Parameters
-    ----------
-    ax : with the curves.
-    ylabel, title : of the ordinate with its unit, and of the drawing.
-    """
+    """Give axes over whole numbers of cycles their titles."""
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.set(xlabel="cycle", ylabel=ylabel, title=title)
 
@@ -68,9 +62,7 @@ def calibration_curve(analysis: Analysis, sensor: int, ax: Axes) -> None:
 
     Parameters
     ----------
-    analysis : of the run.
     sensor : counted from 0.
-    ax : to draw onto.
     """
     one = analysis.sensors[sensor]
     calibration = one.calibration
@@ -92,9 +84,7 @@ def residuals(analysis: Analysis, sensor: int, ax: Axes) -> None:
 
     Parameters
     ----------
-    analysis : of the run.
     sensor : counted from 0.
-    ax : to draw onto.
     """
     calibration = analysis.sensors[sensor].calibration
     assert calibration is not None
@@ -108,9 +98,7 @@ def system_loop(analysis: Analysis, sensor: int, ax: Axes) -> None:
 
     Parameters
     ----------
-    analysis : of the run.
     sensor : counted from 0.
-    ax : to draw onto.
     """
     loops = analysis.loops
     colours = mpl.colormaps[style.CYCLES](np.linspace(0.05, 0.92, max(loops.n_cycles, 2)))
@@ -157,9 +145,7 @@ def drift_of_levels(analysis: Analysis, sensor: int, ax: Axes) -> None:
 
     Parameters
     ----------
-    analysis : of the run.
     sensor : counted from 0.
-    ax : to draw onto.
     """
     loops, moved = analysis.loops, analysis.sensors[sensor].by_cycle.level_displacement_percent_fso
     chosen = np.unique(np.linspace(0, loops.level_kpa.size - 1, 5).round().astype(int))
@@ -176,10 +162,7 @@ def per_cycle_figure(analysis: Analysis, name: str, label: str, title: str, ax: 
 
     Parameters
     ----------
-    analysis : of the run.
     name : of the field of `FiguresByCycle`.
-    label, title : of the ordinate with its unit, and of the drawing.
-    ax : to draw onto.
     """
     warm = max((sensor.by_cycle.warm_up for sensor in analysis.sensors), default=0)
     for i, sensor in enumerate(analysis.sensors):
@@ -197,9 +180,7 @@ def distribution(analysis: Analysis, sensor: int, ax: Axes) -> None:
 
     Parameters
     ----------
-    analysis : of the run.
     sensor : counted from 0.
-    ax : to draw onto.
     """
     loops, moved = analysis.loops, analysis.sensors[sensor].by_cycle.branch_displacement_percent_fso
     step, line = max(1, -(-loops.level_kpa.size // 10)), {"color": style.SOFT, "lw": 0.6}
@@ -225,9 +206,7 @@ def side_by_side(analyses: Sequence[Analysis], name: str, ax: Axes) -> None:
 
     Parameters
     ----------
-    analyses : of the runs.
     name : key of the figure.
-    ax : to draw onto.
     """
     order = sorted(range(len(analyses)), key=lambda i: (analyses[i].recording.unit, i))
     for i in range(max(len(a.sensors) for a in analyses)):
@@ -255,7 +234,6 @@ def uncertainty_over_x(u_elongation: Sequence[FloatArray], ax: Axes) -> None:
     Parameters
     ----------
     u_elongation : of each sensor [points, 2], x and U, mm; empty where there is none, NaN where it is not known.
-    ax : to draw onto.
     """
     for i, u in enumerate(u_elongation):
         ax.plot(u[:, 0], 1000.0 * u[:, 1], color=style.sensor_colour(i), label=f"sensor {i + 1}")
@@ -265,15 +243,7 @@ def uncertainty_over_x(u_elongation: Sequence[FloatArray], ax: Axes) -> None:
 
 
 def budget_bars(budgets: Sequence[Budget], names: Sequence[str], title: str, ax: Axes) -> None:
-    """Components of the budgets as bars of standard uncertainty, a colour a sensor, with their shares of the variance.
-
-    Parameters
-    ----------
-    budgets : of an elongation, one a sensor.
-    names : of the components, from the top.
-    title : of the drawing.
-    ax : to draw onto.
-    """
+    """Components of the budgets as bars of standard uncertainty, a colour a sensor, with their shares of the variance."""
     thick, longest = BARS_SHARE / len(budgets), 0.0
     look: Any = {"textcoords": "offset points", "va": "center", "fontsize": 7.5, "color": style.SOFT}
     for i, budget in enumerate(budgets):
@@ -313,7 +283,6 @@ def envelope(time: FloatArray, values: FloatArray, buckets: int) -> tuple[FloatA
     Parameters
     ----------
     time, values : [n].
-    buckets : how many stretches.
 
     Returns
     -------
@@ -356,15 +325,7 @@ LEGEND_ROW, LEGEND_ENTRY = 0.15, 1.08  # height of a row of a legend, width of a
 
 
 def set_drawing(canvas: Canvas, drawing: ReportDrawing, x: float, y: float, width: float) -> None:
-    """Draw with the upper left corner at x, y from the canvas's: side by side, or stacked on one abscissa.
-
-    Parameters
-    ----------
-    canvas : to draw onto.
-    drawing : to set.
-    x, y : of its upper left corner from that of the canvas, inches.
-    width : inches.
-    """
+    """Draw with the upper left corner at x, y from the canvas's: side by side, or stacked on one abscissa."""
     page_width, page_height = canvas.get_size_inches()
     first: Axes | None = None
     for draw, (left, top, wide, high) in zip(drawing.draw, _boxes(drawing, x, y, width), strict=True):
@@ -419,8 +380,6 @@ def as_svg(drawing: ReportDrawing, width: float, *, text: bool = False) -> str:
 
     Parameters
     ----------
-    drawing : to set.
-    width : inches.
     text : keep text as text, for a page whose fonts are known; outlines of its letters else.
     """
     with mpl.rc_context({**style.RC, "svg.fonttype": "none" if text else "path"}):

@@ -22,7 +22,7 @@ def write_dynamic_report(found: DynamicCalibration, path: str | Path, progress: 
 
     Parameters
     ----------
-    found : the calibration. path : ends in .html or .pdf.
+    path : ends in .html or .pdf.
     progress : is called with the pages or sections that are set and their number.
 
     Raises

@@ -163,7 +163,6 @@ def shadow_rows(states: GuideStates, critical_kpa: float, frames_per_s: float, s
     Parameters
     ----------
     states : the fifteen of the guides. critical_kpa : pressure at which the model buckles.
-    frames_per_s, states_per_s : of whole frames, and of tracked points alone.
     """
     elongation_mm, points = states.elongation_mm, states.curves_mm[0, ..., 0].size
     why = "wall and neck are fitted so that the ends agree; the paper gives neither"
@@ -239,8 +238,7 @@ def _picture(path: Path, across: str, *up: str, size: tuple[float, float] = (7.0
 
     Parameters
     ----------
-    path : of the picture. across : title of the common abscissa. up : title of each ordinate.
-    size : inches.
+    across : title of the common abscissa.
     """
     import matplotlib as mpl  # half a second that only who draws spends
     from matplotlib.figure import Figure as Canvas

@@ -285,14 +285,7 @@ def _single_cycles(number: int, sensor: SensorAnalysis) -> str:
 
 
 def budget(found: ElongationBudgets | None, of: str = "", analysis: Analysis | None = None) -> list[Section]:
-    """Return the section on the budget of an elongation; none without a calibration.
-
-    Parameters
-    ----------
-    found : in the middle of the range.
-    of : the unit.
-    analysis : of the run, for U over the range.
-    """
+    """Return the section on the budget of an elongation; none without a calibration."""
     if found is None:
         return []
     title = f"Uncertainty of an elongation{f' with {of}' if of else ''}"

@@ -77,14 +77,7 @@ def _printable(character: str) -> str:
 
 @lru_cache(maxsize=20_000)
 def width_of(text: str, size: float, weight: str = "normal") -> float:
-    """Width of a line, in inches.
-
-    Parameters
-    ----------
-    text : one line.
-    size : points.
-    weight : of the font.
-    """
+    """Width of a line, in inches."""
     needed = families(text)
     font = FontProperties(family=list(needed), size=size, weight=weight if len(needed) == 1 else "normal")
     return float(TextToPath().get_text_width_height_descent(printable(text), font, ismath=False)[0]) / 72.0

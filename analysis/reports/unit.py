@@ -41,8 +41,6 @@ def write_unit_report(
 
     Parameters
     ----------
-    unit : its name.
-    histories : of each sensor.
     path : ends in .html or .pdf.
     simulated : whether the calibrations are those of virtual boards.
     progress : is called with the pages or sections that are set and their number.
@@ -125,7 +123,7 @@ def history_tables(history: UnitHistory, number: int) -> tuple[ReportTable | str
 
     Parameters
     ----------
-    history : of the sensor. number : of the sensor, from 1.
+    number : of the sensor, from 1.
     """
     columns = (history.value_mv, history.expanded_mv, history.expanded_mm, history.en)
     rows = []

@@ -36,7 +36,6 @@ def ambient_in_means(
 
     Parameters
     ----------
-    recording, plateaus : of the run.
     used : [n] plateaus of the cycles that count, from 0.
     positions : [n] label of the position (level and branch) of each.
     """

@@ -26,7 +26,7 @@ class CycleEffect:
     Parameters
     ----------
     cycles, places : numbers of cycles, and of places that each of them has.
-    mean_variance : of the means of the cycles, mV^2. own_variance : of a plateau about the mean of its cycle.
+    mean_variance : of the means of the cycles, mV^2.
 
     Notes
     -----

@@ -91,7 +91,6 @@ class Cycles:
     excursions : reversals too small to be a cycle.
     smooth_kpa : [n] the pressure used, free of spikes and noise.
     noise_kpa : sd of the white noise found on the pressure.
-    span_kpa : distance of the extremes.
     void : why nothing was driven, so that there can be no cycle; "" where something was.
     """
 
@@ -184,7 +183,6 @@ def find_cycles(recording: Recording, tolerance_kpa: float = TOLERANCE_KPA) -> C
 
     Parameters
     ----------
-    recording : the run.
     tolerance_kpa : a pressure that stays within it of one level is held: ripple and drift make no cycle.
 
     Returns

@@ -16,11 +16,6 @@ def derived_json(recording: Recording, plateaus: Sequence[Plateau]) -> list[dict
     """Return each derived channel with mean, standard deviation and count, of the run and of the settled plateaus.
 
     Samples that may enter no figure of any sensor, and values that are not finite, are left out.
-
-    Parameters
-    ----------
-    recording : with its derived channels.
-    plateaus : of its run.
     """
     values = recording.derived_values()
     usable = np.asarray(recording.usable.any(axis=1), dtype=bool)

@@ -37,10 +37,8 @@ class ChannelInfluence:
 
     Attributes
     ----------
-    name, unit, column : of the channel.
     low, high : the channel's range in the cycles that are used.
     correlation : between the differences of signal and channel from the means of their positions.
-    correlation_with_time : of the same difference of the channel with that of time.
     coefficient_mv : mV for one unit of the channel.
     expanded_mv : its expanded uncertainty, 95 %.
     coefficient_mm : elongation that this looks like, mm for one unit; NaN without a calibration.
@@ -95,7 +93,6 @@ def influences(
 
     Parameters
     ----------
-    recording, cycles, plateaus, loops : of the run; no plateaus where it is continuous.
     sensor : counted from 0.
     fso_mv, sensitivity_mv_per_mm : of the sensor; NaN where they are not known.
 

@@ -39,7 +39,6 @@ class Loops:
     signal_mv : [sensors, 2, cycles, levels].
     own : [2, cycles, levels] True where the value belongs to this branch alone; an extreme ends one branch and only
         opens the next, so that it is counted once.
-    numbers : the cycles' numbers.
     void : a sentence for every cycle or plateau that carries no figure.
     ends_kpa : lowest and highest pressure that the cycles reach.
     binned : True where the levels are bins of a continuous run.
@@ -68,9 +67,7 @@ def staircase_loops(
 
     Parameters
     ----------
-    plateaus, cycles : of the run.
     elongation_mm : [plateaus] mm; None where x was not read.
-    n_sensors : number of sensors.
     """
     inside = [p for p in plateaus if p.cycle or p.branch]
     levels, level_of = cluster_levels(np.asarray([p.pressure_kpa for p in plateaus]))
@@ -242,7 +239,6 @@ def end_levels(loops: Loops, sensor: int, weights: FloatArray | None = None) -> 
 
     Parameters
     ----------
-    loops : of the used cycles.
     sensor : counted from 0.
     weights : [rows, cycles]; None takes each cycle once.
     """

@@ -48,7 +48,6 @@ def elongations_of(
 
     Parameters
     ----------
-    recording, plateaus : the run.
     file : CSV of elongations; None takes the readings of the recording.
 
     Returns

@@ -33,7 +33,7 @@ class StrokeSampling:
 
     Parameters
     ----------
-    every : one sample in so many is used. samples : used.
+    every : one sample in so many is used.
     period_error_s : of each period by the sampling, k = 2; inf where half of the samples finds other strokes.
     """
 

@@ -66,7 +66,6 @@ def find_strokes(
     Parameters
     ----------
     time_s, drive, answer : [n]; rows that are not finite are left out.
-    min_speed : of the drive, units a second; slower rows do not enter the half width.
     every : one row in so many is searched for strokes; their loops are of all rows.
 
     Raises
@@ -104,7 +103,6 @@ def stroke_figures(recording: Recording, *, min_speed_kpa_per_s: float = 0.0, ev
 
     Parameters
     ----------
-    recording : of a continuous run.
     min_speed_kpa_per_s : slower samples do not enter the half width.
     every : as `find_strokes`.
 

@@ -54,10 +54,9 @@ class Accuracy:
 
     Parameters
     ----------
-    intervals_percent_fso : of the worst limit of the intervals in % FSO. resamples : that they rest on.
+    intervals_percent_fso : of the worst limit of the intervals in % FSO.
     band_percent_fso, band_mm : of the worst limit of the posterior's band, mm by the slope of the curve.
     samples : effective, of the posterior that has fewest; 0 without one.
-    percent_fso : of the worst limit of both.
     """
 
     intervals_percent_fso: float
@@ -176,7 +175,6 @@ def band_errors(posteriors: Sequence[Posterior], unit: Literal["mm", "%FSO", "y"
 
     Parameters
     ----------
-    posteriors : of the sensors.
     unit : % of the full scale, the unit of y itself, or that of x, by the slope of the curve.
     """
     worst = np.zeros((len(posteriors), OTHERS))
@@ -314,8 +312,7 @@ def _samples_for(asked: int, reached: int, error: float, tolerance: float, unit:
 
     Parameters
     ----------
-    asked, reached : effective samples of the chain, which ends at its most steps. error : that it leaves.
-    tolerance, unit : allowed.
+    asked, reached : effective samples of the chain, which ends at its most steps.
 
     Raises
     ------
@@ -339,7 +336,7 @@ def draws_for(now: int, error: float, tolerance: float, unit: str, most: int) ->
 
     Parameters
     ----------
-    now, error : draws, and the error that they leave. tolerance, unit : allowed. most : draws.
+    now, error : draws, and the error that they leave.
 
     Raises
     ------

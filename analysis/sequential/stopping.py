@@ -53,7 +53,6 @@ class StopCriterion:
 
     Parameters
     ----------
-    name, unit : of the value, as they are shown.
     now, asked : the value after the cycles so far, and the one asked for.
     least : after any number of further cycles.
     power : of the cycles, by which the square falls to that of `least`.
@@ -88,7 +87,6 @@ class StopAssessment:
 
     Parameters
     ----------
-    cycles : complete ones so far. planned : of the plan.
     fewest : cycles before which the run does not end.
     criteria : what is asked for, all of it; none where `void` gives the reason.
     hold : branch and pressure, kPa, of the plateaus that the next cycles hold; None for all.
@@ -208,8 +206,7 @@ def assess_calibration(analysis: Analysis, asked_mm: float, planned: int) -> Sto
 
     Parameters
     ----------
-    analysis : of the run so far. asked_mm : U of an elongation that is asked for (k = 2).
-    planned : cycles of the plan.
+    asked_mm : U of an elongation that is asked for (k = 2).
     """
     cycles, budgets = len(analysis.cycles.used), analysis.budgets
     if budgets is None or budgets.void or not budgets.budgets:
@@ -237,8 +234,7 @@ def u_at_most(u_mm: float, effect: CycleEffect, mm_per_mv: float) -> float:
 
     Parameters
     ----------
-    u_mm : U as the budget states it. effect : of the cycles.
-    mm_per_mv : of a signal.
+    u_mm : U as the budget states it.
     """
     wider = max(effect.upper_mv(CONFIDENCE) ** 2 - effect.mean_variance, 0.0)
     return math.hypot(u_mm, COVERAGE_FACTOR * mm_per_mv * math.sqrt(wider))
@@ -276,8 +272,7 @@ def held_plateaus(
 
     Parameters
     ----------
-    analysis : of the run. calibration : of its worst sensor.
-    criterion : U now and asked. x_mm : the elongation that it is of.
+    x_mm : the elongation that it is of.
 
     Returns
     -------
@@ -331,7 +326,7 @@ def half_width(sensors: Sequence[SensorAnalysis], key: str) -> tuple[float, str]
 
     Parameters
     ----------
-    sensors : of a run. key : `DRIFT` or `SPREAD`, both in % FSO.
+    key : `DRIFT` or `SPREAD`, both in % FSO.
     """
     figures = [sensor.figures[key] for sensor in sensors]
     void = next((figure.void for figure in figures if figure.void), "")
@@ -344,8 +339,7 @@ def assess_repeats(analysis: Analysis, asked_percent: float, planned: int) -> St
 
     Parameters
     ----------
-    analysis : of the run so far. asked_percent : half width of both intervals that is asked for, % FSO.
-    planned : cycles of the plan.
+    asked_percent : half width of both intervals that is asked for, % FSO.
     """
     cycles, criteria = len(analysis.cycles.used), []
     for key, name, power in ((DRIFT, "drift ±", 3.0), (SPREAD, "repeatability ±", 1.0)):
@@ -361,8 +355,7 @@ def assess_run(file: str | Path, asked: float, planned: int, *, repeats: bool = 
 
     Parameters
     ----------
-    file : the recording. asked : as in `assess_calibration`, or in `assess_repeats` where `repeats`.
-    planned : cycles of the plan.
+    asked : as in `assess_calibration`, or in `assess_repeats` where `repeats`.
 
     Raises
     ------

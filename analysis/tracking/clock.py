@@ -230,8 +230,6 @@ def _of_window(
     ----------
     time_s, signals : [n], [n, signals] of the window.
     t, x : [frames] of the record.
-    window : where the run turns, and the degree.
-    expected_s : middle of the range.
     """
     near = slice(*np.searchsorted(t, [time_s[0] + expected_s - REACH_S - 0.1, time_s[-1] + expected_s + REACH_S + 0.1]))
     t, x = t[near], x[near]
@@ -271,7 +269,6 @@ def _cost(x: FloatArray, signals: FloatArray, at_s: FloatArray, turn_s: float | 
     ----------
     x, signals, at_s : [n], [n, signals] and [n] elongation and signals over the errors, at times of the frames.
     turn_s : where the run turns, or None.
-    degree : of the polynomials.
     """
     z = (x - x.mean()) / (float(np.ptp(x)) or 1.0)
     branches: IntArray = np.zeros(z.size, np.int64) if turn_s is None else (at_s > turn_s).astype(np.int64)

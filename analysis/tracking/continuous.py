@@ -45,10 +45,6 @@ class ContinuousCalibration:
     Attributes
     ----------
     calibration : of the means of both branches; None and `void` where it cannot be.
-    r2 : of its curve over all samples.
-    sensitivity_mv_per_mm : end to end.
-    hysteresis_percent_fso, per_cycle : of the mean loop and of each cycle, signal over elongation.
-    samples : paired with an elongation.
     dynamic_mv_per_mm_per_s, u_dynamic : change of the signal with speed, and its standard uncertainty.
     apart_percent_fso : largest distance from the plateaus' curve; NaN without one.
     loop_mm, loop_mv : [2, bins] elongation and signal of the mean unloading and loading branch, NaN where unknown.
@@ -136,8 +132,6 @@ def camera_elongations(film: Filmed, plateaus: Sequence[Plateau], entered: Elong
 
     Parameters
     ----------
-    film : with the record.
-    plateaus : of the run.
     entered : by the operator, the camera's own readings left out.
     """
     time_s = film.recording.time_s
@@ -164,7 +158,6 @@ def camera_figures(
     ----------
     film : with the camera's record.
     recording : the same run, what is not usable marked.
-    cycles : to use.
     calibrations : of each sensor's plateaus, or None.
     """
     motion = film.record.at(film.recording.time_s)[:2]
@@ -183,7 +176,6 @@ def _continuous(
 
     Parameters
     ----------
-    recording, cycles : of the run.
     sensor : counted from 0.
     motion : [n] elongation and its speed.
     plateaus : the curve of the plateaus, or None.
@@ -288,7 +280,6 @@ def _off_branches(
     Parameters
     ----------
     x, y : [n].
-    cycles : used.
     loop : elongation and signal of the mean branches, [2, bins].
     """
     off = np.full(x.size, np.nan)

@@ -38,7 +38,6 @@ class Lens:
     distortion : k1, k2, p1, p2, k3.
     size : width and height of the pictures, pixels.
     reprojection_px : rms distance of the checkerboard's corners from the model.
-    views : pictures of the fit.
     """
 
     matrix: tuple[tuple[float, float, float], ...]
@@ -78,11 +77,6 @@ class Lens:
 
 def lens_of(content: Mapping[str, Any], name: str) -> Lens:
     """Return the lens of an object of `Lens.as_json`.
-
-    Parameters
-    ----------
-    content : the object.
-    name : where it is from, for the message.
 
     Raises
     ------
@@ -126,7 +120,6 @@ def calibrate_lens(pictures: Sequence[Picture], *, corners: tuple[int, int], pit
     ----------
     pictures : [height, width] grey or [height, width, 3] BGR, all of one size.
     corners : inner corners of the board, columns and rows.
-    pitch_mm : side of a square.
 
     Raises
     ------

@@ -106,7 +106,6 @@ def measure_mark(grey: Picture, number: int, near_px: FloatArray, lens: Lens | N
     Parameters
     ----------
     grey : [height, width] picture.
-    number : of the mark that is expected there.
     near_px : [4, 2] its corners to a few pixels.
     lens : corrects the crossings; None where the picture is not distorted.
     """

@@ -51,7 +51,6 @@ class PatchTracker:
 
     Parameters
     ----------
-    base, tip : of the first picture.
     mm_per_px : scale; None takes the millimetre grid in the picture.
     u_scale : relative standard uncertainty of a stated scale.
     """

@@ -89,7 +89,6 @@ def with_video(recording: Recording, record: CameraRecord, about: Mapping[str, A
 
     Parameters
     ----------
-    recording : of the same run.
     record : in the video's own time.
     about : `source`, `mark_mm`, `u_scale`, as of a recording with a camera.
 
@@ -147,9 +146,7 @@ def plateau_means(record: CameraRecord, windows_s: FloatArray, u_scale: float) -
 
     Parameters
     ----------
-    record : placed.
     windows_s : [plateaus, 2] begin and end; NaN and u of NaN where fewer than three frames give a value.
-    u_scale : relative.
     """
     t, x = record.time_s[record.valid], record.elongation_mm[record.valid]
     own = np.sqrt(np.maximum(record.u_mm[record.valid] ** 2 - (u_scale * x) ** 2, INDEPENDENT_MM**2))

@@ -30,7 +30,6 @@ def write_sheet(path: Path, mark_mm: float) -> None:
 
     Parameters
     ----------
-    path : ends in .pdf.
     mark_mm : side of the black square.
 
     Raises

@@ -46,7 +46,6 @@ class Optics:
     Attributes
     ----------
     mark_mm : side of the black square of both marks; 0 takes the scale from the millimetre grid in the picture.
-    u_mark_mm : its standard uncertainty.
     lens : None where it was not calibrated.
     """
 
@@ -61,7 +60,6 @@ class Tracked:
 
     Attributes
     ----------
-    time_s : of the picture, as it was given.
     elongation_mm, u_mm : value and standard uncertainty; NaN where there is none.
     fault : why there is no value; None where there is one.
     base_px, tip_px : [4, 2] corners of the marks in the picture, None where not found.
@@ -84,7 +82,6 @@ class Plane:
     to_mm : [3, 3] from undistorted pixels to mm, the base's mark about the origin.
     tip_mm : middle of the tip's mark when it was learned.
     axis : unit vector along which the elongation counts.
-    mm_per_px : at the tip.
     u_scale : relative standard uncertainty of lengths.
     """
 
@@ -106,7 +103,6 @@ def learn_plane(base_px: FloatArray, tip_px: FloatArray, side_mm: float, optics:
     Parameters
     ----------
     base_px, tip_px : [pictures, 4, 2] undistorted corners; the tip may move meanwhile.
-    side_mm : of the marks.
     optics : uncertainty of the side, and the lens.
     """
     corners, n = square(side_mm), len(tip_px)
@@ -206,7 +202,6 @@ class MarkTracker:
         Parameters
         ----------
         picture : [height, width] grey or [height, width, 3] BGR.
-        time_s : of the picture; later than that of the picture before.
         """
         grey = picture if picture.ndim == 2 else optional("cv2").cvtColor(picture, 6)  # COLOR_BGR2GRAY
         if (fault := self._repeats.fault(grey, time_s)) is not None:
@@ -322,7 +317,6 @@ def find_side(grey: Picture, plane: Plane) -> float | None:
 
     Parameters
     ----------
-    grey : the picture.
     plane : learned with marks of 1 mm.
     """
     for side_mm in np.geomspace(3.0, 60.0, 8):  # each finds a grid within a factor of 1.6
@@ -339,11 +333,6 @@ def grid_ratio(grey: Picture, plane: Plane, side_mm: float) -> float | None:
 
     The picture is mapped to the plane; the grid is the highest peak of the spectrum of its rows and columns near one
     line a millimetre.
-
-    Parameters
-    ----------
-    grey, plane : as learned.
-    side_mm : of a mark: what the cards cover is left out.
     """
     cv2 = optional("cv2")
     height, width = grey.shape

@@ -40,15 +40,7 @@ class Box(NamedTuple):
 
 
 def beside(x: float, y: float, width: float, height: float, clear: float, rings: int = RINGS) -> Iterator[Box]:
-    """Return the candidates of a label about its point, the best first.
-
-    Parameters
-    ----------
-    x, y : the point.
-    width, height : of the label.
-    clear : from the point to the nearest edge of the label.
-    rings : number of distances.
-    """
+    """Return the candidates of a label about its point, the best first."""
     for ring in range(rings):
         out = clear + ring * height / 2
         right, left, middle = x + clear, x - clear - width, x - width / 2
@@ -71,8 +63,6 @@ def best_place(candidates: Iterable[Box], view: Box, taken: Sequence[Box], drawn
 
     Parameters
     ----------
-    candidates : the best first.
-    view : which the label may not leave.
     taken : what it may not cover: points, and the labels placed before.
     drawn : what it may, such as lines.
 

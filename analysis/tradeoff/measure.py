@@ -37,7 +37,6 @@ class Setting:
 
     Parameters
     ----------
-    name : as the chart shows it.
     call : does the work once; takes the number of the repeat, so that a sample can be another one each time. What it
         prepares and keeps at its first call is not timed.
     error : of a result against the reference, in the method's unit.
@@ -56,7 +55,6 @@ class Method:
 
     Parameters
     ----------
-    name : as the command takes it. title : as the chart shows it.
     reference : what the error is measured against. independent : whether it shares nothing with the method.
     consumer : of the number, who notices an error above `tolerance`, in `unit`.
     per : what one time is measured for.
@@ -94,7 +92,7 @@ class CostPoint:
     ----------
     seconds : median time by the clock; spread : greatest less smallest of the repeats.
     cpu_seconds : median processor time of all threads; cpu_spread likewise.
-    error : root mean square over the repeats; error_spread : greatest less smallest.
+    error : root mean square over the repeats;
     first_seconds : the first call by the clock: what is prepared once, compilation among it.
     """
 
@@ -166,7 +164,6 @@ def choose(
 
     Parameters
     ----------
-    points : measured.
     tolerance : what the consumer notices, in the unit of the errors.
     default : kept where it is sufficient and costs the same as the cheapest within `TIE`.
     margin : how far below the tolerance is below.
@@ -199,7 +196,6 @@ def measure(method: Method, *, quick: bool, progress: Progress | None = None) ->
 
     Parameters
     ----------
-    method : lists its settings.
     quick : fewer settings, 2 repeats; else 7, fewer where they take long.
     progress : called with (settings done, settings) after each call; raising from it cancels.
     """
@@ -225,7 +221,7 @@ def measure_setting(setting: Setting, repeats: int, progress: Progress | None = 
 
     Parameters
     ----------
-    setting : is called. repeats : of the timed call. progress : called with (calls done, calls); it may raise.
+    progress : called with (calls done, calls); it may raise.
     """
     report = progress or (lambda done, calls: None)
     report(0, repeats + 1)

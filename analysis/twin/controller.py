@@ -66,13 +66,9 @@ class Tuning:
 
     Attributes
     ----------
-    integral_per_s : of the integrator.
     lead_s, lead_s2 : of the setpoint's rate and acceleration in the feed-forward.
-    shape_rad_per_s : of the filter that shapes steps.
     ramp_kpa_per_s : fastest change of the pressure.
-    margins : of the loop with these gains.
     lag : identified by a step test; None where the gains are the cautious defaults.
-    period_s : between two pressures.
     """
 
     integral_per_s: float
@@ -128,7 +124,7 @@ class Output:
     Attributes
     ----------
     pressure_kpa, ramp_kpa_per_s : to command; the pressure is that of before where `stop` is set.
-    setpoint_mm : after shaping. elongation_mm, u_mm : measured, k = 2; NaN where unknown.
+    elongation_mm, u_mm : measured, k = 2; NaN where unknown.
     saturated : the pressure is at a limit or at its ramp.
     lost : sensors (from 1) newly lost.
     stop, cause, remedy : why to stop; None and empty where nothing is wrong.
@@ -151,10 +147,6 @@ class ElongationController:
 
     Parameters
     ----------
-    model : the identified hysteresis.
-    fusion : the calibration in force.
-    tuning, bounds : gains, and what stops.
-    unit : that it was identified for.
     step_mv, loops : of converter and sensors, as `SensorWatch` takes them.
     """
 
@@ -233,7 +225,6 @@ class ElongationController:
         time_s : now, on the board's clock. sampled_s : mean time of the samples.
         setpoint : of now: mm, mm/s and mm/s2.
         signal_mv : [n, sensors] since the last call; NaN where a sample is not to be used.
-        limits_kpa : in force.
         shaped : it is a step, which is made smooth; else it is followed as it is.
         """
         dt = max(time_s - self._time_s, 1e-3)

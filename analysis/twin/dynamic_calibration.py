@@ -30,9 +30,7 @@ def dynamic_calibration(
 
     Parameters
     ----------
-    recording : of a plan in millimetres. fusion : the calibration in force.
-    tolerance_mm : of settling.
-    loops : of the sensors over elongation, which are taken out. calibration_utc : when that calibration was accepted.
+    calibration_utc : when that calibration was accepted.
 
     Raises
     ------

@@ -36,9 +36,7 @@ class StepFigures:
     time_constant_s : until 63.2 % of the step.
     rise_s : from 10 to 90 %.
     settling_s : until it stays within the tolerance of its final value.
-    overshoot_percent : of the step.
     bandwidth_hz : at -3 dB.
-    phase_lag_deg : at a tenth of the bandwidth.
     """
 
     time_constant_s: DynamicFigure
@@ -75,12 +73,10 @@ class DynamicCalibration:
     Attributes
     ----------
     unit, simulated, recording : whose, and of which run.
-    tolerance_mm : of settling.
     steps : figures by the size of the step, mm.
     bode : a point for each sine. bandwidth_hz : at -3 dB, with its interval; NaN where no sine reaches it.
     responses : times and mean response of the steps of each size [2, n], as a share of the step; drawn only.
     counts : number of the steps of each size.
-    recorded_utc, calibration_utc : of the run, and of the calibration that gives its elongation; "" where not known.
     """
 
     unit: str

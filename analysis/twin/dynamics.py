@@ -38,7 +38,6 @@ class Lag:
 
     Attributes
     ----------
-    delay_s, omega_rad_per_s, damping : L, w, z.
     covariance : [3, 3] of the three, from the fit; zeros where they are given.
     """
 
@@ -118,14 +117,7 @@ def fit_lag(time_s: FloatArray, command_mm: FloatArray, elongation_mm: FloatArra
 
 
 def loop_margins(lag: Lag, integral_per_s: float, period_s: float, delay_s: float = 0.0) -> Margins:
-    """Return the margins of an integrator around a lag.
-
-    Parameters
-    ----------
-    lag : the model. integral_per_s : gain of the integrator.
-    period_s : of the controller: one of it is lost in holding and averaging.
-    delay_s : of the link, in addition.
-    """
+    """Return the margins of an integrator around a lag."""
     omega = np.geomspace(1e-3, math.pi / period_s, 6000)
     loop = integral_per_s / (1j * omega) * lag.response(omega) * np.exp(-1j * omega * (period_s + delay_s))
     size, phase = np.abs(loop), np.unwrap(np.angle(loop))
@@ -140,13 +132,7 @@ def loop_margins(lag: Lag, integral_per_s: float, period_s: float, delay_s: floa
 
 
 def integral_for(lag: Lag, period_s: float, *, phase_deg: float = 60.0, gain_db: float = 10.0) -> float:
-    """Return the largest gain of the integrator, 1/s, that leaves both margins.
-
-    Parameters
-    ----------
-    lag : the model. period_s : of the controller.
-    phase_deg, gain_db : margins to leave.
-    """
+    """Return the largest gain of the integrator, 1/s, that leaves both margins."""
 
     def spare(log_gain: float) -> float:
         margins = loop_margins(lag, math.exp(log_gain), period_s)
@@ -164,7 +150,6 @@ def bode_point(time_s: FloatArray, setpoint: FloatArray, elongation: FloatArray,
     Parameters
     ----------
     time_s, setpoint, elongation : [n] of whole periods after the transient.
-    frequency_hz : of the sine.
 
     Raises
     ------
@@ -203,13 +188,7 @@ def _edge_hz(points: Sequence[BodePoint], off: float) -> float:
 
 
 def lag_figures(lag: Lag, tolerance: float = 0.02, draws: int = 200, seed: int = 0) -> StepFigures:
-    """Return the figures of a model's unit step, with intervals from the covariance of its parameters.
-
-    Parameters
-    ----------
-    lag : the model. tolerance : of settling, as a share of the step.
-    draws, seed : of the parameters.
-    """
+    """Return the figures of a model's unit step, with intervals from the covariance of its parameters."""
     generator = np.random.default_rng(seed)
     mean = np.array([lag.delay_s, lag.omega_rad_per_s, lag.damping])
     drawn = generator.multivariate_normal(mean, np.asarray(lag.covariance), size=draws, method="eigh")
@@ -227,7 +206,6 @@ def step_figures(
     Parameters
     ----------
     time_s : of each step [n], 0 at the command. elongation_mm : of each step [n], 0 at its begin.
-    steps_mm : size of each step. tolerance_mm : of settling.
     """
     rows = np.array([
         _recorded_values(t, x / step, tolerance_mm / abs(step))

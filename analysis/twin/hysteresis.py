@@ -43,8 +43,6 @@ class HysteresisModel:
     radii, weights : [m] of the plays, kPa and mm/kPa.
     up_curvature, down_curvature : of the envelopes v + c v^2, 1/kPa; the first is no larger.
     offset_mm : elongation at plays of zero.
-    pressure_range_kpa : that it was identified over.
-    rms_mm, r2 : of the residuals of the identification.
     """
 
     radii: FloatArray
@@ -179,7 +177,7 @@ def _plays(
 
     Parameters
     ----------
-    pressure_kpa : [n]. radii : [m]. up, down : curvatures of the envelopes.
+    pressure_kpa : [n]. radii : [m].
     memory : [m] before the first; zeros by default.
 
     Notes

@@ -93,7 +93,6 @@ def light_of(
 
     Parameters
     ----------
-    actuator : its parameters. face : that carries the cavities.
     build : whether to trace a table that is not kept; None is returned where it is needed and not allowed.
     progress : called as (done, total) while it is traced; raising from it cancels, and what was traced is kept.
     folder : where tables are kept; the user's cache folder by default.
@@ -126,10 +125,6 @@ def _digest(actuator: ActuatorParameters, face: Face) -> str:
 class GuideShapes:
     """The tracked points of both guides over elongation: solved at even pressures, and a spline between.
 
-    Parameters
-    ----------
-    actuator : its parameters. shapes : how many are solved.
-
     Raises
     ------
     RequestError : the actuator has no states at these pressures, or does not lengthen with them.
@@ -156,8 +151,7 @@ def traced_light(
 
     Parameters
     ----------
-    shapes : of the guides. elongation_mm : [n], at most `STATES`. loss_db_per_cm : of the guide.
-    face : that carries the cavities. rays : of each simulation.
+    elongation_mm : [n], at most `STATES`.
     """
     at = np.concatenate([elongation_mm, np.repeat(elongation_mm[-1:], STATES - len(elongation_mm))])
     design, guide = replace(PAPER_OPTIMUM, face=face), Waveguide(attenuation_db_per_cm=loss_db_per_cm)
@@ -179,10 +173,8 @@ def build_light(
 
     Parameters
     ----------
-    shapes : of the guides. face : that carries the cavities.
-    rays : of each simulation. first : elongations before the refinement. tolerance : of the light's range.
+    tolerance : of the light's range.
     progress : called as (done, total); the total grows with the refinement.
-    part : where traced light is kept meanwhile.
     """
     kept = load_arrays(part, _PART) if part is not None else None
     known: dict[tuple[float, float], float] = {}  # by loss and elongation
@@ -227,7 +219,7 @@ def _halved(x: FloatArray, middle: FloatArray, suspect: BoolArray, away: BoolArr
 
     Parameters
     ----------
-    x : [n]. middle : of the suspect intervals. suspect : [n - 1]. away : whether the light in each middle was off.
+    x : [n]. suspect : [n - 1]. away : whether the light in each middle was off.
     """
     split = np.zeros(len(x) - 1, dtype=bool)
     split[np.flatnonzero(suspect)[away]] = True

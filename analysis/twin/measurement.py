@@ -36,7 +36,6 @@ class SensorWatch:
 
     Parameters
     ----------
-    fusion : the calibration in force.
     step_mv : of the converter; 0 where it is not known, and a constant signal is then no sign of a loss.
     loops : of the sensors over elongation, which are taken out; None where none are known.
     """
@@ -66,7 +65,7 @@ class SensorWatch:
 
         Parameters
         ----------
-        signal_mv : [n, sensors] of one period, NaN where not usable. dt_s : since the period before.
+        signal_mv : [n, sensors] of one period, NaN where not usable.
         """
         known = np.isfinite(signal_mv)
         count = known.sum(axis=0)

@@ -43,10 +43,8 @@ class PredictedSignal:
 
     Attributes
     ----------
-    gain_mv_per_percent, offset_mv, loss_db_per_cm : the fit. covariance : [3][3] of the three.
+    covariance : [3][3] of the three.
     at_bound : whether the loss lies at a bound, where its variance says nothing.
-    rms_mv, rms_percent_fso, r2 : of its misfit.
-    nodes_mm, nodes_mv : of the table that a frame is read from.
     """
 
     gain_mv_per_percent: float

@@ -40,7 +40,7 @@ class RunPrediction:
 
     Attributes
     ----------
-    sensors : of the unit. frame : a row a sample, columns named with their units.
+    frame : a row a sample, columns named with their units.
     words : what disagrees, with the share of the run's seconds in percent.
     """
 
@@ -84,7 +84,7 @@ def predict_run(
 
     Parameters
     ----------
-    recording : the run. model, fusion : of its unit. sensors : fitted to a calibration run of it.
+    sensors : fitted to a calibration run of it.
 
     Raises
     ------
@@ -119,7 +119,6 @@ class LivePrediction:
     pressure_kpa, elongation_mm : [nodes] of the table, by the mean of both branches.
     signal_mv, half_mv : [nodes, sensors] predicted, and half the width of its 95 % band.
     loop_mm : half the width of the actuator's hysteresis loop.
-    fusion : the calibration in force.
     """
 
     pressure_kpa: FloatArray
@@ -155,7 +154,7 @@ def live_prediction(
 
     Parameters
     ----------
-    model, fusion, sensors : of the unit, as `predict_run`. nodes : of the table.
+    model, fusion, sensors : of the unit, as `predict_run`.
     """
     low, high = model.pressure_range_kpa
     pressure = np.linspace(low, high, nodes)
@@ -174,7 +173,7 @@ def second_by_second(time_s: FloatArray, signal_mv: FloatArray, expected_mm: Flo
 
     Parameters
     ----------
-    time_s, expected_mm : [n]. signal_mv : [n, sensors]. fusion : the calibration in force.
+    time_s, expected_mm : [n]. signal_mv : [n, sensors].
     """
     blocks = np.floor(time_s / AVERAGE_S).astype(np.int64)
     edges = np.flatnonzero(np.diff(blocks, prepend=blocks[:1] - 1))
@@ -199,8 +198,8 @@ def disagreement(
 
     Parameters
     ----------
-    signal_mv : [sensors] means. expected_mm : elongation by the pressure. samples : that were averaged.
-    fusion : the calibration in force. u_mm : standard uncertainty of the expected elongation.
+    signal_mv : [sensors] means.
+    u_mm : standard uncertainty of the expected elongation.
     """
     residual, slope, u = (np.full(len(fusion.inverses), np.nan) for _ in range(3))
     for i, inverse in enumerate(fusion.inverses):

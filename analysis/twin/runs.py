@@ -66,7 +66,6 @@ def run_elongation(
     Parameters
     ----------
     recording, fusion : the run, and the calibration in force.
-    loops : of the sensors over elongation, which are taken out, as the control does.
     """
     usable = (recording.flags & _NO_SIGNAL) == 0
     signal_mv = np.where(usable[:, None], recording.signal_mv, np.nan)
@@ -122,11 +121,6 @@ def identify_run(recording: Recording, fusion: Fusion) -> HysteresisModel:
 
 def tune_run(recording: Recording, fusion: Fusion, model: HysteresisModel) -> Tuning:
     """Return the gains from a recorded step test: steps of pressure, all averaged after scaling.
-
-    Parameters
-    ----------
-    recording : of the plan step-test, or another profile in kilopascal with steps.
-    fusion, model : of the unit.
 
     Raises
     ------

@@ -33,10 +33,8 @@ class TwinFile:
 
     Attributes
     ----------
-    unit, simulated : of which unit, and which kind of board.
     calibration_utc : when the calibration it rests on was accepted.
     recording : name of the run it was identified from.
-    model : the hysteresis.
     tuning : the gains; None before a step test.
     actuator, face : whose light the unit's signals are predicted by, and the face of the guides with the cavities.
     """

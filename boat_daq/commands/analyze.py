@@ -188,8 +188,6 @@ def _filmed(recording: Recording, run: Path, choice: CameraChoice, *, store: boo
 
     Parameters
     ----------
-    recording : as it was loaded.
-    run : its file.
     choice : the video and its marks.
     store : whether the readings are kept in the recording.
     """
@@ -449,13 +447,7 @@ def report(
 def _emit_report(
     content: Report, file: Path, analyses: list[Analysis], limits: Mapping[str, float], accuracies: list[dict[str, Any]]
 ) -> None:
-    """Print what a report says as JSON; lists of each run where several are compared.
-
-    Parameters
-    ----------
-    content, file : of the report.
-    analyses, limits, accuracies : what it is of.
-    """
+    """Print what a report says as JSON; lists of each run where several are compared."""
     from analysis.figures.acceptance import conformity_json
 
     conformity = [conformity_json(analysis, limits) for analysis in analyses]

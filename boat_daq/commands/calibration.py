@@ -180,7 +180,7 @@ def _converted_file(
 
     Parameters
     ----------
-    file : a recording, or a CSV. found : the calibration. mapping, rate_hz : options of a CSV.
+    file : a recording, or a CSV.
     """
     from analysis import load_recording
     from analysis.artefact.conversion import convert_recording, converted_rows, other_unit
@@ -205,7 +205,6 @@ def _converted_live(
     Parameters
     ----------
     port, profile, rate_hz : as `Session.connect`.
-    found : the calibration.
     duration_s : of board time; None until the link ends.
     remote : whether the port may be on another computer.
     """

@@ -64,13 +64,7 @@ def emit_json(value: Any) -> None:
 
 
 def emit_error(kind: str, cause: str, remedy: str) -> None:
-    """Print why a call failed: on standard error, and as the JSON object where that is still pending.
-
-    Parameters
-    ----------
-    kind : class of the error.
-    cause, remedy : of the error; the remedy may be empty.
-    """
+    """Print why a call failed: on standard error, and as the JSON object where that is still pending."""
     if _Json.pending:
         emit_json({"error": kind, "cause": cause, "remedy": remedy})
     notify(f"error: {cause}")
@@ -84,14 +78,7 @@ def show(text: str) -> None:
 
 
 def present(content: Any, *lines: str, as_json: bool) -> None:
-    """Print a result on standard output: as the JSON object, or as lines of text.
-
-    Parameters
-    ----------
-    content : of the JSON object.
-    lines : of the text.
-    as_json : which of the two.
-    """
+    """Print a result on standard output: as the JSON object, or as lines of text."""
     if as_json:
         emit_json(content)
     else:
@@ -106,10 +93,7 @@ def show_table(
 
     Parameters
     ----------
-    columns : headings.
-    rows : cells.
     left : number of leading columns that are aligned to the left; the others are numbers.
-    title : above the table.
     """
     table = Table(title=title, box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for number, name in enumerate(columns):

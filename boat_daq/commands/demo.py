@@ -139,10 +139,6 @@ def record_on_virtual_board(
 
     Parameters
     ----------
-    run : recording to write.
-    plan : to run.
-    unit : of the virtual board.
-    seed : of the board and of the readings.
     speed : board time over real time.
     uncertainty_mm : U at which the run has enough cycles; None runs all.
 

@@ -138,7 +138,6 @@ def _content(found: GeneralFit, calibration: Calibration, masked: int) -> dict[s
     Parameters
     ----------
     found, calibration : the fit, and its calibration with the reading of x.
-    masked : number of incomplete rows.
     """
     from analysis.calibration.checks import fit_checks
 
@@ -159,14 +158,7 @@ def _posterior(
     read: _Points, calibration: Calibration, reading_sd: float, *, monotone: bool, seed: int, level: Level,
     tolerance: float | None,
 ) -> tuple[Posterior, float]:  # fmt: skip
-    """Sample the posterior of a fit whose x were read on a grid, with its band's error; notify where they share one.
-
-    Parameters
-    ----------
-    read : what was fitted.
-    calibration, reading_sd : with the reading of x, and its standard deviation.
-    monotone, seed, level, tolerance : options of the command.
-    """
+    """Sample the posterior of a fit whose x were read on a grid, with its band's error; notify where they share one."""
     from analysis.calibration.posterior import sample_posterior
     from analysis.calibration.quantised_x import share_their_error
     from analysis.fidelity import fidelity
@@ -213,7 +205,6 @@ def _readings(file: Path, x: str, y: str, u: str | None, position: str | None) -
 
     Parameters
     ----------
-    file : of the table.
     x, y, u, position : names of the columns; None for one that was not named.
     """
     import numpy as np

@@ -56,7 +56,7 @@ def with_stated(stated: Metadata, values: list[str] | None, template: str) -> Me
 
     Parameters
     ----------
-    stated : before. values : texts KEY=VALUE. template : name or file; empty for none.
+    template : name or file; empty for none.
     """
     from boat_daq.engine.recording.metadata import load_template
 

@@ -118,7 +118,6 @@ def released_rays(
     Parameters
     ----------
     rays, secondary : as given; else of the fidelity, and without one the paper's.
-    level : the fidelity, if given.
     of_level : a fidelity's number of rays.
     """
     from analysis.fidelity import fidelity
@@ -284,7 +283,6 @@ def _with_sd(value: float, sd: float, decimals: int) -> str:
     Parameters
     ----------
     value, sd : a single ray has no spread, and is written without.
-    decimals : the fewest.
     """
     if not math.isfinite(sd):
         return f"{value:.{decimals}f}"

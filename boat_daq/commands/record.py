@@ -271,7 +271,6 @@ def broken_run(path: Path, plan: str | None, changes: dict[str, Any], *, unit: s
 
     Parameters
     ----------
-    path : the recording.
     plan, changes : a plan and changes to it that were given; they must result in the recording's own.
     unit : a name that was given; it must be the recording's own.
 
@@ -313,7 +312,6 @@ def _path(out: Path | None, unit: str, plan: str, operator: str) -> Path:
     Parameters
     ----------
     out : file, or a template with fields in braces; None for the template of the settings.
-    unit, plan, operator : values of its fields.
 
     Raises
     ------

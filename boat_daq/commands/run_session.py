@@ -46,14 +46,11 @@ class SessionRequest:
     Attributes
     ----------
     port, profile, rate_hz, unit : as `Session.connect`.
-    path : the recording to write.
     plan : the pressure sequence; None only records.
     duration_s : without a plan, seconds of board time to record; None until Ctrl-C.
-    metadata : operator, unit, note.
     broken : the run to resume, in its own recording `path`; None begins one.
     allow_remote : whether a TCP port may be on another computer, even against the settings.
     derived : derived channels in place of the stored ones; None for those.
-    hold : of a plan in millimetres, keep the last pressure where the control ends by itself, in place of venting.
     max_u_mm : of a plan in millimetres, the uncertainty (k = 2) of the elongation that ends the control.
     uncertainty : at which the plan has enough cycles, mm of U or % FSO as in `EnoughCycles`; None runs all of them.
     """
@@ -96,7 +93,6 @@ def run_assessed_session(
 
     Parameters
     ----------
-    request : what to record.
     after_run : called when the plan has ended and the recording is still open, to enter readings; with an uncertainty
         also after each of its cycles.
     open_camera : opens the camera that reads the elongation; None without one.
@@ -247,8 +243,6 @@ def run_plan(session: Session, request: SessionRequest, enough: EnoughCycles, *,
 
     Parameters
     ----------
-    session : connected and recording.
-    request : with a plan; where it resumes, at the next whole cycle of the interrupted run in this recording.
     shown : messages up to that number need not be printed.
     enough : may end the run before its last cycle.
     """

@@ -153,7 +153,6 @@ def _lines(solved: SolvedState, found: Assessment, collapses_kpa: float, *, by_m
 
     Parameters
     ----------
-    solved, found : state and margin.
     collapses_kpa : pressure at which the print collapses, NaN where it is not known.
     by_mesh : the stated error, if there is one, is that of the mesh; else that of the reduced model.
     outside : the state is outside the table of the reduced model, which a warning reports.
@@ -518,12 +517,7 @@ def _chain_lines(found: Mapping[str, Any], signal: ChainSignal) -> Iterator[str]
 def _chain_sweep(
     name: str, designs: tuple[Design, ...], curves: FloatArray, rays: int, tolerance: float | None
 ) -> SweepResult:
-    """Sweep designs over curves, with a number of rays or as many as a tolerance takes.
-
-    Parameters
-    ----------
-    name, curves : of the states, the name for the progress. designs, rays, tolerance : as in a sweep.
-    """
+    """Sweep designs over curves, with a number of rays or as many as a tolerance takes."""
     from analysis.optics.scene.parameters import Light, phase_of
     from analysis.optics.sweep.fans import light_within
     from analysis.optics.sweep.sweep import SweepRequest, run_sweep

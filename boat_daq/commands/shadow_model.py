@@ -66,7 +66,6 @@ def chosen_table(
 
     Parameters
     ----------
-    actuator : its parameters.
     level : fidelity that gives its size, where one is given.
     tolerance_mm : error that chooses its size, as `table_within`; None for none.
     """
@@ -103,8 +102,7 @@ class SolvedState:
 
     Parameters
     ----------
-    model : the full model. solution : the state.
-    used : name of the model that solved it. seconds : that it took.
+    used : name of the model that solved it.
     error_mm : of the elongation by its mesh, or of the reduced model against it, where a tolerance chose; else NaN.
     """
 
@@ -128,7 +126,6 @@ def solved_state(
     Parameters
     ----------
     pressure, elongation : kPa, mm; None where it is free.
-    model : "full" or "reduced".
     parameters, mesh, level : as `chosen_model`.
 
     Raises

@@ -66,7 +66,6 @@ def write_bug_report(out: Path, *, personal: bool = False, recording: Path | Non
 
     Parameters
     ----------
-    out : the ZIP to write.
     personal : leave names, notes and paths as they are.
     recording : whose summary goes in; the last one in the log when None.
 

@@ -44,8 +44,6 @@ class Described:
     Attributes
     ----------
     key, label, meaning : its name in the file, in a form, and what it is.
-    default : of a type that the value has, too.
-    unit : of a number; may be empty.
     lowest, highest : of a number; `above` the lowest itself is refused.
     choices : values and their texts, where there are no others.
     applies : when a new value takes effect.
@@ -123,7 +121,7 @@ def stated(default: Any, label: str, meaning: str, unit: str = "", **more: Any) 
 
     Parameters
     ----------
-    default, label, meaning, unit : as in `Described`. more : its other attributes.
+    default, label, meaning, unit : as in `Described`.
     """
     described = Described("", label, meaning, default, unit, **more)
     return dataclasses.field(default=default, metadata={_KEY: described})
@@ -235,7 +233,7 @@ def with_changes(
 
     Parameters
     ----------
-    stored : of the file. before, after : texts by key (`texts_of`).
+    before, after : texts by key (`texts_of`).
     """
     utc = datetime.now(UTC).isoformat(timespec="milliseconds")  # also the name of one step, for undo
     pairs = ((key, before.get(key, ""), after.get(key, "")) for key in dict.fromkeys((*before, *after)))

@@ -58,9 +58,6 @@ def named(template: str, folder: Path, now: datetime, **values: str) -> Path:
 
     Parameters
     ----------
-    template : of the name, without its ending.
-    folder : of the recordings.
-    now : local time.
     values : unit, operator and plan; those not given are empty.
 
     Raises

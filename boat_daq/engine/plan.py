@@ -96,10 +96,8 @@ class Plan:
     Parameters
     ----------
     name : its name in lists and recordings.
-    kind : "staircase", "continuous" or "profile".
     high_kpa, low_kpa : the two ends; a cycle starts at `high_kpa`.
     step_kpa : distance of the staircase's plateaus; divides the span.
-    cycles : complete cycles to run.
     ramp_kpa_per_s : rate of change towards each target.
     min_kpa, max_kpa : the plan's own limits; the pressure never goes 2 kPa beyond them.
     tolerance_kpa : the pressure has arrived while it is this close to its target.
@@ -110,8 +108,6 @@ class Plan:
     arrival_timeout_s : time allowed beyond the ramp's own until the pressure has arrived.
     reading_timeout_s : longest wait at a plateau for its reading, where readings are waited for.
     quantity : of a profile's values, "kPa" or "mm".
-    segments : of a profile.
-    loops : of a profile; one may lie inside another.
 
     Raises
     ------

@@ -41,7 +41,6 @@ def call(group: str, name: str, function: str, arguments: Mapping[str, Any], tim
 
     Parameters
     ----------
-    group, name : of its entry point.
     function : attribute of what the entry point names; "" for that itself.
     arguments : passed by keyword, as JSON.
     timeout_s : after which its process, and all that it started, is killed.
@@ -82,8 +81,6 @@ def run_hooks(event: str, arguments: Mapping[str, Any], warn: Warn) -> None:
     Parameters
     ----------
     event : recording_closed, analysis_done or warning_raised: the name of the function.
-    arguments : of that function.
-    warn : takes cause and remedy.
     """
     for name in installed(HOOKS):
         _, failure = call(HOOKS, name, event, arguments, HOOK_S)
@@ -133,7 +130,6 @@ def lab_figures(run: str, analysis: Mapping[str, Any], warn: Warn) -> list[dict[
 
     Parameters
     ----------
-    run : path of the recording.
     analysis : the object of `analyze --json`.
     warn : takes cause and remedy of a plugin that failed.
     """

@@ -35,7 +35,6 @@ class QueuedRun:
     pause_s : before this run, s.
     wait : what the operator confirms before this run; empty to begin without.
     name : template of the recording's name; empty for that of the settings.
-    note : stored in the recording.
     """
 
     plan: str

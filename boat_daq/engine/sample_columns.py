@@ -103,13 +103,7 @@ def units_of(link: Link) -> dict[str, str]:
 def channel_columns(
     samples: NDArray[np.void], block: Columns, extra: Sequence[ExtraChannel]
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns that an expression may use, by the names of `protocol.recording.channel_units`.
-
-    Parameters
-    ----------
-    samples, block : the same samples.
-    extra : their extra channels.
-    """
+    """Return the columns that an expression may use, by the names of `protocol.recording.channel_units`."""
     known: dict[str, NDArray[Any]] = {"pressure_kpa": block.pressure_kpa}
     known |= {f"s{n + 1}_mv": block.signal_mv[:, n] for n in range(block.signal_mv.shape[1])}
     for part in ("lit", "dark"):

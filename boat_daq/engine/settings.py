@@ -396,10 +396,8 @@ class UnitLibrary:
 
         Parameters
         ----------
-        name : of the unit.
         content : plain JSON values; it is read back as it was.
         accepted : False for the withdrawal of the one before.
-        more : recording, operator, note, program_version.
 
         Raises
         ------
@@ -466,8 +464,6 @@ def _of_kind(history: tuple[StoredCalibration, ...], *, simulated: bool, first: 
 
     Parameters
     ----------
-    history : of a file; a withdrawal that does not name its kind is of the kind of the entry before it.
-    simulated : the kind.
     first : the kind of an accepted entry that does not name it.
     """
     found, kind = [], first

@@ -98,7 +98,6 @@ def build(cls: type[T], table: Mapping[str, Any], where: str, **converted: Any) 
     ----------
     cls : its fields in `table` are str, int, float or bool.
     table : values by key.
-    where : the file, for errors.
     converted : values of other fields, ready to use.
 
     Raises

@@ -122,9 +122,7 @@ def run(
 
     Parameters
     ----------
-    port : connected to at once.
     board : whether a virtual board is started instead.
-    speed : of the virtual board over real time.
     rate_hz : samples per second; as in the settings when None.
     profile : path of the text profile of the firmware on `port`.
     file : opened at once, as if it were dropped on the window.

@@ -213,13 +213,7 @@ def vent_all_button(vent_all: Callable[[], None]) -> QPushButton:
 
 
 def _pressed_button(text: str, style_name: str, name: str, act: Callable[[], None]) -> QPushButton:
-    """Return a button that acts on press, not on release.
-
-    Parameters
-    ----------
-    text, style_name, name : as shown, in the style sheet, and for screen readers.
-    act : what it does.
-    """
+    """Return a button that acts on press, not on release."""
     button = QPushButton(text)
     button.setObjectName(style_name)
     button.setAccessibleName(name)
@@ -235,8 +229,6 @@ class Navigation(QWidget):
     Parameters
     ----------
     pages : in order; their shortcuts are Ctrl+1 and so on.
-    go : shows a page.
-    show_keys : shows the shortcut sheet.
     """
 
     def __init__(self, pages: Sequence[Page], go: Callable[[Page], None], show_keys: Callable[[], None]) -> None:

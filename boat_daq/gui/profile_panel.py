@@ -32,9 +32,7 @@ class ProfilePanel(QDialog):
 
     Parameters
     ----------
-    parent : of the dialog.
     model : the profile in the making.
-    services : notices, file dialogs.
     ports : returns the ports as (text, port).
     use : takes the TOML of the finished profile, and the port.
     """

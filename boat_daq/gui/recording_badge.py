@@ -14,13 +14,7 @@ KEY = "Ctrl+R"
 
 
 class RecordingBadge:
-    """The two widgets; the header places them.
-
-    Parameters
-    ----------
-    status : of the recording.
-    services : of the window.
-    """
+    """The two widgets; the header places them."""
 
     def __init__(self, status: RecordingStatus, services: Services) -> None:
         self.status = status

@@ -41,8 +41,6 @@ class Command:
     ----------
     menu : one of `MENUS`.
     text : what it does, a verb first.
-    shortcut : as Qt writes it, e.g. "Ctrl+K"; every command has one.
-    run : the action.
     available : whether it can run now.
     apart : whether a separator precedes it in its menu.
     why : why it cannot run now; shown on hover, and as a notice when its key is pressed.

@@ -41,7 +41,6 @@ class ValueRow:
     Parameters
     ----------
     about : the value's description.
-    store : takes its text.
     reset : sets its default.
     """
 
@@ -75,7 +74,6 @@ class ValueRow:
 
         Parameters
         ----------
-        text : as stored.
         other : whether it is of another subject than before.
         """
         if text == self._text and not other:
@@ -105,7 +103,6 @@ class ValueForm(QWidget):
 
     Parameters
     ----------
-    shown : descriptions of the values.
     store : takes key and text of a value that was entered.
     reset : takes the key of a value whose default is wanted.
     """
@@ -299,13 +296,7 @@ class SettingsPage(ReflowingPage):
 
 
 class SafeModeBar(QWidget):
-    """A bar under the header while the stored settings are refused and the defaults are used.
-
-    Parameters
-    ----------
-    model : knows why.
-    show_page : shows the Settings page.
-    """
+    """A bar under the header while the stored settings are refused and the defaults are used."""
 
     def __init__(self, model: SettingsModel, show_page: Callable[[], object]) -> None:
         super().__init__()

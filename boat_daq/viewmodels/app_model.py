@@ -58,8 +58,6 @@ class AppModel:
     Parameters
     ----------
     session : commands the board and records.
-    folder : of settings and units.
-    recordings : folder of the recordings.
     units : the units and their calibrations; the stored ones when None.
     """
 

@@ -62,9 +62,6 @@ class SettingsModel:
 
     Parameters
     ----------
-    session : uses what is stored.
-    units : of real boards, whose limits hold on virtual ones, too.
-    folder : of the settings.
     undo : the window's history.
     """
 

@@ -264,8 +264,6 @@ class Connection:
     ----------
     n_sensors : number of sensors of a board whose HELLO is not among the bytes (a recording begun later); else it is
         taken from the HELLO, and samples before it are counted as unknown.
-    adc_bits : of the same board.
-    decoder_state : of another connection, to continue from it; overrides the two others.
     in_turn : a command waits until the one before it is answered, and is then returned by `poll`; VENT never waits.
     """
 

@@ -47,7 +47,6 @@ def encode_frame(type_: int, seq: int, payload: bytes = b"") -> bytes:
     Parameters
     ----------
     type_ : 0 to 255.
-    seq : of any size.
     payload : at most 194 bytes.
 
     Raises

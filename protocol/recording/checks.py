@@ -97,8 +97,6 @@ def check_layout(path: Path, connection: sqlite3.Connection, ours: Columns, may_
 
     Parameters
     ----------
-    path : for the messages.
-    connection : open on it.
     ours : tables and columns of a recording.
     may_lack : (table, column) that older recordings do not have.
 
@@ -130,8 +128,6 @@ def check_values(path: Path, connection: sqlite3.Connection, columns: Columns) -
 
     Parameters
     ----------
-    path : for the size and the messages.
-    connection : open on it.
     columns : tables and columns to check.
 
     Raises

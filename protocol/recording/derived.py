@@ -353,12 +353,7 @@ def unit_text(powers: Powers) -> str:
 
 @dataclass(frozen=True, slots=True)
 class DerivedColumns:
-    """Definitions that were checked against the channels of a board.
-
-    Attributes
-    ----------
-    channels : with their units filled in.
-    """
+    """Definitions that were checked against the channels of a board."""
 
     channels: tuple[DerivedChannel, ...] = ()
     expressions: tuple[Expression, ...] = ()
@@ -370,7 +365,6 @@ class DerivedColumns:
         Parameters
         ----------
         definitions : at most `MAX_CHANNELS`.
-        units : of the channels of the samples, by name.
 
         Raises
         ------

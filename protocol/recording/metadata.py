@@ -27,14 +27,7 @@ OF_A_UNIT = ("operator", "customer", "item", "serial_number")
 
 @dataclass(frozen=True, slots=True)
 class Metadata:
-    """Metadata of a recording; an empty text and None are not stated.
-
-    Attributes
-    ----------
-    operator, customer, item, serial_number, note : texts.
-    ambient_temperature_c, ambient_humidity_percent : of the air, while it was recorded.
-    fields : free ones, by name.
-    """
+    """Metadata of a recording; an empty text and None are not stated."""
 
     operator: str = ""
     customer: str = ""
@@ -147,10 +140,6 @@ def _number(key: str, text: str) -> float | None:
 
 def metadata_of(connection: sqlite3.Connection, meta: Mapping[str, Any]) -> Metadata:
     """Return the metadata of a recording: those that were stated last, with its newest note.
-
-    Parameters
-    ----------
-    connection : to the recording. meta : its session.
 
     Raises
     ------

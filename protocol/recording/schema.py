@@ -130,7 +130,6 @@ def overview_extremes(samples: np.ndarray[Any, np.dtype[np.void]], mv_per_count:
 
     Parameters
     ----------
-    samples : of one row.
     mv_per_count : unused where the samples carry signals.
     """
     good = samples[(samples["flags"] & SampleFlag.IMPLAUSIBLE) == 0]
@@ -343,7 +342,6 @@ def optional_rows(path: Path | str, connection: sqlite3.Connection, table: str) 
 
     Parameters
     ----------
-    path, connection : of the recording.
     table : of `OPTIONAL_TABLES`.
 
     Raises

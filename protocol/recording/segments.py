@@ -18,10 +18,6 @@ class Segment:
     Parameters
     ----------
     kind : "step" to `target`, "ramp" to it, or "sine" about it.
-    target : where it leads, or the mean of a sine.
-    rate_per_s : of a ramp.
-    hold_s : at the target, after a step or ramp.
-    amplitude, frequency_hz, periods : of a sine; half periods are allowed, so that it ends at its mean.
     reading : wait for a reading at its end, in a run that waits for readings.
     """
 

@@ -41,7 +41,6 @@ class VirtualBoard:
     Parameters
     ----------
     specimen : a name of `protocol.simulator.specimens.SPECIMEN_NAMES`.
-    seed : of all noise and of damage on the channel.
     faults : the faults and their times (`protocol.simulator.faults`).
     log_truth : keep the noise-free values of each sample for `take_truth`.
     log_elongation : keep the true elongation of each tick for `take_elongation`.

@@ -25,9 +25,6 @@ class FaultRow:
     ----------
     default : value where none is given.
     value_name : unit or meaning of the value.
-    lasting : how the fault ends.
-    sentence : its effect.
-    low, high : range of the value.
     """
 
     default: float
@@ -139,7 +136,6 @@ def make_fault(name: str, at_s: float = 0.0, value: float | None = None) -> Faul
     Parameters
     ----------
     name : one of `FAULTS`.
-    at_s : board time since power-on.
     value : default the table's.
 
     Raises

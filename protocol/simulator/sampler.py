@@ -49,12 +49,6 @@ class SampleNoise:
     """Standard normal and uniform numbers as a function of the sample number: the same for any slicing.
 
     A row is: pressure, then (lit, dark) of each sensor; the uniform number is for the jitter.
-
-    Parameters
-    ----------
-    seed : of the board.
-    run : number of its START.
-    n_sensors : number of sensors.
     """
 
     def __init__(self, seed: int, run: int, n_sensors: int) -> None:
@@ -226,7 +220,6 @@ class Sampler:
         Parameters
         ----------
         plant : ticks that enclose `stop_us`.
-        stop_us : board time.
         faults : the active ones, name -> value.
         since_us : board time at which each began.
         """

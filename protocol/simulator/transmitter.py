@@ -160,8 +160,6 @@ class Transmitter:
     Parameters
     ----------
     n_sensors : number of sensors of a sample.
-    schedule : the active faults.
-    seed : of the damage in the channel.
     """
 
     def __init__(self, n_sensors: int, schedule: FaultSchedule, seed: int) -> None:

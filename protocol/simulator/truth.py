@@ -75,8 +75,6 @@ def noise_free_run(unit: str, targets_kpa: Sequence[float], *, ramp_kpa_per_s: f
     Parameters
     ----------
     unit : the specimen's name, as in `SPECIMEN_NAMES`.
-    targets_kpa : pressures to hold.
-    ramp_kpa_per_s : rate between them.
     dwell_s : time of each hold after its ramp.
 
     Raises

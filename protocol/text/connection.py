@@ -37,7 +37,6 @@ class TextConnection:
     Parameters
     ----------
     profile : from `load_profile`.
-    decoder_state : of another connection with the same profile, to continue from it.
     """
 
     def __init__(self, profile: TextProfile, *, decoder_state: dict[str, Any] | None = None) -> None:

@@ -112,7 +112,6 @@ def compile_template(key: str, text: str) -> Template:
     Parameters
     ----------
     key : of the profile, one of `COMMANDS`.
-    text : the template.
 
     Raises
     ------

@@ -62,13 +62,10 @@ class ProposedField:
 
     Parameters
     ----------
-    label : with which it is printed, or its heading; empty where there is none.
     name : its meaning as in a profile; `_` where it is left out, another text for an extra channel.
-    unit : empty for none.
     base, suffix, signed : how its number is printed.
     scale : of the number in `unit`.
     guessed : whether the meaning is suggested by its numbers alone.
-    examples : texts that were printed.
     """
 
     label: str
@@ -95,14 +92,11 @@ class Proposal:
 
     Parameters
     ----------
-    fields : in the order of the line or of the packet.
     lines : keys of the profile's table `lines` beside the fields; empty for packets.
     rx8 : the format string of packets; empty for lines.
-    rate_hz : of the samples.
     vref_mv, adc_bits : of counts; 0 where no signal is in counts.
     fitting, seen : lines that have this syntax, and all but comments; packets and bytes for packets.
     limits_kpa : of the pressure, which no text tells; None where it is not stated.
-    commands : templates by command.
     polarity : -1 where the voltage falls with light.
     """
 
@@ -219,7 +213,6 @@ def propose_any(data: bytes, seconds: float = 0.0) -> Proposal:
 
     Parameters
     ----------
-    data : what the device sent.
     seconds : in which it was sent; 0 where that is not known.
 
     Raises

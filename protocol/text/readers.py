@@ -76,7 +76,6 @@ class LineReader(ByteReader):
 
     Parameters
     ----------
-    format_ : of the lines.
     first_is_whole : whether the first line is received from its beginning.
     """
 
@@ -216,7 +215,6 @@ def checked(line: bytes, kind: str, delimiter: bytes) -> tuple[bytes, bool]:
     ----------
     line : that of NMEA 0183 has its text between $ and *, any other one the checksum as its last field.
     kind : one of `CHECKSUMS`; in hexadecimal digits.
-    delimiter : of the fields.
     """
     of, length = CHECKSUMS[kind]
     text, found, digits = line.removeprefix(b"$").rpartition(b"*") if kind == "nmea" else line.rpartition(delimiter)
@@ -327,7 +325,6 @@ class PacketReader(ByteReader):
     Parameters
     ----------
     format_ : the packet; a row has its variables in their order.
-    signed : whether each is signed.
     """
 
     def __init__(self, format_: PacketFormat, signed: tuple[bool, ...]) -> None:

@@ -67,7 +67,6 @@ def smooth(points: FloatArray, knots: int = 10) -> tuple[FloatArray, FloatArray]
     Parameters
     ----------
     points : (n, 2) in mm, n >= 4, no two neighbours equal.
-    knots : least number to return.
 
     Returns
     -------

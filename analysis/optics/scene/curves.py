@@ -127,7 +127,7 @@ def frame_of(curves: FloatArray, state: int, guide: Waveguide) -> SceneFrame:
 
     Parameters
     ----------
-    curves : (states, 2, points, 2), mm. state : its number. guide : thickness, stems, receiver.
+    curves : (states, 2, points, 2), mm.
 
     Raises
     ------

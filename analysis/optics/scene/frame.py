@@ -40,7 +40,6 @@ class SceneFrame(NamedTuple):
     curvature : (g, m), 1/mm.
     ends : (g, 2) arc lengths between which a guide is its own, beyond them it is part of a junction.
     outer : (g,) +1 where the outer face is the left one, -1 where it is the right one.
-    half_mm : half the thickness.
     free : (g, m, 2) whether an arc's left and right edge have the whole scene behind each of their tangents, so that
         light leaving there meets nothing more.
     surfaces : (j, 16) of the two junctions with their stems; a single strip has none.
@@ -158,7 +157,6 @@ def free_edges(guides: list[ArcSpline], half: float, junction: FloatArray) -> In
 
     Parameters
     ----------
-    guides : centrelines.
     half : half the thickness, mm.
     junction : (j, 16) surfaces of the junctions.
     """
@@ -201,7 +199,7 @@ def check_bends(curve: ArcSpline, half: float, name: str) -> None:
 
     Parameters
     ----------
-    curve : centreline. half : half the thickness, mm. name : of the guide, in the message.
+    half : half the thickness, mm.
 
     Raises
     ------
@@ -221,7 +219,6 @@ def two_guides(left: ArcSpline, right: ArcSpline, guide: Waveguide, name: str = 
     Parameters
     ----------
     left, right : centrelines from the emitter's junction to the receiver's, the left one first.
-    guide : thickness, stems, receiver.
     name : what the state is called in an error.
 
     Raises
@@ -260,7 +257,6 @@ def one_strip(curve: ArcSpline, guide: Waveguide, emitter: FloatArray | None = N
 
     Parameters
     ----------
-    curve : centreline.
     guide : thickness and index; the stems do not apply.
     emitter : x, y, direction x, y; by default `backing_mm` inside the start, looking along the guide.
     """
@@ -390,10 +386,6 @@ def _pieces(curve: ArcSpline, s0: float, s1: float) -> list[tuple[int, tuple[flo
 
 def check_design(frame: SceneFrame, design: Design, name: str) -> None:
     """Reject cavities that cut through the guide or do not fit between the junctions.
-
-    Parameters
-    ----------
-    frame : one state. design : its cavities. name : of the state.
 
     Raises
     ------

@@ -52,7 +52,6 @@ class Geometry(NamedTuple):
     bvh_boxes, bvh_nodes, bvh_order : (2 n + 2, 4), (2 n + 2, 3) and (n,) of the BVH, see `bvh.py`.
     emitter, receiver_direction : (4,) and (2,) as in `SceneFrame`.
     source_cell : cell in which the rays start.
-    cell_count, surface_count : c and n.
     """
 
     cells: FloatArray
@@ -116,11 +115,10 @@ def _cut_guide(
 
     Parameters
     ----------
-    g : the scene. first : number of the guide's first cell.
+    first : number of the guide's first cell.
     nodes, curvature, ends : of the guide, as in `SceneFrame`.
     walls : arc lengths of the cavities' walls, rising.
     half, deep : half the thickness and the cavities' depth, mm.
-    side : of the cavities: LEFT, RIGHT, BOTH or MIDLINE.
     """
     cells, arc, wall, c, s, last = g.cells, 0, 0, first, ends[0], ends[1]
     while nodes[arc + 1, 4] <= s + _SLIVER:
@@ -215,7 +213,7 @@ def _fork(g: Geometry, full: int, left: int, at_end: bool) -> None:
 
     Parameters
     ----------
-    g : the scene. full : the cell before or after the void.
+    full : the cell before or after the void.
     left : the cell on the left of the void; the one on its right is the next.
     at_end : whether the void begins at the full cell's end.
     """
@@ -355,8 +353,6 @@ def allocate(guides: int, arcs: int, junction: int, most_cavities: int, source_c
     Parameters
     ----------
     guides, arcs : number of guides, and of arcs of each.
-    junction : surfaces of the junctions.
-    most_cavities : of one guide.
     source_cell : cell in which the rays start.
     face : number of the face with the cavities; the largest of several.
     """

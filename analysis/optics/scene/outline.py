@@ -47,7 +47,6 @@ class Outline:
 
     Parameters
     ----------
-    contours : of the resin, outside first, then the hole.
     receiver : (2, 2) its segment, NaN without one. emitter : (2, 2) its point and direction.
     """
 

@@ -58,8 +58,6 @@ class Design:
     Parameters
     ----------
     cavities : how many, 0 (a plain guide) or more; the paper's are 3, 5 and 7.
-    width_mm : along the centreline.
-    depth_mm : from the face inwards; of a void, its extent across the guide.
     spacing_mm : between neighbours, wall to wall along the centreline.
     face : which face carries them, 'outer' (away from the other guide; default), 'inner' or 'both' (opposite each
         other); 'midline' makes them voids inside the guide, centred on its centreline.
@@ -161,7 +159,6 @@ class Light:
     cone_deg : full aperture of the fan, 120 (paper).
     emission : 'uniform' in angle, or 'lambertian' (as many rays in each equal step of sine).
     secondary : budget of reflected rays for the whole simulation, 100 (paper); `ALL` follows every one.
-    order : in which secondaries are followed: by 'time' of flight, by 'bounce' or by 'index' of the released ray.
     path_cap_mm : a ray is given up after this path length, 1000.
     faintest : a ray whose power falls below this part of a released one's is dropped, 1e-12.
     phase : shift of the fan in steps of its own angle, -0.5..0.5; a repeat with another phase is an independent sample.
@@ -215,7 +212,6 @@ def light_by(by: By, rays: int) -> Light:
     Parameters
     ----------
     by : 'count' of detected rays, or their 'power', of which secondaries beyond the budget would be missing.
-    rays : released.
 
     Raises
     ------

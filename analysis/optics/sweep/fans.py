@@ -54,7 +54,7 @@ class FanResult:
 
     Parameters
     ----------
-    designs : of the sweep. p : (fans, n), the first as in the sweep itself.
+    p : (fans, n), the first as in the sweep itself.
     """
 
     designs: tuple[Design, ...]
@@ -123,7 +123,7 @@ def compare_fans(
 
     Parameters
     ----------
-    result : the sweep. fans : how many, its own included.
+    fans : how many, its own included.
     file : its results file; each further fan has one beside it.
     scheduler, allow_remote : as in `run_sweep`.
     progress : called with (simulations done, all) of the further fans.

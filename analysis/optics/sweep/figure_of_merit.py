@@ -123,7 +123,6 @@ def uncertainty(ndr: FloatArray, sd: FloatArray, floor: float, *, draws: int = D
     ----------
     ndr, sd : (n, states), rays scaled to 250.
     floor : as in `merit`.
-    draws, seed : of the parametric bootstrap.
 
     Notes
     -----

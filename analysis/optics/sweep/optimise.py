@@ -85,12 +85,11 @@ class Optimum:
     Parameters
     ----------
     start, best : the grid's best design and the one found; paper_p : P of the paper's; all at `checked_rays`.
-    evaluations, seconds : its cost; rays, checked_rays : released in the search and in the final evaluation.
+    rays, checked_rays : released in the search and in the final evaluation.
     finished : False if the time ran out before the search converged.
     by : what P is computed from.
     error : of the winners' responses in the final evaluation, at most, rays of 250 at 2 standard deviations.
     work_rays : released for each state in search, race and final evaluation, all designs together.
-    race : of all designs evaluated, where a confidence was asked for.
     """
 
     start: Winner
@@ -122,7 +121,6 @@ class DesignMerit:
 
     Parameters
     ----------
-    frames, guide : of the states. light : released.
     by : what P is computed from.
     """
 
@@ -196,7 +194,7 @@ def optimise(
     rays : released in each evaluation, ten times as many in the final one, or as many as the tolerance takes.
     seconds : time after which the search stops; it is repeatable if it converges before.
     first_face : face of the grid from which the search starts.
-    by : what P is computed from. seed : of the random numbers.
+    by : what P is computed from.
     confidence : with which a race finds the best of the designs evaluated; None evaluates the six best alike.
     most_rays, race_seconds : of the race, as in `Race` and `Race.run`.
     tolerance : of the winners' counts in the final evaluation, or of their power of 250 rays; None for any error.
@@ -381,7 +379,6 @@ def _evaluated(
     ----------
     search, grid, found : the search, the grid's best designs, and what differential evolution returned.
     race : decides which designs are the grid's best and the best; without one the final evaluation does.
-    light, tolerance : of the final evaluation; more rays are released where the tolerance is not met.
     began : time at which the search began.
     """
     if race is None:
@@ -420,7 +417,7 @@ def _with_rays(
 
     Parameters
     ----------
-    search, designs : are evaluated. two : names the winners by P.
+    two : names the winners by P.
     light, tolerance : more rays are released where the winners' errors are above the tolerance.
 
     Raises

@@ -71,10 +71,9 @@ class Race:
 
     Parameters
     ----------
-    designs : compete.
     light : its model, cone and emission are kept; rays and turn of the fan are those of each number of rays.
     confidence : that the candidates contain the best design, above 0 and below 1.
-    most_rays, first_rays : of the last and the first number of rays. seed : of the fan's turns.
+    seed : of the fan's turns.
 
     Attributes
     ----------
@@ -221,8 +220,7 @@ def race_sweep(
 
     Parameters
     ----------
-    request : what competes. confidence, most_rays, seed : as in `Race`. seconds : as in `Race.run`.
-    folder : for the results file of each number of rays; a stopped race resumes from them.
+    confidence, most_rays, seed : as in `Race`. seconds : as in `Race.run`.
     scheduler, allow_remote : as in `run_sweep`.
     progress : called with (designs settled, designs); raising from it stops the race.
 

@@ -97,9 +97,8 @@ class Outcome:
 
     Parameters
     ----------
-    reading, sampling : what was swept.
-    ranks : of the paper's design by group, for each turn of the fan. of : designs in each group.
-    best : the design with the largest P without a further turn. paper_p, best_p : P of both.
+    ranks : of the paper's design by group, for each turn of the fan.
+    best : the design with the largest P without a further turn.
     factors : best P over the paper's, by Delta, n_sign and RMSE; their product is `best_p / paper_p`, where the paper's
         P is positive.
     p : (n,) of all designs, without a further turn.
@@ -162,7 +161,6 @@ def reproduce(
     ----------
     curves : deformation curves (15, 2, points, 2) in mm by name, the default ones first.
     fans, rays, alike : as in `plan`.
-    folder : where outcomes are kept as they arrive; those found there are not computed again.
     progress : called with work done and all work; raising from it stops, and finished outcomes stay in the folder.
 
     Raises
@@ -254,7 +252,6 @@ class Influence:
     Parameters
     ----------
     axis, value : the choice that differs from the default reading's.
-    by : what P is of.
     correlation : Spearman's, of P over the designs that both have, against the default reading.
     """
 

@@ -80,7 +80,7 @@ def draw_scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light
 
     Parameters
     ----------
-    frame, design, guide, light : as in `simulation.trace`. title : of the figure.
+    frame, design, guide, light : as in `simulation.trace`.
     """
     figure = _figure(9.0, 3.9)
     axes = figure.add_subplot()
@@ -144,12 +144,7 @@ def draw_response(result: SweepResult, chosen: Sequence[Design]) -> Figure:
 
 
 def p_grid(result: SweepResult, cavities: int, width_mm: float) -> FloatArray:
-    """Return P over the sweep's maximum, (6 depths, 6 spacings); NaN where a design was not simulated.
-
-    Parameters
-    ----------
-    result : of the sweep. cavities, width_mm : of the designs shown.
-    """
+    """Return P over the sweep's maximum, (6 depths, 6 spacings); NaN where a design was not simulated."""
     p = result.merit().p_normalised
     out = np.full((len(STEPS_MM), len(STEPS_MM)), np.nan)
     for i, design in enumerate(result.designs):

@@ -26,9 +26,7 @@ class SignalFit:
 
     Parameters
     ----------
-    gain_mv_per_percent, offset_mv : of the least-squares fit over the states.
     r2, rms_mv, rms_percent_fso : what it explains of the published signal, and what it misses.
-    signal_change_percent : of the published signal, from the first state to the last.
     """
 
     gain_mv_per_percent: float
@@ -45,7 +43,6 @@ class ChainSignal:
 
     Parameters
     ----------
-    rays : released in each state.
     elongation_mm, light_percent, light_sd_percent : (15,) of the states.
     sensors : the fit of each published sensor.
     """
@@ -86,7 +83,6 @@ def chain_signal(
     Parameters
     ----------
     curves_mm, elongation_mm : (15, 2, points, 2) and (15,) of the states.
-    rays : released in each state.
     design : the paper's by default.
     tolerance : error of the power of 250 rays that chooses the rays, as in `light_within`; None for `rays`.
 

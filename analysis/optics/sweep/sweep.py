@@ -56,7 +56,6 @@ class SweepRequest:
 
     Parameters
     ----------
-    designs : are simulated.
     guide, light : see `parameters.py`.
     curves : (15, 2, points, 2) in mm; the shadow's states by default.
     by : what designs are ranked by, the number of detected rays or their power; see `parameters.light_by`.
@@ -85,7 +84,6 @@ class SweepResult:
 
     Parameters
     ----------
-    request : what was simulated.
     ndr, ndr_sd : (n, s) rays that reach the receiver scaled to 250, and their standard deviation.
     power, power_sd : (n, s) detected power, emitted = 1, and its standard deviation.
     mirrored : (s,) whether a state is its own mirror image.
@@ -209,7 +207,6 @@ def run_sweep(
 
     Parameters
     ----------
-    request : what to simulate.
     file : results file, written as results arrive; finished designs in it are not simulated again.
     scheduler : address of a Dask scheduler; None runs here.
     allow_remote : whether the scheduler may be on another computer; see `analysis.cluster`.
@@ -263,7 +260,7 @@ def result_of(
 
     Parameters
     ----------
-    request : what was simulated. mirrored : as in `SweepResult`.
+    mirrored : as in `SweepResult`.
     results : of `run_item`, for all designs. seconds, simulated : as in `SweepResult`.
     """
     counts, energy, changes = results

@@ -44,7 +44,6 @@ class Queue(NamedTuple):
     state : (5,) slots in use, secondaries left in the budget, the next birth, whether `rank` is a heap, and how many
         slots have ever been in use (memory beyond them is untouched).
     limit : (2,) key and root of the last that is within the budget.
-    slots : how many there are.
     """
 
     numbers: FloatArray
@@ -199,9 +198,7 @@ def offer(q: Queue, ray: Ray, key: float, birth: int, tally: Tally) -> None:
 
     Parameters
     ----------
-    q : pointers of the queue. ray : the secondary.
     key : first criterion of its rank. birth : last one; -1 for the next.
-    tally : counts what is refused.
     """
     if key > q.limit[0] or (key == q.limit[0] and ray.root >= q.limit[1]) or q.state[LEFT] == 0:
         tally.counts[REFUSED] += 1

@@ -103,12 +103,7 @@ def _in_cavity(g: Geometry, px: float, py: float, dx: float, dy: float, cavity: 
 
 @inner_fusing
 def in_air(g: Geometry, px: float, py: float, dx: float, dy: float, last: int) -> tuple[float, int]:
-    """Return the nearest surface in front of a ray in the air: distance and number, or (inf, -1).
-
-    Parameters
-    ----------
-    g : pointers of the scene. px, py, dx, dy : position and unit direction. last : surface just left.
-    """
+    """Return the nearest surface in front of a ray in the air: distance and number, or (inf, -1)."""
     if g.corners[last] & FREE != 0:
         return math.inf, -1
     cavity = g.owners[last] if last < 4 * g.cell_count else -1
@@ -180,10 +175,6 @@ def in_resin(g: Geometry, px: float, py: float, dx: float, dy: float, cell: int,
 
     A ray that crosses the cross-section ahead between the edges, and heads for the same edge there as here, has met
     neither: decided without a root or a division, by the offset u there times |speed| through the section.
-
-    Parameters
-    ----------
-    g : pointers of the scene. px, py, dx, dy : position and unit direction. cell : it is in. last : surface just left.
     """
     for _ in range(4 * g.cell_count + 8):
         if cell < 0:

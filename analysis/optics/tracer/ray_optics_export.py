@@ -34,10 +34,8 @@ def ray_optics_scene(
 
     Parameters
     ----------
-    frame, design, guide : the scene.
     light : its rays; with `light.secondary` = 0 the glass reflects nothing at a refraction, so that counts can be
         compared, otherwise it does.
-    name : of the scene.
 
     Raises
     ------

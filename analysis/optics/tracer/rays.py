@@ -25,12 +25,10 @@ class Ray(NamedTuple):
     Parameters
     ----------
     x, y, dx, dy : position, mm, and unit direction.
-    power : in units of one released ray.
     path_mm, optical_path_mm : path length and optical path length so far.
     medium : 1 resin, 0 air.
     last, cell : last surface met, and the cell it is in.
     root : number of the released ray that it stems from.
-    bounce : surfaces met so far.
     """
 
     x: float
@@ -52,7 +50,6 @@ class Rules(NamedTuple):
 
     Parameters
     ----------
-    refractive : index of the resin.
     attenuation : of the resin, 1/mm.
     path_cap_mm : path length after which a ray is given up.
     faintest : power below which it is.

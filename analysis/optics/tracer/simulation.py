@@ -43,7 +43,6 @@ class TraceResult:
     ----------
     ledger : rays by their end; released is the sum of the others.
     energy : parts of the emitted power by their end; they sum to 1.
-    hits : surfaces met.
     granted, refused : secondaries that were followed, and that were beyond the budget.
     ndr : rays that reach the receiver, secondaries included, scaled to 250 emitted.
     ndr_sd : its standard deviation, see `fan_sd`; NaN for a single ray.
@@ -69,8 +68,6 @@ def follow_block(g: Geometry, rules: Rules, fan: Fan, first: int, budget: int, q
     ----------
     g, rules, fan : the scene, the rules of tracing and the released rays.
     first : number of the block's first ray.
-    budget : of secondaries.
-    q, tally : are filled.
     """
     queues.open_queue(q, budget, first)
     tables, queue, counts = pointers(g), pointers(q), pointers(tally)
@@ -103,7 +100,7 @@ def finish(g: Geometry, rules: Rules, fan: Fan, q: Queue, tally: Tally) -> None:
 
     Parameters
     ----------
-    g, rules, fan : as in `follow_block`. q, tally : of all blocks, joined.
+    g, rules, fan : as in `follow_block`.
     """
     tables, queue, counts = pointers(g), pointers(q), pointers(tally)
     queues.begin_secondaries(queue, fan.rays, counts)
@@ -121,7 +118,7 @@ def simulate(g: Geometry, rules: Rules, fan: Fan, budget: int, q: Queue, later: 
     Parameters
     ----------
     g, rules, fan, budget : as in `follow_block`.
-    q, tally : are filled. later : a second queue, used from the second block on.
+    later : a second queue, used from the second block on.
     """
     follow_block(g, rules, fan, 0, budget, q, tally)
     for first in range(BLOCK, fan.followed, BLOCK):
@@ -140,7 +137,6 @@ def changes_along_fan(by_root: FloatArray, step: float, shift: float, jittered: 
     ----------
     by_root : (rays, 2) what each released ray delivers.
     step : of the fan over the angle within which neighbouring rays are supposed to end alike, from `fan_step`.
-    shift, jittered : of the light.
 
     Notes
     -----
@@ -214,12 +210,7 @@ def _shared(step: float, at: float, jittered: bool) -> float:
 
 @compiled
 def fan_step(cone_deg: float, rays: int, thickness_mm: float) -> float:
-    """Return the step of a fan over the angle within which neighbouring rays end alike.
-
-    Parameters
-    ----------
-    cone_deg, rays : of the fan. thickness_mm : of the guide.
-    """
+    """Return the step of a fan over the angle within which neighbouring rays end alike."""
     return cone_deg / rays / (CORRELATION_DEG_PER_MM2 * thickness_mm**2)
 
 
@@ -434,7 +425,6 @@ def ray_paths(
     Parameters
     ----------
     frame, design, guide, light : as in `trace`.
-    most : points that are kept.
     released_rays : how many of the fan are followed, evenly chosen, with secondaries in proportion; all by default.
 
     Raises

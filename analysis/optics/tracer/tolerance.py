@@ -40,7 +40,7 @@ class ToleratedTrace:
     Parameters
     ----------
     result, light : the simulation, and the light it was made with.
-    error : of its NDR or power, 2 standard deviations, rays of 250; tolerance : the error asked for.
+    error : of its NDR or power, 2 standard deviations, rays of 250;
     work : rays released altogether, the pilot's among them.
     """
 
@@ -113,7 +113,6 @@ def trace_within(
 
     Parameters
     ----------
-    frame, design, guide : the scene.
     light : its model; the rays and their places are chosen, secondaries are in proportion.
     tolerance : of NDR, rays of 250, at 2 standard deviations; of the power of 250 rays where all reflections are
         followed, whose number means nothing.

@@ -113,7 +113,6 @@ def follow(g: Geometry, rules: Rules, ray: Ray, q: Queue, tally: Tally, number: 
     ----------
     g, q, tally : pointers of the scene, of the queue that takes its reflected parts, and of the tally.
     rules, ray : rules of tracing, and the ray where it starts.
-    number : of the ray, for its drawn path.
     """
     end, hits = ledger.CUT, 0
     if tally.capacity > 0:

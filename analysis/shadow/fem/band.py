@@ -29,7 +29,7 @@ def add_to_band(band: FloatArray, row: int, column: int, value: float) -> None:
 
     Parameters
     ----------
-    band : see the module. row, column : equations; -1 is a fixed freedom, the upper triangle is ignored.
+    row, column : equations; -1 is a fixed freedom, the upper triangle is ignored.
     value : mN/mm.
     """
     if column >= 0 and row >= column:

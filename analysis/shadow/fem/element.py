@@ -147,7 +147,6 @@ def internal_force(elements: Elements, u: FloatArray, force: FloatArray) -> floa
 
     Parameters
     ----------
-    elements : of the mesh.
     u : shape (n, 2), nodal displacements, mm.
     force : shape (n, 2), mN.
     """
@@ -178,7 +177,6 @@ def internal_tangent(elements: Elements, u: FloatArray, equations: IntArray, ban
     ----------
     elements, u : as in `internal_force`.
     equations : shape (n, 2), the equation of each displacement, -1 where it is prescribed.
-    band : lower triangle, see band.py.
     """
     quads, moduli, gradient, weight = elements
     f, c = np.empty(5), np.empty((5, 5))

@@ -33,9 +33,7 @@ def harmonic_tangent(elements: Elements, u: FloatArray, n: int, equations: IntAr
     Parameters
     ----------
     elements, u : as in `element.internal_force`.
-    n : wave number.
     equations : shape (nodes, 3) for r, t, z, -1 where clamped.
-    band : see band.py.
     """
     quads, moduli, gradient, weight = elements
     f, g, c = np.empty(5), np.empty(5), np.empty((5, 5))
@@ -159,7 +157,7 @@ class Harmonics:
 
         Parameters
         ----------
-        u : shape (nodes, 2), mm. pressure_kpa : in the cavity. wave_number : n.
+        u : shape (nodes, 2), mm.
         """
         band = empty_band(self.size, self.bandwidth)
         p = self.problem

@@ -101,7 +101,7 @@ def worst_imperfection(stability: Stability, near_limit: Solution, wave_number: 
 
     Parameters
     ----------
-    stability : of the actuator. near_limit : its last stable state. wave_number : of the mode, 1 or more.
+    wave_number : of the mode, 1 or more.
     """
     harmonics = stability.harmonics
     factor = _factor(harmonics.tangent(near_limit.displacement_mm, near_limit.pressure_kpa, wave_number))
@@ -119,7 +119,6 @@ def oval_growth(stability: Stability, state: Solution, imperfection: Imperfectio
 
     Parameters
     ----------
-    stability, imperfection : of the actuator.
     state : stable, of the perfect shape.
     held : whether the plate is held at its place, as with pressure and elongation imposed.
 
@@ -191,8 +190,8 @@ def direct_growth(
 
     Parameters
     ----------
-    stability, imperfection : of the actuator. state : stable, of the perfect shape, its plate free.
-    error_mm : of the print. waves : terms of the series: orders 0, n, 2 n, ...
+    state : stable, of the perfect shape, its plate free.
+    waves : terms of the series: orders 0, n, 2 n, ...
 
     Raises
     ------
@@ -225,8 +224,7 @@ class _Series:
 
     Parameters
     ----------
-    stability, imperfection : of the actuator. state : stable, of the perfect shape, its plate free.
-    waves : terms of the series.
+    state : stable, of the perfect shape, its plate free.
 
     Raises
     ------

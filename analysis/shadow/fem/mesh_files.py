@@ -49,7 +49,6 @@ def write_state(path: Path, file_format: str, parameters: ActuatorParameters, me
     ----------
     path, file_format : file to write, and vtu, msh or inp.
     parameters, mesh : materials and mesh of the actuator.
-    solution : the state.
 
     Raises
     ------
@@ -74,7 +73,6 @@ def to_meshio(mesh: Mesh, displacement_mm: FloatArray | None = None, *, named: b
 
     Parameters
     ----------
-    mesh : of the actuator.
     displacement_mm : shape (n, 2), of a state; none by default.
     named : write the parts as Gmsh's physical groups.
     """
@@ -309,7 +307,6 @@ def calculix_deck(parameters: ActuatorParameters, mesh: Mesh, pressure_kpa: floa
 
     Parameters
     ----------
-    parameters : materials.
     mesh : the actuator's mesh.
     pressure_kpa : gauge pressure reached at the end of the one static step, kPa.
 

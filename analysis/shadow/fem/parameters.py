@@ -113,7 +113,7 @@ def check_number(name: str, value: float, *, whole: bool = False) -> None:
 
     Parameters
     ----------
-    name, value : of the parameter. whole : whether it must be a whole number.
+    whole : whether it must be a whole number.
 
     Raises
     ------

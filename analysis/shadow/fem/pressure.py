@@ -33,7 +33,7 @@ def edge_point(nodes: FloatArray, u: FloatArray, edge: IntArray, g: int) -> tupl
 
     Parameters
     ----------
-    nodes, u : shape (n, 2), mm. edge : shape (3,), its nodes. g : number of the point.
+    nodes, u : shape (n, 2), mm. edge : shape (3,), its nodes.
     """
     r, dr, dz = 0.0, 0.0, 0.0
     for a in range(3):

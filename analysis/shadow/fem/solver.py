@@ -44,7 +44,6 @@ class Solution:
     pressure_kpa, elongation_mm : the state's pressure and its plate's displacement (0 without a plate).
     tip_force_mn : force on the plate that holds it there, mN, positive pulling; 0 when the plate is free.
     iterations : Newton steps taken, over all load steps.
-    residual : the last relative residual.
     """
 
     displacement_mm: FloatArray
@@ -109,7 +108,6 @@ def factorise(problem: Problem, u: FloatArray, pressure_kpa: float, *, held: boo
 
     Parameters
     ----------
-    problem : mesh, moduli, supports.
     u, pressure_kpa : state of nodal displacements, shape (n, 2), mm, and pressure.
     held : the plate's displacement is prescribed: its row and column are taken out.
     """
@@ -135,7 +133,6 @@ class Solver:
 
     Parameters
     ----------
-    problem : to be solved.
     tolerance : relative residual (Euclidean, to the greater of load and internal forces) of a solution.
     """
 
@@ -154,7 +151,6 @@ class Solver:
 
         Parameters
         ----------
-        pressure_kpa, elongation_mm : prescribed; at least one.
         start : a neighbouring state to begin from; the state at rest by default.
 
         Raises
@@ -190,7 +186,7 @@ class Solver:
 
         Parameters
         ----------
-        state : near the equilibrium. pressure_kpa, elongation_mm : prescribed, as in `solve`.
+        pressure_kpa, elongation_mm : prescribed, as in `solve`.
 
         Raises
         ------

@@ -69,7 +69,7 @@ class Stability:
 
         Parameters
         ----------
-        u : shape (n, 2), mm. pressure_kpa : in the cavity. wave_number : around the circle.
+        u : shape (n, 2), mm.
         """
         if wave_number == 0:
             return self.problem.tangent(u, pressure_kpa)
@@ -109,7 +109,7 @@ def least_shift(matrix: FloatArray, reference: FloatArray, known: float) -> floa
 
     Parameters
     ----------
-    matrix, reference : bands. known : upper bound, infinite without one.
+    known : upper bound, infinite without one.
     """
 
     def definite(shift: float) -> bool:
@@ -133,8 +133,6 @@ def find_limit(solver: Solver, stability: Stability, length_mm: float, direction
 
     Parameters
     ----------
-    solver, stability : of the actuator.
-    length_mm : at rest.
     direction : -1 towards vacuum, +1 towards inflation.
 
     Returns

@@ -55,10 +55,8 @@ def solid_force(elements: Elements, u: FloatArray, error: FloatArray, n: int) ->
 
     Parameters
     ----------
-    elements : of the perfect mesh.
     u : shape (waves, nodes, 3), amplitudes of the deformed off the perfect shape, mm.
     error : shape (nodes, 3), amplitudes, of order n, of the stress-free off the perfect shape, mm.
-    n : wave number.
     """
     basis = gradient_basis(len(u), n)
     local = np.einsum("eqdi,weik->eqwkd", elements.gradient, u[:, elements.quads], optimize=True)
@@ -83,7 +81,7 @@ def volume_force(nodes: FloatArray, u: FloatArray, edges: IntArray, n: int) -> F
 
     Parameters
     ----------
-    nodes : shape (nodes, 2), (r, z), mm. u : as in `solid_force`. edges : shape (k, 3), wetted. n : wave number.
+    nodes : shape (nodes, 2), (r, z), mm. u : as in `solid_force`. edges : shape (k, 3), wetted.
 
     Notes
     -----
@@ -129,7 +127,7 @@ class Waves:
 
     Parameters
     ----------
-    harmonics : the numbering of the freedoms. wave_number : n.
+    harmonics : the numbering of the freedoms.
     """
 
     harmonics: Harmonics
@@ -140,7 +138,7 @@ class Waves:
 
         Parameters
         ----------
-        u : shape (waves, nodes, 3), displacements off the stress-free shape, mm. pressure_kpa : in the cavity.
+        u : shape (waves, nodes, 3), displacements off the stress-free shape, mm.
         error : shape (nodes, 3), the stress-free off the perfect shape, mm.
         """
         problem, n = self.harmonics.problem, self.wave_number

@@ -32,7 +32,6 @@ class Assessment:
     error_mm : half the difference of the radii that the print's error makes, along two diameters.
     growth_mm : by how much the state enlarges it; NaN without an expansion: an unstable state, or no waves found.
     gain, b_per_mm2 : growth of a small error for each mm, and Koiter's coefficient; NaN likewise.
-    warnings : of the state.
     """
 
     lowest_eigenvalue: float
@@ -48,7 +47,7 @@ def assess(model: FullModel, state: Solution, error_mm: float = PRINT_ERROR_MM) 
 
     Parameters
     ----------
-    model, state : of the perfect shape. error_mm : of the print.
+    model, state : of the perfect shape.
     """
     lowest = model.stability.lowest_eigenvalue(state)
     warnings = [*model.warnings, *_contradiction(model, state)]
@@ -80,7 +79,7 @@ def collapse_kpa(model: FullModel, error_mm: float) -> float:
 
     Parameters
     ----------
-    model : of the perfect shape. error_mm : of the print.
+    model : of the perfect shape.
     """
     critical = model.vacuum_limit.pressure_kpa
 

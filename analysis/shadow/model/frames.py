@@ -63,18 +63,14 @@ class ShadowState:
 
     Parameters
     ----------
-    pressure_kpa, elongation_mm : the state drawn.
     nodes_mm : shape (n, 2), deformed (x, z) of one half.
     displacement_mm : shape (n,), length of each node's displacement.
     strain : shape (n,), greatest principal stretch minus 1 at each node, dimensionless.
     centrelines_mm : shape (2, k, 2), (x, z) of both guides every 0.5 mm.
     tracked_points_mm : shape (2, 7, 2).
     nominal_elongation_mm, nominal_sd_mm : x_nom(p) and its standard uncertainty from E; NaN outside the table.
-    deviation_mm : elongation minus nominal elongation.
     pressure_residual_kpa : pressure minus p_nom(elongation); NaN outside the table.
     tip_force_mn : the force at the plate that the model needs to hold this state, mN.
-    model : full or reduced.
-    seconds : of computation.
     """
 
     pressure_kpa: float
@@ -222,7 +218,6 @@ def actuator(level: Fidelity, base: ActuatorParameters | None = None) -> Actuato
 
     Parameters
     ----------
-    level : of fidelity.
     base : a caller's own actuator, of which only the mesh is changed; by default the program's, whose two fitted
         numbers are those of the mesh.
     """

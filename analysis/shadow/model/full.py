@@ -104,7 +104,6 @@ class FullModel:
 
     Parameters
     ----------
-    parameters : geometry, materials, mesh density.
     mesh : a foreign mesh in place of the parametric one, its base at 0 (see `mesh_files.read_mesh`).
     tolerance : relative residual of a solution.
 

@@ -58,7 +58,6 @@ def rest_centreline(parameters: ActuatorParameters, length_mm: float, points: in
 
     Parameters
     ----------
-    parameters : bow and end pieces.
     length_mm : distance between base and tip plate.
     points : how many; by default one every 0.5 mm (to the nearest whole number).
 
@@ -82,7 +81,6 @@ def locate(mesh: Mesh, points: FloatArray) -> tuple[IntArray, FloatArray]:
 
     Parameters
     ----------
-    mesh : of the actuator.
     points : shape (n, 2), (r, z) in mm.
 
     Returns
@@ -125,7 +123,7 @@ def embed(mesh: Mesh, points: FloatArray, length_mm: float) -> Embedding:
 
     Parameters
     ----------
-    mesh : of the actuator. points : shape (n, 2), (r, z) in mm. length_mm : between base and tip plate.
+    points : shape (n, 2), (r, z) in mm. length_mm : between base and tip plate.
 
     Raises
     ------

@@ -66,7 +66,6 @@ class EffectiveModulus:
     mean_kpa, sd_kpa : over specimens (the form of the paper: 18.34 +- 1.86, N = 3); sd is NaN for one specimen.
     standard_error_kpa : sd / sqrt(N), or the slope's own for one specimen.
     interval_kpa : 95 % interval of the mean, Student's t; NaN for one specimen.
-    specimens : one by one.
     """
 
     mean_kpa: float
@@ -87,8 +86,6 @@ def read_compression_test(
 
     Parameters
     ----------
-    path : of the CSV.
-    height_mm, area_mm2 : the specimen at rest.
     force_column, displacement_column : name or number of a column; common names are tried by default.
 
     Raises
@@ -109,7 +106,7 @@ def find_column(table: Table, names: Sequence[str], path: Path, wanted: str | No
     Parameters
     ----------
     table, path : read, and its file for messages.
-    names : of which the first present is taken. wanted : name or number of the column instead.
+    wanted : name or number of the column instead.
     """
     plain = [name.strip().lower() for name in table.names]
     known = [plain.index(name) for name in names if name in plain]
@@ -132,7 +129,6 @@ def specimen_modulus(test: CompressionTest, window: tuple[float, float] = (0.02,
 
     Parameters
     ----------
-    test : the specimen.
     window : strains between which the line is drawn, counted from contact.
 
     Raises

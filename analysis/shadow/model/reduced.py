@@ -28,7 +28,6 @@ class TableSettings:
     Parameters
     ----------
     pressures, elongations : Chebyshev points along each side.
-    modes : shapes kept at most.
     held_out : full solutions, not used for the table, that its error is measured on.
     highest_pressure_kpa : upper side of the rectangle; the lower lies a little short of the critical pressure.
     margin_mm : how far the rectangle reaches beyond the nominal elongations of its pressures.

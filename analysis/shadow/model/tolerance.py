@@ -75,8 +75,6 @@ class ToleratedState:
 
     Parameters
     ----------
-    model, solution : on the mesh that was fine enough.
-    error_mm, tolerance_mm : estimated, and asked for.
     solved : elements along a cell of all meshes that were solved, its own last.
     """
 
@@ -98,12 +96,7 @@ def on_mesh(parameters: ActuatorParameters, along: int, across: int = ACROSS) ->
 
 
 def error_estimate(elongations_mm: Mapping[int, float]) -> float:
-    """Return the estimated error of the elongation on the finest of two meshes or more, mm.
-
-    Parameters
-    ----------
-    elongations_mm : by the elements along a cell.
-    """
+    """Return the estimated error of the elongation on the finest of two meshes or more, mm."""
     along = sorted(elongations_mm)
     share = LEAST_SHARE * float((ALONG[0] / along[-1]) ** SAFE_ORDER)
     found = max(LEAST_MM, share * abs(elongations_mm[along[-1]]))
@@ -115,12 +108,6 @@ def error_estimate(elongations_mm: Mapping[int, float]) -> float:
 
 def solve_within(parameters: ActuatorParameters, pressure_kpa: float, tolerance_mm: float) -> ToleratedState:
     """Solve the state at a pressure on no finer a mesh than an error of its elongation takes.
-
-    Parameters
-    ----------
-    parameters : of the actuator; the elements of its mesh are chosen.
-    pressure_kpa : in the bladders.
-    tolerance_mm : of the elongation.
 
     Raises
     ------
@@ -199,7 +186,7 @@ def reduced_within(
 
     Parameters
     ----------
-    shadow : of both models. pressure_kpa, elongation_mm : prescribed; None where it follows. tolerance_mm : allowed.
+    pressure_kpa, elongation_mm : prescribed; None where it follows.
 
     Raises
     ------
@@ -225,7 +212,7 @@ def table_within(
 
     Parameters
     ----------
-    parameters : of the actuator. tolerance_mm : of a tracked point, in 95 % of the states.
+    tolerance_mm : of a tracked point, in 95 % of the states.
     progress : as `load_table`, for each table.
 
     Raises

@@ -51,7 +51,7 @@ def smallest_shift(history: int, threshold: float, reference: float = REFERENCE)
 
     Parameters
     ----------
-    history : healthy values before the shift. threshold : h. reference : k, in standard deviations.
+    history : healthy values before the shift.
 
     Notes
     -----

@@ -79,8 +79,6 @@ class Alarm:
 
     Parameters
     ----------
-    fault : most likely.
-    figure, unit : that has changed.
     shift : how far the figure has moved from its healthy history, in `unit`.
     since_cycle, cycle : first cycle of the change, and the cycle in which it was found (from 1).
     healthy_cycles : a healthy actuator shows this once in so many cycles.
@@ -115,7 +113,7 @@ def deviation_mm(table: ReducedModel, pressure_kpa: FloatArray, elongation_mm: F
 
     Parameters
     ----------
-    table : the nominal actuator. pressure_kpa, elongation_mm : shape (n,), measured.
+    pressure_kpa, elongation_mm : shape (n,), measured.
     """
     return np.asarray(elongation_mm) - table.nominal_elongation(pressure_kpa)[0]
 
@@ -125,7 +123,7 @@ def pressure_residual_kpa(table: ReducedModel, pressure_kpa: FloatArray, elongat
 
     Parameters
     ----------
-    table : the nominal actuator. pressure_kpa, elongation_mm : shape (n,), measured.
+    pressure_kpa, elongation_mm : shape (n,), measured.
     """
     return np.asarray(pressure_kpa) - table.nominal_pressure(elongation_mm)
 
@@ -174,7 +172,7 @@ def moving_mean(values: FloatArray, time_s: FloatArray, width_s: float) -> Float
 
     Parameters
     ----------
-    values, time_s : shape (n,). width_s : of the window.
+    values, time_s : shape (n,).
     """
     known = np.isfinite(values)
     step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
@@ -237,7 +235,6 @@ def cycle_figures(
 
     Parameters
     ----------
-    table : the nominal actuator.
     time_s, pressure_kpa : shape (n,), one whole cycle.
     elongations_mm : shape (n,) or (n, sensors), elongation by each sensor's calibration; NaN where it has none.
     leak : has the cycles before; without it the loss is NaN, for one cycle cannot separate a leak from hysteresis.
@@ -264,7 +261,6 @@ class Monitor:
 
     Parameters
     ----------
-    table : the nominal actuator.
     healthy_cycles : healthy cycles between false alarms, over all alarms together.
     """
 

@@ -36,7 +36,7 @@ class Replay:
     deviation_mm, residual_kpa : shape (n,), NaN where unknown.
     band_mm : shape (n,), standard uncertainty of nominal elongation from E.
     smallest_shift : lasting shift of each figure that would have raised an alarm at the end, in the figure's unit.
-    cycle_start_s : shape (cycles,); figures : one a cycle; alarms : in the order in which they came.
+    cycle_start_s : shape (cycles,);
     drift_mm_per_cycle, drift_interval : Theil-Sen slope of the cycles' mean deviation with its 95 % interval.
     left_out : cycles without figures, each with its cause.
     """
@@ -88,7 +88,6 @@ def replay(
 
     Parameters
     ----------
-    table : the nominal actuator.
     time_s, pressure_kpa : shape (n,).
     elongations_mm : shape (n,) or (n, sensors), NaN where a sensor has none.
     cycles : rows of each whole cycle, in order.

@@ -66,7 +66,6 @@ class Camera:
 
     Parameters
     ----------
-    source : a live one.
     track : gives the elongation in a picture and its time.
     sink : takes each reading and its picture, on the camera's thread.
     """

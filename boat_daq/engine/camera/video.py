@@ -22,7 +22,6 @@ class VideoStore:
     Parameters
     ----------
     path : its suffix names the codec, see `CODECS`.
-    rate_hz : that the file states.
 
     Raises
     ------

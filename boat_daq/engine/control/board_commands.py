@@ -211,7 +211,6 @@ class BoardCommands:
 
         Parameters
         ----------
-        command : the refused one.
         status : the board's reason.
         pressurised : whether the unit may be under pressure.
         """
@@ -293,7 +292,6 @@ class BoardCommands:
 
         Parameters
         ----------
-        kind, text, value : for the recording.
         level, remedy : of the message for the operator; no message where `level` is empty.
         """
         self._emit(ControlEvent(kind, text, level, remedy, value))
@@ -339,9 +337,7 @@ class Preflight:
 
     Parameters
     ----------
-    interlock : its limits and latch.
     board : whether the link can command.
-    zero_tolerance_kpa : of the pressure sensor on a vented unit.
 
     Attributes
     ----------
@@ -385,7 +381,6 @@ class Preflight:
 
             Parameters
             ----------
-            up : whether samples arrive.
             vented : whether the board reports that it is idle or vented.
         tolerance_kpa : of the sensor's zero.
         """

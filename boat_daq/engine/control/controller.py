@@ -47,7 +47,6 @@ class Controller:
     Parameters
     ----------
     rate_hz : samples per second to request; the board's highest where that is less.
-    zero_tolerance_kpa : of the pressure sensor on a vented unit.
     """
 
     def __init__(self, *, rate_hz: int = 100, zero_tolerance_kpa: float = 1.0) -> None:
@@ -298,7 +297,7 @@ class Controller:
 
         Parameters
         ----------
-        mm : the setpoint. regulator : of this unit; None where it is controlled already.
+        regulator : of this unit; None where it is controlled already.
         hold : keep the last pressure where the control stops by itself, in place of venting.
 
         Raises

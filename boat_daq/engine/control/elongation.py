@@ -94,7 +94,6 @@ class ElongationLoop:
 
     Parameters
     ----------
-    regulator : of the unit.
     hold : keep the last pressure at a stop, in place of venting.
 
     Attributes
@@ -120,7 +119,7 @@ class ElongationLoop:
 
         Parameters
         ----------
-        block : the newest samples. pressure_kpa : commanded now, or measured on a vented unit.
+        pressure_kpa : commanded now, or measured on a vented unit.
 
         Raises
         ------
@@ -144,9 +143,7 @@ class ElongationLoop:
 
         Parameters
         ----------
-        block : the newest samples.
         point : setpoint of a plan, mm, mm/s and mm/s2; None for the manual one.
-        limits_kpa : in force.
         """
         self._blocks.append(block)
         now_us = int(block.time_us[-1])
@@ -179,7 +176,6 @@ class ElongationLoop:
 
         Parameters
         ----------
-        now_ns : the present time.
         age_s : since samples last arrived. A virtual board that this computer is too busy for stops its clock too.
         """
         waits_s = 0.0 if self._sent_ns is None else (now_ns - self._sent_ns) / 1e9

@@ -49,9 +49,7 @@ class Drift:
     Attributes
     ----------
     slope : unit per second.
-    std_error : of the slope, corrected for autocorrelation; inf where too little is known.
     scatter : rms of the residuals, in the channel's unit.
-    n_eff : effective number of samples.
     """
 
     slope: float
@@ -99,8 +97,6 @@ class StepWatch:
 
     Parameters
     ----------
-    plan, step : what is run.
-    started_us : board time.
     wait_for_reading : hold a plateau until its reading is given.
     """
 

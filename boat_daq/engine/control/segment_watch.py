@@ -27,7 +27,6 @@ class SegmentWatch:
     Parameters
     ----------
     plan, step : what is run; the step has a segment.
-    started_us : board time.
     wait_for_reading : wait at its end until a reading is given, where it has one.
     """
 

@@ -130,7 +130,6 @@ class Sequencer:
 
         Parameters
         ----------
-        plan : what to run.
         wait_for_reading : hold each plateau until its reading is given.
         resume_at : first cycle and complete cycles where a broken run resumes (`resume_point`).
 

@@ -70,7 +70,6 @@ class Feeder:
         Parameters
         ----------
         command : one that arms counts at once, one that disarms when it is acknowledged.
-        host_ns, board_us : the present times.
         """
         self._fed_host_ns, self._fed_board_us = host_ns, board_us
         if isinstance(command, Heartbeat) and command.timeout_ms:
@@ -86,7 +85,6 @@ class Feeder:
 
         Parameters
         ----------
-        host_ns, board_us : the present times.
         speed : board time per host time.
         """
         if not self.armed_ms:

@@ -84,7 +84,6 @@ class MinMaxPyramid:
 
     Parameters
     ----------
-    columns : of an entry, the time among them.
     capacity : entries of level 0.
     """
 
@@ -237,7 +236,6 @@ class RingBuffer:
     Attributes
     ----------
     target_kpa : the present target pressure, NaN for none; stored with the samples that are appended.
-    others : as given.
     """
 
     def __init__(
@@ -310,9 +308,7 @@ class RingBuffer:
 
         Parameters
         ----------
-        host_ns : of its arrival.
         elongation_mm, u_mm : None where it gives none.
-        rest_mm : from which elongations count, those of earlier frames too.
         """
         if not self._delays_ns:
             return

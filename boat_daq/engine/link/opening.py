@@ -198,8 +198,6 @@ def identify_port(url: str, description: str = "", *, timeout_s: float = ANSWER_
     Parameters
     ----------
     url : as `open_transport` takes it.
-    description : of the port, kept in the result.
-    timeout_s : for the HELLO.
     """
     try:
         with closing(open_transport(url)) as transport:

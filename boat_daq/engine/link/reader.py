@@ -115,7 +115,6 @@ class PortReader:
     ----------
     transport : an open port; closed by the reading thread at its end.
     link : decoder and encoder, binary or text; kept for as long as the port is open.
-    clock_ns : host monotonic clock.
     """
 
     def __init__(
@@ -358,7 +357,6 @@ class LinkHealth:
     asked_hz : the rate that START requested.
     real_time : False for a virtual board at another speed: its clock is not compared with the host's.
     lag_ms, at_risk_ms : the recorder's.
-    clock_ns : host monotonic clock.
     """
 
     def __init__(

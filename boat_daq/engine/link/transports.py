@@ -55,7 +55,6 @@ class ReplayTransport:
 
     Parameters
     ----------
-    path : a recording.
     speed : board time of the recording for one second here; infinite for as fast as it is read.
 
     Raises

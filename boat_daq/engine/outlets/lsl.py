@@ -52,10 +52,8 @@ class LslOutlet:
     Parameters
     ----------
     session : with its board's samples arriving.
-    pylsl : the module.
     network : whether other computers may reach the streams.
     convert : signals [n, sensors] to elongation and its U, mm; None without a calibration.
-    calibration_id : of that calibration.
 
     Raises
     ------

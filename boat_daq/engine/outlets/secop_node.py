@@ -120,7 +120,6 @@ class SecopNode:
 
     Parameters
     ----------
-    session : that is read and driven.
     recordings : folder of the recordings that a client starts.
     allow_control : whether clients may do more than read and vent.
     elongation : signals to elongation and its U, mm; None without a calibration.

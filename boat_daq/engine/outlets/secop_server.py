@@ -53,14 +53,8 @@ class SecopServer:
 
     Parameters
     ----------
-    node : that answers.
     address : host and port to listen on; port 0 for a free one.
     token : that clients must send first, as ``_authenticate TOKEN``; "" for none.
-
-    Attributes
-    ----------
-    port : on which it listens.
-    requests, refused : counted.
 
     Raises
     ------

@@ -132,7 +132,6 @@ class TruthComparison:
 
     Attributes
     ----------
-    samples : recorded.
     missing : sampling instants of the board between a segment's first and last recorded one that are not recorded.
     absent : those between two segments, when there was no link.
     wrong : recorded ones that the board never took, or whose signal or pressure is beyond any noise.
@@ -181,7 +180,6 @@ class TruthComparison:
 
         Parameters
         ----------
-        name, injected, criteria : of the drill.
         lost : a text on what the recording lacks, in place of the counted samples.
         """
         verdict, s = verify_recording(self.summary.path), self.summary

@@ -92,10 +92,7 @@ def qualification(results: Sequence[DrillResult], begun: datetime, *, whole: boo
 
     Parameters
     ----------
-    results : of the drills that were run.
-    begun : when.
     whole : whether these are all drills.
-    folder : of the report, whose disk was tested.
     """
     failed = [result.name for result in results if not result.passed]
     if failed:

@@ -195,12 +195,7 @@ def _sqlite_code(error: Exception) -> int:
 
 
 class RecordingFile:
-    """A recording open for writing. Made by `create` or `reopen`.
-
-    Parameters
-    ----------
-    path, connection, lock : of the file.
-    """
+    """A recording open for writing. Made by `create` or `reopen`."""
 
     def __init__(self, path: Path, connection: sqlite3.Connection, lock: WriterLock) -> None:
         self.path = path
@@ -393,7 +388,6 @@ def check_space(folder: Path, *, rate_hz: float, duration_s: float, n_sensors: i
 
     Parameters
     ----------
-    folder : of the recording.
     rate_hz, duration_s, n_sensors : of the plan's run.
 
     Raises

@@ -151,7 +151,6 @@ class Recorder:
         Parameters
         ----------
         cause : how the run had ended.
-        first_cycle, complete_cycles : where it resumes, and how many cycles are whole.
         """
         if self._break_kept:
             self._break_kept = False
@@ -177,9 +176,6 @@ class Recorder:
         Parameters
         ----------
         source : board, host, user or sequencer.
-        kind : its code.
-        value : in the unit of the kind.
-        text : for people.
         time_us : board time; the newest sample's when None.
         """
         self._later(lambda rows, host_ns: rows.event(host_ns, source, kind, value, text, time_us))
@@ -220,11 +216,6 @@ class Recorder:
         """Commit the rest, close into one file, check it, and return its path.
 
         May be called twice.
-
-        Parameters
-        ----------
-        end : how the run ended.
-        cause : why it was aborted.
 
         Raises
         ------

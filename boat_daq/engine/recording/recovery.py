@@ -70,7 +70,6 @@ def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
 
     Parameters
     ----------
-    path : a recording.
     progress : takes (rows, rows in all) while rows are copied or checked; raising from it cancels.
 
     Raises

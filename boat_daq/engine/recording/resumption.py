@@ -52,8 +52,6 @@ class BrokenRun:
     Attributes
     ----------
     meta : its `session`.
-    marks, readings : of all that was run so far, in order.
-    first_cycle, complete_cycles : where it resumes, and how many cycles are whole.
     cause : how it ended: "interrupted", "stopped", "aborted: ...".
     """
 
@@ -168,7 +166,6 @@ def reopen(broken: BrokenRun, metadata: Mapping[str, Any]) -> tuple[RecordingFil
 
     Parameters
     ----------
-    broken : the run.
     metadata : operator, note, port of the part that begins.
 
     Raises

@@ -64,8 +64,6 @@ def step_row(mark: StepMark, segment: int, *, new: bool) -> Statement:
     Parameters
     ----------
     mark : the step; its number is the row's id.
-    segment : in which it begins; unused by an update.
-    new : whether it begins.
 
     Raises
     ------
@@ -96,27 +94,14 @@ def reading_row(reading: Reading) -> Statement:
 
 
 def camera_row(reading: CameraReading, segment: int | None) -> Iterator[Statement]:
-    """Give the row of a camera's reading; the first one makes its table.
-
-    Parameters
-    ----------
-    reading : of one frame.
-    segment : of the newest sample.
-    """
+    """Give the row of a camera's reading; the first one makes its table."""
     r = reading
     yield CAMERA_TABLE, ()
     yield INSERT_CAMERA, (r.host_ns, segment, r.elongation_mm, r.u_mm, r.fault, r.dropped)
 
 
 def health_row(host_ns: int, health: HealthSnapshot, segment: int | None, time_us: int | None) -> Iterator[Statement]:
-    """Give the row of the link's counters at one instant.
-
-    Parameters
-    ----------
-    host_ns : host monotonic clock.
-    health : the counters.
-    segment, time_us : of the newest sample.
-    """
+    """Give the row of the link's counters at one instant."""
     s = health.statistics
     counters = (s.bytes, s.frames, s.samples, s.lost, s.crc_errors, s.malformed, s.oversize, s.duplicates, s.unknown)
     yield INSERT_HEALTH, (host_ns, segment, time_us, *counters, health.rate_hz, health.lag_ms)
@@ -137,7 +122,6 @@ class OverviewRows:
         Parameters
         ----------
         block, segment : their keys.
-        samples : of the block.
         """
         if self._held and self._held[0][1] != segment:
             yield from self.finish()
@@ -224,8 +208,6 @@ class RowMaker:
 
         Parameters
         ----------
-        reason, paused, decoder : as its columns.
-        host_ns : host monotonic clock.
         here : whether it begins with the newest chunk, not with the next one.
         """
         yield from self.flush()
@@ -241,8 +223,6 @@ class RowMaker:
 
         Parameters
         ----------
-        host_ns : host monotonic clock.
-        source, kind, value, text : as its columns.
         time_us : board time; the newest sample's when None.
         """
         self._last_event += 1

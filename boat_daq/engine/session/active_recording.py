@@ -42,9 +42,8 @@ class ActiveRecording:
     Parameters
     ----------
     control : the controller under the session's lock.
-    journal : where the recorder is while one runs; used under that lock.
     link : whose reader brings the blocks.
-    settings : returns them. unit, derived : what a recording keeps of all three.
+    unit, derived : what a recording keeps of all three.
 
     Attributes
     ----------
@@ -73,7 +72,6 @@ class ActiveRecording:
         Parameters
         ----------
         path : file to create, or that of the broken run.
-        metadata : operator and note.
         broken : the run that is resumed; None for a new recording.
 
         Raises

@@ -54,7 +54,6 @@ class CameraChannel:
     Parameters
     ----------
     session : whose recording and plateaus get the readings.
-    source : of the pictures, a live one.
     track : gives the elongation in a picture.
     about : describes source, marks and scale, for the recording.
     video : file that every frame is stored in; None stores none.
@@ -214,7 +213,6 @@ class CameraChannel:
 
         Parameters
         ----------
-        step : the plateau.
         first_us, last_us : board times of its settled part.
         complain : whether too few frames are worth a warning.
         """

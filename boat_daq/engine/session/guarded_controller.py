@@ -29,11 +29,6 @@ class GuardedController:
     ----------
     journal : keeps steps, events and the recorder; used under the lock.
     send : as `LinkSupervisor.send`; needs no lock.
-
-    Attributes
-    ----------
-    lock : of controller and journal.
-    controller : of the present connection.
     """
 
     def __init__(self, journal: Journal, send: Callable[[Command, bool], bool]) -> None:

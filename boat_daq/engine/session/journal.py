@@ -70,8 +70,6 @@ class Journal:
 
         Parameters
         ----------
-        kind : its code.
-        level : "info", "warning" or "error".
         cause, remedy : sentences without their full stop.
         command : the remedy on the command line.
         """
@@ -165,8 +163,6 @@ def health_line(link: str, run: str, health: HealthSnapshot | None, recorder: Re
 
     Parameters
     ----------
-    link, run : states.
-    health : rate, losses and lag.
     recorder : its queue, and the free space on its disk.
     """
     parts = [f"health link={link} run={run}"]

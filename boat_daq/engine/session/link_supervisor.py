@@ -57,7 +57,6 @@ class LinkSupervisor:
     Attributes
     ----------
     state, url, error : what a snapshot shows of the link; `error` is cause and remedy of a FAILED one.
-    port, reader, health : of the port that is open, or was last.
     """
 
     def __init__(

@@ -160,7 +160,6 @@ def blocks(
 
     Parameters
     ----------
-    queue : that a session fills.
     running : whether more samples can come.
     seconds : of board time to yield; None for as long as `running`.
     every_s : time between two looks at the queue.

@@ -126,12 +126,6 @@ def _plateau_of(row: FileReading, plateaus: list[StepMark], near: float) -> Step
 def enter_readings(session: Session, readings: Sequence[FileReading], *, source: str = "csv") -> int:
     """Enter a file's readings for the plateaus reached; return how many.
 
-    Parameters
-    ----------
-    session : with the run.
-    readings : rows of the file.
-    source : kept with each reading.
-
     Raises
     ------
     OperatorError : they do not fit; nothing is entered.
@@ -148,7 +142,6 @@ def readings_so_far(readings: Sequence[FileReading], plan: Plan, steps: Sequence
     Parameters
     ----------
     readings : rows of the file, of the whole plan or of its first plateaus.
-    plan : that is run. steps : of the run.
 
     Raises
     ------
@@ -182,8 +175,6 @@ def simulated_reading(truth_mm: float, rng: np.random.Generator, *, resolution_m
 
     Parameters
     ----------
-    truth_mm : true elongation.
-    rng : source of the error.
     resolution_mm : distance of the lines of the grid.
     reader_sd_mm : standard deviation of the error.
     """
@@ -227,7 +218,6 @@ def enter_simulated_readings(
 
     Parameters
     ----------
-    session : with the run.
     truth_csv : as `truth_at_plateaus` takes it.
     seed : of the reader's error.
     resolution_mm, reader_sd_mm : as `simulated_reading` takes them.

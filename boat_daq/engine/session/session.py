@@ -101,7 +101,6 @@ class Session:
         Parameters
         ----------
         port, options : as `connect`.
-        timeout_s : longest wait.
         settings : the stored ones when None.
 
         Raises
@@ -195,7 +194,6 @@ class Session:
         record_to, metadata : begin this recording before the board's first sample; as `start_recording`. Where that
             fails, the link FAILED.
         resume_in : in place of `record_to`, resume the recording of a broken run; as `resume_recording`.
-        for_plan : with either, a plan outside the limits is refused before the recording is touched.
 
         Raises
         ------
@@ -294,7 +292,6 @@ class Session:
 
         Parameters
         ----------
-        broken : the run.
         metadata : operator and note of the part that begins.
 
         Raises
@@ -351,7 +348,6 @@ class Session:
 
         Parameters
         ----------
-        plan : what to run.
         regulator, hold : of a plan in millimetres, as `control_elongation`.
         wait_for_reading : hold each plateau until its reading is given (or skipped, or the plan's timeout).
         resume : continue the broken run of this recording at its next whole cycle instead of starting over.
@@ -537,9 +533,7 @@ class Session:
 
         Parameters
         ----------
-        reading : of the frame.
         about : source, marks and scale, for the session's `camera`.
-        rest_mm : from which elongations count on the screen.
         """
         if (ring := self.ring) is not None:
             ring.add_camera(reading.host_ns, reading.elongation_mm, reading.u_mm, rest_mm)

@@ -48,7 +48,6 @@ class SharedVent:
     ----------
     vent : vents the session of this process; called from any thread.
     name : returns what the others show of it, such as its unit.
-    folder : of the user, the same for all processes.
     """
 
     def __init__(self, vent: Callable[[], None], name: Callable[[], str], folder: Path) -> None:

@@ -18,13 +18,7 @@ class UnitUnderTest:
 
     Parameters
     ----------
-    library : where the units' limits are kept.
-    control : whose limits they are.
     journal : messages; used under the lock.
-
-    Attributes
-    ----------
-    name : of the unit; empty where none was given.
     """
 
     def __init__(self, library: UnitLibrary, control: GuardedController, journal: Journal) -> None:

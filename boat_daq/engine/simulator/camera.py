@@ -201,8 +201,6 @@ class VirtualCamera:
 
     Parameters
     ----------
-    scene : what it sees.
-    sink : where the frames go.
     faults : what goes wrong, and when.
     newest_only : leave out frames that are late, as a camera does; else every frame is drawn.
     """

@@ -38,19 +38,14 @@ class CameraScene:
 
     Parameters
     ----------
-    width, height : of the picture, pixels.
-    px_per_mm : in the middle of the picture.
     mark_mm : side of a mark's black square.
     apart_mm : from the base's mark to the tip's at rest, centre to centre.
     texture : random texture instead of marks.
-    tilt_deg : of the plane about the vertical axis of the picture.
     distortion : first radial term of the lens.
     blur_px : standard deviation of the lens's blur.
-    exposure_s : of a frame.
     noise_grey : standard deviation of a pixel.
     uneven : share of the light that is missing at the right edge.
     flicker : share by which the light of frames varies, 100 Hz lamps.
-    seed : of noise and texture.
     """
 
     width: int = 640
@@ -87,8 +82,6 @@ class Disturbance:
     base_covered : the same of the base's.
     swapped : the two marks are exchanged.
     second_tip : another tip's mark lies beside the unit.
-    shift_px : of the whole picture, x and y.
-    noise_grey : added noise.
     """
 
     blur_px: float = 0.0
@@ -128,9 +121,7 @@ class Renderer:
 
         Parameters
         ----------
-        number : of the frame, which with the seed gives its noise.
         elongation_mm : [n] true elongations during the exposure.
-        time_s : of the middle of the exposure, for the flicker.
         wrong : what is wrong with it.
         """
         s = self.scene
@@ -207,10 +198,6 @@ class Renderer:
         Parameters
         ----------
         points : of the pixels of `window`, changed here.
-        window : which part of the picture.
-        number : of the mark.
-        x_mm, y_mm : the place.
-        smear_mm : way during the exposure.
         """
         cv, per_mm = self._cv, _TEXELS * 6 / self.scene.mark_mm
         card, alpha = self._cards[number], np.ones_like(self._cards[number])
@@ -284,15 +271,7 @@ def _plane_of_points(scene: CameraScene) -> npt.NDArray[np.float32]:
 def checkerboard(
     scene: CameraScene, tilt_deg: float, *, squares: tuple[int, int] = (9, 7), pitch_mm: float = 3.0
 ) -> Picture:
-    """Return the picture of a checkerboard held before the camera.
-
-    Parameters
-    ----------
-    scene : the camera.
-    tilt_deg : of the board about the vertical axis.
-    squares : columns and rows.
-    pitch_mm : side of a square.
-    """
+    """Return the picture of a checkerboard held before the camera."""
     plane = _plane_of_points(replace(scene, tilt_deg=tilt_deg))
     column = np.floor(plane[..., 0] / pitch_mm + squares[0] / 2)
     row = np.floor(plane[..., 1] / pitch_mm + squares[1] / 2)

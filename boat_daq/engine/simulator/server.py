@@ -247,7 +247,6 @@ class BoardSettings:
     ----------
     port : "pty", or "HOST:PORT" for TCP (port 0 = any free one).
     speed : board time over wall time, 1 to 1000.
-    unit, seed : of the board.
     faults : as NAME@SECONDS[:VALUE].
     truth : CSV file for the noise-free values beside each sample, or None.
     link : symbolic link to the pseudo-terminal, which finds it again after a replug.

@@ -128,13 +128,7 @@ class MarkedPicture(QWidget):
 
 
 class CameraPanel(QWidget):
-    """Opens a camera and shows what it reads.
-
-    Parameters
-    ----------
-    model : of the camera.
-    services : of the window.
-    """
+    """Opens a camera and shows what it reads."""
 
     def __init__(self, model: CameraModel, services: Services) -> None:
         super().__init__()

@@ -71,8 +71,6 @@ class ValueDisplay(QWidget):
 
     Parameters
     ----------
-    title, unit : of the value.
-    example : the widest value.
     notes : the widest notes, in a wide and in a narrow window; none moves anything when it comes or goes.
     """
 

@@ -29,8 +29,7 @@ class OutletsPanel(QDialog):
 
     Parameters
     ----------
-    parent : the window.
-    model : of the outlets. services : report what cannot be used.
+    services : report what cannot be used.
     """
 
     def __init__(self, parent: QWidget, model: OutletsModel, services: Services) -> None:

@@ -257,13 +257,7 @@ class ReadingsView(QTableView):
 
 
 class ReadingsTable(QWidget):
-    """The table of readings with its buttons.
-
-    Parameters
-    ----------
-    readings : of the current run, or of a closed recording.
-    services : of the window.
-    """
+    """The table of readings with its buttons."""
 
     def __init__(self, readings: ReadingsModel, services: Services) -> None:
         super().__init__()

@@ -26,8 +26,7 @@ class UnitsPanel(QDialog):
 
     Parameters
     ----------
-    parent : the window.
-    choice : keeps the units. services : report what cannot be used.
+    services : report what cannot be used.
     changed : is called after each choice.
     """
 

@@ -315,9 +315,7 @@ class OpticsPage(ReflowingPage):
 
     Parameters
     ----------
-    model : the view model.
     rays, confidence : number of rays, or their error; confidence of the search's race.
-    services : of the window.
     """
 
     def __init__(self, model: OpticsModel, rays: TypedText, confidence: TypedText, services: Services) -> None:
@@ -436,9 +434,7 @@ def select(field: QComboBox, value: object, text: str) -> None:
 
     Parameters
     ----------
-    field : of the choices.
     value : one that is not offered is added at the end while it is selected.
-    text : of an added value.
     """
     offered = int(field.property("offered") or field.count())
     field.setProperty("offered", offered)

@@ -107,15 +107,7 @@ class CyclesCard(PlotCard):
 
 
 class ShadowPage(ReflowingPage):
-    """The shadow page.
-
-    Parameters
-    ----------
-    model : of the shadow.
-    monitor : of the cycles.
-    error : of the reduced model.
-    services : of the window.
-    """
+    """The shadow page."""
 
     def __init__(self, model: ShadowLive, monitor: ShadowMonitor, error: TypedText, services: Services) -> None:
         super().__init__()

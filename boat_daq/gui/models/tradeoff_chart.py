@@ -88,12 +88,7 @@ def framed(values: FloatArray, more: float = 0.0) -> tuple[float, float]:
 
 
 class TradeoffCard(PlotCard):
-    """The chart of one method.
-
-    Parameters
-    ----------
-    model : keeps the tolerances.
-    """
+    """The chart of one method."""
 
     def __init__(self, model: TradeoffModel) -> None:
         super().__init__("Time against error", EXPLANATION)

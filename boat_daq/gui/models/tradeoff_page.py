@@ -99,10 +99,7 @@ class TradeoffPage(ReflowingPage):
 
     Parameters
     ----------
-    model : of the measurements.
-    atlas : of the maps.
     precision : of the program's computations.
-    services : of the window.
     """
 
     def __init__(self, model: TradeoffModel, atlas: AtlasModel, precision: Precision, services: Services) -> None:

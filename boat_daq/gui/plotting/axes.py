@@ -235,7 +235,6 @@ class LogAxis(TickAxis):
 
     Parameters
     ----------
-    orientation : "left" or "bottom".
     text : formats a value (not its logarithm).
     """
 
@@ -276,15 +275,7 @@ def fixed_plot() -> Any:
 
 
 def paint_axis(item: Any, side: str, theme: Theme, title: str = "") -> None:
-    """Give an axis of pyqtgraph's own kind the colours and fonts of the theme, and its title.
-
-    Parameters
-    ----------
-    item : the plot item.
-    side : "left", "right" or "bottom".
-    theme : whose colours are used.
-    title : with its unit; an axis keeps the one it has where this is empty.
-    """
+    """Give an axis of pyqtgraph's own kind the colours and fonts of the theme, and its title."""
     ruler = item.getAxis(side)
     ruler.setPen(theme.line)
     ruler.setTextPen(theme.muted)

@@ -39,11 +39,9 @@ class PlacedLabels:
 
     Parameters
     ----------
-    plot : whose labels they are.
     markers : layers of points, each with the width of its markers in pixels.
     curves : layers of lines, with NaN between strokes.
     lines : horizontal lines with a label.
-    at_left : where these labels are preferred, instead of at the right.
     rings : number of distances at which a label may be from its point.
     """
 

@@ -159,7 +159,6 @@ class PointLabels:
     Parameters
     ----------
     item : the plot's pyqtgraph item.
-    anchor : which place of a label is at its point, in widths and heights of the label.
     ground : whether a label covers what lies under it, as one on a curve must.
     """
 

@@ -36,7 +36,6 @@ class PlotCard(QFrame):
     Parameters
     ----------
     title : what the card shows; also its accessible name and the stem of saved files.
-    explanation : of the card, on hover over the title.
     show_title : whether the title is also written over the plots.
     """
 
@@ -117,10 +116,7 @@ class PlotCard(QFrame):
 
         Parameters
         ----------
-        title, unit : of the vertical axis.
-        x_title, x_unit : of the lower axis.
         time : whether the lower axis has clock labels.
-        stretch : share of the height.
         beside : whether it is added at the right, not below.
         """
         item = make_item(time=time, whole=bool(x_title) and not x_unit)
@@ -250,14 +246,6 @@ def save_export(
 ) -> None:
     """Save a picture or its numbers, by the suffix of `path`.
 
-    Parameters
-    ----------
-    path : .png, .svg or .csv.
-    title : of the drawing.
-    view : renders the SVG.
-    picture : renders the PNG.
-    columns : of the CSV.
-
     Raises
     ------
     OSError : the path cannot be written.
@@ -289,9 +277,6 @@ def export_button(title: str, tip: str, copy: Callable[[], object], save: Callab
 
     Parameters
     ----------
-    title : of the picture, for a screen reader.
-    tip : on hover.
-    copy : copies the picture.
     save : takes the suffix: png, svg or csv.
     """
     tool = QToolButton()

@@ -22,13 +22,7 @@ CORRECTIONS = 3
 
 
 class RowBorders(QObject):
-    """Event filter of a view with plots.
-
-    Parameters
-    ----------
-    view : of the plots.
-    plots : in the order they were added; the list grows with the card.
-    """
+    """Event filter of a view with plots."""
 
     changed = Signal()  # by the operator
 

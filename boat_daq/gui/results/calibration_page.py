@@ -130,7 +130,6 @@ class LoopCard(PlotCard):
 
     Parameters
     ----------
-    title : of the card.
     missing : is shown where there is no cycle.
     ordinate : returns axis, unit, name and colour of a quantity by its number from 1.
     """
@@ -213,10 +212,7 @@ class CalibrationPage(QWidget):
 
     Parameters
     ----------
-    model : the view model.
     show_repeatability : shows a run on the Repeat page.
-    tolerance : of the figures.
-    services : of the window.
     """
 
     def __init__(

@@ -87,8 +87,6 @@ class DynamicsWindow(QDialog):
     Parameters
     ----------
     parent : the window of the program.
-    model : the view model.
-    services : of the window.
     like : a card of the window: theme, and what its menu does.
     """
 

@@ -106,10 +106,7 @@ class RepeatPage(QWidget):
 
     Parameters
     ----------
-    model : the view model.
     choose_plan : chooses the plan of many cycles.
-    tolerance : of the figures.
-    services : of the window.
     """
 
     def __init__(

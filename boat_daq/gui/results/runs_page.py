@@ -102,14 +102,7 @@ class Thumbnail(QStyledItemDelegate):
 
 
 class RunsPage(QWidget):
-    """The recordings of a folder and the units.
-
-    Parameters
-    ----------
-    model : the view model.
-    actions : of other pages.
-    services : of the window.
-    """
+    """The recordings of a folder and the units."""
 
     def __init__(self, model: RunsModel, actions: RunActions, services: Services) -> None:
         super().__init__()
@@ -436,12 +429,6 @@ class RunsPage(QWidget):
 
 
 def spread(x: FloatArray, y: FloatArray, place: int, of: int) -> tuple[float, float]:
-    """Return the point of a curve for its number, further along for each curve: numbers on equal curves stay apart.
-
-    Parameters
-    ----------
-    x, y : the curve.
-    place, of : which of how many curves.
-    """
+    """Return the point of a curve for its number, further along for each curve: numbers on equal curves stay apart."""
     at = round((place + 0.5) / of * (x.size - 1))
     return float(x[at]), float(y[at])

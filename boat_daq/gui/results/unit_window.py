@@ -38,8 +38,6 @@ class UnitWindow(QDialog):
     Parameters
     ----------
     parent : the window of the program.
-    model : the view model.
-    services : of the window.
     like : a card of the window: theme, and what its menu does.
     """
 

@@ -122,7 +122,6 @@ class TypedField(QComboBox):
 
     Parameters
     ----------
-    name : for a screen reader.
     shown : what is chosen and typed.
     attempt : runs an action and returns whether it succeeded; reports why it did not.
     """
@@ -227,7 +226,6 @@ def tabs(name: str, *pages: tuple[QWidget, str]) -> QTabWidget:
 
     Parameters
     ----------
-    name : for a screen reader.
     pages : each with the text of its tab.
     """
     widget = QTabWidget()

@@ -23,7 +23,6 @@ class DataTable(QTableWidget):
     Parameters
     ----------
     name : what the table holds, for a screen reader.
-    headings : of the columns.
     stretched : the column that takes the remaining width.
     right : columns aligned to the right, those of numbers.
     """
@@ -66,13 +65,7 @@ class DataTable(QTableWidget):
         self.model().setHeaderData(column, Qt.Orientation.Horizontal, value, role)
 
     def fill(self, rows: Sequence[Sequence[Cell]], tips: Sequence[str] = ()) -> None:
-        """Show other rows.
-
-        Parameters
-        ----------
-        rows : their cells.
-        tips : for each row the tooltip of the cells that have none of their own.
-        """
+        """Show other rows."""
         self.setRowCount(len(rows))
         for i, cells in enumerate(rows):
             for k, cell in enumerate(cells):

@@ -60,11 +60,8 @@ def ask_save(
 
     Parameters
     ----------
-    parent : of the dialog.
     services : notices and the last folder.
-    stem : of the proposed name.
     suffix : the endings allowed, without dots, separated by spaces; the first is the default.
-    then : writes the file.
     done : notice after `then` has returned; "Saved" and the name when None, no notice when empty.
     """
     dialog = _dialog(parent, services, f"Save {suffix.upper().replace(' ', ' or ')}", suffix, then, done)
@@ -80,11 +77,8 @@ def ask_open(parent: QWidget, services: Services, title: str, suffixes: str, the
 
     Parameters
     ----------
-    parent : of the dialog.
     services : notices and the last folder.
-    title : of the dialog.
     suffixes : the endings allowed, separated by spaces.
-    then : reads the file.
     """
     dialog = _dialog(parent, services, title, suffixes, then, "")
     dialog.setFileMode(QFileDialog.FileMode.ExistingFile)

@@ -150,8 +150,6 @@ class Divided(QSplitter):
     Parameters
     ----------
     name : key of the stored size of the side part.
-    preferences : keep the size.
-    main, side : the two parts.
     size : width or height of the side part until the operator moves the border.
     below : whether the side part is below the main one.
     stacks : whether the parts are stacked on a narrow page, which then scrolls.
@@ -220,7 +218,6 @@ class Shares(QSplitter):
     Parameters
     ----------
     name : key of the stored shares.
-    preferences : keep them.
     parts : each with its share until the operator moves a border.
     beside : whether they are side by side instead.
     """

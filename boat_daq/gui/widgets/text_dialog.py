@@ -17,10 +17,7 @@ class TextDialog(QDialog):
 
     Parameters
     ----------
-    parent : of the panel.
-    title, explanation : what is requested.
     text : what it is now, selected.
-    action : of the button.
     then : takes the text; returns whether it was accepted, else the panel stays open.
     lines : height of a text of several lines; 1 for one that Enter accepts.
     """

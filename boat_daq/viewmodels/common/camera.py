@@ -31,7 +31,6 @@ class CameraChoice:
     ----------
     source : as `open_source` takes it.
     mark_mm : side of the marks' black square; 0 takes the millimetre grid in the picture.
-    u_mark_mm : its standard uncertainty.
     lens : file of the calibrated lens; None takes the unit's.
     unit : name of the unit, whose lens is taken; empty for none.
     patches : left, top, width and height, px, of two textured parts in place of the marks, base first; empty for marks.

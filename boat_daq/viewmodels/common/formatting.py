@@ -35,9 +35,7 @@ def in_units(units: ShownUnits, stored: str, value: float, decimals: int, *, ban
 
     Parameters
     ----------
-    units : in which values are shown.
     stored : unit of the value; `decimals` are in it. An elongation and a pressure have a sign.
-    value : in that unit.
     """
     shown = units.shown(stored)
     places = shown.decimals(decimals)

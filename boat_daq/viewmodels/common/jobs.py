@@ -103,7 +103,6 @@ class Job:
     ----------
     label : what is being computed, in the operator's terms, e.g. "Computing uncertainty bands".
     function : of a module; a parameter named `progress` is given a function of (done, total).
-    args, kwargs : of the call; picklable.
     """
 
     def __init__(self, label: str, function: Callable[P, object], /, *args: P.args, **kwargs: P.kwargs) -> None:
@@ -169,8 +168,6 @@ class JobRunner:
 
         Parameters
         ----------
-        name : of the slot; a job that runs in it is cancelled.
-        job : started already.
         then : is called with the job, from `poll`, once it has ended.
         """
         self.cancel(name)
@@ -211,12 +208,7 @@ class JobRunner:
 
 
 class Background(Generic[T]):
-    """Calls on a helper thread, one after the other; their results are taken in order.
-
-    Parameters
-    ----------
-    name : of the thread.
-    """
+    """Calls on a helper thread, one after the other; their results are taken in order."""
 
     def __init__(self, name: str) -> None:
         self._pool = ThreadPoolExecutor(1, thread_name_prefix=name)

@@ -20,7 +20,6 @@ class MeasuredResult(ABC):
 
     Parameters
     ----------
-    jobs : run the job.
     path : JSON file of the last result.
     """
 

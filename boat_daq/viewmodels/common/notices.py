@@ -166,13 +166,7 @@ class Notices:
 
 
 class SessionMessages:
-    """Adds each new message of the session to the notices.
-
-    Parameters
-    ----------
-    notices : of the window.
-    snapshot : its messages are old.
-    """
+    """Adds each new message of the session to the notices."""
 
     def __init__(self, notices: Notices, snapshot: SessionSnapshot) -> None:
         self._notices = notices

@@ -31,10 +31,8 @@ class OpenWindows:
 
     Parameters
     ----------
-    session : of this window.
     name : returns what the others show of it.
     notices : take what the others answered.
-    folder : of the user, the same for all windows.
     """
 
     def __init__(self, session: Session, name: Callable[[], str], notices: Notices, folder: Path) -> None:

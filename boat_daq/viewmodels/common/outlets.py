@@ -125,7 +125,6 @@ def open_streams(session: Session, *, network: bool, conversion: Conversion | No
     session : with its board's samples arriving.
     network : whether other computers may reach the streams.
     conversion : to elongation; None without a calibration.
-    calibration_id : of that calibration.
 
     Raises
     ------
@@ -156,7 +155,6 @@ def open_node(
     Parameters
     ----------
     session : with its board's samples arriving.
-    choice : address and rights.
     recordings : folder of the recordings that a client starts.
     conversion : returns that in force, None without a calibration.
     plans : returns what a client may arm, by name.
@@ -177,14 +175,7 @@ def open_node(
 
 @dataclass(frozen=True, slots=True)
 class OutletsView:
-    """The state of the outlets as text.
-
-    Attributes
-    ----------
-    streams, node : of each.
-    badge, short : of those that are open, for the header, and for a narrow one; empty without one.
-    control : whether clients may command.
-    """
+    """The state of the outlets as text."""
 
     streams: str
     node: str
@@ -198,9 +189,7 @@ class OutletsModel:
 
     Parameters
     ----------
-    session : that is streamed and served.
     preferences : keep the switches and the address.
-    unit : whose calibration converts.
     plans : returns the plans that a client may arm, by name.
     recordings : folder of the recordings that a client starts.
     """

@@ -12,13 +12,7 @@ if TYPE_CHECKING:
 
 
 def with_plugins(analysis: Analysis, run: str) -> Analysis:
-    """Return an analysis with the figures of the lab, after the hooks were told of it.
-
-    Parameters
-    ----------
-    analysis : of a run.
-    run : path of its recording.
-    """
+    """Return an analysis with the figures of the lab, after the hooks were told of it."""
     from analysis.figures.figure import LabFigure
     from analysis.numbers import finite
     from analysis.warning import Warning, WarningCode

@@ -29,7 +29,6 @@ class Preferences:
 
     Parameters
     ----------
-    folder : of the file; made when first saved.
     report : is called with cause and remedy the first time that it cannot be saved.
     """
 
@@ -85,7 +84,6 @@ class UnitChoice:
 
     Parameters
     ----------
-    preferences : keep them.
     apply : is called with the units now and after each choice.
     """
 
@@ -131,7 +129,6 @@ class Precision:
 
     Parameters
     ----------
-    preferences : keep the level.
     apply : is called with the fidelity now and after each choice.
     """
 

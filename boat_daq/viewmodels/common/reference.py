@@ -28,7 +28,6 @@ def stated_contributions(recording: Recording, rig: Path | None = None) -> tuple
 
     Parameters
     ----------
-    recording : of the unit; it may name none.
     rig : file of the rig; None for none.
 
     Raises
@@ -51,7 +50,6 @@ def chosen_curve(recording: Recording, choice: str = "") -> Degree:
 
     Parameters
     ----------
-    recording : of the unit; it may name none.
     choice : as `degree_of` takes it; empty for none.
 
     Raises

@@ -40,7 +40,6 @@ class RunQueue:
 
     Parameters
     ----------
-    run : begins each run.
     clock : seconds, monotonic.
     """
 

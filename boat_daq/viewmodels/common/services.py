@@ -81,7 +81,6 @@ class Services:
     Parameters
     ----------
     notices : the messages of the status strip.
-    preferences : values kept between starts.
     undo : the window's undo history.
     recordings : folder of the recordings, where file dialogs start.
     show : shows a page or a panel; set by the window.

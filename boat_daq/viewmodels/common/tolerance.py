@@ -40,7 +40,6 @@ def tolerance_of(text: str, units: tuple[str, ...]) -> TypedTolerance | None:
     Parameters
     ----------
     text : as "0.05 % FSO" or "\u00b10.005mm"; a number alone where there is one unit.
-    units : that it may have.
 
     Raises
     ------
@@ -103,7 +102,6 @@ class TypedChoice(Generic[T]):
     ----------
     services : keep it and undo it.
     name : completes "Undo ...", and is the key in the preferences.
-    suggestions : that are offered; the first holds until another is chosen.
     read : returns the value of a text; raises OperatorError where it has none.
     apply : takes each value that is chosen, and at the start one that was kept.
     show : returns the text of a value.

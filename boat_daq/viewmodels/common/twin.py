@@ -70,11 +70,6 @@ def dynamics_of(units: UnitLibrary, recording: Recording, tolerance_mm: float = 
 def held_elongation(units: UnitLibrary, recording: Recording, seconds: float) -> dict[str, float]:
     """Return mean, U (k = 2), mean deviation and rms deviation of the last segment's elongation, mm.
 
-    Parameters
-    ----------
-    units : of the kind of board. recording : of a plan in millimetres.
-    seconds : at the end of that segment that are taken.
-
     Raises
     ------
     OperatorError : the unit has no calibration. AnalysisError : the run has no whole segment.
@@ -163,10 +158,6 @@ def tune_unit(recording: Recording, units: UnitLibrary) -> TwinFile:
 def predicted_sensors(units: UnitLibrary, name: str, light: LightTable) -> tuple[SensorPrediction, ...]:
     """Return the forward models of a unit's signals, fitted to the readings of its calibration in force.
 
-    Parameters
-    ----------
-    units : of the kind of board. name : of the unit. light : of its actuator.
-
     Raises
     ------
     OperatorError : it has none. AnalysisError : too few readings.
@@ -202,10 +193,6 @@ def live_prediction_of(units: UnitLibrary, name: str, fusion: Fusion) -> LivePre
 
 def prepare_control(path: Path, units: UnitLibrary) -> str:
     """Identify a unit from a calibration run, or take its gains from a step test; return what was done.
-
-    Parameters
-    ----------
-    path : of the recording. units : of either kind of board.
 
     Raises
     ------
@@ -255,9 +242,7 @@ def regulator_of(
 
     Parameters
     ----------
-    units : of the kind of board. name : of the unit.
-    fusion : of its calibration in force, where it is known already.
-    step_mv : of the board's converter. bounds : what stops it.
+    step_mv : of the board's converter.
 
     Raises
     ------

@@ -121,7 +121,6 @@ def clock(time_s: float, step_s: float, unit: str = "min:s") -> str:
 
     Parameters
     ----------
-    time_s : of the tick.
     step_s : between the ticks; decides the decimals of seconds.
     unit : by `clock_unit`.
     """

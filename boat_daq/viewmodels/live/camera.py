@@ -27,8 +27,6 @@ class CameraView:
     Attributes
     ----------
     state : of the camera; None while none is open.
-    elongation, u : as text.
-    line : frames, losses and rate.
     warning : why there is no value, with the remedy; empty where there is one.
     """
 
@@ -45,7 +43,6 @@ class CameraModel:
     Parameters
     ----------
     session : whose recording and plateaus get the readings.
-    preferences : keep source and marks.
     """
 
     def __init__(self, session: Session, preferences: Preferences) -> None:
@@ -67,7 +64,6 @@ class CameraModel:
 
         Parameters
         ----------
-        source : number or address.
         mark : side of the marks' black square, mm, as typed; 0 takes the millimetre grid.
         patches : two textured parts of the picture in place of the marks, base first; none for marks.
 

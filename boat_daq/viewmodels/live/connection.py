@@ -202,7 +202,6 @@ class ConnectionModel:
 
     Parameters
     ----------
-    session : opens the link.
     preferences : keep the last port, profile and unit.
     units : the boards that they were used with.
     """

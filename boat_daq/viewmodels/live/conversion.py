@@ -72,10 +72,6 @@ class Conversion:
 def prepare(content: Mapping[str, Any], units: UnitLibrary | None = None, name: str = "") -> Conversion:
     """Return the inverse of a stored calibration, all sensors fused.
 
-    Parameters
-    ----------
-    content : of the calibration. units, name : of the unit; without them nothing predicts its signals.
-
     Raises
     ------
     AnalysisError : the curve has no inverse over its range.
@@ -128,7 +124,6 @@ class UnitInUse:
 
         Parameters
         ----------
-        snapshot : of the session.
         revision : grows whenever a calibration in force changes.
 
         Raises
@@ -163,7 +158,7 @@ class UnitInUse:
 
         Parameters
         ----------
-        snapshot : of the session. step_mv : of the board's converter.
+        step_mv : of the board's converter.
 
         Raises
         ------

@@ -72,9 +72,7 @@ def assess_end(recording: Path, asked: float, unit: str, cycles: int) -> EndUnce
 
     Parameters
     ----------
-    recording : of the run, with its readings.
     asked, unit : the uncertainty asked for, mm of U (k = 2) or % FSO.
-    cycles : of the plan.
     """
     from analysis.sequential.stopping import assess_run
 
@@ -91,13 +89,8 @@ class EnoughCycles:
 
     Parameters
     ----------
-    session : with the run, which is being recorded.
     enter : enters the readings of the plateaus reached; None where they are entered otherwise.
     report : called with each assessment in words.
-
-    Attributes
-    ----------
-    asked : by its unit: that of a calibration is no number for a repeatability run.
     """
 
     def __init__(
@@ -194,13 +187,7 @@ class EnoughCycles:
         self._report(self.unknown)
 
     def at_end(self, recording: Path, plan: Plan) -> EndUncertainty | None:
-        """Assess all complete cycles of a run that has ended; return None where no uncertainty was asked for.
-
-        Parameters
-        ----------
-        recording : of the run, with its readings.
-        plan : of the run.
-        """
+        """Assess all complete cycles of a run that has ended; return None where no uncertainty was asked for."""
         asked = self.asked_of(plan)
         if asked is None:
             return None
@@ -235,7 +222,6 @@ class EndAt:
 
     Parameters
     ----------
-    enough : ends the runs.
     sequence : the kind of its plan has the unit.
     services : keep the values, and take the edits.
     """

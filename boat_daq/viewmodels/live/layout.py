@@ -147,9 +147,7 @@ class Layout:
 
         Parameters
         ----------
-        quantity : of the plot.
         below : -1 to move it up by one plot, 1 down.
-        quantities : that are available.
         """
         shown = [at for at, row in enumerate(self.rows) if set(row) & set(quantities)]
         here = next(i for i, at in enumerate(shown) if quantity in self.rows[at])
@@ -213,8 +211,6 @@ class Layouts:
 
     Parameters
     ----------
-    preferences : keep them.
-    undo : reverses a change.
     unit : returns the name of the unit.
     """
 

@@ -357,9 +357,7 @@ class LiveModel:
 
         Parameters
         ----------
-        width : of the plots in pixels.
         cost_ms : processor time of a frame.
-        connected : whether samples arrive.
         """
         if not connected:
             return REST_MS
@@ -531,7 +529,6 @@ class OverlayModel:
 
     Parameters
     ----------
-    ring : returns the current ring.
     steps : returns the steps of the run.
     time_of : converts board time (microseconds) to the ring's time; None where the ring does not hold it.
     """

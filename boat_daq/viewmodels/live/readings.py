@@ -129,8 +129,6 @@ class ReadingsModel:
 
     Parameters
     ----------
-    session : stores the readings.
-    undo : takes the entries.
     nominal : returns the elongation of the nominal actuator at a pressure and half of its band, mm; None while it is
         not known.
 
@@ -247,7 +245,6 @@ class ReadingsModel:
 
         Parameters
         ----------
-        step_id : number of the plateau.
         elongation_mm : None withdraws the reading.
         source : "typed", "pasted", "photograph" or "simulated".
         resolution_mm : of the reading; of the grid when None.

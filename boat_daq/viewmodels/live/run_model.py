@@ -45,10 +45,8 @@ class CalibrationOffer:
 
     Parameters
     ----------
-    readings : of the run.
     analyse : closes the recording and analyses it.
     prepare : starts to load what the next analysis or report needs.
-    services : of the window.
     """
 
     def __init__(
@@ -93,10 +91,8 @@ class ResumeRun:
 
     Parameters
     ----------
-    session : resumes the run.
     sequence : takes the run's plan.
     read : reads an interrupted run from a closed recording in the background, then calls back with it.
-    services : of the window.
     """
 
     def __init__(self, session: Session, sequence: SequenceModel, read: ReadInterrupted, services: Services) -> None:
@@ -179,12 +175,7 @@ class ResumeRun:
 
 
 class QuickTrial:
-    """One cycle of the calibration plan on the virtual board, read from its grid, and its calibration.
-
-    Parameters
-    ----------
-    run : of the window; nothing may be connected.
-    """
+    """One cycle of the calibration plan on the virtual board, read from its grid, and its calibration."""
 
     def __init__(self, run: RunModel) -> None:
         self._run = run
@@ -240,12 +231,10 @@ class RunModel:
     ----------
     session : commands the board and records.
     connection : names the unit on the bench, reads the simulated grid.
-    live, sequence, readings : of the same session.
     resumption, calibration : what is offered after a run.
     read_all : whether every plateau of a simulated unit is read from its grid.
     trial, queue : the quick trial, and runs one after the other.
     enough, end_at, end_report : ends a run at its U, the entry of that U, and what a run had reached at its end.
-    services : of the window.
     """
 
     session: Session

@@ -152,7 +152,6 @@ class SequenceModel:
 
     Parameters
     ----------
-    session : runs the plan.
     undo : takes the edits of the plan.
     preferences : keep the plan between starts; a stored one that is invalid is ignored.
     regulator : makes what controls the elongation of the unit on the bench.
@@ -379,7 +378,6 @@ def progress_text(snapshot: SessionSnapshot, leave_out: int = 0) -> str:
 
     Parameters
     ----------
-    snapshot : of the session.
     leave_out : 1 leaves out the phase, 2 the step too, for a narrow window.
     """
     progress = snapshot.progress

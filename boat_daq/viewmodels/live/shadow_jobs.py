@@ -45,7 +45,6 @@ def shadow_of(
 
     Parameters
     ----------
-    level : of fidelity.
     tolerance_mm : error of a tracked point that chooses the table; None for that of the fidelity.
     progress : called as (done, total) while a table is built.
 

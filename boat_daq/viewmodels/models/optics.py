@@ -86,7 +86,6 @@ class DesignResult:
     Parameters
     ----------
     ndr_sd, error : its standard deviation and its stated error (k = 2), by the number of rays alone, [states].
-    rays : released in each state.
     """
 
     scenes: tuple[StateScene, ...]
@@ -132,8 +131,6 @@ class SweepSummary:
 
         Parameters
         ----------
-        cavities : their number.
-        width_mm : of a cavity.
         steps : depths and spacings, mm.
         """
         out = np.full((len(steps), len(steps)), np.nan)
@@ -229,7 +226,7 @@ def light_for(rays: int | Within, designs: tuple[Design, ...], curves: FloatArra
 
     Parameters
     ----------
-    rays : the number, or the tolerance. designs, curves, by : as in a sweep.
+    rays : the number, or the tolerance.
     """
     from analysis.optics.scene.parameters import PAPER_RAYS, light_by
     from analysis.optics.sweep.fans import light_within
@@ -256,7 +253,6 @@ def trace_design(
     values : cavities, width, depth, spacing (mm).
     rays : released in each state, or the tolerance that chooses them: no state has a larger error.
     curves : name of the states, see `curves_of`.
-    face : of the cavities.
     by : the response: counted rays, or power.
     progress : is called with the states done and their number; again from the first, if more rays are needed.
 
@@ -292,7 +288,6 @@ def _detected(
 
     Parameters
     ----------
-    frames, design, guide, light : the scenes.
     by, progress : as in `trace_design`.
     """
     from analysis.optics.scene.parameters import PAPER_RAYS
@@ -339,7 +334,6 @@ def sweep(
 
     Parameters
     ----------
-    cavities : numbers of cavities.
     rays : released in each simulation, or the tolerance that chooses them.
     curves : name of the states, see `curves_of`.
     by : what designs are ranked by.
@@ -404,7 +398,6 @@ class OpticsModel:
 
     Parameters
     ----------
-    jobs : where rays are traced.
     notices : take what could not be traced.
     """
 
@@ -625,7 +618,6 @@ class OpticsModel:
 
         Parameters
         ----------
-        cavities, width_mm : of the map.
         column, row : coordinates in the map, in cells.
         """
         i, k = int(column), int(row)

@@ -324,8 +324,6 @@ def measure_methods(
 
     Parameters
     ----------
-    names : of methods, as the command takes them.
-    quick : fewer settings and repeats.
     paint : paints a curve of the live plot; without it the curve is fetched only.
     progress : is called with what is done and the total.
     """
@@ -357,9 +355,6 @@ class TradeoffModel(MeasuredResult):
 
     Parameters
     ----------
-    jobs : where methods are measured.
-    folder : where the last result is kept.
-    preferences : keep the choices.
     undo : takes the opening of a file.
     """
 
@@ -587,13 +582,7 @@ def _axis(axis: Mapping[str, Any]) -> MapAxis:
 
 
 class AtlasModel(MeasuredResult):
-    """State of the atlas.
-
-    Parameters
-    ----------
-    jobs : where maps are swept.
-    folder : where they are kept.
-    """
+    """State of the atlas."""
 
     name, noun, again = "atlas", "maps", "sweep again"
 

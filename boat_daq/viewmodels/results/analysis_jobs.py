@@ -63,7 +63,6 @@ def figure_text(figure: Figure | None, decimals: int, stated: LimitStatement | N
     Parameters
     ----------
     figure : an en dash without one.
-    decimals : of the value and of its interval.
     stated : its conformity with a limit, which marks the value.
     """
     if figure is None:
@@ -273,8 +272,6 @@ def analyse_run(
 
     Parameters
     ----------
-    path : of the recording.
-    level : of fidelity.
     tolerance : of the intervals, % FSO, which chooses the resamples; one in mm is of the posterior, which is not here.
     curve : that is fitted, see `chosen_curve`.
     compare : whether every curve is tried, which takes longer than the rest.
@@ -566,8 +563,6 @@ def export_run(path: Path, target: Path, *, progress: Progress | None = None) ->
 
     Parameters
     ----------
-    path : of the recording.
-    target : where the samples are written.
     progress : is called with what is done and the total.
 
     Returns
@@ -604,8 +599,6 @@ def export_calibration(
 
     Parameters
     ----------
-    path : of the recording.
-    target : what is written.
     curve : that is fitted, see `chosen_curve`.
     table_error : bound on the error of a table, mm; None for the usual one in a CSV, and for no table in C.
     progress : is called with what is done and the total.
@@ -653,8 +646,6 @@ def import_table(
 
     Parameters
     ----------
-    path : of the CSV file.
-    target : the recording to write.
     columns, rate_hz, separator : as `analysis.data.csv_import.import_csv` takes them.
 
     Raises
@@ -683,12 +674,8 @@ def report_runs(
 
     Parameters
     ----------
-    paths : of the recordings.
-    target : .html or .pdf.
     curve : that is fitted, see `chosen_curve`.
-    level : of fidelity.
     tolerance : of intervals and bands, % FSO, or of the bands, mm, which chooses the draws; None for the fidelity's.
-    units : in which the report shows values.
     progress : is called with the parts that are analysed and set, and their number.
 
     Raises

@@ -100,9 +100,6 @@ class CalibrationModel:
     Parameters
     ----------
     session : its recording is closed before it is analysed.
-    units : where calibrations are kept.
-    jobs : where the job is done.
-    services : of the window.
     newest : returns the newest recording, also of an earlier start: a simulated one, a real one, or (None) either.
     """
 
@@ -584,8 +581,7 @@ def accept_run(path: Path, units: UnitLibrary, *, anyway: bool = False, operator
 
     Parameters
     ----------
-    path : of the recording. units : of either kind of board.
-    anyway : accept figures out of tolerance. operator : who accepts.
+    anyway : accept figures out of tolerance.
 
     Raises
     ------

@@ -25,8 +25,6 @@ class CameraResult:
 
     Attributes
     ----------
-    text : frames, delay and scale.
-    rows : of the table of figures, a column a sensor.
     loops : of each sensor elongation and signal less curve, % FSO, of unloading, a NaN, then loading.
     by_speed : of each sensor speed, mm/s, and distance of the signal from its branch, mV.
     cycles, per_cycle : numbers, and of each sensor the hysteresis over elongation of each, % FSO.

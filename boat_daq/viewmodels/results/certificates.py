@@ -40,8 +40,7 @@ class CertificateOrder:
 
     Attributes
     ----------
-    runs : recordings. elongations : a file of readings for each, or one for all, or none: that beside the recording.
-    curve, type_b, limits, seed : of the analysis.
+    elongations : a file of readings for each, or one for all, or none: that beside the recording.
     values : metadata by key, over those of the recordings.
     customer, items, number, issued : as `analysis.certificates.certificate.Request`.
     laboratory : its file; None for the stored one.
@@ -66,8 +65,6 @@ def load_laboratory(path: Path | None = None, folder: Path | None = None) -> Lab
 
     Parameters
     ----------
-    path : of a TOML file with name, street, post_code, city, country_code, email, phone, accreditation, procedure,
-        signatory; only the name is required.
     folder : of the settings; the user's when None.
 
     Raises
@@ -100,7 +97,7 @@ def certificate_for(order: CertificateOrder, progress: Progress | None = None) -
 
     Parameters
     ----------
-    order : what is certified. progress : is called with what is done and the total.
+    progress : is called with what is done and the total.
 
     Raises
     ------
@@ -165,7 +162,7 @@ def write_certificates(order: CertificateOrder, targets: Sequence[Path], *, prog
 
     Parameters
     ----------
-    order : what is certified. targets : files that end in .pdf or .xml. progress : what is done and the total.
+    targets : files that end in .pdf or .xml. progress : what is done and the total.
 
     Raises
     ------
@@ -206,13 +203,7 @@ LABORATORY_FIELDS = (
 
 
 class CertificateModel:
-    """State of the certificate's panel: what is missing, its pages, the files.
-
-    Parameters
-    ----------
-    metadata : of the recording. path, curve : of the run that is certified.
-    jobs : where pages and files are made. services : of the window.
-    """
+    """State of the certificate's panel: what is missing, its pages, the files."""
 
     def __init__(self, metadata: MetadataModel, path: Path, curve: str, jobs: JobRunner, services: Services) -> None:
         self.metadata, self.path = metadata, path
@@ -281,12 +272,7 @@ class CertificateModel:
         self.revision += 1
 
     def write(self, target: Path) -> None:
-        """Write PDF and XML in the background, beside each other.
-
-        Parameters
-        ----------
-        target : of the PDF; the XML has its name with another ending.
-        """
+        """Write PDF and XML in the background, beside each other."""
         targets = (target.with_suffix(".pdf"), target.with_suffix(".xml"))
         job = Job("Writing the certificate", write_certificates, self._order, targets)
 

@@ -98,7 +98,6 @@ class ContributionsModel:
     Parameters
     ----------
     units : the library of the unit: of simulated boards or of real ones.
-    unit : its name.
     undo : the window's history.
     changed : is called after each change of the file.
     """
@@ -136,7 +135,6 @@ class ContributionsModel:
         Parameters
         ----------
         name : its key, or its name as it was typed.
-        fields : of the form.
         new : whether none of that name may be stated.
         """
         if not key_of(name):

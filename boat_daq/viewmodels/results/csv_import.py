@@ -58,8 +58,6 @@ class CsvImport:
 
     Parameters
     ----------
-    folder : of the recordings.
-    jobs : where files are read.
     preferences : keep the columns of each kind of file.
     imported : is called with the new recording and what the importer noted.
     """

@@ -26,8 +26,7 @@ def dynamics_of_run(units: UnitLibrary, path: Path, tolerance_mm: float = SETTLE
 
     Parameters
     ----------
-    units : the units and their calibrations. path : of the recording.
-    tolerance_mm : of settling.
+    units : the units and their calibrations.
 
     Raises
     ------
@@ -56,8 +55,7 @@ class DynamicsModel:
 
     Parameters
     ----------
-    units : the units and their calibrations. path : of the recording.
-    jobs, services : of the program.
+    units : the units and their calibrations.
     """
 
     def __init__(self, units: UnitLibrary, path: Path, jobs: JobRunner, services: Services) -> None:

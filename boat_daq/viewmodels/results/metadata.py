@@ -46,7 +46,6 @@ class MetadataModel:
     subject : what is stated something of, for the title.
     read, write : the metadata, and their statement.
     undo : the window's history.
-    keys : of the fields that are shown.
     changed : is called after each statement.
     """
 
@@ -70,8 +69,7 @@ class MetadataModel:
 
         Parameters
         ----------
-        path : of the recording. units, unit : the library of its kind of board, and its unit; "" for none.
-        undo, changed : as of the class.
+        units, unit : the library of its kind of board, and its unit; "" for none.
         """
 
         def write(stated: Metadata) -> None:
@@ -88,7 +86,6 @@ class MetadataModel:
 
         Parameters
         ----------
-        session : which records it. path : of the recording.
         units, unit : the library and name that they are remembered for.
         undo : the window's history.
         """
@@ -148,10 +145,6 @@ class MetadataModel:
     def from_template(self, name: str, typed: Mapping[str, str], lines: str) -> tuple[dict[str, str], str]:
         """Return the texts of the form with what is empty taken from a template.
 
-        Parameters
-        ----------
-        name : of the template. typed, lines : as the form has them.
-
         Raises
         ------
         OperatorError : the template is refused.
@@ -161,10 +154,6 @@ class MetadataModel:
 
     def save_template(self, name: str, typed: Mapping[str, str], lines: str) -> None:
         """Store what the form has as a template, without note and ambient conditions.
-
-        Parameters
-        ----------
-        name : of the template. typed, lines : as the form has them.
 
         Raises
         ------

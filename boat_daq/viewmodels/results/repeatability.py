@@ -36,7 +36,6 @@ class RepeatabilityModel:
 
     Parameters
     ----------
-    jobs : where the job is done.
     clock : seconds, monotonic.
     """
 

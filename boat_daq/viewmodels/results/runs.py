@@ -188,10 +188,6 @@ class RunActions:
 class ClosedRun:
     """Steps and readings of a recording, for a `ReadingsModel`.
 
-    Parameters
-    ----------
-    path : a closed recording.
-
     Raises
     ------
     RecordingError : it cannot be read.
@@ -245,10 +241,7 @@ class RunsModel:
 
     Parameters
     ----------
-    folder : of the recordings.
     units : the units and their calibrations.
-    jobs : where exports and reports are made.
-    notices : where it is reported how they end.
     undo : takes new names and notes.
     renamed : is called with the former and the new path of a recording.
     """
@@ -480,8 +473,6 @@ class RunsModel:
 
         Parameters
         ----------
-        name : of the slot of the runner.
-        job : started already.
         done : notice of its end, or is called with its result.
         """
 

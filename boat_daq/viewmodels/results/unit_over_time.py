@@ -117,7 +117,7 @@ def report_unit(units: UnitLibrary, name: str, target: Path) -> None:
 
     Parameters
     ----------
-    units, name : the library and the unit. target : of the report.
+    units, name : the library and the unit.
 
     Raises
     ------
@@ -138,8 +138,6 @@ class UnitOverTimeModel:
     Parameters
     ----------
     units : the library of the unit: of real or of simulated boards.
-    name : of the unit.
-    jobs, notices : of the program.
     """
 
     def __init__(self, units: UnitLibrary, name: str, jobs: JobRunner, notices: Notices) -> None:

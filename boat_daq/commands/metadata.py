@@ -25,8 +25,8 @@ def metadata(
     """Show the metadata of a recording, or state them; the unit's next recording states them, too.
 
     Keys: operator, customer, item, serial_number, note, ambient_temperature_c, ambient_humidity_percent; any other key
-    names a field of your own. What was stated before stays in the file. While a recording is in progress, the program
-    that records it states them, within two seconds.
+    names a field of your own. What was stated before stays in the file. While a recording is in progress, only the
+    program that records it can state them.
 
     Example: boat-daq metadata SA1.boat --set customer="Soft Robotics Lab" --set serial_number=0042
     """
@@ -39,7 +39,6 @@ def metadata(
     if values or template:
         stated = with_stated(stated, values, template)
         state_metadata(run, stated)
-        stated = read_metadata(run)  # of a recording in progress, with what was stated meanwhile
         summary = summarise(run)
         remember(UnitLibrary(simulated=summary.simulated), summary.unit or "", stated)
     if save_template:

@@ -14,14 +14,7 @@ from boat_daq.engine.control.board_commands import Check
 from boat_daq.engine.control.controller import Controller
 from boat_daq.engine.log import RECORDING, note
 from boat_daq.engine.recording.file import check_space
-from boat_daq.engine.recording.metadata import (
-    read_metadata,
-    remembered,
-    state_metadata,
-    statements,
-    take_request,
-    with_changes_of,
-)
+from boat_daq.engine.recording.metadata import read_metadata, remembered, state_metadata, statements
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.session.guarded_controller import GuardedController
@@ -135,19 +128,6 @@ class ActiveRecording:
                 self._stated = path, metadata
         if not recording:
             state_metadata(path, metadata)
-
-    def take_request(self) -> None:
-        """State what another program has left for the recording in progress."""
-        recorder = self._journal.recorder
-        if recorder is None:
-            return
-        try:
-            change = take_request(recorder.path)
-            if change is not None:
-                self.state(recorder.path, with_changes_of(self.metadata(recorder.path), *change))
-        except (OperatorError, StorageError) as error:
-            with self._control.acting():
-                self._journal.tell(MessageKind.STORAGE, "warning", error.cause, error.remedy)
 
     def keep_camera(self, reading: CameraReading, about: Mapping[str, Any]) -> None:
         """Keep the reading of a camera's frame, where a recording runs; `about` is as in `Session.keep_camera`."""

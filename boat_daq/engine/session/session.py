@@ -629,7 +629,6 @@ class Session:
         return self._control.controller.mv_per_count
 
     def _health_line(self) -> str:
-        self._recording.take_request()
         self._unit.follow()
         with self._lock:
             recorder, state = self._journal.recorder, self._control.controller.sequencer.state

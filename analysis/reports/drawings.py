@@ -243,7 +243,7 @@ def uncertainty_over_x(u_elongation: Sequence[FloatArray], ax: Axes) -> None:
 
 
 def budget_bars(budgets: Sequence[Budget], names: Sequence[str], title: str, ax: Axes) -> None:
-    """Components of the budgets as bars of standard uncertainty, a colour a sensor, with their shares of the variance."""
+    """Components of the budgets as bars of standard uncertainty, a colour a sensor, with shares of the variance."""
     thick, longest = BARS_SHARE / len(budgets), 0.0
     look: Any = {"textcoords": "offset points", "va": "center", "fontsize": 7.5, "color": style.SOFT}
     for i, budget in enumerate(budgets):

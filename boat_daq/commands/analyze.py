@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from analysis.progress import Progress
     from analysis.reports.document import Report
     from analysis.sequential.accuracy import Accuracy, Unit
-    from boat_daq.viewmodels.common.camera import CameraChoice
+    from boat_daq.workflows.camera_tracking import CameraChoice
 
 
 def analyze(
@@ -94,8 +94,8 @@ def analyze(
     from analysis.figures.acceptance import conformity_json
     from analysis.sequential.accuracy import accuracy_of
     from boat_daq.commands.importing import column_map
-    from boat_daq.viewmodels.common.plugged import with_plugins
-    from boat_daq.viewmodels.common.reference import stated_contributions
+    from boat_daq.workflows.calibration_in_force import stated_contributions
+    from boat_daq.workflows.plugin_figures import with_plugins
 
     limits, (settled_kpa, accuracy) = limits_of(limit), tolerances(tolerance)
     if accuracy is not None and fidelity != "normal":
@@ -106,7 +106,7 @@ def analyze(
         )
     recording = load_recording(run, columns=column_map(mapping) or None, rate_hz=rate)
     if video is not None:
-        from boat_daq.viewmodels.common.camera import CameraChoice
+        from boat_daq.workflows.camera_tracking import CameraChoice
 
         choice = CameraChoice(str(video), mark_mm, u_mark_mm, lens, recording.unit, patches_of(patch))
         recording, reason = _filmed(recording, run, choice, store=not no_store)
@@ -194,7 +194,7 @@ def _filmed(recording: Recording, run: Path, choice: CameraChoice, *, store: boo
     from analysis import load_recording
     from analysis.data.boat_file import is_boat_file, store_video
     from analysis.errors import AnalysisError
-    from boat_daq.viewmodels.common.camera import film
+    from boat_daq.workflows.camera_tracking import film
 
     with progress_bar("Tracking") as advance:
         seen = film(recording, choice, advance)
@@ -413,8 +413,8 @@ def report(
     from analysis.figures.against_shadow import against_shadow
     from analysis.progress import part_of
     from analysis.sequential.accuracy import accuracy_of
-    from boat_daq.viewmodels.common.plugged import with_plugins
-    from boat_daq.viewmodels.common.reference import stated_contributions
+    from boat_daq.workflows.calibration_in_force import stated_contributions
+    from boat_daq.workflows.plugin_figures import with_plugins
     from protocol.units import ShownUnits
 
     try:

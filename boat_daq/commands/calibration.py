@@ -78,7 +78,7 @@ def calibration(
     from analysis.artefact.forms import calibration_text, write_calibration
     from analysis.calibration.curve_choice import degree_of
     from boat_daq.commands.importing import column_map
-    from boat_daq.viewmodels.common.reference import stated_contributions
+    from boat_daq.workflows.calibration_in_force import stated_contributions
 
     with progress_bar("Analysing") as advance:
         recording = load_recording(run, columns=column_map(mapping) or None, rate_hz=rate)

@@ -69,7 +69,7 @@ def calibrate(
     lens = calibrate_lens([read_picture(path) for path in pictures], corners=(int(columns), int(rows)), pitch_mm=pitch)
     lens.write(to)
     if unit:
-        from boat_daq.viewmodels.common.camera import keep_lens
+        from boat_daq.workflows.camera_tracking import keep_lens
 
         keep_lens(unit, lens)
     notify(f"wrote {to}: {lens.views} pictures, reprojection error {lens.reprojection_px:.3f} px")
@@ -92,7 +92,7 @@ def track(
     Example: boat-daq camera track run.mkv --mark-mm 8 --out run.elongation.csv
     """
     from analysis.errors import writing
-    from boat_daq.viewmodels.common.camera import CameraChoice, track_video
+    from boat_daq.workflows.camera_tracking import CameraChoice, track_video
     from protocol.whole_file import write_whole
 
     with progress_bar("Tracking") as advance:

@@ -133,7 +133,7 @@ def export(
     from analysis.data.export import export as write
     from analysis.data.export import require_library
     from analysis.tracking.run import with_camera_placed
-    from boat_daq.viewmodels.common.reference import exported_elongation, stated_contributions
+    from boat_daq.workflows.calibration_in_force import exported_elongation, stated_contributions
 
     require_library(format)
     recording, void = load_recording(run).deriving(derive or ()), ""

@@ -138,7 +138,7 @@ def record(
         enter = _entry(elongation, readings, request, growing=uncertainty is not None)
     open_camera = None
     if camera is not None:
-        from boat_daq.viewmodels.common.camera import CameraChoice, open_channel
+        from boat_daq.workflows.camera_tracking import CameraChoice, open_channel
 
         choice = CameraChoice(camera, mark_mm, u_mark_mm, lens, request.unit, patches_of(patch), allow_remote)
         choice.tracker()  # refuses what cannot be before the board is opened

@@ -267,7 +267,7 @@ def session_regulator(session: Session, request: SessionRequest) -> Regulator:
     OperatorError, AnalysisError : it has no accepted calibration, or is not identified.
     """
     from analysis.twin.controller import Bounds
-    from boat_daq.viewmodels.common.twin import regulator_of
+    from boat_daq.workflows.unit_control import regulator_of
 
     units = session.units.of(simulated=session.snapshot().simulated)
     bounds = Bounds() if request.max_u_mm is None else Bounds(u_mm=request.max_u_mm)

@@ -67,7 +67,7 @@ def identify(
 
     from analysis.optics.scene.parameters import PAPER_OPTIMUM
     from analysis.shadow.fem.parameters import read_parameters
-    from boat_daq.viewmodels.common.twin import identify_unit, store_twin
+    from boat_daq.workflows.unit_control import identify_unit, store_twin
 
     chosen: dict[str, Any] = {} if parameters is None else {"actuator": read_parameters(parameters)}
     chosen |= {} if face is None else {"face": replace(PAPER_OPTIMUM, face=face).face}  # type: ignore[arg-type]  # checked
@@ -94,7 +94,7 @@ def tune(run: RecordingArgument, as_json: JsonOption = False) -> None:
     Example: boat-daq twin tune step-test.boat
     """
     from analysis.twin.dynamics import lag_figures
-    from boat_daq.viewmodels.common.twin import tune_unit
+    from boat_daq.workflows.unit_control import tune_unit
 
     recording, units = _recording(run)
     twin = tune_unit(recording, units)
@@ -139,7 +139,7 @@ def hold(
     from boat_daq.commands.record import dated_name
     from boat_daq.commands.run_session import SessionRequest, run_session
     from boat_daq.engine.plan import Plan
-    from boat_daq.viewmodels.common.twin import held_elongation
+    from boat_daq.workflows.unit_control import held_elongation
     from protocol.recording import Segment
 
     segment = Segment("step", mm, hold_s=seconds)
@@ -179,7 +179,7 @@ def dynamics(
     Example: boat-daq twin dynamics steps.boat --out dynamic-calibration.pdf
     """
     from analysis.twin.dynamic_figures import BODE_HEADINGS
-    from boat_daq.viewmodels.common.twin import dynamics_of
+    from boat_daq.workflows.unit_control import dynamics_of
 
     recording, units = _recording(run)
     found = dynamics_of(units, recording, tolerance)
@@ -216,7 +216,7 @@ def predict(
     """
     from analysis.twin.prediction import predict_run, published_prediction
     from boat_daq.commands.console import writing
-    from boat_daq.viewmodels.common.twin import fusion_of, load_twin, predicted_sensors
+    from boat_daq.workflows.unit_control import fusion_of, load_twin, predicted_sensors
     from protocol.whole_file import written_whole
 
     recording, units = _recording(run)

@@ -16,7 +16,6 @@ from boat_daq.engine.bug_report import write_bug_report
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
-from boat_daq.viewmodels.common.jobs import Job, JobRunner, prepare
 from boat_daq.viewmodels.common.notices import Notices, SessionMessages, Severity
 from boat_daq.viewmodels.common.open_windows import OpenWindows
 from boat_daq.viewmodels.common.outlets import OutletsModel
@@ -49,6 +48,7 @@ from boat_daq.viewmodels.results.csv_import import CsvImport
 from boat_daq.viewmodels.results.repeatability import RepeatabilityModel
 from boat_daq.viewmodels.results.runs import RunActions, RunsModel
 from boat_daq.viewmodels.settings_model import SettingsModel
+from boat_daq.workflows.jobs import Job, JobRunner, prepare
 from protocol.units import ShownUnits
 
 

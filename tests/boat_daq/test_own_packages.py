@@ -27,7 +27,7 @@ from boat_daq.own_packages import prefer_own_packages
 prefer_own_packages()
 from boat_daq.engine.simulator.server import BoardSettings, serve
 from analysis.data.load import load_recording
-from boat_daq.viewmodels.common.jobs import Job, JobState
+from boat_daq.workflows.jobs import Job, JobState
 with serve(BoardSettings()) as board:
     print("board at", board.url)
 work = Job("outline", load_recording, sys.argv[1])

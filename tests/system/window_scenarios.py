@@ -299,7 +299,7 @@ def prepare_for_vent(scenario: Scenario, name: str) -> None:
         window.live.pane.setCurrentWidget(window.live.plan)
         window.live.plan.target.setFocus()
     if name == "working":
-        from boat_daq.viewmodels.common.jobs import Job
+        from boat_daq.workflows.jobs import Job
 
         window.model.jobs.start("busy", Job("Computing", keep_busy), lambda job: None)
         QTest.qWait(300)

@@ -11,6 +11,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QFont, QFontMetrics, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QBoxLayout, QFrame, QGridLayout, QScrollArea, QTabWidget, QWidget
 
+from boat_daq import formatting
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.live.camera_panel import CameraPanel
@@ -25,7 +26,6 @@ from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.layouts import Divided, Leaves, Shares
 from boat_daq.gui.widgets.panel_guard import PanelGuard
-from boat_daq.viewmodels.common import formatting
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.live.camera import CameraModel
 from boat_daq.viewmodels.live.connection import age_text

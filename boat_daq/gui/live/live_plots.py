@@ -17,11 +17,11 @@ from PySide6.QtGui import QResizeEvent
 
 from analysis.arrays import FloatArray
 from boat_daq.engine.display.ring_buffer import CAMERA_U
+from boat_daq.formatting import clock, in_units
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Band, Curve, Layer, Plot, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.widgets import controls as widgets
-from boat_daq.viewmodels.common.formatting import clock, in_units
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.live.axis import SteadyRange, extremes
 from boat_daq.viewmodels.live.layout import CAMERA, ELONGATION, PRESSURE, Axes, title, titles, unit

@@ -26,10 +26,10 @@ from PySide6.QtGui import (
 from PySide6.QtWidgets import QDialog, QGraphicsPixmapItem, QGraphicsScene, QGraphicsView, QWidget
 
 from boat_daq.errors import OperatorError
+from boat_daq.formatting import NOTHING, number, plain_number
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open
-from boat_daq.viewmodels.common.formatting import NOTHING, number, plain_number
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.photograph import Photograph
 from boat_daq.viewmodels.live.run_model import RunModel

@@ -13,11 +13,11 @@ from PySide6.QtWidgets import QApplication, QBoxLayout, QCheckBox, QFrame, QTabl
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.engine.toml_values import read_text
 from boat_daq.errors import OperatorError
+from boat_daq.formatting import duration
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import dress
 from boat_daq.gui.widgets.file_dialogs import ask_open
-from boat_daq.viewmodels.common.formatting import duration
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Panel, Services
 from boat_daq.viewmodels.live.readings import HEADINGS, SOON_S, ReadingsModel, Row

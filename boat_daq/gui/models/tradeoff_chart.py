@@ -19,6 +19,7 @@ from PySide6.QtGui import QKeySequence, QShortcut
 
 from analysis.arrays import FloatArray
 from analysis.tradeoff.measure import MARGIN
+from boat_daq.formatting import duration_text
 from boat_daq.gui import style
 from boat_daq.gui.plotting.axes import LogAxis
 from boat_daq.gui.plotting.placed_labels import PlacedLabels, PointLabel
@@ -27,7 +28,6 @@ from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common import tables
-from boat_daq.viewmodels.common.formatting import duration_text
 from boat_daq.viewmodels.models.tradeoff import (
     CHOICE,
     ENTRIES,

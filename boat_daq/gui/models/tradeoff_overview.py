@@ -13,6 +13,7 @@ import numpy as np
 from PySide6.QtCore import QPointF, Qt
 
 from analysis.tradeoff.measure import MARGIN
+from boat_daq.formatting import duration_text, number, quantity
 from boat_daq.gui import style
 from boat_daq.gui.models.tradeoff_chart import LABEL_MARGIN, NOTHING, accepted_text, framed, log_card
 from boat_daq.gui.plotting.placed_labels import PlacedLabels, PointLabel
@@ -21,7 +22,6 @@ from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.wrapped_table import WrappedTable
 from boat_daq.viewmodels.common import tables
-from boat_daq.viewmodels.common.formatting import duration_text, number, quantity
 from boat_daq.viewmodels.models.tradeoff import JOBS, METHODS, OVERVIEW, ROWS, TradeoffModel
 
 REACH = 40.0  # pixels from a point within which a click is meant for it

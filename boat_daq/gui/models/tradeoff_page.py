@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QListWidget, QListWidgetItem, QProgressBar, QVBoxL
 
 from analysis.fidelity import LEVELS
 from boat_daq.engine.snapshot import SessionSnapshot
+from boat_daq.formatting import duration_text
 from boat_daq.gui import style
 from boat_daq.gui.models.tradeoff_chart import TradeoffCard
 from boat_daq.gui.models.tradeoff_jobs import measure_methods
@@ -18,7 +19,6 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
 from boat_daq.gui.widgets.wrapped_table import WrappedTable
-from boat_daq.viewmodels.common.formatting import duration_text
 from boat_daq.viewmodels.common.preferences import Precision
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.models.tradeoff import (

@@ -18,9 +18,9 @@ from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPainterPath, QPen, QStaticText
 from PySide6.QtWidgets import QGraphicsItem, QGraphicsPathItem
 
+from boat_daq.formatting import power_text
 from boat_daq.gui import style
 from boat_daq.gui.style import Theme
-from boat_daq.viewmodels.common.formatting import power_text
 from boat_daq.viewmodels.live import axis
 from protocol.units import Shown, as_text
 

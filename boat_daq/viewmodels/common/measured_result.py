@@ -9,7 +9,7 @@ from typing import Any
 
 from boat_daq.engine.toml_values import read_json
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
+from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from protocol.whole_file import write_whole
 
 MAX_BYTES = 4_000_000  # a hundred times the largest

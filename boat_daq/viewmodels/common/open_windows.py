@@ -13,8 +13,8 @@ from time import monotonic
 
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.session.shared_vent import SharedVent, VentAnswer
-from boat_daq.viewmodels.common.jobs import Background
 from boat_daq.viewmodels.common.notices import Notices, Severity
+from boat_daq.workflows.jobs import Background
 
 LOOK_S = 2.0  # between two looks for other windows
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from boat_daq.engine.snapshot import LinkState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import count
+from boat_daq.formatting import count
 
 if TYPE_CHECKING:
     from analysis.arrays import FloatArray

@@ -16,7 +16,7 @@ from boat_daq.engine.run_queue import QueuedRun, load_queue
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import count, duration
+from boat_daq.formatting import count, duration
 from boat_daq.viewmodels.common.notices import Notice, Severity
 from boat_daq.viewmodels.common.services import Services
 from protocol.recording import RunEnd

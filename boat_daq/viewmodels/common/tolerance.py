@@ -13,7 +13,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from analysis.errors import AnalysisError
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import TYPED
+from boat_daq.formatting import TYPED
 from boat_daq.viewmodels.common.services import Change, Services
 
 T = TypeVar("T")

@@ -17,7 +17,7 @@ import tomli_w
 from boat_daq.engine.link.opening import PortListener
 from boat_daq.engine.settings import Settings
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import number, plain_number
+from boat_daq.formatting import number, plain_number
 from protocol.errors import ProfileError
 from protocol.link.events import Samples
 from protocol.text.connection import TextConnection

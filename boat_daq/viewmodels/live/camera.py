@@ -11,9 +11,9 @@ from boat_daq.engine.session.camera_channel import FAULT_TEXTS, CameraChannel
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.camera import CameraChoice, open_channel
-from boat_daq.viewmodels.common.formatting import NOTHING, count, number, plain_number
+from boat_daq.formatting import NOTHING, count, number, plain_number
 from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.workflows.camera_tracking import CameraChoice, open_channel
 
 SOURCE, MARK = "camera_source", "camera_mark_mm"
 LEARNING = "learning"

@@ -24,9 +24,9 @@ from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import NOTHING, duration, number
-from boat_daq.viewmodels.common.jobs import Background
+from boat_daq.formatting import NOTHING, duration, number
 from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.workflows.jobs import Background
 from protocol.simulator.specimens import RISING_NAMES, SENSOR_COUNTS
 from protocol.text.profile import load_profile
 from protocol.text.readers import parse_format

@@ -15,11 +15,11 @@ import numpy as np
 from analysis.arrays import FloatArray
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import SessionSnapshot
-from boat_daq.viewmodels.common.jobs import Background
-from boat_daq.viewmodels.common.reference import stored_inverse
-from boat_daq.viewmodels.common.twin import live_prediction_of, regulator_of
 from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.live_model import LiveElongation, LiveModel
+from boat_daq.workflows.calibration_in_force import stored_inverse
+from boat_daq.workflows.jobs import Background
+from boat_daq.workflows.unit_control import live_prediction_of, regulator_of
 
 if TYPE_CHECKING:
     from analysis.calibration.inverse import Fusion

@@ -23,10 +23,10 @@ from boat_daq.engine.plan import Plan
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.errors import BoatDaqError, OperatorError
-from boat_daq.viewmodels.common.formatting import count, duration, plain_number
-from boat_daq.viewmodels.common.jobs import Job, JobState
+from boat_daq.formatting import count, duration, plain_number
 from boat_daq.viewmodels.common.notices import Notices, sentence
 from boat_daq.viewmodels.common.services import Change, Services
+from boat_daq.workflows.jobs import Job, JobState
 
 if TYPE_CHECKING:
     from analysis.sequential.stopping import StopAssessment

@@ -20,7 +20,7 @@ from analysis.arrays import FloatArray
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
-from boat_daq.viewmodels.common.formatting import NOTHING, in_units, number
+from boat_daq.formatting import NOTHING, in_units, number
 from boat_daq.viewmodels.live.axis import SteadyRange, extremes
 from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Axes, Layout, difference_of, is_signal, titles, unit
 from boat_daq.viewmodels.live.layout import title as layout_title

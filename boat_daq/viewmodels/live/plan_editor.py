@@ -16,7 +16,7 @@ from analysis.arrays import FloatArray
 from boat_daq.engine.plan import QUANTITIES, Loop, Plan
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import duration, plain_number
+from boat_daq.formatting import duration, plain_number
 from boat_daq.viewmodels.live.sequence import SequenceModel, staircase, step_begins
 from protocol.recording import SEGMENT_KINDS, Segment
 

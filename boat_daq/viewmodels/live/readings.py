@@ -22,7 +22,7 @@ from analysis.figures.outliers import outlying
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import Progress, Reading, ReadingRequest, SessionSnapshot, SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import NOTHING, count, number, plain_number, target
+from boat_daq.formatting import NOTHING, count, number, plain_number, target
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.live.sequence import BRANCH_WORDS
 

@@ -13,7 +13,7 @@ from time import monotonic
 
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.errors import BoatDaqError
-from boat_daq.viewmodels.common.formatting import duration, size_text
+from boat_daq.formatting import duration, size_text
 from boat_daq.viewmodels.live.run_model import UNDER_WAY, RunModel
 
 LOOK_S = 1.0

@@ -22,7 +22,7 @@ from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import count
+from boat_daq.formatting import count
 from boat_daq.viewmodels.common.notices import Notice, Severity
 from boat_daq.viewmodels.common.run_queue import RunQueue
 from boat_daq.viewmodels.common.services import Page, Services

@@ -22,7 +22,7 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import Limits, Phase, SessionSnapshot, SessionState
 from boat_daq.engine.toml_values import BadValue, read_text
 from boat_daq.errors import BoatDaqError, OperatorError
-from boat_daq.viewmodels.common.formatting import duration, number, plain_number, target
+from boat_daq.formatting import duration, number, plain_number, target
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from protocol.whole_file import write_whole

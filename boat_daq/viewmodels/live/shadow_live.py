@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from analysis.arrays import FloatArray
 from analysis.published import LOOP_HALF_WIDTH_MM
 from boat_daq.engine.snapshot import SessionSnapshot
-from boat_daq.viewmodels.common.formatting import MINUS, NOTHING, THIN, count, duration, in_units, number
-from boat_daq.viewmodels.common.jobs import Background, Job, JobRunner, JobState
+from boat_daq.formatting import MINUS, NOTHING, THIN, count, duration, in_units, number
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel, signals
 from boat_daq.viewmodels.live.shadow_jobs import can_be_unstable, place_of, shadow_of, unstable_held_states, warm
+from boat_daq.workflows.jobs import Background, Job, JobRunner, JobState
 from protocol.units import ShownUnits
 
 if TYPE_CHECKING:

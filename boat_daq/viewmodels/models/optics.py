@@ -22,10 +22,10 @@ from analysis.fidelity import Fidelity, fidelity
 from analysis.numbers import rounded, with_uncertainty
 from analysis.progress import Progress, part_of
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import count, number
-from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
+from boat_daq.formatting import count, number
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.tolerance import AUTOMATIC, plain_text
+from boat_daq.workflows.jobs import Job, JobRunner, JobState
 
 if TYPE_CHECKING:
     from analysis.optics.scene.frame import SceneFrame

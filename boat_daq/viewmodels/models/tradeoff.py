@@ -26,12 +26,12 @@ from boat_daq.engine.display.ring_buffer import MinMaxPyramid, fold_columns
 from boat_daq.engine.simulator.picture import CameraScene, Picture, Renderer
 from boat_daq.engine.toml_values import read_json
 from boat_daq.errors import OperatorError
+from boat_daq.formatting import count, duration_text, power_text, quantity
 from boat_daq.viewmodels.common import tables
-from boat_daq.viewmodels.common.formatting import count, duration_text, power_text, quantity
-from boat_daq.viewmodels.common.jobs import Job, JobRunner
 from boat_daq.viewmodels.common.measured_result import MAX_BYTES, MeasuredResult
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Change, UndoHistory
+from boat_daq.workflows.jobs import Job, JobRunner
 
 if TYPE_CHECKING:
     from analysis.tradeoff.decimation import Curve, Paint

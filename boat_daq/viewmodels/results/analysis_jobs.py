@@ -22,11 +22,11 @@ from analysis.fidelity import Level, fidelity
 from analysis.figures.figure import SENSOR_FIGURES, Figure
 from analysis.progress import Progress, part_of
 from analysis.warning import Warning
-from boat_daq.viewmodels.common.formatting import NOTHING, count, number, sensor_words
-from boat_daq.viewmodels.common.plugged import with_plugins
-from boat_daq.viewmodels.common.reference import chosen_curve, exported_elongation, identity, stated_contributions
+from boat_daq.formatting import NOTHING, count, number, sensor_words
 from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.results.camera import CameraResult, camera_result
+from boat_daq.workflows.calibration_in_force import chosen_curve, exported_elongation, identity, stated_contributions
+from boat_daq.workflows.plugin_figures import with_plugins
 from protocol.units import STORED_UNITS, ShownUnits
 
 if TYPE_CHECKING:

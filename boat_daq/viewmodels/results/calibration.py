@@ -29,12 +29,10 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import StoredCalibration, Unit, UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import NOTHING, SUBSCRIPT, SUPERSCRIPT, count, duration, number, sensor_words
-from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
+from boat_daq.formatting import NOTHING, SUBSCRIPT, SUPERSCRIPT, count, duration, number, sensor_words
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Change, Services
 from boat_daq.viewmodels.common.tolerance import TypedTolerance, tolerance_choice
-from boat_daq.viewmodels.common.twin import prepare_control
 from boat_daq.viewmodels.results.analysis_jobs import (
     EXPORTED_TABLE_ERRORS,
     CurveBands,
@@ -48,6 +46,8 @@ from boat_daq.viewmodels.results.analysis_jobs import (
 from boat_daq.viewmodels.results.certificates import CertificateModel
 from boat_daq.viewmodels.results.contributions import ContributionsModel, traceability_text
 from boat_daq.viewmodels.results.metadata import MetadataModel
+from boat_daq.workflows.jobs import Job, JobRunner, JobState
+from boat_daq.workflows.unit_control import prepare_control
 from protocol.recording.elongation_file import read_elongation_rows
 
 Cells = tuple[str, ...]

@@ -10,7 +10,7 @@ import numpy as np
 
 from analysis.arrays import FloatArray
 from analysis.numbers import with_uncertainty
-from boat_daq.viewmodels.common.formatting import NOTHING, count, number
+from boat_daq.formatting import NOTHING, count, number
 
 if TYPE_CHECKING:
     from analysis.figures.pipeline import Analysis

@@ -20,11 +20,11 @@ from boat_daq.engine.settings import UnitLibrary, home
 from boat_daq.engine.stored_file import write_stored
 from boat_daq.engine.toml_values import build, parse_toml, read_text
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Severity
-from boat_daq.viewmodels.common.reference import chosen_curve, identity, stated_contributions
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.metadata import FIELDS, MetadataModel
+from boat_daq.workflows.calibration_in_force import chosen_curve, identity, stated_contributions
+from boat_daq.workflows.jobs import Job, JobRunner, JobState
 
 if TYPE_CHECKING:
     from analysis.certificates.certificate import Certificate, Request

@@ -24,7 +24,7 @@ from analysis.calibration.type_b import (
 )
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import plain_number
+from boat_daq.formatting import plain_number
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 
 NOT_ASSESSED = "not assessed"

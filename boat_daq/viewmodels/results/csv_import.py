@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 from boat_daq.engine.file_names import path_in
 from boat_daq.engine.recording.file import check_recording_name
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import count, plain_number
-from boat_daq.viewmodels.common.jobs import Job, JobFailure, JobRunner
+from boat_daq.formatting import count, plain_number
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.results.analysis_jobs import import_table, preview_table
+from boat_daq.workflows.jobs import Job, JobFailure, JobRunner
 from protocol.recording import SUFFIX
 
 SENSORS_MOST = 4

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from boat_daq.engine.settings import UnitLibrary
-from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.common.tolerance import TypedTolerance, tolerance_choice
-from boat_daq.viewmodels.common.twin import dynamics_of
+from boat_daq.workflows.jobs import Job, JobRunner, JobState
+from boat_daq.workflows.unit_control import dynamics_of
 
 if TYPE_CHECKING:
     from analysis.twin.dynamic_figures import DynamicCalibration

@@ -33,8 +33,7 @@ from boat_daq.engine.recording.summary import Summary, summarise
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import LinkState, Reading, SessionSnapshot
 from boat_daq.errors import BoatDaqError, OperatorError
-from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number
-from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
+from boat_daq.formatting import NOTHING, count, duration, number
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Change, Services, UndoHistory
 from boat_daq.viewmodels.common.tolerance import TypedTolerance
@@ -42,6 +41,7 @@ from boat_daq.viewmodels.results.analysis_jobs import CurveBands, RunResult, com
 from boat_daq.viewmodels.results.dynamics import DynamicsModel
 from boat_daq.viewmodels.results.metadata import MetadataModel
 from boat_daq.viewmodels.results.unit_over_time import UnitOverTimeModel
+from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from protocol.errors import DamagedRecordingError, ProtocolError
 from protocol.recording import SUFFIX, RunEnd, open_recording, schema
 from protocol.units import STORED_UNITS

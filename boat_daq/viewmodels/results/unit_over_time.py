@@ -15,10 +15,10 @@ import numpy as np
 
 from analysis.arrays import FloatArray
 from boat_daq.engine.settings import StoredCalibration, Unit, UnitLibrary
-from boat_daq.viewmodels.common.formatting import NOTHING, number
-from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
+from boat_daq.formatting import NOTHING, number
 from boat_daq.viewmodels.common.notices import Notices, Severity
-from boat_daq.viewmodels.common.reference import stored_inverse
+from boat_daq.workflows.calibration_in_force import stored_inverse
+from boat_daq.workflows.jobs import Job, JobRunner, JobState
 
 if TYPE_CHECKING:
     from analysis.figures.unit_history import UnitHistory

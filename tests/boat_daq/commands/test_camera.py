@@ -17,8 +17,8 @@ from boat_daq.commands.analyze import _filmed
 from boat_daq.engine.camera.opencv import opencv
 from boat_daq.engine.camera.video import VideoStore
 from boat_daq.engine.simulator.picture import CameraScene, Renderer, checkerboard
-from boat_daq.viewmodels.common import camera
-from boat_daq.viewmodels.common.camera import CameraChoice
+from boat_daq.workflows import camera_tracking
+from boat_daq.workflows.camera_tracking import CameraChoice
 from tests.analysis.boat_builder import write_boat
 from tests.analysis.tracking.filmed_run import LEVELS, filmed_run, with_camera
 from tests.boat_daq.commands.calls import call, program, text
@@ -122,7 +122,7 @@ def test_a_video_of_a_run_is_kept_in_its_recording(
     write_boat(path, run.recording, steps=[(*a, *b) for a, b in zip(marks, zip(*times, strict=True), strict=True)])
     seen = with_camera(run).camera
     assert seen is not None
-    monkeypatch.setattr(camera, "track_video", lambda choice, progress=None: (seen, {"source": choice.source}))
+    monkeypatch.setattr(camera_tracking, "track_video", lambda choice, progress=None: (seen, {"source": choice.source}))
     found = call("analyze", path, "--video", "a.mkv", "--no-mcmc", "--no-shadow")
     assert found["camera"]["source"] == "a.mkv"
     with closing(sqlite3.connect(path)) as db:

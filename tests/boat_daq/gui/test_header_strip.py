@@ -9,8 +9,8 @@ from boat_daq.engine.snapshot import (
     Message,
     MessageKind,
 )
-from boat_daq.viewmodels.common.jobs import Job
 from boat_daq.viewmodels.common.notices import Severity
+from boat_daq.workflows.jobs import Job
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import pause, run_shortcut
 

@@ -12,8 +12,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDialog, QPushButton
 
 from boat_daq.engine.snapshot import SessionState
-from boat_daq.viewmodels.common import jobs
 from boat_daq.viewmodels.common.services import Page, Panel
+from boat_daq.workflows import jobs
 from tests.boat_daq.gui.windows import PATIENCE_MS, RAMPING, choose
 
 Key = Qt.Key

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from analysis.errors import AnalysisError
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.errors import cause_and_remedy
-from boat_daq.viewmodels.common.jobs import JobFailure, JobState
 from boat_daq.viewmodels.live.live_model import LiveElongation
+from boat_daq.workflows.jobs import JobFailure, JobState
 
 
 def until(condition, timeout_s=60.0):

@@ -14,7 +14,7 @@ from PySide6.QtTest import QTest
 from boat_daq.engine.camera.source import CameraFrame
 from boat_daq.engine.simulator.picture import FAULTLESS, CameraScene, Disturbance, Renderer
 from boat_daq.errors import DeviceError, OperatorError
-from boat_daq.viewmodels.common import camera as choice
+from boat_daq.workflows import camera_tracking as choice
 
 SCENE = CameraScene(width=160, height=120, px_per_mm=5.0)
 

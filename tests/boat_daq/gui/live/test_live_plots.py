@@ -13,8 +13,8 @@ from PySide6.QtWidgets import (
     QApplication,
 )
 
+from boat_daq.formatting import clock, number
 from boat_daq.gui import style
-from boat_daq.viewmodels.common.formatting import clock, number
 from boat_daq.viewmodels.live import axis
 from boat_daq.viewmodels.live.live_model import LiveElongation
 from protocol.recording import sample_dtype

@@ -17,7 +17,6 @@ from analysis.optics.sweep.race import Race
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.gui import style
 from boat_daq.gui.models.optics_page import select
-from boat_daq.viewmodels.common.jobs import JobFailure, JobState
 from boat_daq.viewmodels.models import optics
 from boat_daq.viewmodels.models.optics import (
     PAPER,
@@ -28,6 +27,7 @@ from boat_daq.viewmodels.models.optics import (
     Within,
     rays_text,
 )
+from boat_daq.workflows.jobs import JobFailure, JobState
 from tests.boat_daq.gui.models.test_tradeoff_page import app_model  # noqa: F401 - a fixture
 
 NORMAL = fidelity("normal")

@@ -20,10 +20,10 @@ from boat_daq.gui import style
 from boat_daq.gui.models import tradeoff_jobs
 from boat_daq.gui.models.tradeoff_chart import KEY_DECADES, point_labels, spread_bars
 from boat_daq.gui.plotting.axes import LogAxis, log_ticks
-from boat_daq.viewmodels.common.jobs import JobState
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.models import tradeoff
 from boat_daq.viewmodels.models.tradeoff import OVERVIEW, read_report
+from boat_daq.workflows.jobs import JobState
 from tests.boat_daq.gui.recorded_session import RecordedSession, idle
 from tests.boat_daq.viewmodels.models.reports import point, report
 

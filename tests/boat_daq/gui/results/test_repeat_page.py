@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from boat_daq.viewmodels.common.jobs import JobFailure, JobState
 from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.results.analysis_jobs import BreakResult
+from boat_daq.workflows.jobs import JobFailure, JobState
 from tests.boat_daq.gui.results.run_results import CYCLES, run_result
 from tests.boat_daq.gui.windows import NARROW
 

@@ -14,9 +14,9 @@ from analysis.sequential.stopping import StopAssessment, StopCriterion
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.jobs import JobFailure, JobState
 from boat_daq.viewmodels.live import enough_cycles
 from boat_daq.viewmodels.live.enough_cycles import EndUncertainty, EnoughCycles
+from boat_daq.workflows.jobs import JobFailure, JobState
 
 
 class Done:

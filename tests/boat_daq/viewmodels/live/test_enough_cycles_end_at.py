@@ -13,11 +13,11 @@ from analysis.sequential.stopping import StopAssessment, StopCriterion
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import RunEnding, SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.jobs import JobFailure, JobState
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live import enough_cycles
 from boat_daq.viewmodels.live.enough_cycles import WRITTEN_S, EndAt, EndReport, EndUncertainty, EnoughCycles
+from boat_daq.workflows.jobs import JobFailure, JobState
 from protocol.recording import RunEnd
 from tests.boat_daq.gui.recorded_session import services_in
 

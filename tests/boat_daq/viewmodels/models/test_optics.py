@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.optics.sweep.figure_of_merit import Merit
-from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.models.optics import OpticsModel, SweepSummary
+from boat_daq.workflows.jobs import JobRunner
 
 
 def test_cell_of_a_map_selects_its_design():

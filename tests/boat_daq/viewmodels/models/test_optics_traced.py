@@ -7,10 +7,10 @@ import pytest
 
 from analysis.errors import AnalysisError
 from analysis.optics.scene.curves import parametric_elongations
-from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.models import optics
 from boat_daq.viewmodels.models.optics import PAPER, OpticsModel
+from boat_daq.workflows.jobs import JobRunner
 
 
 def test_design_is_traced_in_all_states():

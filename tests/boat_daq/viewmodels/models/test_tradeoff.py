@@ -9,10 +9,10 @@ import pytest
 from analysis.atlas.methods import METHOD_TITLES
 from analysis.tradeoff.methods import METHODS as MEASURED
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.models.tradeoff import ENTRIES, METHODS, OVERVIEW, AtlasModel, TradeoffModel, merged
+from boat_daq.workflows.jobs import JobRunner
 from tests.boat_daq.viewmodels.models.reports import report
 
 

@@ -10,9 +10,9 @@ import pytest
 
 from analysis.atlas.sweep import Axis, Study, StudyResult
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.jobs import JobRunner, JobState
 from boat_daq.viewmodels.models import tradeoff
 from boat_daq.viewmodels.models.tradeoff import AtlasModel, read_maps
+from boat_daq.workflows.jobs import JobRunner, JobState
 from tests.boat_daq.viewmodels.models.reports import swept
 
 

@@ -13,12 +13,12 @@ from analysis.figures.batch import readings_beside
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.jobs import JobFailure, JobRunner, JobState
 from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.live.conversion import prepare
 from boat_daq.viewmodels.results import calibration
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands
 from boat_daq.viewmodels.results.calibration import CalibrationModel, measured
+from boat_daq.workflows.jobs import JobFailure, JobRunner, JobState
 from protocol.errors import LocalError
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, services_in
 from tests.boat_daq.gui.results.run_results import turning

@@ -8,10 +8,10 @@ import pytest
 from analysis import load_recording
 from analysis.data.boat_writer import first_difference
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.results import csv_import
 from boat_daq.viewmodels.results.csv_import import CsvImport, Source
+from boat_daq.workflows.jobs import JobRunner
 from tests.boat_daq.viewmodels.helpers import DirectJob
 
 

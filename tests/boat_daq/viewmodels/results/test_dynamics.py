@@ -10,9 +10,9 @@ import pytest
 from analysis.twin.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.jobs import JobState
 from boat_daq.viewmodels.results import dynamics
 from boat_daq.viewmodels.results.dynamics import DynamicsModel, dynamics_of_run
+from boat_daq.workflows.jobs import JobState
 from tests.boat_daq.gui.recorded_session import services_in
 
 NONE = DynamicFigure(*[float("nan")] * 3)

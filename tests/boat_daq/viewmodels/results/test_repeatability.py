@@ -13,9 +13,9 @@ from analysis.fidelity import fidelity
 from analysis.sequential.stopping import DRIFT, SPREAD
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import Progress, SessionState
-from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.results.analysis_jobs import analyse_run
 from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel
+from boat_daq.workflows.jobs import JobRunner
 from tests.boat_daq.gui.recorded_session import connected
 
 

@@ -16,12 +16,12 @@ from analysis import load_recording
 from analysis.fidelity import fidelity
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.results import analysis_jobs, runs
 from boat_daq.viewmodels.results.runs import NONE_CHOSEN, RunEntry, RunsModel, obstacle, read_run, selection_text
+from boat_daq.workflows.jobs import JobRunner
 from protocol.recording import RunEnd
 from tests.boat_daq.gui.recorded_session import connected, idle
 from tests.boat_daq.viewmodels.helpers import until

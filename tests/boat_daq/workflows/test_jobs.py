@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common import jobs
-from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState, prepare
+from boat_daq.workflows import jobs
+from boat_daq.workflows.jobs import Job, JobRunner, JobState, prepare
 from tests.boat_daq.viewmodels.helpers import until
 
 

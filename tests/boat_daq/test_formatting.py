@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from boat_daq.viewmodels.common import formatting
-from boat_daq.viewmodels.common.formatting import duration_text, power_text
+from boat_daq import formatting
+from boat_daq.formatting import duration_text, power_text
 from tests.boat_daq.viewmodels.helpers import finite
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from analysis import Options
 from boat_daq.engine.settings import UnitLibrary
-from boat_daq.viewmodels.common.reference import calibration_in_force, exported_elongation
+from boat_daq.workflows.calibration_in_force import calibration_in_force, exported_elongation
 from tests.analysis.boat_builder import Plant, triangle
 from tests.boat_daq.viewmodels.results.units import unit
 

@@ -16,7 +16,7 @@ from analysis.errors import FileError
 from analysis.twin.runs import run_elongation
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.twin import (
+from boat_daq.workflows.unit_control import (
     fusion_of,
     held_elongation,
     identify_unit,

@@ -10,7 +10,7 @@ import pytest
 from analysis.errors import RequestError
 from boat_daq.engine.settings import Unit, UnitLibrary
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.reference import chosen_curve, stated_contributions
+from boat_daq.workflows.calibration_in_force import chosen_curve, stated_contributions
 
 SCALE = {"scale": {"u_percent": 0.1, "certificate": "DKD 4711"}}
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from boat_daq.engine.file_names import path_in
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.errors import OperatorError, StorageError
-from boat_daq.viewmodels.common.reference import stored_inverse
+from boat_daq.workflows.calibration_in_force import stored_inverse
 
 if TYPE_CHECKING:
     from analysis.calibration.inverse import Fusion

@@ -88,8 +88,6 @@ class WarningCode(StrEnum):
     UNSTABLE_STATE = "unstable_state"
     CONTRADICTORY_STATE = "contradictory_state"
     OUTSIDE_TABLE = "outside_table"
-    COLLAPSE = "collapse"
-    LARGE_OVAL = "large_oval"
 
 
 _OF_CALIBRATION = (

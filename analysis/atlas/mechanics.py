@@ -13,19 +13,15 @@ import numpy as np
 
 from analysis.arrays import FloatArray
 from analysis.atlas.sweep import Axis, Study, StudyResult, joined
-from analysis.errors import ConvergenceError
 from analysis.shadow.fem.element import EDGES
-from analysis.shadow.fem.imperfection import direct_growth
 from analysis.shadow.fem.material import NeoHookean
 from analysis.shadow.fem.mesh import Mesh, check_quality, structured_quads
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.pressure import volume_gradient
 from analysis.shadow.fem.problem import make_problem
 from analysis.shadow.fem.solver import Solution, Solver
-from analysis.shadow.model.assessment import assess
 from analysis.shadow.model.frames import Shadow
 from analysis.shadow.model.full import FullModel
-from analysis.warning import WarningCode
 
 if TYPE_CHECKING:
     from analysis.shadow.fem.scikit_fem import ScikitFemProblem
@@ -130,25 +126,6 @@ def edge(pressure_kpa: float, elongation_mm: float) -> StudyResult:
     return StudyResult(float(error), fell_back)
 
 
-SMALL = {"cells": 2, "axial_elements": 4, "wall_elements": 1, "lattice_elements": 2}
-"""An actuator that a direct solution of its waves is cheap for; it buckles at -48.8 kPa."""
-
-
-def oval(share: float, error_mm: float) -> StudyResult:
-    """Return the relative error of a print's growth, at a share of the critical pressure, against a direct solution."""
-    model = actuator(**SMALL)
-    state = model.solve(pressure_kpa=share * model.vacuum_limit.pressure_kpa)
-    found = assess(model, state, error_mm)
-    message = joined([w.text for w in found.warnings if w.code is not WarningCode.COARSE_MESH])
-    if model.imperfection is None or math.isnan(found.growth_mm):
-        return StudyResult(math.nan, message)
-    try:
-        direct = direct_growth(model.stability, state, model.imperfection, error_mm)
-    except ConvergenceError:
-        return StudyResult(math.inf, message)
-    return StudyResult(abs(found.growth_mm / direct - 1.0), message)
-
-
 STUDIES = (
     Study(
         "fem-incompressible", "full-fem", "Nearly incompressible, on a distorted mesh", "Lame's thick cylinder",
@@ -166,12 +143,6 @@ STUDIES = (
         "fem-coarse", "full-fem", "Too coarse a mesh", "a mesh of 16 x (4 + 8)", "mm", 0.05,
         Axis("elements along a bladder", "", (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0)),
         Axis("elements across the lattice", "", (1.0, 2.0, 3.0, 4.0, 6.0)), coarse,
-    ),
-    Study(
-        "fem-oval", "full-fem", "An imperfect print under vacuum", "a direct solution of the Fourier series",
-        "of the growth", 0.01,
-        Axis("share of the critical pressure", "", (-1.0, 0.2, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99, 0.999)),
-        Axis("error of the print", "mm", (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)), oval,
     ),
     Study(
         "reduced-edge", "reduced-fem", "The edge of the table", "the full model", "mm", 3.8e-3,

@@ -64,9 +64,6 @@ def solve(
     model: Annotated[str, typer.Option(callback=one_of("full", "reduced"), help="full or reduced.")] = "full",
     parameters: ParametersOption = None,
     mesh: MeshOption = None,
-    print_error: Annotated[
-        float | None, typer.Option(help="Oval error of the print, mm: also find the pressure at which it collapses.")
-    ] = None,
     plot: PlotOption = None,
     tolerance: Annotated[
         float | None,
@@ -81,15 +78,12 @@ def solve(
 ) -> None:
     """Solve the state at a pressure, at an elongation, or with both imposed (by a force at the tip).
 
-    Beyond the critical pressure the actuator is unstable; such a state is refused with that pressure. An imperfect
-    print goes oval before: by how much is computed for an error of 0.01 mm, or of --print-error.
+    Beyond the critical pressure the actuator is unstable; such a state is refused with that pressure.
 
     Example: boat-daq shadow solve --pressure -30 --json
     """
     if pressure is None and elongation is None:
         raise typer.BadParameter("give --pressure, --elongation, or both", param_hint="--pressure")
-    if print_error is not None and not 0.0 < print_error < math.inf:
-        raise typer.BadParameter("give a length above 0 mm", param_hint="--print-error")
     if mesh is not None and (model == "reduced" or plot is not None):
         raise typer.BadParameter("goes with --model full and without --plot", param_hint="--mesh")
     by_mesh = tolerance is not None and model == "full"
@@ -100,14 +94,13 @@ def solve(
         raise typer.BadParameter(
             f"the full model takes a tolerance with --pressure only: {remedy}", param_hint="--tolerance"
         )
-    from analysis.shadow.model.assessment import PRINT_ERROR_MM, assess, collapse_kpa
+    from analysis.shadow.model.assessment import assess
 
     if tolerance is None:
         solved = solved_state(pressure, elongation, model, parameters, mesh, fidelity)
     else:
         solved = solved_within(parameters, pressure, elongation, model, tolerance)
-    found = assess(solved.model, solved.solution, print_error or PRINT_ERROR_MM)
-    collapses_kpa = collapse_kpa(solved.model, print_error) if print_error else math.nan
+    found = assess(solved.model, solved.solution)
     fallback = _fallback(model, solved, parameters, fidelity)
     warnings = [*found.warnings, *fallback]
     for warning in warnings:
@@ -116,11 +109,10 @@ def solve(
         _plot_state(solved.solution, parameters, plot, fidelity)
     notes = {
         "tolerance_mm": tolerance,
-        "collapse_pressure_kpa": collapses_kpa,
         "notes": [warning.text for warning in warnings],
         "warnings": [warning.as_json() for warning in warnings],
     }
-    lines = _lines(solved, found, collapses_kpa, by_mesh=by_mesh, outside=bool(fallback))
+    lines = _lines(solved, found, by_mesh=by_mesh, outside=bool(fallback))
     present(_json(solved, found) | notes, *lines, as_json=as_json)
 
 
@@ -141,19 +133,14 @@ def _json(solved: SolvedState, found: Assessment) -> dict[str, Any]:
         "model": solved.used,
         "tip_force_mn": solution.tip_force_mn,
         "critical_pressure_kpa": solved.model.vacuum_limit.pressure_kpa,
-        "print_error_mm": found.error_mm,
-        "oval_growth_mm": found.growth_mm,
-        "oval_gain": found.gain,
-        "koiter_b_per_mm2": found.b_per_mm2,
     }
 
 
-def _lines(solved: SolvedState, found: Assessment, collapses_kpa: float, *, by_mesh: bool, outside: bool) -> list[str]:
+def _lines(solved: SolvedState, found: Assessment, *, by_mesh: bool, outside: bool) -> list[str]:
     """Return a state and its margin as lines.
 
     Parameters
     ----------
-    collapses_kpa : pressure at which the print collapses, NaN where it is not known.
     by_mesh : the stated error, if there is one, is that of the mesh; else that of the reduced model.
     outside : the state is outside the table of the reduced model, which a warning reports.
     """
@@ -174,10 +161,6 @@ def _lines(solved: SolvedState, found: Assessment, collapses_kpa: float, *, by_m
         cause = "" if outside else "the reduced model has a larger error here: "
         lines.append(f"{cause}the full model was used on the mesh of {elements} elements")
         lines.append("the error by this mesh is not part of the tolerance")
-    if math.isfinite(found.growth_mm):
-        lines.append(f"a print that is oval by {found.error_mm:g} mm is oval by another {found.growth_mm:+.2g} mm here")
-    if math.isfinite(collapses_kpa):
-        lines.append(f"such a print collapses at {collapses_kpa:.3g} kPa")
     return lines
 
 

@@ -16,7 +16,6 @@ from scipy.sparse.linalg import LinearOperator, onenormest
 from analysis.arrays import FloatArray
 from analysis.errors import DataError, RequestError
 from analysis.shadow.fem.harmonics import make_harmonics
-from analysis.shadow.fem.imperfection import Imperfection, worst_imperfection
 from analysis.shadow.fem.mesh import WALL, Mesh, build_mesh
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.problem import Problem, make_problem
@@ -158,15 +157,6 @@ class FullModel:
         """Return the last stable state under pressure."""
         check_condition(self.problem)
         return find_limit(Solver(self.problem), self.stability, self.length_mm, 1)
-
-    @cached_property
-    def imperfection(self) -> Imperfection | None:
-        """Return the print's error that vacuum enlarges most; None where no waves end the stability."""
-        limit = self.vacuum_limit
-        if limit.wave_number < 1:
-            return None
-        near = Solver(self.problem).solve(pressure_kpa=limit.pressure_kpa)
-        return worst_imperfection(self.stability, near, limit.wave_number)
 
     def solve(
         self, *, pressure_kpa: float | None = None, elongation_mm: float | None = None, start: Solution | None = None

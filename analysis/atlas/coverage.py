@@ -37,16 +37,6 @@ from analysis.optics.sweep.sweep import paper_grid
 from analysis.optics.tracer.simulation import trace
 from analysis.optics.tracer.tolerance import FEWEST_RAYS, trace_within
 from analysis.segmentation.stroke_sampling import sampling_within
-from analysis.sequential.accuracy import (
-    FEWEST,
-    FEWEST_SAMPLES,
-    POINTS,
-    accuracy_of,
-    analyses_within,
-    greatest_band_error,
-    in_mm,
-    sample_within,
-)
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.frames import Shadow
 from analysis.shadow.model.full import FullModel
@@ -61,6 +51,16 @@ from analysis.shadow.model.tolerance import (
     reduced_error_mm,
     reduced_within,
     solve_within,
+)
+from analysis.stopping.accuracy import (
+    FEWEST,
+    FEWEST_SAMPLES,
+    POINTS,
+    accuracy_of,
+    analyses_within,
+    greatest_band_error,
+    in_mm,
+    sample_within,
 )
 
 _REFERENCE_RAYS, _REFERENCE_RESAMPLES = 60_000, 20_000

@@ -28,13 +28,13 @@ from analysis.optics.sweep.figure_of_merit import FLOOR, merit, p_bounds
 from analysis.optics.tracer.simulation import TraceResult, trace
 from analysis.optics.tracer.tolerance import stated_error
 from analysis.segmentation.stroke_sampling import sampling_within
-from analysis.sequential.accuracy import POINTS, accuracy_of, greatest_band_error, in_mm
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.frames import Shadow
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.reduced import TableSettings
 from analysis.shadow.model.table import build_table
 from analysis.shadow.model.tolerance import ALONG, ORDER, TABLES, error_estimate, on_mesh, reduced_error_mm
+from analysis.stopping.accuracy import POINTS, accuracy_of, greatest_band_error, in_mm
 
 TURNS, SESSIONS, RESPONSES, CHAINS, DRIVES = 6, 12, 500, 3, 6
 MISSED = 100.0

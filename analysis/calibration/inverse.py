@@ -4,7 +4,7 @@ Strategy: on its calibrated range a monotone curve has one inverse. The curve is
 a polynomial in one piece, a spline in one piece between two knots. A table of 257 nodes gives the start, Newton's
 method, kept inside its bracket by bisection, gives the value to the last digits, compiled and vectorised. The
 uncertainty over the range is kept at 129 nodes and interpolated. These arrays are all of an inverse: what is written to
-a file, or as code for another machine (`analysis.artefact`), gives the same values. Sensors are fused by their
+a file, or as code for another machine (`calibration_export`), gives the same values. Sensors are fused by their
 variances; that their residuals are correlated (they share the reading of x) is taken into the uncertainty.
 
 Rules: outside the range there is no value: NaN and a mark, or the end of the range where a caller requests it. Noise

@@ -8,12 +8,12 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 
+from analysis.elongation_control.dynamic_figures import BODE_HEADINGS, STEP_HEADINGS, DynamicCalibration
 from analysis.figure_style import SOFT, sensor_colour
 from analysis.numbers import NOTHING
 from analysis.progress import Progress
 from analysis.reports.document import Report, ReportDrawing, ReportTable, Section, date_of
 from analysis.reports.unit import write_built
-from analysis.twin.dynamic_figures import BODE_HEADINGS, STEP_HEADINGS, DynamicCalibration
 from analysis.version import program_version
 
 

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from analysis.figures.pipeline import Analysis
     from analysis.progress import Progress
     from analysis.reports.document import Report
-    from analysis.sequential.accuracy import Accuracy, Unit
+    from analysis.stopping.accuracy import Accuracy, Unit
     from boat_daq.workflows.camera_tracking import CameraChoice
 
 
@@ -92,7 +92,7 @@ def analyze(
     from analysis import Options, PlateauSettings, load_recording
     from analysis.calibration.curve_choice import degree_of
     from analysis.figures.acceptance import conformity_json
-    from analysis.sequential.accuracy import accuracy_of
+    from analysis.stopping.accuracy import accuracy_of
     from boat_daq.commands.importing import column_map
     from boat_daq.workflows.calibration_in_force import stated_contributions
     from boat_daq.workflows.plugin_figures import with_plugins
@@ -158,7 +158,7 @@ def _analysed(
     accuracy : the tolerance of the figures, by which the draws are chosen; None for those of the fidelity.
     """
     from analysis import analyse
-    from analysis.sequential.accuracy import analyse_within
+    from analysis.stopping.accuracy import analyse_within
 
     if accuracy is None:
         return analyse(recording, elongation, options=options, progress=progress)
@@ -213,7 +213,7 @@ def _filmed(recording: Recording, run: Path, choice: CameraChoice, *, store: boo
 
 def _accuracy_json(analysis: Analysis, asked: tuple[float, Unit] | None) -> dict[str, Any]:
     """Return the errors that the draws leave, and the tolerance that chose the draws, if one was asked."""
-    from analysis.sequential.accuracy import accuracy_of
+    from analysis.stopping.accuracy import accuracy_of
 
     tolerance, unit = asked or (None, None)
     return accuracy_of(analysis).as_json() | {"tolerance": tolerance, "tolerance_unit": unit}
@@ -412,7 +412,7 @@ def report(
     from analysis.calibration.curve_choice import degree_of
     from analysis.figures.against_shadow import against_shadow
     from analysis.progress import part_of
-    from analysis.sequential.accuracy import accuracy_of
+    from analysis.stopping.accuracy import accuracy_of
     from boat_daq.workflows.calibration_in_force import stated_contributions
     from boat_daq.workflows.plugin_figures import with_plugins
     from protocol.units import ShownUnits

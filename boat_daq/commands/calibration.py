@@ -28,7 +28,7 @@ from boat_daq.commands.options import (
 if TYPE_CHECKING:
     import pandas as pd
 
-    from analysis.artefact.calibration_file import CalibrationFile
+    from analysis.calibration_export.calibration_file import CalibrationFile
     from boat_daq.engine.snapshot import SessionSnapshot
 
 POLL_S = 0.02
@@ -74,9 +74,9 @@ def calibration(
     if to is None and as_json and format != "json":
         raise typer.BadParameter("needs --out, or --format json", param_hint="--json")
     from analysis import Options, analyse, load_recording
-    from analysis.artefact.calibration_file import CalibrationFile
-    from analysis.artefact.forms import calibration_text, write_calibration
     from analysis.calibration.curve_choice import degree_of
+    from analysis.calibration_export.calibration_file import CalibrationFile
+    from analysis.calibration_export.forms import calibration_text, write_calibration
     from boat_daq.commands.importing import column_map
     from boat_daq.workflows.calibration_in_force import stated_contributions
 
@@ -133,8 +133,8 @@ def convert(
         raise typer.BadParameter("give one file, or --port PORT")
     if as_json and to is None:
         raise typer.BadParameter("needs --out: standard output is the CSV", param_hint="--json")
-    from analysis.artefact.calibration_file import read_calibration
-    from analysis.artefact.conversion import heading
+    from analysis.calibration_export.calibration_file import read_calibration
+    from analysis.calibration_export.conversion import heading
 
     found = read_calibration(calibration_file)
     found.reader()
@@ -183,7 +183,7 @@ def _converted_file(
     file : a recording, or a CSV.
     """
     from analysis import load_recording
-    from analysis.artefact.conversion import convert_recording, converted_rows, other_unit
+    from analysis.calibration_export.conversion import convert_recording, converted_rows, other_unit
     from analysis.data.boat_file import is_boat_file
     from boat_daq.commands.importing import column_map
 
@@ -210,7 +210,7 @@ def _converted_live(
     """
     import dataclasses
 
-    from analysis.artefact.conversion import check_signals, convert_signals, converted_rows
+    from analysis.calibration_export.conversion import check_signals, convert_signals, converted_rows
     from boat_daq.commands.run_session import MessagePrinter
     from boat_daq.engine.sample_columns import columns
     from boat_daq.engine.session.session import Session

@@ -76,7 +76,7 @@ def demo(
 
     Example: boat-daq demo --headless --out out/demo
     """
-    from analysis.sequential.asked import check_asked
+    from analysis.stopping.requirement import check_asked
 
     if uncertainty is not None:
         check_asked(uncertainty, "mm")

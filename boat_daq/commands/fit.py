@@ -162,7 +162,7 @@ def _posterior(
     from analysis.calibration.posterior import sample_posterior
     from analysis.calibration.quantised_x import share_their_error
     from analysis.fidelity import fidelity
-    from analysis.sequential.accuracy import greatest_band_error, sample_within
+    from analysis.stopping.accuracy import greatest_band_error, sample_within
 
     fineness = fidelity(level)
 

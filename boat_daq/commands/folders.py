@@ -40,7 +40,7 @@ def batch(
     """
     from analysis.figures.batch import batch as run_batch
     from analysis.figures.batch import write_table
-    from analysis.sequential.accuracy import WithinTolerance
+    from analysis.stopping.accuracy import WithinTolerance
 
     accuracy = figures_tolerance(tolerance)
     with progress_bar("Analysing") as advance:

@@ -127,9 +127,9 @@ def export(
     Example: boat-daq export run.boat --format csv --out run.csv
     """
     from analysis import Options, load_recording
-    from analysis.artefact.calibration_file import read_calibration
-    from analysis.artefact.conversion import convert_recording, other_unit
     from analysis.calibration.curve_choice import degree_of
+    from analysis.calibration_export.calibration_file import read_calibration
+    from analysis.calibration_export.conversion import convert_recording, other_unit
     from analysis.data.export import export as write
     from analysis.data.export import require_library
     from analysis.tracking.run import with_camera_placed

@@ -13,7 +13,7 @@ from analysis.calibration.curve_choice import AUTO, CURVES
 from analysis.fidelity import LEVELS, Level
 
 if TYPE_CHECKING:
-    from analysis.sequential.accuracy import Unit
+    from analysis.stopping.accuracy import Unit
 
 
 def one_of(*choices: str) -> Callable[[str | None], str | None]:

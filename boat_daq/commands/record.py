@@ -163,7 +163,7 @@ def _check_asked(given: Mapping[str, float | None]) -> None:
     ------
     BadParameter : there are two. RequestError : as `check_asked`.
     """
-    from analysis.sequential.asked import check_asked
+    from analysis.stopping.requirement import check_asked
 
     for kind, unit in (("staircase", "mm"), ("continuous", "% FSO")):
         asked = given[kind]

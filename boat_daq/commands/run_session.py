@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from analysis.errors import AnalysisError
-from analysis.sequential.asked import UNITS, check_asked
+from analysis.stopping.requirement import UNITS, check_asked
 from boat_daq.commands.console import Advance, notify, progress_bar
 from boat_daq.engine.control.elongation import Regulator
 from boat_daq.engine.log import start_log
@@ -266,7 +266,7 @@ def session_regulator(session: Session, request: SessionRequest) -> Regulator:
     ------
     OperatorError, AnalysisError : it has no accepted calibration, or is not identified.
     """
-    from analysis.twin.controller import Bounds
+    from analysis.elongation_control.controller import Bounds
     from boat_daq.workflows.unit_control import regulator_of
 
     units = session.units.of(simulated=session.snapshot().simulated)

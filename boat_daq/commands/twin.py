@@ -14,9 +14,9 @@ from boat_daq.engine.settings import UnitLibrary
 
 if TYPE_CHECKING:
     from analysis.data.recording import Recording
-    from analysis.twin.dynamic_figures import DynamicFigure
-    from analysis.twin.light_table import LightTable
-    from analysis.twin.unit_file import TwinFile
+    from analysis.elongation_control.dynamic_figures import DynamicFigure
+    from analysis.elongation_control.unit_file import TwinFile
+    from analysis.signal_prediction.light_table import LightTable
 
 UNITS = {"s": "s", "percent": "%", "hz": "Hz", "deg": "°"}  # by the last part of a figure's key
 
@@ -93,7 +93,7 @@ def tune(run: RecordingArgument, as_json: JsonOption = False) -> None:
 
     Example: boat-daq twin tune step-test.boat
     """
-    from analysis.twin.dynamics import lag_figures
+    from analysis.elongation_control.dynamics import lag_figures
     from boat_daq.workflows.unit_control import tune_unit
 
     recording, units = _recording(run)
@@ -178,7 +178,7 @@ def dynamics(
 
     Example: boat-daq twin dynamics steps.boat --out dynamic-calibration.pdf
     """
-    from analysis.twin.dynamic_figures import BODE_HEADINGS
+    from analysis.elongation_control.dynamic_figures import BODE_HEADINGS
     from boat_daq.workflows.unit_control import dynamics_of
 
     recording, units = _recording(run)
@@ -214,7 +214,7 @@ def predict(
 
     Example: boat-daq twin predict SA1.boat --out predicted.csv
     """
-    from analysis.twin.prediction import predict_run, published_prediction
+    from analysis.signal_prediction.prediction import predict_run, published_prediction
     from boat_daq.commands.console import writing
     from boat_daq.workflows.unit_control import fusion_of, load_twin, predicted_sensors
     from protocol.whole_file import written_whole
@@ -250,7 +250,7 @@ def predict(
 
 def _light(twin: TwinFile) -> LightTable:
     """Return the light of a unit's actuator, traced where it is not kept."""
-    from analysis.twin.light_table import light_of
+    from analysis.signal_prediction.light_table import light_of
 
     with progress_bar("tracing the light of this actuator") as advance:
         light = light_of(twin.actuator, twin.face, progress=advance)

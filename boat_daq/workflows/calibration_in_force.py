@@ -14,10 +14,10 @@ from boat_daq.engine.settings import Unit, UnitLibrary
 from boat_daq.engine.toml_values import BadValue, parse_toml, read_text
 
 if TYPE_CHECKING:
-    from analysis.artefact.calibration_file import CalibrationFile
     from analysis.calibration.curve_choice import Degree
     from analysis.calibration.inverse import Inverse
     from analysis.calibration.type_b import TypeBContribution
+    from analysis.calibration_export.calibration_file import CalibrationFile
     from analysis.data.export import ConvertedElongation
     from analysis.data.recording import Recording
     from analysis.figures.sensor_analysis import Options
@@ -105,9 +105,9 @@ def calibration_in_force(recording: Recording) -> CalibrationFile | None:
     ------
     OperatorError : the unit's file is refused. AnalysisError : the curve has no inverse over its range.
     """
-    from analysis.artefact.calibration_file import CalibrationFile
     from analysis.calibration.inverse import Fusion
     from analysis.calibration.type_b import contributions, traceability
+    from analysis.calibration_export.calibration_file import CalibrationFile
 
     unit = _unit(recording)
     stored = unit.calibration if unit is not None else None
@@ -141,13 +141,13 @@ def exported_elongation(
 
     Parameters
     ----------
-    recording, options, elongation : as `analysis.artefact.conversion.own_elongation` takes them.
+    recording, options, elongation : as `analysis.calibration_export.conversion.own_elongation` takes them.
 
     Raises
     ------
     OperatorError : the unit's file is refused.
     """
-    from analysis.artefact.conversion import convert_recording, own_elongation
+    from analysis.calibration_export.conversion import convert_recording, own_elongation
     from analysis.errors import AnalysisError
 
     try:

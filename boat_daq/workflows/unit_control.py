@@ -18,12 +18,12 @@ from boat_daq.workflows.calibration_in_force import stored_inverse
 if TYPE_CHECKING:
     from analysis.calibration.inverse import Fusion
     from analysis.data.recording import Recording
-    from analysis.twin.controller import Bounds, ElongationController
-    from analysis.twin.dynamic_figures import DynamicCalibration
-    from analysis.twin.light_table import LightTable
-    from analysis.twin.prediction import LivePrediction, SensorPrediction
-    from analysis.twin.sensor_loop import SensorLoops
-    from analysis.twin.unit_file import TwinFile
+    from analysis.elongation_control.controller import Bounds, ElongationController
+    from analysis.elongation_control.dynamic_figures import DynamicCalibration
+    from analysis.elongation_control.sensor_loop import SensorLoops
+    from analysis.elongation_control.unit_file import TwinFile
+    from analysis.signal_prediction.light_table import LightTable
+    from analysis.signal_prediction.prediction import LivePrediction, SensorPrediction
 
 
 def in_force(units: UnitLibrary, name: str) -> StoredCalibration:
@@ -60,7 +60,7 @@ def dynamics_of(units: UnitLibrary, recording: Recording, tolerance_mm: float = 
     ------
     OperatorError : the unit has no calibration. AnalysisError : the run has neither steps nor sines of elongation.
     """
-    from analysis.twin.dynamic_calibration import dynamic_calibration
+    from analysis.elongation_control.dynamic_calibration import dynamic_calibration
 
     name, fusion = recording.unit, fusion_of(units, recording.unit)
     loops, utc = sensor_loops(units, name, fusion), in_force(units, name).utc
@@ -76,7 +76,7 @@ def held_elongation(units: UnitLibrary, recording: Recording, seconds: float) ->
     """
     import numpy as np
 
-    from analysis.twin.runs import recorded_segments, run_elongation
+    from analysis.elongation_control.run_response import recorded_segments, run_elongation
 
     fusion = fusion_of(units, recording.unit)
     elongation, u_mm = run_elongation(recording, fusion, sensor_loops(units, recording.unit, fusion))
@@ -103,7 +103,7 @@ def load_twin(units: UnitLibrary, name: str) -> TwinFile:
     ------
     OperatorError : it is not identified, or was with another calibration. AnalysisError : the file is damaged.
     """
-    from analysis.twin.unit_file import read_twin
+    from analysis.elongation_control.unit_file import read_twin
 
     stored = in_force(units, name)
     twin = read_twin(twin_path(units, name))
@@ -126,8 +126,8 @@ def identify_unit(recording: Recording, units: UnitLibrary) -> TwinFile:
     OperatorError : the unit has no accepted calibration. AnalysisError : the run shows no hysteresis.
     StorageError : the file cannot be written.
     """
-    from analysis.twin.runs import identify_run
-    from analysis.twin.unit_file import TwinFile, read_twin
+    from analysis.elongation_control.run_response import identify_run
+    from analysis.elongation_control.unit_file import TwinFile, read_twin
 
     stored = in_force(units, recording.unit)
     before = read_twin(twin_path(units, recording.unit))
@@ -147,7 +147,7 @@ def tune_unit(recording: Recording, units: UnitLibrary) -> TwinFile:
     ------
     OperatorError : as `load_twin`. AnalysisError : the run is no step test. StorageError : the file cannot be written.
     """
-    from analysis.twin.runs import tune_run
+    from analysis.elongation_control.run_response import tune_run
 
     twin = load_twin(units, recording.unit)
     twin = twin.tuned(tune_run(recording, fusion_of(units, recording.unit), twin.model))
@@ -164,7 +164,7 @@ def predicted_sensors(units: UnitLibrary, name: str, light: LightTable) -> tuple
     """
     import numpy as np
 
-    from analysis.twin.prediction import predict_sensors
+    from analysis.signal_prediction.prediction import predict_sensors
 
     stored = in_force(units, name).content["sensors"]
     points = [(np.asarray(one["elongation_mm"], float), np.asarray(one["signal_mv"], float)) for one in stored]
@@ -180,9 +180,9 @@ def live_prediction_of(units: UnitLibrary, name: str, fusion: Fusion) -> LivePre
     ------
     OperatorError : the unit has no accepted calibration. AnalysisError : a file is damaged.
     """
-    from analysis.twin.light_table import light_of
-    from analysis.twin.prediction import live_prediction
-    from analysis.twin.unit_file import read_twin
+    from analysis.elongation_control.unit_file import read_twin
+    from analysis.signal_prediction.light_table import light_of
+    from analysis.signal_prediction.prediction import live_prediction
 
     twin = read_twin(twin_path(units, name))
     if twin is None or twin.calibration_utc != in_force(units, name).utc:
@@ -199,7 +199,7 @@ def prepare_control(path: Path, units: UnitLibrary) -> str:
     OperatorError, AnalysisError, StorageError : as `identify_unit` and `tune_unit`.
     """
     from analysis.data.load import load_recording
-    from analysis.twin.runs import recorded_segments
+    from analysis.elongation_control.run_response import recorded_segments
 
     recording = load_recording(path)
     library = units.of(simulated=recording.simulated)
@@ -248,7 +248,7 @@ def regulator_of(
     ------
     OperatorError, AnalysisError : as `load_twin` and `fusion_of`.
     """
-    from analysis.twin.controller import ElongationController, Tuning
+    from analysis.elongation_control.controller import ElongationController, Tuning
 
     twin = load_twin(units, name)
     fusion = fusion or fusion_of(units, name)
@@ -266,7 +266,7 @@ def sensor_loops(units: UnitLibrary, name: str, fusion: Fusion) -> SensorLoops |
     """
     import numpy as np
 
-    from analysis.twin.sensor_loop import find_loops
+    from analysis.elongation_control.sensor_loop import find_loops
 
     points = [
         (np.asarray(one["elongation_mm"], float), np.asarray(one["signal_mv"], float))

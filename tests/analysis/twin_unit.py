@@ -10,10 +10,10 @@ import numpy as np
 from analysis import fit_calibration
 from analysis.arrays import FloatArray
 from analysis.calibration.inverse import Fusion, Inverse
-from analysis.twin.controller import Bounds, ElongationController, Tuning
-from analysis.twin.dynamics import Lag
-from analysis.twin.hysteresis import HysteresisModel, identify
-from analysis.twin.sensor_loop import find_loops
+from analysis.elongation_control.controller import Bounds, ElongationController, Tuning
+from analysis.elongation_control.dynamics import Lag
+from analysis.elongation_control.hysteresis import HysteresisModel, identify
+from analysis.elongation_control.sensor_loop import find_loops
 from protocol.simulator.plant import Body, Sensors
 from protocol.simulator.specimens import find_specimen
 

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from analysis.elongation_control.controller import Tuning
+from analysis.elongation_control.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
+from analysis.elongation_control.dynamics import lag_figures
+from analysis.elongation_control.unit_file import TwinFile
 from analysis.optics.scene.curves import default_curves
 from analysis.reports.reproduction import PaperDrawing, Reproduction, shadow_rows
 from analysis.shadow.model.states import GuideStates
-from analysis.twin.controller import Tuning
-from analysis.twin.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
-from analysis.twin.dynamics import lag_figures
-from analysis.twin.prediction import published_prediction
-from analysis.twin.unit_file import TwinFile
+from analysis.signal_prediction.prediction import published_prediction
 from boat_daq.cli import app
 from boat_daq.engine.simulator.server import BoardSettings, serve
 from tests.analysis.twin_unit import LAG, identified

@@ -13,9 +13,9 @@ import pytest
 
 from analysis import fit_calibration
 from analysis.calibration.inverse import Fusion, Inverse
-from analysis.twin.controller import ElongationController, Tuning
-from analysis.twin.dynamics import Lag
-from analysis.twin.hysteresis import HysteresisModel
+from analysis.elongation_control.controller import ElongationController, Tuning
+from analysis.elongation_control.dynamics import Lag
+from analysis.elongation_control.hysteresis import HysteresisModel
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, serve

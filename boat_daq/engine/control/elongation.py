@@ -33,7 +33,7 @@ Point = tuple[float, float, float]
 
 
 class Regulated(Protocol):
-    """What a regulator returns: see `analysis.twin.controller.Output`."""
+    """What a regulator returns: see `analysis.elongation_control.controller.Output`."""
 
     @property
     def pressure_kpa(self) -> float: ...
@@ -58,7 +58,7 @@ class Regulated(Protocol):
 
 
 class Regulator(Protocol):
-    """Signals in, pressures out; `analysis.twin.controller.ElongationController` is one."""
+    """Signals in, pressures out; `analysis.elongation_control.controller.ElongationController` is one."""
 
     @property
     def period_s(self) -> float: ...

@@ -9,7 +9,7 @@ import pyqtgraph as pg
 from PySide6.QtCore import Qt, QTimerEvent
 from PySide6.QtWidgets import QDialog, QWidget
 
-from analysis.twin.dynamic_figures import BODE_HEADINGS, STEP_HEADINGS, DynamicCalibration
+from analysis.elongation_control.dynamic_figures import BODE_HEADINGS, STEP_HEADINGS, DynamicCalibration
 from boat_daq.gui import style
 from boat_daq.gui.plotting.axes import LogAxis, TickAxis
 from boat_daq.gui.plotting.plot import Plot, ThemeColour, sensor_colour

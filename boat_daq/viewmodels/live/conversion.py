@@ -23,8 +23,8 @@ from boat_daq.workflows.unit_control import live_prediction_of, regulator_of
 
 if TYPE_CHECKING:
     from analysis.calibration.inverse import Fusion
-    from analysis.twin.controller import ElongationController
-    from analysis.twin.prediction import LivePrediction
+    from analysis.elongation_control.controller import ElongationController
+    from analysis.signal_prediction.prediction import LivePrediction
 
 
 LASTING_S = 3.0

@@ -18,7 +18,7 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from analysis.errors import AnalysisError
-from analysis.sequential.asked import EXAMPLES, UNITS, check_asked
+from analysis.stopping.requirement import EXAMPLES, UNITS, check_asked
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
@@ -29,7 +29,7 @@ from boat_daq.viewmodels.common.services import Change, Services
 from boat_daq.workflows.jobs import Job, JobState
 
 if TYPE_CHECKING:
-    from analysis.sequential.stopping import StopAssessment
+    from analysis.stopping.criterion import StopAssessment
     from boat_daq.viewmodels.live.sequence import SequenceModel
 
 KEY = "end_at"  # of the preferences
@@ -74,7 +74,7 @@ def assess_end(recording: Path, asked: float, unit: str, cycles: int) -> EndUnce
     ----------
     asked, unit : the uncertainty asked for, mm of U (k = 2) or % FSO.
     """
-    from analysis.sequential.stopping import assess_run
+    from analysis.stopping.criterion import assess_run
 
     try:
         found = assess_run(recording, asked, cycles, repeats=unit == UNITS["continuous"])
@@ -154,7 +154,7 @@ class EnoughCycles:
 
     def _begin(self, snapshot: SessionSnapshot, asked: float) -> None:
         """Start to assess the run."""
-        from analysis.sequential.stopping import assess_run
+        from analysis.stopping.criterion import assess_run
 
         self.ended_by = None
         assert snapshot.recording is not None

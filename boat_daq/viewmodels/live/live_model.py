@@ -69,7 +69,7 @@ Inverse = Callable[[FloatArray], LiveElongation]  # [n, sensors] mV -> elongatio
 
 
 class Prediction(Protocol):
-    """Predicts signals from pressure; `analysis.twin.prediction.LivePrediction` is one."""
+    """Predicts signals from pressure; `analysis.signal_prediction.prediction.LivePrediction` is one."""
 
     def __call__(self, pressure_kpa: FloatArray) -> tuple[FloatArray, FloatArray]: ...
     def disagreement(self, signal_mv: FloatArray, pressure_kpa: float, samples: int) -> str: ...

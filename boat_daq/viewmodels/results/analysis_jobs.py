@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from analysis.figures.across_breaks import Break, Comparison
     from analysis.figures.pipeline import Analysis
     from analysis.figures.sensor_analysis import Options, SensorAnalysis
-    from analysis.sequential.accuracy import Unit
+    from analysis.stopping.accuracy import Unit
 
 Band = tuple[FloatArray, FloatArray]
 Cell = tuple[str, str]
@@ -285,7 +285,7 @@ def analyse_run(
     from analysis.figures.batch import readings_beside
     from analysis.figures.sensor_analysis import Options
     from analysis.figures.uncertainty import curve_candidates_of
-    from analysis.sequential.stopping import DRIFT, SPREAD, half_width
+    from analysis.stopping.criterion import DRIFT, SPREAD, half_width
 
     recording = load_recording(Path(path))
     part_of(progress, 0, 1, 4)(1, 1)
@@ -333,7 +333,7 @@ def analyse_run(
 
 def _draws_text(found: Analysis) -> str:
     """Return the error that the resamples leave in the intervals; empty where none is in % FSO."""
-    from analysis.sequential.accuracy import accuracy_of
+    from analysis.stopping.accuracy import accuracy_of
 
     reached = accuracy_of(found)
     if not math.isfinite(reached.intervals_percent_fso):
@@ -362,7 +362,7 @@ def _analysed(
     """
     from analysis.errors import RequestError
     from analysis.figures.pipeline import analyse
-    from analysis.sequential.accuracy import accuracy_of, analyses_within
+    from analysis.stopping.accuracy import accuracy_of, analyses_within
 
     if tolerance is None or not (options.mcmc or of_intervals(tolerance)):
         return analyse(recording, readings, options=options, progress=progress)
@@ -527,7 +527,7 @@ def sample_run(
     progress : is called with what is done and the total.
     """
     from analysis.calibration.posterior import sample_posterior
-    from analysis.sequential.accuracy import greatest_band_error, sample_within
+    from analysis.stopping.accuracy import greatest_band_error, sample_within
 
     results, fineness = [], fidelity(level)
     for i, (x, y, *_) in enumerate(points):
@@ -612,8 +612,8 @@ def export_calibration(
     AnalysisError : the run is no calibration, it gives no elongation, no table keeps to the bound, or the target cannot
         be written.
     """
-    from analysis.artefact.calibration_file import CalibrationFile
-    from analysis.artefact.forms import FORMS, write_calibration
+    from analysis.calibration_export.calibration_file import CalibrationFile
+    from analysis.calibration_export.forms import FORMS, write_calibration
     from analysis.data.load import load_recording
     from analysis.figures.pipeline import analyse
     from analysis.figures.sensor_analysis import Options

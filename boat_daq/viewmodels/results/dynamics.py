@@ -14,7 +14,7 @@ from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from boat_daq.workflows.unit_control import dynamics_of
 
 if TYPE_CHECKING:
-    from analysis.twin.dynamic_figures import DynamicCalibration
+    from analysis.elongation_control.dynamic_figures import DynamicCalibration
 
 
 SETTLED_MM = 0.05

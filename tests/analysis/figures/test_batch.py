@@ -10,7 +10,7 @@ import pytest
 from analysis import AnalysisError
 from analysis.examples import batch_a_folder, calibrate_a_run, compare_units
 from analysis.figures.batch import batch, write_table
-from analysis.sequential.accuracy import WithinTolerance
+from analysis.stopping.accuracy import WithinTolerance
 from tests.analysis.boat_builder import Plant, Staircase, write_boat
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from analysis.elongation_control.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
 from analysis.errors import RequestError
 from analysis.reports.dynamics import dynamic_report, write_dynamic_report
-from analysis.twin.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
 
 FIGURES = {
     "time_constant_s": DynamicFigure(0.42, 0.40, 0.44),

@@ -15,7 +15,7 @@ from analysis.figures.pipeline import Analysis
 from boat_daq.commands.demo import truth_of
 from boat_daq.engine.plan import load_plan
 from tests.analysis.boat_builder import Plant, Staircase
-from tests.analysis.sequential.simulated_run import SimulatedRun
+from tests.analysis.stopping.simulated_run import SimulatedRun
 
 QUICK = Options(mcmc=False, fidelity="draft")
 LIGHT_MV, REMAINS_MV, PERIOD_S = 5.0, 0.3, 9.0

@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 
 from analysis import load_recording
-from analysis.artefact.calibration_file import CalibrationFile, read_calibration
-from analysis.artefact.forms import calibration_text
+from analysis.calibration_export.calibration_file import CalibrationFile, read_calibration
+from analysis.calibration_export.forms import calibration_text
 from boat_daq.engine.simulator.server import BoardSettings
 from tests.boat_daq.commands.calls import call, exit_code, program, refusal
 from tests.boat_daq.engine.served_board import serve_in_thread

@@ -12,8 +12,8 @@ import pytest
 
 from analysis import fit_calibration
 from analysis.data.recording import STEP_COLUMNS, Recording
+from analysis.elongation_control.run_response import run_elongation
 from analysis.errors import FileError
-from analysis.twin.runs import run_elongation
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import OperatorError
 from boat_daq.workflows.unit_control import (
@@ -115,7 +115,7 @@ def test_another_actuator_is_kept_and_predicts_nothing_until_its_light_is_traced
     store_twin(units, replace(twin, actuator=actuator, face="inner"))
     again = identify_unit(run, units)
     assert (again.actuator, again.face) == (actuator, "inner")
-    monkeypatch.setattr("analysis.twin.light_table.cache_folder", lambda: tmp_path)
+    monkeypatch.setattr("analysis.signal_prediction.light_table.cache_folder", lambda: tmp_path)
     assert live_prediction_of(units, "SA1", fusion) is None
     path = twin_path(units, "SA1")
     path.write_text(path.read_text(encoding="utf-8").replace('"wall_mm": 2.4', '"wall_mm": -2.4'), encoding="utf-8")

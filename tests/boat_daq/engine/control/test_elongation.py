@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from analysis.elongation_control.controller import Bounds
 from analysis.errors import RequestError
-from analysis.twin.controller import Bounds
 from boat_daq.engine.control.elongation import SLOW_ANSWERS
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.snapshot import MessageKind, SessionState

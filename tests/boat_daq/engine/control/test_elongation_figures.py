@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from analysis.arrays import FloatArray
-from analysis.twin.controller import Bounds, ElongationController
-from analysis.twin.hysteresis import identify
+from analysis.elongation_control.controller import Bounds, ElongationController
+from analysis.elongation_control.hysteresis import identify
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.snapshot import SessionState
 from protocol.recording import Segment

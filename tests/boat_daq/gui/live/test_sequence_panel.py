@@ -11,7 +11,7 @@ from PySide6.QtWidgets import (
     QApplication,
 )
 
-from analysis.sequential.stopping import StopAssessment, StopCriterion
+from analysis.stopping.criterion import StopAssessment, StopCriterion
 from boat_daq.engine.plan import StepMark, built_in_plans
 from boat_daq.engine.snapshot import (
     RunEnding,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PySide6.QtTest import QTest
 
-from analysis.twin.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
+from analysis.elongation_control.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
 from boat_daq.gui import style
 from boat_daq.gui.results.dynamics_window import STEP_COLOURS, DynamicsWindow
 from boat_daq.viewmodels.common.tolerance import tolerance_choice

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.twin.prediction import LivePrediction, live_prediction, predict_sensors
+from analysis.signal_prediction.prediction import LivePrediction, live_prediction, predict_sensors
 from boat_daq.viewmodels.live import conversion as watched
 from boat_daq.viewmodels.live.conversion import DisagreementWatch
 from boat_daq.viewmodels.live.layout import Layout

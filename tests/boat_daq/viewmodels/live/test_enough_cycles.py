@@ -10,7 +10,7 @@ from typing import Any, cast
 import pytest
 
 from analysis.errors import RequestError
-from analysis.sequential.stopping import StopAssessment, StopCriterion
+from analysis.stopping.criterion import StopAssessment, StopCriterion
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
@@ -131,7 +131,7 @@ def test_an_ended_run_and_no_u_leave_nothing(model: EnoughCycles) -> None:
 def test_at_its_end_a_run_has_the_u_of_all_its_cycles(model: EnoughCycles, monkeypatch: pytest.MonkeyPatch) -> None:
     """The last cycle of a plan is assessed after the run; one that ended the run is not assessed again."""
     plan, assessed = built_in_plans()["calibration"], known(5, 0.12, 0.1)
-    monkeypatch.setattr("analysis.sequential.stopping.assess_run", lambda *_, **__: assessed)
+    monkeypatch.setattr("analysis.stopping.criterion.assess_run", lambda *_, **__: assessed)
     end = model.at_end(Path("run.boat"), plan)
     text = "U 0.12 mm of 0.08 mm asked after all 5 cycles: not reached, no number of cycles leads to it"
     assert end == EndUncertainty(0.08, "mm", 0.12, 5, reached=False, text=text)
@@ -148,7 +148,7 @@ def test_at_its_end_a_run_has_the_u_of_all_its_cycles(model: EnoughCycles, monke
 
 def test_a_cycle_beyond_the_end_is_assessed_too(model: EnoughCycles, monkeypatch: pytest.MonkeyPatch) -> None:
     """One that became complete while the assessment was made that ended the run."""
-    monkeypatch.setattr("analysis.sequential.stopping.assess_run", lambda *_, **__: known(3, 0.07, 0.05))
+    monkeypatch.setattr("analysis.stopping.criterion.assess_run", lambda *_, **__: known(3, 0.07, 0.05))
     Done.result = known(2, 0.079, 0.05)
     model.follow(snapshot(2))
     model.follow(snapshot(3))
@@ -183,7 +183,7 @@ def test_a_value_is_of_its_unit_alone(model: EnoughCycles, ended: list[str]) -> 
 
 def test_the_next_run_does_not_end_as_the_one_before(model: EnoughCycles, monkeypatch: pytest.MonkeyPatch) -> None:
     """One that ends before its first assessment had the U of the run before."""
-    monkeypatch.setattr("analysis.sequential.stopping.assess_run", lambda *_, **__: known(5, 0.12, 0.05))
+    monkeypatch.setattr("analysis.stopping.criterion.assess_run", lambda *_, **__: known(5, 0.12, 0.05))
     Done.result = known(2, 0.079, 0.05)
     for complete in (2, 2, 0):
         model.follow(snapshot(complete))

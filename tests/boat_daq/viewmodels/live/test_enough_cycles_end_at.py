@@ -9,7 +9,7 @@ from typing import Any, cast
 import pytest
 
 from analysis.errors import RequestError
-from analysis.sequential.stopping import StopAssessment, StopCriterion
+from analysis.stopping.criterion import StopAssessment, StopCriterion
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import RunEnding, SessionState
 from boat_daq.errors import OperatorError

@@ -69,9 +69,9 @@ def test_run_without_such_an_error_is_analysed_at_the_fidelity(monkeypatch):
         yield "coarse"
         raise RequestError("no error in %FSO: no figure has an interval", "analyse a calibration run")
 
-    monkeypatch.setattr("analysis.sequential.accuracy.analyses_within", within)
+    monkeypatch.setattr("analysis.stopping.accuracy.analyses_within", within)
     nothing = SimpleNamespace(error=lambda unit: asked.append(unit) or np.nan)
-    monkeypatch.setattr("analysis.sequential.accuracy.accuracy_of", lambda _: nothing)
+    monkeypatch.setattr("analysis.stopping.accuracy.accuracy_of", lambda _: nothing)
     monkeypatch.setattr("analysis.figures.pipeline.analyse", lambda *_, **__: "by the fidelity")
     options = SimpleNamespace(mcmc=True)
     assert analysis_jobs._analysed(None, None, options, TypedTolerance(0.1, "%FSO"), None) == "by the fidelity"

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from analysis.twin.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
+from analysis.elongation_control.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.results import dynamics

@@ -10,7 +10,7 @@ from unittest.mock import Mock
 import pytest
 
 from analysis.fidelity import fidelity
-from analysis.sequential.stopping import DRIFT, SPREAD
+from analysis.stopping.criterion import DRIFT, SPREAD
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import Progress, SessionState
 from boat_daq.viewmodels.results.analysis_jobs import analyse_run
@@ -73,9 +73,7 @@ def test_what_is_known_of_drift_and_repeatability_has_its_unit(result):
 def test_the_intervals_are_those_at_which_a_run_ends(recording, monkeypatch):
     """Drift and repeatability of all sensors, as the assessment of a run with a % FSO asked for."""
     halves = {DRIFT: 0.4, SPREAD: 0.1}
-    monkeypatch.setattr(
-        "analysis.sequential.stopping.half_width", lambda sensors, key: (halves[key] * len(sensors), "")
-    )
+    monkeypatch.setattr("analysis.stopping.criterion.half_width", lambda sensors, key: (halves[key] * len(sensors), ""))
     found = analyse_run(str(recording), level="draft")
     assert (found.drift_half, found.spread_half) == (0.8, 0.2)
 

@@ -1,0 +1,120 @@
+"""A calibration as one C99 header without a library: Newton's method in double precision, or tables in single.
+
+Strategy: the header has the arrays of `Inverse` and the same steps. Its start table has 33 nodes, which bounds the work
+to 5 bisections and 60 steps; 3 or 4 steps are usual. With a bound on the error, tables over the signal in single
+precision take the place of the iteration: constant time, and a tenth of it on a processor without floating point.
+
+Rule: names from a recording are comments and a string; nothing in them ends a comment or a string.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from analysis.calibration.inverse import BEYOND_SIGMA, DISAGREEMENT_SIGMA, NODES, U_NODES, Inverse
+from analysis.calibration_export.calibration_file import CalibrationFile
+from analysis.calibration_export.signal_table import signal_table
+
+START_NODES, STEPS = 33, 60
+PER_ROW = 6
+
+
+def c_header(calibration: CalibrationFile, table_error_mm: float | None = None) -> str:
+    """Return the header's text.
+
+    Parameters
+    ----------
+    table_error_mm : bound on the error of tables in single precision; None for Newton's method in double precision.
+
+    Raises
+    ------
+    DataError : the calibration gives no elongation. RequestError : no table keeps to the bound.
+    """
+    fusion, single = calibration.reader(), table_error_mm is not None
+    sensors = [_sensor(inverse, number, table_error_mm) for number, inverse in enumerate(fusion.inverses)]
+    if table_error_mm is not None:
+        method = f"Tables over the signal: within {table_error_mm:g} mm of the calibration's inverse, sensor by sensor."
+    else:
+        method = "Newton's method, kept inside its bracket: within 1e-9 mm of the calibration's inverse."
+    text: str = template_of("calibration.h.j2", single=single).render(
+        comment=[comment_text(line) for line in (calibration.title, *calibration.remarks)],
+        method=method,
+        precision="single" if single else "double",
+        real="float" if single else "double",
+        simulated=int(calibration.head["simulated"]),
+        unit=_string(calibration.head["unit"]),
+        sensors=sensors,
+        correlation=fusion.correlation.tolist(),
+        reference=fusion.inverses[0].reference,
+        table=single,
+        per_row=PER_ROW,
+        nodes=START_NODES,
+        bisections=(START_NODES - 1).bit_length() - 1,
+        steps=STEPS,
+        u_nodes=U_NODES,
+        rounding=1e-6 if single else 1e-13,
+        beyond=BEYOND_SIGMA,
+        disagreement=DISAGREEMENT_SIGMA,
+    )
+    return text
+
+
+def template_of(name: str, *, single: bool = False) -> Any:
+    """Return a template of this package; `real` writes a number with all its digits, `row` a row vector of MATLAB."""
+
+    def real(value: float) -> str:
+        if not single:
+            return repr(float(value))
+        text = f"{np.float32(value):.9g}"
+        return f"{text}f" if "." in text or "e" in text else f"{text}.0f"
+
+    def row(values: Sequence[float]) -> str:
+        numbers = [real(value) for value in values]
+        lines = [" ".join(numbers[first : first + PER_ROW]) for first in range(0, len(numbers), PER_ROW)]
+        joined = " ...\n        ".join(lines)
+        return f"[{joined}]"
+
+    environment = Environment(  # noqa: S701 - no HTML
+        loader=PackageLoader("analysis.calibration_export", "templates"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {"real": real, "row": row}
+    return environment.get_template(name)
+
+
+def comment_text(text: str) -> str:
+    """Return text for one line of a comment in C or MATLAB: printable ASCII that ends no comment and no line."""
+    plain = "".join(c if " " <= c <= "~" else "?" for c in " ".join(text.split()))
+    for ending in ("*/", "/*"):
+        plain = plain.replace(ending, "* /" if ending == "*/" else "/ *")
+    return plain.replace("??", "? ?").rstrip("\\ ")[:400]
+
+
+def _string(text: str) -> str:
+    """Return the inside of a C string."""
+    plain = "".join(c if " " <= c <= "~" else "?" for c in text)[:200]
+    return plain.replace("\\", "\\\\").replace('"', '\\"').replace("?", "\\?")
+
+
+def _sensor(inverse: Inverse, number: int, table_error_mm: float | None) -> dict[str, Any]:
+    low_mv, high_mv = inverse.nodes[[0, -1]]
+    ends = [*inverse.x_range, inverse.half_division_mm, low_mv, high_mv, *inverse.end_slopes]
+    uncertainty = [("noise_mm", inverse.noise_mm.tolist()), ("shared_mm", inverse.shared_mm.tolist())]
+    if table_error_mm is not None:
+        _, x = signal_table(inverse, table_error_mm, single=True)
+        x = x if high_mv > low_mv else x[::-1]
+        arrays = [("elongation_mm", x.tolist()), *uncertainty]
+        per_mv = (x.size - 1) / abs(high_mv - low_mv)
+        return {"number": number, "ends": ends, "arrays": arrays, "nodes": x.size, "nodes_per_mv": per_mv}
+    start = inverse.nodes[:: (NODES - 1) // (START_NODES - 1)]
+    curve = [("starts", inverse.starts), ("powers", inverse.powers.ravel()), ("nodes_mv", start)]
+    arrays = [*((name, values.tolist()) for name, values in curve), *uncertainty]
+    pieces, size = inverse.powers.shape
+    return {"number": number, "ends": ends, "arrays": arrays, "pieces": pieces, "degree": size - 1}

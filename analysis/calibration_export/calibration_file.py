@@ -1,0 +1,253 @@
+"""A calibration as a JSON file: identity, coefficients, covariance, ranges, U over x, and all that its inverse needs.
+
+Strategy: the file holds the arrays of `Inverse` themselves, numbers as their shortest exact decimals, so that a reader
+of the file gives the values of the program that wrote it, to the last bit. Code for other machines is made from the
+same value (`analysis.calibration_export.c_header`, `analysis.calibration_export.matlab`).
+
+Rules: the file has a version; a newer one is refused. What the run warns of is in the file. A calibration that gives no
+elongation is written with the reason and without an inverse; nothing converts with it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.calibration.inverse import NODES, U_NODES, Fusion, Inverse, signal_at
+from analysis.calibration.type_b import traceability
+from analysis.errors import AnalysisError, DataError, FileError
+from analysis.figures.pipeline import Analysis
+from analysis.figures.uncertainty import elongation_reader
+from analysis.numbers import finite
+from analysis.version import program_version
+from protocol.regular_file import read_regular
+
+FORMAT, VERSION = "boat-daq calibration", 1
+COVERAGE_FACTOR = 2.0
+MOST_BYTES = 4_000_000
+MOST_SENSORS, MOST_PIECES, MOST_POWERS = 16, 64, 11
+_HEAD = (
+    "program_version", "simulated", "unit", "recording", "recording_id", "calibrated_utc", "operator", "traceability",
+)  # fmt: skip
+_INVERSE = ("range_mm", "starts", "powers", "noise_mm", "shared_mm", "half_division_mm")
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationFile:
+    """A calibration that leaves the program.
+
+    Attributes
+    ----------
+    head : simulated, unit, recording, recording_id, calibrated_utc, operator, program_version, traceability, warnings.
+    sensors : of each, name, fit (as `fit --json`), adequacy, and U over x.
+    fusion : the inverses of all sensors; None where `void` gives the reason.
+    """
+
+    head: Mapping[str, Any]
+    sensors: tuple[Mapping[str, Any], ...]
+    fusion: Fusion | None
+    void: str = ""
+
+    @classmethod
+    def of(cls, analysis: Analysis) -> CalibrationFile:
+        """Return the calibration of a run.
+
+        Raises
+        ------
+        DataError : no sensor of the run is calibrated.
+        """
+        recording = analysis.recording
+        if not any(sensor.calibration is not None for sensor in analysis.sensors):
+            raise DataError(
+                f"this run is no calibration: {analysis.sensors[0].calibration_void}",
+                "Give its readings of elongation, or choose a calibration run.",
+            )
+        head = {
+            "program_version": program_version(),
+            "simulated": recording.simulated,
+            "unit": recording.unit,
+            "recording": Path(recording.source).name,
+            "recording_id": str(recording.meta.get("uuid") or ""),
+            "calibrated_utc": recording.started_utc,
+            "operator": str(recording.meta.get("operator") or ""),
+            "traceability": traceability(analysis.options.type_b).text,
+            "warnings": [warning.as_json() for warning in analysis.warnings],
+        }
+        kept = ("name", "adequacy", "u_elongation_mm")
+        sensors = tuple(
+            {key: content[key] for key in kept} | {"fit": content["calibration"]}
+            for content in analysis.to_json()["sensors"]
+        )
+        try:
+            fusion = elongation_reader(analysis)
+        except AnalysisError as error:
+            return cls(head, sensors, None, error.cause)
+        if not all(np.isfinite(inverse.noise_mm + inverse.shared_mm).all() for inverse in fusion.inverses):
+            return cls(head, sensors, None, "the uncertainty of an elongation is not known over the whole range")
+        return cls(head, sensors, fusion)
+
+    @property
+    def title(self) -> str:
+        """What it is of, in a line."""
+        kind = "SIMULATED calibration" if self.head["simulated"] else "Calibration"
+        unit = f"unit {self.head['unit']}" if self.head["unit"] else "a unit without a name"
+        return f"{kind} of {unit}, {self.head['calibrated_utc'] or 'at an unknown time'}"
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a user of the values must know, a sentence each: adequacy, traceability, warnings."""
+        found = [] if self.head["unit"] else ["the unit has no name: nothing shows which unit the values belong to"]
+        for sensor in self.sensors:
+            verdict = (sensor["adequacy"] or {}).get("verdict", "")
+            if verdict not in ("", "adequate"):
+                found.append(f"{sensor['name']}: the curve is {verdict}, and U is widened by what it misses")
+        warned = [" ".join(filter(None, (w.get("subject"), w.get("text")))) for w in self.head["warnings"]]
+        return (*found, f"an elongation is {self.head['traceability']}", *warned)
+
+    def reader(self) -> Fusion:
+        """Return what turns signals into elongation.
+
+        Raises
+        ------
+        DataError : the calibration gives no elongation.
+        """
+        if self.fusion is None:
+            raise DataError(f"this calibration gives no elongation: {self.void}", "Choose another curve or run.")
+        return self.fusion
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the content of the file."""
+        fusion, sensors = self.fusion, []
+        for number, sensor in enumerate(self.sensors):
+            inverse = None if fusion is None else _inverse_json(fusion.inverses[number])
+            sensors.append({**sensor, "inverse": inverse})
+        constant, relative = fusion.inverses[0].reference if fusion is not None else (0.0, 0.0)
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            **self.head,
+            "units": {"signal": "mV", "elongation": "mm", "noise_mm, shared_mm": "mm, standard uncertainty (k = 1)"},
+            "coverage_factor": COVERAGE_FACTOR,
+            "sensors": sensors,
+            "correlation": None if fusion is None else fusion.correlation.tolist(),
+            "reference_u": {"constant_mm": constant, "relative": relative},
+            "void": self.void,
+        }
+
+    def text(self) -> str:
+        """Return the file's text."""
+        return json.dumps(finite(self.as_json()), indent=1, ensure_ascii=False, allow_nan=False, default=str) + "\n"
+
+
+def _inverse_json(inverse: Inverse) -> dict[str, Any]:
+    values = {"range_mm": inverse.x_range} | {key: getattr(inverse, key) for key in _INVERSE[1:]}
+    return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in values.items()}
+
+
+def read_calibration(path: str | Path) -> CalibrationFile:
+    """Return the calibration of a file that `CalibrationFile.text` wrote.
+
+    Raises
+    ------
+    FileError : not such a file, of a newer version, or damaged; the message names what.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileError(f"{path} does not exist" if not path.exists() else f"{path} is not a file", "Check the name.")
+    try:
+        content = json.loads(read_regular(path, MOST_BYTES))
+    except OSError as error:
+        raise FileError(f"{path.name} cannot be read: {error.strerror}", "Check the file.") from error
+    except (ValueError, RecursionError):
+        content = None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise FileError(
+            f"{path.name} is not a calibration of boat-daq", "Give the JSON file of an exported calibration."
+        )
+    version = content.get("version")
+    if not isinstance(version, int) or isinstance(version, bool) or not 1 <= version <= VERSION:
+        raise FileError(
+            f"{path.name} has version {version!r:.20}; this program reads up to {VERSION}", "Update boat-daq."
+        )
+    try:
+        return _parsed(content)
+    except _DamageError as error:
+        raise FileError(f"{path.name} is damaged: {error}", "Export the calibration again.") from None
+
+
+class _DamageError(ValueError):
+    """What of a file is wrong."""
+
+
+def _parsed(content: Mapping[str, Any]) -> CalibrationFile:
+    head = {key: _typed(content, key, bool if key == "simulated" else str) for key in _HEAD}
+    head["warnings"] = [one for one in _typed(content, "warnings", list) if isinstance(one, dict)]
+    void, sensors = _typed(content, "void", str), _typed(content, "sensors", list)
+    if not 1 <= len(sensors) <= MOST_SENSORS or not all(isinstance(sensor, dict) for sensor in sensors):
+        raise _DamageError("sensors is not a list of sensors")
+    for number, sensor in enumerate(sensors, 1):
+        if not isinstance(sensor.get("adequacy"), dict | None):
+            raise _DamageError(f"adequacy of sensor {number} is not an object")
+        sensor["name"] = str(sensor.get("name") or f"s{number}")
+    kept = tuple({key: value for key, value in sensor.items() if key != "inverse"} for sensor in sensors)
+    if void:
+        return CalibrationFile(head, kept, None, void)
+    terms = _typed(content, "reference_u", dict)
+    reference = (_number(terms, "constant_mm", least=0.0), _number(terms, "relative", least=0.0))
+    inverses = tuple(_inverse(sensor.get("inverse"), sensor["name"], reference) for sensor in sensors)
+    correlation = _array(content, "correlation", (len(sensors), len(sensors)))
+    if np.abs(correlation).max() > 1.0 + 1e-9 or not np.allclose(correlation, correlation.T):
+        raise _DamageError("correlation is no matrix of correlations")
+    return CalibrationFile(head, kept, Fusion(inverses, correlation))
+
+
+def _inverse(content: Any, name: str, reference: tuple[float, float]) -> Inverse:
+    if not isinstance(content, Mapping):
+        raise _DamageError(f"inverse of {name} is missing")
+    low, high = (float(end) for end in _array(content, "range_mm", (2,)))
+    starts, powers = _array(content, "starts", None), _array(content, "powers", None)
+    fits = starts.ndim == 1 and powers.ndim == 2 and 2 <= starts.size <= MOST_PIECES + 1
+    if not low < high or not fits or powers.shape[0] != starts.size - 1 or not 2 <= powers.shape[1] <= MOST_POWERS:
+        raise _DamageError(f"range, starts and powers of {name} do not fit each other")
+    if starts[0] != -1.0 or starts[-1] != 1.0 or (np.diff(starts) <= 0).any():
+        raise _DamageError(f"starts of {name} do not rise from -1 to 1")
+    nodes = signal_at(np.linspace(-1.0, 1.0, NODES), starts, powers)
+    steps = np.diff(nodes)
+    if not ((steps > 0).all() or (steps < 0).all()):
+        raise _DamageError(f"the curve of {name} is not monotone")
+    noise, shared = (_array(content, key, (U_NODES,)) for key in ("noise_mm", "shared_mm"))
+    if min(noise.min(), shared.min()) < 0:
+        raise _DamageError(f"an uncertainty of {name} is negative")
+    half_division = _number(content, "half_division_mm", least=0.0)
+    return Inverse((low, high), starts, powers, nodes, noise, shared, half_division, reference)
+
+
+def _typed(content: Mapping[str, Any], key: str, kind: type) -> Any:
+    value = content.get(key)
+    if not isinstance(value, kind):
+        raise _DamageError(f"{key} is missing or of another kind")
+    return value
+
+
+def _number(content: Mapping[str, Any], key: str, least: float) -> float:
+    value = content.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or value < least:
+        raise _DamageError(f"{key} is no number of at least {least:g}")
+    return float(value)
+
+
+def _array(content: Mapping[str, Any], key: str, shape: tuple[int, ...] | None) -> FloatArray:
+    try:
+        array = np.asarray(content.get(key), dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise _DamageError(f"{key} is no array of numbers") from None
+    if not array.size or (shape is not None and array.shape != shape) or not np.isfinite(array).all():
+        raise _DamageError(f"{key} is missing, of another shape or not finite")
+    return array

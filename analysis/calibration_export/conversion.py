@@ -1,0 +1,129 @@
+"""Signals into elongation by a calibration: what `convert` writes and what an export adds to the samples.
+
+Rules: simulated and real are never mixed: signals of a virtual board are converted by a calibration of a virtual board,
+and those of a real one by that of a real one. A sample that may not enter a figure has no elongation.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from analysis.arrays import FloatArray
+from analysis.calibration_export.calibration_file import COVERAGE_FACTOR, CalibrationFile
+from analysis.data.export import ConvertedElongation
+from analysis.data.recording import Recording
+from analysis.errors import DataError, RequestError
+from analysis.figures.pipeline import analyse
+from analysis.figures.sensor_analysis import Options
+from protocol.recording import NOT_FOR_FIGURES, SampleFlag
+
+
+def convert_signals(calibration: CalibrationFile, signal_mv: FloatArray, flags: npt.ArrayLike) -> ConvertedElongation:
+    """Return the elongation of signals, all sensors fused.
+
+    Parameters
+    ----------
+    signal_mv : [n, sensors].
+    flags : [n] `SampleFlag`; a sample that is marked as no measurement is left out, a wrong pressure does not matter.
+
+    Raises
+    ------
+    DataError : the calibration gives no elongation.
+    """
+    unusable = (np.asarray(flags) & int(NOT_FOR_FIGURES & ~SampleFlag.PRESSURE_INVALID)) != 0
+    known = np.isfinite(signal_mv) & ~unusable[:, None]
+    found = calibration.reader().evaluate(np.where(known, signal_mv, np.nan))
+    valid = np.asarray(np.isfinite(found.elongation_mm) & ~found.disagreement, dtype=bool)
+    expanded = COVERAGE_FACTOR * found.standard_uncertainty_mm
+    return ConvertedElongation(found.elongation_mm, expanded, valid, described(calibration))
+
+
+def convert_recording(recording: Recording, calibration: CalibrationFile) -> ConvertedElongation:
+    """Return the elongation of every sample of a recording.
+
+    Raises
+    ------
+    RequestError : the calibration is of the other kind of board, or has another number of sensors. DataError : it gives
+        no elongation.
+    """
+    check_signals(calibration, recording.n_sensors, simulated=recording.simulated)
+    return convert_signals(calibration, recording.signal_mv, recording.flags)
+
+
+def own_elongation(recording: Recording, options: Options, elongation: str | Path | None = None) -> ConvertedElongation:
+    """Return the elongation of every sample of a calibration run, by its own calibration.
+
+    Parameters
+    ----------
+    elongation : CSV of elongations; without one the recording's own readings are used.
+
+    Raises
+    ------
+    AnalysisError : the run is no calibration, or its calibration gives no elongation.
+    """
+    if elongation is None and not len(recording.readings) and recording.camera is None:
+        raise DataError("no elongation was read in this run", "Give a calibration of its unit.")
+    return convert_recording(recording, CalibrationFile.of(analyse(recording, elongation, options=options)))
+
+
+def check_signals(calibration: CalibrationFile, sensors: int, *, simulated: bool) -> None:
+    """Refuse a calibration that does not belong to the signals.
+
+    Parameters
+    ----------
+    simulated : whether they are those of a virtual board.
+
+    Raises
+    ------
+    RequestError : it is of the other kind of board, or has another number of sensors.
+    """
+    if bool(calibration.head["simulated"]) is not simulated:
+        kinds = ("a real board", "a virtual board")
+        cause = f"signals of {kinds[simulated]} are not converted by a calibration of {kinds[not simulated]}"
+        raise RequestError(cause, f"Give a calibration of {kinds[simulated]}.")
+    if len(calibration.sensors) != sensors:
+        cause = f"the signals are those of {sensors} sensors, the calibration is of {len(calibration.sensors)}"
+        raise RequestError(cause, "Give the calibration of this unit.")
+
+
+def other_unit(calibration: CalibrationFile, unit: str) -> tuple[str, ...]:
+    """Return a warning where the signals name another unit than the calibration; none where either names none."""
+    own = str(calibration.head["unit"])
+    return (
+        (f"warning: the signals are of unit {unit}, the calibration is of {own}",)
+        if own and unit not in ("", own)
+        else ()
+    )
+
+
+def described(calibration: CalibrationFile) -> dict[str, Any]:
+    """Return what a file of converted samples states of its calibration."""
+    keys = ("simulated", "unit", "recording", "recording_id", "calibrated_utc", "traceability", "program_version")
+    return {key: calibration.head[key] for key in keys} | {"notes": list(calibration.remarks), "u_mm": "U, k = 2"}
+
+
+def heading(calibration: CalibrationFile) -> list[str]:
+    """Return the comment lines at the head of converted signals."""
+    lines = ["SIMULATED"] if calibration.head["simulated"] else []
+    source = Path(calibration.head["recording"]).name
+    lines += [f"converted by: {calibration.title}, recording {source}", *calibration.remarks]
+    lines.append("u_mm is the expanded uncertainty of one reading, k = 2")
+    lines.append("valid is 0 where elongation_mm is not known, or the sensors disagree")
+    return [f"# {' '.join(line.replace(',', ';').split())}" for line in lines]
+
+
+def converted_rows(time_s: FloatArray, signal_mv: FloatArray, converted: ConvertedElongation) -> pd.DataFrame:
+    """Return the rows that `convert` writes: time_s, s1_mv .., elongation_mm, u_mm, valid.
+
+    Parameters
+    ----------
+    time_s, signal_mv : [n], [n, sensors].
+    """
+    names = {f"s{number + 1}_mv": column for number, column in enumerate(signal_mv.T)}
+    columns = {"time_s": time_s, **names, "elongation_mm": converted.elongation_mm, "u_mm": converted.u_mm}
+    return pd.DataFrame(columns | {"valid": converted.valid.astype(np.uint8)})

@@ -1,0 +1,53 @@
+"""The forms in which a calibration leaves the program, and its file in one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from analysis.calibration_export.c_header import c_header
+from analysis.calibration_export.calibration_file import CalibrationFile
+from analysis.calibration_export.matlab import matlab_function
+from analysis.calibration_export.signal_table import USUAL_ERROR_MM, table_csv
+from analysis.errors import writing
+from protocol.whole_file import write_whole
+
+FORMS: Mapping[str, str] = {"json": ".json", "c": ".h", "matlab": ".m", "csv": ".csv"}
+"""Form -> suffix of its file."""
+
+
+def calibration_text(calibration: CalibrationFile, form: str, table_error_mm: float | None = None) -> str:
+    """Return a calibration in one of the forms.
+
+    Parameters
+    ----------
+    form : one of `FORMS`.
+    table_error_mm : bound on the error of a table; None for none in C, and the usual one in CSV.
+
+    Raises
+    ------
+    DataError : in a form of code, it gives no elongation. RequestError : no table keeps to the bound.
+    """
+    if form == "json":
+        return calibration.text()
+    if form == "matlab":
+        return matlab_function(calibration)
+    if form == "csv":
+        return table_csv(calibration, USUAL_ERROR_MM if table_error_mm is None else table_error_mm)
+    return c_header(calibration, table_error_mm)
+
+
+def write_calibration(calibration: CalibrationFile, path: Path, form: str, table_error_mm: float | None = None) -> None:
+    """Write a calibration in one of the forms, whole or not at all.
+
+    Parameters
+    ----------
+    calibration, form, table_error_mm : as `calibration_text` takes them.
+
+    Raises
+    ------
+    DataError, RequestError : as `calibration_text`. FileError : the file cannot be written.
+    """
+    text = calibration_text(calibration, form, table_error_mm)
+    with writing(path, "Choose another folder."):
+        write_whole(path, text)

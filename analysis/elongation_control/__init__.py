@@ -1,0 +1,1 @@
+"""Elongation as a setpoint: the identified hysteresis, the controller, its tuning and its dynamics."""

@@ -1,0 +1,286 @@
+"""Elongation as a setpoint: signals in, the next pressure out. Arrays and numbers only: no thread, port or clock.
+
+Strategy: feed-forward through the exact inverse of the identified hysteresis, with the lag of the pneumatics taken out
+by the setpoint's own rate and acceleration, and an integrator on what is left: setpoint less measured elongation, both
+at the instant of the samples. The sensors are fused by their variances. A step of the setpoint is shaped by a
+critically damped filter with a limited rate, so that the pump can follow; ramps and sines are followed as they are.
+
+Rules: every pressure lies inside the limits and changes no faster than the ramp; where it would not, the integrator
+does not grow (anti-windup). The first pressure is that at the start (bumpless): memory and integrator begin so. A
+sensor that leaves its range, or repeats one reading, is lost and stays so: the others carry on. What cannot be
+controlled stops with a code: elongation unknown, sensors in disagreement, uncertainty or deviation beyond its bound.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.calibration.inverse import Fusion
+from analysis.elongation_control.dynamics import Lag, Margins, integral_for, loop_margins
+from analysis.elongation_control.hysteresis import HysteresisModel
+from analysis.elongation_control.measurement import FusedElongation, SensorWatch
+from analysis.elongation_control.sensor_loop import SensorLoops
+from analysis.errors import RequestError
+
+PERIOD_S = 0.04
+LEAST_RAMP_KPA_PER_S = 0.1
+RATE_SHARE = 0.9  # of the ramp that a shaped step may use: the rest is for the integrator
+_HISTORY = 64  # periods of the setpoint that are kept to compare with late samples
+
+
+class StopCode(enum.StrEnum):
+    """Why elongation is no longer controlled; also a `MessageKind` of the program."""
+
+    DISAGREEMENT = "sensors_disagree"
+    UNKNOWN = "elongation_unknown"
+    UNCERTAIN = "elongation_uncertain"
+    NOT_FOLLOWING = "not_following"
+
+
+_STOPS = {
+    StopCode.DISAGREEMENT: ("the sensors disagree on the elongation", "check both sensors, or calibrate again"),
+    StopCode.UNKNOWN: (
+        "no sensor gives an elongation: their signals are outside the calibrated range",
+        "check the sensors, or choose setpoints further inside the range",
+    ),
+    StopCode.UNCERTAIN: (
+        "the uncertainty of the elongation is {u:.2f} mm, above its bound of {bound:g} mm",
+        "choose setpoints where the sensors are steeper, or raise the bound",
+    ),
+    StopCode.NOT_FOLLOWING: (
+        "the elongation does not follow: {away:+.2f} mm from its setpoint",
+        "check for a leak and that the pump runs, or identify the unit again",
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Tuning:
+    """Gains of the controller.
+
+    Attributes
+    ----------
+    lead_s, lead_s2 : of the setpoint's rate and acceleration in the feed-forward.
+    ramp_kpa_per_s : fastest change of the pressure.
+    lag : identified by a step test; None where the gains are the cautious defaults.
+    """
+
+    integral_per_s: float
+    lead_s: float
+    lead_s2: float
+    shape_rad_per_s: float
+    ramp_kpa_per_s: float
+    margins: Margins
+    lag: Lag | None = None
+    period_s: float = PERIOD_S
+
+    @classmethod
+    def of(cls, lag: Lag, ramp_kpa_per_s: float, period_s: float = PERIOD_S) -> Tuning:
+        """Return the gains for an identified lag: margins of 60 degrees and 10 dB."""
+        gain = integral_for(lag, period_s)
+        shape = min(0.6 * lag.omega_rad_per_s, 0.35 / max(lag.delay_s, 1e-3))  # what plant and delay can follow
+        lead2 = 1.0 / lag.omega_rad_per_s**2
+        return cls(
+            gain, lag.lag_s, lead2, shape, ramp_kpa_per_s, loop_margins(lag, gain, period_s), lag, period_s
+        )  # fmt: skip
+
+    @classmethod
+    def cautious(cls, ramp_kpa_per_s: float = 10.0) -> Tuning:
+        """Return slow gains for a unit without a step test."""
+        return cls(0.5, 0.0, 0.0, 2.0, ramp_kpa_per_s, loop_margins(Lag(0.1, 5.0, 1.0), 0.5, PERIOD_S))
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the gains under their names."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """What stops the controller.
+
+    Attributes
+    ----------
+    u_mm : largest expanded uncertainty (k = 2) of one sample's elongation.
+    deviation_mm : largest distance from the setpoint, for longer than `follow_s`.
+    debounce_s : how long disagreement, uncertainty or loss must last.
+    """
+
+    u_mm: float = 0.8
+    deviation_mm: float = 0.5
+    follow_s: float = 3.0
+    debounce_s: float = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """What a period brought.
+
+    Attributes
+    ----------
+    pressure_kpa, ramp_kpa_per_s : to command; the pressure is that of before where `stop` is set.
+    elongation_mm, u_mm : measured, k = 2; NaN where unknown.
+    saturated : the pressure is at a limit or at its ramp.
+    lost : sensors (from 1) newly lost.
+    stop, cause, remedy : why to stop; None and empty where nothing is wrong.
+    """
+
+    pressure_kpa: float
+    ramp_kpa_per_s: float
+    setpoint_mm: float
+    elongation_mm: float
+    u_mm: float
+    saturated: bool
+    lost: tuple[int, ...] = ()
+    stop: StopCode | None = None
+    cause: str = ""
+    remedy: str = ""
+
+
+class ElongationController:
+    """One unit under control. `begin`, then `advance` once a period.
+
+    Parameters
+    ----------
+    step_mv, loops : of converter and sensors, as `SensorWatch` takes them.
+    """
+
+    def __init__(
+        self,
+        model: HysteresisModel,
+        fusion: Fusion,
+        tuning: Tuning,
+        bounds: Bounds | None = None,
+        *,
+        unit: str = "",
+        step_mv: float = 0.0,
+        loops: SensorLoops | None = None,
+    ) -> None:
+        self.model, self.tuning, self.bounds = model, tuning, bounds or Bounds()
+        self.period_s, self.delay_margin_s = tuning.period_s, tuning.margins.delay_s
+        self.unit, self._step_mv, self._loops = unit, step_mv, loops
+        self.sensors = SensorWatch(fusion, step_mv, loops)
+        fusion.evaluate(np.zeros((1, len(fusion.inverses))))  # compiles now, not on the reading thread
+
+    def check(self, mm: float) -> None:
+        """Refuse a setpoint outside the calibrated range.
+
+        Raises
+        ------
+        RequestError : it is.
+        """
+        low, high = self.sensors.range_mm
+        if not low <= mm <= high:
+            raise RequestError(
+                f"a setpoint of {mm:g} mm is outside the calibrated range, {low:.2f} to {high:.2f} mm",
+                "Choose one inside, or calibrate over a wider range.",
+            )
+
+    def begin(self, time_s: float, pressure_kpa: float, signal_mv: FloatArray) -> float:
+        """Start without a bump and return the measured elongation, mm.
+
+        Parameters
+        ----------
+        time_s : board time of the newest sample.
+        pressure_kpa : commanded now, or measured on a vented unit.
+        signal_mv : [n, sensors] of the last samples.
+
+        Raises
+        ------
+        RequestError : no elongation is known, or the sensors disagree.
+        """
+        self.sensors = SensorWatch(self.sensors.fusion, self._step_mv, self._loops)
+        self._lasted_s = dict.fromkeys(StopCode, 0.0)
+        found = self.sensors.measure(signal_mv, 0.0)
+        if not math.isfinite(found.mm):
+            raise RequestError(*_STOPS[StopCode.UNKNOWN])
+        if found.disagreement:
+            raise RequestError(*_STOPS[StopCode.DISAGREEMENT])
+        self._time_s, self._pressure_kpa = time_s, pressure_kpa
+        self._memory = self.model.rest(pressure_kpa, found.mm)
+        self._offset = self.model.elongation(self._memory) - found.mm  # so that the first pressure is the present one
+        self._reference, self._rate, self._shaped = found.mm, 0.0, True
+        self._past = [(time_s, found.mm)]
+        return found.mm
+
+    def advance(
+        self,
+        time_s: float,
+        sampled_s: float,
+        setpoint: tuple[float, float, float],
+        signal_mv: FloatArray,
+        limits_kpa: tuple[float, float],
+        *,
+        shaped: bool = True,
+    ) -> Output:
+        """Return the next pressure.
+
+        Parameters
+        ----------
+        time_s : now, on the board's clock. sampled_s : mean time of the samples.
+        setpoint : of now: mm, mm/s and mm/s2.
+        signal_mv : [n, sensors] since the last call; NaN where a sample is not to be used.
+        shaped : it is a step, which is made smooth; else it is followed as it is.
+        """
+        dt = max(time_s - self._time_s, 1e-3)
+        self._time_s = time_s
+        found = self.sensors.measure(signal_mv, dt)
+        acceleration = self._shape(setpoint, dt, shaped=shaped)
+        self._past = [*self._past[-_HISTORY:], (time_s, self._reference)]
+        times, references = np.asarray(self._past).T
+        error = float(np.interp(sampled_s, times, references)) - found.mm
+        grown_s = min(dt, 2.0 * self.period_s)  # a period that came late must not count as a larger gain
+        grow = self.tuning.integral_per_s * grown_s * error if math.isfinite(error) else 0.0
+        ahead = self._reference + self.tuning.lead_s * self._rate + self.tuning.lead_s2 * acceleration
+        wanted_kpa = self.model.pressure(self._memory, ahead + self._offset + grow)
+        step = self.tuning.ramp_kpa_per_s * dt
+        pressure_kpa = min(max(wanted_kpa, self._pressure_kpa - step), self._pressure_kpa + step)
+        pressure_kpa = min(max(pressure_kpa, limits_kpa[0]), limits_kpa[1])
+        saturated = bool(pressure_kpa != wanted_kpa)
+        if not saturated or (wanted_kpa - pressure_kpa) * grow < 0.0:
+            self._offset += grow
+        ramp = min(max(abs(pressure_kpa - self._pressure_kpa) / dt, LEAST_RAMP_KPA_PER_S), self.tuning.ramp_kpa_per_s)
+        self._pressure_kpa = pressure_kpa
+        self._memory = self.model.after(self._memory, pressure_kpa)
+        stop, cause, remedy = self._stop(found, error, dt)
+        return Output(
+            pressure_kpa, ramp, self._reference, found.mm, found.u_mm, saturated, found.lost, stop, cause, remedy
+        )
+
+    def _shape(self, setpoint: tuple[float, float, float], dt_s: float, *, shaped: bool) -> float:
+        """Move the reference towards the setpoint and return its acceleration, mm/s2."""
+        goal, rate, acceleration = setpoint
+        ended = not self._shaped and abs(goal - self._reference) <= 1.5 * abs(self._rate) * dt_s  # of a ramp or sine
+        self._shaped = shaped
+        if not shaped or ended:
+            self._reference, self._rate = goal, rate
+            return acceleration
+        w = self.tuning.shape_rad_per_s
+        fastest = RATE_SHARE * self.tuning.ramp_kpa_per_s * self.model.slope(self._pressure_kpa)
+        before, parts = self._rate, max(1, math.ceil(dt_s / 0.005))
+        for _ in range(parts):
+            pull = w * w * (goal - self._reference) - 2.0 * w * self._rate
+            self._rate = min(max(self._rate + pull * dt_s / parts, -fastest), fastest)
+            self._reference += self._rate * dt_s / parts
+        return (self._rate - before) / dt_s
+
+    def _stop(self, found: FusedElongation, error: float, dt_s: float) -> tuple[StopCode | None, str, str]:
+        """Return why to stop, with cause and remedy."""
+        bounds = self.bounds
+        present = {
+            StopCode.UNKNOWN: not math.isfinite(found.mm),
+            StopCode.DISAGREEMENT: found.disagreement,
+            StopCode.UNCERTAIN: found.u_mm > bounds.u_mm,
+            StopCode.NOT_FOLLOWING: abs(error) > bounds.deviation_mm,
+        }
+        for code, now in present.items():
+            self._lasted_s[code] = self._lasted_s[code] + dt_s if now else 0.0
+            if self._lasted_s[code] > (bounds.follow_s if code is StopCode.NOT_FOLLOWING else bounds.debounce_s):
+                cause, remedy = _STOPS[code]
+                return code, cause.format(u=found.u_mm, bound=bounds.u_mm, away=-error), remedy
+        return None, "", ""

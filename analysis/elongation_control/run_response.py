@@ -1,0 +1,256 @@
+"""What a recorded run tells of the dynamics: its segments, their setpoints, and the elongation that followed them.
+
+A recording of a profile keeps each segment with its step; the setpoint is computed from it again. The elongation is
+that of the calibration in force, all sensors fused.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.calibration.inverse import Fusion
+from analysis.data.recording import Recording
+from analysis.elongation_control.controller import Tuning
+from analysis.elongation_control.dynamic_figures import BodePoint, DynamicFigure
+from analysis.elongation_control.dynamics import Lag, bode_point, fit_lag, step_figures
+from analysis.elongation_control.hysteresis import HysteresisModel, identify
+from analysis.elongation_control.sensor_loop import SensorLoops
+from analysis.errors import DataError
+from protocol.recording import NOT_FOR_FIGURES, SampleFlag, Segment
+
+GRID_S = 0.01
+BEFORE_S = 0.3  # of rest before a step, whose mean is its begin
+LEAST_STEP_KPA = 3.0
+_NO_SIGNAL = int(NOT_FOR_FIGURES & ~SampleFlag.PRESSURE_INVALID)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedSegment:
+    """One segment of a run: what was wanted, and from when to when, s."""
+
+    segment: Segment
+    start: float
+    quantity: str
+    ramp_kpa_per_s: float
+    begin_s: float
+    end_s: float
+
+    @property
+    def step_mm(self) -> float:
+        """The size of a step of elongation, signed; 0 for every other segment."""
+        size = self.segment.target - self.start
+        return size if self.segment.kind == "step" and self.quantity == "mm" and abs(size) > 1e-6 else 0.0
+
+    @property
+    def is_sine_of_elongation(self) -> bool:
+        """Whether it is one."""
+        return self.segment.kind == "sine" and self.quantity == "mm"
+
+    def setpoint(self, time_s: FloatArray) -> FloatArray:
+        """Return the setpoint at times [n], in its quantity."""
+        return np.asarray([self.segment.at(t - self.begin_s, self.start)[0] for t in time_s.tolist()])
+
+
+def run_elongation(
+    recording: Recording, fusion: Fusion, loops: SensorLoops | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the elongation of every sample [n] and its expanded uncertainty (k = 2), mm; NaN where unknown.
+
+    Parameters
+    ----------
+    recording, fusion : the run, and the calibration in force.
+    """
+    usable = (recording.flags & _NO_SIGNAL) == 0
+    signal_mv = np.where(usable[:, None], recording.signal_mv, np.nan)
+    found = fusion.evaluate(signal_mv)
+    if loops is not None:
+        found = fusion.evaluate(signal_mv - _loop_signals(loops, _smoothed(found.elongation_mm)))
+    return found.elongation_mm, 2.0 * found.standard_uncertainty_mm
+
+
+def _loop_signals(loops: SensorLoops, elongation_mm: FloatArray) -> FloatArray:
+    """Return what the loops add to the signals [n, sensors] over an elongation [n] without noise, which begins at rest.
+
+    Noise would move the plays of the loop by its peaks.
+    """
+    memory, mm, rows = loops.rest(0.0), 0.0, np.empty((len(elongation_mm), len(loops.half_mv)))
+    for i, now in enumerate(elongation_mm.tolist()):
+        if math.isfinite(now):
+            memory, mm = loops.after(memory, now), now
+        rows[i] = loops.signal_mv(memory, mm)
+    return rows
+
+
+def recorded_segments(recording: Recording) -> tuple[RecordedSegment, ...]:
+    """Return the whole segments of a run.
+
+    Raises
+    ------
+    DataError : it has none.
+    """
+    found = []
+    row: Any
+    for row in recording.steps.itertuples():
+        detail: dict[str, Any] = json.loads(str(row.detail) or "{}")
+        if row.status != "reached" or "segment" not in detail or not row.cycle:  # the opening begins anywhere
+            continue
+        segment = Segment(**{k: v for k, v in detail["segment"].items() if k in Segment.__dataclass_fields__})
+        times = float(row.ramp_kpa_per_s), float(row.started_s), float(row.ended_s)
+        found.append(RecordedSegment(segment, float(detail["start"]), str(detail["quantity"]), *times))
+    if not found:
+        raise DataError("this run has no steps, ramps or sines", "Record one with the plan step-test or steps-mm.")
+    return tuple(found)
+
+
+def identify_run(recording: Recording, fusion: Fusion) -> HysteresisModel:
+    """Return the hysteresis of a run by its elongation.
+
+    Raises
+    ------
+    DataError : as `identify`.
+    """
+    return identify(recording.pressure_kpa, run_elongation(recording, fusion)[0])
+
+
+def tune_run(recording: Recording, fusion: Fusion, model: HysteresisModel) -> Tuning:
+    """Return the gains from a recorded step test: steps of pressure, all averaged after scaling.
+
+    Raises
+    ------
+    DataError : no step of pressure, or one that the elongation does not follow.
+    """
+    lag, ramp = step_test_lag(recording, fusion, model)
+    return Tuning.of(lag, ramp)
+
+
+def step_test_lag(recording: Recording, fusion: Fusion, model: HysteresisModel) -> tuple[Lag, float]:
+    """Return lag and ramp (kPa/s) of a step test; parameters as `tune_run`."""
+    elongation, _ = run_elongation(recording, fusion)
+    steps = [
+        one for one in recorded_segments(recording)
+        if one.segment.kind == "step" and one.quantity == "kPa" and abs(one.segment.target - one.start) > LEAST_STEP_KPA
+    ]  # fmt: skip
+    if not steps:
+        raise DataError("this run has no steps of pressure", "Record the plan step-test.")
+    grid = np.arange(0.0, min(one.end_s - one.begin_s for one in steps), GRID_S)
+    commands, responses = [], []
+    for one in steps:
+        ramp = math.copysign(one.ramp_kpa_per_s, one.segment.target - one.start)
+        moved = np.minimum(np.abs(ramp) * grid, abs(one.segment.target - one.start))
+        pressure = one.start + math.copysign(1.0, ramp) * moved
+        x, before = _aligned(recording.time_s, elongation, one.begin_s, grid)
+        memory = model.rest(one.start, before)
+        command = np.asarray([model.elongation(model.after(memory, kpa)) for kpa in pressure.tolist()])
+        size = command[-1] - command[0]
+        commands.append((command - command[0]) / size)
+        responses.append((x - before) / size)
+    return fit_lag(grid, np.mean(commands, axis=0), np.mean(responses, axis=0)), steps[0].ramp_kpa_per_s
+
+
+def bode_of_run(recording: Recording, fusion: Fusion, loops: SensorLoops | None = None) -> tuple[BodePoint, ...]:
+    """Return gain and phase of the elongation over its setpoint, at each sine of a run in millimetres.
+
+    Parameters
+    ----------
+    recording, fusion, loops : as of `run_elongation`.
+
+    Raises
+    ------
+    DataError : no sine of elongation.
+    """
+    elongation, _ = run_elongation(recording, fusion, loops)
+    points = []
+    for one in recorded_segments(recording):
+        if not one.is_sine_of_elongation:
+            continue
+        period_s = 1.0 / one.segment.frequency_hz
+        last_s = one.begin_s + one.segment.moving_s(one.start)
+        first_s = min(one.begin_s + max(period_s, 1.0), last_s - period_s)
+        first_s = last_s - math.floor((last_s - first_s) / period_s + 1e-9) * period_s  # whole periods
+        rows = slice(*np.searchsorted(recording.time_s, [first_s, last_s]).tolist())
+        t = recording.time_s[rows]
+        point = bode_point(t - one.begin_s, one.setpoint(t), elongation[rows], one.segment.frequency_hz)
+        points.append(replace(point, amplitude_mm=abs(one.segment.amplitude)))
+    if not points:
+        raise DataError("this run has no sines of elongation", "Record the plan sine-sweep-mm.")
+    return tuple(points)
+
+
+@dataclass(frozen=True, slots=True)
+class StepResponse:
+    """One step: times since the setpoint changed [n], elongation less its begin [n], and the step's size, mm."""
+
+    time_s: FloatArray
+    moved_mm: FloatArray
+    size_mm: float
+
+
+def step_responses(
+    recording: Recording, fusion: Fusion, loops: SensorLoops | None = None
+) -> dict[float, list[StepResponse]]:
+    """Return the responses to a run's steps in millimetres, by the size of the step.
+
+    Parameters
+    ----------
+    recording, fusion, loops : as of `run_elongation`.
+
+    Raises
+    ------
+    DataError : no step of elongation.
+    """
+    elongation, _ = run_elongation(recording, fusion, loops)
+    smooth = _smoothed(elongation)
+    sizes: dict[float, list[StepResponse]] = {}
+    for one in recorded_segments(recording):
+        size = one.step_mm
+        if not size:
+            continue
+        grid = np.arange(0.0, one.end_s - one.begin_s - GRID_S, GRID_S)
+        x, _ = _aligned(recording.time_s, smooth, one.begin_s, grid)
+        sizes.setdefault(round(abs(size), 6), []).append(StepResponse(grid, x - one.start, size))
+    if not sizes:
+        raise DataError("this run has no steps of elongation", "Record the plan steps-mm.")
+    return dict(sorted(sizes.items()))
+
+
+def step_response_figures(steps: Sequence[StepResponse], tolerance_mm: float = 0.05) -> dict[str, DynamicFigure]:
+    """Return the figures of repeated steps of one size; `tolerance_mm` is that of settling."""
+    return step_figures(
+        [one.time_s for one in steps], [one.moved_mm for one in steps], [one.size_mm for one in steps], tolerance_mm
+    )
+
+
+def mean_response(steps: Sequence[StepResponse]) -> FloatArray:
+    """Return times, s, and the mean of the steps' responses as shares of their size: [2, n]."""
+    shortest = min(steps, key=lambda one: len(one.time_s))
+    shares = [one.moved_mm[: len(shortest.time_s)] / one.size_mm for one in steps]
+    return np.stack([shortest.time_s, np.mean(shares, axis=0)])
+
+
+def _smoothed(values: FloatArray, samples: int = 9) -> FloatArray:
+    """Return the running mean: noise would else count as overshoot, and as leaving the tolerance."""
+    known = np.isfinite(values)
+    weights = np.ones(samples)
+    total = np.convolve(np.where(known, values, 0.0), weights, "same")
+    count = np.convolve(known.astype(np.float64), weights, "same")
+    return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
+
+
+def _aligned(time_s: FloatArray, values: FloatArray, begin_s: float, grid: FloatArray) -> tuple[FloatArray, float]:
+    """Return values on a grid of times since `begin_s`, and their mean before it."""
+    first, at, last = np.searchsorted(time_s, [begin_s - BEFORE_S, begin_s, begin_s + grid[-1] + 0.1]).tolist()
+    part = slice(max(at - 1, 0), last)
+    known = np.isfinite(values[part])
+    if not known.any() or not np.isfinite(values[first:at]).any():
+        raise DataError(f"the elongation at {begin_s:.1f} s is not known", "Choose steps inside the calibrated range.")
+    return (
+        np.interp(grid, time_s[part][known] - begin_s, values[part][known]),
+        float(np.nanmean(values[first:at])),
+    )

@@ -1,0 +1,1 @@
+"""Signals predicted from pressure: shape, rays, detected light, voltage; and a run compared with them."""

@@ -1,0 +1,158 @@
+"""The signals that the chain predicts: pressure, shape, rays, light, voltage; and what disagrees with it.
+
+Strategy: the light of the paper's pattern is traced once at many elongations and at three losses of the guide (see
+`light_table.py`). A sensor's signal is gain times light plus offset; gain, offset and loss are fitted to one
+calibration run by least squares. For a given loss gain and offset are linear, so that only the loss is searched, within
+its bounds. A frame then costs an interpolation.
+
+Rules: the band holds the fit's own misfit (what the chain leaves out) beside the noise, because the misfit is the
+larger part by far. Which link of the chain disagrees is decided by the calibration, which is closer: both sensors at
+one elongation that the pressure does not explain are mechanics, both shifted by one voltage are electronics, else
+optics.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from analysis.arrays import FloatArray
+from analysis.errors import DataError
+from analysis.signal_prediction.light_table import LOSSES_DB_PER_CM, LightTable, stored_light
+
+LEAST_POINTS = 6
+SHIFT_SIGMA = 4.0
+
+
+class Disagreement(enum.StrEnum):
+    """What does not fit."""
+
+    NONE = "none"
+    MECHANICS = "mechanics"  # elongation against pressure
+    OPTICS = "optics"  # one signal against elongation
+    ELECTRONICS = "electronics"  # both signals alike
+
+
+@dataclass(frozen=True, slots=True)
+class PredictedSignal:
+    """One sensor's forward model.
+
+    Attributes
+    ----------
+    covariance : [3][3] of the three.
+    at_bound : whether the loss lies at a bound, where its variance says nothing.
+    """
+
+    gain_mv_per_percent: float
+    offset_mv: float
+    loss_db_per_cm: float
+    covariance: tuple[tuple[float, ...], ...]
+    at_bound: bool
+    rms_mv: float
+    rms_percent_fso: float
+    r2: float
+    nodes_mm: FloatArray
+    nodes_mv: FloatArray
+
+    def __call__(self, elongation_mm: FloatArray) -> FloatArray:
+        """Return the signal at elongations, mV; NaN outside the table."""
+        return np.interp(elongation_mm, self.nodes_mm, self.nodes_mv, left=np.nan, right=np.nan)
+
+    def band_mv(self, noise_mv: float = 0.0) -> float:
+        """Return the half width of the 95 % band: misfit of the chain, and noise of a sample."""
+        return 2.0 * float(np.hypot(self.rms_mv, noise_mv))
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the fit without its table."""
+        return {key: value for key, value in asdict(self).items() if not key.startswith("nodes")}
+
+
+def fit_signal_model(
+    elongation_mm: FloatArray, signal_mv: FloatArray, table: LightTable | None = None, *, fit_loss: bool = True
+) -> PredictedSignal:
+    """Return the forward model of one sensor, fitted to readings.
+
+    Parameters
+    ----------
+    elongation_mm, signal_mv : [n] of a calibration run.
+    table : of the light; the stored one by default.
+    fit_loss : False keeps the guide's loss at 0: gain and offset alone.
+
+    Raises
+    ------
+    DataError : too few readings inside the table.
+    """
+    light = table or stored_light()
+    ends = light.elongation_mm[[0, -1]] + [-0.1, 0.1]  # a reading may lie a little beyond
+    known = np.isfinite(elongation_mm) & np.isfinite(signal_mv)
+    known &= (elongation_mm >= ends[0]) & (elongation_mm <= ends[1])
+    x, y = elongation_mm[known], signal_mv[known]
+    if len(x) < LEAST_POINTS or np.ptp(x) == 0.0:
+        remedy = f"Give a calibration run with {LEAST_POINTS} readings or more."
+        raise DataError(f"only {len(x)} readings lie inside the chain's table", remedy)
+
+    def solved(loss: float) -> tuple[FloatArray, FloatArray]:
+        """Return (gain, offset) and residuals [n] at a loss."""
+        columns = np.stack([light.light(x, loss), np.ones(len(x))], axis=1)
+        found = np.asarray(np.linalg.lstsq(columns, y, rcond=None)[0], dtype=np.float64)
+        return found, np.asarray(y - columns @ found)
+
+    low, high = LOSSES_DB_PER_CM[0], LOSSES_DB_PER_CM[-1]
+    loss = low
+    if fit_loss:
+        searched = minimize_scalar(lambda at: float((solved(at)[1] ** 2).sum()), bounds=(low, high), method="bounded")
+        loss = min((low, high, float(searched.x)), key=lambda at: float((solved(at)[1] ** 2).sum()))
+    (gain, offset), residual = solved(loss)
+    step = 0.01 if loss < high else -0.01
+    slope = gain * (light.light(x, loss + step) - light.light(x, loss)) / step
+    jacobian = np.stack([light.light(x, loss), np.ones(len(x)), slope], axis=1)
+    scale = np.abs(jacobian).max(axis=0)
+    variance = float(residual @ residual) / max(len(x) - 3, 1)
+    covariance = np.linalg.pinv((jacobian / scale).T @ (jacobian / scale)) * variance / np.outer(scale, scale)
+    rms = float(np.sqrt(np.mean(residual**2)))
+    values = gain * light.light(light.elongation_mm, loss) + offset
+    r2 = 1.0 - float(residual @ residual) / float(((y - y.mean()) ** 2).sum())
+    rows = tuple(tuple(row) for row in covariance.tolist())
+    fso = float(np.ptp(y))
+    at_bound = fit_loss and loss in (low, high)
+    return PredictedSignal(
+        float(gain), float(offset), loss, rows, at_bound, rms, 100.0 * rms / fso, r2,
+        light.elongation_mm, values
+    )  # fmt: skip
+
+
+def what_disagrees(residual_mv: FloatArray, slope_mv_per_mm: FloatArray, u_mv: FloatArray, u_mm: float) -> Disagreement:
+    """Return which link of the chain does not fit at an instant.
+
+    Parameters
+    ----------
+    residual_mv : [sensors] measured signal less that of the calibration at the elongation expected from the pressure.
+    slope_mv_per_mm : [sensors] of the calibration there.
+    u_mv : [sensors] standard uncertainty of a signal, noise and curve.
+    u_mm : standard uncertainty of the expected elongation, hysteresis included.
+
+    Notes
+    -----
+    Each hypothesis has one free shift: of the elongation (slope times shift) or of the voltage (one shift for all). The
+    one that leaves the smaller weighted sum of squares is chosen, if what it leaves is credible; else one sensor alone
+    is off, which no shift explains.
+    """
+    known = np.isfinite(residual_mv)
+    r, b, u = residual_mv[known], slope_mv_per_mm[known], u_mv[known]
+    expected = np.hypot(u, b * u_mm)
+    if not len(r) or (bool((np.abs(r) <= SHIFT_SIGMA * expected).all()) and _left(r, b, u) <= SHIFT_SIGMA**2):
+        return Disagreement.NONE
+    left = {Disagreement.MECHANICS: _left(r, b, u), Disagreement.ELECTRONICS: _left(r, np.ones(len(r)), u)}
+    best = min(left, key=lambda name: left[name])
+    return best if left[best] <= SHIFT_SIGMA**2 or len(r) == 1 else Disagreement.OPTICS
+
+
+def _left(residual: FloatArray, shape: FloatArray, u: FloatArray) -> float:
+    """Return the weighted sum of squares that the best multiple of a shape leaves."""
+    weight = 1.0 / u**2
+    best = float((weight * shape * residual).sum() / (weight * shape * shape).sum())
+    return float((weight * (residual - best * shape) ** 2).sum())

@@ -1,1 +1,0 @@
-"""Elongation as a setpoint: identified hysteresis, the controller, its tuning, and the predicted signal."""

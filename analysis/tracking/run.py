@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from analysis.errors import DataError
 from analysis.tracking.clock import Delay, find_delay, find_place
 from analysis.tracking.lens import Picture
 from analysis.tracking.marks import PictureFault
-from analysis.tracking.tracker import Tracked
+from analysis.tracking.tracker import MarkTracker
 from analysis.warning import Warning, WarningCode
 
 REST_S = 1.5
@@ -61,14 +61,7 @@ class Filmed:
         return self.recording.camera
 
 
-class Tracker(Protocol):
-    """What reads the elongation in one picture after the other: `MarkTracker` or `PatchTracker`."""
-
-    def read_checked(self, picture: Picture, time_s: float) -> Tracked:
-        """Return the elongation in a picture."""
-
-
-def track(pictures: Iterable[tuple[Picture, float]], tracker: Tracker) -> CameraRecord:
+def track(pictures: Iterable[tuple[Picture, float]], tracker: MarkTracker) -> CameraRecord:
     """Return the elongation in pictures with their times, in order.
 
     Raises

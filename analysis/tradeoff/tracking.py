@@ -15,7 +15,6 @@ from analysis.arrays import FloatArray
 from analysis.optional import optional
 from analysis.tracking.lens import Picture
 from analysis.tracking.marks import BASE, TIP, find_marks, project
-from analysis.tracking.patches import Patch, PatchTracker
 from analysis.tracking.tracker import LEARNED_PICTURES, MarkTracker, Optics, learn_plane, similarity, square
 from analysis.tradeoff.measure import Method, Setting
 
@@ -47,7 +46,7 @@ def _settings(quick: bool, render: Render) -> list[Setting]:
     settings = [_setting(f"edges, {width} px", _edges, render, width) for width in widths]
     for name, refine in (("detector", False), ("corners", True)):
         settings.append(_setting(f"{name}, 640 px", partial(_corners, refine=refine), render, 640))
-    return [*settings, _setting("patches, 640 px", _patches, render, 640)]
+    return settings
 
 
 def _setting(name: str, begin: Begin, render: Render, width: int) -> Setting:
@@ -76,16 +75,6 @@ def _edges(first: Sequence[Picture]) -> Read:
     for picture in first:
         tracker.read(picture, next(times))
     return lambda picture: tracker.read(picture, next(times)).elongation_mm
-
-
-def _patches(first: Sequence[Picture]) -> Read:
-    """Return a tracker of the two marks as patches, scale by the grid."""
-    px = first[0].shape[1] / 640
-    base, tip = (Patch(round(x * px), round(146 * px), round(186 * px), round(186 * px)) for x in (66, 326))
-    tracker, times = PatchTracker(base, tip), _times()
-    for picture in first:
-        tracker.read_checked(picture, next(times))
-    return lambda picture: tracker.read_checked(picture, next(times)).elongation_mm
 
 
 def _corners(first: Sequence[Picture], *, refine: bool) -> Read:

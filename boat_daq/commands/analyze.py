@@ -24,7 +24,6 @@ from boat_daq.commands.options import (
     MarkUncertaintyOption,
     NoMcmcOption,
     NoShadowOption,
-    PatchOption,
     RateOption,
     RunArgument,
     SeedOption,
@@ -32,7 +31,6 @@ from boat_daq.commands.options import (
     XResolutionOption,
     figures_tolerance,
     limits_of,
-    patches_of,
     seconds_of,
     tolerances,
 )
@@ -56,7 +54,6 @@ def analyze(
     mark_mm: MarkOption = 10.0,
     u_mark_mm: MarkUncertaintyOption = 0.02,
     lens: LensOption = None,
-    patch: PatchOption = None,
     mapping: MapOption = None,
     rate: RateOption = None,
     seed: SeedOption = 0,
@@ -108,7 +105,7 @@ def analyze(
     if video is not None:
         from boat_daq.workflows.camera_tracking import CameraChoice
 
-        choice = CameraChoice(str(video), mark_mm, u_mark_mm, lens, recording.unit, patches_of(patch))
+        choice = CameraChoice(str(video), mark_mm, u_mark_mm, lens, recording.unit)
         recording, reason = _filmed(recording, run, choice, store=not no_store)
         no_store |= bool(reason)
         if reason:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show
-from boat_daq.commands.options import LensOption, MarkOption, MarkUncertaintyOption, PatchOption, patches_of
+from boat_daq.commands.options import LensOption, MarkOption, MarkUncertaintyOption
 
 app = typer.Typer(help="Elongation from a camera: marks to print, lens, cameras, videos.")
 
@@ -83,7 +83,6 @@ def track(
     mark_mm: MarkOption = 10.0,
     u_mark_mm: MarkUncertaintyOption = 0.02,
     lens: LensOption = None,
-    patch: PatchOption = None,
     to: Annotated[Path | None, typer.Option("--out", metavar="FILE.csv", help="Table to write.")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -96,9 +95,7 @@ def track(
     from protocol.whole_file import write_whole
 
     with progress_bar("Tracking") as advance:
-        record, about = track_video(
-            CameraChoice(str(video), mark_mm, u_mark_mm, lens, patches=patches_of(patch)), advance
-        )
+        record, about = track_video(CameraChoice(str(video), mark_mm, u_mark_mm, lens), advance)
     if to is not None:
         rows = zip(record.time_s, record.elongation_mm, record.u_mm, record.fault, strict=True)
         lines = [f"{t:.6f},{x:.6f},{u:.6f},{fault}" if not fault else f"{t:.6f},,,{fault}" for t, x, u, fault in rows]

@@ -107,12 +107,6 @@ MarkUncertaintyOption = Annotated[
     float, typer.Option("--mark-u-mm", min=0, metavar="MM", help="Standard uncertainty of that side.")
 ]
 LensOption = Annotated[Path | None, typer.Option(metavar="FILE.json", help="Lens, as `camera calibrate` writes it.")]
-PatchOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--patch", metavar="X,Y,W,H", help="Textured part in place of a mark, px; twice: base, tip. Scale: the grid."
-    ),
-]
 PlotOption = Annotated[Path | None, typer.Option(help="Also write a plot: PNG, SVG or PDF.")]
 
 
@@ -127,18 +121,6 @@ def values_of(texts: list[str] | None) -> dict[str, str]:
         if "=" not in text:
             raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint="--set")
     return {key.strip(): value for key, _, value in (text.partition("=") for text in texts or ())}
-
-
-def patches_of(texts: list[str] | None) -> tuple[tuple[int, int, int, int], ...]:
-    """Return the rectangles of `--patch`."""
-    found = []
-    for text in texts or ():
-        parts = text.split(",")
-        if len(parts) != 4 or not all(part.strip().isdecimal() for part in parts):
-            raise typer.BadParameter(f"{text!r} is not X,Y,W,H in whole pixels", param_hint="--patch")
-        x, y, width, height = map(int, parts)
-        found.append((x, y, width, height))
-    return tuple(found)
 
 
 def _limit(text: str) -> tuple[str, float]:

@@ -17,11 +17,9 @@ from boat_daq.commands.options import (
     LensOption,
     MarkOption,
     MarkUncertaintyOption,
-    PatchOption,
     SetOption,
     TemplateOption,
     UncertaintyOption,
-    patches_of,
 )
 from boat_daq.engine.file_names import named, path_in
 
@@ -69,7 +67,6 @@ def record(
     mark_mm: MarkOption = 10.0,
     u_mark_mm: MarkUncertaintyOption = 0.02,
     lens: LensOption = None,
-    patch: PatchOption = None,
     video: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Store the pictures too: .mkv (lossless), .avi or .mp4.")
     ] = None,
@@ -140,7 +137,7 @@ def record(
     if camera is not None:
         from boat_daq.workflows.camera_tracking import CameraChoice, open_channel
 
-        choice = CameraChoice(camera, mark_mm, u_mark_mm, lens, request.unit, patches_of(patch), allow_remote)
+        choice = CameraChoice(camera, mark_mm, u_mark_mm, lens, request.unit, allow_remote=allow_remote)
         choice.tracker()  # refuses what cannot be before the board is opened
         open_camera = partial(open_channel, choice=choice, video=video)
     summary, failure, at_end = run_assessed_session(request, enter, open_camera)

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from analysis.data.recording import Recording
     from analysis.progress import Progress
     from analysis.tracking.lens import Lens
-    from analysis.tracking.patches import PatchTracker
     from analysis.tracking.tracker import MarkTracker
     from boat_daq.engine.session.session import Session
 
@@ -33,7 +32,6 @@ class CameraChoice:
     mark_mm : side of the marks' black square; 0 takes the millimetre grid in the picture.
     lens : file of the calibrated lens; None takes the unit's.
     unit : name of the unit, whose lens is taken; empty for none.
-    patches : left, top, width and height, px, of two textured parts in place of the marks, base first; empty for marks.
     allow_remote : whether the source may be on another computer.
     """
 
@@ -42,10 +40,9 @@ class CameraChoice:
     u_mark_mm: float = 0.02
     lens: Path | None = None
     unit: str = ""
-    patches: tuple[tuple[int, int, int, int], ...] = ()
     allow_remote: bool = False
 
-    def tracker(self) -> MarkTracker | PatchTracker:
+    def tracker(self) -> MarkTracker:
         """Return a tracker for it.
 
         Raises
@@ -54,29 +51,23 @@ class CameraChoice:
         FileError : the lens cannot be read.
         """
         from analysis.tracking.lens import lens_of, read_lens
-        from analysis.tracking.patches import Patch, PatchTracker
         from analysis.tracking.tracker import MarkTracker, Optics
 
         if not (0 <= self.mark_mm <= 500 and 0 <= self.u_mark_mm <= 10):
             raise OperatorError(f"marks of {self.mark_mm:g} mm are not possible", "measure the black square of a mark")
-        if self.patches:
-            if len(self.patches) != 2:
-                raise OperatorError(f"{len(self.patches)} patches are given", "give two: on the base, then on the tip")
-            return PatchTracker(Patch(*self.patches[0]), Patch(*self.patches[1]))
         stored = UnitLibrary().load(self.unit).lens if self.unit and self.lens is None else {}
         lens = read_lens(self.lens) if self.lens is not None else None
         if stored:
             lens = lens_of(stored, f"the lens of unit {self.unit}")
         return MarkTracker(Optics(self.mark_mm, self.u_mark_mm, lens))
 
-    def about(self, tracker: MarkTracker | PatchTracker) -> dict[str, Any]:
+    def about(self, tracker: MarkTracker) -> dict[str, Any]:
         """Return what a recording keeps of the camera."""
         plane = tracker.plane
         return {
             "source": self.source,
-            "mark_mm": None if self.patches else tracker.side_mm,
+            "mark_mm": tracker.side_mm,
             "u_mark_mm": self.u_mark_mm,
-            "patches": [list(patch) for patch in self.patches],
             "lens": tracker.lens.as_json() if tracker.lens is not None else None,
             "u_scale": plane.u_scale if plane is not None else None,
             "mm_per_px": plane.mm_per_px if plane is not None else None,

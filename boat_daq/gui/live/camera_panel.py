@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QFontMetrics, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF
+from PySide6.QtCore import QPointF, QSize, Qt
+from PySide6.QtGui import QColor, QFontMetrics, QImage, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
@@ -13,15 +13,13 @@ from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.live.camera import CameraModel, CameraView, Rectangle
+from boat_daq.viewmodels.live.camera import CameraModel, CameraView
 
 HELP = (
     "A camera reads the elongation by itself: print the two marks, glue one to the base and one to the tip, and let "
-    "the camera see both. Each plateau then gets its reading; you can correct it in the table. Where no mark can be "
-    "glued, drag a rectangle over a textured part of the base in the picture, then one over the tip."
+    "the camera see both. Each plateau then gets its reading; you can correct it in the table."
 )
 WARNING_LINES = 3  # in the narrowest pane
-SMALLEST_PX = 16  # of a rectangle; a shorter drag is a click
 MARK_TIP = "Side of the marks' black square; 0 takes the scale from the millimetre grid in the picture"
 SOURCE_TIP = "Number of the camera (0 is the first), or the http:// or rtsp:// address of one on this computer"
 
@@ -34,9 +32,7 @@ def image_of(picture: npt.NDArray[np.uint8]) -> QImage:
 
 
 class MarkedPicture(QWidget):
-    """The newest picture, fitted, with an outline on each mark; the mouse drags rectangles on it."""
-
-    chosen = Signal(int, int, int, int)  # left, top, width, height in pixels of the picture
+    """The newest picture, fitted, with an outline on each mark."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -47,8 +43,6 @@ class MarkedPicture(QWidget):
         self.shown: npt.NDArray[np.uint8] | None = None  # the image's own memory
         self.host_ns: int | None = None  # arrival of the frame that is shown
         self._outlines: list[npt.NDArray[np.float64]] = []
-        self._dragged: QRectF | None = None  # on the screen
-        self.setCursor(Qt.CursorShape.CrossCursor)
 
     def sizeHint(self) -> QSize:
         """Return the size of a picture in the pane."""
@@ -88,28 +82,6 @@ class MarkedPicture(QWidget):
             self._shown_image.setDevicePixelRatio(ratio)
         return self._shown_image
 
-    def mousePressEvent(self, event: QMouseEvent) -> None:
-        """Begin a rectangle."""
-        if event.button() is Qt.MouseButton.LeftButton and not self._image.isNull():
-            self._dragged = QRectF(event.position(), event.position())
-
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        """Draw the rectangle."""
-        if self._dragged is not None:
-            self._dragged.setBottomRight(event.position())
-            self.update()
-
-    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        """Choose the rectangle, where it is one."""
-        if self._dragged is None or self._image.isNull():
-            return
-        drawn, self._dragged = self._dragged.normalized(), None
-        sides = (drawn.left(), drawn.top(), drawn.width(), drawn.height())
-        left, top, width, height = (round(side / self._scale) for side in sides)
-        if min(width, height) >= SMALLEST_PX:
-            self.chosen.emit(left, top, width, height)
-        self.update()
-
     def paintEvent(self, event: QPaintEvent) -> None:
         """Draw the picture and the outlines."""
         if self._image.isNull():
@@ -122,9 +94,6 @@ class MarkedPicture(QWidget):
             for colour, width in ((QColor("white"), 4), (style.colour(style.LIGHT.elongation), 2)):
                 painter.setPen(QPen(colour, width))
                 painter.drawPolygon(shown)
-        if self._dragged is not None:
-            painter.setPen(QPen(style.colour(style.LIGHT.elongation), 2))
-            painter.drawRect(self._dragged)
 
 
 class CameraPanel(QWidget):
@@ -141,8 +110,6 @@ class CameraPanel(QWidget):
         self.mark.setToolTip(MARK_TIP)
         self.button = widgets.button("Open", self.toggle, "primary", name="Open or close the camera")
         self.picture = MarkedPicture()
-        self.picture.chosen.connect(self._take_patch)
-        self._patches: list[Rectangle] = []
         self.print = widgets.button("Save the marks …", self._save_marks, tip="The two marks as a PDF to print")
         self.value = widgets.label("", "title", name="Elongation by the camera")
         self.u = widgets.label("", "muted")
@@ -174,15 +141,6 @@ class CameraPanel(QWidget):
         else:
             self.notices.attempt(lambda: self.model.open(self.source.text(), self.mark.text()))
         self._show(self.model.view())
-
-    def _take_patch(self, left: int, top: int, width: int, height: int) -> None:
-        """Take a rectangle: the first on the base, the second on the tip; with both the camera tracks them."""
-        self._patches.append((left, top, width, height))
-        if len(self._patches) < 2:
-            self.notices.inform("the part on the base is chosen; drag one over the tip")
-            return
-        patches, self._patches = self._patches, []
-        self.notices.attempt(lambda: self.model.open(self.source.text(), self.mark.text(), patches))
 
     def _save_marks(self) -> None:
         ask_save(self, self.services, "marks", "pdf", lambda path: self.model.save_marks(path, self.mark.text()))

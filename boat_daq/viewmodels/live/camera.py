@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +16,6 @@ from boat_daq.workflows.camera_tracking import CameraChoice, open_channel
 
 SOURCE, MARK = "camera_source", "camera_mark_mm"
 LEARNING = "learning"
-Rectangle = tuple[int, int, int, int]  # left, top, width, height, pixels of the picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,13 +57,12 @@ class CameraModel:
         """Side of the marks last used, mm."""
         return str(self._preferences.get(MARK, "10"))
 
-    def open(self, source: str, mark: str, patches: Sequence[Rectangle] = ()) -> None:
+    def open(self, source: str, mark: str) -> None:
         """Open a camera, in place of the one that is open.
 
         Parameters
         ----------
         mark : side of the marks' black square, mm, as typed; 0 takes the millimetre grid.
-        patches : two textured parts of the picture in place of the marks, base first; none for marks.
 
         Raises
         ------
@@ -76,7 +73,7 @@ class CameraModel:
         except ValueError:
             raise OperatorError(f"{mark!r} is not a length", "Type the side of a mark's black square in mm.") from None
         unit = self._session.snapshot().unit
-        choice = CameraChoice(source.strip(), mark_mm, unit=unit, patches=tuple(patches))
+        choice = CameraChoice(source.strip(), mark_mm, unit=unit)
         self.close()
         self.channel = open_channel(self._session, choice)
         self._preferences.set(SOURCE, source.strip())

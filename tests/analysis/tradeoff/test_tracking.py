@@ -14,7 +14,7 @@ def test_the_setting_in_use_is_among_those_measured() -> None:
     method = camera_tracker()
     names = {setting.name for setting in method.settings(True)}
     assert set(method.in_code.values()) == {USED}
-    assert names >= {USED, "detector, 640 px", "corners, 640 px", "patches, 640 px"}
+    assert names >= {USED, "detector, 640 px", "corners, 640 px"}
 
 
 @pytest.mark.nightly

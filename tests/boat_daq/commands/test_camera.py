@@ -70,7 +70,6 @@ def test_a_video_without_marks_is_refused(tmp_path: Path) -> None:
         (("text.mkv",), "text.mkv is no video"),
         (("blank.mkv", "--lens", tmp_path / "text.mkv"), "is no lens"),
         (("blank.mkv", "--mark-mm", 900), "marks of 900 mm are not possible"),
-        (("blank.mkv", "--patch", "0,0,20,20"), "1 patches are given"),
     ):
         ended = program("camera", "track", tmp_path / words[0], *words[1:])
         assert ended.code == 1
@@ -105,7 +104,6 @@ def test_options_that_contradict_each_other_are_refused(tmp_path: Path) -> None:
         ("record", "--port", "x", "--video", "v.mkv"),
         ("board", "--pty", "--video", "v.mkv", "--mjpeg", "0"),
         ("board", "--pty", "--camera", "tilt_deg=3"),
-        ("camera", "track", "v.mkv", "--patch", "1,2"),
         ("camera", "calibrate", "a.png", "--out", "l.json", "--corners", "8"),
     ):
         assert program(*words).code == 2

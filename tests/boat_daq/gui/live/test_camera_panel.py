@@ -8,8 +8,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, Qt
-from PySide6.QtTest import QTest
 
 from boat_daq.engine.camera.source import CameraFrame
 from boat_daq.engine.simulator.picture import FAULTLESS, CameraScene, Disturbance, Renderer
@@ -108,23 +106,6 @@ def test_a_camera_that_fails_is_closed_with_its_cause(live, panel, qtbot):
 
     qtbot.waitUntil(failed, timeout=20_000)
     assert "gives no more pictures" in live.model.notices.current().text
-
-
-def test_patches_are_chosen_with_the_mouse(panel, qtbot):
-    """A rectangle on the base, one on the tip; the elongation comes from them, its scale from the grid."""
-    shown, opened = panel
-    opened(Pictures())
-    qtbot.waitUntil(lambda: shown.model.view().state.picture is not None, timeout=20_000)
-    shown.draw()
-    scale = shown.picture._scale
-    for left, right in ((16, 62), (82, 127)):
-        QTest.mousePress(shown.picture, Qt.MouseButton.LeftButton, pos=QPoint(round(left * scale), round(37 * scale)))
-        QTest.mouseMove(shown.picture, QPoint(round(right * scale), round(83 * scale)))
-        QTest.mouseRelease(
-            shown.picture, Qt.MouseButton.LeftButton, pos=QPoint(round(right * scale), round(83 * scale))
-        )
-    assert shown.model.channel is not None
-    assert len(shown.model.channel.about["patches"]) == 2
 
 
 def test_marks_are_saved_to_print(panel, tmp_path):

@@ -26,7 +26,7 @@ from analysis.warning import Warning, WarningCode
 
 VACUUM_KPA = -101.325
 FINE_ENOUGH = (8, 1, 2)
-"""Least elements along a cell, across the wall and across the lattice for points within 0.05 mm (METHODS, meshes)."""
+"""Least elements along a cell, across the wall and across the lattice for points within 0.05 mm (METHODS.md)."""
 WORST_CONDITION = 1e9
 """Of the scaled tangent at rest: Newton's method met its tolerance at 4e8 and no longer at 3e9."""
 HIDDEN_SHARE = 1e-3

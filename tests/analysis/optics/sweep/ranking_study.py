@@ -1,4 +1,4 @@
-"""What determines the ranking of designs: number of rays, order of the budget, index, thickness (METHODS.md's table).
+"""What determines the ranking of designs: number of rays, order of the budget, index, thickness.
 
 Strategy: the same designs are swept once for each case, everything else at its default, and each case's P is compared
 with that of the first by rank. The budget of secondaries stays the paper's 100 as the rays grow, so that secondaries

@@ -20,7 +20,7 @@ from analysis.optics.tracer.simulation import trace
 
 PEER = os.environ.get("BOAT_RAY_OPTICS", "")
 
-"""A node script that loads a scene and prints {"count": detected rays} as JSON; see METHODS.md, "A peer"."""
+"""A node script that loads a scene and prints {"count": detected rays} as JSON; see METHODS.md, "ray-optics"."""
 
 
 def test_scene_is_version_5_with_our_fan(frames: list[SceneFrame]) -> None:

@@ -85,7 +85,7 @@ pictures: setup-test  ## take the pictures of the documentation again, in the wi
 	rm -rf out/pictures
 	BOAT_DAQ_HOME=$(CURDIR)/out/pictures/home xvfb-run -a -s "-screen 0 1280x800x24" $(BIN)/python -m tests.docs.pictures out/pictures
 
-faults: setup-test  ## write docs/FAULTS.md from the tests' marks
+faults: setup-test  ## write the table of faults to out/FAULTS.md from the tests' marks
 	$(BIN)/python -m tests.faults.table
 
 audit: setup     ## known weaknesses of the installed packages (asks an advisory service on the network)

@@ -1,4 +1,4 @@
-"""docs/FAULTS.md from the tests' own marks: `python -m tests.faults.table` writes it, `test_table.py` compares it.
+"""The table of faults, from the tests' own marks: `make faults` writes it to out/FAULTS.md.
 
 A test declares what it injects by `@pytest.mark.fault(NUMBER, how="...", times=N)` on a function, class or parameter.
 The marks are read from the source without running it.
@@ -15,13 +15,12 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "FAULTS.md"
+PAGE = ROOT / "out" / "FAULTS.md"
 HEAD = """# Table of faults
 
-Made from the marks of the tests by `make faults`; do not edit. Each row of a fault is a test: how it injects the fault,
-how many times, where it is, and when it runs (CI: with every change, `make test`; nightly: `make nightly`). The outcome
-is what the test checks; in addition no recorded sample is lost or altered, no user sees a traceback, and
-pressure never leaves its limits.
+Made by `make faults` from the marks of the tests. A row is a test: how it injects the fault, how many times, and
+when it runs (CI: `make test`; nightly: `make nightly`). The test checks the outcome; in addition no recorded sample is
+lost or altered, no user sees a traceback, and pressure never leaves its limits.
 """
 
 
@@ -110,7 +109,7 @@ def _is_nightly(node: ast.AST) -> bool:
 
 
 def page() -> str:
-    """Return the text of docs/FAULTS.md."""
+    """Return the table as Markdown."""
     marks = injections()
     lines = [HEAD]
     group = ""
@@ -132,5 +131,6 @@ def page() -> str:
 
 
 if __name__ == "__main__":
+    PAGE.parent.mkdir(exist_ok=True)
     PAGE.write_text(page(), encoding="utf-8")
     sys.stdout.write(f"{PAGE.relative_to(ROOT)} written\n")

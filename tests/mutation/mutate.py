@@ -2,8 +2,8 @@
 
 `make mutation`, or `python -m tests.mutation.mutate [MODULE ...] [COUNT]`, makes Cosmic Ray's mutants of `MODULES`,
 tries those that have no result yet, or COUNT of each module drawn at random, always the same ones, and writes
-docs/MUTATION.md. Results are kept in FOLDER, by the source and the tests that they are of. Reasons of survivors are in
-survivors.toml.
+their scores to scores.csv. Results are kept in FOLDER, by the source and the tests that they are of. Reasons of
+survivors are in survivors.toml.
 
 Strategy: Cosmic Ray changes the source; its own runner would start Python for every mutant. Here one process imports
 and collects once; each mutant is a fork of it, in which the compiled functions of the mutated source replace those of
@@ -41,7 +41,6 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "out" / "mutation"
-PAGE = ROOT / "docs" / "MUTATION.md"
 
 _FIGURES, _CALIBRATION = "tests/analysis/figures", "tests/analysis/calibration"
 _CONTROL, _RECORDING, _LINK = "tests/boat_daq/engine/control", "tests/boat_daq/engine/recording", "tests/protocol/link"
@@ -385,7 +384,7 @@ def _import_name(module: str) -> str:
     return module.removesuffix(".py").replace("/", ".")
 
 
-def _results_file(module: str) -> Path:
+def results_file(module: str) -> Path:
     return FOLDER / (module.replace("/", "_") + ".json")
 
 
@@ -393,7 +392,7 @@ class Results:
     """The results of one module so far, in FOLDER."""
 
     def __init__(self, module: str, source: str, tests: list[str]) -> None:
-        self._source, self._path = source.splitlines(), _results_file(module)
+        self._source, self._path = source.splitlines(), results_file(module)
         self._hash = hashlib.sha256(source.encode()).hexdigest()
         content = "".join(Path(ROOT / test).read_text(encoding="utf-8") for test in tests)
         self._state = hashlib.sha256((source + content).encode()).hexdigest()
@@ -407,7 +406,7 @@ class Results:
     @staticmethod
     def kept(module: str) -> dict[str, Any]:
         """Return what is kept of a module: `found`, by mutant, and whether that is the `whole`."""
-        path = _results_file(module)
+        path = results_file(module)
         nothing = {"source": "", "state": "", "whole": False, "found": {}}
         content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else nothing
         return content
@@ -445,7 +444,7 @@ def main(modules: list[str], count: int | None) -> None:
             code = pytest.main(arguments, plugins=[Runner(module, count)])
             os._exit(int(code))
         os.waitpid(pid, 0)
-    subprocess.run([sys.executable, "-m", "tests.mutation.page"], cwd=ROOT, check=True)
+    subprocess.run([sys.executable, "-m", "tests.mutation.scores"], cwd=ROOT, check=True)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import csv
 import sys
 import types
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.mutation.mutate import MODULES, ROOT, lines_of_interest, replace_code
-from tests.mutation.page import Reason, reasons
+from tests.mutation.scores import SCORES, Reason, reasons, score
 
 SOURCE = """from dataclasses import dataclass
 
@@ -81,3 +82,13 @@ def test_every_named_file_exists() -> None:
     assert [
         name for module, tests in MODULES.items() for name in (module, *tests) if not Path(ROOT / name).exists()
     ] == []
+
+
+def test_every_score_is_of_a_module_and_follows_from_its_counts() -> None:
+    with SCORES.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["module"] for row in rows} <= set(MODULES)
+    for row in rows:
+        counts = (int(row[name]) for name in ("tried", "killed", "equivalent"))
+        again = score(row["module"], row["date"], *counts, whole=row["all"] == "True")
+        assert {name: str(value) for name, value in again.items()} == row

@@ -39,7 +39,7 @@ FEWEST_CYCLES = 2
 FEWEST_REPEATS = 10
 """Cycles of a repeatability run before it may end: fewer leave the widths of the intervals themselves uncertain."""
 CONFIDENCE = 0.9
-"""One-sided, of the limit of what the cycles may differ by in U that ends a run: by its coverage (METHODS.md)."""
+"""One-sided, of the limit of what the cycles may differ by in U that ends a run: by its coverage."""
 DRIFT, SPREAD = "drift_percent_fso_per_100_cycles", "repeatability_percent_fso"
 HELD_SHARE = 0.45
 """Of a branch's plateaus, held at least: one much faster than the others is taken for the way to the vented state."""

@@ -29,7 +29,7 @@ PAPER_SECONDARY = 100
 ALL = -1
 """Budget under which every reflected part above the faintest power is followed."""
 FULL_FAINTEST = 1e-3
-"""Faintest power where all reflected parts are followed; what is missing of the power is in METHODS.md."""
+"""Faintest power where all reflected parts are followed."""
 
 
 def _finite(name: str, value: float) -> None:

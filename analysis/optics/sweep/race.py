@@ -33,7 +33,7 @@ from analysis.progress import Progress, part_of
 FIRST_RAYS, RELATED_RAYS = 1_000, 4_000
 """Up to the latter neighbouring rays become related, and twice the rays leave less than half of the error."""
 FIRST_RAYS_OF_POWER = 2_000
-"""Rays of the first round by power: 1,000 leave half of the designs, which costs what it saves (METHODS.md)."""
+"""Rays of the first round by power: 1,000 leave half of the designs, which costs what it saves."""
 MOST_RAYS = 256_000
 """Rays of the best design unless stated otherwise."""
 LEADERS, CHALLENGERS = 2, 16

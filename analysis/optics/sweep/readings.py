@@ -51,7 +51,7 @@ DECIDED_BY = {
     "emission": "the distribution of directions that was set at the source",
 }
 FAINTEST = 0.01
-"""Faintest power followed by power: half the cost of the default, and P of both correlates by 0.98 (METHODS.md)."""
+"""Faintest power followed by power: half the cost of the default, and P of both correlates by 0.98."""
 _COST_OF_POWER = 2.5
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,12 +21,13 @@ import numpy as np
 
 from analysis.arrays import FloatArray
 from analysis.calibration.inverse import NODES, U_NODES, Fusion, Inverse, signal_at
-from analysis.calibration.type_b import traceability
+from analysis.calibration.record import CalibrationRecord, SensorRecord
+from analysis.calibration.type_b import contributions, traceability
 from analysis.errors import AnalysisError, DataError, FileError
+from analysis.figures.calibration_record import calibration_record
 from analysis.figures.pipeline import Analysis
-from analysis.figures.uncertainty import elongation_reader
 from analysis.numbers import finite
-from analysis.version import program_version
+from analysis.warning import Warning
 from protocol.regular_file import read_regular
 
 FORMAT, VERSION = "boat-daq calibration", 1
@@ -56,42 +57,50 @@ class CalibrationFile:
     void: str = ""
 
     @classmethod
-    def of(cls, analysis: Analysis) -> CalibrationFile:
-        """Return the calibration of a run.
+    def of(
+        cls, record: CalibrationRecord, *, u_elongation: Sequence[FloatArray] = (), warnings: Sequence[Warning] = ()
+    ) -> CalibrationFile:
+        """Return the file of a calibration.
+
+        Parameters
+        ----------
+        u_elongation : of each sensor, [points, 2] x and U, mm; where there is none the file has none.
 
         Raises
         ------
-        DataError : no sensor of the run is calibrated.
+        DataError : no sensor is calibrated.
         """
-        recording = analysis.recording
-        if not any(sensor.calibration is not None for sensor in analysis.sensors):
+        if all(sensor.void for sensor in record.sensors):
             raise DataError(
-                f"this run is no calibration: {analysis.sensors[0].calibration_void}",
+                f"this run is no calibration: {record.sensors[0].void}",
                 "Give its readings of elongation, or choose a calibration run.",
             )
+        stated = contributions(record.sensors[0].type_b)
         head = {
-            "program_version": program_version(),
-            "simulated": recording.simulated,
-            "unit": recording.unit,
-            "recording": Path(recording.source).name,
-            "recording_id": str(recording.meta.get("uuid") or ""),
-            "calibrated_utc": recording.started_utc,
-            "operator": str(recording.meta.get("operator") or ""),
-            "traceability": traceability(analysis.options.type_b).text,
-            "warnings": [warning.as_json() for warning in analysis.warnings],
+            "program_version": record.program_version,
+            "simulated": record.simulated,
+            "unit": record.unit,
+            "recording": record.recording,
+            "recording_id": record.recording_id,
+            "calibrated_utc": record.calibrated_utc,
+            "operator": record.operator,
+            "traceability": traceability(stated).text,
+            "warnings": [warning.as_json() for warning in warnings],
         }
-        kept = ("name", "adequacy", "u_elongation_mm")
-        sensors = tuple(
-            {key: content[key] for key in kept} | {"fit": content["calibration"]}
-            for content in analysis.to_json()["sensors"]
-        )
+        u_mm = [*(u.tolist() for u in u_elongation), *[[] for _ in record.sensors]]
+        sensors = tuple(_sensor(sensor, u) for sensor, u in zip(record.sensors, u_mm, strict=False))
         try:
-            fusion = elongation_reader(analysis)
+            fusion = record.fusion()
         except AnalysisError as error:
             return cls(head, sensors, None, error.cause)
         if not all(np.isfinite(inverse.noise_mm + inverse.shared_mm).all() for inverse in fusion.inverses):
             return cls(head, sensors, None, "the uncertainty of an elongation is not known over the whole range")
         return cls(head, sensors, fusion)
+
+    @classmethod
+    def of_run(cls, analysis: Analysis) -> CalibrationFile:
+        """Return the file of the calibration of a run; raises as `of`."""
+        return cls.of(calibration_record(analysis), u_elongation=analysis.u_elongation, warnings=analysis.warnings)
 
     @property
     def title(self) -> str:
@@ -144,6 +153,17 @@ class CalibrationFile:
     def text(self) -> str:
         """Return the file's text."""
         return json.dumps(finite(self.as_json()), indent=1, ensure_ascii=False, allow_nan=False, default=str) + "\n"
+
+
+def _sensor(record: SensorRecord, u_mm: list[Any]) -> Mapping[str, Any]:
+    """Return the curve of a sensor, its test and U; without a curve the reason is in the file's `void`."""
+    adequacy = None if record.void else record.calibration().adequacy
+    return {
+        "name": record.name,
+        "adequacy": adequacy.as_json() if adequacy is not None else None,
+        "u_elongation_mm": u_mm,
+        "fit": record.fit or None,
+    }
 
 
 def _inverse_json(inverse: Inverse) -> dict[str, Any]:

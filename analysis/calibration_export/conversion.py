@@ -68,7 +68,7 @@ def own_elongation(recording: Recording, options: Options, elongation: str | Pat
     """
     if elongation is None and not len(recording.readings) and recording.camera is None:
         raise DataError("no elongation was read in this run", "Give a calibration of its unit.")
-    return convert_recording(recording, CalibrationFile.of(analyse(recording, elongation, options=options)))
+    return convert_recording(recording, CalibrationFile.of_run(analyse(recording, elongation, options=options)))
 
 
 def check_signals(calibration: CalibrationFile, sensors: int, *, simulated: bool) -> None:

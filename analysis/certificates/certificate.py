@@ -26,6 +26,7 @@ from analysis.calibration.adequacy import CurveVerdict
 from analysis.calibration.compare import Agreement, compare_fits
 from analysis.calibration.fit import Calibration
 from analysis.calibration.inverse import Inverse, raise_without_inverse
+from analysis.calibration.record import CalibrationRecord
 from analysis.calibration.type_b import Traceability, TypeBContribution, not_assessed, traceability
 from analysis.certificates.laboratory import Laboratory
 from analysis.conformity import RULE
@@ -257,7 +258,7 @@ class Request:
     items : names in the order of the runs; overrides those of the metadata.
     limits : of the customer, see `analysis.figures.acceptance.LIMITS`.
     issued : date, ISO 8601; today where it is empty.
-    previous : of each run the stored content of the calibration in force before, with its date as `utc`; or None.
+    previous : of each run the calibration in force before; None where there is none.
     """
 
     laboratory: Laboratory | None = None
@@ -266,7 +267,7 @@ class Request:
     limits: Mapping[str, float] = field(default_factory=dict)
     issued: str = ""
     number: str = ""
-    previous: tuple[Mapping[str, Any] | None, ...] = ()
+    previous: tuple[CalibrationRecord | None, ...] = ()
 
 
 def missing(analyses: Sequence[Analysis], request: Request) -> tuple[str, ...]:
@@ -324,19 +325,18 @@ def _number(certificate: Certificate) -> str:
 
 
 def _item(
-    analysis: Analysis, name: str, previous: Mapping[str, Any] | None, limits: Mapping[str, float], issued: str
+    analysis: Analysis, name: str, previous: CalibrationRecord | None, limits: Mapping[str, float], issued: str
 ) -> CalibratedItem:
     recording, stated = analysis.recording, analysis.recording.metadata
     name = name or stated.item or recording.unit
     if not (name or stated.serial_number):
         cause = f"{recording.source or 'the run'} names no unit, so the item has no identity"
         raise DataError(cause, "State the item.", command="--item TEXT")
-    content = previous or {}
-    before = content.get("sensors", [])
-    sensors = []
-    for index in range(len(analysis.sensors)):
-        fits = before[index].get("fit") if index < len(before) else None
-        sensors.append(_sensor(analysis, index, fits, limits))
+    before = previous.sensors if previous is not None else ()
+    sensors = [
+        _sensor(analysis, index, before[index].fit if index < len(before) else {}, limits)
+        for index in range(len(analysis.sensors))
+    ]
     if all(sensor.void for sensor in sensors):
         cause = f"{recording.source or 'the run'} has no calibration to certify: {sensors[0].void}"
         raise DataError(cause, "Calibrate the unit, or choose another curve.")
@@ -355,13 +355,11 @@ def _item(
         sensors=tuple(sensors),
         type_b=analysis.options.type_b,
         warnings=tuple(warning.sentence for warning in analysis.warnings),
-        previous=str(content.get("utc", "")),
+        previous=previous.calibrated_utc if previous is not None else "",
     )
 
 
-def _sensor(
-    analysis: Analysis, index: int, before: Mapping[str, Any] | None, limits: Mapping[str, float]
-) -> CalibratedSensor:
+def _sensor(analysis: Analysis, index: int, before: Mapping[str, Any], limits: Mapping[str, float]) -> CalibratedSensor:
     sensor = analysis.sensors[index]
     calibration = sensor.calibration
     if calibration is None:
@@ -371,7 +369,7 @@ def _sensor(
     except AnalysisError as error:
         return CalibratedSensor(sensor.name, error.cause)
     found = None
-    if before is not None:
+    if before:
         try:
             found = compare_fits(calibration.as_json(), before)
         except (AnalysisError, KeyError):

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -132,6 +133,11 @@ class Recording:
     def unit(self) -> str:
         """Name of the unit, "" where it is not known."""
         return str(self.meta.get("unit") or "")
+
+    @property
+    def identity(self) -> str:
+        """Its UUID, which a renamed file keeps; the name of the file where it has none."""
+        return str(self.meta.get("uuid") or Path(self.source).name)
 
     @property
     def started_utc(self) -> str:

@@ -10,8 +10,8 @@ import sys
 import numpy as np
 
 from analysis import AnalysisError, analyse, load_recording
+from analysis.figures.calibration_record import elongation_reader
 from analysis.figures.figure import SENSOR_FIGURES, with_interval
-from analysis.figures.uncertainty import elongation_reader
 
 
 def main(run: str, readings: str | None = None) -> float:

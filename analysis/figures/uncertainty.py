@@ -24,7 +24,7 @@ from analysis.calibration.adequacy import expanded
 from analysis.calibration.compare import between_calibrations_mm
 from analysis.calibration.curve_choice import CURVES, CurveCandidate, degree_of
 from analysis.calibration.fit import Calibration
-from analysis.calibration.inverse import Fusion, Inverse, raise_without_inverse
+from analysis.calibration.inverse import raise_without_inverse
 from analysis.calibration.type_b import Traceability, TypeBContribution, not_assessed, traceability
 from analysis.errors import AnalysisError, DataError
 from analysis.figures.sensor_analysis import AnalysedRun, with_curve
@@ -190,16 +190,6 @@ def signal_parts(analysis: AnalysedRun, sensor: int) -> SignalParts:
     )
 
 
-def elongation_reader(analysis: AnalysedRun) -> Fusion:
-    """Return the fusion of the run's sensors, with the uncertainties of its budget, as the live display uses it.
-
-    Raises
-    ------
-    DataError : a sensor is not calibrated, or its curve has no inverse.
-    """
-    return Fusion.of([_inverse(analysis, i) for i in range(len(analysis.sensors))])
-
-
 def elongation_budget(analysis: AnalysedRun, x_mm: float, *, runs: Sequence[AnalysedRun] = ()) -> tuple[Budget, ...]:
     """Return the budget of one reading of elongation at `x_mm`, for each sensor.
 
@@ -209,7 +199,7 @@ def elongation_budget(analysis: AnalysedRun, x_mm: float, *, runs: Sequence[Anal
 
     Raises
     ------
-    DataError : as `elongation_reader`. RequestError : as `between_calibrations_mm`.
+    DataError : a sensor is not calibrated, or its curve has no inverse. RequestError : as `between_calibrations_mm`.
     """
     of_sensors = [BudgetOfSensor.of(analysis, i, runs) for i in range(len(analysis.sensors))]
     for of_sensor in of_sensors:
@@ -396,14 +386,6 @@ def _calibration(analysis: AnalysedRun, sensor: int) -> Calibration:
         reason = analysis.sensors[sensor].calibration_void
         raise DataError(f"{analysis.sensors[sensor].name} is not calibrated: {reason}", "Give its elongations.")
     return calibration
-
-
-def _inverse(analysis: AnalysedRun, sensor: int) -> Inverse:
-    calibration, parts = _calibration(analysis, sensor), signal_parts(analysis, sensor)
-    return Inverse.of(
-        calibration, noise_sd=parts.independent, model_sd=parts.between_cycles, half_loop=parts.half_loop,
-        type_b=analysis.options.type_b,
-    )  # fmt: skip
 
 
 def _half_loop(analysis: AnalysedRun, sensor: int) -> FloatArray:

@@ -86,7 +86,7 @@ def calibration(
         options = Options(
             degree_of(degree), x_resolution_mm=x_resolution, mcmc=False, leave_out=leave_out, type_b=stated
         )
-        found = CalibrationFile.of(analyse(recording, elongation, options=options, progress=advance))
+        found = CalibrationFile.of_run(analyse(recording, elongation, options=options, progress=advance))
     form = "c" if format == "h" else format
     if to is None:
         text = calibration_text(found, form, table_error)

@@ -50,7 +50,7 @@ def certificate(
     """
     from analysis.certificates.document import write_certificate
     from analysis.numbers import finite
-    from boat_daq.viewmodels.results.certificates import CertificateOrder, certificate_for
+    from boat_daq.workflows.certificate import CertificateOrder, certificate_for
 
     if to.suffix.lower() not in (".pdf", ".xml"):
         raise typer.BadParameter("must end in .pdf or .xml", param_hint="--out")

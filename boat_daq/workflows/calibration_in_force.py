@@ -1,4 +1,4 @@
-"""What the file of a unit or of a rig states for an analysis: type B contributions, and the curve that was accepted.
+"""What the file of a unit or of a rig states for an analysis: contributions, the curve, the calibration in force.
 
 Rules: a rig's file has the same tables as a unit's, [type_b.scale] and so on, and counts before the unit's. A simulated
 run takes both from the library of simulated units.
@@ -6,16 +6,16 @@ run takes both from the library of simulated units.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING
 
-from boat_daq.engine.settings import Unit, UnitLibrary
+from analysis.calibration.record import CalibrationRecord
+from boat_daq.engine.settings import StoredCalibration, Unit, UnitLibrary
 from boat_daq.engine.toml_values import BadValue, parse_toml, read_text
+from boat_daq.errors import OperatorError
 
 if TYPE_CHECKING:
     from analysis.calibration.curve_choice import Degree
-    from analysis.calibration.inverse import Inverse
     from analysis.calibration.type_b import TypeBContribution
     from analysis.calibration_export.calibration_file import CalibrationFile
     from analysis.data.export import ConvertedElongation
@@ -58,7 +58,7 @@ def chosen_curve(recording: Recording, choice: str = "") -> Degree:
     """
     from analysis.calibration.curve_choice import USUAL_DEGREE, degree_of
 
-    unit, own = None if choice else _unit(recording), identity(recording)
+    unit, own = None if choice else _unit(recording), recording.identity
     accepted = (
         str(entry.content.get("curve", ""))
         for entry in reversed(unit.history if unit is not None else ())
@@ -67,35 +67,27 @@ def chosen_curve(recording: Recording, choice: str = "") -> Degree:
     return degree_of(choice or next(accepted, "") or str(USUAL_DEGREE))
 
 
-def stored_inverse(stored: Mapping[str, Any]) -> Inverse:
-    """Return the inverse of one sensor of an accepted calibration, with the uncertainty of its run.
+def record_of(unit: Unit, entry: StoredCalibration) -> CalibrationRecord:
+    """Return an entry of a unit's history."""
+    return CalibrationRecord.parse(
+        entry.content, unit=unit.name, recording=entry.recording, calibrated_utc=entry.utc, operator=entry.operator,
+        program_version=entry.program_version,
+    )  # fmt: skip
 
-    Its points are fitted again, so that it is exactly the accepted calibration. Where no uncertainty is stored it is
-    that of the residuals of the fit.
+
+def in_force(units: UnitLibrary, name: str) -> CalibrationRecord:
+    """Return the calibration of a unit in force.
 
     Raises
     ------
-    AnalysisError : the curve has no inverse over its range.
+    OperatorError : it has none, or its file is refused.
     """
-    from analysis.calibration.curve_choice import SPLINE
-    from analysis.calibration.fit import fit_by_branch, fit_calibration
-    from analysis.calibration.inverse import Inverse
-    from analysis.calibration.type_b import contributions
-
-    points, degree = (stored["elongation_mm"], stored["signal_mv"]), int(stored["fit"]["degree"])
-    reading_sd, positions = float(stored.get("reading_sd_mm") or 0.0), stored.get("positions")
-    if stored.get("branches") is not None:
-        branch = stored["branches"]
-        curve: int | Literal["spline"] = SPLINE if stored["fit"].get("curve") == SPLINE else degree
-        fit = fit_by_branch(*points, curve, positions=stored["positions"], branch=branch, reading_sd=reading_sd)
-    else:  # accepted before the branches were stored
-        fit = fit_calibration(*points, degree).with_reading(reading_sd, positions)
-    type_b = contributions(stored.get("type_b") or {})
-    half_loop, model_sd = stored.get("half_loop_mv"), stored.get("between_cycles_mv")
-    if half_loop is None or model_sd is None:  # accepted before the loop's course was stored: its rms is in the model
-        half_loop, model_sd = 0.0, float(stored.get("model_mv") or 0.0)
-    noise_sd = stored.get("noise_mv")
-    return Inverse.of(fit, noise_sd=noise_sd, model_sd=model_sd, half_loop=half_loop, type_b=type_b)
+    unit = units.load(name) if name else None
+    if unit is None or unit.calibration is None:
+        kind = "simulated unit" if units.simulated else "unit"
+        cause = f"{kind} {name} has no accepted calibration" if name else "the unit is not named"
+        raise OperatorError(cause, "accept a calibration of this unit first", command="boat-daq twin accept RUN")
+    return record_of(unit, unit.calibration)
 
 
 def calibration_in_force(recording: Recording) -> CalibrationFile | None:
@@ -103,33 +95,14 @@ def calibration_in_force(recording: Recording) -> CalibrationFile | None:
 
     Raises
     ------
-    OperatorError : the unit's file is refused. AnalysisError : the curve has no inverse over its range.
+    OperatorError : the unit's file is refused. AnalysisError : the points cannot be fitted.
     """
-    from analysis.calibration.inverse import Fusion
-    from analysis.calibration.type_b import contributions, traceability
     from analysis.calibration_export.calibration_file import CalibrationFile
 
     unit = _unit(recording)
-    stored = unit.calibration if unit is not None else None
-    if unit is None or stored is None:
+    if unit is None or unit.calibration is None:
         return None
-    contents = stored.content["sensors"]
-    inverses = tuple(stored_inverse(content) for content in contents)
-    fits = [inverse.calibration for inverse in inverses]
-    head = {
-        "program_version": stored.program_version, "simulated": recording.simulated, "unit": unit.name,
-        "recording": stored.recording, "recording_id": str(stored.content.get("recording_id", "")),
-        "calibrated_utc": stored.utc, "operator": stored.operator, "warnings": [],
-        "traceability": traceability(contributions(contents[0].get("type_b") or {})).text,
-    }  # fmt: skip
-    sensors = tuple(
-        {
-            "name": content["name"], "fit": content["fit"], "u_elongation_mm": [],
-            "adequacy": fit.adequacy.as_json() if fit is not None and fit.adequacy is not None else None,
-        }
-        for content, fit in zip(contents, fits, strict=True)
-    )  # fmt: skip
-    return CalibrationFile(head, sensors, Fusion.of(inverses))
+    return CalibrationFile.of(record_of(unit, unit.calibration))
 
 
 def exported_elongation(
@@ -161,11 +134,6 @@ def exported_elongation(
     except AnalysisError as error:
         void = f"{void}; the calibration of the unit: {error.cause}"
     return None, void
-
-
-def identity(recording: Recording) -> str:
-    """Return what names a recording whatever its file is called: its UUID, or else the name of the file."""
-    return str(recording.meta.get("uuid") or Path(recording.source).name)
 
 
 def _unit(recording: Recording) -> Unit | None:

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from boat_daq.engine.file_names import path_in
-from boat_daq.engine.settings import StoredCalibration, UnitLibrary
+from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import OperatorError, StorageError
-from boat_daq.workflows.calibration_in_force import stored_inverse
+from boat_daq.workflows.calibration_in_force import in_force
 
 if TYPE_CHECKING:
     from analysis.calibration.inverse import Fusion
@@ -26,21 +26,6 @@ if TYPE_CHECKING:
     from analysis.signal_prediction.prediction import LivePrediction, SensorPrediction
 
 
-def in_force(units: UnitLibrary, name: str) -> StoredCalibration:
-    """Return the calibration of a unit in force.
-
-    Raises
-    ------
-    OperatorError : it has none, or its file is refused.
-    """
-    stored = units.load(name).calibration if name else None
-    if stored is None:
-        kind = "simulated unit" if units.simulated else "unit"
-        cause = f"{kind} {name} has no accepted calibration" if name else "the unit is not named"
-        raise OperatorError(cause, "accept a calibration of this unit first", command="boat-daq twin accept RUN")
-    return stored
-
-
 def fusion_of(units: UnitLibrary, name: str) -> Fusion:
     """Return what turns the signals of a unit into elongation, by its calibration in force.
 
@@ -48,9 +33,7 @@ def fusion_of(units: UnitLibrary, name: str) -> Fusion:
     ------
     OperatorError : it has none, or its file is refused. AnalysisError : the calibration gives no elongation.
     """
-    from analysis.calibration.inverse import Fusion
-
-    return Fusion.of([stored_inverse(sensor) for sensor in in_force(units, name).content["sensors"]])
+    return in_force(units, name).fusion()
 
 
 def dynamics_of(units: UnitLibrary, recording: Recording, tolerance_mm: float = 0.05) -> DynamicCalibration:
@@ -63,7 +46,7 @@ def dynamics_of(units: UnitLibrary, recording: Recording, tolerance_mm: float = 
     from analysis.elongation_control.dynamic_calibration import dynamic_calibration
 
     name, fusion = recording.unit, fusion_of(units, recording.unit)
-    loops, utc = sensor_loops(units, name, fusion), in_force(units, name).utc
+    loops, utc = sensor_loops(units, name, fusion), in_force(units, name).calibrated_utc
     return dynamic_calibration(recording, fusion, tolerance_mm, loops=loops, calibration_utc=utc)
 
 
@@ -110,7 +93,7 @@ def load_twin(units: UnitLibrary, name: str) -> TwinFile:
     command, remedy = "boat-daq twin identify RUN", "prepare the control of elongation from its calibration run"
     if twin is None:
         raise OperatorError(f"the hysteresis of unit {name} is not identified", remedy, command=command)
-    if twin.calibration_utc != stored.utc:
+    if twin.calibration_utc != stored.calibrated_utc:
         cause = f"unit {name} has had another calibration since its hysteresis was identified"
         raise OperatorError(cause, remedy, command=command)
     return twin
@@ -133,7 +116,7 @@ def identify_unit(recording: Recording, units: UnitLibrary) -> TwinFile:
     before = read_twin(twin_path(units, recording.unit))
     model = identify_run(recording, fusion_of(units, recording.unit))
     name = Path(recording.source).name
-    twin = TwinFile(recording.unit, units.simulated, stored.utc, name, model)
+    twin = TwinFile(recording.unit, units.simulated, stored.calibrated_utc, name, model)
     if before is not None:
         twin = replace(twin, tuning=before.tuning, actuator=before.actuator, face=before.face)
     store_twin(units, twin)
@@ -162,13 +145,9 @@ def predicted_sensors(units: UnitLibrary, name: str, light: LightTable) -> tuple
     ------
     OperatorError : it has none. AnalysisError : too few readings.
     """
-    import numpy as np
-
     from analysis.signal_prediction.prediction import predict_sensors
 
-    stored = in_force(units, name).content["sensors"]
-    points = [(np.asarray(one["elongation_mm"], float), np.asarray(one["signal_mv"], float)) for one in stored]
-    return predict_sensors(points, light)
+    return predict_sensors([(one.elongation_mm, one.signal_mv) for one in in_force(units, name).sensors], light)
 
 
 def live_prediction_of(units: UnitLibrary, name: str, fusion: Fusion) -> LivePrediction | None:
@@ -185,7 +164,7 @@ def live_prediction_of(units: UnitLibrary, name: str, fusion: Fusion) -> LivePre
     from analysis.signal_prediction.prediction import live_prediction
 
     twin = read_twin(twin_path(units, name))
-    if twin is None or twin.calibration_utc != in_force(units, name).utc:
+    if twin is None or twin.calibration_utc != in_force(units, name).calibrated_utc:
         return None
     light = light_of(twin.actuator, twin.face, build=False)
     return None if light is None else live_prediction(twin.model, fusion, predicted_sensors(units, name, light))
@@ -268,10 +247,7 @@ def sensor_loops(units: UnitLibrary, name: str, fusion: Fusion) -> SensorLoops |
 
     from analysis.elongation_control.sensor_loop import find_loops
 
-    points = [
-        (np.asarray(one["elongation_mm"], float), np.asarray(one["signal_mv"], float))
-        for one in in_force(units, name).content["sensors"]
-    ]
+    points = [(one.elongation_mm, one.signal_mv) for one in in_force(units, name).sensors]
     same = all(np.array_equal(x, points[0][0]) for x, _ in points)
     curves = [inverse.calibration for inverse in fusion.inverses]
     if not same or any(curve is None for curve in curves):

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from analysis.arrays import FloatArray
+from analysis.calibration.record import CalibrationRecord
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.live_model import LiveElongation, LiveModel
-from boat_daq.workflows.calibration_in_force import stored_inverse
 from boat_daq.workflows.jobs import Background
 from boat_daq.workflows.unit_control import live_prediction_of, regulator_of
 
@@ -76,13 +76,9 @@ def prepare(content: Mapping[str, Any], units: UnitLibrary | None = None, name: 
     ------
     AnalysisError : the curve has no inverse over its range.
     """
-    # imported on the helper thread, not with the window
-    from analysis.calibration.inverse import Fusion
-
-    inverses = [stored_inverse(sensor) for sensor in content["sensors"]]
-    fusion = Fusion.of(inverses)
+    fusion = CalibrationRecord.parse(content).fusion()
     conversion = Conversion(fusion, live_prediction_of(units, name, fusion) if units is not None else None)
-    conversion(np.zeros((1, len(inverses))))  # compiles now, not in the first frame
+    conversion(np.zeros((1, len(fusion.inverses))))  # compiles now, not in the first frame
     return conversion
 
 

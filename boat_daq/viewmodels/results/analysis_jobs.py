@@ -25,7 +25,7 @@ from analysis.warning import Warning
 from boat_daq.formatting import NOTHING, count, number, sensor_words
 from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.results.camera import CameraResult, camera_result
-from boat_daq.workflows.calibration_in_force import chosen_curve, exported_elongation, identity, stated_contributions
+from boat_daq.workflows.calibration_in_force import chosen_curve, exported_elongation, stated_contributions
 from boat_daq.workflows.plugin_figures import with_plugins
 from protocol.units import STORED_UNITS, ShownUnits
 
@@ -320,7 +320,7 @@ def analyse_run(
         u_elongation=found.u_elongation,
         u_elongation_void=found.u_elongation_void,
         traceability=next((b.traceability for b in budgets), None),
-        recording_id=identity(recording),
+        recording_id=recording.identity,
         curve=str(degree),
         candidates=tuple(candidates),
         stepped=bool(len(recording.steps)),
@@ -452,6 +452,7 @@ def _plateaus(found: Analysis) -> tuple[int, int]:
 
 def _sensor(found: Analysis, index: int) -> SensorResult:
     from analysis.figures.acceptance import out_of_tolerance
+    from analysis.figures.calibration_record import sensor_record
 
     sensor, none = found.sensors[index], np.zeros(0)
     label, fit, each = sensor_words(sensor.name), sensor.calibration, sensor.by_cycle
@@ -463,7 +464,7 @@ def _sensor(found: Analysis, index: int) -> SensorResult:
     loading = np.array([found.plateaus[int(i)].branch != "unloading" for i in sensor.point_plateau])
     grid = np.linspace(*fit.x_range, GRID)
     bands = fit.band(grid, 0.68), fit.band(grid, 0.95)
-    curve = CurveBands(grid, fit.predict(grid), fit.residuals, *bands, _content(found, index))
+    curve = CurveBands(grid, fit.predict(grid), fit.residuals, *bands, sensor_record(found, index).as_json())
     return SensorResult(label, "", cycles, fit.x, fit.y, loading, curve, out_of_tolerance(sensor, found.reading_sd_mm))
 
 
@@ -481,31 +482,6 @@ def _tested(c: Comparison) -> tuple[str, ...]:
     ]
     means = f"{c.mean_before:.4g} (n = {c.n_before})", f"{c.mean_after:.4g} (n = {c.n_after})"
     return f"{c.sensor}: {c.quantity} ({c.unit})", *means, *p
-
-
-def _content(found: Analysis, index: int) -> dict[str, Any]:
-    """Return what acceptance stores: fit as `fit --json`, points, uncertainty of a live reading, figures."""
-    from analysis.figures.uncertainty import signal_parts
-
-    sensor, parts = found.sensors[index], signal_parts(found, index)
-    assert sensor.calibration is not None
-    points = sensor.point_plateau.astype(np.int64)
-    finite = {key: figure.value for key, figure in sensor.figures.items() if np.isfinite(figure.value)}
-    return {
-        "name": sensor.name,
-        "fit": sensor.calibration.as_json(),
-        "elongation_mm": sensor.calibration.x.tolist(),
-        "signal_mv": sensor.calibration.y.tolist(),
-        "positions": found.position_of(points).tolist(),
-        "branches": found.branch_of(points).tolist(),
-        "reading_sd_mm": found.reading_sd_mm,
-        "noise_mv": parts.independent,
-        "model_mv": parts.shared,
-        "between_cycles_mv": parts.between_cycles,
-        "half_loop_mv": parts.half_loop.tolist(),
-        "type_b": {one.name: one.as_table() for one in found.options.type_b},
-        "figures": finite,
-    }
 
 
 def sample_run(
@@ -620,7 +596,7 @@ def export_calibration(
 
     recording = load_recording(path)
     options = Options(chosen_curve(recording, curve), mcmc=False, type_b=stated_contributions(recording))
-    found = CalibrationFile.of(analyse(recording, options=options, progress=progress))
+    found = CalibrationFile.of_run(analyse(recording, options=options, progress=progress))
     form = next(form for form, suffix in FORMS.items() if suffix == target.suffix)
     write_calibration(found, target, form, None if table_error is None else table_error.value)
     return ". ".join(found.remarks)

@@ -1,193 +1,22 @@
-"""Certificates of recordings: the laboratory's file, the jobs that write and show them, and the panel's state.
-
-Rules: a laboratory is stated once, in `laboratory.toml` of the settings' folder. The calibration that was in force
-before, for "as found", is the newest accepted one of another recording, of the same kind of board.
-"""
+"""The panel of the certificate: what is missing, its pages, its files."""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import tomli_w
 
 from analysis.certificates.laboratory import Laboratory
-from analysis.progress import Progress, part_of
-from boat_daq.engine.settings import UnitLibrary, home
-from boat_daq.engine.stored_file import write_stored
-from boat_daq.engine.toml_values import build, parse_toml, read_text
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.metadata import FIELDS, MetadataModel
-from boat_daq.workflows.calibration_in_force import chosen_curve, identity, stated_contributions
+from boat_daq.workflows.certificate import (
+    CertificateOrder,
+    load_laboratory,
+    preview_certificate,
+    store_laboratory,
+    write_certificates,
+)
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
-
-if TYPE_CHECKING:
-    from analysis.certificates.certificate import Certificate, Request
-    from analysis.data.recording import Recording
-    from analysis.figures.pipeline import Analysis
-
-LABORATORY_FILE = "laboratory.toml"
-
-
-@dataclass(frozen=True, slots=True)
-class CertificateOrder:
-    """What is certified, and what is stated besides.
-
-    Attributes
-    ----------
-    elongations : a file of readings for each, or one for all, or none: that beside the recording.
-    values : metadata by key, over those of the recordings.
-    customer, items, number, issued : as `analysis.certificates.certificate.Request`.
-    laboratory : its file; None for the stored one.
-    """
-
-    runs: tuple[Path, ...]
-    elongations: tuple[Path, ...] = ()
-    curve: str = ""
-    type_b: Path | None = None
-    limits: Mapping[str, float] = field(default_factory=dict)
-    seed: int = 0
-    values: Mapping[str, str] = field(default_factory=dict)
-    customer: str = ""
-    items: tuple[str, ...] = ()
-    number: str = ""
-    issued: str = ""
-    laboratory: Path | None = None
-
-
-def load_laboratory(path: Path | None = None, folder: Path | None = None) -> Laboratory | None:
-    """Return the laboratory of a file, or the stored one; None where none was stored.
-
-    Parameters
-    ----------
-    folder : of the settings; the user's when None.
-
-    Raises
-    ------
-    OperatorError : the file is refused, by key.
-    """
-    stored = (folder or home()) / LABORATORY_FILE
-    if path is None and not stored.exists():
-        return None
-    where = path or stored
-    found = build(Laboratory, parse_toml(read_text(where), str(where)), str(where))
-    if not found.name.strip():
-        raise OperatorError(f"{where} has an empty 'name'", "Give the name of the laboratory.")
-    return found
-
-
-def store_laboratory(laboratory: Laboratory, folder: Path | None = None) -> None:
-    """Store the laboratory for every certificate.
-
-    Raises
-    ------
-    StorageError : the folder cannot be written.
-    """
-    stated = {key: value for key, value in dataclasses.asdict(laboratory).items() if value}
-    write_stored((folder or home()) / LABORATORY_FILE, tomli_w.dumps(stated))
-
-
-def certificate_for(order: CertificateOrder, progress: Progress | None = None) -> Certificate:
-    """Analyse the recordings and return their certificate.
-
-    Parameters
-    ----------
-    progress : is called with what is done and the total.
-
-    Raises
-    ------
-    AnalysisError : one cannot be certified, or what a certificate must state is missing. OperatorError : a file is
-        refused.
-    """
-    from analysis.certificates.certificate import certificate_of
-
-    analyses, request = analyses_for(order, progress)
-    return certificate_of(analyses, request)
-
-
-def analyses_for(order: CertificateOrder, progress: Progress | None = None) -> tuple[list[Analysis], Request]:
-    """Return the analyses of the recordings, and what is stated besides.
-
-    Parameters
-    ----------
-    order, progress : as `certificate_for` takes them.
-    """
-    from analysis import Options, analyse, load_recording
-    from analysis.certificates.certificate import Request
-    from analysis.figures.batch import readings_beside
-
-    analyses, previous = [], []
-    for number, run in enumerate(order.runs):
-        recording = _with_values(load_recording(run), order.values)
-        type_b = stated_contributions(recording, order.type_b)
-        options = Options(chosen_curve(recording, order.curve), seed=order.seed, mcmc=False, type_b=type_b)
-        given = order.elongations[number % len(order.elongations)] if order.elongations else readings_beside(run)
-        part = part_of(progress, number, 1, len(order.runs))
-        analyses.append(analyse(recording, given, options=options, progress=part))
-        previous.append(calibration_before(recording))
-    laboratory = load_laboratory(order.laboratory)
-    request = Request(
-        laboratory, order.customer, order.items, order.limits, order.issued, order.number, tuple(previous)
-    )
-    return analyses, request
-
-
-def _with_values(recording: Recording, values: Mapping[str, str]) -> Recording:
-    """Return the recording with metadata that were stated for its certificate."""
-    stated = recording.metadata.changed(values).as_json()
-    return dataclasses.replace(recording, meta={**recording.meta, **stated})
-
-
-def calibration_before(recording: Recording) -> Mapping[str, Any] | None:
-    """Return the content of the unit's newest accepted calibration of another recording, with its `utc`; or None.
-
-    Raises
-    ------
-    OperatorError : the unit's file is refused.
-    """
-    library = UnitLibrary(simulated=recording.simulated)
-    history = library.load(recording.unit).history if recording.unit in library.names() else ()
-    others = (e for e in reversed(history) if e.accepted and e.content.get("recording_id") != identity(recording))
-    found = next(others, None)
-    return None if found is None else {**found.content, "utc": found.utc}
-
-
-def write_certificates(order: CertificateOrder, targets: Sequence[Path], *, progress: Progress | None = None) -> str:
-    """Write a certificate in each form; return its number.
-
-    Parameters
-    ----------
-    targets : files that end in .pdf or .xml. progress : what is done and the total.
-
-    Raises
-    ------
-    AnalysisError, OperatorError : as `certificate_for`, or a file cannot be written.
-    """
-    from analysis.certificates.document import write_certificate
-
-    certificate = certificate_for(order, progress)
-    for target in targets:
-        write_certificate(certificate, target)
-    return certificate.number
-
-
-def preview_certificate(order: CertificateOrder, *, progress: Progress | None = None) -> tuple[str, list[bytes]]:
-    """Return the number of a certificate and its pages as PNG images.
-
-    Parameters
-    ----------
-    order, progress : as `certificate_for` takes them.
-    """
-    from analysis.certificates.document import certificate_pages
-
-    certificate = certificate_for(order, progress)
-    return certificate.number, certificate_pages(certificate)
-
 
 LABORATORY_FIELDS = (
     ("name", "Laboratory"),

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from analysis.arrays import FloatArray
+from analysis.calibration.record import SensorRecord
 from boat_daq.engine.settings import StoredCalibration, Unit, UnitLibrary
 from boat_daq.formatting import NOTHING, number
 from boat_daq.viewmodels.common.notices import Notices, Severity
-from boat_daq.workflows.calibration_in_force import stored_inverse
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def unit_over_time(unit: Unit) -> UnitOverTime:
 def _dated(entry: StoredCalibration, sensor: int) -> Any:
     from analysis.figures.unit_history import DatedCalibration
 
-    inverse = stored_inverse(entry.content["sensors"][sensor])
+    inverse = SensorRecord.parse(entry.content["sensors"][sensor]).inverse()
     assert inverse.calibration is not None
     x = np.linspace(*inverse.x_range, CURVE_POINTS)
     return DatedCalibration(entry.utc, inverse.calibration, np.column_stack([x, 2.0 * inverse.standard_uncertainty(x)]))

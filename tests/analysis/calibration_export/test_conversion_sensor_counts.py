@@ -55,7 +55,7 @@ def test_signals_become_elongation(calibrated: tuple[Recording, Analysis], tmp_p
     """The fused elongation is the plant's within its uncertainty, which falls with the sensors; read from the file."""
     recording, run = calibrated
     path = tmp_path / "c.json"
-    path.write_text(CalibrationFile.of(run).text(), encoding="utf-8")
+    path.write_text(CalibrationFile.of_run(run).text(), encoding="utf-8")
     calibration = read_calibration(path)
     converted = convert_recording(recording, calibration)
     known = converted.valid & (recording.pressure_kpa > -35) & (recording.pressure_kpa < 45)
@@ -69,7 +69,7 @@ def test_signals_become_elongation(calibrated: tuple[Recording, Analysis], tmp_p
 def test_every_form_names_the_number_of_sensors(calibrated: tuple[Recording, Analysis]) -> None:
     """C, MATLAB, CSV and JSON of the calibration exist for each count."""
     recording, run = calibrated
-    calibration = CalibrationFile.of(run)
+    calibration = CalibrationFile.of_run(run)
     texts = {form: calibration_text(calibration, form) for form in FORMS}
     assert f"#define BOAT_SENSORS {recording.n_sensors}" in texts["c"]
     assert all(f"s{recording.n_sensors}" in texts[form] for form in ("json", "csv"))

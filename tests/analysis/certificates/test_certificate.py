@@ -9,6 +9,7 @@ import pytest
 
 from analysis import Analysis
 from analysis.calibration.adequacy import CurveVerdict
+from analysis.calibration.record import CalibrationRecord, SensorRecord
 from analysis.certificates.certificate import Request, certificate_of, missing
 from analysis.errors import AnalysisError, DataError, RequestError
 from tests.analysis.certificates.conftest import REQUEST, with_meta
@@ -82,7 +83,7 @@ def test_simulated_and_inadequate_are_marked(calibration: Analysis) -> None:
 def test_calibration_before_is_compared_as_found(calibration: Analysis) -> None:
     fit = calibration.sensors[0].calibration.as_json()
     shifted = {**fit, "coefficients": [fit["coefficients"][0] + 5.0, *fit["coefficients"][1:]]}
-    before = {"sensors": [{"fit": shifted}], "utc": "2025-01-01T00:00:00+00:00"}
+    before = CalibrationRecord((SensorRecord("s1", shifted),), True, calibrated_utc="2025-01-01T00:00:00+00:00")
     item = certificate_of([calibration], replace(REQUEST, previous=(before,))).items[0]
     assert item.previous.startswith("2025-01-01")
     assert item.sensors[0].as_found.difference_mv == pytest.approx(-5.0)

@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 from analysis import AnalysisError, Options, Recording, analyse
 from analysis.calibration.adequacy import expanded
 from analysis.calibration.type_b import contributions
+from analysis.figures.calibration_record import elongation_reader
 from analysis.figures.figure import Figure
 from analysis.figures.uncertainty import (
     BudgetOfSensor,
@@ -22,7 +23,6 @@ from analysis.figures.uncertainty import (
     combine,
     curve_candidates_of,
     elongation_budget,
-    elongation_reader,
     elongation_uncertainty,
     middle_budgets,
     signal_parts,

@@ -13,8 +13,8 @@ import pytest
 from scipy import special
 
 from analysis.arrays import FloatArray
+from analysis.figures.calibration_record import elongation_reader
 from analysis.figures.sensor_figures import drift, repeatability
-from analysis.figures.uncertainty import elongation_reader
 from analysis.segmentation.cycle_effect import CycleEffect
 from analysis.segmentation.loops import Loops
 from analysis.statistics import resampling_weights

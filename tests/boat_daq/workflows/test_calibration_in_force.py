@@ -17,7 +17,7 @@ SCALE = {"scale": {"u_percent": 0.1, "certificate": "DKD 4711"}}
 
 def run_of(unit: str, *, simulated: bool = False) -> SimpleNamespace:
     """What of a recording names its unit."""
-    return SimpleNamespace(unit=unit, simulated=simulated, source="/runs/renamed.boat", meta={"uuid": "a"})
+    return SimpleNamespace(unit=unit, simulated=simulated, identity="a")
 
 
 def test_rig_counts_before_the_unit(tmp_path: Path) -> None:

@@ -14,8 +14,9 @@ from boat_daq.engine.settings import HOME_VARIABLE, UnitLibrary
 from boat_daq.gui.results.certificate_panel import CertificatePanel
 from boat_daq.gui.results.metadata_form import MetadataForm
 from boat_daq.viewmodels.results import certificates
-from boat_daq.viewmodels.results.certificates import CertificateModel, load_laboratory
+from boat_daq.viewmodels.results.certificates import CertificateModel
 from boat_daq.viewmodels.results.metadata import MetadataModel
+from boat_daq.workflows.certificate import load_laboratory
 from boat_daq.workflows.jobs import JobState
 
 EXAMPLE = Path(__file__).parents[4] / "recordings" / "simulated_SA1_two_cycles.boat"

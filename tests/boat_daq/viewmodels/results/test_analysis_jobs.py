@@ -130,9 +130,7 @@ def test_report_progress_rises_through_its_parts(monkeypatch, tmp_path):
 
         return work
 
-    monkeypatch.setattr(
-        "analysis.load_recording", lambda path: SimpleNamespace(unit="", simulated=True, source="", meta={})
-    )
+    monkeypatch.setattr("analysis.load_recording", lambda path: SimpleNamespace(unit="", simulated=True, identity="a"))
     monkeypatch.setattr("analysis.figures.pipeline.analyse", in_steps("analysed"))
     monkeypatch.setattr("analysis.write_report", in_steps(SimpleNamespace(verdict="PASSES")))
     runs, target = [Path("a.boat"), Path("b.boat")], tmp_path / "r.pdf"

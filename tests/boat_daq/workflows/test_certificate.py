@@ -9,7 +9,7 @@ import pytest
 from analysis.certificates.laboratory import Laboratory
 from boat_daq.engine.settings import HOME_VARIABLE, UnitLibrary
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.results.certificates import calibration_before, load_laboratory, store_laboratory
+from boat_daq.workflows.certificate import calibration_before, load_laboratory, store_laboratory
 
 
 @pytest.fixture(autouse=True)
@@ -33,8 +33,8 @@ def test_calibration_before_is_the_newest_accepted_one_of_another_recording():
     units = UnitLibrary()
     for number, accepted in (("a", True), ("b", True), ("c", False), ("own", True)):
         units.add_calibration("SA1", {"recording_id": number, "sensors": []}, accepted=accepted)
-    real = SimpleNamespace(unit="SA1", simulated=False, meta={"uuid": "own"}, source="")
-    assert calibration_before(real)["recording_id"] == "b"
-    assert calibration_before(real)["utc"]
+    real = SimpleNamespace(unit="SA1", simulated=False, identity="own")
+    assert calibration_before(real).recording_id == "b"
+    assert calibration_before(real).calibrated_utc
     assert calibration_before(SimpleNamespace(**{**vars(real), "simulated": True})) is None
     assert calibration_before(SimpleNamespace(**{**vars(real), "unit": "SA2"})) is None

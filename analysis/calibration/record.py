@@ -1,0 +1,221 @@
+"""The one stored form of a calibration: the curves with their points, what is uncertain of a new signal, the origin.
+
+A run gives it (`analysis.figures.calibration_record`); acceptance stores `CalibrationRecord.as_json` in the file of the
+unit; live conversion, control, history, export and certificate read it again. Lengths are in mm, signals in mV.
+
+Rules: the points are stored and fitted again, so that the curve, its covariance and its inverse are those that were
+accepted. Records of older versions have no branches, no course of the loop and no ambient light; they are read as these
+versions read them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.calibration.curve_choice import SPLINE
+from analysis.calibration.type_b import contributions
+from analysis.errors import DataError
+from analysis.numbers import finite
+
+if TYPE_CHECKING:
+    from analysis.calibration.fit import Calibration
+    from analysis.calibration.inverse import Fusion, Inverse
+
+
+@dataclass(frozen=True, slots=True)
+class SensorRecord:
+    """The calibration of one sensor; none where `void` gives the reason.
+
+    Attributes
+    ----------
+    fit : the curve, its covariance, range and tests, as `fit --json` shows them.
+    elongation_mm, signal_mv : [n] points that the curve is fitted to.
+    positions, branches : [n] as `fit_by_branch` takes them; None in the oldest records.
+    ambient_mv : [n] error by ambient light that a position has in every cycle; None where there is none.
+    noise_mv : sd of one signal; None for the residual sd of the fit.
+    between_cycles_mv : sd from cycle to cycle.
+    half_loop_mv : half the width of the loop at equally spaced elongations.
+    type_b : tables of contributions by name, as `contributions` reads them.
+    figures : finite figures of the sensor by key.
+    fitted : the calibration of the run, where the record was not read from a file.
+    """
+
+    name: str
+    fit: Mapping[str, Any] = field(default_factory=dict)
+    elongation_mm: FloatArray = field(default_factory=lambda: np.zeros(0))
+    signal_mv: FloatArray = field(default_factory=lambda: np.zeros(0))
+    positions: FloatArray | None = None
+    branches: FloatArray | None = None
+    ambient_mv: FloatArray | None = None
+    reading_sd_mm: float = 0.0
+    noise_mv: float | None = None
+    between_cycles_mv: float = 0.0
+    half_loop_mv: FloatArray = field(default_factory=lambda: np.zeros(1))
+    type_b: Mapping[str, Any] = field(default_factory=dict)
+    figures: Mapping[str, float] = field(default_factory=dict)
+    void: str = ""
+    fitted: Calibration | None = None
+
+    @classmethod
+    def parse(cls, stored: Mapping[str, Any]) -> SensorRecord:
+        """Return the record of a sensor of a stored calibration."""
+        between, half_loop = stored.get("between_cycles_mv"), stored.get("half_loop_mv")
+        if between is None or half_loop is None:  # the loop's rms is in the model
+            between, half_loop = stored.get("model_mv") or 0.0, 0.0
+        return cls(
+            name=str(stored.get("name", "")),
+            fit=stored.get("fit") or {},
+            elongation_mm=np.asarray(stored.get("elongation_mm", ()), dtype=np.float64),
+            signal_mv=np.asarray(stored.get("signal_mv", ()), dtype=np.float64),
+            positions=_array(stored.get("positions")),
+            branches=_array(stored.get("branches")),
+            ambient_mv=_array(stored.get("ambient_mv")),
+            reading_sd_mm=float(stored.get("reading_sd_mm") or 0.0),
+            noise_mv=stored.get("noise_mv"),
+            between_cycles_mv=float(between),
+            half_loop_mv=np.atleast_1d(np.asarray(half_loop, dtype=np.float64)),
+            type_b=stored.get("type_b") or {},
+            figures=stored.get("figures") or {},
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the stored form."""
+        stored = {
+            "name": self.name,
+            "fit": self.fit,
+            "elongation_mm": self.elongation_mm.tolist(),
+            "signal_mv": self.signal_mv.tolist(),
+            "positions": _list(self.positions),
+            "branches": _list(self.branches),
+            "reading_sd_mm": self.reading_sd_mm,
+            "noise_mv": self.noise_mv,
+            "model_mv": float(np.sqrt(self.between_cycles_mv**2 + np.mean(self.half_loop_mv**2))),
+            "between_cycles_mv": self.between_cycles_mv,
+            "half_loop_mv": self.half_loop_mv.tolist(),
+            "type_b": dict(self.type_b),
+            "figures": dict(self.figures),
+        }
+        return stored if self.ambient_mv is None else stored | {"ambient_mv": self.ambient_mv.tolist()}
+
+    def calibration(self) -> Calibration:
+        """Return the curve: that of the run, or its points fitted again.
+
+        Raises
+        ------
+        DataError : there is none, or the points cannot be fitted.
+        """
+        from analysis.calibration.fit import fit_by_branch, fit_calibration
+
+        if self.void:
+            raise DataError(f"{self.name} is not calibrated: {self.void}", "Give its elongations.")
+        if self.fitted is not None:
+            return self.fitted
+        x, y, degree = self.elongation_mm, self.signal_mv, int(self.fit["degree"])
+        if self.branches is None or self.positions is None:
+            return fit_calibration(x, y, degree).with_reading(self.reading_sd_mm, self.positions)
+        curve: int | Literal["spline"] = SPLINE if self.fit.get("curve") == SPLINE else degree
+        return fit_by_branch(
+            x, y, curve, positions=self.positions, branch=self.branches, reading_sd=self.reading_sd_mm,
+            shared=self.ambient_mv,
+        )  # fmt: skip
+
+    def inverse(self) -> Inverse:
+        """Return the inverse of the curve, with the uncertainty of one new signal.
+
+        Raises
+        ------
+        DataError : the sensor is not calibrated, or its curve has no inverse over its range. RequestError : a type B
+            contribution is refused.
+        """
+        from analysis.calibration.inverse import Inverse
+
+        return Inverse.of(
+            self.calibration(), noise_sd=self.noise_mv, model_sd=self.between_cycles_mv, half_loop=self.half_loop_mv,
+            type_b=contributions(self.type_b),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationRecord:
+    """The calibration of a unit.
+
+    Attributes
+    ----------
+    unit : name of the unit; empty where the run names none.
+    recording, recording_id : file name and identity of the run.
+    calibrated_utc : when the run began, or when its calibration was accepted.
+    curve : the choice that was fitted.
+    cycles : number of complete cycles.
+    posterior : figures of each sensor's sampled curve; none where it was not sampled.
+    out_of_tolerance : a sentence for each sensor that has figures out of tolerance.
+    """
+
+    sensors: tuple[SensorRecord, ...]
+    simulated: bool
+    unit: str = ""
+    recording: str = ""
+    recording_id: str = ""
+    calibrated_utc: str = ""
+    operator: str = ""
+    program_version: str = ""
+    curve: str = ""
+    cycles: int = 0
+    posterior: tuple[Mapping[str, Any], ...] = ()
+    out_of_tolerance: tuple[str, ...] = ()
+
+    @classmethod
+    def parse(cls, content: Mapping[str, Any], **origin: str) -> CalibrationRecord:
+        """Return the record of a stored calibration.
+
+        Parameters
+        ----------
+        origin : unit, recording, calibrated_utc, operator and program_version, which are stored beside the content.
+        """
+        return cls(
+            sensors=tuple(map(SensorRecord.parse, content.get("sensors", ()))),
+            simulated=bool(content.get("simulated")),
+            recording_id=str(content.get("recording_id") or ""),
+            curve=str(content.get("curve") or ""),
+            cycles=int(content.get("cycles") or 0),
+            posterior=tuple(content.get("posterior", ())),
+            out_of_tolerance=tuple(content.get("poor", ())),
+            **origin,
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the content that is stored: numbers that are not finite are None."""
+        return dict(
+            finite({
+                "sensors": [sensor.as_json() for sensor in self.sensors],
+                "simulated": self.simulated,
+                "cycles": self.cycles,
+                "recording_id": self.recording_id,
+                "curve": self.curve,
+                "posterior": [dict(one) for one in self.posterior],
+                "poor": list(self.out_of_tolerance),
+            })
+        )  # fmt: skip
+
+    def fusion(self) -> Fusion:
+        """Return the conversion of signals to elongation, all sensors fused.
+
+        Raises
+        ------
+        AnalysisError : there is no sensor, one is not calibrated, or its curve has no inverse.
+        """
+        from analysis.calibration.inverse import Fusion
+
+        return Fusion.of([sensor.inverse() for sensor in self.sensors])
+
+
+def _array(values: Sequence[float] | None) -> FloatArray | None:
+    return None if values is None else np.asarray(values, dtype=np.float64)
+
+
+def _list(values: FloatArray | None) -> list[float] | None:
+    return None if values is None else values.tolist()

@@ -1,0 +1,65 @@
+"""The calibration of a run in its stored form (`analysis.calibration.record`), and the elongation by it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from analysis.calibration.inverse import Fusion
+from analysis.calibration.record import CalibrationRecord, SensorRecord
+from analysis.figures.sensor_analysis import AnalysedRun
+from analysis.figures.uncertainty import signal_parts
+from analysis.version import program_version
+
+
+def calibration_record(analysis: AnalysedRun) -> CalibrationRecord:
+    """Return the calibration of a run; a sensor without a curve has the reason in its place."""
+    recording = analysis.recording
+    return CalibrationRecord(
+        sensors=tuple(sensor_record(analysis, number) for number in range(len(analysis.sensors))),
+        simulated=recording.simulated,
+        unit=recording.unit,
+        recording=Path(recording.source).name,
+        recording_id=recording.identity,
+        calibrated_utc=recording.started_utc,
+        operator=str(recording.meta.get("operator") or ""),
+        program_version=program_version(),
+        curve=str(analysis.options.degree),
+        cycles=analysis.loops.n_cycles,
+    )
+
+
+def sensor_record(analysis: AnalysedRun, number: int) -> SensorRecord:
+    """Return the calibration of one sensor, counted from 0."""
+    sensor, type_b = analysis.sensors[number], {one.name: one.as_table() for one in analysis.options.type_b}
+    if sensor.calibration is None:
+        return SensorRecord(sensor.name, type_b=type_b, void=sensor.calibration_void)
+    parts, points = signal_parts(analysis, number), sensor.point_plateau.astype(np.int64)
+    ambient = analysis.ambient_mv[number][points]
+    return SensorRecord(
+        name=sensor.name,
+        fit=sensor.calibration.as_json(),
+        elongation_mm=sensor.calibration.x,
+        signal_mv=sensor.calibration.y,
+        positions=analysis.position_of(points),
+        branches=analysis.branch_of(points),
+        ambient_mv=ambient if ambient.any() else None,
+        reading_sd_mm=analysis.reading_sd_mm,
+        noise_mv=parts.independent,
+        between_cycles_mv=parts.between_cycles,
+        half_loop_mv=parts.half_loop,
+        type_b=type_b,
+        figures={key: figure.value for key, figure in sensor.figures.items() if np.isfinite(figure.value)},
+        fitted=sensor.calibration,
+    )
+
+
+def elongation_reader(analysis: AnalysedRun) -> Fusion:
+    """Return the fusion of the run's sensors, with the uncertainties of its budget, as the live display uses it.
+
+    Raises
+    ------
+    AnalysisError : a sensor is not calibrated, or its curve has no inverse.
+    """
+    return calibration_record(analysis).fusion()

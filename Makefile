@@ -6,7 +6,7 @@ BIN    := $(VENV)/bin
 JOBS   ?= 3
 DAILY   = QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -m "not nightly and not benchmark_run"
 OUT    ?= out/demo
-ADVERSARY = tests/analysis/atlas/test_adversary.py::test_no_scene_exceeds_its_stated_error
+ADVERSARY = tests/verification/test_adversary.py::test_no_scene_exceeds_its_stated_error
 
 # What Qt and the tests need from Debian; the GUI's own libraries first, then the virtual screen and the PDF viewer.
 QT_PACKAGES   := libegl1 libgl1 libxkbcommon-x11-0 libdbus-1-3 libfontconfig1 libglib2.0-0 libxcb-cursor0 \

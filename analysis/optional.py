@@ -16,7 +16,6 @@ EXTRAS = {  # module: name of the library, extra that brings it
     "pyarrow": ("pyarrow", "parquet"),
     "pylsl": ("pylsl", "lsl"),
     "rosbags": ("rosbags", "rosbag"),
-    "skfem": ("scikit-fem", "atlas"),
 }
 
 

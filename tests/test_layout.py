@@ -22,6 +22,7 @@ NO_MIRROR = {
     "mutation",
     "system",
     "vectors",
+    "verification",
 }  # what concerns no single package
 
 

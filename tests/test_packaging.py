@@ -78,10 +78,8 @@ def test_every_declaration_is_imported(imported: dict[str, set[str]]) -> None:
 
 
 def test_extras_are_imported_where_they_are_used(imported: dict[str, set[str]]) -> None:
-    """Through `optional`, or in the one module that is all about the library; each is an extra and no requirement."""
-    assert {module: imported[module] for module in EXTRAS if module in imported} == {
-        "skfem": {"analysis/shadow/fem/scikit_fem.py"}
-    }
+    """Through `optional`; each is an extra and no requirement."""
+    assert {module: imported[module] for module in EXTRAS if module in imported} == {}
     for module, (_, extra) in EXTRAS.items():
         declared = {canonical(name) for name in PROJECT["optional-dependencies"][extra]}
         assert distributions(module) & declared, module

@@ -23,17 +23,6 @@ METHOD_TITLES = {
 }
 
 
-def left_out(studies: Iterable[Study]) -> dict[str, RequestError]:
-    """Return the studies whose library is not installed, by name, each with the error that says so."""
-    found = {}
-    for study in studies:
-        try:
-            study.check_library()
-        except RequestError as error:
-            found[study.name] = error
-    return found
-
-
 def chosen_studies(names: Iterable[str]) -> list[Study]:
     """Return the studies of methods or maps by name, each once, in the atlas' order; all for no names.
 

@@ -22,7 +22,6 @@ from enum import StrEnum
 from typing import Any
 
 from analysis.errors import AnalysisError
-from analysis.optional import optional
 from analysis.progress import Progress, part_of
 
 
@@ -104,7 +103,6 @@ class Study:
     method : it belongs to, as `boat-daq tradeoff` names methods; several maps may share one.
     truth : what the error is measured against.
     run : calls the method at (x, y); an error of the analysis is a refusal.
-    library : module of an optional library that the truth comes from; may be empty.
     """
 
     name: str
@@ -116,17 +114,6 @@ class Study:
     x: Axis
     y: Axis
     run: Callable[[float, float], StudyResult]
-    library: str = ""
-
-    def check_library(self) -> None:
-        """Refuse a study whose library is not installed: at a point that would count as the method's refusal.
-
-        Raises
-        ------
-        RequestError : names the extra that brings it.
-        """
-        if self.library:
-            optional(self.library)
 
     @property
     def size(self) -> int:
@@ -195,14 +182,7 @@ def sweep(study: Study, progress: Progress | None = None) -> StudyMap:
 
 
 def sweep_all(studies: Sequence[Study], progress: Progress | None = None) -> list[StudyMap]:
-    """Sweep several studies; `progress` is called with (points done, points) of all.
-
-    Raises
-    ------
-    RequestError : a library that one of them needs is not installed.
-    """
-    for study in studies:
-        study.check_library()
+    """Sweep several studies; `progress` is called with (points done, points) of all."""
     sizes = [study.size for study in studies]
     return [sweep(study, part_of(progress, sum(sizes[:i]), study.size, sum(sizes))) for i, study in enumerate(studies)]
 

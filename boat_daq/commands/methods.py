@@ -93,20 +93,16 @@ def atlas(
 
     Example: boat-daq atlas fit inverse --out maps
     """
-    from analysis.atlas.methods import chosen_studies, left_out
+    from analysis.atlas.methods import chosen_studies
     from analysis.atlas.report import atlas_json, write_atlas
     from analysis.atlas.sweep import CellOutcome, sweep_all
     from analysis.errors import AnalysisError
 
     chosen = chosen_studies(methods or ())
-    absent = left_out(chosen)
-    if studies := [study for study in chosen if study.name not in absent]:
-        for name, error in absent.items():
-            notify(f"{name} is left out: {error.cause}. {error.remedy}")
     with progress_bar("sweeping") as advance:
-        maps = sweep_all(studies or chosen, advance)
+        maps = sweep_all(chosen, advance)
     files = write_atlas(maps, folder)
-    present({**atlas_json(maps), "left_out": list(absent)}, *(drawn.verdict for drawn in maps), as_json=as_json)
+    present(atlas_json(maps), *(drawn.verdict for drawn in maps), as_json=as_json)
     notify(f"{len(files)} files in {folder}")
     wrong = [(drawn, cell) for drawn in maps for cell in drawn.found(CellOutcome.WRONG_UNWARNED)]
     if wrong:

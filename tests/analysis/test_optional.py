@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
-from analysis.atlas.methods import STUDIES
-from analysis.atlas.sweep import Axis, Study, StudyResult, sweep_all
 from analysis.cluster import connect
 from analysis.errors import RequestError
 from analysis.optional import EXTRAS, optional
@@ -37,23 +34,6 @@ def test_cluster_without_its_library_names_the_extra(monkeypatch: pytest.MonkeyP
     with pytest.raises(RequestError, match="Dask is not installed") as refused:
         connect("tcp://127.0.0.1:1")
     assert "boat-daq[cluster]" in refused.value.remedy
-
-
-def test_atlas_leaves_out_the_map_of_an_absent_library(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """It is named beside the maps that are drawn; alone it is refused, which never counts as the method's refusal."""
-    monkeypatch.setitem(sys.modules, "skfem", None)
-    point = Axis("x", "", (0.0,))
-    drawn = Study("plain", "plain", "A plain map", "itself", "mm", 1.0, point, point, lambda _x, _y: StudyResult(0.0))
-    monkeypatch.setattr("analysis.atlas.methods.chosen_studies", lambda _names: [drawn, STUDIES["fem-limit"]])
-    monkeypatch.setattr("analysis.atlas.report.write_atlas", lambda _maps, _folder: [])
-    ran = CliRunner().invoke(app, ["atlas", "--out", str(tmp_path), "--json"])
-    assert ran.exit_code == 0, ran.output
-    content = json.loads(ran.stdout)
-    assert [found["name"] for found in content["maps"]] == ["plain"]
-    assert content["left_out"] == ["fem-limit"]
-    assert "fem-limit is left out: scikit-fem is not installed" in ran.stderr
-    with pytest.raises(RequestError, match="scikit-fem is not installed"):
-        sweep_all([STUDIES["fem-limit"]])
 
 
 def test_bundle_names_no_pip(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,13 +7,13 @@ import time
 import numpy as np
 import pytest
 
-from analysis.shadow.fem.scikit_fem import make_scikit_fem_problem
 from analysis.shadow.fem.solver import Solver, factorise
 from analysis.shadow.model.frames import Shadow
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.table import build_table
 from analysis.tradeoff.measure import measure
 from analysis.tradeoff.mechanics import MESH
+from tests.verification.scikit_fem import make_scikit_fem_problem
 
 pytestmark = pytest.mark.benchmark_run
 PAPER_FRAMES_PER_S = 2.0

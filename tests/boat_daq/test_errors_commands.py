@@ -18,8 +18,6 @@ TERMINAL_ONLY = {  # modules whose errors and texts the window never shows
     "analysis/data/export.py": "a format by name",
     "analysis/shadow/model/states.py": "head of a file",
     "boat_daq/engine/qualification/drills.py": "arguments of a process",
-    "analysis/atlas/adversary.py": "a program of its own",
-    "analysis/atlas/coverage.py": "a program of its own",
     "boat_daq/engine/simulator/server.py": "the command board",
 }
 

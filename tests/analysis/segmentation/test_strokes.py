@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.atlas.drives import LOW_KPA, SPAN_KPA, Drive
 from analysis.data.csv_table import read_table
 from analysis.segmentation.strokes import AWAY, find_strokes, thresholds
+from tests.analysis.segmentation.drives import LOW_KPA, SPAN_KPA, Drive
 
 
 def test_strokes_of_real_data_meet_the_reference(shared_data: Path) -> None:

@@ -10,9 +10,9 @@ from analysis.shadow.fem.band import empty_band
 from analysis.shadow.fem.mesh import build_mesh
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.problem import Problem
-from analysis.shadow.fem.scikit_fem import make_scikit_fem_problem
 from analysis.shadow.model.full import actuator_problem
 from tests.analysis.shadow.solids import dense
+from tests.verification.scikit_fem import make_scikit_fem_problem
 
 
 @pytest.fixture(scope="module")

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from analysis.atlas import coverage
-from analysis.atlas.coverage import METHODS, Answer, measured, share_within, share_within_three, would_do
 from analysis.errors import RequestError
+from tests.verification import coverage
+from tests.verification.coverage import METHODS, Answer, measured, share_within, share_within_three, would_do
 
-SCENES = {"tracer": 60, "posterior": 40, "bootstrap": 60, "mesh": 20, "reduced": 6, "segmentation": 150}
+SCENES = {"tracer": 60}
 
 
 def test_answers_and_refusals_are_counted(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -27,8 +27,8 @@ def test_answers_and_refusals_are_counted(monkeypatch: pytest.MonkeyPatch, capsy
     assert len(outcomes) + refused == 2_000
     assert 150 < refused < 250
     assert 0.94 < share_within(outcomes) < 0.97
-    monkeypatch.setitem(METHODS, "mesh", method)
-    monkeypatch.setattr("sys.argv", ["coverage", "mesh", "--scenes", "50"])
+    monkeypatch.setitem(METHODS, "tracer", method)
+    monkeypatch.setattr("sys.argv", ["coverage", "tracer", "--scenes", "50"])
     coverage.main()
     found = json.loads(capsys.readouterr().out)
     assert found["answers"] + found["refused"] == 50

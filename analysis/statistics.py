@@ -13,6 +13,7 @@ from analysis.arrays import FloatArray
 
 MAD_TO_SD = 1.482602218505602  # 1 / Phi^-1(3/4): median absolute deviation of a normal variable to its sd
 RESAMPLES = 2000
+BATCHES = 16  # of draws; the sd over so many is known to 18 %
 PERCENTILES = (2.5, 97.5)
 """Of the resamples, which a 95 % interval rests on."""
 
@@ -118,6 +119,24 @@ def expanded_limits(
     scaled = estimate * np.exp(-widen * np.maximum(down, 0.0)), estimate * np.exp(widen * np.maximum(up, 0.0))
     above = np.asarray(low) > 0
     return np.where(above, scaled[0], found[0]), np.where(above, scaled[1], found[1])
+
+
+def limit_error(draws: FloatArray, level: float = 0.95) -> float:
+    """Return the Monte-Carlo error (k = 2) of the worst limit of equal-tailed intervals.
+
+    Parameters
+    ----------
+    draws : [draws, places] in the order of the chain; each place has its interval.
+
+    Notes
+    -----
+    The limits of a batch vary sqrt(batches) times as much as those of all draws, autocorrelated draws included where a
+    batch is much longer than their correlation. Source: J. M. Flegal, G. L. Jones, Ann. Statist. 38 (2010) 1034-1070.
+    """
+    length = len(draws) // BATCHES
+    batches = draws[: BATCHES * length].reshape(BATCHES, length, -1)
+    limits = np.percentile(batches, [50.0 - 50.0 * level, 50.0 + 50.0 * level], axis=1)
+    return float(2.0 * (limits.std(axis=1, ddof=1) / np.sqrt(BATCHES)).max())
 
 
 def theil_sen(x: FloatArray, y: FloatArray) -> tuple[float, float, float]:

@@ -32,6 +32,7 @@ from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration, fit_calibration
 from analysis.errors import DataError
 from analysis.progress import Progress
+from analysis.statistics import limit_error
 from analysis.warning import Warning, WarningCode
 
 WALKERS = 64
@@ -42,6 +43,7 @@ ENOUGH_SAMPLES = 4_000  # effective: a standard deviation is then known to 1.1 %
 PROPOSAL_DOF = 5.0
 SIGMA_FLOOR = 1e-6  # of the residual sd: where the noise could be zero its logarithm has no lower end
 MONOTONE_POINTS = 41
+BAND_POINTS = 31  # where the error of a band is looked for
 KEPT_SAMPLES = 8000
 WIDEST_NOISE = 3.0  # sd of the logarithm of the noise at the start: its prior ends at 10
 MISREAD, MISREAD_GRIDS = 1e-5, 2.0  # chance that a position is off its cell altogether, and by how many marks (sd)
@@ -100,6 +102,10 @@ class Posterior:
         """
         noise = np.random.default_rng(seed).standard_normal((self.sigma_samples.size, 1))
         return _equal_tails(self.curves(x) + self.sigma_samples[:, None] * noise, level)
+
+    def band_error(self) -> float:
+        """Return the Monte-Carlo error (k = 2) of the worst limit of the curve's 95 % band, in the unit of y."""
+        return limit_error(self.curves(np.linspace(*self.calibration.x_range, BAND_POINTS)))
 
     def as_json(self) -> dict[str, Any]:
         """Return the posterior as `analyze --json` reports it."""

@@ -15,7 +15,7 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 
@@ -25,36 +25,18 @@ from analysis.numbers import neutral
 from analysis.progress import Progress
 from protocol.errors import ProtocolError
 
-if TYPE_CHECKING:
-    from analysis.figures.pipeline import Analysis
-    from analysis.figures.sensor_analysis import Options
-
 SUFFIXES = (".boat", ".csv")
 ELONGATION = ".elongation.csv"
-ToTolerance = Callable[[Path, "Path | None", "Options"], "tuple[Analysis, dict[str, Any]]"]
 LEADING = ("run", "unit", "started_utc", "simulated", "kind", "cycles", "partial", "lost_samples", "sensor", "error")
 
 
-def summarise_run(
-    path: Path, *, seed: int = 0, mcmc: bool = False, within: ToTolerance | None = None
-) -> list[dict[str, Any]]:
-    """Return one row for each sensor of a run, or one row with the reason why there is none.
-
-    Parameters
-    ----------
-    seed, mcmc : as `analyse` takes them.
-    within : analyses to a tolerance, and returns further columns; None for the usual draws.
-    """
+def summarise_run(path: Path, *, seed: int = 0, mcmc: bool = False) -> list[dict[str, Any]]:
+    """Return one row for each sensor of a run, or one row with the reason why there is none."""
     from analysis.figures.pipeline import analyse  # imported in the worker, not by the caller of a batch
     from analysis.figures.sensor_analysis import Options
 
     try:
-        options = Options(seed=seed, mcmc=mcmc)
-        further: dict[str, Any] = {}
-        if within is None:
-            analysis = analyse(path, readings_beside(path), options=options)
-        else:
-            analysis, further = within(path, readings_beside(path), options)
+        analysis = analyse(path, readings_beside(path), options=Options(seed=seed, mcmc=mcmc))
     except (AnalysisError, ProtocolError) as error:
         return [{"run": path.name, "error": f"{error.cause}: {error.remedy}"}]
     cycles = analysis.cycles.as_json()
@@ -74,7 +56,7 @@ def summarise_run(
         if sensor.calibration is not None:
             row |= {f"b{i}": float(b) for i, b in enumerate(sensor.calibration.coefficients)}
             row["r2"] = sensor.calibration.r2
-        row |= {name: figure.value for name, figure in sensor.figures.items()} | further
+        row |= {name: figure.value for name, figure in sensor.figures.items()}
         rows.append(row)
     return rows
 
@@ -84,7 +66,6 @@ def batch(
     *,
     seed: int = 0,
     mcmc: bool = False,
-    within: ToTolerance | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
     allow_remote: bool = False,
@@ -94,7 +75,7 @@ def batch(
 
     Parameters
     ----------
-    seed, mcmc, within : as `summarise_run` takes them.
+    seed, mcmc : as `analyse` takes them.
     workers : processes; one for each core by default, 1 for none.
     scheduler : address of a Dask scheduler; then the runs must be readable from its workers.
     allow_remote : whether the scheduler may be on another computer; see `analysis.cluster`.
@@ -107,7 +88,7 @@ def batch(
     if scheduler is not None:
         check_scheduler(scheduler, allow_remote=allow_remote)
     files = runs_in(runs)
-    task = partial(summarise_run, seed=seed, mcmc=mcmc, within=within)
+    task = partial(summarise_run, seed=seed, mcmc=mcmc)
     rows: list[dict[str, Any]] = []
     for done, found in enumerate(_mapped(task, files, workers or os.cpu_count() or 1, scheduler), 1):
         rows += found

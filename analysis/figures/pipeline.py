@@ -34,7 +34,6 @@ from analysis.figures.sensor_analysis import (
     actuator_loop,
     analyse_sensor,
     limited_by_reading,
-    redrawn_sensor,
 )
 from analysis.figures.uncertainty import ElongationBudgets, elongation_uncertainty, middle_budgets
 from analysis.figures.warnings import run_warnings
@@ -203,43 +202,6 @@ def analyse(
         parts=tuple(_part(run, part) for part in parts) if len(parts) > 1 else (),
         camera=_camera(film, run, sensors) if film is not None else None,
     )
-
-
-def redrawn(analysis: Analysis, options: Options, *, progress: Progress | None = None) -> Analysis:
-    """Return an analysis as `analyse` makes it with other draws; what rests on none is kept.
-
-    Parameters
-    ----------
-    analysis, options, progress : as `redrawn_run`.
-    """
-    run = redrawn_run(analysis, options, progress=progress)
-    actuator, actuator_cycles = _actuator_hysteresis(run, run.sensors)
-    others = len(analysis.warnings) - len(run_warnings(analysis, analysis.sensors))
-    return replace(
-        analysis, options=run.options, weights=run.weights, sensors=run.sensors,
-        system_sensitivity=_system_sensitivity(run.sensors),
-        actuator_hysteresis=actuator, actuator_hysteresis_per_cycle=actuator_cycles,
-        warnings=(*analysis.warnings[:others], *run_warnings(run, run.sensors)),
-    )  # fmt: skip
-
-
-def redrawn_run(analysis: AnalysedRun, options: Options, *, progress: Progress | None = None) -> AnalysedRun:
-    """Return the sensors of an analysis with other draws.
-
-    Parameters
-    ----------
-    options : differ in seed, resamples and the sampling of the posterior only; it is sampled where they differ there.
-    progress : called as progress(done, total); raising from it cancels.
-    """
-    was, options = analysis.options, replace(options, type_b=analysis.options.type_b)
-    sample = any(getattr(was, name) != getattr(options, name) for name in ("mcmc", "posterior_samples", "seed"))
-    parts = {each.name: getattr(analysis, each.name) for each in fields(AnalysedRun)}
-    run = AnalysedRun(**{**parts, "options": options, "weights": _weights(analysis.loops, options)})
-    sensors = tuple(
-        redrawn_sensor(run, number, each, sample=sample, progress=part_of(progress, number, 1, len(run.sensors)))
-        for number, each in enumerate(run.sensors)
-    )
-    return replace(run, sensors=sensors)
 
 
 def _camera(film: Filmed, run: SegmentedRun, sensors: Sequence[SensorAnalysis]) -> CameraFigures:

@@ -269,30 +269,6 @@ def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None 
     )  # fmt: skip
 
 
-def redrawn_sensor(
-    run: SegmentedRun, sensor: int, before: SensorAnalysis, *, sample: bool = False, progress: Progress | None = None
-) -> SensorAnalysis:
-    """Return a sensor with the figures that the draws of a run make; what rests on none is kept.
-
-    Parameters
-    ----------
-    sensor : counted from 0. before : the same sensor of the same run, by other draws.
-    """
-    calibration, points, posterior, reason = before.calibration, before.point_plateau.astype(np.int64), None, ""
-    if not sample or calibration is None:
-        posterior, reason = before.posterior, before.calibration_void
-    else:
-        try:
-            posterior = _sampled(run, sensor, calibration, points, progress)
-        except AnalysisError as error:
-            reason = error.cause
-    figures, system, own = _drawn(run, sensor, calibration, points)
-    return replace(
-        before, posterior=posterior, calibration_void=reason, figures=_usable(run, sensor, figures),
-        system_loop=system, sensor_loop=own,
-    )  # fmt: skip
-
-
 def _sampled(
     run: SegmentedRun, sensor: int, calibration: Calibration, points: IntArray, progress: Progress | None
 ) -> Posterior | None:

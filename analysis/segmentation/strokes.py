@@ -58,15 +58,12 @@ class Strokes:
         return max(self.up_rows.size - 1, 0)
 
 
-def find_strokes(
-    time_s: FloatArray, drive: FloatArray, answer: FloatArray, *, min_speed: float = 0.0, every: int = 1
-) -> Strokes:
+def find_strokes(time_s: FloatArray, drive: FloatArray, answer: FloatArray, *, min_speed: float = 0.0) -> Strokes:
     """Find strokes and measure their loops.
 
     Parameters
     ----------
     time_s, drive, answer : [n]; rows that are not finite are left out.
-    every : one row in so many is searched for strokes; their loops are of all rows.
 
     Raises
     ------
@@ -77,10 +74,7 @@ def find_strokes(
     if x.size < 10 or np.ptp(x) == 0:
         raise DataError("the drive does not move", "Choose the column that is driven.")
     low, high = (float(v) for v in np.percentile(x, [1, 99]))
-    searched = np.flatnonzero(known[::every]) * every
-    up, down = (
-        np.searchsorted(np.flatnonzero(known), searched[rows]) for rows in crossings(drive[searched], *thresholds(x))
-    )
+    up, down = crossings(x, *thresholds(x))
     peaks = [float(x[a:b].max()) for a, b in _between(up[:-1], down)]  # of whole cycles
     troughs = [float(x[a:b].min()) for a, b in _between(down, up)]
     pairs = list(itertools.pairwise(up.tolist()))
@@ -94,7 +88,7 @@ def find_strokes(
     return Strokes(up, down, high - low, *figures)
 
 
-def stroke_figures(recording: Recording, *, min_speed_kpa_per_s: float = 0.0, every: int = 1) -> dict[str, Any]:
+def stroke_figures(recording: Recording, *, min_speed_kpa_per_s: float = 0.0) -> dict[str, Any]:
     """Return the strokes and loops of a run whose drive is the pressure, ready for JSON.
 
     The friction is half the width of a sensor's loop along the pressure, over 30 to 70 % of the signal's span; the half
@@ -104,21 +98,20 @@ def stroke_figures(recording: Recording, *, min_speed_kpa_per_s: float = 0.0, ev
     Parameters
     ----------
     min_speed_kpa_per_s : slower samples do not enter the half width.
-    every : as `find_strokes`.
 
     Raises
     ------
     DataError : fewer than ten usable samples, a pressure that is held, or a signal that does not move.
     """
     time_s, pressure_kpa = recording.time_s, recording.pressure_kpa
-    drive = find_strokes(time_s, pressure_kpa, pressure_kpa, every=every)
+    drive = find_strokes(time_s, pressure_kpa, pressure_kpa)
     if drive.span <= 2.0 * TOLERANCE_KPA:
         moved = f"the pressure moved by {drive.span:.2g} kPa in all, no more than a held pressure may"
         raise DataError(f"{moved}: nothing was driven", "Choose the column that is driven, or check its unit.")
     sensors = []
     for number in range(recording.n_sensors):
         signal_mv = np.where(recording.usable[:, number], recording.signal_mv[:, number], np.nan)
-        loop = find_strokes(time_s, pressure_kpa, signal_mv, min_speed=min_speed_kpa_per_s, every=every)
+        loop = find_strokes(time_s, pressure_kpa, signal_mv, min_speed=min_speed_kpa_per_s)
         ends_mv = np.percentile(signal_mv[np.isfinite(signal_mv)], [1, 99])
         sensors.append({
             "name": f"s{number + 1}",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,7 +15,6 @@ from boat_daq.commands.options import (
     DegreeOption,
     DeriveOption,
     FidelityOption,
-    FiguresToleranceOption,
     LeaveOutOption,
     LensOption,
     LimitOption,
@@ -29,19 +28,13 @@ from boat_daq.commands.options import (
     SeedOption,
     TypeBOption,
     XResolutionOption,
-    figures_tolerance,
     limits_of,
-    seconds_of,
-    tolerances,
 )
 
 if TYPE_CHECKING:
-    from analysis import Options
     from analysis.data.recording import Recording
     from analysis.figures.pipeline import Analysis
-    from analysis.progress import Progress
     from analysis.reports.document import Report
-    from analysis.stopping.accuracy import Accuracy, Unit
     from boat_daq.workflows.camera_tracking import CameraChoice
 
 
@@ -60,14 +53,9 @@ def analyze(
     no_mcmc: NoMcmcOption = False,
     degree: DegreeOption = "3",
     x_resolution: XResolutionOption = None,
-    tolerance: Annotated[
-        str,
-        typer.Option(
-            metavar="KPA|MMmm|P%FSO",
-            help="A plateau is settled within this pressure deviation, as 1; or, with a unit, the greatest error that "
-            "resampling and sampling leave in the figures, as 0.005mm or 0.1%FSO.",
-        ),
-    ] = "1",
+    settled_within: Annotated[
+        float, typer.Option(min=0.01, metavar="KPA", help="A plateau is settled within this pressure deviation.")
+    ] = 1.0,
     settling: Annotated[
         float, typer.Option(min=0.0, metavar="S", help="Time omitted after each arrival at a plateau.")
     ] = 0.5,
@@ -86,21 +74,14 @@ def analyze(
 
     Example: boat-daq analyze run.boat --elongation readings.csv --seed 1 --json
     """
-    from analysis import Options, PlateauSettings, load_recording
+    from analysis import Options, PlateauSettings, analyse, load_recording
     from analysis.calibration.curve_choice import degree_of
     from analysis.figures.acceptance import conformity_json
-    from analysis.stopping.accuracy import accuracy_of
     from boat_daq.commands.importing import column_map
     from boat_daq.workflows.calibration_in_force import stated_contributions
     from boat_daq.workflows.plugin_figures import with_plugins
 
-    limits, (settled_kpa, accuracy) = limits_of(limit), tolerances(tolerance)
-    if accuracy is not None and fidelity != "normal":
-        raise typer.BadParameter("chooses the draws itself: omit --fidelity", param_hint="--tolerance")
-    if accuracy is None and settled_kpa != PlateauSettings().tolerance_kpa:
-        notify(
-            f"plateaus settle within {settled_kpa:g} kPa; for an error of the figures give mm or %FSO with the number"
-        )
+    limits = limits_of(limit)
     recording = load_recording(run, columns=column_map(mapping) or None, rate_hz=rate)
     if video is not None:
         from boat_daq.workflows.camera_tracking import CameraChoice
@@ -116,13 +97,13 @@ def analyze(
             seed=seed,
             mcmc=not no_mcmc,
             x_resolution_mm=x_resolution,
-            plateau=PlateauSettings(settled_kpa, settling),
+            plateau=PlateauSettings(settled_within, settling),
             fidelity=fidelity,
             leave_out=leave_out,
             type_b=stated_contributions(recording, type_b),
             derived=tuple(derive or ()),
         )
-        analysis = _analysed(recording, elongation, options, accuracy, advance)
+        analysis = analyse(recording, elongation, options=options, progress=advance)
     conformity = conformity_json(analysis, limits)
     if not no_store:
         _store(run, analysis, elongation)
@@ -131,35 +112,11 @@ def analyze(
     if as_json:
         budgets = None if analysis.budgets is None else analysis.budgets.as_json()
         added = {"shadow": shadow, "conformity": conformity, "elongation_budget": budgets}
-        emit_json(analysis.to_json() | added | {"accuracy": _accuracy_json(analysis, accuracy)})
+        emit_json(analysis.to_json() | added)
         return
     _show(analysis, limits)
-    if accuracy is not None:
-        show(_accuracy_text(accuracy_of(analysis)))
     if shadow is not None:
         _show_shadow(shadow)
-
-
-def _analysed(
-    recording: Recording,
-    elongation: Path | None,
-    options: Options,
-    accuracy: tuple[float, Unit] | None,
-    progress: Progress,
-) -> Analysis:
-    """Return the figures of a recording.
-
-    Parameters
-    ----------
-    recording, elongation, options, progress : as `analyse`.
-    accuracy : the tolerance of the figures, by which the draws are chosen; None for those of the fidelity.
-    """
-    from analysis import analyse
-    from analysis.stopping.accuracy import analyse_within
-
-    if accuracy is None:
-        return analyse(recording, elongation, options=options, progress=progress)
-    return analyse_within(recording, elongation, options, *accuracy, progress=progress)
 
 
 def _store(run: Path, analysis: Analysis, elongation: Path | None) -> None:
@@ -206,25 +163,6 @@ def _filmed(recording: Recording, run: Path, choice: CameraChoice, *, store: boo
         replaced = f"the video {before}, whose readings they replace" if before else "the camera, which stay stored"
         notify(f"from now on the readings of {choice.source} count before those of {replaced}")
     return load_recording(run), ""
-
-
-def _accuracy_json(analysis: Analysis, asked: tuple[float, Unit] | None) -> dict[str, Any]:
-    """Return the errors that the draws leave, and the tolerance that chose the draws, if one was asked."""
-    from analysis.stopping.accuracy import accuracy_of
-
-    tolerance, unit = asked or (None, None)
-    return accuracy_of(analysis).as_json() | {"tolerance": tolerance, "tolerance_unit": unit}
-
-
-def _accuracy_text(found: Accuracy) -> str:
-    """Return the errors that the draws leave, as a line."""
-    parts = []
-    if math.isfinite(found.intervals_percent_fso):
-        parts.append(f"intervals {found.intervals_percent_fso:.2g} % FSO with {found.resamples} resamples")
-    if math.isfinite(found.band_mm):
-        band = f"band {found.band_mm:.2g} mm, {found.band_percent_fso:.2g} % FSO"
-        parts.append(f"{band} with {found.samples} samples")
-    return f"errors by the draws (k = 2): {'; '.join(parts)}"
 
 
 def _show_shadow(shadow: Mapping[str, Any]) -> None:
@@ -319,12 +257,6 @@ def strokes(
     min_speed: Annotated[
         float, typer.Option(min=0.0, metavar="KPA_PER_S", help="Slower samples are omitted from the half width.")
     ] = 0.0,
-    tolerance: Annotated[
-        str | None,
-        typer.Option(
-            metavar="MSms|Ss", help="Greatest error of a period by the sampling, as 20ms: uses as few samples as that."
-        ),
-    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Measure the strokes of a continuous run: span and period, and each sensor's friction, half width and loop area.
@@ -334,20 +266,14 @@ def strokes(
 
     Example: boat-daq strokes repeatability.boat --json
     """
-    tolerance_s = seconds_of(tolerance) if tolerance is not None else None
     from analysis import load_recording
-    from analysis.segmentation.stroke_sampling import sampling_of, sampling_within
     from analysis.segmentation.strokes import stroke_figures
     from boat_daq.commands.importing import column_map
 
     recording = load_recording(run, columns=column_map(mapping) or None, rate_hz=rate)
-    columns = recording.time_s, recording.pressure_kpa
-    sampling = sampling_of(*columns) if tolerance_s is None else sampling_within(*columns, tolerance_s)
-    figures = stroke_figures(recording, min_speed_kpa_per_s=min_speed, every=sampling.every)
+    figures = stroke_figures(recording, min_speed_kpa_per_s=min_speed)
     if as_json:
-        emit_json(
-            {"simulated": recording.simulated, **figures, "sampling": {**asdict(sampling), "tolerance_s": tolerance_s}}
-        )
+        emit_json({"simulated": recording.simulated, **figures})
         return
     show(
         f"{'SIMULATED  ' if recording.simulated else ''}{recording.source}: {figures['cycles']} cycles, "
@@ -358,9 +284,6 @@ def strokes(
     show_table(("pressure", ""), pressures)
     rows = ([name, *(_text(sensor[name]) for sensor in sensors)] for name in sensors[0] if name != "name")
     show_table(("loop", *(sensor["name"] for sensor in sensors)), rows)
-    if math.isfinite(sampling.period_error_s):
-        used = "every sample" if sampling.every == 1 else f"one sample in {sampling.every}"
-        show(f"error of a period by the sampling: {1e3 * sampling.period_error_s:.3g} ms (k = 2), by {used}")
 
 
 def _text(value: Any) -> str:
@@ -384,7 +307,6 @@ def report(
     seed: SeedOption = 0,
     no_mcmc: NoMcmcOption = False,
     no_shadow: NoShadowOption = False,
-    tolerance: FiguresToleranceOption = None,
     fidelity: FidelityOption = "normal",
     units: Annotated[
         str, typer.Option(metavar="UNIT,...", help="Units of the report, such as bar,V,% (elongation over its length).")
@@ -402,14 +324,10 @@ def report(
         raise typer.BadParameter("must end in .html or .pdf", param_hint="--out")
     if elongation and len(elongation) not in (1, len(runs)):
         raise typer.BadParameter(f"{len(elongation)} files for {len(runs)} runs", param_hint="--elongation")
-    accuracy = figures_tolerance(tolerance)
-    if accuracy is not None and fidelity != "normal":
-        raise typer.BadParameter("chooses the draws itself: omit --fidelity", param_hint="--tolerance")
-    from analysis import Options, load_recording, write_report
+    from analysis import Options, analyse, load_recording, write_report
     from analysis.calibration.curve_choice import degree_of
     from analysis.figures.against_shadow import against_shadow
     from analysis.progress import part_of
-    from analysis.stopping.accuracy import accuracy_of
     from boat_daq.workflows.calibration_in_force import stated_contributions
     from boat_daq.workflows.plugin_figures import with_plugins
     from protocol.units import ShownUnits
@@ -427,23 +345,19 @@ def report(
             recording = load_recording(run)
             stated = replace(options, type_b=stated_contributions(recording, type_b))
             part = part_of(advance, number, 1, len(runs) + 1)
-            found = _analysed(recording, files[number % len(files)], stated, accuracy, part)
+            found = analyse(recording, files[number % len(files)], options=stated, progress=part)
             analyses.append(with_plugins(found, str(run)))
         compared = len(analyses) == 1 and analyses[0].kind == "calibration" and not no_shadow
         shadow = against_shadow(analyses[0]) if compared else None
         setting = part_of(advance, len(runs), 1, len(runs) + 1)
         content = write_report(analyses, to, limits, shadow, units=shown, progress=setting)
     if as_json:
-        _emit_report(content, to, analyses, limits, [_accuracy_json(analysis, accuracy) for analysis in analyses])
+        _emit_report(content, to, analyses, limits)
     else:
         notify(f"wrote {to}: {content.title}. {content.verdict}")
-        for run, analysis in zip(runs, analyses, strict=True) if accuracy is not None else ():
-            notify(f"{run.name}: {_accuracy_text(accuracy_of(analysis))}")
 
 
-def _emit_report(
-    content: Report, file: Path, analyses: list[Analysis], limits: Mapping[str, float], accuracies: list[dict[str, Any]]
-) -> None:
+def _emit_report(content: Report, file: Path, analyses: list[Analysis], limits: Mapping[str, float]) -> None:
     """Print what a report says as JSON; lists of each run where several are compared."""
     from analysis.figures.acceptance import conformity_json
 
@@ -451,7 +365,6 @@ def _emit_report(
     single = len(analyses) == 1
     emit_json(
         {
-            "accuracy": accuracies[0] if single else accuracies,
             "file": file,
             "title": content.title,
             "verdict": content.verdict,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -76,12 +75,6 @@ def fit(
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the posterior.")] = 0,
-    tolerance: Annotated[
-        float | None,
-        typer.Option(
-            metavar="Y", help="Greatest error of the posterior's 95 % band by its samples, in the unit of y (k = 2)."
-        ),
-    ] = None,
     level: FidelityOption = "normal",
     as_json: JsonOption = False,
 ) -> None:
@@ -96,28 +89,20 @@ def fit(
 
     if x_resolution > 0 and (through_zero or robust == "huber"):
         raise typer.BadParameter("has no posterior through zero or by Huber's estimate", param_hint="--x-resolution")
-    if tolerance is not None and (x_resolution == 0 or level != "normal"):
-        raise typer.BadParameter(
-            "is of a posterior, which --x-resolution adds, and chooses its samples: omit --fidelity; a fit by least "
-            "squares has no error to allow",
-            param_hint="--tolerance",
-        )
     read = _readings(file, x, y, u, position)
     options = FitOptions(through_zero, monotone, None if robust is None else RobustMethod(robust))
     found = general_fit(read.x, read.y, degree, standard_uncertainty=read.u, options=options)
     read = read.of(found.kept)
     reading_sd = x_resolution / 12**0.5
     calibration = found.calibration.with_reading(reading_sd, read.positions)
-    posterior, error = None, math.nan
+    posterior = None
     if x_resolution > 0:
-        posterior, error = _posterior(
-            read, calibration, reading_sd, monotone=monotone, seed=seed, level=level, tolerance=tolerance
-        )
+        posterior = _posterior(read, calibration, reading_sd, monotone=monotone, seed=seed, level=level)
     for warning in (*found.warnings, *(posterior.warnings if posterior is not None else ())):
         notify(warning.text)
     content = _content(found, calibration, read.masked)
     if posterior is not None:
-        content["posterior"] = posterior.as_json() | {"band_error": error}
+        content["posterior"] = posterior.as_json() | {"band_error": posterior.band_error()}
     if bands:
         content["bands"] = _bands(calibration, posterior)
     terms = zip(calibration.coefficients, content["std_errors_with_reading"], strict=True)
@@ -126,10 +111,15 @@ def fit(
         *(f"b{i} = {b:.12g}   u = {error:.3g}" for i, (b, error) in enumerate(terms)),
         f"R2 = {calibration.r2:.8f}   RMSE = {content['rmse']:.6g}   n = {content['n']}",
         f"range {content['range']}   monotone: {content['monotone']}",
-        *([] if posterior is None else [f"error of the 95 % band by {posterior.n_eff:.0f} samples: {error:.2g}"]),
+        *([] if posterior is None else [_sampled(posterior)]),
         *_tested(found),
         as_json=as_json,
     )
+
+
+def _sampled(posterior: Posterior) -> str:
+    """Return the Monte-Carlo error of the band as a line."""
+    return f"Monte-Carlo error of the 95 % band with {posterior.n_eff:.0f} samples: {posterior.band_error():.2g}"
 
 
 def _content(found: GeneralFit, calibration: Calibration, masked: int) -> dict[str, Any]:
@@ -155,33 +145,23 @@ def _content(found: GeneralFit, calibration: Calibration, masked: int) -> dict[s
 
 
 def _posterior(
-    read: _Points, calibration: Calibration, reading_sd: float, *, monotone: bool, seed: int, level: Level,
-    tolerance: float | None,
-) -> tuple[Posterior, float]:  # fmt: skip
-    """Sample the posterior of a fit whose x were read on a grid, with its band's error; notify where they share one."""
+    read: _Points, calibration: Calibration, reading_sd: float, *, monotone: bool, seed: int, level: Level
+) -> Posterior:
+    """Sample the posterior of a fit whose x were read on a grid; notify where they share one error."""
     from analysis.calibration.posterior import sample_posterior
     from analysis.calibration.quantised_x import share_their_error
     from analysis.fidelity import fidelity
-    from analysis.stopping.accuracy import greatest_band_error, sample_within
 
     fineness = fidelity(level)
-
-    def sampled(samples: int) -> Posterior:
-        return sample_posterior(
-            read.x, read.y, calibration.degree, reading_sd=reading_sd, positions=read.positions,
-            standard_uncertainty=read.u, monotone=monotone, seed=seed, walkers=fineness.walkers, samples=samples,
-            progress=advance,
-        )  # fmt: skip
-
     with progress_bar("samples") as advance:
-        if tolerance is None:
-            found = sampled(fineness.posterior_samples)
-            error = greatest_band_error([found], "y")
-        else:
-            found, error = sample_within(sampled, tolerance)
+        found = sample_posterior(
+            read.x, read.y, calibration.degree, reading_sd=reading_sd, positions=read.positions,
+            standard_uncertainty=read.u, monotone=monotone, seed=seed, walkers=fineness.walkers,
+            samples=fineness.posterior_samples, progress=advance,
+        )  # fmt: skip
     if read.positions is None and share_their_error(calibration.fit, calibration.x, calibration.y, reading_sd):
         notify("signals at equal x scatter less than independent reading errors: one common error is assumed")
-    return found, error
+    return found
 
 
 def _tested(found: GeneralFit) -> list[str]:

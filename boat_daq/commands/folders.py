@@ -8,13 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show, show_table
-from boat_daq.commands.options import (
-    AllowRemoteOption,
-    FiguresToleranceOption,
-    FolderArgument,
-    SeedOption,
-    figures_tolerance,
-)
+from boat_daq.commands.options import AllowRemoteOption, FolderArgument, SeedOption
 
 if TYPE_CHECKING:
     from analysis.figures.unit_history import UnitHistory
@@ -28,7 +22,6 @@ def batch(
     to: Annotated[Path | None, typer.Option("--out", metavar="FILE.csv", help="Also write the table.")] = None,
     seed: SeedOption = 0,
     mcmc: Annotated[bool, typer.Option("--mcmc", help="Sample the posteriors as well.")] = False,
-    tolerance: FiguresToleranceOption = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Number of processes; default one a core.")] = None,
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster.")] = None,
     allow_remote: AllowRemoteOption = False,
@@ -40,15 +33,12 @@ def batch(
     """
     from analysis.figures.batch import batch as run_batch
     from analysis.figures.batch import write_table
-    from analysis.stopping.accuracy import WithinTolerance
 
-    accuracy = figures_tolerance(tolerance)
     with progress_bar("Analysing") as advance:
         table = run_batch(
             folder,
             seed=seed,
-            mcmc=mcmc or (accuracy is not None and accuracy[1] == "mm"),
-            within=None if accuracy is None else WithinTolerance(*accuracy),
+            mcmc=mcmc,
             workers=workers,
             scheduler=scheduler,
             allow_remote=allow_remote,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,9 +10,6 @@ import typer
 
 from analysis.calibration.curve_choice import AUTO, CURVES
 from analysis.fidelity import LEVELS, Level
-
-if TYPE_CHECKING:
-    from analysis.stopping.accuracy import Unit
 
 
 def one_of(*choices: str) -> Callable[[str | None], str | None]:
@@ -41,14 +37,6 @@ RateOption = Annotated[
     float | None, typer.Option("--rate", min=0.001, metavar="HZ", help="Sampling rate of a CSV without time.")
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help="Seed of the intervals and the posterior.")]
-FiguresToleranceOption = Annotated[
-    str | None,
-    typer.Option(
-        "--tolerance",
-        metavar="MMmm|P%FSO",
-        help="Greatest error that resampling and sampling leave, as 0.005mm or 0.1%FSO.",
-    ),
-]
 NoMcmcOption = Annotated[bool, typer.Option("--no-mcmc", help="Omit the posterior.")]
 NoShadowOption = Annotated[bool, typer.Option("--no-shadow", help="Omit the digital shadow.")]
 AllowRemoteOption = Annotated[bool, typer.Option("--allow-remote", help="Allow an address outside this computer.")]
@@ -141,55 +129,3 @@ _LEVEL = typer.Option(
 )
 FidelityOption = Annotated[LevelName, _LEVEL]
 OptionalFidelity = Annotated[LevelName | None, _LEVEL]
-
-
-def tolerances(text: str) -> tuple[float, tuple[float, Unit] | None]:
-    """Return the deviation of a settled plateau, kPa, and the tolerance of the figures with its unit, if given."""
-    units: dict[str, Unit] = {"mm": "mm", "%fso": "%FSO"}
-    plain = text.replace(" ", "").lower()
-    unit = next((unit for unit in units if plain.endswith(unit)), "")
-    try:
-        value = float(plain.removesuffix(unit or "kpa"))
-    except ValueError:
-        raise typer.BadParameter(f"{text!r} is no number of kPa, mm or %FSO", param_hint="--tolerance") from None
-    if unit:
-        if not 0.0 < value < math.inf:
-            raise typer.BadParameter(f"{text!r} is no finite number above 0", param_hint="--tolerance")
-        return 1.0, (value, units[unit])
-    if not 0.01 <= value < math.inf:
-        remedy = "of a settled plateau; of the figures, give mm or %FSO with it"
-        raise typer.BadParameter(f"{value:g} is not at least 0.01 kPa, {remedy}", param_hint="--tolerance")
-    return value, None
-
-
-def figures_tolerance(text: str | None) -> tuple[float, Unit] | None:
-    """Return the tolerance of the figures with its unit; None for none.
-
-    Raises
-    ------
-    typer.BadParameter : it has no unit of a figure.
-    """
-    if text is None:
-        return None
-    found = tolerances(text)[1]
-    if found is None:
-        raise typer.BadParameter("takes mm or %FSO, as 0.005mm or 0.1%FSO", param_hint="--tolerance")
-    return found
-
-
-def seconds_of(text: str) -> float:
-    """Return a tolerance of time, s.
-
-    Raises
-    ------
-    typer.BadParameter : it is no time above 0 with its unit, ms or s.
-    """
-    plain = text.replace(" ", "").lower()
-    unit, scale = next(((unit, scale) for unit, scale in (("ms", 1e-3), ("s", 1.0)) if plain.endswith(unit)), ("", 0.0))
-    try:
-        value = scale * float(plain.removesuffix(unit))
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < math.inf:
-        raise typer.BadParameter(f"{text!r} is no time above 0, as 20ms or 0.02s", param_hint="--tolerance")
-    return value

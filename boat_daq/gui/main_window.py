@@ -121,8 +121,8 @@ class MainWindow(QMainWindow):
         m, services = self.model, self.model.services
         makers: dict[Page, Callable[[], QWidget]] = {
             Page.LIVE: lambda: LivePage(m.run, m.overlay, m.layouts, m.shadow, m.camera, services),
-            Page.CALIBRATE: lambda: CalibrationPage(m.calibration, m.repeatability.show, m.tolerance, services),
-            Page.REPEAT: lambda: RepeatPage(m.repeatability, m.choose_repeatability, m.tolerance, services),
+            Page.CALIBRATE: lambda: CalibrationPage(m.calibration, m.repeatability.show, services),
+            Page.REPEAT: lambda: RepeatPage(m.repeatability, m.choose_repeatability, services),
             Page.RUNS: lambda: RunsPage(m.runs, m.run_actions, services),
             Page.OPTICS: lambda: OpticsPage(m.optics, m.rays, m.confidence, services),
             Page.SHADOW: lambda: ShadowPage(m.shadow, m.monitor, m.table_error, services),

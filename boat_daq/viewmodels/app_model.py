@@ -21,7 +21,7 @@ from boat_daq.viewmodels.common.open_windows import OpenWindows
 from boat_daq.viewmodels.common.outlets import OutletsModel
 from boat_daq.viewmodels.common.preferences import Precision, Preferences, UnitChoice
 from boat_daq.viewmodels.common.services import Page, Panel, Services, UndoHistory
-from boat_daq.viewmodels.common.tolerance import TypedChoice, TypedTolerance, tolerance_choice
+from boat_daq.viewmodels.common.tolerance import TypedChoice, tolerance_choice
 from boat_daq.viewmodels.live.board_profile import BoardProfile
 from boat_daq.viewmodels.live.camera import CameraModel
 from boat_daq.viewmodels.live.connection import ConnectionModel
@@ -42,7 +42,7 @@ from boat_daq.viewmodels.models.optics import (
     rays_text,
 )
 from boat_daq.viewmodels.models.tradeoff import AtlasModel, TradeoffModel
-from boat_daq.viewmodels.results.analysis_jobs import FIGURE_TOLERANCES, load_analysis
+from boat_daq.viewmodels.results.analysis_jobs import load_analysis
 from boat_daq.viewmodels.results.calibration import CalibrationModel
 from boat_daq.viewmodels.results.csv_import import CsvImport
 from boat_daq.viewmodels.results.repeatability import RepeatabilityModel
@@ -113,9 +113,6 @@ class AppModel:
         )
         self.unit_choice = UnitChoice(self.preferences, self._use_units)
         self.precision = Precision(self.preferences, self._use_fidelity)
-        self.tolerance = tolerance_choice(
-            self.services, "the tolerance of the figures", FIGURE_TOLERANCES, self._use_tolerance
-        )
         self.table_error = tolerance_choice(
             self.services, "the error of the reduced model", TABLE_ERRORS, self.shadow.set_tolerance
         )
@@ -137,11 +134,6 @@ class AppModel:
         self.optics.set_fidelity(chosen)
         self.shadow.set_fidelity(chosen.level)
         self.calibration.fidelity = self.repeatability.fidelity = self.runs.fidelity = chosen
-
-    def _use_tolerance(self, chosen: TypedTolerance | None) -> None:
-        self.runs.tolerance = chosen
-        self.calibration.set_tolerance(chosen)
-        self.repeatability.set_tolerance(chosen)
 
     def tick(self) -> SessionSnapshot:
         """Take a snapshot and the results of background work; return the snapshot."""

@@ -12,6 +12,7 @@ from analysis.statistics import (
     bootstrap_interval,
     effective_count,
     interpolate,
+    limit_error,
     resampling_weights,
     standard_error,
     theil_sen,
@@ -53,6 +54,19 @@ def test_the_expanded_percentile_interval_of_a_mean_is_students() -> None:
         ratios.append((high - low) / (2 * stats.t.ppf(0.975, 7) * values.std(ddof=1) / 8**0.5))
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.1)
     assert np.isnan(bootstrap_interval(1.0, np.ones(10), 1)).all()
+
+
+@pytest.mark.parametrize("phi", [0.0, 0.8])
+def test_the_error_of_a_limit_is_that_of_other_chains(phi: float) -> None:
+    """Of normal draws, independent or autoregressive: the rms distance from the true quantile, twice."""
+    true, errors, stated = np.array([-1.0, 1.0]) * stats.norm.ppf(0.975), [], []
+    for seed in range(60):
+        noise = np.random.default_rng(seed).standard_normal(8_000)
+        chain = signal.lfilter([np.sqrt(1.0 - phi**2)], [1.0, -phi], noise)
+        errors.append(np.percentile(chain, [2.5, 97.5]) - true)
+        stated.append(limit_error(chain[:, None]))
+    # the worse of two limits, each known to 18 %
+    assert 0.9 < np.mean(stated) / (2.0 * np.sqrt(np.mean(np.square(errors)))) < 1.4
 
 
 def test_theil_sen_ignores_an_outlier() -> None:

@@ -21,13 +21,11 @@ from boat_daq.gui.results.certificate_panel import CertificatePanel
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.results.contributions_form import ContributionsForm
 from boat_daq.gui.results.figure_table import SIDE, FigureTable
-from boat_daq.gui.results.tolerance_field import tolerance_field
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves, Shares
 from boat_daq.viewmodels.common.services import Page, Panel, Services
-from boat_daq.viewmodels.common.tolerance import TypedText
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands, LoopSet, RunResult, SensorResult
 from boat_daq.viewmodels.results.calibration import (
     ACCEPT,
@@ -219,11 +217,9 @@ class CalibrationPage(QWidget):
         self,
         model: CalibrationModel,
         show_repeatability: Callable[[RunResult], None],
-        tolerance: TypedText,
         services: Services,
     ) -> None:
         super().__init__()
-        self.tolerance = tolerance_field(tolerance, services)
         self.model, self.show_repeatability, self.services = model, show_repeatability, services
         self._revision, self._step = -1, NextStep.NONE
         self.curves: list[CurveCard] = []
@@ -373,9 +369,8 @@ class CalibrationPage(QWidget):
         attempt, name = self.services.notices.attempt, "Error of an exported table"
         self.table_error = widgets.typed(name, self.model.table_error, attempt, tip=TABLE_ERROR_TIP)
         line = widgets.row(widgets.label("Curve"), self.choice, None, self.export)
-        tolerance = widgets.row(widgets.label("Tolerance of the figures"), self.tolerance, None)
         table = widgets.row(widgets.label(name), self.table_error, None)
-        lines = line, tolerance, table
+        lines = line, table
         return widgets.inside(widgets.column(style.GAP, *lines, (self.candidates, 1), spacing=style.GAP))
 
     def _choose_curve(self, name: str) -> None:
@@ -400,7 +395,6 @@ class CalibrationPage(QWidget):
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the result where it has changed."""
-        self.tolerance.follow()
         self.table_error.follow()
         if self.model.revision == self._revision:
             return
@@ -490,11 +484,10 @@ class CalibrationPage(QWidget):
         verdicts = {True: "converged", False: "NOT CONVERGED"}
         posterior = [
             f"{s.label}: {verdicts[p.content['converged']]}, {p.content['n_eff']:.0f} independent samples, bands "
-            f"\u00b1{p.content['band_error_mm']:.2g} mm (\u00b1{p.content['band_error_percent_fso']:.2g} % FSO)"
+            f"\u00b1{p.content['band_error_percent_fso']:.2g} % FSO by their number"
             for s, p in zip(result.sensors, self.model.posterior, strict=False)
         ]
-        lines = [result.draws] if result.draws else []
-        lines += ["Uncertainty bands (emcee)", *posterior] if posterior else []
+        lines = ["Uncertainty bands (emcee)", *posterior] if posterior else []
         self.posterior.setText("\n".join(lines))
         self.posterior.setVisible(bool(lines))
         self.comparison.setText(self.model.comparison())

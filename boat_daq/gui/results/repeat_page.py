@@ -14,12 +14,10 @@ from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, Points, ramp_colour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.figure_table import SIDE, FigureTable
-from boat_daq.gui.results.tolerance_field import tolerance_field
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves, Shares
 from boat_daq.viewmodels.common.services import Panel, Services
-from boat_daq.viewmodels.common.tolerance import TypedText
 from boat_daq.viewmodels.results.analysis_jobs import RunResult
 from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel
 
@@ -109,11 +107,8 @@ class RepeatPage(QWidget):
     choose_plan : chooses the plan of many cycles.
     """
 
-    def __init__(
-        self, model: RepeatabilityModel, choose_plan: Callable[[], None], tolerance: TypedText, services: Services
-    ) -> None:
+    def __init__(self, model: RepeatabilityModel, choose_plan: Callable[[], None], services: Services) -> None:
         super().__init__()
-        self.tolerance = tolerance_field(tolerance, services)
         self.model, self.services = model, services
         self._revision = -1
         self.headline = widgets.label("", "subtitle", elide=True)
@@ -137,7 +132,7 @@ class RepeatPage(QWidget):
 
     def _filled(self) -> QWidget:
         report = widgets.button("Report \u2026", partial(self.services.show, Panel.REPORT))
-        parts = self.headline, self.warm_up, None, widgets.label("Tolerance", "muted"), self.tolerance, report
+        parts = self.headline, self.warm_up, None, report
         head, _ = widgets.card(widgets.row(*parts), self.known)
         keep = self.services.preferences
         columns = ((self.drift, self.sensitivity), (self.hysteresis, self.snr))
@@ -145,14 +140,12 @@ class RepeatPage(QWidget):
         left = Shares("repeat", keep, (self.loops, 4), *((half, 3) for half in halves), beside=True)
         self.tabs = widgets.tabs("Figures, and the interruptions of the run", (self.table, "Figures"))
         self.tabs.setTabBarAutoHide(True)
-        self.draws = widgets.label("", "small", wrap=True, name="Error of the intervals")
-        side, _ = widgets.card((self.tabs, 1), self.draws)
+        side, _ = widgets.card((self.tabs, 1))
         sides = Divided("repeat", self.services.preferences, left, side, SIDE, stacks=True)
         return widgets.holder(widgets.column(head, (sides, 1), spacing=style.GAP))
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the result where it has changed."""
-        self.tolerance.follow()
         model = self.model
         if model.revision == self._revision:
             return
@@ -189,8 +182,6 @@ class RepeatPage(QWidget):
         for shown in self.figures:
             shown.frame()
         self._show_breaks(result)
-        widgets.set_text(self.draws, result.draws)
-        self.draws.setVisible(bool(result.draws))
         self.table.show_rows(result.figures, [sensor.label for sensor in result.sensors])
 
     def _show_breaks(self, result: RunResult) -> None:

@@ -22,7 +22,7 @@ from analysis.fidelity import Level, fidelity
 from analysis.figures.figure import SENSOR_FIGURES, Figure
 from analysis.progress import Progress, part_of
 from analysis.warning import Warning
-from boat_daq.formatting import NOTHING, count, number, sensor_words
+from boat_daq.formatting import NOTHING, number, sensor_words
 from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.results.camera import CameraResult, camera_result
 from boat_daq.workflows.calibration_in_force import chosen_curve, exported_elongation, stated_contributions
@@ -30,24 +30,16 @@ from boat_daq.workflows.plugin_figures import with_plugins
 from protocol.units import STORED_UNITS, ShownUnits
 
 if TYPE_CHECKING:
-    from analysis.calibration.posterior import Posterior
     from analysis.conformity import Conformity
-    from analysis.data.recording import Recording
     from analysis.figures.acceptance import LimitStatement
     from analysis.figures.across_breaks import Break, Comparison
     from analysis.figures.pipeline import Analysis
-    from analysis.figures.sensor_analysis import Options, SensorAnalysis
-    from analysis.stopping.accuracy import Unit
+    from analysis.figures.sensor_analysis import SensorAnalysis
 
 Band = tuple[FloatArray, FloatArray]
 Cell = tuple[str, str]
 """A text of a table with its tooltip."""
 GRID = 161
-FIGURE_TOLERANCES = (
-    *(TypedTolerance(percent, "%FSO") for percent in (0.2, 0.1, 0.05)),
-    *(TypedTolerance(mm, "mm") for mm in (0.02, 0.01, 0.005)),
-)
-"""That are suggested: thousands of samples leave some hundredths of a mm."""
 EXPORTED_TABLE_ERRORS = tuple(TypedTolerance(mm, "mm") for mm in (0.01, 0.001, 0.0001))
 WRITING = 2  # what a report takes to be set, in analyses of a run
 
@@ -210,7 +202,6 @@ class RunResult:
     `identity` of the recording. `curve` is the choice that was fitted; `candidates` are each sensor's curves, none
     where they were not compared. `camera` is None without one. `drift_half` and `spread_half` are the half widths of
     the 95 % intervals of drift (% FSO per 100 cycles) and repeatability (% FSO), of the worse sensor; else NaN.
-    where they were not compared. `camera` is None without one. `draws` is what the resamples leave uncertain.
     """
 
     path: str
@@ -238,7 +229,6 @@ class RunResult:
     camera: CameraResult | None = None
     drift_half: float = math.nan
     spread_half: float = math.nan
-    draws: str = ""
 
     @property
     def unit_text(self) -> str:
@@ -263,7 +253,6 @@ def analyse_run(
     path: str,
     *,
     level: Level = "normal",
-    tolerance: TypedTolerance | None = None,
     curve: str = "",
     compare: bool = False,
     progress: Progress | None = None,
@@ -272,17 +261,17 @@ def analyse_run(
 
     Parameters
     ----------
-    tolerance : of the intervals, % FSO, which chooses the resamples; one in mm is of the posterior, which is not here.
     curve : that is fitted, see `chosen_curve`.
     compare : whether every curve is tried, which takes longer than the rest.
     progress : is called with the steps done and their number.
 
     Raises
     ------
-    AnalysisError : the recording cannot be read, or the tolerance cannot be met.
+    AnalysisError : the recording cannot be read.
     """
     from analysis.data.load import load_recording
     from analysis.figures.batch import readings_beside
+    from analysis.figures.pipeline import analyse
     from analysis.figures.sensor_analysis import Options
     from analysis.figures.uncertainty import curve_candidates_of
     from analysis.stopping.criterion import DRIFT, SPREAD, half_width
@@ -292,7 +281,7 @@ def analyse_run(
     degree, type_b = chosen_curve(recording, curve), stated_contributions(recording)
     options = Options(degree, mcmc=False, fidelity=level, type_b=type_b)
     readings = readings_beside(Path(path))
-    analysis = _analysed(recording, readings, options, tolerance, part_of(progress, 1, 1, 4))
+    analysis = analyse(recording, readings, options=options, progress=part_of(progress, 1, 1, 4))
     found = with_plugins(analysis, path)
     candidates = []
     if compare and found.budgets is not None:
@@ -327,56 +316,7 @@ def analyse_run(
         camera=camera_result(found),
         drift_half=half_width(found.sensors, DRIFT)[0],
         spread_half=half_width(found.sensors, SPREAD)[0],
-        draws=_draws_text(found),
     )
-
-
-def _draws_text(found: Analysis) -> str:
-    """Return the error that the resamples leave in the intervals; empty where none is in % FSO."""
-    from analysis.stopping.accuracy import accuracy_of
-
-    reached = accuracy_of(found)
-    if not math.isfinite(reached.intervals_percent_fso):
-        return ""
-    return f"Intervals \u00b1{reached.intervals_percent_fso:.2g} % FSO by {count(reached.resamples, 'resample')}"
-
-
-def of_intervals(tolerance: TypedTolerance | None) -> bool:
-    """Return whether a tolerance is of the intervals, in % FSO, not of the sampled bands alone."""
-    return tolerance is not None and tolerance.unit != "mm"
-
-
-def _analysed(
-    recording: Recording, readings: Path | None, options: Options, tolerance: TypedTolerance | None, progress: Progress
-) -> Analysis:
-    """Return the analysis of a run with the draws that a tolerance takes.
-
-    Parameters
-    ----------
-    recording, readings, options, progress : as `analyse`.
-    tolerance : in mm or %FSO; None for the draws of the fidelity, which also serve where nothing has such an error.
-
-    Raises
-    ------
-    AnalysisError : as `analyse`, or the tolerance cannot be met.
-    """
-    from analysis.errors import RequestError
-    from analysis.figures.pipeline import analyse
-    from analysis.stopping.accuracy import accuracy_of, analyses_within
-
-    if tolerance is None or not (options.mcmc or of_intervals(tolerance)):
-        return analyse(recording, readings, options=options, progress=progress)
-    unit: Unit = "%FSO" if of_intervals(tolerance) else "mm"
-    found = None
-    try:
-        for finer in analyses_within(recording, readings, options, tolerance.value, unit, progress=progress):
-            found = finer
-    except RequestError:
-        if found is None or math.isfinite(accuracy_of(found).error(unit)):
-            raise
-        return analyse(recording, readings, options=options, progress=progress)
-    assert found is not None
-    return found
 
 
 def _expanded_rows(found: Analysis) -> list[tuple[Cell, ...]]:
@@ -488,7 +428,6 @@ def sample_run(
     points: list[tuple[list[float], list[float], int, list[int] | None]],
     reading_sd_mm: float,
     level: Level = "normal",
-    tolerance: TypedTolerance | None = None,
     *,
     progress: Progress | None = None,
 ) -> tuple[CurveBands, ...]:
@@ -499,35 +438,24 @@ def sample_run(
     points : for each sensor elongations (mm), signals (mV), the degree, and the position where each point was read.
     reading_sd_mm : standard uncertainty of a reading, mm.
     level : of the sampler's fidelity.
-    tolerance : of the 95 % band by its samples, in mm or % FSO, which chooses their number; None for the fidelity's.
     progress : is called with what is done and the total.
     """
     from analysis.calibration.posterior import sample_posterior
-    from analysis.stopping.accuracy import greatest_band_error, sample_within
 
     results, fineness = [], fidelity(level)
-    for i, (x, y, *_) in enumerate(points):
-
-        def sample(samples: int, i: int = i) -> Posterior:
-            x, y, degree, positions = points[i]
-            return sample_posterior(
-                x, y, degree, reading_sd=reading_sd_mm, positions=positions, seed=i, walkers=fineness.walkers,
-                samples=samples, progress=part_of(progress, i, 1, len(points)),
-            )  # fmt: skip
-
-        if tolerance is None:
-            posterior = sample(fineness.posterior_samples)
-        else:
-            posterior, _ = sample_within(sample, tolerance.value, "%FSO" if of_intervals(tolerance) else "mm")
-        errors = {"band_error_mm": greatest_band_error([posterior], "mm")}
-        errors["band_error_percent_fso"] = greatest_band_error([posterior], "%FSO")
+    for i, (x, y, degree, positions) in enumerate(points):
+        posterior = sample_posterior(
+            x, y, degree, reading_sd=reading_sd_mm, positions=positions, seed=i, walkers=fineness.walkers,
+            samples=fineness.posterior_samples, progress=part_of(progress, i, 1, len(points)),
+        )  # fmt: skip
+        error_percent = 100.0 * posterior.band_error() / posterior.calibration.full_scale
         grid = np.linspace(min(x), max(x), GRID)
         mean = posterior.curves(grid).mean(axis=0)
         bands = posterior.curve_band(grid, 0.68), posterior.curve_band(grid, 0.95)
         results.append(
             CurveBands(
                 grid, mean, np.asarray(y) - np.interp(x, grid, mean), *bands,
-                posterior.as_json() | errors,
+                posterior.as_json() | {"band_error_percent_fso": error_percent},
                 posterior.new_reading_band(grid, 0.95),
             )
         )  # fmt: skip
@@ -642,7 +570,6 @@ def report_runs(
     *,
     curve: str = "",
     level: Level = "normal",
-    tolerance: TypedTolerance | None = None,
     units: ShownUnits = STORED_UNITS,
     progress: Progress | None = None,
 ) -> str:
@@ -651,14 +578,13 @@ def report_runs(
     Parameters
     ----------
     curve : that is fitted, see `chosen_curve`.
-    tolerance : of intervals and bands, % FSO, or of the bands, mm, which chooses the draws; None for the fidelity's.
     progress : is called with the parts that are analysed and set, and their number.
 
     Raises
     ------
-    AnalysisError : one of them cannot be read, the tolerance cannot be met, or the target cannot be written.
+    AnalysisError : one of them cannot be read, or the target cannot be written.
     """
-    from analysis import Options, load_recording, write_report
+    from analysis import Options, analyse, load_recording, write_report
     from analysis.figures.batch import readings_beside
 
     parts, analyses = len(paths) + WRITING, []
@@ -666,7 +592,8 @@ def report_runs(
         recording = load_recording(path)
         type_b = stated_contributions(recording)
         options = Options(chosen_curve(recording, curve), fidelity=level, type_b=type_b)
-        found = _analysed(recording, readings_beside(path), options, tolerance, part_of(progress, i, 1, parts))
+        part = part_of(progress, i, 1, parts)
+        found = analyse(recording, readings_beside(path), options=options, progress=part)
         analyses.append(with_plugins(found, str(path)))
     setting = part_of(progress, len(paths), WRITING, parts)
     return write_report(analyses, target, units=units, progress=setting).verdict

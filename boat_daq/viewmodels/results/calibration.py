@@ -32,7 +32,7 @@ from boat_daq.errors import OperatorError
 from boat_daq.formatting import NOTHING, SUBSCRIPT, SUPERSCRIPT, count, duration, number, sensor_words
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Change, Services
-from boat_daq.viewmodels.common.tolerance import TypedTolerance, tolerance_choice
+from boat_daq.viewmodels.common.tolerance import tolerance_choice
 from boat_daq.viewmodels.results.analysis_jobs import (
     EXPORTED_TABLE_ERRORS,
     CurveBands,
@@ -40,7 +40,6 @@ from boat_daq.viewmodels.results.analysis_jobs import (
     SensorResult,
     analyse_run,
     export_calibration,
-    of_intervals,
     sample_run,
 )
 from boat_daq.viewmodels.results.certificates import CertificateModel
@@ -118,11 +117,9 @@ class CalibrationModel:
         self.before: StoredCalibration | None = None  # the unit's calibration in force when the run was analysed
         self.agreements: tuple[Agreement | None, ...] = ()
         self.posterior: tuple[CurveBands, ...] = ()
-        self.tolerance: TypedTolerance | None = None  # of the next analyses (% FSO) and samples; None: by the fidelity
         self.table_error = tolerance_choice(  # of the next exports
             services, "the error of an exported table", EXPORTED_TABLE_ERRORS, lambda _: None
         )
-        self._sampled_before = False  # whether the bands are sampled again after the analysis
         self.failure: Any = None
         self.last_path: Path | None = None
         self.choice = ""  # that was chosen for the last recording; none: see `chosen_curve`
@@ -176,8 +173,7 @@ class CalibrationModel:
         self.failure = None
         self.revision += 1
         job = Job(
-            f"Analysing {path.name}", analyse_run, str(path), level=self.fidelity.level, tolerance=self.tolerance,
-            curve=self.choice, compare=True,
+            f"Analysing {path.name}", analyse_run, str(path), level=self.fidelity.level, curve=self.choice, compare=True
         )  # fmt: skip
         self.jobs.start("analysis", job, self._analysed)
 
@@ -288,9 +284,6 @@ class CalibrationModel:
             return
         self.failure = job.failure
         self.show(job.result)
-        if self._sampled_before and self.samples():
-            self.sample()
-        self._sampled_before = False
 
     def show(self, result: RunResult | None) -> None:
         """Show a result and compare it with the unit's calibration in force.
@@ -326,21 +319,8 @@ class CalibrationModel:
         contents = [s.fit.content for s in self.result.sensors if s.fit is not None]
         points = [(c["elongation_mm"], c["signal_mv"], int(c["fit"]["degree"]), c.get("positions")) for c in contents]
         reading_sd_mm, level = self.result.reading_sd_mm, self.fidelity.level
-        job = Job("Computing uncertainty bands", sample_run, points, reading_sd_mm, level, self.tolerance)
+        job = Job("Computing uncertainty bands", sample_run, points, reading_sd_mm, level)
         self.jobs.start("posterior", job, self._sampled)
-
-    def set_tolerance(self, tolerance: TypedTolerance | None) -> None:
-        """Allow another error by the draws, None for the fidelity's: of the bands, mm, or of the intervals too, % FSO.
-
-        What is shown and depends on it is made again.
-        """
-        before, self.tolerance = self.tolerance, tolerance
-        sampled = bool(self.posterior) or self.jobs.get("posterior") is not None
-        if of_intervals(before) or of_intervals(tolerance):
-            self._sampled_before = sampled
-            self.follow_change()
-        elif sampled:
-            self.sample()
 
     def exports(self) -> bool:
         """Return whether the run that is shown has a calibration to export."""

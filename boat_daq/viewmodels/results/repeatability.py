@@ -18,8 +18,7 @@ from analysis.arrays import FloatArray, IntArray
 from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.formatting import count, duration, quantity
-from boat_daq.viewmodels.common.tolerance import TypedTolerance
-from boat_daq.viewmodels.results.analysis_jobs import RunResult, analyse_run, of_intervals
+from boat_daq.viewmodels.results.analysis_jobs import RunResult, analyse_run
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
 
 LEAST_INTERVAL_S = 20.0  # so that the helper takes a small share of the processor
@@ -42,7 +41,6 @@ class RepeatabilityModel:
     def __init__(self, jobs: JobRunner, clock: Callable[[], float] = monotonic) -> None:
         self.jobs, self._clock = jobs, clock
         self.fidelity: Fidelity = fidelity()  # of the next analyses
-        self.tolerance: TypedTolerance | None = None  # of their intervals; None: by the fidelity
         self.result: RunResult | None = None
         self.failure = ""  # why the last run could not be read
         self.headline = ""
@@ -80,14 +78,8 @@ class RepeatabilityModel:
     def analyse(self, path: Path, *, label: str = "") -> None:
         """Analyse a recording in the background."""
         level, label = self.fidelity.level, label or f"Repeatability of {path.name}"
-        job = Job(label, analyse_run, str(path), level=level, tolerance=self.tolerance)
+        job = Job(label, analyse_run, str(path), level=level)
         self.jobs.start("repeatability", job, self._analysed)
-
-    def set_tolerance(self, tolerance: TypedTolerance | None) -> None:
-        """Allow another error of the intervals, None for the fidelity's; the run that is shown is analysed again."""
-        before, self.tolerance = self.tolerance, tolerance
-        if self.result is not None and (of_intervals(before) or of_intervals(tolerance)):
-            self.analyse(Path(self.result.path))
 
     def _analysed(self, job: Job) -> None:
         if job.state is JobState.DONE:

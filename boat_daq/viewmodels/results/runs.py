@@ -36,7 +36,6 @@ from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.formatting import NOTHING, count, duration, number
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Change, Services, UndoHistory
-from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands, RunResult, compare_runs, export_run, report_runs
 from boat_daq.viewmodels.results.dynamics import DynamicsModel
 from boat_daq.viewmodels.results.metadata import MetadataModel
@@ -264,7 +263,6 @@ class RunsModel:
         self.revision = 0
         self.shown_units = STORED_UNITS  # of its reports
         self.fidelity: Fidelity = fidelity()  # of the next reports
-        self.tolerance: TypedTolerance | None = None  # of their figures; None: by the fidelity
         self.simulated = False  # whether the board in use is, or was last
         self._kinds: tuple[bool, ...] = (False, True)  # of the units that are shown
         self._scanned_at = -SCAN_INTERVAL_S
@@ -464,7 +462,7 @@ class RunsModel:
             raise OperatorError("no recording is chosen", "Choose one line or several.")
         job = Job(
             "Making the report", report_runs, paths, target, curve=curve, level=self.fidelity.level,
-            tolerance=self.tolerance, units=self.shown_units,
+            units=self.shown_units,
         )  # fmt: skip
         self.start("report", job, lambda _: self._notices.inform_saved(target))
 

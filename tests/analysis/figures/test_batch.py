@@ -10,7 +10,6 @@ import pytest
 from analysis import AnalysisError
 from analysis.examples import batch_a_folder, calibrate_a_run, compare_units
 from analysis.figures.batch import batch, write_table
-from analysis.stopping.accuracy import WithinTolerance
 from tests.analysis.boat_builder import Plant, Staircase, write_boat
 
 
@@ -45,15 +44,6 @@ def test_processes_and_a_cluster_give_the_same_table(folder: Path) -> None:
     pd.testing.assert_frame_equal(alone, batch(folder, workers=2))
     with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
         pd.testing.assert_frame_equal(alone, batch(folder, scheduler=cluster.scheduler_address))
-
-
-def test_runs_are_analysed_to_a_tolerance(folder: Path) -> None:
-    """Each row has the errors of its figures, at most what was allowed, with the draws that it takes."""
-    table = batch([folder / "run1.boat", folder / "bad.csv"], workers=1, within=WithinTolerance(2.0, "%FSO"))
-    good = table[table["error"] == ""]
-    assert len(good)
-    assert (good["accuracy_intervals_percent_fso"] <= 2.0).all()
-    assert (good["accuracy_resamples"] >= 100).all()
 
 
 def test_an_empty_folder_is_refused(tmp_path: Path) -> None:

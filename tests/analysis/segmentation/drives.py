@@ -34,10 +34,10 @@ class DrivenRun:
         share = (level_kpa - corners[before]) / (corners[before + 1] - corners[before])
         return np.diff(at[before] + share * (at[before + 1] - at[before]))
 
-    def errors_s(self, every: int) -> FloatArray:
-        """Return the errors of the periods that one sample in `every` gives; one of inf where strokes are missed."""
+    def errors_s(self) -> FloatArray:
+        """Return the errors of the periods that are found; one of inf if strokes are missed."""
         time_s, kpa = self.time_s, self.pressure_kpa
-        rises, periods = time_s[find_strokes(time_s, kpa, kpa, every=every).up_rows], self.periods_s(thresholds(kpa)[1])
+        rises, periods = time_s[find_strokes(time_s, kpa, kpa).up_rows], self.periods_s(thresholds(kpa)[1])
         return np.array([np.inf]) if rises.size != periods.size + 1 else np.diff(rises) - periods
 
 

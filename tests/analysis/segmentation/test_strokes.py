@@ -38,7 +38,7 @@ def test_thresholds_are_away_from_the_holds_of_a_staircase(steps: int, noise_kpa
     for level, usual in zip(thresholds(run.pressure_kpa), (0.25, 0.75), strict=True):
         assert np.abs(holds - level).min() > 0.04 * SPAN_KPA
         assert abs((level - LOW_KPA) / SPAN_KPA - usual) <= AWAY + 0.03
-    assert np.abs(run.errors_s(1)).max() < 0.3
+    assert np.abs(run.errors_s()).max() < 0.3
 
 
 def test_thresholds_of_a_triangle_are_a_quarter_from_its_ends() -> None:

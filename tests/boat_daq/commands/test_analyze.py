@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 
 from tests.boat_daq.commands.calls import call, exit_code, text
 
@@ -77,25 +76,3 @@ def test_a_wrong_reading_is_left_out_on_request(stairs: tuple[Path, Path], tmp_p
     assert left["sensors"][0]["calibration"]["n"] == used["sensors"][0]["calibration"]["n"] - 1
     assert [w["code"] for w in left["warnings"]].count("reading_left_out") == 1
     assert "reading_left_out" not in [w["code"] for w in used["warnings"]]
-
-
-def test_a_tolerance_is_a_pressure_or_has_a_unit() -> None:
-    """A number alone is the deviation of a plateau, as ever; with mm or %FSO it is that of the figures."""
-    from boat_daq.commands.options import tolerances
-
-    assert tolerances("0.5") == tolerances("0.5 kPa") == (0.5, None)
-    assert tolerances("0.005mm") == (1.0, (0.005, "mm"))
-    assert tolerances("0.1 %FSO") == (1.0, (0.1, "%FSO"))
-    for wrong in ("", "0", "nan", "1 bar", "mm"):
-        with pytest.raises(typer.BadParameter):
-            tolerances(wrong)
-
-
-def test_json_states_the_tolerance_that_chose_the_draws(stairs: tuple[Path, Path]) -> None:
-    """With its unit; null where the precision chose them."""
-    options = ("--no-mcmc", "--no-shadow", "--no-store")
-    tolerance = ("--tolerance", "2%FSO")
-    asked, unasked = (call("analyze", stairs[0], *options, *more)["accuracy"] for more in (tolerance, ()))
-    assert (asked["tolerance"], asked["tolerance_unit"]) == (2.0, "%FSO")
-    assert asked["percent_fso"] <= 2.0
-    assert (unasked["tolerance"], unasked["tolerance_unit"]) == (None, None)

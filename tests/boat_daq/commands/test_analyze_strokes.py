@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.errors import DataError, RequestError
-from tests.boat_daq.commands.calls import call, exit_code, text
+from analysis.errors import DataError
+from tests.boat_daq.commands.calls import call
 
 
 def _loop(
@@ -43,55 +43,6 @@ def test_noise_of_the_signal_does_not_turn_the_drive_round(tmp_path: Path) -> No
     (sensor,) = call("strokes", _loop(tmp_path, noise_mv=3.0))["sensors"]
     assert sensor["friction_kpa"]["mean"] == pytest.approx(0.8, abs=0.06)
     assert sensor["half_width_mv"]["mean"] == pytest.approx(4.0, abs=0.3)
-
-
-def test_loops_are_of_all_samples_where_a_tolerance_thins_the_search(tmp_path: Path) -> None:
-    """One sample in hundreds finds each stroke of 30 s; half width and friction stay those of the branches."""
-    found = call("strokes", _loop(tmp_path, period_s=30.0, rate_hz=100.0), "--tolerance", "4s")
-    assert found["sampling"]["every"] > 200
-    (sensor,) = found["sensors"]
-    assert sensor["half_width_mv"]["mean"] == pytest.approx(4.0, abs=0.01)
-    assert sensor["friction_kpa"]["mean"] == pytest.approx(0.8, abs=0.02)
-
-
-def _triangles(file: Path) -> Path:
-    """Write 100 s of a triangle of 10 s at 200 Hz."""
-    time_s = np.arange(0.0, 100.0, 0.005)
-    pressure = 45.0 * (1.0 - 4.0 * np.abs((time_s / 10.0) % 1.0 - 0.5)) + 5.0
-    rows = np.column_stack([time_s, pressure, 5.0 * pressure])
-    np.savetxt(file, rows, delimiter=",", header="time_s,pressure_kpa,s1_mv", comments="")
-    return file
-
-
-def test_tolerance_chooses_the_samples_and_the_answer_states_its_error(tmp_path: Path) -> None:
-    """Without one every sample is used: 4.1 ms at 200 Hz; 20 ms are met by one sample in four."""
-    file = _triangles(tmp_path / "run.csv")
-    every = call("strokes", file)["sampling"]
-    assert every == {
-        "every": 1,
-        "samples": 20_000,
-        "period_error_s": pytest.approx(4.08e-3, rel=0.01),
-        "tolerance_s": None,
-    }
-    found = call("strokes", file, "--tolerance", "20ms")
-    assert found["sampling"]["every"] == 4
-    assert found["sampling"]["samples"] == 5_000
-    assert found["sampling"]["period_error_s"] <= found["sampling"]["tolerance_s"] == 0.02
-    assert found["cycles"] == 9
-    assert found["period_s"]["mean"] == pytest.approx(10.0, abs=0.02)
-    assert call("strokes", file, "--tolerance", "0.02 s") == found
-    assert " 16.3 ms (k = 2), by one sample in 4" in text("strokes", file, "--tolerance", "20ms")
-    assert "e+" not in text("strokes", file, "--tolerance", "200ms")
-
-
-def test_tolerance_of_strokes_that_is_not_met_is_refused(tmp_path: Path) -> None:
-    """The best that can be is in the remedy; a number without unit of time is a usage error."""
-    file = _triangles(tmp_path / "run.csv")
-    with pytest.raises(RequestError) as refused:
-        call("strokes", file, "--tolerance", "1ms")
-    assert refused.value.remedy.startswith("allow 4.1 ms or more")
-    for tolerance in ("20", "20kPa", "0ms", "-5ms", "nanms", "ms", "inf s"):
-        assert exit_code("strokes", file, f"--tolerance={tolerance}") == 2
 
 
 PUBLISHED = ("Circle_3bar", "Circle_4bar", *(f"O-ring257_{bar}bar" for bar in (1, 3, 5, 7)))

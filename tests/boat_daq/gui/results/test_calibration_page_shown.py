@@ -57,8 +57,8 @@ def test_sampled_posterior_replaces_curve_and_bands(calibrate):
     found = [
         CurveBands(
             GRID, fit + 3, np.zeros(X.size), (fit + 2, fit + 4), (fit, fit + 6),
-            {"converged": True, "n_eff": 9000.0, "acceptance": 0.4, "band_error_mm": 0.0123,
-             "band_error_percent_fso": 0.2}, (fit - 5, fit + 9),
+            {"converged": True, "n_eff": 9000.0, "acceptance": 0.4, "band_error_percent_fso": 0.2},
+            (fit - 5, fit + 9),
         )
     ] * 2  # fmt: skip
     calibrate.model.calibration.posterior = tuple(found)
@@ -69,7 +69,7 @@ def test_sampled_posterior_replaces_curve_and_bands(calibrate):
     wide, narrow = card.bands
     assert np.all((wide.low <= narrow.low) & (narrow.low <= card.curve.y) & (narrow.y <= wide.y))
     assert card.wide.item.isVisible()
-    assert "bands \u00b10.012 mm" in calibrate.pages["Calibrate"].posterior.text()
+    assert "bands \u00b10.2 % FSO" in calibrate.pages["Calibrate"].posterior.text()
 
 
 def test_turning_curve_shows_its_reason_and_its_readings(calibrate):

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.results.analysis_jobs import BreakResult
 from boat_daq.workflows.jobs import JobFailure, JobState
 from tests.boat_daq.gui.results.run_results import CYCLES, run_result
@@ -101,31 +99,3 @@ def test_figure_without_cycles_is_shown_as_text(live):
     live.refresh()
     assert (page.hysteresis.view.isVisible(), page.hysteresis.empty_text.isVisible()) == (False, True)
     assert page.snr.view.isVisible()
-
-
-def test_tolerance_is_one_value_of_all_pages(live, monkeypatch):
-    """Typed on one page it is shown on the other, analyses both runs again, and is that of the report."""
-    analysed, model = [], live.model
-    monkeypatch.setattr(model.repeatability, "analyse", analysed.append)
-    monkeypatch.setattr(model.calibration, "_start", analysed.append)
-    live.go("Calibrate")
-    model.calibration.show(run_result())
-    model.calibration.last_path = Path("c.boat")
-    model.repeatability.show(run_result(draws="Intervals \u00b10.01 % FSO by 900 resamples"))
-    live.go("Repeat")
-    live.refresh()
-    repeat, calibrate = live.pages["Repeat"], live.pages["Calibrate"]
-    assert repeat.draws.text().endswith("900 resamples")
-    repeat.tolerance.setEditText("0.03 %FSO")
-    repeat.tolerance.typed.editingFinished.emit()
-    live.go("Calibrate")
-    live.refresh()
-    assert calibrate.tolerance.currentText() == "\u00b10.03 % FSO"
-    tolerance = TypedTolerance(0.03, "%FSO")
-    assert model.runs.tolerance == model.calibration.tolerance == model.repeatability.tolerance == tolerance
-    assert analysed == [Path("c.boat"), Path(model.repeatability.result.path)]
-    model.undo.undo()
-    live.refresh()
-    assert (calibrate.tolerance.currentText(), model.runs.tolerance) == ("Automatic", None)
-    model.tolerance.choose("0.01 mm")  # of bands alone
-    assert len(analysed) == 4

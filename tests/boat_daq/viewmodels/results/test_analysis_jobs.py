@@ -9,12 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from analysis.errors import RequestError
 from analysis.figures.acceptance import against_published
 from analysis.figures.figure import SENSOR_FIGURES, Figure, Reason
-from boat_daq.viewmodels.common.tolerance import TypedTolerance
-from boat_daq.viewmodels.results import analysis_jobs
-from boat_daq.viewmodels.results.analysis_jobs import analyse_run, figure_text, report_runs, sample_run
+from boat_daq.viewmodels.results.analysis_jobs import figure_text, report_runs, sample_run
 
 
 def test_analysis_returns_what_the_page_draws(result):
@@ -40,43 +37,12 @@ def test_sampled_curve_lies_inside_its_bands(result):
     sensor = result.sensors[0]
     points = [(sensor.x.tolist(), sensor.y.tolist(), 3, None)]
     (found,) = sample_run(points, result.reading_sd_mm, "draft")
-    (coarse,) = sample_run(points, result.reading_sd_mm, "draft", TypedTolerance(1.0, "%FSO"))
-    assert 0.0 < coarse.content["band_error_percent_fso"] <= 1.0
+    assert 0.0 < found.content["band_error_percent_fso"] <= 1.0
     assert found.residuals == pytest.approx(sensor.y - np.interp(sensor.x, found.grid, found.curve))
     assert found.residuals == pytest.approx(sensor.fit.residuals, abs=5.0)
     bands = (found.new_reading_95, found.band_95, found.band_68, (found.curve, found.curve))
     for outer, inner in pairwise(bands):
         assert np.all((outer[0] <= inner[0]) & (inner[1] <= outer[1]))
-
-
-def test_tolerance_in_fso_chooses_the_resamples(recording, result):
-    """A tolerance of the intervals is met and stated, or refused; one in mm is of the bands alone."""
-    assert result.draws.endswith("% FSO by 2\u2009000 resamples")
-    coarse = analyse_run(str(recording), level="draft", tolerance=TypedTolerance(50.0, "%FSO"))
-    assert coarse.draws.endswith("by 400 resamples")
-    assert analyse_run(str(recording), level="draft", tolerance=TypedTolerance(1e-9, "mm")).draws.endswith(
-        "100 resamples"
-    )
-    with pytest.raises(RequestError, match="more draws than are kept"):
-        analyse_run(str(recording), level="draft", tolerance=TypedTolerance(1e-9, "%FSO"))
-
-
-def test_run_without_such_an_error_is_analysed_at_the_fidelity(monkeypatch):
-    """A remembered tolerance refuses no run that has nothing to choose."""
-    asked = []
-
-    def within(*_, **__):
-        yield "coarse"
-        raise RequestError("no error in %FSO: no figure has an interval", "analyse a calibration run")
-
-    monkeypatch.setattr("analysis.stopping.accuracy.analyses_within", within)
-    nothing = SimpleNamespace(error=lambda unit: asked.append(unit) or np.nan)
-    monkeypatch.setattr("analysis.stopping.accuracy.accuracy_of", lambda _: nothing)
-    monkeypatch.setattr("analysis.figures.pipeline.analyse", lambda *_, **__: "by the fidelity")
-    options = SimpleNamespace(mcmc=True)
-    assert analysis_jobs._analysed(None, None, options, TypedTolerance(0.1, "%FSO"), None) == "by the fidelity"
-    assert analysis_jobs._analysed(None, None, options, TypedTolerance(0.1, "mm"), None) == "by the fidelity"
-    assert asked == ["%FSO", "mm"]
 
 
 def test_figure_text_has_value_interval_and_conformity():

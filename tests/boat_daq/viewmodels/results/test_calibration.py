@@ -13,7 +13,6 @@ from analysis.figures.batch import readings_beside
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.live.conversion import prepare
 from boat_daq.viewmodels.results import calibration
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands
@@ -54,9 +53,9 @@ def test_sampled_posterior_is_of_each_sensor(tmp_path, result, monkeypatch):
     class DoneJob:
         state = JobState.DONE
 
-        def __init__(self, _label, function, points, reading_sd_mm, level, tolerance):
-            assert (level, tolerance) == (fidelity().level, model.tolerance)
-            self.result = function(points, reading_sd_mm, "draft", tolerance)
+        def __init__(self, _label, function, points, reading_sd_mm, level):
+            assert level == fidelity().level
+            self.result = function(points, reading_sd_mm, "draft")
 
         def poll(self):
             return self.state
@@ -69,53 +68,16 @@ def test_sampled_posterior_is_of_each_sensor(tmp_path, result, monkeypatch):
     assert model.revision == before + 1
     for bands, sensor in zip(model.posterior, result.sensors, strict=True):
         assert np.abs(np.interp(bands.grid, sensor.fit.grid, sensor.fit.curve) - bands.curve).max() < 5.0
-    usual = [bands.content["band_error_mm"] for bands in model.posterior]
-    model.set_tolerance(TypedTolerance(2.0 * max(usual), "mm"))  # sampled again, as there are bands
-    model.jobs.poll()
-    assert [bands.content["band_error_mm"] for bands in model.posterior] == pytest.approx(usual)
-    assert model.revision == before + 2
     with pytest.raises(OperatorError, match="no calibration yet"):
         model_on(tmp_path).sample()
 
 
-def test_tolerance_in_fso_is_of_intervals_and_bands(tmp_path, result, monkeypatch):
-    """The run is analysed again, and bands that were shown are sampled again after it; one in mm is of the bands."""
-    ordered = []
-
-    class OrderedJob:
-        state, failure = JobState.DONE, None
-
-        def __init__(self, _label, function, *args, **kwargs):
-            ordered.append((function.__name__, args, kwargs))
-            self.result = result if function is calibration.analyse_run else result.sensors
-
-        def poll(self):
-            return self.state
-
-    monkeypatch.setattr("boat_daq.viewmodels.results.calibration.Job", OrderedJob)
-    model = model_on(tmp_path, result)
-    model.last_path, model.posterior = tmp_path / "a.boat", (object(),)
-    model.set_tolerance(tolerance := TypedTolerance(0.1, "%FSO"))
-    model.jobs.poll()
-    assert [name for name, *_ in ordered] == ["analyse_run", "sample_run"]
-    assert (ordered[0][2]["tolerance"], ordered[1][1][-1]) == (tolerance, tolerance)
-    model.jobs.poll()
-    ordered.clear()
-    model.set_tolerance(None)  # back to the draws of the precision
-    model.jobs.poll()
-    model.jobs.poll()
-    assert [name for name, *_ in ordered] == ["analyse_run", "sample_run"]
-    ordered.clear()
-    model.set_tolerance(TypedTolerance(0.01, "mm"))
-    assert [name for name, *_ in ordered] == ["sample_run"]
-
-
 def test_bands_that_cannot_be_sampled_leave_the_calibration(tmp_path, result, monkeypatch):
-    """A refused tolerance of the bands is a message with its remedy; the verdict is still that of the calibration."""
+    """The cause is a message with its remedy; the verdict is still that of the calibration."""
 
     class RefusedJob:
         state, result = JobState.FAILED, None
-        failure = JobFailure("0.005 mm takes more draws than are kept", "allow 0.0056 mm", "")
+        failure = JobFailure("the points lie on the curve exactly", "Skip the sampling.", "")
 
         def __init__(self, *_):
             pass

@@ -201,10 +201,10 @@ def test_report_has_the_precision_and_units_of_the_program(monkeypatch, tmp_path
     ordered = []
     monkeypatch.setattr(runs, "Job", lambda *args, **kwargs: ordered.append((args, kwargs)))
     model = RunsModel(tmp_path, UnitLibrary(tmp_path), Mock(), Notices(), UndoHistory())
-    model.fidelity, model.tolerance = fidelity("reference"), TypedTolerance(0.05, "%FSO")
+    model.fidelity = fidelity("reference")
     model.report([tmp_path / "a.boat"], tmp_path / "a.pdf", curve="2")
     ((_, *args), kwargs) = ordered[0]
     assert args == [analysis_jobs.report_runs, [tmp_path / "a.boat"], tmp_path / "a.pdf"]
-    how = {"level": "reference", "tolerance": model.tolerance, "units": model.shown_units}
+    how = {"level": "reference", "units": model.shown_units}
     assert kwargs == {"curve": "2", **how}
     model.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import shutil
 import subprocess
 import sys
@@ -73,6 +74,16 @@ def test_tests_mirror_the_sources() -> None:
         if not any(tested == name or tested.startswith(f"{name}_") for name in names):
             unmatched.append(str(path.relative_to(ROOT)))
     assert unmatched == []
+
+
+def test_sql_is_written_where_recordings_are_read() -> None:
+    """Neither the window nor a command holds a query."""
+    folders = ("viewmodels", "gui", "commands", "workflows")
+    texts = {
+        path: path.read_text(encoding="utf-8") for name in folders for path in (ROOT / "boat_daq" / name).rglob("*.py")
+    }
+    assert len(texts) > 60
+    assert [str(path) for path, text in texts.items() if re.search(r"\bSELECT\b|\bsqlite3\.connect\b", text)] == []
 
 
 CIRCLES = {  # the module that gets one more import, the import, the package in which a circle is then reported

@@ -1,7 +1,7 @@
 """The one stored form of a calibration: the curves with their points, what is uncertain of a new signal, the origin.
 
-A run gives it (`analysis.figures.calibration_record`); acceptance stores `CalibrationRecord.as_json` in the file of the
-unit; live conversion, control, history, export and certificate read it again. Lengths are in mm, signals in mV.
+A run gives it (`analysis.calibration_export.run_record`); acceptance stores its JSON in the file of the unit; live
+conversion, control, history, export and certificate read it again. Lengths are in mm, signals in mV.
 
 Rules: the points are stored and fitted again, so that the curve, its covariance and its inverse are those that were
 accepted. Records of older versions have no branches, no course of the loop and no ambient light; they are read as these

@@ -23,8 +23,8 @@ from analysis.arrays import FloatArray
 from analysis.calibration.inverse import NODES, U_NODES, Fusion, Inverse, signal_at
 from analysis.calibration.record import CalibrationRecord, SensorRecord
 from analysis.calibration.type_b import contributions, traceability
+from analysis.calibration_export.run_record import calibration_record
 from analysis.errors import AnalysisError, DataError, FileError
-from analysis.figures.calibration_record import calibration_record
 from analysis.figures.pipeline import Analysis
 from analysis.numbers import finite
 from analysis.warning import Warning

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 
 from analysis import AnalysisError, analyse, load_recording
-from analysis.figures.calibration_record import elongation_reader
+from analysis.calibration_export.run_record import elongation_reader
 from analysis.figures.figure import SENSOR_FIGURES, with_interval
 
 

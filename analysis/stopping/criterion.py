@@ -30,7 +30,7 @@ import numpy as np
 from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration
 from analysis.calibration.quantised_x import Positions, common_variance
-from analysis.figures.calibration_record import elongation_reader
+from analysis.calibration_export.run_record import elongation_reader
 from analysis.figures.pipeline import Analysis, analyse
 from analysis.figures.sensor_analysis import AnalysedRun, Options, SensorAnalysis
 from analysis.figures.uncertainty import COVERAGE_FACTOR, Budget

@@ -13,8 +13,8 @@ import pytest
 from analysis.data.boat_file import store_result
 from analysis.data.load import load_recording
 from boat_daq.engine.recording import upgrade as upgrading
+from boat_daq.engine.recording.closed_run import append_reading
 from boat_daq.engine.recording.file import RecordingFile
-from boat_daq.engine.recording.recorder import append_reading
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.upgrade import upgrade

@@ -12,7 +12,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -23,8 +22,8 @@ from boat_daq.engine.recording.file import RecordingFile, Statement, now_utc, se
 from boat_daq.engine.recording.resumption import RESUMED, BrokenRun, break_entry, break_text, reopen
 from boat_daq.engine.recording.rows import Counters, RowMaker, camera_row, health_row, reading_row, step_row
 from boat_daq.engine.snapshot import CameraReading, HealthSnapshot, Reading, RunEnding
-from boat_daq.errors import OperatorError, StorageError
-from protocol.recording import RunEnd, describe_dtype, open_recording, sample_dtype
+from boat_daq.errors import StorageError
+from protocol.recording import RunEnd, describe_dtype, sample_dtype
 
 COMMIT_S = 0.1
 LATENCIES_KEPT = 100  # commits: ten seconds
@@ -326,25 +325,3 @@ class Recorder:
             return
         self._reported.add(error.cause)
         self._on_error(error)
-
-
-def append_reading(path: Path, reading: Reading) -> None:
-    """Add a reading to a closed recording.
-
-    It corrects an earlier one for the same step, which stays.
-
-    Raises
-    ------
-    OperatorError : the recording has no such step, or it is not an elongation.
-    StorageError : the recording is in progress, or cannot be written. RecordingError : not a recording.
-    """
-    statement = reading_row(reading)
-    with closing(open_recording(path)) as db:
-        known = db.execute("SELECT count(*) FROM step WHERE id = ?", (reading.step_id,)).fetchone()[0]
-    if not known:
-        raise OperatorError(f"{path} has no step {reading.step_id}", "Choose a step of it.", command="boat-daq info")
-    file = RecordingFile.reopen(path)
-    try:
-        file.commit([statement])
-    finally:
-        file.abandon()

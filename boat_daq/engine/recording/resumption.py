@@ -9,17 +9,17 @@ of the beginning.
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Mapping
 from contextlib import closing
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from boat_daq import __version__
 from boat_daq.engine.plan import Plan, StepMark, plan_from_table, resume_point
+from boat_daq.engine.recording.closed_run import read_readings, read_steps
 from boat_daq.engine.recording.file import RecordingFile, is_being_written, now_utc, set_meta
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.rows import INSERT_EVENT, Counters
@@ -29,7 +29,6 @@ from boat_daq.errors import OperatorError, StorageError
 from protocol.recording import schema
 
 RESUMED = "resumed after a break"  # reason of the segment behind it
-_STEP_COLUMNS = ("id", *(field.name for field in fields(StepMark) if field.name != "number"))
 # what must be as it was, and its name in messages; only what a wrong unit, board or firmware changes
 _SAME = {
     "unit": "unit",
@@ -125,10 +124,7 @@ def read_broken_run(path: Path) -> BrokenRun:
         if not isinstance(meta["plan"], dict):
             raise OperatorError(f"{path.name} was recorded without a plan: it has no run to resume", "begin a new one")
         plan = plan_from_table(meta["plan"], f"the plan of {path.name}")
-        steps = db.execute(f"SELECT {', '.join(_STEP_COLUMNS)} FROM step ORDER BY id")  # noqa: S608 - names are ours
-        marks = tuple(StepMark(*(*row[:-1], json.loads(row[-1]))) for row in steps)
-        sql = "SELECT step, elongation_mm, resolution_mm, source, utc, reader, note FROM reading ORDER BY id"
-        readings = tuple(Reading(*row) for row in db.execute(sql))
+        marks, readings = read_steps(db), read_readings(db)
     first_cycle, complete = resume_point(plan, list(marks))
     if complete >= plan.cycles:
         raise OperatorError(f"{path.name} has all its {plan.cycles} cycles", "begin a new recording")

@@ -12,8 +12,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from boat_daq.engine.recording.file import is_being_written
-from protocol.errors import damaged
+from protocol.errors import ProtocolError, damaged
 from protocol.recording import ExtraChannel, Metadata, metadata_of, schema, session_channels
 from protocol.recording.checks import DAMAGE, bytes_of
 
@@ -113,6 +115,39 @@ def summarise(path: Path) -> Summary:
             return _summarise(path, db)
         except DAMAGE as error:
             raise damaged(path, f"cannot be read: {error}") from error
+
+
+def pressure_outline(path: Path, points: int) -> tuple[tuple[float, float, float], ...]:
+    """Return the course of the pressure in the unit square.
+
+    Parameters
+    ----------
+    points : number of points, which may be exceeded by less than its double.
+
+    Returns
+    -------
+    Time, lowest and highest pressure of each point; none with fewer than two.
+    """
+    with closing(schema.open_recording(path)) as db:
+        rows = db.execute(
+            "SELECT pressure_min_kpa, pressure_max_kpa FROM overview WHERE pressure_min_kpa IS NOT NULL ORDER BY id"
+        ).fetchall()
+    starts = np.arange(0, len(rows), max(1, len(rows) // points))
+    if len(starts) < 2:
+        return ()
+    low, high = np.array(rows, dtype=float).T
+    least, span = low.min(), np.ptp([low.min(), high.max()]) or 1.0
+    ends = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
+    return tuple(zip(np.linspace(0, 1, len(starts)).tolist(), *((v - least) / span for v in ends), strict=True))
+
+
+def is_simulated(path: Path) -> bool | None:
+    """Return whether a recording is of a simulated board; None where it cannot be read."""
+    try:
+        with closing(schema.open_recording(path)) as db:
+            return bool(schema.read_session(db)["simulated"])
+    except (ProtocolError, OSError, sqlite3.Error, KeyError):
+        return None
 
 
 def _summarise(path: Path, db: sqlite3.Connection) -> Summary:

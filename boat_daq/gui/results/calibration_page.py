@@ -37,7 +37,6 @@ from boat_daq.viewmodels.results.calibration import (
     missing,
     warnings,
 )
-from boat_daq.viewmodels.results.runs import ClosedRun
 
 BESIDE = 2  # curves in a row
 VERDICT_EXAMPLE = "\u25cf Sensor 1: R\u00b2 = 0.99999   Sensor 2: R\u00b2 = 0.99999"
@@ -319,7 +318,7 @@ class CalibrationPage(QWidget):
         path = self.model.last_path
         assert path is not None
         self.services.notices.attempt(
-            lambda: ClosedReadings(self.window(), ClosedRun(path), self.model.analyse, self.services).show()
+            lambda: ClosedReadings(self.window(), path, self.model.analyse, self.services).show()
         )
 
     def edit_contributions(self) -> None:

@@ -14,7 +14,6 @@ from boat_daq.gui.live.readings_panel import ReadingsTable
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.live.readings import ReadingsModel
-from boat_daq.viewmodels.results.runs import ClosedRun
 
 REFRESH_MS = 250
 IDLE = SessionSnapshot(SessionState.IDLE, LinkState.CLOSED)
@@ -23,14 +22,14 @@ IDLE = SessionSnapshot(SessionState.IDLE, LinkState.CLOSED)
 class ClosedReadings(QDialog):
     """Edits the readings of a closed recording; what was entered before stays in the file."""
 
-    def __init__(self, parent: QWidget, run: ClosedRun, calibrate: Callable[[Path], None], services: Services) -> None:
+    def __init__(self, parent: QWidget, path: Path, calibrate: Callable[[Path], None], services: Services) -> None:
         super().__init__(parent)
-        self.run, self.analyse, self.services = run, calibrate, services
-        self.setWindowTitle(f"Readings of {run.path.name}")
+        self.path, self.analyse, self.services = path, calibrate, services
+        self.setWindowTitle(f"Readings of {path.name}")
         self.setModal(False)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.resize(style.FORM_WIDTH, style.WINDOW_MINIMUM[1])
-        self.table = ReadingsTable(ReadingsModel(run, services.undo), services)
+        self.table = ReadingsTable(ReadingsModel.of_closed(path, services.undo), services)
         self.table.empty.setText("This recording has no plateaus: it was made without a plan of steps.")
         self.calibrate = widgets.button("Calibrate", self._calibrate, tip="Analyse it with these readings")
         layout = QVBoxLayout(self)
@@ -49,6 +48,6 @@ class ClosedReadings(QDialog):
         self.table.refresh(IDLE)
 
     def _calibrate(self) -> None:
-        if self.services.notices.attempt(lambda: self.analyse(self.run.path)):
+        if self.services.notices.attempt(lambda: self.analyse(self.path)):
             self.services.show(Page.CALIBRATE)
             self.close()

@@ -50,7 +50,6 @@ from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.results.runs import (
     HEADINGS,
     MOST_COMPARED,
-    ClosedRun,
     RunActions,
     RunEntry,
     RunsModel,
@@ -278,7 +277,7 @@ class RunsPage(QWidget):
         self._run(lambda path: self.other_pages.replay(path, speed), Page.LIVE)
 
     def _edit(self, path: Path) -> None:
-        panel = ClosedReadings(self.window(), ClosedRun(path), self.other_pages.calibrate, self.services)
+        panel = ClosedReadings(self.window(), path, self.other_pages.calibrate, self.services)
         panel.finished.connect(self.model.scan)
         panel.show()
 

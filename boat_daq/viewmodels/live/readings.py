@@ -14,12 +14,14 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from analysis.figures.outliers import outlying
 from boat_daq.engine.plan import StepMark
+from boat_daq.engine.recording.closed_run import ClosedRun
 from boat_daq.engine.snapshot import Progress, Reading, ReadingRequest, SessionSnapshot, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.formatting import NOTHING, count, number, plain_number, target
@@ -148,6 +150,16 @@ class ReadingsModel:
         self.resolution_mm = 0.5
         self.typed: dict[int, str] = {}
         self._bands: dict[float, tuple[float, float]] = {}
+
+    @classmethod
+    def of_closed(cls, path: Path, undo: UndoHistory) -> ReadingsModel:
+        """Return the table of a closed recording.
+
+        Raises
+        ------
+        RecordingError : it cannot be read.
+        """
+        return cls(ClosedRun(path), undo)
 
     def question(self, snapshot: SessionSnapshot) -> str:
         """Return the reading that is due, or the next one of this run; empty without a run."""

@@ -391,8 +391,8 @@ def _plateaus(found: Analysis) -> tuple[int, int]:
 
 
 def _sensor(found: Analysis, index: int) -> SensorResult:
+    from analysis.calibration_export.run_record import sensor_record
     from analysis.figures.acceptance import out_of_tolerance
-    from analysis.figures.calibration_record import sensor_record
 
     sensor, none = found.sensors[index], np.zeros(0)
     label, fit, each = sensor_words(sensor.name), sensor.calibration, sensor.by_cycle

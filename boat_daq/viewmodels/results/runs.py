@@ -11,7 +11,7 @@ import os
 import sqlite3
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import zip_longest
@@ -23,15 +23,12 @@ import numpy as np
 
 from analysis.arrays import FloatArray
 from analysis.fidelity import Fidelity, fidelity
-from boat_daq.engine.plan import StepMark
-from boat_daq.engine.recording.file import now_utc
-from boat_daq.engine.recording.recorder import append_reading
 from boat_daq.engine.recording.recovery import Recovery, find_interrupted, recover
 from boat_daq.engine.recording.rename import add_note, rename
 from boat_daq.engine.recording.resumption import BrokenRun, prepare_resumption, read_broken_run
-from boat_daq.engine.recording.summary import Summary, summarise
+from boat_daq.engine.recording.summary import Summary, is_simulated, pressure_outline, summarise
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
-from boat_daq.engine.snapshot import LinkState, Reading, SessionSnapshot
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.formatting import NOTHING, count, duration, number
 from boat_daq.viewmodels.common.notices import Notices, Severity
@@ -42,7 +39,7 @@ from boat_daq.viewmodels.results.metadata import MetadataModel
 from boat_daq.viewmodels.results.unit_over_time import UnitOverTimeModel
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from protocol.errors import DamagedRecordingError, ProtocolError
-from protocol.recording import SUFFIX, RunEnd, open_recording, schema
+from protocol.recording import SUFFIX, RunEnd
 from protocol.units import STORED_UNITS
 
 HEADINGS = ("", "Unit", "Recorded", "Length", "Cycles", "Readings", "State", "File")
@@ -141,25 +138,11 @@ def _state(s: Summary) -> str:
 def read_run(path: Path) -> RunEntry:
     """Return one line of the list; a file that cannot be read is a line with its problem."""
     try:
-        return RunEntry(path, summarise(path), outline=_outline(path))
+        return RunEntry(path, summarise(path), outline=pressure_outline(path, POINTS))
     except (ProtocolError, BoatDaqError) as error:
         return RunEntry(path, None, error.cause, isinstance(error, DamagedRecordingError))
     except (OSError, sqlite3.Error, KeyError, ValueError) as error:
         return RunEntry(path, None, f"cannot be read: {error}", isinstance(error, sqlite3.Error))
-
-
-def _outline(path: Path) -> tuple[tuple[float, float, float], ...]:
-    with closing(open_recording(path)) as db:
-        rows = db.execute(
-            "SELECT pressure_min_kpa, pressure_max_kpa FROM overview WHERE pressure_min_kpa IS NOT NULL ORDER BY id"
-        ).fetchall()
-    starts = np.arange(0, len(rows), max(1, len(rows) // POINTS))
-    if len(starts) < 2:
-        return ()
-    low, high = np.array(rows, dtype=float).T
-    least, span = low.min(), np.ptp([low.min(), high.max()]) or 1.0
-    ends = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
-    return tuple(zip(np.linspace(0, 1, len(starts)).tolist(), *((v - least) / span for v in ends), strict=True))
 
 
 def _sort_key(run: RunEntry) -> tuple[str, str]:
@@ -182,57 +165,6 @@ class RunActions:
     resume: Callable[[Path], None]
     replay: Callable[[Path, float], None]
     unit: Callable[[], str]
-
-
-class ClosedRun:
-    """Steps and readings of a recording, for a `ReadingsModel`.
-
-    Raises
-    ------
-    RecordingError : it cannot be read.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.read()
-
-    def read(self) -> None:
-        """Read steps and readings from the file."""
-        with closing(open_recording(self.path)) as db:
-            steps = db.execute(
-                "SELECT id, cycle, branch, target_kpa, 0.0, started_us, NULL, NULL, NULL, status FROM step ORDER BY id"
-            )
-            self._steps = tuple(StepMark(*row) for row in steps)
-            readings = db.execute(
-                "SELECT step, elongation_mm, resolution_mm, source, utc, reader, note FROM reading ORDER BY id"
-            )
-            self._readings = tuple(Reading(*row) for row in readings)
-
-    def steps(self) -> tuple[StepMark, ...]:
-        """Return the plateaus of the run."""
-        return self._steps
-
-    def readings(self) -> tuple[Reading, ...]:
-        """Return all readings, corrections included, in order of entry."""
-        return self._readings
-
-    def add_reading(
-        self,
-        step_id: int,
-        elongation_mm: float | None,
-        source: str,
-        *,
-        resolution_mm: float | None = None,
-        reader: str = "",
-    ) -> None:
-        """Add a reading to the file.
-
-        Raises
-        ------
-        OperatorError, StorageError : as `boat_daq.engine.recording.recorder.append_reading`.
-        """
-        append_reading(self.path, Reading(step_id, elongation_mm, resolution_mm, source, now_utc(), reader))
-        self.read()
 
 
 class RunsModel:
@@ -547,15 +479,6 @@ def _less(curve: CurveBands | None, first: CurveBands | None) -> tuple[FloatArra
     shared = (curve.grid >= first.grid[0]) & (curve.grid <= first.grid[-1])
     x = curve.grid[shared]
     return x, curve.curve[shared] - np.interp(x, first.grid, first.curve)
-
-
-def is_simulated(path: Path) -> bool | None:
-    """Return whether a recording is of a simulated board; None where it cannot be read."""
-    try:
-        with closing(open_recording(path)) as db:
-            return bool(schema.read_session(db)["simulated"])
-    except (ProtocolError, OSError, sqlite3.Error, KeyError):
-        return None
 
 
 def selection_text(chosen: Sequence[RunEntry]) -> str:

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from analysis import AnalysisError, Options, Recording, analyse
 from analysis.calibration.adequacy import expanded
 from analysis.calibration.type_b import contributions
-from analysis.figures.calibration_record import elongation_reader
+from analysis.calibration_export.run_record import elongation_reader
 from analysis.figures.figure import Figure
 from analysis.figures.uncertainty import (
     BudgetOfSensor,

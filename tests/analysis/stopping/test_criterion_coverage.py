@@ -13,7 +13,7 @@ import pytest
 from scipy import special
 
 from analysis.arrays import FloatArray
-from analysis.figures.calibration_record import elongation_reader
+from analysis.calibration_export.run_record import elongation_reader
 from analysis.figures.sensor_figures import drift, repeatability
 from analysis.segmentation.cycle_effect import CycleEffect
 from analysis.segmentation.loops import Loops

@@ -14,7 +14,8 @@ import pytest
 from boat_daq.engine.link.reader import URGENT_NICE, Block
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.qualification.drills import slow_commits
-from boat_daq.engine.recording.recorder import Recorder, append_reading
+from boat_daq.engine.recording.closed_run import append_reading
+from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.rows import step_row
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.errors import OperatorError, StorageError

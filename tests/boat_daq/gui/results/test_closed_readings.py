@@ -15,7 +15,7 @@ def test_readings_of_a_recording_are_edited(make, tmp_path, qtbot):
     """Choose the recording, open its readings, type another value, undo it; the file keeps both."""
     import shutil
 
-    from boat_daq.viewmodels.results.runs import ClosedRun
+    from boat_daq.engine.recording.closed_run import ClosedRun
 
     sample = Path(__file__).parents[4] / "recordings" / "simulated_SA1_two_cycles.boat"
     (tmp_path / "recordings").mkdir()

@@ -1,8 +1,8 @@
 """How fine everything is computed: draft, normal or reference, chosen in one place.
 
-A level moves every method along its own front of time against error at once. Each of its numbers is what
-the rule of the trade-off (`analysis.tradeoff.measure.choose`) finds in the measured table `docs/tradeoff/tradeoff.json`
-with the level's margin, and a test holds this file to that table.
+A level moves every method along its own front of time against error at once. Its numbers are those that the rule of the
+trade-off (`analysis.studies.tradeoff.measure.choose`) finds in the measured table with the level's margin; a test
+compares them.
 
 Rules: a level sets how fine, never what: geometry, data and seeds are the caller's. What a caller sets explicitly
 (rays, a mesh of a file) overrides the level.

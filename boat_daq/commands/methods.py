@@ -12,7 +12,7 @@ import typer
 from boat_daq.commands.console import JsonOption, notify, present, progress_bar, writing
 
 if TYPE_CHECKING:
-    from analysis.tradeoff.measure import Method
+    from analysis.studies.tradeoff.measure import Method
 
 
 def tradeoff(
@@ -37,9 +37,9 @@ def tradeoff(
     Example: boat-daq tradeoff inverse posterior --quick --out charts
     """
     from analysis.errors import RequestError
-    from analysis.tradeoff.measure import measure_all
-    from analysis.tradeoff.methods import METHODS
-    from analysis.tradeoff.report import report_json, write_report
+    from analysis.studies.tradeoff.charts import report_json, write_report
+    from analysis.studies.tradeoff.measure import measure_all
+    from analysis.studies.tradeoff.methods import METHODS
     from boat_daq.viewmodels.models.tradeoff import camera_tracker
 
     live = _live_plot()
@@ -65,7 +65,7 @@ def tradeoff(
 
 def _live_plot() -> Method:
     """Return the live plot's method, with the time of painting where Qt is available."""
-    from analysis.tradeoff.decimation import HEIGHT_PX, WIDTH_PX
+    from analysis.studies.tradeoff.decimation import HEIGHT_PX, WIDTH_PX
     from boat_daq.viewmodels.models.tradeoff import live_plot
 
     try:
@@ -93,10 +93,10 @@ def atlas(
 
     Example: boat-daq atlas fit inverse --out maps
     """
-    from analysis.atlas.methods import chosen_studies
-    from analysis.atlas.report import atlas_json, write_atlas
-    from analysis.atlas.sweep import CellOutcome, sweep_all
     from analysis.errors import AnalysisError
+    from analysis.studies.failure_maps.maps import atlas_json, write_atlas
+    from analysis.studies.failure_maps.methods import chosen_studies
+    from analysis.studies.failure_maps.sweep import CellOutcome, sweep_all
 
     chosen = chosen_studies(methods or ())
     with progress_bar("sweeping") as advance:

@@ -14,7 +14,7 @@ from boat_daq.commands.optics import curves_of
 
 if TYPE_CHECKING:
     from analysis import Analysis
-    from analysis.reports.reproduction import Reproduction
+    from analysis.studies.paper.numbers import Reproduction
 
 app = typer.Typer(invoke_without_command=True, no_args_is_help=True)
 CYCLES = 100
@@ -59,7 +59,7 @@ def paper(
 
 def _reproduced(out: Path, *, seed: int, speed: float) -> Reproduction:
     """Return every row, and write the drawings."""
-    from analysis.reports import reproduction
+    from analysis.studies.paper import numbers as reproduction
 
     found = reproduction.Reproduction()
     calibration = _run(out, "calibration", 5, seed=seed, speed=speed)
@@ -100,7 +100,7 @@ def _run(out: Path, name: str, cycles: int, *, seed: int, speed: float) -> Analy
 
 def _draw(found: Reproduction, out: Path, figure: str, shows: str, name: str, draw: Callable[[Path], None]) -> None:
     """Draw a file of the folder, and add it to what was found."""
-    from analysis.reports.reproduction import PaperDrawing
+    from analysis.studies.paper.numbers import PaperDrawing
 
     path = out / f"{name}.png"
     with writing(path):
@@ -114,7 +114,7 @@ def _optics(found: Reproduction, out: Path) -> None:
     from analysis.optics.scene.parameters import PAPER_OPTIMUM, Light, Waveguide
     from analysis.optics.sweep import report
     from analysis.optics.sweep.sweep import SweepRequest, run_sweep
-    from analysis.reports.reproduction import optics_rows
+    from analysis.studies.paper.numbers import optics_rows
 
     def saved(figure: Any) -> Callable[[Path], None]:
         return lambda path: report.save(figure, path)
@@ -145,10 +145,10 @@ def _shadow(found: Reproduction, out: Path) -> None:
     import numpy as np
 
     from analysis.optics.sweep.report import save
-    from analysis.reports import reproduction
     from analysis.shadow.model.drawing import shadow_figure
     from analysis.shadow.model.frames import Shadow
     from analysis.shadow.model.states import kept_states
+    from analysis.studies.paper import numbers as reproduction
 
     with progress_bar("building the shadow") as advance:
         shadow = Shadow(progress=advance)
@@ -186,7 +186,7 @@ def optics(
     Example: boat-daq reproduce optics --out optics
     """
     from analysis.optics.scene.curves import default_curves, parametric_curves
-    from analysis.optics.sweep.readings import readings_json, readings_table, readings_text, reproduce
+    from analysis.studies.paper.readings import readings_json, readings_table, readings_text, reproduce
     from protocol.whole_file import write_whole
 
     if out is not None:

@@ -11,8 +11,8 @@ from analysis.shadow.fem.solver import Solver, factorise
 from analysis.shadow.model.frames import Shadow
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.table import build_table
-from analysis.tradeoff.measure import measure
-from analysis.tradeoff.mechanics import MESH
+from analysis.studies.tradeoff.measure import measure
+from analysis.studies.tradeoff.mechanics import MESH
 from tests.verification.scikit_fem import make_scikit_fem_problem
 
 pytestmark = pytest.mark.benchmark_run

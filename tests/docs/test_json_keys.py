@@ -18,9 +18,9 @@ from analysis.elongation_control.dynamic_figures import BodePoint, DynamicCalibr
 from analysis.elongation_control.dynamics import lag_figures
 from analysis.elongation_control.unit_file import TwinFile
 from analysis.optics.scene.curves import default_curves
-from analysis.reports.reproduction import PaperDrawing, Reproduction, shadow_rows
 from analysis.shadow.model.states import GuideStates
 from analysis.signal_prediction.prediction import published_prediction
+from analysis.studies.paper.numbers import PaperDrawing, Reproduction, shadow_rows
 from boat_daq.cli import app
 from boat_daq.engine.simulator.server import BoardSettings, serve
 from tests.analysis.twin_unit import LAG, identified

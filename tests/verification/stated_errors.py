@@ -12,13 +12,13 @@ from functools import cache
 
 import numpy as np
 
-from analysis.atlas.calibration import ReadSession
 from analysis.optics.scene.curves import default_curves, frames_of, parametric_curves
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.parameters import PAPER_RAYS, By, Design, Waveguide, light_by
 from analysis.optics.sweep.figure_of_merit import FLOOR, merit, p_bounds
 from analysis.optics.tracer.simulation import TraceResult, trace
 from analysis.optics.tracer.tolerance import stated_error
+from analysis.studies.failure_maps.sessions import ReadSession
 
 TURNS, SESSIONS, RESPONSES = 6, 12, 500
 _REFERENCE_RAYS = {"count": 40_000, "power": 20_000}

@@ -18,7 +18,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence, QShortcut
 
 from analysis.arrays import FloatArray
-from analysis.tradeoff.measure import MARGIN
+from analysis.studies.tradeoff.measure import MARGIN
 from boat_daq.formatting import duration_text
 from boat_daq.gui import style
 from boat_daq.gui.plotting.axes import LogAxis

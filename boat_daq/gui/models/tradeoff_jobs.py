@@ -18,7 +18,7 @@ def measure_methods(
     names: Sequence[str], quick: bool, *, progress: Callable[[float, float], None] | None = None
 ) -> dict[str, Any]:
     """Measure as `viewmodels.models.tradeoff.measure_methods`; a curve of the live plot is painted too."""
-    from analysis.tradeoff.decimation import HEIGHT_PX, WIDTH_PX
+    from analysis.studies.tradeoff.decimation import HEIGHT_PX, WIDTH_PX
 
     return tradeoff.measure_methods(names, quick, painter(WIDTH_PX, HEIGHT_PX), progress=progress)
 

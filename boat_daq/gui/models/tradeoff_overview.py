@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from PySide6.QtCore import QPointF, Qt
 
-from analysis.tradeoff.measure import MARGIN
+from analysis.studies.tradeoff.measure import MARGIN
 from boat_daq.formatting import duration_text, number, quantity
 from boat_daq.gui import style
 from boat_daq.gui.models.tradeoff_chart import LABEL_MARGIN, NOTHING, accepted_text, framed, log_card

@@ -1,7 +1,7 @@
 """Labels of a plot's points and lines that cover neither each other nor the points.
 
 They are placed again where the plot has another size or range; those of lines also while a line is moved. The order is
-that of `analysis.tradeoff.label_places`: what has no free place is left out.
+that of `analysis.studies.tradeoff.label_places`: what has no free place is left out.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from PySide6.QtCore import QPointF
 from PySide6.QtGui import QFontMetricsF
 
-from analysis.tradeoff.label_places import RINGS, Box, beside, best_place
+from analysis.studies.tradeoff.label_places import RINGS, Box, beside, best_place
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Layer, Plot
 

@@ -21,7 +21,7 @@ import numpy as np
 from analysis.arrays import FloatArray
 from analysis.machine import machine
 from analysis.progress import Progress
-from analysis.tradeoff.measure import MARGIN, CostPoint, choose, part_of_tolerance
+from analysis.studies.tradeoff.measure import MARGIN, CostPoint, choose, part_of_tolerance
 from boat_daq.engine.display.ring_buffer import MinMaxPyramid, fold_columns
 from boat_daq.engine.simulator.picture import CameraScene, Picture, Renderer
 from boat_daq.engine.toml_values import read_json
@@ -34,8 +34,8 @@ from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.workflows.jobs import Job, JobRunner
 
 if TYPE_CHECKING:
-    from analysis.tradeoff.decimation import Curve, Paint
-    from analysis.tradeoff.measure import Method
+    from analysis.studies.tradeoff.decimation import Curve, Paint
+    from analysis.studies.tradeoff.measure import Method
 
 FRONT = "front"
 CHOICE = "the rule's choice"
@@ -292,13 +292,13 @@ def error_text(error: float) -> str:
 
 def live_plot(paint: Paint | None = None) -> Method:
     """Return the method of the live plot, with what `paint` takes where it is given."""
-    from analysis.tradeoff.decimation import decimation
+    from analysis.studies.tradeoff.decimation import decimation
 
     return decimation(_stored, paint)
 
 
 def _stored(record: FloatArray) -> Curve:
-    from analysis.tradeoff.decimation import WIDTH_PX
+    from analysis.studies.tradeoff.decimation import WIDTH_PX
 
     pyramid = MinMaxPyramid(*record.shape)
     pyramid.append(record)
@@ -307,7 +307,7 @@ def _stored(record: FloatArray) -> Curve:
 
 def camera_tracker() -> Method:
     """Return the method of the camera's tracker, on pictures of the virtual camera."""
-    from analysis.tradeoff.tracking import tracking
+    from analysis.studies.tradeoff.tracking import tracking
 
     def render(width: int, elongations_mm: Sequence[float]) -> list[Picture]:
         scene = CameraScene(width=width, height=3 * width // 4, px_per_mm=width / 32.0)
@@ -327,9 +327,9 @@ def measure_methods(
     paint : paints a curve of the live plot; without it the curve is fetched only.
     progress : is called with what is done and the total.
     """
-    from analysis.tradeoff.measure import measure_all
-    from analysis.tradeoff.methods import METHODS
-    from analysis.tradeoff.report import report_json
+    from analysis.studies.tradeoff.charts import report_json
+    from analysis.studies.tradeoff.measure import measure_all
+    from analysis.studies.tradeoff.methods import METHODS
 
     known = METHODS | {"decimation": live_plot(paint), "tracking": camera_tracker()}
     results = measure_all([known[name] for name in names], quick=quick, progress=progress)
@@ -343,9 +343,9 @@ def sweep_method(name: str, *, progress: Progress | None = None) -> dict[str, An
     ------
     RequestError : there is no such method.
     """
-    from analysis.atlas.methods import chosen_studies
-    from analysis.atlas.report import atlas_json
-    from analysis.atlas.sweep import sweep_all
+    from analysis.studies.failure_maps.maps import atlas_json
+    from analysis.studies.failure_maps.methods import chosen_studies
+    from analysis.studies.failure_maps.sweep import sweep_all
 
     return atlas_json(sweep_all(chosen_studies([name]), progress))
 

@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from analysis.atlas.calibration import ReadSession
 from analysis.calibration.compare import compare_fits
 from analysis.calibration.joint_fit import (
     PolynomialBasis,
@@ -18,6 +17,7 @@ from analysis.calibration.joint_fit import (
     loop_is_represented,
 )
 from analysis.errors import DataError
+from analysis.studies.failure_maps.sessions import ReadSession
 from tests.analysis.calibration.sessions import CUBIC, GRIDS, HIGH, LOW, session, sessions
 
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from analysis import Options, Recording, analyse
-from analysis.atlas.runs import Stairs
 from analysis.segmentation.plateaus import PlateauSettings
+from analysis.studies.failure_maps.figures import Stairs
 from analysis.warning import WarningCode
 from tests.analysis.boat_builder import Plant, Staircase, triangle, write_boat
 

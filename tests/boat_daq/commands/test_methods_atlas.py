@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from analysis.atlas.sweep import Axis, Study, StudyResult
 from analysis.errors import DataError
+from analysis.studies.failure_maps.sweep import Axis, Study, StudyResult
 from boat_daq.cli import app
 
 
@@ -38,7 +38,7 @@ def test_the_command_writes_and_ends_well(tmp_path: Path) -> None:
 
 def test_a_number_wrong_without_warning_fails_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The error names the first such point."""
-    monkeypatch.setattr("analysis.atlas.methods.chosen_studies", lambda _names: [ladder_study()])
+    monkeypatch.setattr("analysis.studies.failure_maps.methods.chosen_studies", lambda _names: [ladder_study()])
     ran = CliRunner().invoke(app, ["atlas", "--out", str(tmp_path)])
     assert ran.exit_code == 1
     assert "1 results are wrong without a warning, the first in ladder-x" in str(ran.exception)

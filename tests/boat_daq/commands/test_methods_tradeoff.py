@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 
 from analysis.errors import RequestError
 from analysis.fidelity import LEVELS, fidelity
-from analysis.tradeoff.measure import CostPoint, Measured, Method, measure
-from analysis.tradeoff.methods import JOBS, METHODS, STEPS
-from analysis.tradeoff.report import MAY_BE_INFINITE
+from analysis.studies.tradeoff.charts import MAY_BE_INFINITE
+from analysis.studies.tradeoff.measure import CostPoint, Measured, Method, measure
+from analysis.studies.tradeoff.methods import JOBS, METHODS, STEPS
 from boat_daq.cli import app
 from boat_daq.errors import StorageError
 from boat_daq.viewmodels.models.tradeoff import METHODS as ON_THE_PAGE
@@ -164,9 +164,9 @@ def test_the_kept_references_are_what_their_scripts_make() -> None:
     """The second tracer, the importance sampling and the fits again, with fewer draws where only precision is lost."""
     from analysis.optics.scene.curves import frames_of
     from analysis.optics.scene.parameters import PAPER_OPTIMUM, Waveguide
-    from analysis.tradeoff.mechanics import MESHES
-    from analysis.tradeoff.references import load
-    from tests.analysis.tradeoff import make_fits, make_posterior_reference, make_tracer_reference
+    from analysis.studies.tradeoff.mechanics import MESHES
+    from analysis.studies.tradeoff.references import load
+    from tests.analysis.studies.tradeoff import make_fits, make_posterior_reference, make_tracer_reference
 
     table = load("tracer")
     frames = frames_of(np.array(table["curves_mm"]), Waveguide())
@@ -192,7 +192,7 @@ def test_calculix_again_on_a_small_mesh(tmp_path: Path) -> None:
         pytest.skip("CalculiX (ccx, Debian's calculix-ccx) is not installed")
     from analysis.shadow.fem.parameters import ActuatorParameters
     from analysis.shadow.model.full import FullModel
-    from tests.analysis.tradeoff import make_calculix_reference
+    from tests.analysis.studies.tradeoff import make_calculix_reference
 
     table = make_calculix_reference.made((8, 2, 4), ActuatorParameters())
     model = FullModel()

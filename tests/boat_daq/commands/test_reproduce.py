@@ -9,8 +9,8 @@ import pytest
 
 from analysis.optics.scene.curves import default_curves, elongations
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design
-from analysis.optics.sweep import readings
 from analysis.shadow.model.states import GuideStates
+from analysis.studies.paper import readings
 from tests.boat_daq.commands.calls import call, exit_code, refusal
 
 

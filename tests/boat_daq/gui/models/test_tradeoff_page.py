@@ -15,7 +15,7 @@ from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QApplication
 
 from analysis.fidelity import fidelity
-from analysis.tradeoff.label_places import Box
+from analysis.studies.tradeoff.label_places import Box
 from boat_daq.gui import style
 from boat_daq.gui.models import tradeoff_jobs
 from boat_daq.gui.models.tradeoff_chart import KEY_DECADES, point_labels, spread_bars

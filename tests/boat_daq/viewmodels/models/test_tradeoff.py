@@ -6,8 +6,8 @@ import json
 
 import pytest
 
-from analysis.atlas.methods import METHOD_TITLES
-from analysis.tradeoff.methods import METHODS as MEASURED
+from analysis.studies.failure_maps.methods import METHOD_TITLES
+from analysis.studies.tradeoff.methods import METHODS as MEASURED
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import UndoHistory

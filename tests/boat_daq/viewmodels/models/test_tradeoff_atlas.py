@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from analysis.atlas.sweep import Axis, Study, StudyResult
+from analysis.studies.failure_maps.sweep import Axis, Study, StudyResult
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.models import tradeoff
 from boat_daq.viewmodels.models.tradeoff import AtlasModel, read_maps
@@ -27,7 +27,7 @@ def study():
 
 def test_swept_map_is_read_with_its_texts(monkeypatch, tmp_path):
     """Outcome, error and message are in their cell; beside the map there is no text."""
-    monkeypatch.setattr("analysis.atlas.methods.chosen_studies", lambda names: [study()])
+    monkeypatch.setattr("analysis.studies.failure_maps.methods.chosen_studies", lambda names: [study()])
     model = AtlasModel(JobRunner(), tmp_path)
     model.take(json.loads(json.dumps(tradeoff.sweep_method("fit"))))
     shown = model.maps["fit"][0]
@@ -64,7 +64,7 @@ def test_new_sweep_replaces_its_method_only(tmp_path):
 
 def test_every_entry_has_a_map_or_states_where_to_look():
     """What the atlas does not study names methods that it does."""
-    from analysis.atlas.methods import METHOD_TITLES
+    from analysis.studies.failure_maps.methods import METHOD_TITLES
 
     assert set(tradeoff.ENTRIES) - set(tradeoff.MAPPED_BY) == set(METHOD_TITLES)
     assert {name for names in tradeoff.MAPPED_BY.values() for name in names} <= set(METHOD_TITLES)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from analysis.tradeoff.measure import Method, Setting
+from analysis.studies.tradeoff.measure import Method, Setting
 from boat_daq.viewmodels.models import tradeoff
 from boat_daq.viewmodels.models.tradeoff import read_report
 
@@ -16,7 +16,7 @@ def test_measured_methods_are_read_by_the_page(monkeypatch):
         "fake", "Fake", "truth", True, "reader", 0.1, "mm", "a call",
         lambda level: "bad" if level.level == "draft" else "good", lambda quick: settings,
     )  # fmt: skip
-    monkeypatch.setattr("analysis.tradeoff.methods.METHODS", {"fake": fake})
+    monkeypatch.setattr("analysis.studies.tradeoff.methods.METHODS", {"fake": fake})
     seen = []
     content = tradeoff.measure_methods(["fake", "fake"], True, progress=lambda done, total: seen.append(done))
     assert seen == sorted(seen)

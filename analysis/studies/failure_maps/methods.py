@@ -1,0 +1,37 @@
+"""The studies of the atlas, by name, and the methods that they belong to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from analysis.errors import RequestError
+from analysis.studies.failure_maps import alarms, figures, fit, sessions, shadow, tracer
+from analysis.studies.failure_maps.sweep import Study
+
+_MODULES = (fit, sessions, figures, tracer, shadow, alarms)
+STUDIES: dict[str, Study] = {study.name: study for module in _MODULES for study in module.STUDIES}
+METHOD_TITLES = {
+    "fit": "Calibration: the polynomial fit",
+    "inverse": "Inverse: mV to mm",
+    "posterior": "Posterior: the sampler and the readings",
+    "segmentation": "Segmentation: holds and cycles of a run",
+    "figures": "Figures: signal-to-noise ratio and hysteresis",
+    "tracer": "Optics: the ray tracer",
+    "full-fem": "Shadow: the full model",
+    "reduced-fem": "Shadow: the reduced model",
+    "alarms": "Shadow: the monitor's alarms",
+}
+
+
+def chosen_studies(names: Iterable[str]) -> list[Study]:
+    """Return the studies of methods or maps by name, each once, in the atlas' order; all for no names.
+
+    Raises
+    ------
+    RequestError : a name is neither a method nor a map.
+    """
+    wanted = set(names)
+    unknown = sorted(wanted - set(STUDIES) - set(METHOD_TITLES))
+    if unknown:
+        raise RequestError(f"there is no method or map '{unknown[0]}'", f"Choose among {', '.join(METHOD_TITLES)}.")
+    return [s for s in STUDIES.values() if not wanted or wanted & {s.name, s.method}]

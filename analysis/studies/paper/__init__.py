@@ -1,0 +1,1 @@
+"""The numbers and drawings of the paper, computed again."""

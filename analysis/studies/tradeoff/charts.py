@@ -1,0 +1,272 @@
+"""The report of a measurement: JSON as the surface has it, a CSV of all points, charts as PNG and SVG.
+
+Rules: the JSON has all that the charts show; an error that is infinite (the method failed) is null in it. In a chart
+time is to the right, error upwards, both logarithmic; lower left is better. Bars are the range of the repeats. The
+default has a ring, the rule's choice a square; the tolerance is a dashed line, and the rule accepts settings below the
+dotted one. A setting without result is a cross at the top; an error of zero is on the lower edge. A name covers no
+other; one that has no place is left out.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from analysis import figure_style as style
+from analysis.fidelity import LEVELS, MARGINS
+from analysis.machine import machine
+from analysis.studies.tradeoff.label_places import Box, beside, best_place
+from analysis.studies.tradeoff.measure import MARGIN, CostPoint, Measured, part_of_tolerance
+from protocol.whole_file import write_whole, written_whole
+
+DATA, DEFAULT, CHOSEN, REFUSED = style.SENSORS[0], style.SENSORS[1], style.PRESSURE, style.SOFT
+COLUMNS = 3
+MOST_NAMES = 16
+"""Of more settings only those are named that are on the front, in the code or chosen by the rule."""
+DOT_PT, CROSS_PT, RING_PT, SQUARE_PT, STROKE_PT = 5.0, 6.0, 12.0, 16.0, 2.0
+POINTS_AN_INCH = 72.0
+FRONT, CHOICE = "front: least error for the time", "the rule's choice"
+Place = tuple[float, float]
+FEW_DECADES = 2.0
+DECADES_BELOW = 4.5
+"""Errors further below the tolerance are drawn on the lower edge."""
+
+
+def method_chart(measured: Measured, where: str) -> Figure:
+    """Draw one method; `where` names the machine and the date."""
+    figure = Figure(figsize=(7.6, 5.0), layout="constrained")
+    axes = figure.subplots()
+    at = _draw(axes, measured, margin=0.24)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=4, fontsize=7.5)
+    kind = "independent" if measured.method.independent else "not independent"
+    text = f"reference ({kind}): {measured.method.reference}\nconsumer: {measured.method.consumer}\n{where}"
+    figure.supxlabel(text, fontsize=6.5, color=style.SOFT)
+    figure.draw_without_rendering()  # the layout is known only then
+    _name(axes, measured, at)
+    return figure
+
+
+def overview_chart(results: Sequence[Measured], where: str) -> Figure:
+    """Draw all methods, one small chart each."""
+    rows = math.ceil(len(results) / COLUMNS)
+    figure = Figure(figsize=(4.0 * COLUMNS, 3.1 * rows + 0.5), layout="constrained")
+    grid = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
+    for axes, measured in zip(grid, results, strict=False):
+        _draw(axes, measured, margin=0.14)
+    for axes in grid[len(results) :]:
+        axes.set_axis_off()
+    entries: dict[str, Any] = {}
+    for axes in grid[: len(results)]:
+        entries |= {name: handle for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)}
+    figure.legend(list(entries.values()), list(entries), loc="outside upper center", ncols=len(entries), fontsize=7.5)
+    figure.supxlabel(where, fontsize=7, color=style.SOFT)
+    return figure
+
+
+def _draw(axes: Axes, measured: Measured, *, margin: float) -> dict[str, Place]:
+    """Draw the settings with a margin at both sides, a share of the width; return where each is."""
+    method, points = measured.method, {p.setting: p for p in measured.points}
+    answered = {name: p for name, p in points.items() if math.isfinite(p.error)}
+    smallest = min((p.error for p in answered.values() if p.error > 0), default=method.tolerance)
+    floor = max(min(smallest, method.tolerance / MARGIN) / 3, method.tolerance / 10**DECADES_BELOW)
+    at = {name: (p.cpu_seconds, max(p.error, floor)) for name, p in answered.items()}
+    top = 3.0 * max([method.tolerance, *(y for _, y in at.values())])
+    axes.axhline(method.tolerance, color=style.SOFT, ls="--", lw=1, label="noticeable above")
+    axes.axhline(
+        method.tolerance / MARGIN, color=style.SOFT, ls=":", lw=1, label=f"accepted below: {part_of_tolerance(MARGIN)}"
+    )
+    for name, (x, y) in at.items():
+        _bars(axes, points[name], x, y, floor)
+    if at:
+        axes.plot(*zip(*at.values(), strict=True), "o", color=DATA, ms=DOT_PT, ls="", label="setting")
+    refused = {name: (p.cpu_seconds, top) for name, p in points.items() if name not in answered}
+    if refused:
+        axes.plot(*zip(*refused.values(), strict=True), "x", color=REFUSED, ms=CROSS_PT, ls="", label="no result")
+    front = [at[name] for name in measured.front if name in at]
+    # in steps: no setting is on a straight line between two
+    axes.plot(
+        *zip(*front, strict=True),
+        "-",
+        color=DATA,
+        lw=1.2,
+        drawstyle="steps-post",
+        label=FRONT,
+    )
+    if method.default in at:
+        axes.plot(*at[method.default], "o", ms=RING_PT, mfc="none", mec=DEFAULT, mew=1.8, ls="", label="default")
+    if measured.chosen in at:
+        axes.plot(*at[measured.chosen], "s", ms=SQUARE_PT, mfc="none", mec=CHOSEN, mew=1.5, ls="", label=CHOICE)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.margins(margin, 0.14)
+    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        # a decade at least, so that noise of the clock is not magnified
+        widen = max(1.0, 12.0 / (high / low)) ** 0.5
+        axis.set_view_interval(low / widen, high * widen, ignore=True)
+        _number_ticks(axis)
+    axes.set(title=method.title, xlabel=f"processor time for {method.per}, s", ylabel=f"error, {method.unit}")
+    return at | refused
+
+
+def _number_ticks(axis: Axis) -> None:
+    """Number the decades; where fewer than `FEW_DECADES` are shown, 2 and 5 times them too: two ticks make a scale."""
+    low, high = sorted(axis.get_view_interval())
+    if high / low < 10.0**FEW_DECADES:
+        axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+        for set_formatter in (axis.set_major_formatter, axis.set_minor_formatter):
+            set_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    else:
+        axis.set_minor_formatter(NullFormatter())
+
+
+def _bars(axes: Axes, point: CostPoint, x: float, y: float, floor: float) -> None:
+    """Draw the range of the repeats, half of it to each side."""
+    half_x, half_y = min(point.cpu_spread / 2, 0.9 * x), min(point.error_spread / 2, 0.9 * y)
+    if y <= floor:
+        half_y = 0.0
+    axes.errorbar(x, y, xerr=half_x, yerr=half_y or None, fmt="none", ecolor=DATA, elinewidth=0.7, alpha=0.5)
+
+
+def _name(axes: Axes, measured: Measured, at: Mapping[str, Place]) -> None:
+    """Write the settings beside their points, those in use first, then the front, then the others."""
+    method, front = measured.method, measured.front
+    used = {method.default, measured.chosen, *method.in_code.values()}
+    levels = {name: level for level, name in method.in_code.items() if name not in (method.default, level)}
+    failed = {p.setting for p in measured.points if not math.isfinite(p.error)}
+    named = [name for name in at if name in used | failed | {*front} or len(at) <= MOST_NAMES]
+    view, dot = axes.get_window_extent(), axes.figure.dpi / POINTS_AN_INCH
+    inside, taken = Box(view.x0, -view.y1, view.width, view.height), _markers(axes, measured, at, dot)
+    drawn = _strokes(axes, measured, at, dot)
+    for name in sorted(named, key=lambda n: (n not in used, n not in front, at[n][1])):
+        text = axes.annotate(
+            f"{name} ({levels[name]})" if name in levels else name, at[name], xytext=(0, 0),
+            textcoords="offset points", fontsize=6.5, color=style.INK, ha="left", va="bottom",
+        )  # fmt: skip
+        x, y = axes.transData.transform(at[name])
+        size = text.get_window_extent()
+        marker = SQUARE_PT if name == measured.chosen else RING_PT if name == method.default else DOT_PT
+        places = beside(x, -y, size.width, size.height, dot * (marker / 2 + STROKE_PT))
+        box = best_place(places, inside, taken, drawn)
+        if box is None:
+            text.remove()
+            continue
+        taken.append(box)
+        text.xyann = (box.left - x) / dot, (-box.top - box.height - y) / dot
+
+
+def _markers(axes: Axes, measured: Measured, at: Mapping[str, Place], dot: float) -> list[Box]:
+    """Return what the points with ring and square cover, pixels; `dot` is a point in pixels."""
+    pixel = {name: axes.transData.transform(place).tolist() for name, place in at.items()}
+    marks = [(name, DOT_PT) for name in at] + [(measured.method.default, RING_PT), (measured.chosen or "", SQUARE_PT)]
+    return [_around(pixel[name], pixel[name], dot * size) for name, size in marks if name in pixel]
+
+
+def _strokes(axes: Axes, measured: Measured, at: Mapping[str, Place], dot: float) -> list[Box]:
+    """Return what the front and the two lines cover, pixels; `dot` is a point in pixels."""
+    pixel = {name: axes.transData.transform(place).tolist() for name, place in at.items()}
+    boxes: list[Box] = []
+    front = [pixel[name] for name in measured.front if name in pixel]
+    for one, other in pairwise(front):
+        corner = (other[0], one[1])
+        boxes += [_around(one, corner, dot * STROKE_PT), _around(corner, other, dot * STROKE_PT)]
+    view = axes.get_window_extent()
+    for limit in (measured.method.tolerance, measured.method.tolerance / MARGIN):
+        y = axes.transData.transform((1.0, limit))[1]
+        boxes.append(_around((view.x0, y), (view.x1, y), dot * STROKE_PT))
+    return boxes
+
+
+def _around(one: Sequence[float], other: Sequence[float], width: float) -> Box:
+    """Return what a stroke of this width covers, y downwards."""
+    left, top = min(one[0], other[0]) - width / 2, -max(one[1], other[1]) - width / 2
+    return Box(left, top, abs(one[0] - other[0]) + width, abs(one[1] - other[1]) + width)
+
+
+DPI, OVERVIEW_DPI = 110, 88
+MAY_BE_INFINITE = ("error", "error_spread")
+NO_DATE: dict[str, dict[str, Any]] = {"png": {}, "svg": {"Date": None}}
+TIMING = (
+    "seconds: median by the clock of a call, spread: greatest less smallest; cpu_seconds: median processor time, which "
+    "front and choice compare, cpu_spread likewise; error: root mean square over the repeats; first_seconds: the first "
+    "call, which prepares and compiles and is in no median"
+)
+
+
+def report_json(results: Sequence[Measured], *, quick: bool) -> dict[str, Any]:
+    """Return what `tradeoff --json` prints."""
+    return {
+        "machine": machine(),
+        "quick": quick,
+        "timing": TIMING,
+        "margin": MARGIN,
+        "margins": MARGINS,
+        "methods": [_method_json(m) for m in results],
+    }
+
+
+def _method_json(measured: Measured) -> dict[str, Any]:
+    method = measured.method
+    return {
+        "name": method.name,
+        "title": method.title,
+        "reference": f"{method.reference}; {'independent' if method.independent else 'not independent'}",
+        **{name: getattr(method, name) for name in ("independent", "consumer", "tolerance", "unit", "per")},
+        "points": [_point_json(p) for p in measured.points],
+        "front": list(measured.front),
+        "default": method.default,
+        "chosen": measured.chosen,
+        "default_is_chosen": measured.default_is_chosen,
+        "fidelity": {k: {"chosen": measured.levels[k], "in_code": method.in_code[k]} for k in LEVELS},
+        "verdict": measured.verdict,
+    }
+
+
+def _point_json(point: CostPoint) -> dict[str, Any]:
+    row = asdict(point)
+    return row | {name: row[name] if math.isfinite(row[name]) else None for name in MAY_BE_INFINITE}
+
+
+def write_report(results: Sequence[Measured], folder: Path, *, quick: bool) -> list[Path]:
+    """Write tradeoff.json, tradeoff.csv and the charts; return the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    content = report_json(results, quick=quick)
+    files = [folder / "tradeoff.json", folder / "tradeoff.csv"]
+    write_whole(files[0], json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False))
+    _write_csv(content, files[1])
+    where = "{processor}, {cores} cores, Python {python}, {date_utc}".format(**content["machine"])
+    with mpl.rc_context(style.RC):
+        charts = {measured.method.name: method_chart(measured, where) for measured in results}
+        charts["overview"] = overview_chart(results, where)
+        for name, figure in charts.items():
+            for kind in ("png", "svg"):
+                files.append(folder / f"{name}.{kind}")
+                style.save_picture(
+                    figure, files[-1], dpi=DPI if name != "overview" else OVERVIEW_DPI, metadata=NO_DATE[kind]
+                )
+                figure.set_layout_engine("none")  # laid out once for both formats
+    return files
+
+
+def _write_csv(content: dict[str, Any], path: Path) -> None:
+    with written_whole(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        columns = [column.name for column in fields(CostPoint)]
+        table.writerow(["method", *columns, "unit", "tolerance", "on_front", "default", "chosen"])
+        for method in content["methods"]:
+            for point in method["points"]:
+                name = point["setting"]
+                marks = (name in method["front"], name == method["default"], name == method["chosen"])
+                row = [point[c] for c in columns]
+                table.writerow([method["name"], *row, method["unit"], method["tolerance"], *map(int, marks)])

@@ -1,0 +1,94 @@
+"""Readings of what the paper leaves open: what is swept, ranks and factors, influences, and resumption."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.errors import FileError, RequestError
+from analysis.optics.scene.curves import default_curves, parametric_curves
+from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light
+from analysis.optics.sweep.fans import turned
+from analysis.optics.sweep.sweep import SweepRequest, run_sweep
+from analysis.studies.paper import readings
+from analysis.studies.paper.readings import AXES, influences, one_change, plan, readings_json, reproduce
+
+CURVES = {"solved": default_curves(), "the same": default_curves(), "formula": parametric_curves()}
+FEW = (PAPER_OPTIMUM, Design(5, 1.0, 0.6, 0.9), Design(5, 0.9, 0.5, 0.9), Design(7, 1.0, 0.5, 0.6))
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sweep four designs, in one face and one thickness."""
+    monkeypatch.setattr(readings, "paper_grid", lambda face: list(FEW))
+    monkeypatch.setattr(readings, "FACES", ("outer",))
+    monkeypatch.setattr(readings, "THICKNESSES_MM", (2.0,))
+
+
+def test_every_combination_is_swept_and_single_changes_converged() -> None:
+    """48 readings; the default one and seven with one change have turns, and more rays by count and by power."""
+    todo = plan(["a", "b", "c"], 3, 1_000)
+    assert len({reading for reading, _ in todo}) == 48
+    finer = one_change([reading for reading, _ in todo[:48]])
+    assert [r for r, _ in todo[48:]] == [*finer, *finer]
+    assert finer[0] == todo[0][0]
+    assert all(sum(getattr(r, axis) != getattr(finer[0], axis) for axis in AXES) == 1 for r in finer[1:])
+    assert len(finer) == 8
+    assert [sampling.by for _, sampling in todo[48:]] == ["count"] * 8 + ["power"] * 8
+    assert [s.fans for r, s in todo[:48]] == [3 if r in finer else 1 for r, _ in todo[:48]]
+    alike = plan(["a", "b", "c"], 3, 1_000, alike=True)
+    assert len(alike) == 3 * 48
+    assert {s.fans for _, s in alike[:48]} == {3}
+    with pytest.raises(RequestError, match="turns of the fan"):
+        reproduce(CURVES, fans=0)
+
+
+@pytest.mark.usefixtures("few")
+def test_ranks_are_those_of_the_sweep_and_factors_multiply_to_the_ratio() -> None:
+    """The outcome of each turn of the fan is the sweep's; the best P over the paper's is the product of its factors."""
+    found = reproduce(CURVES, fans=2, rays=40)
+    first = found[0]
+    for turn in range(2):
+        result = run_sweep(SweepRequest(FEW, light=turned(Light(), turn)))
+        assert first.ranks["all"][turn] == result.ranks()[0]
+    assert first.of == {"all": 4, "same_cavities": 3, "paper_map": 2}
+    for outcome in found:
+        assert np.prod(list(outcome.factors.values())) == pytest.approx(outcome.best_p / outcome.paper_p)
+        assert outcome.won("all") == np.mean(np.array(outcome.ranks["all"]) == 1)
+    same = [i.correlation for i in influences(found) if i.value == "the same"]
+    assert same == pytest.approx([1.0, 1.0])
+    content = readings_json(found)
+    assert len(content["readings"]) == len(found)
+    assert next(iter(content["decided_by"])) == influences(found)[0].axis
+    text = readings.readings_text(found)
+    assert "250 counted, 2 turns, 4 readings" in text
+    assert readings.readings_table(found).count("\n") == 2 + len(found)
+
+
+@pytest.mark.usefixtures("few")
+def test_a_stopped_call_resumes_from_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was finished is not swept again; the end is that of a call that was not stopped; other curves are not it."""
+    curves = {"solved": CURVES["solved"]}
+
+    def stop(done: float, total: float) -> None:
+        if done > total / 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        reproduce(curves, fans=1, rays=20, folder=tmp_path, progress=stop)
+    swept: list[SweepRequest] = []
+
+    def counted(request: SweepRequest, **options: object) -> object:
+        swept.append(request)
+        return run_sweep(request)
+
+    monkeypatch.setattr(readings, "run_sweep", counted)
+    again = reproduce(curves, fans=1, rays=20, folder=tmp_path)
+    resumed = len(swept)
+    assert again == reproduce(curves, fans=1, rays=20)
+    assert 0 < resumed < len(swept) - resumed
+    (tmp_path / "optics.json").write_text("[]")
+    with pytest.raises(FileError, match="damaged"):
+        reproduce(curves, fans=1, rays=20, folder=tmp_path)

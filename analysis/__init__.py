@@ -13,7 +13,24 @@ Names are imported when they are first used, so that a part that needs none of i
 from __future__ import annotations
 
 import importlib
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+
+def _require_own_protocol() -> None:
+    """Refuse another `protocol` than the one beside this package, as `boat_daq.own_packages` does, by its place."""
+    spec = find_spec("protocol")
+    found = spec and Path(spec.origin or next(iter(spec.submodule_search_locations or [""])))
+    if found and found.resolve() != Path(__file__).resolve().parents[1] / "protocol" / "__init__.py":
+        cause = f"{found} would be imported in place of boat-daq's package 'protocol'."
+        remedy = "Rename it, or move it to another folder; a package's: use an environment without that package."
+        raise ImportError(f"{cause} {remedy}", name="protocol")
+
+
+_require_own_protocol()
+
+from protocol.base.errors import BoatDaqError  # noqa: E402 - the check comes first
 
 if TYPE_CHECKING:
     from analysis.calibration.fit import Calibration as Calibration
@@ -24,7 +41,6 @@ if TYPE_CHECKING:
     from analysis.calibration.posterior import sample_posterior as sample_posterior
     from analysis.data.load import load_recording as load_recording
     from analysis.data.recording import Recording as Recording
-    from analysis.errors import AnalysisError as AnalysisError
     from analysis.figures.figure import Figure as Figure
     from analysis.figures.pipeline import Analysis as Analysis
     from analysis.figures.pipeline import analyse as analyse
@@ -41,7 +57,6 @@ _NAMES = {  # by module
     "calibration.posterior": ("Posterior", "sample_posterior"),
     "data.load": ("load_recording",),
     "data.recording": ("Recording",),
-    "errors": ("AnalysisError",),
     "figures.figure": ("Figure",),
     "figures.pipeline": ("Analysis", "analyse"),
     "figures.sensor_analysis": ("Options",),
@@ -50,7 +65,8 @@ _NAMES = {  # by module
     "segmentation.plateaus": ("PlateauSettings", "find_plateaus", "plateau_table"),
 }
 _MODULES = {name: f"analysis.{module}" for module, names in _NAMES.items() for name in names}
-__all__ = list(_MODULES)
+AnalysisError = BoatDaqError  # the name that scripts import
+__all__ = list(_MODULES | {"AnalysisError": __name__})
 
 
 def __getattr__(name: str) -> Any:

@@ -6,8 +6,8 @@ import ipaddress
 from typing import Any
 from urllib.parse import urlsplit
 
-from analysis.errors import RequestError
 from analysis.optional import optional
+from protocol.base.errors import RequestError
 
 CONNECT_S = 10.0
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from analysis.errors import RequestError
+from protocol.base.errors import RequestError
 
 Level = Literal["draft", "normal", "reference"]
 LEVELS: tuple[Level, ...] = get_args(Level)

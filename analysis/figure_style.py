@@ -10,7 +10,7 @@ from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
-from protocol.whole_file import written_whole
+from protocol.base.whole_file import written_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

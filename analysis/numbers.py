@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from protocol.units import Shown
+from protocol.base.units import Shown
 
 NOTHING = "–"
 MINUS = "\u2212"

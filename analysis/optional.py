@@ -6,7 +6,7 @@ import importlib
 import sys
 from typing import Any
 
-from analysis.errors import RequestError
+from protocol.base.errors import RequestError
 
 EXTRAS = {  # module: name of the library, extra that brings it
     "cv2": ("OpenCV", "camera"),

@@ -19,8 +19,8 @@ import numpy.typing as npt
 from numpy.polynomial import legendre
 from scipy import linalg
 
-from analysis.arrays import FloatArray
-from analysis.errors import DataError, RequestError
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError, RequestError
 
 LongArray = npt.NDArray[np.longdouble]
 

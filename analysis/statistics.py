@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from analysis.arrays import FloatArray
+from protocol.base.arrays import FloatArray
 
 MAD_TO_SD = 1.482602218505602  # 1 / Phi^-1(3/4): median absolute deviation of a normal variable to its sd
 RESAMPLES = 2000

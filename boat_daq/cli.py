@@ -19,7 +19,7 @@ import typer
 import boat_daq
 from boat_daq.commands import camera, configuration, demo, optics, reproduce, shadow, twin
 from boat_daq.commands.console import emit_error, show
-from boat_daq.errors import cause_and_remedy
+from protocol.base.errors import cause_and_remedy
 
 app = typer.Typer(
     name="boat-daq",

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 
-from protocol.units import ShownUnits, as_text
+from protocol.base.units import ShownUnits, as_text
 
 MINUS = "\u2212"
 NOTHING = "\u2013"

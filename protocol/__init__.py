@@ -13,7 +13,7 @@ The contract of the bytes is SPEC.md beside this file.
 
 from types import ModuleType as _Module
 
-from protocol.errors import LocalError, ProfileError, ProtocolError, RemoteError
+from protocol.base.errors import BoatDaqError, ProfileError, RemoteError, RequestError
 from protocol.link.bulk import Decoded, decode_chunks, decode_samples
 from protocol.link.connection import Connection
 from protocol.link.events import (
@@ -49,6 +49,7 @@ from protocol.recording import BoardState, SampleFlag, sample_dtype
 from protocol.text.connection import TextConnection
 from protocol.text.profile import TextProfile, load_profile
 
-Gap = SampleGap  # the name that scripts import
+# the names that scripts import
+Gap, LocalError, ProtocolError = SampleGap, RequestError, BoatDaqError
 
 __all__ = [name for name, value in list(globals().items()) if name[0].isalpha() and type(value) is not _Module]

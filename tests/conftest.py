@@ -15,11 +15,11 @@ import boat_daq  # noqa: F401  before numpy: it gives the BLAS one thread, as th
 pytest_plugins = ("tests.outside_writes",)
 
 if TYPE_CHECKING:
-    from analysis.arrays import FloatArray
     from analysis.optics.scene.frame import SceneFrame
     from analysis.shadow.fem.parameters import ActuatorParameters
     from analysis.shadow.model.full import FullModel
     from analysis.shadow.model.reduced import ReducedModel
+    from protocol.base.arrays import FloatArray
 
 ROOT = Path(__file__).resolve().parents[1]
 

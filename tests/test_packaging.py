@@ -20,7 +20,7 @@ import boat_daq
 from analysis.optional import EXTRAS
 from boat_daq.cli import app
 from boat_daq.commands import examples
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.recording import SUFFIX
 from protocol.recording.schema import APPLICATION_ID
 from tests.conftest import ROOT
@@ -169,5 +169,5 @@ def test_examples_of_an_installation_are_found(monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr(examples.metadata, "files", lambda _: [file])
     assert examples.example_files() == [installed]
     monkeypatch.setattr(examples.metadata, "files", lambda _: None)
-    with pytest.raises(OperatorError, match="not installed"):
+    with pytest.raises(RequestError, match="not installed"):
         examples.example_files()

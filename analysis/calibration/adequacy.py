@@ -24,7 +24,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special, stats
 
-from analysis.arrays import FloatArray
 from analysis.calibration.curve_choice import DEGREES, SPLINE, curve_name
 from analysis.calibration.joint_fit import (
     SUSPECTED,
@@ -35,7 +34,8 @@ from analysis.calibration.joint_fit import (
     loop_is_represented,
 )
 from analysis.calibration.monotone_spline import MonotoneSplineBasis
-from analysis.errors import DataError
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError
 
 DOUBTFUL, INADEQUATE = 0.01, 0.001  # chances of such a lack of fit for the right curve
 NOTICED_PERCENT = 0.25  # of full scale: a smaller remainder leaves a curve doubtful, however certain it is

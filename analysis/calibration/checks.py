@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration, fit_calibration
-from analysis.errors import AnalysisError
 from analysis.warning import Warning, WarningCode
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import BoatDaqError
 
 DEGREES = (1, 2, 3, 4)
 MONOMIAL_ROUNDING = 1e-6  # of the span of y: more is seen in a figure
@@ -107,7 +107,7 @@ def compare_degrees(x: FloatArray, y: FloatArray, group: FloatArray | None = Non
     for degree in DEGREES:
         try:
             calibration = fit_calibration(x, y, degree)
-        except AnalysisError:
+        except BoatDaqError:
             continue
         if group is not None and np.unique(group).size > 1:
             prediction = leave_one_out(x, y, group, degree)["prediction_rms"]

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
-from analysis.errors import DataError, RequestError
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError, RequestError
 
 if TYPE_CHECKING:  # the window imports this module, and none of the fit's libraries
     from analysis.calibration.fit import Calibration

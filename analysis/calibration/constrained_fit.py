@@ -17,10 +17,10 @@ from dataclasses import replace
 import numpy as np
 from scipy import linalg, optimize
 
-from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration, turning_points
-from analysis.errors import DataError
 from analysis.polynomial import LeastSquares
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError
 
 SLOPES = 401
 """Number of x over the range at which the slope is constrained."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from analysis.errors import RequestError
+from protocol.base.errors import RequestError
 
 AUTO: Final = "auto"
 SPLINE: Final = "spline"

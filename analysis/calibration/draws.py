@@ -15,7 +15,7 @@ from functools import cache
 
 import numpy as np
 
-from analysis.arrays import FloatArray
+from protocol.base.arrays import FloatArray
 
 OTHERS, BATCHES = 1_000, 256
 COVERAGE = 0.9545

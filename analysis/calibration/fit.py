@@ -18,14 +18,14 @@ import numpy.typing as npt
 from numpy.polynomial import legendre
 from scipy import stats
 
-from analysis.arrays import FloatArray
 from analysis.calibration.adequacy import Adequacy, expanded, judge_curve
 from analysis.calibration.curve_choice import SPLINE, USUAL_DEGREE
 from analysis.calibration.joint_fit import JointFit, PolynomialBasis, joint_fit, position_means
 from analysis.calibration.monotone_spline import MonotoneSplineBasis
 from analysis.calibration.quantised_x import Positions, gather
-from analysis.errors import DataError
 from analysis.polynomial import LeastSquares, least_squares, with_coefficients
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError
 
 SLOPE_POINTS, FLAT = 401, 1e-3  # of the mean slope: a spline that is flatter anywhere has no inverse there
 LARGEST = 1e150  # its square is still a number

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from analysis.arrays import FloatArray
 from analysis.calibration.checks import calibration_warnings
 from analysis.calibration.constrained_fit import monotone, through_zero, with_solution
 from analysis.calibration.fit import Calibration, fit_calibration
 from analysis.calibration.residual_tests import ChiSquared, chi_squared, residual_tests, residual_warnings
 from analysis.calibration.robust_fit import RobustFit, RobustMethod, huber, leave_out
 from analysis.warning import Warning, WarningCode
+from protocol.base.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

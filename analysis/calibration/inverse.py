@@ -23,12 +23,12 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import legendre, polynomial
 
-from analysis.arrays import BoolArray, FloatArray
 from analysis.calibration.adequacy import COVERAGE_FACTOR, expanded
 from analysis.calibration.fit import Calibration
 from analysis.calibration.type_b import TypeBContribution, reference_terms
 from analysis.compiled import compiled
-from analysis.errors import DataError, RequestError
+from protocol.base.arrays import BoolArray, FloatArray
+from protocol.base.errors import DataError, RequestError
 
 NODES = 257
 U_NODES = 129

@@ -24,11 +24,11 @@ import numpy.typing as npt
 from numpy.polynomial import legendre
 from scipy import optimize, stats
 
-from analysis.arrays import BoolArray, FloatArray
 from analysis.calibration.draws import lower_quantiles_by_chance, means_by_chance
 from analysis.calibration.quantised_x import Positions, common_variance
-from analysis.errors import DataError
 from analysis.polynomial import LeastSquares, legendre_slopes
+from protocol.base.arrays import BoolArray, FloatArray
+from protocol.base.errors import DataError
 
 ITERATIONS = 8
 LEAST_SLOPE = 0.07  # of the steepest: an error of x acts by no less, or a turn of the curve has no error

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import BSpline
 
-from analysis.arrays import BoolArray, FloatArray
+from protocol.base.arrays import BoolArray, FloatArray
 
 ORDER = 3
 WITHOUT_KNOT = 3  # levels of a cubic spline that have no knot of their own

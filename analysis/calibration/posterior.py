@@ -28,12 +28,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special
 
-from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration, fit_calibration
-from analysis.errors import DataError
 from analysis.progress import Progress
 from analysis.statistics import limit_error
 from analysis.warning import Warning, WarningCode
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError
 
 WALKERS = 64
 CHUNK = 200

@@ -24,9 +24,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize, special, stats
 
-from analysis.arrays import FloatArray, IntArray
-from analysis.errors import DataError
 from analysis.polynomial import LeastSquares
+from protocol.base.arrays import FloatArray, IntArray
+from protocol.base.errors import DataError
 
 SHARPEST_READER = 0.005  # of the grid: the resolution of a reader at the middle between two marks
 FINE, TAIL = 400, 2e-3  # points that L_p is computed on, and what is cut off at either end of it

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.calibration.curve_choice import SPLINE
 from analysis.calibration.type_b import contributions
-from analysis.errors import DataError
 from analysis.numbers import finite
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError
 
 if TYPE_CHECKING:
     from analysis.calibration.fit import Calibration
@@ -206,7 +206,7 @@ class CalibrationRecord:
 
         Raises
         ------
-        AnalysisError : there is no sensor, one is not calibrated, or its curve has no inverse.
+        BoatDaqError : there is no sensor, one is not calibrated, or its curve has no inverse.
         """
         from analysis.calibration.inverse import Fusion
 

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration
 from analysis.numbers import percent
 from analysis.warning import Warning, WarningCode
+from protocol.base.arrays import FloatArray
 
 LEVEL = 0.05
 """Two-sided level of the test of a stated uncertainty, as ISO/TS 28038 has it on each side."""

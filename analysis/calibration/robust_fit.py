@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from analysis.arrays import BoolArray, FloatArray
 from analysis.calibration.constrained_fit import with_solution
 from analysis.calibration.fit import Calibration, fit_calibration
-from analysis.errors import AnalysisError, DataError
 from analysis.statistics import robust_sd
+from protocol.base.arrays import BoolArray, FloatArray
+from protocol.base.errors import BoatDaqError, DataError
 
 HUBER_K = 1.345
 ITERATIONS = 200
@@ -170,7 +170,7 @@ def leave_out(calibration: Calibration, refit: Callable[[Calibration], Calibrati
         after[row] = False
         try:
             found = refit(_of_points(calibration, after))
-        except AnalysisError:
+        except BoatDaqError:
             break  # the rest does not carry the degree: the point stays
         kept = after
         off = float(calibration.y[row] - found.predict(calibration.x[row]))

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from analysis.arrays import FloatArray
-from analysis.errors import RequestError
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import RequestError
 
 SCALE = "scale"
 EXPECTED: Mapping[str, str] = {

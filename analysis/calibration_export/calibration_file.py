@@ -19,16 +19,16 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.calibration.inverse import NODES, U_NODES, Fusion, Inverse, signal_at
 from analysis.calibration.record import CalibrationRecord, SensorRecord
 from analysis.calibration.type_b import contributions, traceability
 from analysis.calibration_export.run_record import calibration_record
-from analysis.errors import AnalysisError, DataError, FileError
 from analysis.figures.pipeline import Analysis
 from analysis.numbers import finite
 from analysis.warning import Warning
-from protocol.regular_file import read_regular
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import BoatDaqError, DataError, FileError
+from protocol.base.regular_file import read_regular
 
 FORMAT, VERSION = "boat-daq calibration", 1
 COVERAGE_FACTOR = 2.0
@@ -91,7 +91,7 @@ class CalibrationFile:
         sensors = tuple(_sensor(sensor, u) for sensor, u in zip(record.sensors, u_mm, strict=False))
         try:
             fusion = record.fusion()
-        except AnalysisError as error:
+        except BoatDaqError as error:
             return cls(head, sensors, None, error.cause)
         if not all(np.isfinite(inverse.noise_mm + inverse.shared_mm).all() for inverse in fusion.inverses):
             return cls(head, sensors, None, "the uncertainty of an elongation is not known over the whole range")

@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from analysis.arrays import FloatArray
 from analysis.calibration_export.calibration_file import COVERAGE_FACTOR, CalibrationFile
 from analysis.data.export import ConvertedElongation
 from analysis.data.recording import Recording
-from analysis.errors import DataError, RequestError
 from analysis.figures.pipeline import analyse
 from analysis.figures.sensor_analysis import Options
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError, RequestError
 from protocol.recording import NOT_FOR_FIGURES, SampleFlag
 
 
@@ -64,7 +64,7 @@ def own_elongation(recording: Recording, options: Options, elongation: str | Pat
 
     Raises
     ------
-    AnalysisError : the run is no calibration, or its calibration gives no elongation.
+    BoatDaqError : the run is no calibration, or its calibration gives no elongation.
     """
     if elongation is None and not len(recording.readings) and recording.camera is None:
         raise DataError("no elongation was read in this run", "Give a calibration of its unit.")

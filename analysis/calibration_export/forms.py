@@ -9,8 +9,8 @@ from analysis.calibration_export.c_header import c_header
 from analysis.calibration_export.calibration_file import CalibrationFile
 from analysis.calibration_export.matlab import matlab_function
 from analysis.calibration_export.signal_table import USUAL_ERROR_MM, table_csv
-from analysis.errors import writing
-from protocol.whole_file import write_whole
+from protocol.base.errors import writing
+from protocol.base.whole_file import write_whole
 
 FORMS: Mapping[str, str] = {"json": ".json", "c": ".h", "matlab": ".m", "csv": ".csv"}
 """Form -> suffix of its file."""

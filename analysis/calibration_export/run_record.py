@@ -60,6 +60,6 @@ def elongation_reader(analysis: AnalysedRun) -> Fusion:
 
     Raises
     ------
-    AnalysisError : a sensor is not calibrated, or its curve has no inverse.
+    BoatDaqError : a sensor is not calibrated, or its curve has no inverse.
     """
     return calibration_record(analysis).fusion()

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.calibration.inverse import Inverse
 from analysis.calibration_export.calibration_file import COVERAGE_FACTOR, CalibrationFile
-from analysis.errors import RequestError
 from analysis.numbers import rounded_up
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import RequestError
 
 FEWEST, MOST = 5, 4097
 BETWEEN = 8  # signals between two nodes at which the error is computed

@@ -30,7 +30,6 @@ from analysis.calibration.record import CalibrationRecord
 from analysis.calibration.type_b import Traceability, TypeBContribution, not_assessed, traceability
 from analysis.certificates.laboratory import Laboratory
 from analysis.conformity import RULE
-from analysis.errors import AnalysisError, DataError, RequestError
 from analysis.figures.acceptance import LimitStatement, judge
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
@@ -38,6 +37,7 @@ from analysis.figures.uncertainty import COVERAGE_FACTOR, BudgetOfSensor
 from analysis.figures.unit_history import refuse_mixture
 from analysis.numbers import finite
 from analysis.version import program_version
+from protocol.base.errors import BoatDaqError, DataError, RequestError
 from protocol.recording import Metadata
 
 SIMULATED = "SIMULATED"
@@ -366,13 +366,13 @@ def _sensor(analysis: Analysis, index: int, before: Mapping[str, Any], limits: M
         return CalibratedSensor(sensor.name, f"not calibrated: {sensor.calibration_void}")
     try:
         raise_without_inverse(calibration)
-    except AnalysisError as error:
+    except BoatDaqError as error:
         return CalibratedSensor(sensor.name, error.cause)
     found = None
     if before:
         try:
             found = compare_fits(calibration.as_json(), before)
-        except (AnalysisError, KeyError):
+        except (BoatDaqError, KeyError):
             found = None  # another range or a spline: nothing to compare
     values = {key: sensor.figures[key].value for key in FIGURES if key in sensor.figures}
     return CalibratedSensor(

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration
 from analysis.certificates.certificate import (
     ADJUSTMENT,
@@ -40,6 +39,7 @@ from analysis.conformity import RULE, Conformity
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.uncertainty import COVERAGE_FACTOR
 from analysis.version import program_version
+from protocol.base.arrays import FloatArray
 
 SCHEMA_VERSION = "3.2.1"
 DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"

@@ -31,7 +31,6 @@ from analysis.certificates.certificate import (
 )
 from analysis.certificates.dcc import MIME_TYPE, dcc_xml
 from analysis.conformity import RULE
-from analysis.errors import RequestError, writing
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.uncertainty import COVERAGE_FACTOR
 from analysis.numbers import NOTHING, percent, rounded, with_uncertainty
@@ -45,7 +44,8 @@ from analysis.reports.document import (
     power,
 )
 from analysis.reports.pdf import render_pages, write_pdf
-from protocol.whole_file import write_whole
+from protocol.base.errors import RequestError, writing
+from protocol.base.whole_file import write_whole
 
 CURVE_POINTS = 101
 PREVIEW_PPI = 96.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from analysis.errors import RequestError
+from protocol.base.errors import RequestError
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,15 +25,15 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from analysis.arrays import FloatArray, IntArray
 from analysis.data.camera_record import CameraRecord
 from analysis.data.recording import READING_COLUMNS, STEP_COLUMNS, Gap, Recording
-from analysis.errors import FileError, RequestError
 from analysis.numbers import finite
 from analysis.version import program_version
+from protocol.base.arrays import FloatArray, IntArray
+from protocol.base.errors import FileError, RequestError
+from protocol.base.regular_file import open_regular
 from protocol.recording import metadata_of, schema
 from protocol.recording.checks import DAMAGE, harden
-from protocol.regular_file import open_regular
 
 LATE_S = 0.5  # the counter is read a little before or after the samples that its row is laid to
 

@@ -23,12 +23,11 @@ import numpy.typing as npt
 from analysis.data.boat_file import opened
 from analysis.data.csv_import import import_csv
 from analysis.data.recording import Recording
-from analysis.errors import FileError
 from analysis.version import program_version
-from protocol.errors import RecordingError
+from protocol.base.errors import FileError, RecordingError
+from protocol.base.whole_file import written_whole
 from protocol.recording import schema
 from protocol.recording.checks import check_session
-from protocol.whole_file import written_whole
 
 CHUNK_BYTES = 1 << 20
 CHUNK = "id, host_ns, direction, raw, crc32"

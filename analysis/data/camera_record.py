@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from analysis.arrays import BoolArray, FloatArray
+from protocol.base.arrays import BoolArray, FloatArray
 
 LONGEST_BETWEEN = 3.5  # frame intervals: no elongation is interpolated over a longer gap
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from analysis.data.text_encoding import encoding_of
-from analysis.errors import FileError
+from protocol.base.errors import FileError
 
 MAX_LINE_BYTES = 1 << 20
 MAX_COLUMNS = 1000

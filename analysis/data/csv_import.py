@@ -19,15 +19,15 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray, IntArray
 from analysis.data.csv_table import Table, line_of_row, read_table
 from analysis.data.recording import META_KEYS, Recording
-from analysis.errors import DataError, FileError, RequestError
 from analysis.warning import Warning, WarningCode
+from protocol.base.arrays import FloatArray, IntArray
+from protocol.base.errors import DataError, FileError, RequestError
+from protocol.base.regular_file import read_regular
+from protocol.base.units import KPA_PER_UNIT, find_unit
+from protocol.base.whole_file import write_whole
 from protocol.recording import CHANNELS_MAX, RESERVED, ExtraChannel, SampleFlag, channels_of
-from protocol.regular_file import read_regular
-from protocol.units import KPA_PER_UNIT, find_unit
-from protocol.whole_file import write_whole
 
 UNITS: dict[str, dict[str, float]] = {
     "time_s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0},

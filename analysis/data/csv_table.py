@@ -24,8 +24,8 @@ import numpy.typing as npt
 import pandas as pd
 
 from analysis.data.csv_dialect import MISSING, Dialect, cells_of, is_comment, number, records, sniff
-from analysis.errors import FileError, RequestError
 from analysis.warning import Warning, WarningCode
+from protocol.base.errors import FileError, RequestError
 
 MOST_WARNINGS = 10
 MAX_BAD_SHARE = 0.05  # more broken rows than this and the file was not understood

@@ -20,13 +20,13 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from analysis.arrays import BoolArray, FloatArray
 from analysis.data.recording import META_KEYS, Recording
 from analysis.data.ros_bag import write_bag
-from analysis.errors import RequestError, writing
 from analysis.optional import optional
 from analysis.progress import Progress
-from protocol.whole_file import write_whole, written_whole
+from protocol.base.arrays import BoolArray, FloatArray
+from protocol.base.errors import RequestError, writing
+from protocol.base.whole_file import write_whole, written_whole
 
 Format = Literal["csv", "parquet", "hdf5", "mat", "rosbag", "rosbag-sqlite3"]
 SUFFIXES: Mapping[str, Format] = {".csv": "csv", ".parquet": "parquet", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}

@@ -8,7 +8,7 @@ from typing import Any
 from analysis.data.boat_file import is_boat_file, read_boat_file
 from analysis.data.csv_import import import_csv
 from analysis.data.recording import Recording
-from analysis.errors import FileError, RequestError
+from protocol.base.errors import FileError, RequestError
 from protocol.recording import SUFFIX
 
 

@@ -19,9 +19,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.data.camera_record import CameraRecord
-from analysis.errors import DataError
+from protocol.base.arrays import BoolArray, FloatArray, IntArray
+from protocol.base.errors import DataError
 from protocol.recording import (
     NOT_FOR_FIGURES,
     DerivedChannel,

@@ -21,9 +21,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from analysis.errors import FileError
 from analysis.optional import optional
 from analysis.progress import Progress
+from protocol.base.errors import FileError
 
 NOT_TOPICS = ("index", "time_s", "pressure_kpa", "segment", "lit", "dark")
 FRAME = b"boat\0"

@@ -20,13 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.calibration.inverse import Fusion
 from analysis.elongation_control.dynamics import Lag, Margins, integral_for, loop_margins
 from analysis.elongation_control.hysteresis import HysteresisModel
 from analysis.elongation_control.measurement import FusedElongation, SensorWatch
 from analysis.elongation_control.sensor_loop import SensorLoops
-from analysis.errors import RequestError
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import RequestError
 
 PERIOD_S = 0.04
 LEAST_RAMP_KPA_PER_S = 0.1

@@ -15,7 +15,7 @@ from analysis.elongation_control.run_response import (
     step_responses,
 )
 from analysis.elongation_control.sensor_loop import SensorLoops
-from analysis.errors import DataError
+from protocol.base.errors import DataError
 
 
 def dynamic_calibration(

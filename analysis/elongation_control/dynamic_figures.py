@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from analysis.arrays import FloatArray
+from protocol.base.arrays import FloatArray
 
 STEP_FIGURES = {  # with the decimals that are shown
     "time_constant_s": ("time constant, s", 3),

@@ -23,9 +23,9 @@ from scipy.optimize import brentq, least_squares
 from scipy.signal import lsim
 from scipy.stats import t as student
 
-from analysis.arrays import FloatArray
 from analysis.elongation_control.dynamic_figures import BodePoint, DynamicFigure, StepFigures
-from analysis.errors import DataError
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError
 
 STEP_S = 0.01  # of the integration of a response
 LEAST_R2 = 0.9

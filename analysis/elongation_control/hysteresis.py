@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize, nnls
 
-from analysis.arrays import FloatArray
-from analysis.errors import DataError
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError
 
 PLAYS = 10
 LEAST_SPAN_KPA = 20.0

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.calibration.inverse import DISAGREEMENT_SIGMA, Fusion
 from analysis.elongation_control.sensor_loop import SensorLoops
+from protocol.base.arrays import FloatArray
 
 FROZEN_SAMPLES = 30
 ALONE_S = 0.12

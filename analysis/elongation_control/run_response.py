@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.calibration.inverse import Fusion
 from analysis.data.recording import Recording
 from analysis.elongation_control.controller import Tuning
@@ -22,7 +21,8 @@ from analysis.elongation_control.dynamic_figures import BodePoint, DynamicFigure
 from analysis.elongation_control.dynamics import Lag, bode_point, fit_lag, step_figures
 from analysis.elongation_control.hysteresis import HysteresisModel, identify
 from analysis.elongation_control.sensor_loop import SensorLoops
-from analysis.errors import DataError
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError
 from protocol.recording import NOT_FOR_FIGURES, SampleFlag, Segment
 
 GRID_S = 0.01

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.arrays import FloatArray
+from protocol.base.arrays import FloatArray
 
 PLAYS = 8
 SIGNIFICANT = 3.0

@@ -16,12 +16,12 @@ import numpy as np
 from analysis.elongation_control.controller import Tuning
 from analysis.elongation_control.dynamics import Lag, Margins
 from analysis.elongation_control.hysteresis import HysteresisModel
-from analysis.errors import FileError, RequestError
 from analysis.numbers import finite
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Face
 from analysis.shadow.fem.parameters import ActuatorParameters
-from protocol.regular_file import read_regular
-from protocol.whole_file import write_whole
+from protocol.base.errors import FileError, RequestError
+from protocol.base.regular_file import read_regular
+from protocol.base.whole_file import write_whole
 
 FORMAT, VERSION = "boat-daq twin", 1
 MOST_BYTES = 1_000_000

@@ -16,10 +16,10 @@ import numpy as np
 
 from analysis import published
 from analysis.conformity import Conformity, ConformityStatement, conformity_statement
-from analysis.errors import RequestError
 from analysis.figures.figure import SENSOR_FIGURES, Figure
 from analysis.numbers import percent
 from analysis.warning import Warning, WarningCode
+from protocol.base.errors import RequestError
 
 if TYPE_CHECKING:
     from analysis.calibration.fit import Calibration

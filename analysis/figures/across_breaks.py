@@ -29,11 +29,11 @@ from typing import Any, Literal
 import numpy as np
 from scipy import stats
 
-from analysis.arrays import BoolArray, FloatArray
 from analysis.data.recording import Recording
 from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.loops import Loops, branch_mean, continuous_loops
 from analysis.statistics import mean
+from protocol.base.arrays import BoolArray, FloatArray
 from protocol.recording import breaks_of
 
 ALPHA = 0.01

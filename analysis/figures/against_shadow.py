@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.calibration.inverse import Inverse
 from analysis.data.recording import Recording
-from analysis.errors import AnalysisError, DataError
 from analysis.fidelity import Level, fidelity
 from analysis.figures.pipeline import Analysis
 from analysis.figures.sensor_analysis import SensorAnalysis
 from analysis.progress import Progress
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import BoatDaqError, DataError
 
 if TYPE_CHECKING:
     from analysis.shadow.monitoring.replay import Replay
@@ -75,7 +75,7 @@ def against_shadow(analysis: Analysis, *, progress: Progress | None = None) -> A
         table = load_table(progress=progress)
         rows = [cycle.rows for cycle in cycles]
         result = replay(table, recording.time_s, recording.pressure_kpa, elongations, rows)
-    except AnalysisError as error:
+    except BoatDaqError as error:
         return AgainstShadow(None, error.cause)
     parts = [[column[part] for part in rows] for column in (result.deviation_mm, result.band_mm, result.residual_kpa)]
     deviation, band, residual = parts

@@ -20,10 +20,9 @@ from typing import Any
 import pandas as pd
 
 from analysis.cluster import check_scheduler, connect
-from analysis.errors import AnalysisError, FileError, RequestError
 from analysis.numbers import neutral
 from analysis.progress import Progress
-from protocol.errors import ProtocolError
+from protocol.base.errors import BoatDaqError, FileError, RequestError
 
 SUFFIXES = (".boat", ".csv")
 ELONGATION = ".elongation.csv"
@@ -37,7 +36,7 @@ def summarise_run(path: Path, *, seed: int = 0, mcmc: bool = False) -> list[dict
 
     try:
         analysis = analyse(path, readings_beside(path), options=Options(seed=seed, mcmc=mcmc))
-    except (AnalysisError, ProtocolError) as error:
+    except BoatDaqError as error:
         return [{"run": path.name, "error": f"{error.cause}: {error.remedy}"}]
     cycles = analysis.cycles.as_json()
     head = {

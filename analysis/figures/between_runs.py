@@ -15,11 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.arrays import FloatArray
-from analysis.errors import AnalysisError, RequestError
 from analysis.figures.pipeline import Analysis
 from analysis.figures.uncertainty import ElongationBudgets, middle_budgets
 from analysis.figures.unit_history import UnitHistory, refuse_mixture, unit_history
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import BoatDaqError, RequestError
 
 SAME_LEVEL_KPA = 2.0
 
@@ -95,11 +95,11 @@ def _compare_unit(unit: str, analyses: Sequence[Analysis]) -> UnitComparison:
     sensors = range(min(len(analysis.sensors) for analysis in analyses))
     try:
         spreads, void = tuple(sensor_spread(analyses, sensor) for sensor in sensors), ""
-    except AnalysisError as error:
+    except BoatDaqError as error:
         spreads, void = (), error.cause
     histories = []
     for sensor in sensors:
-        with suppress(AnalysisError):
+        with suppress(BoatDaqError):
             histories.append(unit_history(analyses, sensor))
     calibrated = [analysis for analysis in analyses if analysis.kind == "calibration"]
     budgets = None

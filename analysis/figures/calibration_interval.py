@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.numbers import with_uncertainty
+from protocol.base.arrays import FloatArray
 
 DAYS_PER_YEAR = 365.25
 LONGEST_RATIO = 2.0

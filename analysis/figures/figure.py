@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.calibration.draws import greatest_error
 from analysis.numbers import NOTHING, rounded
+from protocol.base.arrays import FloatArray
 
 if TYPE_CHECKING:  # the window imports the table of figures, and not pandas with it
     from analysis.segmentation.losses import Losses

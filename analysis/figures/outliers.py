@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray
 from analysis.warning import Warning, WarningCode
+from protocol.base.arrays import BoolArray, FloatArray
 
 if TYPE_CHECKING:  # the window marks readings while a run is read, and imports none of the fit's libraries for it
     from analysis.figures.sensor_analysis import SegmentedRun
@@ -67,7 +67,7 @@ def wrong_readings(run: SegmentedRun) -> dict[int, tuple[str, ...]]:
     from analysis.calibration.curve_choice import USUAL_DEGREE
     from analysis.calibration.fit import fit_calibration
     from analysis.calibration.robust_fit import leave_out
-    from analysis.errors import AnalysisError
+    from protocol.base.errors import BoatDaqError
 
     degree = run.options.degree if isinstance(run.options.degree, int) else USUAL_DEGREE
     found: dict[int, tuple[str, ...]] = {}
@@ -78,7 +78,7 @@ def wrong_readings(run: SegmentedRun) -> dict[int, tuple[str, ...]]:
         y = np.asarray([run.plateaus[i].signal_mv[sensor] for i in points])
         try:
             trail = leave_out(fit_calibration(run.elongations.elongation_mm[points], y, degree)).trail
-        except AnalysisError:
+        except BoatDaqError:
             continue  # no curve: its reason is given with the calibration
         for one in trail:
             plateau = int(points[one.row])

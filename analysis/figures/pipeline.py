@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.calibration.type_b import SCALE
 from analysis.data.load import load_recording
 from analysis.data.recording import Recording
@@ -50,6 +49,7 @@ from analysis.tracking.continuous import SOURCE as CAMERA
 from analysis.tracking.continuous import CameraFigures, camera_elongations, camera_figures, scale_of
 from analysis.tracking.run import Filmed, filmed
 from analysis.warning import Warning
+from protocol.base.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

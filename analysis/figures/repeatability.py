@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.segmentation.loops import Loops, LoopWidth, branch_mean
 from analysis.statistics import robust_sd
+from protocol.base.arrays import FloatArray
 
 WARM_UP_SIGMA = 3.0
 WARM_UP_PERCENT = 0.1

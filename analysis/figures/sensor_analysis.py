@@ -16,7 +16,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.calibration.adequacy import Adequacy, CurveVerdict, judge_curve
 from analysis.calibration.checks import fit_checks
 from analysis.calibration.curve_choice import AUTO, SPLINE, USUAL_DEGREE, Degree
@@ -36,7 +35,6 @@ from analysis.calibration.posterior import Posterior, sample_posterior
 from analysis.calibration.quantised_x import common_variance
 from analysis.calibration.type_b import TypeBContribution
 from analysis.data.recording import Recording
-from analysis.errors import AnalysisError, DataError
 from analysis.fidelity import Level, fidelity
 from analysis.figures import sensor_figures as metrics
 from analysis.figures.across_breaks import Break, of_cycles
@@ -57,6 +55,8 @@ from analysis.segmentation.loops import (
 from analysis.segmentation.losses import LossCounter, Losses
 from analysis.segmentation.plateau_readings import Elongations
 from analysis.segmentation.plateaus import Plateau, PlateauSettings
+from protocol.base.arrays import BoolArray, FloatArray, IntArray
+from protocol.base.errors import BoatDaqError, DataError
 
 OF_POINTS = (  # figures of the calibration's points; the others are those of the loops
     "sensitivity_mv_per_mm", "slope_at_rest_mv_per_mm", "least_squares_slope_mv_per_mm",
@@ -249,7 +249,7 @@ def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None 
     try:
         calibration = _calibrate(run, sensor, points)
         posterior = _sampled(run, sensor, calibration, points, progress)
-    except AnalysisError as error:
+    except BoatDaqError as error:
         reason = error.cause
     drawn, system, own = _drawn(run, sensor, calibration, points)
     fso, figures = drawn["fso_mv"].value, _usable(run, sensor, drawn)

@@ -18,7 +18,6 @@ import numpy.typing as npt
 from scipy import signal as sp_signal
 from scipy import stats
 
-from analysis.arrays import FloatArray
 from analysis.calibration.adequacy import Adequacy, CurveVerdict
 from analysis.calibration.draws import quantiles_by_chance
 from analysis.calibration.fit import Calibration
@@ -31,6 +30,7 @@ from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.loops import Loops, LoopWidth, branch_mean, end_levels, loop_width
 from analysis.segmentation.plateaus import Plateau
 from analysis.statistics import PERCENTILES, bootstrap_interval, expanded_limits, theil_sen
+from protocol.base.arrays import FloatArray
 
 CURVE_POINTS = 201
 NEVER_NEGATIVE = ("mV", "% FSO")  # spans, widths and spreads; slopes and decibels have a sign

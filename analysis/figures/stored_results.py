@@ -17,12 +17,12 @@ from typing import Any
 from analysis.calibration.curve_choice import degree_of
 from analysis.calibration.type_b import contributions
 from analysis.data.boat_file import is_boat_file, store_result
-from analysis.errors import AnalysisError, FileError
 from analysis.fidelity import fidelity
 from analysis.figures.pipeline import Analysis, analyse
 from analysis.figures.sensor_analysis import MOST_RESAMPLES, Options
 from analysis.numbers import finite
 from analysis.segmentation.plateaus import PlateauSettings
+from protocol.base.errors import BoatDaqError, FileError
 
 _COMPUTING = (".", "data", "segmentation", "calibration", "tracking", "figures")
 
@@ -50,7 +50,7 @@ def store_analysis(run: str | Path, analysis: Analysis, elongation: str | Path |
         parameters["elongation"] = {"name": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()}
     try:
         store_result(run, "analysis", finite(analysis.to_json()), parameters, seed=analysis.options.seed)
-    except AnalysisError as error:
+    except BoatDaqError as error:
         return f"the result was not stored: {error.cause}. {error.remedy}".rstrip(". ") + "."
     return ""
 

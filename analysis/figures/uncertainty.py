@@ -19,17 +19,17 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from analysis.arrays import FloatArray
 from analysis.calibration.adequacy import expanded
 from analysis.calibration.compare import between_calibrations_mm
 from analysis.calibration.curve_choice import CURVES, CurveCandidate, degree_of
 from analysis.calibration.fit import Calibration
 from analysis.calibration.inverse import raise_without_inverse
 from analysis.calibration.type_b import Traceability, TypeBContribution, not_assessed, traceability
-from analysis.errors import AnalysisError, DataError
 from analysis.figures.sensor_analysis import AnalysedRun, with_curve
 from analysis.numbers import percent
 from analysis.segmentation.cycle_effect import CycleEffect
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import BoatDaqError, DataError
 
 COVERAGE_FACTOR = 2.0
 CURVE_POINTS = 41
@@ -222,7 +222,7 @@ def elongation_uncertainty(analysis: AnalysedRun, sensor: int) -> tuple[FloatArr
     try:
         of_sensor = BudgetOfSensor.of(analysis, sensor)
         raise_without_inverse(of_sensor.calibration, by_parts=True)
-    except AnalysisError as error:
+    except BoatDaqError as error:
         return np.empty((0, 2)), error.cause
     calibration = of_sensor.calibration
     x, turns = np.linspace(*calibration.x_range, CURVE_POINTS), np.asarray(calibration.turns_inside)
@@ -262,7 +262,7 @@ def middle_budgets(analysis: AnalysedRun, runs: Sequence[AnalysedRun] = ()) -> E
     x_mm = sum(ranges[0]) / 2
     try:
         return ElongationBudgets(x_mm, elongation_budget(analysis, x_mm, runs=runs))
-    except AnalysisError as error:
+    except BoatDaqError as error:
         return ElongationBudgets(x_mm, (), error.cause)
 
 
@@ -289,7 +289,7 @@ def _candidate(analysis: AnalysedRun, sensor: int, name: str, x_mm: float) -> Cu
             found = CurveCandidate(name, str(adequacy.verdict), adequacy.sentence, own.prediction_rms)
         raise_without_inverse(of_sensor.calibration)
         return replace(found, expanded_mm=of_sensor.at(x_mm).expanded)
-    except AnalysisError as error:
+    except BoatDaqError as error:
         return replace(found, void=error.cause)
 
 

@@ -18,14 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration
-from analysis.errors import AnalysisError, DataError, RequestError
 from analysis.figures.batch import readings_beside, runs_in
 from analysis.figures.calibration_interval import CalibrationInterval, proposed_interval
 from analysis.figures.pipeline import Analysis, analyse
 from analysis.progress import Progress
-from protocol.errors import ProtocolError
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import BoatDaqError, DataError, RequestError
 
 MOVING_RANGE_TO_SD = 1.128
 CURVE_POINTS = 81
@@ -157,7 +156,7 @@ def calibrations_in(
             progress(done, len(files))
         try:
             analysis = analyse(path, readings_beside(path), seed=seed, mcmc=False)
-        except (AnalysisError, ProtocolError) as error:
+        except BoatDaqError as error:
             left_out.append({"run": path.name, "reason": error.cause})
             continue
         units.add(analysis.recording.unit)

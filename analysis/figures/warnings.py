@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.calibration.adequacy import REFUSED_PERCENT, Adequacy, CurveVerdict
 from analysis.calibration.checks import calibration_warnings
 from analysis.figures.figure import Reason
@@ -18,7 +17,8 @@ from analysis.segmentation.influence import ChannelInfluence
 from analysis.segmentation.losses import LossCounter
 from analysis.segmentation.plateaus import find_plateaus
 from analysis.warning import Warning, WarningCode
-from protocol.units import as_text
+from protocol.base.arrays import FloatArray
+from protocol.base.units import as_text
 
 if TYPE_CHECKING:
     from analysis.figures.sensor_analysis import SegmentedRun, SensorAnalysis

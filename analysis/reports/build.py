@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analysis.conformity import Conformity
-from analysis.errors import RequestError
 from analysis.figures.acceptance import judge, worst_conformity
 from analysis.figures.between_runs import RunComparison, UnitComparison, compare_runs
 from analysis.figures.figure import SENSOR_FIGURES
@@ -33,7 +32,8 @@ from analysis.reports.shadow import shadow_section
 from analysis.reports.unit import history_of_unit, write_built
 from analysis.reports.units import in_units
 from analysis.version import program_version
-from protocol.units import STORED_UNITS, ShownUnits
+from protocol.base.errors import RequestError
+from protocol.base.units import STORED_UNITS, ShownUnits
 
 if TYPE_CHECKING:
     from analysis.figures.against_shadow import AgainstShadow

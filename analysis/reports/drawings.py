@@ -19,7 +19,6 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import AutoLocator, MaxNLocator
 
 from analysis import figure_style as style
-from analysis.arrays import FloatArray
 from analysis.calibration.curve_choice import curve_name
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
@@ -27,6 +26,7 @@ from analysis.figures.uncertainty import Budget
 from analysis.numbers import percent
 from analysis.reports.document import ReportDrawing
 from analysis.reports.text_metrics import families, printable
+from protocol.base.arrays import FloatArray
 
 CURVE_POINTS = 201
 BARS_SHARE = 0.76  # of the height of a group of bars

@@ -17,7 +17,7 @@ from analysis import figure_style as style
 from analysis.progress import Progress
 from analysis.reports.document import Report, ReportDrawing, ReportTable, SectionPart, aligned, right_aligned, typeset
 from analysis.reports.drawings import as_svg
-from protocol.whole_file import write_whole
+from protocol.base.whole_file import write_whole
 
 WIDTH_INCH = 7.4
 STACKED_INCH = 4.0  # its labels are read on a telephone; the template gives it the scale of two side by side

@@ -22,7 +22,7 @@ from analysis.progress import Progress
 from analysis.reports.document import Report, ReportDrawing, ReportTable, SectionPart, aligned, right_aligned, typeset
 from analysis.reports.drawings import as_svg
 from analysis.reports.text_metrics import font_folders, fonts, printable
-from protocol.whole_file import write_whole
+from protocol.base.whole_file import write_whole
 
 WIDTH, HEIGHT = style.A4_INCH
 INNER = WIDTH - 2 * style.MARGIN_INCH

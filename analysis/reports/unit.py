@@ -13,8 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
 from analysis import figure_style as style
-from analysis.arrays import FloatArray
-from analysis.errors import RequestError, writing
 from analysis.figures.between_runs import UnitComparison
 from analysis.figures.unit_history import UnitHistory, due_first, time_of
 from analysis.numbers import NOTHING, rounded, with_uncertainty
@@ -23,6 +21,8 @@ from analysis.reports.document import Report, ReportDrawing, ReportTable, Sectio
 from analysis.reports.html import write_html
 from analysis.reports.pdf import write_pdf
 from analysis.version import program_version
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import RequestError, writing
 
 WRITERS = {".html": write_html, ".pdf": write_pdf}
 MARGIN_DAYS = 0.08  # of the span, on either side of the dates

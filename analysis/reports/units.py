@@ -22,7 +22,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
 from analysis.numbers import NUMBER, decimals_for, in_unit
 from analysis.reports.document import Draw, Report, ReportDrawing, ReportTable, Section, SectionPart
-from protocol.units import STORED_UNITS, Shown, ShownUnits, as_text
+from protocol.base.units import STORED_UNITS, Shown, ShownUnits, as_text
 
 _UNIT = r"(?:kPa|mV|mm|µm)(?:[²³])?(?:/(?:kPa|mV|mm|s)[²³]?)?"
 _STATED = re.compile(rf"({NUMBER}(?: (?:to|and|±|\u2026|/) {NUMBER})*) ({_UNIT})(?![\w/²³])")

@@ -17,9 +17,9 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from analysis.arrays import FloatArray, IntArray
 from analysis.data.recording import Recording
 from analysis.segmentation.plateaus import Plateau
+from protocol.base.arrays import FloatArray, IntArray
 
 PARTS = 4  # of a hold
 CHANGE_S = 2.0  # over which the change of the light is taken: less is lost in the noise of the dark readings

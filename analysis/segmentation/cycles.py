@@ -19,10 +19,10 @@ import numpy as np
 import pandas as pd
 from scipy import ndimage
 
-from analysis.arrays import BoolArray, FloatArray
 from analysis.compiled import compiled
 from analysis.data.recording import Recording
 from analysis.statistics import white_noise_sd
+from protocol.base.arrays import BoolArray, FloatArray
 
 TOLERANCE_KPA = 1.0  # a pressure that stays within it of one level is held
 SWING_SHARE = 0.5  # a reversal of at least this share of the span is an extreme

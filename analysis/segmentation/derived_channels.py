@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray
 from analysis.data.recording import Recording
 from analysis.segmentation.plateaus import Plateau
+from protocol.base.arrays import BoolArray, FloatArray
 
 
 def derived_json(recording: Recording, plateaus: Sequence[Plateau]) -> list[dict[str, Any]]:

@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from analysis.arrays import FloatArray, IntArray
 from analysis.data.recording import Recording
 from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.loops import Loops, cluster_levels
 from analysis.segmentation.plateaus import Plateau
+from protocol.base.arrays import FloatArray, IntArray
 
 CYCLES_LEAST = 3
 ALIKE = 0.9  # correlation with time from which the effect of a channel cannot be distinguished from drift

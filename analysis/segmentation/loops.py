@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from analysis.arrays import BoolArray, FloatArray
 from analysis.data.recording import Recording
 from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.losses import LossCounter
 from analysis.segmentation.plateaus import Plateau, branch_members
 from analysis.statistics import interpolate
+from protocol.base.arrays import BoolArray, FloatArray
 
 BINS, MIN_BINS = 45, 6
 MIN_PER_BIN = 3

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import IntArray
 from analysis.data.recording import Recording
 from analysis.numbers import percent
+from protocol.base.arrays import IntArray
 from protocol.recording import SampleFlag
 
 MAX_DAMAGED = 0.20  # share of a figure's window that may be lost or left out

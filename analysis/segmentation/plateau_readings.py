@@ -16,11 +16,10 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from analysis.arrays import FloatArray
 from analysis.data.recording import Recording
-from analysis.errors import DataError, FileError
 from analysis.segmentation.plateaus import Plateau
-from protocol.errors import LocalError
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError, FileError, RequestError
 from protocol.recording.elongation_file import read_elongation_rows
 
 DEFAULT_RESOLUTION_MM = 0.5
@@ -78,7 +77,7 @@ def read_elongation_file(path: str | Path) -> pd.DataFrame:
     """
     try:
         rows = read_elongation_rows(Path(path))
-    except LocalError as error:
+    except RequestError as error:
         raise FileError(error.cause, error.remedy) from error
     frame = pd.DataFrame({name: [getattr(row, name) for row in rows] for name in ("pressure_kpa", "elongation_mm")})
     if rows[0].cycle is not None:

@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.arrays import FloatArray, IntArray
 from analysis.data.recording import Recording
 from analysis.segmentation.cycles import TOLERANCE_KPA, Cycles
 from analysis.segmentation.losses import LossCounter, Losses
 from analysis.statistics import mean, standard_error
+from protocol.base.arrays import FloatArray, IntArray
 
 SETTLING_S = 0.5
 MAX_DAMAGED = 0.20  # share of a window's samples that may be lost or left out

@@ -16,9 +16,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.data.recording import Recording
 from analysis.segmentation.cycles import pressure_drop_outs
+from protocol.base.arrays import BoolArray, FloatArray, IntArray
 
 FROZEN_SHARE, FROZEN_KPA = 0.1, 1.0  # of the span of the pressure, and what is a movement at all
 CLIPPED_RUN, LONGER = 10, 5  # samples at a rail, and how much longer than the runs at other values

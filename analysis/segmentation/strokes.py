@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.data.recording import Recording
-from analysis.errors import DataError
 from analysis.segmentation.cycles import TOLERANCE_KPA
+from protocol.base.arrays import BoolArray, FloatArray, IntArray
+from protocol.base.errors import DataError
 
 LOW, HIGH = 0.25, 0.75
 AWAY, NEAR, CHANCE, BINS = 0.1, 0.015, 4.0, 200

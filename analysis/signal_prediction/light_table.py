@@ -23,8 +23,6 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from analysis.arrays import BoolArray, FloatArray
-from analysis.errors import RequestError
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Face, Waveguide, light_by
 from analysis.optics.sweep.sweep import SweepRequest, run_sweep
 from analysis.progress import Progress
@@ -34,6 +32,8 @@ from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.guides import both_guides
 from analysis.shadow.model.table import cache_folder, keep_arrays, load_arrays
 from analysis.version import program_version
+from protocol.base.arrays import BoolArray, FloatArray
+from protocol.base.errors import RequestError
 
 LOSSES_DB_PER_CM = (0.0, 0.5, 1.0)
 """Bounds and nodes of the guide's loss: clear printed resins have 0.1 to 1 dB/cm in the near infrared."""

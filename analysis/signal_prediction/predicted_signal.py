@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from analysis.arrays import FloatArray
-from analysis.errors import DataError
 from analysis.signal_prediction.light_table import LOSSES_DB_PER_CM, LightTable, stored_light
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError
 
 LEAST_POINTS = 6
 SHIFT_SIGMA = 4.0

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.arrays import FloatArray
 from analysis.calibration.inverse import Fusion, signal_at
 from analysis.data.recording import Recording
 from analysis.elongation_control.hysteresis import HysteresisModel
-from analysis.errors import DataError
 from analysis.published import RANGE_MM, SENSORS
 from analysis.signal_prediction.light_table import LightTable
 from analysis.signal_prediction.predicted_signal import Disagreement, PredictedSignal, fit_signal_model, what_disagrees
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError
 
 AVERAGE_S = 1.0  # over which a disagreement is looked for
 EXPECTED_U_MM = 0.05  # of the elongation that the hysteresis gives for a pressure: creep, and the memory before the run

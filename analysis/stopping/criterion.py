@@ -27,7 +27,6 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration
 from analysis.calibration.quantised_x import Positions, common_variance
 from analysis.calibration_export.run_record import elongation_reader
@@ -35,6 +34,7 @@ from analysis.figures.pipeline import Analysis, analyse
 from analysis.figures.sensor_analysis import AnalysedRun, Options, SensorAnalysis
 from analysis.figures.uncertainty import COVERAGE_FACTOR, Budget
 from analysis.segmentation.cycle_effect import CycleEffect
+from protocol.base.arrays import FloatArray
 
 FEWEST_CYCLES = 2
 FEWEST_REPEATS = 10

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from analysis.errors import RequestError
+from protocol.base.errors import RequestError
 
 UNITS = {"staircase": "mm", "continuous": "% FSO"}
 """Units of the uncertainty at which a run ends, by the kind of its plan: plans of other kinds have none."""

@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from analysis.arrays import FloatArray, IntArray
-from analysis.errors import DataError
 from analysis.statistics import white_noise_sd
+from protocol.base.arrays import FloatArray, IntArray
+from protocol.base.errors import DataError
 
 COARSE_HZ = 20.0
 LEAST_OVERLAP = 0.3  # of the shorter record, when its place is sought

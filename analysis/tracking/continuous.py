@@ -17,15 +17,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.arrays import BoolArray, FloatArray
 from analysis.calibration.fit import Calibration, fit_calibration
 from analysis.calibration.type_b import SCALE, Distribution, TypeBContribution
 from analysis.data.recording import Recording
-from analysis.errors import AnalysisError
 from analysis.segmentation.cycles import Cycle
 from analysis.segmentation.plateau_readings import Elongations
 from analysis.segmentation.plateaus import Plateau
 from analysis.tracking.run import Filmed, plateau_means
+from protocol.base.arrays import BoolArray, FloatArray
+from protocol.base.errors import BoatDaqError
 
 SOURCE = "camera"
 BINS = 40
@@ -200,7 +200,7 @@ def _continuous(
     degree = plateaus.degree if plateaus is not None and plateaus.spline is None else 3
     try:
         calibration = fit_calibration(at, middle, degree)
-    except AnalysisError as error:
+    except BoatDaqError as error:
         return ContinuousCalibration(None, error.cause)
     fso = calibration.full_scale
     left = y[inside] - calibration.predict(x[inside])

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from analysis.arrays import FloatArray
-from analysis.errors import DataError, FileError, RequestError, writing
 from analysis.optional import optional
-from protocol.regular_file import read_regular
-from protocol.whole_file import write_whole
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError, FileError, RequestError, writing
+from protocol.base.regular_file import read_regular
+from protocol.base.whole_file import write_whole
 
 Picture = npt.NDArray[np.uint8]
 

@@ -15,15 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.data.camera_record import CameraRecord
 from analysis.data.recording import Recording
-from analysis.errors import DataError
 from analysis.tracking.clock import Delay, find_delay, find_place
 from analysis.tracking.lens import Picture
 from analysis.tracking.marks import PictureFault
 from analysis.tracking.tracker import MarkTracker
 from analysis.warning import Warning, WarningCode
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError
 
 REST_S = 1.5
 DRIVEN_KPA = 1.0

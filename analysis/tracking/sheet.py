@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.errors import RequestError, writing
 from analysis.tracking.marks import BASE, MODULES, TIP, interior
-from protocol.whole_file import written_whole
+from protocol.base.errors import RequestError, writing
+from protocol.base.whole_file import written_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -147,8 +147,8 @@ def _filmed(recording: Recording, run: Path, choice: CameraChoice, *, store: boo
     """
     from analysis import load_recording
     from analysis.data.boat_file import is_boat_file, store_video
-    from analysis.errors import AnalysisError
     from boat_daq.workflows.camera_tracking import film
+    from protocol.base.errors import BoatDaqError
 
     with progress_bar("Tracking") as advance:
         seen = film(recording, choice, advance)
@@ -157,7 +157,7 @@ def _filmed(recording: Recording, run: Path, choice: CameraChoice, *, store: boo
         return seen, "the result is not stored, nor are the readings of the video"
     try:
         before = store_video(run, seen.camera, seen.meta["camera"])
-    except AnalysisError as error:
+    except BoatDaqError as error:
         return seen, f"the readings of the video are not stored: {error.cause}. {error.remedy}"
     if before or recording.camera is not None:
         replaced = f"the video {before}, whose readings they replace" if before else "the camera, which stay stored"
@@ -330,7 +330,7 @@ def report(
     from analysis.progress import part_of
     from boat_daq.workflows.calibration_in_force import stated_contributions
     from boat_daq.workflows.plugin_figures import with_plugins
-    from protocol.units import ShownUnits
+    from protocol.base.units import ShownUnits
 
     try:
         shown = replace(ShownUnits.of(units), rest_length_mm=rest_length)

@@ -198,7 +198,7 @@ def profile(
     text = tomli_w.dumps(found.content(name))
     fields = [{key: getattr(f, key) for key in ("label", "name", "unit", "guessed")} for f in found.fields]
     if out is not None:
-        from protocol.whole_file import write_whole
+        from protocol.base.whole_file import write_whole
 
         write_whole(out, text)
     if as_json:

@@ -167,7 +167,7 @@ def _output(to: Path | None) -> Iterator[TextIO]:
         except BrokenPipeError:
             sys.stdout = None  # nothing is flushed into it at the end
         return
-    from protocol.whole_file import written_whole
+    from protocol.base.whole_file import written_whole
 
     with writing(to), written_whole(to) as part, part.open("w", encoding="utf-8", newline="") as stream:
         yield stream
@@ -215,7 +215,7 @@ def _converted_live(
     from boat_daq.engine.sample_columns import columns
     from boat_daq.engine.session.session import Session
     from boat_daq.engine.settings import load_settings
-    from boat_daq.errors import StorageError
+    from protocol.base.errors import StorageError
 
     settings = load_settings()
     session = Session(dataclasses.replace(settings, allow_remote=settings.allow_remote or remote))
@@ -259,7 +259,7 @@ def _ended(seen: SessionSnapshot) -> bool:
     DeviceError : it failed.
     """
     from boat_daq.engine.snapshot import LinkError, LinkState
-    from boat_daq.errors import DeviceError
+    from protocol.base.errors import DeviceError
 
     if seen.link is LinkState.FAILED:
         lost = LinkError("the link was lost", "check the board and its cable")

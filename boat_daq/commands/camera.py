@@ -90,9 +90,9 @@ def track(
 
     Example: boat-daq camera track run.mkv --mark-mm 8 --out run.elongation.csv
     """
-    from analysis.errors import writing
     from boat_daq.workflows.camera_tracking import CameraChoice, track_video
-    from protocol.whole_file import write_whole
+    from protocol.base.errors import writing
+    from protocol.base.whole_file import write_whole
 
     with progress_bar("Tracking") as advance:
         record, about = track_video(CameraChoice(str(video), mark_mm, u_mark_mm, lens), advance)

@@ -97,7 +97,7 @@ def config_export(file: FileArgument, as_json: JsonOption = False) -> None:
     Example: boat-daq config export rig.toml
     """
     from boat_daq.engine.settings import load_settings, settings_text
-    from protocol.whole_file import write_whole
+    from protocol.base.whole_file import write_whole
 
     with writing(file):
         write_whole(file, settings_text(load_settings()))
@@ -125,14 +125,14 @@ def unit_list(as_json: JsonOption = False) -> None:
     Example: boat-daq unit list
     """
     from boat_daq.engine.settings import UnitLibrary
-    from boat_daq.errors import OperatorError
+    from protocol.base.errors import RequestError
 
     library = UnitLibrary()
     rows = []
     for name in library.names():
         try:
             rows.append(_summary(library.load(name)))
-        except OperatorError as error:
+        except RequestError as error:
             notify(f"unit {name} cannot be used: {error.cause}")
     if not rows:
         notify("no unit is stored; to add one: boat-daq unit new NAME")
@@ -167,11 +167,11 @@ def unit_new(
     """
     from boat_daq.engine.described import with_typed
     from boat_daq.engine.settings import Unit, UnitLibrary
-    from boat_daq.errors import OperatorError
+    from protocol.base.errors import RequestError
 
     library = UnitLibrary()
     if name in library.names():
-        raise OperatorError(f"there is a unit {name} already", "Choose another name.", command="boat-daq unit set")
+        raise RequestError(f"there is a unit {name} already", "Choose another name.", command="boat-daq unit set")
     library.save(with_typed(Unit(name), values_of(values), f"unit {name}"))
     _show_unit(library, name, as_json=as_json)
 
@@ -226,7 +226,7 @@ def unit_export(name: NameArgument, file: FileArgument, as_json: JsonOption = Fa
     Example: boat-daq unit export SA1 SA1.toml
     """
     from boat_daq.engine.settings import UnitLibrary
-    from protocol.whole_file import write_whole
+    from protocol.base.whole_file import write_whole
 
     text = UnitLibrary().text(name)
     with writing(file):
@@ -284,7 +284,7 @@ def _values(values: Settings | Unit, keys: list[str] | None) -> dict[str, dict[s
 
     Raises
     ------
-    OperatorError : an unknown key.
+    RequestError : an unknown key.
     """
     from boat_daq.engine.described import described
     from boat_daq.engine.toml_values import BadValue

@@ -19,7 +19,7 @@ from rich.table import Table
 from rich.text import Text
 
 from analysis.numbers import finite
-from boat_daq.errors import StorageError
+from protocol.base.errors import StorageError
 
 
 class PlainConsole(Console):

@@ -15,7 +15,7 @@ import typer
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show_table, writing
 from boat_daq.commands.options import FidelityOption, NoMcmcOption, UncertaintyOption
 from boat_daq.engine.file_names import path_in
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 
 QT_REMEDY = "Install Qt's system libraries (on Debian libegl1, libgl1, libxkbcommon-x11-0 and libxcb-cursor0)."
 
@@ -52,7 +52,7 @@ def gui(
     except ModuleNotFoundError:
         raise
     except ImportError as error:  # a library of the system
-        raise OperatorError(f"the window cannot be loaded: {error}", QT_REMEDY) from error
+        raise RequestError(f"the window cannot be loaded: {error}", QT_REMEDY) from error
     raise typer.Exit(run(port, board=board, speed=speed, rate_hz=rate, profile=str(profile or ""), file=file))
 
 
@@ -124,7 +124,7 @@ def has_screen() -> bool:
 
 
 def free_name(folder: Path, stem: str) -> Path:
-    """Return a free name of a recording in `folder`, which is made; OperatorError for a name that leaves it."""
+    """Return a free name of a recording in `folder`, which is made; RequestError for a name that leaves it."""
     path_in(folder, f"{stem}.boat")
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -149,7 +149,7 @@ def record_on_virtual_board(
     from boat_daq.commands.run_session import SessionRequest, run_session
     from boat_daq.engine.session.readings import enter_simulated_readings
     from boat_daq.engine.simulator.server import BoardSettings, serve
-    from boat_daq.errors import DeviceError
+    from protocol.base.errors import DeviceError
 
     with tempfile.TemporaryDirectory() as folder:
         truth = Path(folder) / "truth.csv"

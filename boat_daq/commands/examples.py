@@ -10,9 +10,9 @@ from typing import Annotated
 import typer
 
 from boat_daq.commands.console import JsonOption, present, writing
-from boat_daq.errors import OperatorError
 from boat_daq.own_packages import ROOT
-from protocol.whole_file import written_whole
+from protocol.base.errors import RequestError
+from protocol.base.whole_file import written_whole
 
 INSTALLED = "share/boat-daq/recordings/*"  # in the environment; beside the sources in a checkout and a bundle
 
@@ -42,7 +42,7 @@ def example_files() -> list[Path]:
 
     Raises
     ------
-    OperatorError : they are not installed.
+    RequestError : they are not installed.
     """
     beside = sorted((ROOT / "recordings").glob("*"))
     if beside:
@@ -50,5 +50,5 @@ def example_files() -> list[Path]:
     listed = metadata.files("boat-daq") or []
     found = sorted(Path(str(file.locate())).resolve() for file in listed if file.match(INSTALLED))
     if not found:
-        raise OperatorError("the example recordings are not installed", "Install the program again.")
+        raise RequestError("the example recordings are not installed", "Install the program again.")
     return found

@@ -13,11 +13,11 @@ from boat_daq.commands.options import FidelityOption, one_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from analysis.arrays import BoolArray, FloatArray
     from analysis.calibration.fit import Calibration
     from analysis.calibration.general_fit import GeneralFit
     from analysis.calibration.posterior import Posterior
     from analysis.fidelity import Level
+    from protocol.base.arrays import BoolArray, FloatArray
 
 BAND_POINTS = 101
 

@@ -36,11 +36,11 @@ def tradeoff(
 
     Example: boat-daq tradeoff inverse posterior --quick --out charts
     """
-    from analysis.errors import RequestError
     from analysis.studies.tradeoff.charts import report_json, write_report
     from analysis.studies.tradeoff.measure import measure_all
     from analysis.studies.tradeoff.methods import METHODS
     from boat_daq.viewmodels.models.tradeoff import camera_tracker
+    from protocol.base.errors import RequestError
 
     live = _live_plot()
     known = METHODS | {live.name: live}
@@ -93,10 +93,10 @@ def atlas(
 
     Example: boat-daq atlas fit inverse --out maps
     """
-    from analysis.errors import AnalysisError
     from analysis.studies.failure_maps.maps import atlas_json, write_atlas
     from analysis.studies.failure_maps.methods import chosen_studies
     from analysis.studies.failure_maps.sweep import CellOutcome, sweep_all
+    from protocol.base.errors import BoatDaqError
 
     chosen = chosen_studies(methods or ())
     with progress_bar("sweeping") as advance:
@@ -107,7 +107,7 @@ def atlas(
     wrong = [(drawn, cell) for drawn in maps for cell in drawn.found(CellOutcome.WRONG_UNWARNED)]
     if wrong:
         drawn, cell = wrong[0]
-        raise AnalysisError(
+        raise BoatDaqError(
             f"{len(wrong)} results are wrong without a warning, the first in {drawn.study.name}: "
             f"{drawn.study.x.title} {cell.x:g}, {drawn.study.y.title} {cell.y:g}",
             "This is a bug of the method: please report it with atlas.json.",

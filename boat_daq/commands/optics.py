@@ -25,14 +25,14 @@ from analysis.optics.scene.parameters import (
 )
 from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, writing
 from boat_daq.commands.options import AllowRemoteOption, OptionalFidelity, one_of
-from protocol.whole_file import write_whole
+from protocol.base.whole_file import write_whole
 
 if TYPE_CHECKING:
-    from analysis.arrays import FloatArray
     from analysis.fidelity import Fidelity, Level
     from analysis.optics.scene.frame import SceneFrame
     from analysis.optics.sweep.sweep import SweepRequest
     from analysis.optics.tracer.tolerance import ToleratedTrace
+    from protocol.base.arrays import FloatArray
 
 app = typer.Typer(no_args_is_help=True, help="The optical model: trace, scene, sweep, optimise.")
 
@@ -154,8 +154,8 @@ def curves_of(path: Path | None) -> FloatArray:
 
 def _frame(curves: FloatArray, state: int | None, guide: Waveguide) -> tuple[SceneFrame, int]:
     """Return the frame of a state and its number; a file of one state has only that one."""
-    from analysis.errors import RequestError
     from analysis.optics.scene.curves import REST, frame_of
+    from protocol.base.errors import RequestError
 
     if len(curves) == 1:
         if state:

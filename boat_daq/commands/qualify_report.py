@@ -10,7 +10,7 @@ from analysis.numbers import finite
 from analysis.reports.document import Report, ReportTable, Section
 from analysis.reports.html import write_html
 from analysis.reports.pdf import write_pdf
-from protocol.whole_file import write_whole
+from protocol.base.whole_file import write_whole
 
 SCOPE = (
     "I have read this report. It tests program, computer, disk and port with a virtual board; it does not cover the "

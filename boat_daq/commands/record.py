@@ -203,7 +203,7 @@ def _entry(
 
     Raises
     ------
-    OperatorError : as `check_against_plan`.
+    RequestError : as `check_against_plan`.
     """
     from boat_daq.engine.session.readings import (
         check_against_plan,
@@ -273,17 +273,17 @@ def broken_run(path: Path, plan: str | None, changes: dict[str, Any], *, unit: s
 
     Raises
     ------
-    OperatorError : another unit or plan, or there is nothing to resume.
+    RequestError : another unit or plan, or there is nothing to resume.
     StorageError, RecordingError : the file is damaged.
     """
     from boat_daq.engine.plan import load_plan
     from boat_daq.engine.recording.resumption import prepare_resumption, read_broken_run
-    from boat_daq.errors import OperatorError
+    from protocol.base.errors import RequestError
 
     broken = read_broken_run(path)
     if unit and unit != broken.unit:
         cause = f"{path.name} was recorded with unit {broken.unit or 'not named'}, not {unit}"
-        raise OperatorError(cause, "mount that unit, or begin a new recording")
+        raise RequestError(cause, "mount that unit, or begin a new recording")
     if plan is not None or changes:
         broken.check_plan((broken.plan if plan is None else load_plan(plan)).changed(**changes))
     with progress_bar("checking") as progress:
@@ -296,10 +296,10 @@ def broken_run(path: Path, plan: str | None, changes: dict[str, Any], *, unit: s
 def chosen_plan(name: str | None, changes: dict[str, Any]) -> Plan | None:
     """Return the plan of that name with the values that replace its own; None without a name."""
     from boat_daq.engine.plan import load_plan
-    from boat_daq.errors import OperatorError
+    from protocol.base.errors import RequestError
 
     if name is None and changes:
-        raise OperatorError("--cycles, --dwell and --ramp need a plan", "add --plan NAME")
+        raise RequestError("--cycles, --dwell and --ramp need a plan", "add --plan NAME")
     return load_plan(name).changed(**changes) if name is not None else None
 
 
@@ -312,7 +312,7 @@ def _path(out: Path | None, unit: str, plan: str, operator: str) -> Path:
 
     Raises
     ------
-    OperatorError : the template gives no name of a file.
+    RequestError : the template gives no name of a file.
     """
     from boat_daq.engine.settings import load_settings
 
@@ -328,7 +328,7 @@ def dated_name(unit: str) -> Path:
 
     Raises
     ------
-    OperatorError : the unit's name cannot be part of a file name.
+    RequestError : the unit's name cannot be part of a file name.
     """
     stamp = datetime.now().astimezone().strftime("%Y-%m-%d_%H%M%S")
     return path_in(Path(), f"{stamp}_{unit}.boat" if unit else f"{stamp}.boat")

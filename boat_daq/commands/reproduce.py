@@ -41,7 +41,7 @@ def paper(
         raise typer.BadParameter("is missing", param_hint="--out")
     from time import perf_counter
 
-    from protocol.whole_file import write_whole
+    from protocol.base.whole_file import write_whole
 
     begun = perf_counter()
     with writing(out):
@@ -187,7 +187,7 @@ def optics(
     """
     from analysis.optics.scene.curves import default_curves, parametric_curves
     from analysis.studies.paper.readings import readings_json, readings_table, readings_text, reproduce
-    from protocol.whole_file import write_whole
+    from protocol.base.whole_file import write_whole
 
     if out is not None:
         with writing(out):

@@ -14,7 +14,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from analysis.errors import AnalysisError
 from analysis.stopping.requirement import UNITS, check_asked
 from boat_daq.commands.console import Advance, notify, progress_bar
 from boat_daq.engine.control.elongation import Regulator
@@ -27,8 +26,8 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.session.shared_vent import SharedVent
 from boat_daq.engine.settings import home, load_settings
 from boat_daq.engine.snapshot import LinkState, LinkWarningCode, MessageKind, SessionSnapshot, SessionState
-from boat_daq.errors import BoatDaqError, DeviceError
 from boat_daq.viewmodels.live.enough_cycles import EndUncertainty, EnoughCycles
+from protocol.base.errors import BoatDaqError, DeviceError
 from protocol.recording import BoardState, DerivedChannel
 
 POLL_S = 0.1
@@ -100,7 +99,7 @@ def run_assessed_session(
     Raises
     ------
     RequestError : the uncertainty is no length above 0.
-    DeviceError, OperatorError, StorageError : nothing could be recorded. A run that fails midway is not an error
+    DeviceError, RequestError, StorageError : nothing could be recorded. A run that fails midway is not an error
         here: the recording holds the samples until then.
     """
     unit = UNITS.get(request.plan.kind, "mm") if request.plan is not None else "mm"
@@ -131,7 +130,7 @@ def run_assessed_session(
         if camera is not None:
             _finish(camera)
         failure = why_failed(session.snapshot(), request.plan)
-    except (BoatDaqError, AnalysisError):
+    except BoatDaqError:
         if session.snapshot().recording is not None:
             notify(f"{request.path} holds the samples until then")
         raise
@@ -156,7 +155,7 @@ def _connect(session: Session, request: SessionRequest) -> SessionSnapshot:
 
     Raises
     ------
-    DeviceError, OperatorError, StorageError : as `Session.connect` and `Session.wait_connected`.
+    DeviceError, RequestError, StorageError : as `Session.connect` and `Session.wait_connected`.
     """
     if request.derived is not None:
         session.set_derived(request.derived)
@@ -217,7 +216,7 @@ def clear_latched_fault(session: Session, seen: SessionSnapshot) -> int:
 
     Raises
     ------
-    OperatorError : the cause persists.
+    RequestError : the cause persists.
     """
     if not seen.latched:
         return 0
@@ -264,7 +263,7 @@ def session_regulator(session: Session, request: SessionRequest) -> Regulator:
 
     Raises
     ------
-    OperatorError, AnalysisError : it has no accepted calibration, or is not identified.
+    RequestError, BoatDaqError : it has no accepted calibration, or is not identified.
     """
     from analysis.elongation_control.controller import Bounds
     from boat_daq.workflows.unit_control import regulator_of

@@ -10,8 +10,8 @@ import typer
 from typer.core import TyperCommand
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, show
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.outlets import ADDRESS
+from protocol.base.errors import RequestError
 
 if TYPE_CHECKING:
     from boat_daq.engine.outlets.lsl import LslOutlet
@@ -76,7 +76,7 @@ def serve(
     choice = NodeChoice(listen or secop or ADDRESS, allow_control, token_file)
     try:
         host, _ = choice.host_and_port
-    except OperatorError as error:
+    except RequestError as error:
         raise typer.BadParameter(error.cause, param_hint="--listen" if listen else "--secop") from error
     armable = built_in_plans() if plans is None else plans_in(plans)
     options: dict[str, Any] = {

@@ -31,7 +31,6 @@ from boat_daq.commands.shadow_model import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from analysis.arrays import FloatArray
     from analysis.fidelity import Level
     from analysis.optics.scene.parameters import Design
     from analysis.optics.sweep.signal import ChainSignal
@@ -39,6 +38,7 @@ if TYPE_CHECKING:
     from analysis.shadow.fem.solver import Solution
     from analysis.shadow.model.assessment import Assessment
     from analysis.warning import Warning
+    from protocol.base.arrays import FloatArray
 
 
 def save_figure(figure: Figure, path: Path) -> None:

@@ -217,7 +217,7 @@ def predict(
     from analysis.signal_prediction.prediction import predict_run, published_prediction
     from boat_daq.commands.console import writing
     from boat_daq.workflows.unit_control import fusion_of, load_twin, predicted_sensors
-    from protocol.whole_file import written_whole
+    from protocol.base.whole_file import written_whole
 
     recording, units = _recording(run)
     name = recording.unit

@@ -25,10 +25,9 @@ from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.settings import home
 from boat_daq.engine.snapshot import MessageKind
-from boat_daq.errors import BoatDaqError, OperatorError, StorageError
-from protocol.errors import ProtocolError
+from protocol.base.errors import BoatDaqError, RequestError, StorageError
+from protocol.base.whole_file import written_whole
 from protocol.recording import Metadata
-from protocol.whole_file import written_whole
 
 LOGS = 5
 LOG_BYTES = 2_000_000  # of each, the newest end
@@ -71,10 +70,10 @@ def write_bug_report(out: Path, *, personal: bool = False, recording: Path | Non
 
     Raises
     ------
-    OperatorError : a file of that name exists. StorageError : it cannot be written.
+    RequestError : a file of that name exists. StorageError : it cannot be written.
     """
     if out.exists():
-        raise OperatorError(f"{out} exists already", "choose another name")
+        raise RequestError(f"{out} exists already", "choose another name")
     texts = collect(recording)
     if not personal:
         hide = Redaction(texts)
@@ -179,7 +178,7 @@ def _user() -> str:
 def _summary(path: Path) -> dict[str, Any]:
     try:
         return asdict(replace(summarise(path), metadata=Metadata()))  # for whom is nobody else's
-    except (BoatDaqError, ProtocolError, OSError) as error:
+    except (BoatDaqError, OSError) as error:
         return {"path": str(path), "unreadable": str(error)}
 
 

@@ -34,7 +34,7 @@ def load_derived(folder: Path | None = None) -> tuple[DerivedChannel, ...]:
 
     Raises
     ------
-    OperatorError : the file cannot be read. RecordingError : a line is refused.
+    RequestError : the file cannot be read. RecordingError : a line is refused.
     """
     return parse_lines(read_stored((folder or home()) / FILE) or "")
 

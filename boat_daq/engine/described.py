@@ -16,7 +16,7 @@ from itertools import accumulate
 from typing import Any, TypeVar
 
 from boat_daq.engine.toml_values import BadValue, build
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 
 D = TypeVar("D")  # a dataclass
 
@@ -176,11 +176,11 @@ def with_undone(values: D, changes: Sequence[StoredChange], where: str) -> D:
 
     Raises
     ------
-    OperatorError : nothing was changed.
+    RequestError : nothing was changed.
     """
     known = [change for change in changes if change.key in described(values)]
     if not known:
-        raise OperatorError(f"{where}: nothing was changed", "Values are changed one by one, by key.")
+        raise RequestError(f"{where}: nothing was changed", "Values are changed one by one, by key.")
     newest = [change for change in known if change.utc == known[-1].utc]
     return with_typed(values, {change.key: change.before for change in reversed(newest)}, where)
 

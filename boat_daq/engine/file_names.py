@@ -11,7 +11,7 @@ import re
 from datetime import datetime
 from pathlib import Path
 
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 
 NAME_BYTES_MAX = 240  # file systems take 255, and -journal, -wal and -lock must fit behind
 _DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{n}" for port in ("COM", "LPT") for n in range(1, 10))}
@@ -27,16 +27,16 @@ def check_file_name(name: str) -> None:
 
     Raises
     ------
-    OperatorError : empty, "." or "..", reserved, too long, or with characters that Windows refuses, separators first.
+    RequestError : empty, "." or "..", reserved, too long, or with characters that Windows refuses, separators first.
     """
     if name.strip(" .") == "":
-        raise OperatorError(f"{name!r} is not the name of a file", "Choose another name.")
+        raise RequestError(f"{name!r} is not the name of a file", "Choose another name.")
     if is_device_name(name):
-        raise OperatorError(f"{name!r} is a name that Windows keeps for a device", "Choose another name.")
+        raise RequestError(f"{name!r} is a name that Windows keeps for a device", "Choose another name.")
     if bad := sorted(set(name) & set('<>:"/\\|?*')) + [c for c in name if ord(c) < 32]:
-        raise OperatorError(f"{name!r} has {bad[0]!r} in it, which not every system can hold", "Choose another name.")
+        raise RequestError(f"{name!r} has {bad[0]!r} in it, which not every system can hold", "Choose another name.")
     if len(os.fsencode(name)) > NAME_BYTES_MAX:
-        raise OperatorError(f"the name {name[:40]!r}... is longer than {NAME_BYTES_MAX} bytes", "Choose a shorter one.")
+        raise RequestError(f"the name {name[:40]!r}... is longer than {NAME_BYTES_MAX} bytes", "Choose a shorter one.")
 
 
 def path_in(folder: Path, name: str) -> Path:
@@ -62,13 +62,13 @@ def named(template: str, folder: Path, now: datetime, **values: str) -> Path:
 
     Raises
     ------
-    OperatorError : another field, or the result is no name of a file.
+    RequestError : another field, or the result is no name of a file.
     """
     given = {"date": f"{now:%Y-%m-%d}", "time": f"{now:%H%M%S}"} | values
     unknown = sorted(set(re.findall(r"\{([^{}]*)\}", template)) - set(FIELDS))
     if unknown or template.count("{") != template.count("}"):
         named_fields = ", ".join(f"{{{field}}}" for field in FIELDS)
-        raise OperatorError(f"the template {template!r:.60} has another field", f"use {named_fields}")
+        raise RequestError(f"the template {template!r:.60} has another field", f"use {named_fields}")
 
     def name_of(number: int) -> str:
         plain = {key: re.sub(r'[<>:"/\\|?*\x00-\x1f]', "-", value) for key, value in given.items()}
@@ -76,7 +76,7 @@ def named(template: str, folder: Path, now: datetime, **values: str) -> Path:
         name = re.sub(r"\{(\w+)\}", lambda found: fields[found[1]], template)
         stem = name.strip(" _-").removesuffix(".boat")
         if not stem:
-            raise OperatorError(f"the template {template!r:.60} gives no name here", "add {date}_{time} to it")
+            raise RequestError(f"the template {template!r:.60} gives no name here", "add {date}_{time} to it")
         return f"{stem}.boat"
 
     path = path_in(folder, name_of(1))

@@ -28,7 +28,7 @@ from typing import Any, Literal
 import tomli_w
 
 from boat_daq.engine.toml_values import BadValue, build, parse_toml, read_text
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.recording import SEGMENT_KINDS, Segment
 
 KINDS = ("staircase", "continuous", "profile")
@@ -111,7 +111,7 @@ class Plan:
 
     Raises
     ------
-    OperatorError : a value that makes no plan, by key.
+    RequestError : a value that makes no plan, by key.
     """
 
     name: str
@@ -386,7 +386,7 @@ def plan_from_toml(text: str, where: str = "the plan") -> Plan:
 
     Raises
     ------
-    OperatorError : not TOML, or refused by key.
+    RequestError : not TOML, or refused by key.
     """
     return plan_from_table(parse_toml(text, where), where)
 
@@ -396,7 +396,7 @@ def plan_from_table(table: Mapping[str, Any], where: str) -> Plan:
 
     Raises
     ------
-    OperatorError : refused by key.
+    RequestError : refused by key.
     """
     found: dict[str, tuple[Any, ...]] = {}
     for key, kind in (("segments", Segment), ("loops", Loop)):
@@ -422,7 +422,7 @@ def load_plan(name_or_path: str) -> Plan:
 
     Raises
     ------
-    OperatorError : neither a built-in name nor a readable plan.
+    RequestError : neither a built-in name nor a readable plan.
     """
     built_in = built_in_plans()
     if name_or_path in built_in:
@@ -430,7 +430,7 @@ def load_plan(name_or_path: str) -> Plan:
     path = Path(name_or_path).expanduser()
     if not path.exists():
         remedy = f"use {' or '.join(built_in)}, or the path of a TOML file"
-        raise OperatorError(f"there is no plan '{name_or_path}'", remedy)
+        raise RequestError(f"there is no plan '{name_or_path}'", remedy)
     return plan_from_toml(read_text(path), str(path))
 
 
@@ -439,14 +439,14 @@ def plans_in(folder: Path) -> Mapping[str, Plan]:
 
     Raises
     ------
-    OperatorError : no folder, a file that is no readable plan, or two plans of one name.
+    RequestError : no folder, a file that is no readable plan, or two plans of one name.
     """
     found = dict(built_in_plans())
     if not folder.is_dir():
-        raise OperatorError(f"{folder} is no folder", "choose the folder with the files of your plans")
+        raise RequestError(f"{folder} is no folder", "choose the folder with the files of your plans")
     for path in sorted(folder.glob("*.toml")):
         plan = plan_from_toml(read_text(path), str(path))
         if plan.name in found:
-            raise OperatorError(f"{path} has the name of another plan, {plan.name!r}", "change 'name' in the file")
+            raise RequestError(f"{path} has the name of another plan, {plan.name!r}", "change 'name' in the file")
         found[plan.name] = plan
     return found

@@ -56,7 +56,7 @@ class QueuedRun:
 
         Raises
         ------
-        OperatorError : there is none of this name, or its file is refused.
+        RequestError : there is none of this name, or its file is refused.
         """
         beside = folder / self.plan
         plan = load_plan(str(beside) if beside.is_file() else self.plan)
@@ -68,7 +68,7 @@ def load_queue(path: Path) -> tuple[QueuedRun, ...]:
 
     Raises
     ------
-    OperatorError : the file is refused, by key.
+    RequestError : the file is refused, by key.
     """
     table = parse_toml(read_text(path), str(path))
     entries = table.pop("run", None)

@@ -44,7 +44,7 @@ from boat_daq.engine.described import (
 from boat_daq.engine.file_names import is_device_name, path_in
 from boat_daq.engine.stored_file import BACKUP, read_stored, read_whole, write_stored
 from boat_daq.engine.toml_values import BadValue, build, parse_toml, read_text
-from boat_daq.errors import OperatorError, StorageError
+from protocol.base.errors import RequestError, StorageError
 
 VERSION = 1
 HOME_VARIABLE = "BOAT_DAQ_HOME"
@@ -212,7 +212,7 @@ def load_settings(folder: Path | None = None) -> Settings:
 
     Raises
     ------
-    OperatorError : the file is refused, by key.
+    RequestError : the file is refused, by key.
     """
     return stored_settings(folder)[0]
 
@@ -222,7 +222,7 @@ def stored_settings(folder: Path | None = None) -> tuple[Settings, tuple[StoredC
 
     Raises
     ------
-    OperatorError : the file is refused, by key.
+    RequestError : the file is refused, by key.
     """
     path = settings_path(folder)
     return read_whole(path, lambda text: read_settings(text, str(path))) or (Settings(), ())
@@ -233,7 +233,7 @@ def read_settings(text: str, where: str) -> tuple[Settings, tuple[StoredChange, 
 
     Raises
     ------
-    OperatorError : the text is refused, by key.
+    RequestError : the text is refused, by key.
     """
     table = parse_toml(text, where)
     changes = take_changes(table, where)
@@ -250,7 +250,7 @@ def save_settings(settings: Settings, folder: Path | None = None) -> None:
     path = settings_path(folder)
     try:
         before, changes = stored_settings(folder)
-    except OperatorError:
+    except RequestError:
         before, changes = Settings(), ()
         if path.exists():
             _keep_refused(path)
@@ -312,7 +312,7 @@ class UnitLibrary:
 
         Raises
         ------
-        OperatorError : no usable name, or the file is refused, by key.
+        RequestError : no usable name, or the file is refused, by key.
         """
         unit = Unit(name)
         unit = self._read(self._units, name) or unit
@@ -329,7 +329,7 @@ class UnitLibrary:
         """Return the unit by the USB serial number of its board; of several units with that board, their names."""
         found: dict[str, str] = {}
         for name in self.names():
-            with contextlib.suppress(OperatorError):  # a unit whose file is refused is reported where it is used
+            with contextlib.suppress(RequestError):  # a unit whose file is refused is reported where it is used
                 serial = self.load(name).usb_serial
                 found |= {serial: ", ".join(filter(None, (found.get(serial), name)))} if serial else {}
         return found
@@ -352,12 +352,12 @@ class UnitLibrary:
 
         Raises
         ------
-        OperatorError : it is not, or as `load`.
+        RequestError : it is not, or as `load`.
         """
         if name not in self.names():
             known = ", ".join(self.names()) or "none"
             cause = f"no unit {name!r:.60} is stored (stored: {known})"
-            raise OperatorError(cause, "Correct the name, or add the unit.", command=f"boat-daq unit new {name:.60}")
+            raise RequestError(cause, "Correct the name, or add the unit.", command=f"boat-daq unit new {name:.60}")
         return self.load(name)
 
     def text(self, name: str) -> str:
@@ -365,7 +365,7 @@ class UnitLibrary:
 
         Raises
         ------
-        OperatorError : it is not stored, or its file is refused.
+        RequestError : it is not stored, or its file is refused.
         """
         self.stored(name)
         return read_stored(path_in(self.folder, f"{name}.toml")) or ""
@@ -375,13 +375,13 @@ class UnitLibrary:
 
         Raises
         ------
-        OperatorError : entries of its history would be lost.
+        RequestError : entries of its history would be lost.
         StorageError : the folder cannot be written.
         """
         stored = self.load(unit.name)
         if unit.history[: len(stored.history)] != stored.history:
             remedy = "keep the entries of the stored history and add to them"
-            raise OperatorError(f"unit {unit.name}: a stored calibration is missing", remedy)
+            raise RequestError(f"unit {unit.name}: a stored calibration is missing", remedy)
         own, new = self._read(self.folder, unit.name), unit.history[len(stored.history) :]
         kept = own.history if own is not None else ()
         table = dataclasses.asdict(dataclasses.replace(unit, history=(*kept, *new)))
@@ -401,13 +401,13 @@ class UnitLibrary:
 
         Raises
         ------
-        OperatorError : its content is of the other kind of board, or as `load` and `save`. StorageError : as `save`.
+        RequestError : its content is of the other kind of board, or as `load` and `save`. StorageError : as `save`.
         """
         if bool(content.get("simulated", self.simulated)) is not self.simulated:
             kinds = ("a simulated board", "a real board")
             made, stored = kinds if not self.simulated else kinds[::-1]
             remedy = f"calibrate the unit {name} on {stored}"
-            raise OperatorError(f"a calibration of {made} is not one of {stored}", remedy)
+            raise RequestError(f"a calibration of {made} is not one of {stored}", remedy)
         unit = self.load(name)
         plain = json.loads(json.dumps(dict(content), allow_nan=False))
         entry = StoredCalibration(datetime.now(UTC).isoformat(timespec="seconds"), accepted, plain, **more)
@@ -428,7 +428,7 @@ def read_unit(path: Path) -> Unit:
 
     Raises
     ------
-    OperatorError : the file is refused, by key.
+    RequestError : the file is refused, by key.
     """
     return parse_unit(read_text(path), path)
 
@@ -438,7 +438,7 @@ def parse_unit(text: str, path: Path) -> Unit:
 
     Raises
     ------
-    OperatorError : the text is refused, by key.
+    RequestError : the text is refused, by key.
     """
     table = parse_toml(text, str(path))
     entries = table.pop("history", [])

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TypeVar
 
 from boat_daq.engine.toml_values import MAX_BYTES, read_text
-from boat_daq.errors import OperatorError, StorageError
-from protocol.regular_file import read_regular
-from protocol.whole_file import write_whole, written_whole
+from protocol.base.errors import RequestError, StorageError
+from protocol.base.regular_file import read_regular
+from protocol.base.whole_file import write_whole, written_whole
 
 T = TypeVar("T")
 
@@ -37,14 +37,14 @@ def read_stored(path: Path) -> str | None:
 
     Raises
     ------
-    OperatorError : neither can be read.
+    RequestError : neither can be read.
     """
     backup = path.with_name(path.name + BACKUP)
     if not is_destroyed(path) or not backup.exists():
         return read_text(path) if path.exists() else None
     text = read_text(backup)
     if "\0" in text or not text.strip():
-        raise OperatorError(f"{path} and its backup are destroyed", "write the file again; check the disk")
+        raise RequestError(f"{path} and its backup are destroyed", "write the file again; check the disk")
     warning = (f"{path} was destroyed; its backup is used", "check its contents, store it again, and check the disk")
     if warning not in _warnings:
         _warnings.append(warning)
@@ -56,25 +56,25 @@ def read_whole(path: Path, parse: Callable[[str], T]) -> T | None:
 
     Raises
     ------
-    OperatorError : the file is refused; the remedy names its backup, where that one would be taken.
+    RequestError : the file is refused; the remedy names its backup, where that one would be taken.
     """
     text = read_stored(path)
     if text is None:
         return None
     try:
         return parse(text)
-    except OperatorError as error:
+    except RequestError as error:
         backup = path.with_name(path.name + BACKUP)
         if is_destroyed(path) or not _is_good(backup, parse):
             raise
         way_out = f"correct it, or restore its backup: copy {backup} over {path.name}"
-        raise OperatorError(error.cause, f"{error.remedy}; {way_out}" if error.remedy else way_out) from error
+        raise RequestError(error.cause, f"{error.remedy}; {way_out}" if error.remedy else way_out) from error
 
 
 def _is_good(path: Path, parse: Callable[[str], object]) -> bool:
     try:
         parse(read_text(path))
-    except OperatorError:
+    except RequestError:
         return False
     return True
 

@@ -11,9 +11,9 @@ import json
 import math
 from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
 
-from boat_daq.errors import OperatorError
-from protocol.regular_file import read_regular
-from protocol.toml_text import read_toml
+from protocol.base.errors import RequestError
+from protocol.base.regular_file import read_regular
+from protocol.base.toml_text import read_toml
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,7 +24,7 @@ T = TypeVar("T")
 MAX_BYTES = 1_000_000  # a plan or a settings file has a few kilobytes
 
 
-class BadValue(OperatorError):
+class BadValue(RequestError):
     """A value that its key cannot have.
 
     Parameters
@@ -44,12 +44,12 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
 
     Raises
     ------
-    OperatorError : not TOML; names the line.
+    RequestError : not TOML; names the line.
     """
     try:
         return read_toml(text)
     except ValueError as error:
-        raise OperatorError(f"{where} is not a readable TOML file: {error}", "correct that line") from error
+        raise RequestError(f"{where} is not a readable TOML file: {error}", "correct that line") from error
 
 
 def read_text(path: Path, most_bytes: int = MAX_BYTES) -> str:
@@ -57,14 +57,14 @@ def read_text(path: Path, most_bytes: int = MAX_BYTES) -> str:
 
     Raises
     ------
-    OperatorError : missing, unreadable, too large, or not UTF-8.
+    RequestError : missing, unreadable, too large, or not UTF-8.
     """
     try:
         return read_regular(path, most_bytes).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except OSError as error:
-        raise OperatorError(f"{path} cannot be read: {error.strerror}", "check the path and its permissions") from error
+        raise RequestError(f"{path} cannot be read: {error.strerror}", "check the path and its permissions") from error
     except UnicodeDecodeError as error:
-        raise OperatorError(f"{path} is not a text file in UTF-8", "save it as UTF-8") from error
+        raise RequestError(f"{path} is not a text file in UTF-8", "save it as UTF-8") from error
 
 
 def read_json(path: Path, most_bytes: int = MAX_BYTES) -> Any:
@@ -72,12 +72,12 @@ def read_json(path: Path, most_bytes: int = MAX_BYTES) -> Any:
 
     Raises
     ------
-    OperatorError : as `read_text`, or not JSON.
+    RequestError : as `read_text`, or not JSON.
     """
     try:
         return json.loads(read_text(path, most_bytes))
     except (ValueError, RecursionError) as error:
-        raise OperatorError(f"{path.name} is not a JSON file", "choose the right file") from error
+        raise RequestError(f"{path.name} is not a JSON file", "choose the right file") from error
 
 
 def _plain(value: Any, kind: type, where: str, key: str) -> Any:
@@ -102,7 +102,7 @@ def build(cls: type[T], table: Mapping[str, Any], where: str, **converted: Any) 
 
     Raises
     ------
-    OperatorError : unknown key, missing key, wrong type, not finite; each by key.
+    RequestError : unknown key, missing key, wrong type, not finite; each by key.
     """
     fields = {f.name: f for f in dataclasses.fields(cls) if f.name not in converted}  # type: ignore[arg-type]
     kinds = get_type_hints(cls)

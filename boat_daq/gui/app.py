@@ -17,10 +17,10 @@ from PySide6.QtWidgets import QApplication
 
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, home, load_settings, recordings_folder
-from boat_daq.errors import OperatorError
 from boat_daq.gui import actions, style
 from boat_daq.gui.main_window import MainWindow
 from boat_daq.viewmodels.app_model import AppModel
+from protocol.base.errors import RequestError
 
 EVERY_MS = 1000
 SETTLED_MS = 3000  # after which a new page has loaded what it needs
@@ -86,12 +86,12 @@ def make_window(rate_hz: int | None = None) -> MainWindow:
 
     Raises
     ------
-    OperatorError : the rate is refused.
+    RequestError : the rate is refused.
     """
-    refused: OperatorError | None = None
+    refused: RequestError | None = None
     try:
         stored = load_settings()
-    except OperatorError as error:
+    except RequestError as error:
         stored, refused = Settings(), error
     settings = replace(stored, rate_hz=rate_hz or stored.rate_hz)
     model = AppModel(Session(settings), home("config"), recordings_folder(settings))
@@ -129,7 +129,7 @@ def run(
 
     Raises
     ------
-    OperatorError : the rate is refused.
+    RequestError : the rate is refused.
     """
     app = make_application()
     window = make_window(rate_hz)

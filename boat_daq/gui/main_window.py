@@ -242,7 +242,7 @@ class MainWindow(QMainWindow):
 
         Raises
         ------
-        OperatorError : it is of another kind, or cannot be read.
+        RequestError : it is of another kind, or cannot be read.
         """
         kind = kind_of(path)
         if kind is FileKind.RECORDING:

@@ -12,7 +12,6 @@ from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QLineEdit, QListWi
 from boat_daq.engine.described import Described, StoredChange, described
 from boat_daq.engine.settings import Settings, Unit
 from boat_daq.engine.snapshot import SessionSnapshot
-from boat_daq.errors import OperatorError
 from boat_daq.gui import style
 from boat_daq.gui.results.contributions_form import ContributionsForm
 from boat_daq.gui.results.metadata_form import MetadataForm
@@ -24,6 +23,7 @@ from boat_daq.viewmodels.common.notices import sentence
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.conversion import UnitInUse
 from boat_daq.viewmodels.settings_model import CALIBRATION, PROGRAM, SettingsModel, StoredValues, note, refusal
+from protocol.base.errors import RequestError
 
 EXPLANATION = "A value is stored when you leave its field. Undo: Ctrl+Z."
 LIMITS = "A plan outside these limits is refused, on virtual boards, too."
@@ -231,7 +231,7 @@ class SettingsPage(ReflowingPage):
         self.broken.hide()
         try:
             shown = self.model.shown(self.subject)
-        except OperatorError as error:
+        except RequestError as error:
             shown = StoredValues({}, ())
             self.broken.setText(f"\u25a0 {error.cause}. {error.remedy}")
             self.broken.show()

@@ -15,7 +15,7 @@ from string import Template
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QFont, QFontDatabase, QFontMetrics, QGuiApplication, QPalette
 
-from protocol.units import STORED_UNITS, ShownUnits
+from protocol.base.units import STORED_UNITS, ShownUnits
 
 HERE = Path(__file__).parent
 

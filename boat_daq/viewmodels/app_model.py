@@ -49,7 +49,7 @@ from boat_daq.viewmodels.results.repeatability import RepeatabilityModel
 from boat_daq.viewmodels.results.runs import RunActions, RunsModel
 from boat_daq.viewmodels.settings_model import SettingsModel
 from boat_daq.workflows.jobs import Job, JobRunner, prepare
-from protocol.units import ShownUnits
+from protocol.base.units import ShownUnits
 
 
 class AppModel:

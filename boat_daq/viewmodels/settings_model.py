@@ -38,11 +38,11 @@ from boat_daq.engine.settings import (
     stored_settings,
 )
 from boat_daq.engine.toml_values import read_text
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.results.contributions import ContributionsModel
 from boat_daq.viewmodels.results.metadata import MetadataModel
-from protocol.whole_file import write_whole
+from protocol.base.errors import RequestError
+from protocol.base.whole_file import write_whole
 
 PROGRAM = ""  # in place of the name of a unit
 CALIBRATION = "Calibration"  # in place of a key, for what changed
@@ -67,7 +67,7 @@ class SettingsModel:
 
     def __init__(self, session: Session, units: UnitLibrary, folder: Path, undo: UndoHistory) -> None:
         self._session, self._units, self._folder, self._undo = session, units, folder, undo
-        self.refused: OperatorError | None = None  # why the settings file was not used
+        self.refused: RequestError | None = None  # why the settings file was not used
         self.revision = 0  # grows with every change from this page
 
     # ---- what is shown ---------------------------------------------------------------------------------------------
@@ -82,7 +82,7 @@ class SettingsModel:
 
         Raises
         ------
-        OperatorError : the file is refused.
+        RequestError : the file is refused.
         """
         if subject != PROGRAM:
             return self._units.load(subject)
@@ -93,7 +93,7 @@ class SettingsModel:
 
         Raises
         ------
-        OperatorError : the file is refused.
+        RequestError : the file is refused.
         """
         if subject == PROGRAM:
             settings, changes = (Settings(), ()) if self.refused is not None else stored_settings(self._folder)
@@ -133,7 +133,7 @@ class SettingsModel:
 
         Raises
         ------
-        OperatorError : a value is refused, by key, or a run is in progress. StorageError : it cannot be stored.
+        RequestError : a value is refused, by key, or a run is in progress. StorageError : it cannot be stored.
         """
         before = self.stored(subject)
         self._change(subject, before, with_typed(before, typed, _where(subject)))
@@ -143,7 +143,7 @@ class SettingsModel:
 
         Raises
         ------
-        OperatorError, StorageError : as `enter`.
+        RequestError, StorageError : as `enter`.
         """
         before = self.stored(subject)
         self._change(subject, before, with_defaults(before, keys, _where(subject)))
@@ -153,10 +153,10 @@ class SettingsModel:
 
         Raises
         ------
-        OperatorError : there is one of that name, or it cannot be used. StorageError : it cannot be stored.
+        RequestError : there is one of that name, or it cannot be used. StorageError : it cannot be stored.
         """
         if name in self._units.names():
-            raise OperatorError(f"there is a unit {name} already", "Choose another name.")
+            raise RequestError(f"there is a unit {name} already", "Choose another name.")
         self._units.save(Unit(name))
         self._grown()
 
@@ -165,7 +165,7 @@ class SettingsModel:
 
         Raises
         ------
-        OSError, OperatorError : it cannot be written, or is not stored.
+        OSError, RequestError : it cannot be written, or is not stored.
         """
         text = settings_text(load_settings(self._folder)) if subject == PROGRAM else self._units.text(subject)
         write_whole(path, text)
@@ -175,7 +175,7 @@ class SettingsModel:
 
         Raises
         ------
-        OperatorError : the file is refused, by key, or lacks a calibration that is stored.
+        RequestError : the file is refused, by key, or lacks a calibration that is stored.
         StorageError : it cannot be stored.
         """
         text = read_text(path)
@@ -219,7 +219,7 @@ def refusal(about: Described, text: str) -> str:
     """Return why a typed value is refused; empty where it is not."""
     try:
         about.check(about.value_of(text, ""), "")
-    except OperatorError as error:
+    except RequestError as error:
         return f"It {getattr(error, 'why', error.cause)}."
     return ""
 

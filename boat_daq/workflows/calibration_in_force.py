@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from analysis.calibration.record import CalibrationRecord
 from boat_daq.engine.settings import StoredCalibration, Unit, UnitLibrary
 from boat_daq.engine.toml_values import BadValue, parse_toml, read_text
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 
 if TYPE_CHECKING:
     from analysis.calibration.curve_choice import Degree
@@ -32,7 +32,7 @@ def stated_contributions(recording: Recording, rig: Path | None = None) -> tuple
 
     Raises
     ------
-    OperatorError : a file is refused. AnalysisError : a contribution is refused, by name and key.
+    RequestError : a file is refused. BoatDaqError : a contribution is refused, by name and key.
     """
     from analysis.calibration.type_b import contributions
 
@@ -54,7 +54,7 @@ def chosen_curve(recording: Recording, choice: str = "") -> Degree:
 
     Raises
     ------
-    OperatorError : the unit's file is refused. AnalysisError : there is no such curve.
+    RequestError : the unit's file is refused. BoatDaqError : there is no such curve.
     """
     from analysis.calibration.curve_choice import USUAL_DEGREE, degree_of
 
@@ -80,13 +80,13 @@ def in_force(units: UnitLibrary, name: str) -> CalibrationRecord:
 
     Raises
     ------
-    OperatorError : it has none, or its file is refused.
+    RequestError : it has none, or its file is refused.
     """
     unit = units.load(name) if name else None
     if unit is None or unit.calibration is None:
         kind = "simulated unit" if units.simulated else "unit"
         cause = f"{kind} {name} has no accepted calibration" if name else "the unit is not named"
-        raise OperatorError(cause, "accept a calibration of this unit first", command="boat-daq twin accept RUN")
+        raise RequestError(cause, "accept a calibration of this unit first", command="boat-daq twin accept RUN")
     return record_of(unit, unit.calibration)
 
 
@@ -95,7 +95,7 @@ def calibration_in_force(recording: Recording) -> CalibrationFile | None:
 
     Raises
     ------
-    OperatorError : the unit's file is refused. AnalysisError : the points cannot be fitted.
+    RequestError : the unit's file is refused. BoatDaqError : the points cannot be fitted.
     """
     from analysis.calibration_export.calibration_file import CalibrationFile
 
@@ -118,20 +118,20 @@ def exported_elongation(
 
     Raises
     ------
-    OperatorError : the unit's file is refused.
+    RequestError : the unit's file is refused.
     """
     from analysis.calibration_export.conversion import convert_recording, own_elongation
-    from analysis.errors import AnalysisError
+    from protocol.base.errors import BoatDaqError
 
     try:
         return own_elongation(recording, options, elongation), ""
-    except AnalysisError as error:
+    except BoatDaqError as error:
         void = error.cause
     try:
         accepted = calibration_in_force(recording)
         if accepted is not None:
             return convert_recording(recording, accepted), ""
-    except AnalysisError as error:
+    except BoatDaqError as error:
         void = f"{void}; the calibration of the unit: {error.cause}"
     return None, void
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from boat_daq.engine.camera.source import Picture, open_source, open_video
 from boat_daq.engine.session.camera_channel import FAULT_TEXTS, CameraChannel
 from boat_daq.engine.settings import UnitLibrary
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 
 if TYPE_CHECKING:
     from analysis.data.camera_record import CameraRecord
@@ -47,14 +47,14 @@ class CameraChoice:
 
         Raises
         ------
-        OperatorError : an impossible side of the marks.
+        RequestError : an impossible side of the marks.
         FileError : the lens cannot be read.
         """
         from analysis.tracking.lens import lens_of, read_lens
         from analysis.tracking.tracker import MarkTracker, Optics
 
         if not (0 <= self.mark_mm <= 500 and 0 <= self.u_mark_mm <= 10):
-            raise OperatorError(f"marks of {self.mark_mm:g} mm are not possible", "measure the black square of a mark")
+            raise RequestError(f"marks of {self.mark_mm:g} mm are not possible", "measure the black square of a mark")
         stored = UnitLibrary().load(self.unit).lens if self.unit and self.lens is None else {}
         lens = read_lens(self.lens) if self.lens is not None else None
         if stored:
@@ -79,7 +79,7 @@ def keep_lens(unit: str, lens: Lens) -> None:
 
     Raises
     ------
-    OperatorError, StorageError : no usable name, or it cannot be written.
+    RequestError, StorageError : no usable name, or it cannot be written.
     """
     library = UnitLibrary()
     library.save(replace(library.load(unit), lens=lens.as_json()))
@@ -96,7 +96,7 @@ def open_channel(session: Session, choice: CameraChoice, *, video: Path | None =
 
     Raises
     ------
-    OperatorError, DeviceError, FileError : as `open_source`, `CameraChoice.tracker` and `VideoStore`.
+    RequestError, DeviceError, FileError : as `open_source`, `CameraChoice.tracker` and `VideoStore`.
     """
     tracker = choice.tracker()
     source = open_source(choice.source, allow_remote=choice.allow_remote)
@@ -108,11 +108,11 @@ def track_video(choice: CameraChoice, progress: Progress | None = None) -> tuple
 
     Raises
     ------
-    OperatorError : it is no video file.
+    RequestError : it is no video file.
     DataError : the marks are not found in it, or contradict the grid.
     """
-    from analysis.errors import DataError
     from analysis.tracking.run import track
+    from protocol.base.errors import DataError
 
     tracker = choice.tracker()
     source = open_video(Path(choice.source))
@@ -147,7 +147,7 @@ def film(recording: Recording, choice: CameraChoice, progress: Progress | None =
 
     Raises
     ------
-    OperatorError, DataError : as `track_video`, or the video does not show this run.
+    RequestError, DataError : as `track_video`, or the video does not show this run.
     """
     from analysis.tracking.run import with_video
 

@@ -20,8 +20,8 @@ from analysis.progress import Progress, part_of
 from boat_daq.engine.settings import UnitLibrary, home
 from boat_daq.engine.stored_file import write_stored
 from boat_daq.engine.toml_values import build, parse_toml, read_text
-from boat_daq.errors import OperatorError
 from boat_daq.workflows.calibration_in_force import chosen_curve, record_of, stated_contributions
+from protocol.base.errors import RequestError
 
 if TYPE_CHECKING:
     from analysis.certificates.certificate import Certificate, Request
@@ -66,7 +66,7 @@ def load_laboratory(path: Path | None = None, folder: Path | None = None) -> Lab
 
     Raises
     ------
-    OperatorError : the file is refused, by key.
+    RequestError : the file is refused, by key.
     """
     stored = (folder or home()) / LABORATORY_FILE
     if path is None and not stored.exists():
@@ -74,7 +74,7 @@ def load_laboratory(path: Path | None = None, folder: Path | None = None) -> Lab
     where = path or stored
     found = build(Laboratory, parse_toml(read_text(where), str(where)), str(where))
     if not found.name.strip():
-        raise OperatorError(f"{where} has an empty 'name'", "Give the name of the laboratory.")
+        raise RequestError(f"{where} has an empty 'name'", "Give the name of the laboratory.")
     return found
 
 
@@ -98,7 +98,7 @@ def certificate_for(order: CertificateOrder, progress: Progress | None = None) -
 
     Raises
     ------
-    AnalysisError : one cannot be certified, or what a certificate must state is missing. OperatorError : a file is
+    BoatDaqError : one cannot be certified, or what a certificate must state is missing. RequestError : a file is
         refused.
     """
     from analysis.certificates.certificate import certificate_of
@@ -145,7 +145,7 @@ def calibration_before(recording: Recording) -> CalibrationRecord | None:
 
     Raises
     ------
-    OperatorError : the unit's file is refused.
+    RequestError : the unit's file is refused.
     """
     library = UnitLibrary(simulated=recording.simulated)
     if recording.unit not in library.names():
@@ -164,7 +164,7 @@ def write_certificates(order: CertificateOrder, targets: Sequence[Path], *, prog
 
     Raises
     ------
-    AnalysisError, OperatorError : as `certificate_for`, or a file cannot be written.
+    BoatDaqError, RequestError : as `certificate_for`, or a file cannot be written.
     """
     from analysis.certificates.document import write_certificate
 

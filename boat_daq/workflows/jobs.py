@@ -22,8 +22,8 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, Generic, ParamSpec, TypeVar
 
-from boat_daq.errors import cause_and_remedy
-from protocol.whole_file import remove_unfinished
+from protocol.base.errors import cause_and_remedy
+from protocol.base.whole_file import remove_unfinished
 
 P = ParamSpec("P")
 T = TypeVar("T")

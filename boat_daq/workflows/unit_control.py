@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 from boat_daq.engine.file_names import path_in
 from boat_daq.engine.settings import UnitLibrary
-from boat_daq.errors import OperatorError, StorageError
 from boat_daq.workflows.calibration_in_force import in_force
+from protocol.base.errors import RequestError, StorageError
 
 if TYPE_CHECKING:
     from analysis.calibration.inverse import Fusion
@@ -31,7 +31,7 @@ def fusion_of(units: UnitLibrary, name: str) -> Fusion:
 
     Raises
     ------
-    OperatorError : it has none, or its file is refused. AnalysisError : the calibration gives no elongation.
+    RequestError : it has none, or its file is refused. BoatDaqError : the calibration gives no elongation.
     """
     return in_force(units, name).fusion()
 
@@ -41,7 +41,7 @@ def dynamics_of(units: UnitLibrary, recording: Recording, tolerance_mm: float = 
 
     Raises
     ------
-    OperatorError : the unit has no calibration. AnalysisError : the run has neither steps nor sines of elongation.
+    RequestError : the unit has no calibration. BoatDaqError : the run has neither steps nor sines of elongation.
     """
     from analysis.elongation_control.dynamic_calibration import dynamic_calibration
 
@@ -55,7 +55,7 @@ def held_elongation(units: UnitLibrary, recording: Recording, seconds: float) ->
 
     Raises
     ------
-    OperatorError : the unit has no calibration. AnalysisError : the run has no whole segment.
+    RequestError : the unit has no calibration. BoatDaqError : the run has no whole segment.
     """
     import numpy as np
 
@@ -84,7 +84,7 @@ def load_twin(units: UnitLibrary, name: str) -> TwinFile:
 
     Raises
     ------
-    OperatorError : it is not identified, or was with another calibration. AnalysisError : the file is damaged.
+    RequestError : it is not identified, or was with another calibration. BoatDaqError : the file is damaged.
     """
     from analysis.elongation_control.unit_file import read_twin
 
@@ -92,10 +92,10 @@ def load_twin(units: UnitLibrary, name: str) -> TwinFile:
     twin = read_twin(twin_path(units, name))
     command, remedy = "boat-daq twin identify RUN", "prepare the control of elongation from its calibration run"
     if twin is None:
-        raise OperatorError(f"the hysteresis of unit {name} is not identified", remedy, command=command)
+        raise RequestError(f"the hysteresis of unit {name} is not identified", remedy, command=command)
     if twin.calibration_utc != stored.calibrated_utc:
         cause = f"unit {name} has had another calibration since its hysteresis was identified"
-        raise OperatorError(cause, remedy, command=command)
+        raise RequestError(cause, remedy, command=command)
     return twin
 
 
@@ -106,7 +106,7 @@ def identify_unit(recording: Recording, units: UnitLibrary) -> TwinFile:
 
     Raises
     ------
-    OperatorError : the unit has no accepted calibration. AnalysisError : the run shows no hysteresis.
+    RequestError : the unit has no accepted calibration. BoatDaqError : the run shows no hysteresis.
     StorageError : the file cannot be written.
     """
     from analysis.elongation_control.run_response import identify_run
@@ -128,7 +128,7 @@ def tune_unit(recording: Recording, units: UnitLibrary) -> TwinFile:
 
     Raises
     ------
-    OperatorError : as `load_twin`. AnalysisError : the run is no step test. StorageError : the file cannot be written.
+    RequestError : as `load_twin`. BoatDaqError : the run is no step test. StorageError : the file cannot be written.
     """
     from analysis.elongation_control.run_response import tune_run
 
@@ -143,7 +143,7 @@ def predicted_sensors(units: UnitLibrary, name: str, light: LightTable) -> tuple
 
     Raises
     ------
-    OperatorError : it has none. AnalysisError : too few readings.
+    RequestError : it has none. BoatDaqError : too few readings.
     """
     from analysis.signal_prediction.prediction import predict_sensors
 
@@ -157,7 +157,7 @@ def live_prediction_of(units: UnitLibrary, name: str, fusion: Fusion) -> LivePre
 
     Raises
     ------
-    OperatorError : the unit has no accepted calibration. AnalysisError : a file is damaged.
+    RequestError : the unit has no accepted calibration. BoatDaqError : a file is damaged.
     """
     from analysis.elongation_control.unit_file import read_twin
     from analysis.signal_prediction.light_table import light_of
@@ -175,7 +175,7 @@ def prepare_control(path: Path, units: UnitLibrary) -> str:
 
     Raises
     ------
-    OperatorError, AnalysisError, StorageError : as `identify_unit` and `tune_unit`.
+    RequestError, BoatDaqError, StorageError : as `identify_unit` and `tune_unit`.
     """
     from analysis.data.load import load_recording
     from analysis.elongation_control.run_response import recorded_segments
@@ -225,7 +225,7 @@ def regulator_of(
 
     Raises
     ------
-    OperatorError, AnalysisError : as `load_twin` and `fusion_of`.
+    RequestError, BoatDaqError : as `load_twin` and `fusion_of`.
     """
     from analysis.elongation_control.controller import ElongationController, Tuning
 
@@ -241,7 +241,7 @@ def sensor_loops(units: UnitLibrary, name: str, fusion: Fusion) -> SensorLoops |
 
     Raises
     ------
-    OperatorError : it has no calibration in force.
+    RequestError : it has no calibration in force.
     """
     import numpy as np
 

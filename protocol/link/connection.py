@@ -39,8 +39,8 @@ from typing import Any
 
 import numpy as np
 
-from protocol.arrays import IntArray
-from protocol.errors import RemoteError
+from protocol.base.arrays import IntArray
+from protocol.base.errors import RemoteError
 from protocol.link import events as link
 from protocol.link import messages
 from protocol.link.events import LinkEvent, LinkStatistics
@@ -331,7 +331,7 @@ class Connection:
 
         Raises
         ------
-        LocalError : a value that its field cannot hold.
+        RequestError : a value that its field cannot hold.
         RemoteError : the board uses another protocol version, and the command is not IDENTIFY, VENT or STOP.
         """
         if self._wrong_version is not None and not isinstance(command, _TO_ANY_VERSION):

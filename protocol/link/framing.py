@@ -19,7 +19,7 @@ from zlib import crc32
 
 from cobs import cobs
 
-from protocol.errors import LocalError
+from protocol.base.errors import RequestError
 
 BODY_MIN = 6  # type, seq, CRC
 BODY_MAX = 200
@@ -51,10 +51,10 @@ def encode_frame(type_: int, seq: int, payload: bytes = b"") -> bytes:
 
     Raises
     ------
-    LocalError : the type is not a byte, or the payload longer than 194 bytes.
+    RequestError : the type is not a byte, or the payload longer than 194 bytes.
     """
     if not 0 <= type_ <= 0xFF or len(payload) > BODY_MAX - BODY_MIN:
-        raise LocalError(f"no frame can hold type {type_} with {len(payload)} bytes of payload")
+        raise RequestError(f"no frame can hold type {type_} with {len(payload)} bytes of payload")
     body = bytes((type_, seq & 0xFF)) + payload
     return bytes(cobs.encode(body + crc32(body).to_bytes(4, "little"))) + b"\0"
 

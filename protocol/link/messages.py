@@ -17,7 +17,7 @@ from collections.abc import Callable
 from dataclasses import astuple, dataclass
 from typing import Any, TypeVar
 
-from protocol.errors import LocalError, RemoteError
+from protocol.base.errors import RemoteError, RequestError
 from protocol.link.framing import Frame, encode_frame
 from protocol.recording import CHANNELS_MAX, ExtraChannel, channels_of
 
@@ -220,7 +220,7 @@ def encode_command(command: Command, seq: int) -> bytes:
 
     Raises
     ------
-    LocalError : a value that its field cannot hold.
+    RequestError : a value that its field cannot hold.
     """
     type_ = COMMAND_TYPES[type(command)]
     return _encode(type_, seq, _COMMANDS[type_][1].pack, *astuple(command))
@@ -241,12 +241,12 @@ def encode_message(message: BoardMessage, seq: int) -> bytes:
 
     Raises
     ------
-    LocalError : a value that its field cannot hold, or an identity that is not ASCII of up to 16 bytes.
+    RequestError : a value that its field cannot hold, or an identity that is not ASCII of up to 16 bytes.
     """
     match message:
         case Hello():
             if len(message.board_id) > 16 or not message.board_id.isascii():
-                raise LocalError(f"a board_id is up to 16 ASCII characters, not {message.board_id!r}")
+                raise RequestError(f"a board_id is up to 16 ASCII characters, not {message.board_id!r}")
             head = astuple(message)[:-2]
             table = ";".join(":".join(channel) for channel in message.channels).encode()
             return _encode(
@@ -332,5 +332,5 @@ def _encode(type_: MessageType, seq: int, pack: Callable[..., bytes], *values: A
     try:
         payload = pack(*values)
     except struct.error as error:
-        raise LocalError(f"{type_.name} cannot carry {values}: {error}") from None
+        raise RequestError(f"{type_.name} cannot carry {values}: {error}") from None
     return encode_frame(type_, seq, payload)

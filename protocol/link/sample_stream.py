@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from protocol.arrays import BoolArray, IntArray
+from protocol.base.arrays import BoolArray, IntArray
 from protocol.link.events import BoardRestarted, LinkEvent, SampleGap, Samples
 from protocol.recording import SampleFlag
 

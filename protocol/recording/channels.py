@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any, Final, NamedTuple
 
-from protocol.units import in_a_name
+from protocol.base.units import in_a_name
 
 CHANNELS_MAX = 32
 _NAME_MAX, _UNIT_MAX = 40, 20  # characters

@@ -16,7 +16,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from protocol.errors import RecordingError, damaged
+from protocol.base.errors import RecordingError, damaged
 from protocol.recording.channels import are_channels
 from protocol.recording.derived import are_derived
 

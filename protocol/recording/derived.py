@@ -23,7 +23,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.errors import RecordingError
+from protocol.base.errors import RecordingError
 from protocol.recording.channels import ExtraChannel
 
 Column: TypeAlias = NDArray[np.float64]

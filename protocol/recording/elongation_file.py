@@ -17,8 +17,8 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from protocol.errors import LocalError
-from protocol.regular_file import read_regular
+from protocol.base.errors import RequestError
+from protocol.base.regular_file import read_regular
 
 MAX_BYTES = 4_000_000
 _SEPARATORS = ";\t|,"
@@ -42,21 +42,21 @@ def read_elongation_rows(path: Path) -> tuple[ElongationRow, ...]:
 
     Raises
     ------
-    LocalError : it cannot be read, lacks a column, or a row is not numeric; names the line.
+    RequestError : it cannot be read, lacks a column, or a row is not numeric; names the line.
     """
     lines = [(n, line) for n, line in enumerate(_text(path).splitlines(), 1) if line.strip(' ,;|\t"')]
     lines = [(n, line) for n, line in lines if not line.lstrip(' "\t').startswith("#")]
     if not lines:
-        raise LocalError(f"{path.name} is empty", _HEADER)
+        raise RequestError(f"{path.name} is empty", _HEADER)
     header = lines[0][1]
     separator = next((s for s in _SEPARATORS if s in header), ",")
     names = [name.strip().lower() for name in _cells(header, separator)]
     missing = [name for name in ("pressure_kpa", "elongation_mm") if name not in names]
     if missing or ("cycle" in names) != ("branch" in names):
         wrong = f"has no column {missing[0]!r}" if missing else "has only one of the columns cycle and branch"
-        raise LocalError(f"{path.name} {wrong}", _HEADER)
+        raise RequestError(f"{path.name} {wrong}", _HEADER)
     if len(lines) == 1:
-        raise LocalError(f"{path.name} has no rows", _HEADER)
+        raise RequestError(f"{path.name} has no rows", _HEADER)
     return tuple(_row(path.name, n, dict(zip(names, _cells(line, separator), strict=False))) for n, line in lines[1:])
 
 
@@ -64,10 +64,10 @@ def _text(path: Path) -> str:
     try:
         content = read_regular(path, MAX_BYTES)
     except OSError as error:
-        raise LocalError(f"{path} cannot be read: {error.strerror}", "choose the file of elongations") from error
+        raise RequestError(f"{path} cannot be read: {error.strerror}", "choose the file of elongations") from error
     text = _decoded(content)
     if "\0" in text:
-        raise LocalError(f"{path.name} is a binary file, not text", "export it as CSV")
+        raise RequestError(f"{path.name} is a binary file, not text", "export it as CSV")
     return text
 
 
@@ -102,10 +102,10 @@ def _row(name: str, line: int, cells: dict[str, str]) -> ElongationRow:
         if cycle is not None and cycle != _number(cells["cycle"]):
             raise ValueError
     except (KeyError, ValueError, OverflowError):
-        raise LocalError(f"{name}, line {line}: a number is missing or invalid", "correct that line") from None
+        raise RequestError(f"{name}, line {line}: a number is missing or invalid", "correct that line") from None
     branch = cells["branch"].lower() if "branch" in cells else None
     if not (math.isfinite(pressure_kpa) and math.isfinite(elongation_mm)):
-        raise LocalError(f"{name}, line {line}: not a finite number", "correct or delete that line")
+        raise RequestError(f"{name}, line {line}: not a finite number", "correct or delete that line")
     if branch not in _BRANCHES:
-        raise LocalError(f"{name}, line {line}: unknown branch {branch!r:.40}", "write unloading or loading")
+        raise RequestError(f"{name}, line {line}: unknown branch {branch!r:.40}", "write unloading or loading")
     return ElongationRow(line, pressure_kpa, elongation_mm, cycle, branch)

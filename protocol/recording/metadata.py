@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from protocol.errors import LocalError, RecordingError
+from protocol.base.errors import RecordingError, RequestError
 from protocol.recording.checks import FOREIGN
 from protocol.recording.schema import note_of
 
@@ -77,7 +77,7 @@ class Metadata:
 
         Raises
         ------
-        LocalError : a value cannot be used; names its key.
+        RequestError : a value cannot be used; names its key.
         """
         known: dict[str, str | float | None] = {}
         fields = dict(self.fields)
@@ -92,7 +92,7 @@ class Metadata:
         try:
             return Metadata.of({**asdict(replace(self, fields=stated)), **known}, MOST)
         except ValueError as error:
-            raise LocalError(str(error), "Correct the value.") from error
+            raise RequestError(str(error), "Correct the value.") from error
 
     def filled_from(self, other: Metadata) -> Metadata:
         """Return the metadata with what it does not state taken from another one."""
@@ -134,7 +134,7 @@ def _number(key: str, text: str) -> float | None:
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise LocalError(f"{key} is {text!r:.40}, no number", "Give a number without its unit.")
+        raise RequestError(f"{key} is {text!r:.40}, no number", "Give a number without its unit.")
     return number
 
 

@@ -34,8 +34,8 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from protocol.arrays import FloatArray
-from protocol.errors import RecordingError, damaged
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import RecordingError, damaged
 from protocol.recording import checks
 
 APPLICATION_ID = 0x424F4154  # "BOAT": SQLite's `application_id`, by which `file` and boat-daq identify a recording

@@ -47,7 +47,7 @@ class VirtualBoard:
 
     Raises
     ------
-    LocalError : no such specimen.
+    RequestError : no such specimen.
     """
 
     def __init__(

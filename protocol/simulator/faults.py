@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from protocol.errors import LocalError
+from protocol.base.errors import RequestError
 
 Lasting = Literal["stays", "seconds", "count"]
 
@@ -121,12 +121,12 @@ def parse_fault(text: str) -> Fault:
 
     Raises
     ------
-    LocalError : an unknown name (the remedy lists all), or an invalid number.
+    RequestError : an unknown name (the remedy lists all), or an invalid number.
     """
     head, _, value = text.strip().partition(":")
     name, _, seconds = head.partition("@")
     if name not in FAULTS:
-        raise LocalError(f"there is no fault {name!r}", "use NAME@SECONDS[:VALUE] with one of\n" + fault_list())
+        raise RequestError(f"there is no fault {name!r}", "use NAME@SECONDS[:VALUE] with one of\n" + fault_list())
     return make_fault(name, _number(text, seconds or "0"), _number(text, value) if value else None)
 
 
@@ -140,16 +140,16 @@ def make_fault(name: str, at_s: float = 0.0, value: float | None = None) -> Faul
 
     Raises
     ------
-    LocalError : an unknown name, a time before power-on, a value out of range.
+    RequestError : an unknown name, a time before power-on, a value out of range.
     """
     if name not in FAULTS:
-        raise LocalError(f"there is no fault {name!r}", "use one of\n" + fault_list())
+        raise RequestError(f"there is no fault {name!r}", "use one of\n" + fault_list())
     kind = FAULTS[name]
     value = kind.default if value is None else value
     if not 0 <= at_s <= 1e9:
-        raise LocalError(f"the fault {name} cannot begin at {at_s:g} s", "count seconds from power-on")
+        raise RequestError(f"the fault {name} cannot begin at {at_s:g} s", "count seconds from power-on")
     if not kind.low <= value <= kind.high:
-        raise LocalError(f"the fault {name} cannot have the value {value:g}", f"use {kind.low:g} to {kind.high:g}")
+        raise RequestError(f"the fault {name} cannot have the value {value:g}", f"use {kind.low:g} to {kind.high:g}")
     return Fault(name, round(at_s * 1e6), value)
 
 
@@ -159,7 +159,7 @@ def _number(text: str, part: str) -> float:
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise LocalError(f"{part!r} in the fault {text!r} is not a number", "use NAME@SECONDS[:VALUE]")
+        raise RequestError(f"{part!r} in the fault {text!r} is not a number", "use NAME@SECONDS[:VALUE]")
     return number
 
 

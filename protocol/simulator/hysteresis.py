@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from protocol.arrays import FloatArray
+from protocol.base.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

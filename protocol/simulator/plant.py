@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from protocol.arrays import FloatArray
+from protocol.base.arrays import FloatArray
 from protocol.simulator.hysteresis import Hysteresis, PlaySum
 from protocol.simulator.specimens import SpecimenActuator, SpecimenSensor
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.arrays import FloatArray, IntArray
+from protocol.base.arrays import FloatArray, IntArray
 from protocol.recording import SampleFlag
 from protocol.simulator.plant import TICK_US
 from protocol.simulator.specimens import Specimen, SpecimenSensor

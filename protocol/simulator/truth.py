@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from protocol.arrays import FloatArray
+from protocol.base.arrays import FloatArray
 from protocol.simulator.plant import TICK_S, Body, Pneumatics, Sensors, cubic
 from protocol.simulator.specimens import find_specimen
 
@@ -79,7 +79,7 @@ def noise_free_run(unit: str, targets_kpa: Sequence[float], *, ramp_kpa_per_s: f
 
     Raises
     ------
-    LocalError : no such specimen.
+    RequestError : no such specimen.
     """
     model = find_specimen(unit)
     pneumatics = Pneumatics()
@@ -116,7 +116,7 @@ def truth_figures(
 
     Raises
     ------
-    LocalError : no such specimen.
+    RequestError : no such specimen.
     """
     model = find_specimen(unit)
     targets = (*cycle_kpa, *cycle_kpa[1:], *cycle_kpa[1:])

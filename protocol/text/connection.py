@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from protocol.errors import LocalError
+from protocol.base.errors import RequestError
 from protocol.link import messages
 from protocol.link.events import BoardRestarted, CommandDone, CommandLost, HelloReceived, LinkEvent, LinkStatistics
 from protocol.link.messages import AckStatus, Command, Identify
@@ -93,14 +93,14 @@ class TextConnection:
 
         Raises
         ------
-        LocalError : VENT or SET_PRESSURE on a profile that cannot command pressure.
+        RequestError : VENT or SET_PRESSURE on a profile that cannot command pressure.
         """
         seq, self._seq = self._seq, (self._seq + 1) & 0xFF
         template = self.profile.templates.get(_KEYS[type(command)])
         if isinstance(command, messages.SetPressure) and not self.can_command:
-            raise LocalError(self.cannot_command_reason, "add what is missing to the profile, or record without a plan")
+            raise RequestError(self.cannot_command_reason, "complete the profile, or record without a plan")
         if template is None and isinstance(command, messages.Vent):
-            raise LocalError(f"the profile {self.profile.name!r} has no `commands.vent`", "open the valve manually")
+            raise RequestError(f"the profile {self.profile.name!r} has no `commands.vent`", "open the valve manually")
         if isinstance(command, Identify):
             if "start" in self.profile.templates:
                 self._identify([(command, seq)])

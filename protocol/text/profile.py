@@ -54,14 +54,14 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, get_args
 
-from protocol.errors import ProfileError
+from protocol.base.errors import ProfileError
+from protocol.base.regular_file import read_regular
+from protocol.base.toml_text import read_toml
+from protocol.base.units import KPA_PER_UNIT, find_unit
 from protocol.link import messages
 from protocol.link.messages import Command
 from protocol.recording import CHANNELS_MAX, ExtraChannel, SampleKind, channels_of
-from protocol.regular_file import read_regular
 from protocol.text.readers import CHECKSUMS, LINE_MAX, FieldText, LineFormat, LineStyle, PacketFormat, parse_format
-from protocol.toml_text import read_toml
-from protocol.units import KPA_PER_UNIT, find_unit
 
 PA_PER_UNIT = {unit: 1000 * KPA_PER_UNIT[unit.lower()] for unit in ("Pa", "hPa", "mbar", "kPa", "bar", "psi")}
 

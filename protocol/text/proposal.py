@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from protocol.errors import ProfileError
+from protocol.base.errors import ProfileError
+from protocol.base.units import find_unit
 from protocol.text.readers import CHECKSUMS, LINE_MAX, checked, hexadecimal, json_values
-from protocol.units import find_unit
 
 LINES_MAX = 2000  # of the text, the first ones
 PACKET_LENGTHS = range(4, 41)  # bytes

@@ -37,7 +37,7 @@ from functools import reduce
 from operator import xor
 from typing import Any, Literal
 
-from protocol.errors import ProfileError
+from protocol.base.errors import ProfileError
 from protocol.link.framing import ByteReader
 
 LineStyle = Literal["columns", "labels", "json", "width"]

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.errors import RequestError
 from analysis.fidelity import LEVELS, fidelity
+from protocol.base.errors import RequestError
 
 
 def test_levels_by_name() -> None:

@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from analysis.cluster import connect
-from analysis.errors import RequestError
 from analysis.optional import EXTRAS, optional
 from boat_daq.cli import app
+from protocol.base.errors import RequestError
 from tests.conftest import ROOT
 
 EXAMPLE = ROOT / "recordings" / "simulated_SA1_two_cycles.boat"

@@ -8,12 +8,12 @@ from itertools import pairwise
 import numpy as np
 
 from analysis import fit_calibration
-from analysis.arrays import FloatArray
 from analysis.calibration.inverse import Fusion, Inverse
 from analysis.elongation_control.controller import Bounds, ElongationController, Tuning
 from analysis.elongation_control.dynamics import Lag
 from analysis.elongation_control.hysteresis import HysteresisModel, identify
 from analysis.elongation_control.sensor_loop import find_loops
+from protocol.base.arrays import FloatArray
 from protocol.simulator.plant import Body, Sensors
 from protocol.simulator.specimens import find_specimen
 

@@ -22,7 +22,6 @@ from analysis.data.csv_import import import_csv, preview
 from analysis.data.csv_import import load_profile as load_column_map
 from analysis.data.load import load_recording
 from analysis.data.recording import Recording
-from analysis.errors import AnalysisError
 from analysis.optics.scene.curve_file import read_curves
 from analysis.optics.sweep.sweep_file import SweepFile
 from analysis.segmentation.plateau_readings import read_elongation_file
@@ -36,8 +35,7 @@ from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.engine.session.readings import read_elongation_csv
 from boat_daq.engine.settings import UnitLibrary, load_settings
-from boat_daq.errors import BoatDaqError
-from protocol.errors import ProtocolError
+from protocol.base.errors import BoatDaqError
 from protocol.link.bulk import decode_samples
 from protocol.link.connection import Connection
 from protocol.link.events import Samples
@@ -51,7 +49,7 @@ from tests.faults.old_recordings import write_recording
 from tests.protocol.link.streams import HELLO, START_DONE, stream
 
 ROOT = Path(__file__).resolve().parents[2]
-REFUSALS = (ProtocolError, AnalysisError, BoatDaqError)
+REFUSALS = BoatDaqError
 Decoder = Callable[[bytes], object]
 
 

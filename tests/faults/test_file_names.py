@@ -12,8 +12,8 @@ from boat_daq.commands.record import dated_name
 from boat_daq.engine.file_names import path_in
 from boat_daq.engine.recording.file import RecordingFile
 from boat_daq.engine.settings import Unit, UnitLibrary
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.app_model import AppModel
+from protocol.base.errors import RequestError
 from tests.boat_daq.engine.board_link import meta_of
 from tests.boat_daq.engine.recording_source import Source
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected
@@ -49,7 +49,7 @@ def test_name_that_leaves_its_folder_is_refused(tmp_path: Path, writer: str, nam
     """Before anything is written, inside or outside; the window stores its choices as ever."""
     folder = tmp_path / "inner"
     folder.mkdir()
-    with pytest.raises(OperatorError):
+    with pytest.raises(RequestError):
         WRITERS[writer](folder, name.replace("FOLDER", str(tmp_path)))
     assert {path.name for path in tmp_path.rglob("*") if path.is_file()} <= {"window.json"}
 
@@ -59,7 +59,7 @@ def test_name_that_leaves_its_folder_is_refused(tmp_path: Path, writer: str, nam
 @pytest.mark.parametrize("writer", FROM_NAME_ALONE)
 def test_name_of_no_file_is_refused(tmp_path: Path, writer: str, name: str) -> None:
     """The folder itself, its parent, a device; nothing is written."""
-    with pytest.raises(OperatorError):
+    with pytest.raises(RequestError):
         WRITERS[writer](tmp_path, name)
     assert list(tmp_path.iterdir()) == []
 
@@ -76,6 +76,6 @@ def test_path_is_used_wherever_it_leads(tmp_path: Path) -> None:
 def test_link_in_place_of_a_recording_is_not_followed_by_writes(tmp_path: Path) -> None:
     """A new recording never opens what is there already, a dangling link included."""
     (tmp_path / "run.boat").symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(OperatorError, match="exists already"):
+    with pytest.raises(RequestError, match="exists already"):
         RecordingFile.create(tmp_path / "run.boat", meta_of(Source().link))
     assert not (tmp_path / "elsewhere").exists()

@@ -16,13 +16,12 @@ from analysis.data.boat_file import store_result
 from analysis.data.boat_writer import write_boat_file
 from analysis.data.csv_import import import_csv
 from analysis.data.load import load_recording
-from analysis.errors import FileError
 from analysis.optics.sweep.sweep_file import SweepFile
 from boat_daq.engine.recording.file import RecordingFile
 from boat_daq.engine.recording.recovery import find_interrupted, recover
 from boat_daq.engine.recording.upgrade import upgrade
 from boat_daq.engine.recording.verify import verify_recording
-from protocol.errors import RecordingError
+from protocol.base.errors import FileError, RecordingError
 from protocol.recording import checks
 from tests.faults.decoders import REFUSALS
 from tests.faults.forged_sqlite import journal_that_names

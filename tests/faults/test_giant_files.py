@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from analysis.data.csv_import import import_csv
-from analysis.errors import FileError
 from analysis.shadow.fem import mesh_files
 from analysis.shadow.fem.mesh_files import read_mesh
+from protocol.base.errors import FileError
 from tests.faults.drill import ROOT
 from tests.faults.forged_sqlite import shared_pages
 from tests.faults.old_recordings import write_recording

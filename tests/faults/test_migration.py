@@ -19,8 +19,7 @@ from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.upgrade import upgrade
 from boat_daq.engine.recording.verify import verify_recording
-from boat_daq.errors import OperatorError, StorageError
-from protocol.errors import RecordingError
+from protocol.base.errors import RecordingError, RequestError, StorageError
 from protocol.recording import SCHEMA_VERSION, layout_version, open_recording, read_session
 from tests.boat_daq.engine.recording_source import reading
 from tests.faults.old_recordings import SCHEMAS, write_old_recording, write_recording
@@ -118,7 +117,7 @@ def test_failed_upgrade_leaves_the_original(
 def test_interrupted_old_recording_is_recovered_before_upgrade(tmp_path: Path) -> None:
     """It is closed in place as any killed session, in its own layout; then it can be upgraded."""
     path = write_old_recording(tmp_path / "run.boat", "1_first", status="recording")
-    with pytest.raises(OperatorError, match="not closed"):
+    with pytest.raises(RequestError, match="not closed"):
         upgrade(path)
     assert recover(path).status == "recovered"
     assert layout_version(path) == 1

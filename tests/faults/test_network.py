@@ -5,10 +5,9 @@ from __future__ import annotations
 import pytest
 
 from analysis.cluster import check_scheduler
-from analysis.errors import RequestError
 from boat_daq.engine.link.transports import open_transport
 from boat_daq.engine.simulator.server import TcpCarrier
-from boat_daq.errors import DeviceError, OperatorError
+from protocol.base.errors import DeviceError, RequestError
 
 
 @pytest.mark.parametrize(
@@ -32,7 +31,7 @@ def test_boards_are_local_by_default() -> None:
     """Without the option a host connects, and a virtual board listens, on this computer only."""
     with pytest.raises(DeviceError, match="another machine") as host:
         open_transport("socket://192.0.2.1:7777")
-    with pytest.raises(OperatorError) as board:
+    with pytest.raises(RequestError) as board:
         TcpCarrier("0.0.0.0:0")
     assert "--allow-remote" in host.value.command
     assert "--allow-remote" in board.value.remedy

@@ -17,8 +17,8 @@ import pytest
 from PIL import Image
 from PySide6.QtWidgets import QWidget
 
-from boat_daq.errors import OperatorError
 from boat_daq.gui.live.photograph_panel import FILE_BYTES_MAX, PhotographPanel, read_picture
+from protocol.base.errors import RequestError
 from tests.faults.drill import ROOT
 
 
@@ -109,7 +109,7 @@ def test_hostile_picture_is_refused(pictures: Path, qtbot: object, name: str) ->
     parent = QWidget()
     panel = PhotographPanel(parent, cast("Any", None), cast("Any", None))
     before = panel.state
-    with pytest.raises(OperatorError, match=REFUSED) as refusal:
+    with pytest.raises(RequestError, match=REFUSED) as refusal:
         panel.load(pictures / name)
     assert refusal.value.remedy
     assert panel.state is before
@@ -146,7 +146,7 @@ def test_pipe_or_device_is_not_opened_as_a_picture(tmp_path: Path, qtbot: object
         case "hole":
             path.write_bytes(HARMLESS["right.png"]()[:33])
             os.truncate(path, FILE_BYTES_MAX + 1)
-    with pytest.raises(OperatorError, match=REFUSED):
+    with pytest.raises(RequestError, match=REFUSED):
         read_picture(path)
 
 

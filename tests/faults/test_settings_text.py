@@ -13,10 +13,10 @@ from analysis.shadow.fem.parameters import read_parameters
 from boat_daq.engine.plan import load_plan
 from boat_daq.engine.settings import UnitLibrary, load_settings
 from boat_daq.engine.toml_values import read_json
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.preferences import Preferences
+from protocol.base.errors import RequestError
+from protocol.base.toml_text import KEY_PARTS_MAX, read_toml
 from protocol.text.profile import load_profile
-from protocol.toml_text import KEY_PARTS_MAX, read_toml
 from tests.faults.decoders import REFUSALS
 from tests.faults.drill import ROOT
 
@@ -82,7 +82,7 @@ def test_keys_of_ordinary_length_pass() -> None:
 
 BOUNDED = """
 import resource, sys
-from protocol.toml_text import read_toml
+from protocol.base.toml_text import read_toml
 resource.setrlimit(resource.RLIMIT_AS, (150 << 20, 150 << 20))
 for key in (".".join(["a"] * 40_000), '"a".' * 40_000 + "a"):
     for text in (f"{key} = 1", f"[{key}]", f"x = {{{key} = 1}}"):
@@ -127,6 +127,6 @@ def test_json_beyond_its_bound_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     path.write_text('"' + "x" * 98 + '"', encoding="utf-8")
     assert read_json(path, 100) == "x" * 98
-    with pytest.raises(OperatorError, match="larger than") as refusal:
+    with pytest.raises(RequestError, match="larger than") as refusal:
         read_json(path, 99)
     assert refusal.value.remedy

@@ -91,7 +91,7 @@ def writes(call: ast.Call) -> bool:
 
 
 def test_files_are_written_whole() -> None:
-    """Every function that writes a file does so by `protocol.whole_file`, or is named above."""
+    """Every function that writes a file does so by `protocol.base.whole_file`, or is named above."""
     candidates = (*WRITES, "open(", "ZipFile(")
     trees = [ast.parse(source) for _, source in sources() if any(name in source for name in candidates)]
     functions = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]

@@ -12,7 +12,6 @@ import pytest
 from analysis.data.csv_import import import_csv
 from analysis.data.csv_import import load_profile as load_map
 from analysis.data.load import load_recording
-from analysis.errors import FileError
 from analysis.optics.scene.curve_file import read_curves
 from analysis.segmentation.plateau_readings import read_elongation_file
 from analysis.shadow.fem.mesh_files import read_mesh
@@ -23,6 +22,7 @@ from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.engine.session.readings import read_elongation_csv
 from boat_daq.engine.settings import UnitLibrary, load_settings
+from protocol.base.errors import FileError
 from protocol.text.profile import load_profile
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="FIFOs and /dev/zero are Unix's")

@@ -22,8 +22,7 @@ from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.engine.snapshot import SessionState
-from boat_daq.errors import StorageError
-from protocol.errors import RecordingError
+from protocol.base.errors import RecordingError, StorageError
 from protocol.recording import RunEnd, open_recording
 from tests.boat_daq.engine.board_link import meta_of
 from tests.boat_daq.engine.recording_source import Source, begin, reading

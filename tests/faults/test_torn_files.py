@@ -13,8 +13,7 @@ from analysis.data.boat_file import read_boat_file
 from boat_daq.engine.recording.recovery import Recovery, recover
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
-from boat_daq.errors import StorageError
-from protocol.errors import RecordingError
+from protocol.base.errors import RecordingError, StorageError
 from protocol.recording import RunEnd, open_recording
 from tests.boat_daq.engine.recording_source import Source, begin
 from tests.faults.nightly_counts import few_and_many

@@ -27,7 +27,7 @@ from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
-from boat_daq.errors import BoatDaqError, DeviceError, OperatorError
+from protocol.base.errors import BoatDaqError, DeviceError, RequestError
 from protocol.recording import open_recording
 from tests.boat_daq.engine.served_board import serve_in_thread
 
@@ -123,7 +123,7 @@ def test_killed_run_is_resumed_with_all_its_cycles(tmp_path: Path, capsys: pytes
     assert verify_recording(run).difference == ""
     info(run)
     assert f"interrupted after {broken['complete_cycles']} complete cycles" in capsys.readouterr().out
-    with pytest.raises(OperatorError, match=f"has all its {CYCLES} cycles"):
+    with pytest.raises(RequestError, match=f"has all its {CYCLES} cycles"):
         record(port="/dev/none", resume=run)
     recording = load_recording(run)
     assert np.all(np.diff(recording.time_s) > 0)
@@ -164,7 +164,7 @@ def test_unplugged_run_is_resumed_at_the_same_board_only(tmp_path: Path, capsys:
 
 def test_finished_run_cannot_be_resumed() -> None:
     """It is refused with the reason, before any port is opened."""
-    with pytest.raises(OperatorError, match="all its 2 cycles"):
+    with pytest.raises(RequestError, match="all its 2 cycles"):
         read_broken_run(ROOT / "recordings" / "simulated_SA1_two_cycles.boat")
 
 
@@ -185,9 +185,9 @@ def test_run_is_resumed_in_a_connected_session(tmp_path: Path) -> None:
         broken = prepare_resumption(run)
         session.resume_recording(broken)
         assert [step.number for step in session.steps()] == [mark.number for mark in broken.marks]
-        with pytest.raises(OperatorError, match="cycles 8, not 9"):
+        with pytest.raises(RequestError, match="cycles 8, not 9"):
             session.arm(dataclasses.replace(plan, cycles=9), resume=True)
-        with pytest.raises(OperatorError, match="holds an interrupted run"):
+        with pytest.raises(RequestError, match="holds an interrupted run"):
             session.arm(plan)
         session.arm(plan, resume=True)
         session.start()

@@ -16,7 +16,7 @@ from boat_daq.commands.run_session import SessionRequest, run_session
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.recording.summary import Summary
 from boat_daq.engine.recording.verify import verify_recording
-from boat_daq.errors import BoatDaqError
+from protocol.base.errors import BoatDaqError
 from tests.system import third_party_boards as boards
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are needed")

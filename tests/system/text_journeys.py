@@ -82,7 +82,7 @@ def analysis(folder: Path, *, whole: bool) -> dict[str, Any]:
     """Figures, reasons and warnings of a sound and of a clipped recording; the error of a table without a spread."""
     import numpy as np
 
-    from analysis import AnalysisError, analyse, fit_calibration, load_recording, write_report
+    from analysis import BoatDaqError, analyse, fit_calibration, load_recording, write_report
 
     sound = load_recording(SAMPLE)
     clipped = dataclasses.replace(
@@ -102,7 +102,7 @@ def analysis(folder: Path, *, whole: bool) -> dict[str, Any]:
         }
     try:
         fit_calibration([1.0, 1.0, 1.0, 1.0, 1.0], [1.0, 2.0, 3.0, 4.0, 5.0])
-    except AnalysisError as error:
+    except BoatDaqError as error:
         found["refused"] = type(error).__name__
     return found
 

@@ -20,8 +20,8 @@ from dataclasses import asdict, dataclass, field
 import cma
 import numpy as np
 
-from analysis.arrays import FloatArray
-from analysis.errors import AnalysisError
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import BoatDaqError
 from tests.verification.stated_errors import OBJECTIVES, Objective
 
 RANDOM_SHARE, CONFIRMATIONS = 0.5, 4
@@ -80,7 +80,7 @@ class _Search:
     def _once(self, at: FloatArray) -> float:
         try:
             return self.objective.ratio(self.scene(at), self.rng)
-        except AnalysisError:  # no such scene can be built
+        except BoatDaqError:  # no such scene can be built
             return -math.inf
 
 

@@ -18,13 +18,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.errors import ConvergenceError, RequestError
 from analysis.numbers import finite
 from analysis.optics.scene.curves import default_curves, frames_of, parametric_curves
 from analysis.optics.scene.parameters import Light, Waveguide
 from analysis.optics.sweep.sweep import paper_grid
 from analysis.optics.tracer.simulation import trace
 from analysis.optics.tracer.tolerance import FEWEST_RAYS, trace_within
+from protocol.base.errors import ConvergenceError, RequestError
 
 _REFERENCE_RAYS = 60_000
 REPEATS = 12

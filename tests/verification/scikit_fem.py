@@ -13,8 +13,8 @@ import numpy as np
 import skfem
 from skfem.helpers import ddot, grad
 
-from analysis.arrays import FloatArray, IntArray
 from analysis.shadow.fem.problem import Problem
+from protocol.base.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)

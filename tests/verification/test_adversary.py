@@ -10,8 +10,8 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from analysis.errors import RequestError
 from analysis.optics.scene.parameters import By
+from protocol.base.errors import RequestError
 from tests.verification.adversary import evolution, main, search
 from tests.verification.stated_errors import OBJECTIVES, Objective, tracer_ratio
 

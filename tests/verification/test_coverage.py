@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from analysis.errors import RequestError
+from protocol.base.errors import RequestError
 from tests.verification import coverage
 from tests.verification.coverage import METHODS, Answer, measured, share_within, share_within_three, would_do
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.errors import RequestError
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.pressure import volume_gradient
 from analysis.shadow.model.full import FullModel
+from protocol.base.errors import RequestError
 from tests.verification.scikit_fem import make_scikit_fem_problem
 
 WALLS_MM = (1.6, 1.8, 2.0, 2.2, 2.6)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from analysis.arrays import FloatArray
-from analysis.errors import DataError
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError
 
 
 @dataclass(frozen=True, slots=True)

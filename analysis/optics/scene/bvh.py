@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
-from analysis.arrays import FloatArray, IntArray
 from analysis.compiled import compiled
+from protocol.base.arrays import FloatArray, IntArray
 
 LEAF_SURFACES = 3
 

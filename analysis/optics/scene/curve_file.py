@@ -23,9 +23,9 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.arrays import FloatArray
-from analysis.errors import FileError
 from analysis.optics.scene.curves import POINTS, STATES, checked_curves, default_curves, parametric_curves
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import FileError
 
 _STATE = ("state", "frame", "step", "elongation_mm", "elongation", "pressure_kpa", "pressure")
 _GUIDE = ("guide", "waveguide", "curve", "side", "sensor", "boat")

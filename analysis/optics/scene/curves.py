@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.arrays import FloatArray
-from analysis.errors import DataError
 from analysis.optics.scene.arc_spline import biarcs, smooth
 from analysis.optics.scene.frame import SceneFrame, two_guides
 from analysis.optics.scene.parameters import Waveguide
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError
 
 STATES = 15
 REST = 7

@@ -17,10 +17,10 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.spatial.distance import cdist
 
-from analysis.arrays import FloatArray, IntArray
-from analysis.errors import DataError, RequestError
 from analysis.optics.scene.arc_spline import ArcSpline
 from analysis.optics.scene.parameters import Design, Waveguide
+from protocol.base.arrays import FloatArray, IntArray
+from protocol.base.errors import DataError, RequestError
 
 NOTHING, INTERFACE, RECEIVER = 0, 1, 2
 CORNER_A, CORNER_B, FREE = 1, 2, 4

@@ -17,12 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from analysis.arrays import FloatArray, IntArray
 from analysis.compiled import compiled
 from analysis.optics.scene import frame as surface
 from analysis.optics.scene.bvh import build_bvh
 from analysis.optics.scene.frame import INTERFACE, NO_CELL, NOTHING, SceneFrame, check_design
 from analysis.optics.scene.parameters import FACES, Design
+from protocol.base.arrays import FloatArray, IntArray
 
 # columns of a cell: reference point and normal of its arc, curvature, levels of both edges, the two cross-sections
 # (point and tangent each), offsets of both edges, 1 / |grad f| on both

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.optics.scene.frame import NOTHING, RECEIVER, SceneFrame
 from analysis.optics.scene.geometry import geometry_of
 from analysis.optics.scene.parameters import Design
+from protocol.base.arrays import FloatArray
 
 _ARC_POINTS = 9
 _JOINED_MM = 1e-7

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from analysis.errors import RequestError
+from protocol.base.errors import RequestError
 
 Face = Literal["outer", "inner", "both", "midline"]
 Order = Literal["time", "bounce", "index"]

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, Design, Light
 from analysis.optics.sweep.figure_of_merit import ranks_within
 from analysis.optics.sweep.sweep import SweepRequest, SweepResult, find_design, run_sweep
 from analysis.optics.tracer.tolerance import PILOT_RAYS, jittered, rays_for, stated_error
 from analysis.progress import Progress, part_of
+from protocol.base.arrays import BoolArray, FloatArray, IntArray
 
 PAPER_FANS = 7
 CERTAIN = 0.95

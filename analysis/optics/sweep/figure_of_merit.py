@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special, stats
 
-from analysis.arrays import BoolArray, FloatArray, IntArray
-from analysis.errors import DataError
+from protocol.base.arrays import BoolArray, FloatArray, IntArray
+from protocol.base.errors import DataError
 
 DEGREE = 3
 DRAWS = 500

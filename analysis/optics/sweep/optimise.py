@@ -24,8 +24,6 @@ from typing import Any
 import numpy as np
 from scipy.optimize import Bounds, OptimizeResult, differential_evolution
 
-from analysis.arrays import FloatArray
-from analysis.errors import RequestError
 from analysis.optics.scene.curves import frames_of
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.geometry import pattern_of
@@ -44,6 +42,8 @@ from analysis.optics.sweep.sweep import (
 )
 from analysis.optics.tracer.tolerance import TRIES, finer, rays_for, stated_error, unmet
 from analysis.progress import Progress
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import RequestError
 
 POPULATION = 16
 """Designs of a generation."""

@@ -23,12 +23,12 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray, IntArray
-from analysis.errors import RequestError
 from analysis.optics.scene.parameters import By, Design, Light
 from analysis.optics.sweep.figure_of_merit import FLOOR, merit, p_bounds
 from analysis.optics.sweep.sweep import SweepRequest, SweepResult, run_sweep
 from analysis.progress import Progress, part_of
+from protocol.base.arrays import BoolArray, FloatArray, IntArray
+from protocol.base.errors import RequestError
 
 FIRST_RAYS, RELATED_RAYS = 1_000, 4_000
 """Up to the latter neighbouring rays become related, and twice the rays leave less than half of the error."""

@@ -21,8 +21,6 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
 from analysis import figure_style as style
-from analysis.arrays import FloatArray
-from analysis.errors import FileError, writing
 from analysis.numbers import finite
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.outline import outline
@@ -35,7 +33,9 @@ from analysis.optics.sweep.race_report import design_label, race_json, race_text
 from analysis.optics.sweep.sweep import STEPS_MM, SweepResult
 from analysis.optics.tracer.simulation import ray_paths
 from analysis.version import program_version
-from protocol.whole_file import write_whole, written_whole
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import FileError, writing
+from protocol.base.whole_file import write_whole, written_whole
 
 BLUE, VERMILLION = style.SENSORS[:2]
 RESIN, GREEN = "#E3EDF5", style.PRESSURE

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Waveguide, light_by
 from analysis.optics.sweep.fans import light_within
 from analysis.optics.sweep.sweep import SweepRequest, run_sweep
 from analysis.published import SENSORS
+from protocol.base.arrays import FloatArray
 
 SIGNAL_RAYS = 5_000
 """Fewer rays scatter more than the light changes between two states: R2 is 0.44 at 250 rays and 0.91 from here on."""

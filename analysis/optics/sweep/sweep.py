@@ -21,10 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.cluster import check_scheduler, connect
 from analysis.compiled import compile_ahead
-from analysis.errors import RequestError
 from analysis.optics.scene.curves import default_curves, frames_of
 from analysis.optics.scene.frame import SceneFrame, check_design
 from analysis.optics.scene.geometry import pattern_of
@@ -35,6 +33,8 @@ from analysis.optics.tracer.rays import Fan, Rules, fan_of, rules_of, share_of
 from analysis.optics.tracer.simulation import fan_sd, simulate_many, stacked, states_of
 from analysis.optics.tracer.tally import COUNTS, DETECTED, E_CUT, E_DETECTED, ENERGIES, HITS
 from analysis.progress import Progress
+from protocol.base.arrays import BoolArray, FloatArray, IntArray
+from protocol.base.errors import RequestError
 
 Results = tuple[IntArray, FloatArray, FloatArray]
 Common = tuple[SceneFrame, Rules, Fan, IntArray]

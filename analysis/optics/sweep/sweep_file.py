@@ -17,11 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.arrays import FloatArray, IntArray
-from analysis.errors import FileError, RequestError
 from analysis.optics.scene.parameters import Design
 from analysis.optics.tracer.tally import COUNTS, ENERGY, LEDGER
 from analysis.version import program_version
+from protocol.base.arrays import FloatArray, IntArray
+from protocol.base.errors import FileError, RequestError
 
 USER_VERSION = 1
 COUNT_NAMES = (*LEDGER, "hits", "secondaries", "refused")

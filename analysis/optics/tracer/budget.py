@@ -21,11 +21,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from analysis.arrays import FloatArray, IntArray
 from analysis.compiled import compiled, inner
 from analysis.optics.scene.parameters import ALL
 from analysis.optics.tracer.rays import Ray
 from analysis.optics.tracer.tally import E_CUT, REFUSED, Tally
+from protocol.base.arrays import FloatArray, IntArray
 
 NUMBERS, LABELS = 8, 6
 _KEY, _ROOT, _BIRTH = 7, 3, 5

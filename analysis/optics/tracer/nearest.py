@@ -13,11 +13,11 @@ from __future__ import annotations
 
 import math
 
-from analysis.arrays import FloatArray
 from analysis.compiled import inner_fusing
 from analysis.optics.scene import geometry as table
 from analysis.optics.scene.frame import FREE, JUNCTION_START, NO_CELL, RECEIVER
 from analysis.optics.scene.geometry import C_LEFT, C_RIGHT, CELL_COLUMNS, SURFACE_COLUMNS, Geometry
+from protocol.base.arrays import FloatArray
 
 _JOINT = 1e-9
 

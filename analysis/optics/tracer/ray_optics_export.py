@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
-from analysis.errors import DataError, RequestError
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.geometry import geometry_of
 from analysis.optics.scene.outline import Contour, outline
 from analysis.optics.scene.parameters import Design, Light, Waveguide
 from analysis.optics.tracer.rays import fan_of, released
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError, RequestError
 
 _PER_MM = 15.0
 _DEPTH = 20_000

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.compiled import compiled
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.geometry import Geometry
 from analysis.optics.scene.parameters import ORDERS, Light, Waveguide
+from protocol.base.arrays import FloatArray
 
 BY_TIME, BY_BOUNCE = ORDERS.index("time"), ORDERS.index("bounce")
 _DB_PER_CM = math.log(10.0) / 100.0

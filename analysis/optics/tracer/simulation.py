@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.compiled import compile_ahead, compiled, pointers
 from analysis.optics.scene.frame import NO_CELL, SceneFrame
 from analysis.optics.scene.geometry import Geometry, allocate, build, geometry_of
@@ -27,6 +26,7 @@ from analysis.optics.tracer.rays import Fan, Ray, Rules, fan_of, released, rules
 from analysis.optics.tracer.tally import COUNTS, DETECTED, Tally, add_tally, add_twins, new_tally
 from analysis.optics.tracer.tracer import follow
 from analysis.progress import Progress
+from protocol.base.arrays import BoolArray, FloatArray, IntArray
 
 BLOCK = 4096
 CORRELATION_DEG_PER_MM2 = 0.03

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from analysis.arrays import FloatArray, IntArray
 from analysis.compiled import compiled, inner
+from protocol.base.arrays import FloatArray, IntArray
 
 RELEASED, DETECTED, ESCAPED, TRAPPED, CUT, CORNER, DROPPED, HITS, GRANTED, REFUSED, COUNTS = range(11)
 E_DETECTED, E_ESCAPED, E_ABSORBED, E_CUT, ENERGIES = range(5)

@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from analysis.arrays import FloatArray
-from analysis.errors import RequestError
 from analysis.numbers import rounded_up
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.parameters import ALL, MOST_RAYS, PAPER_RAYS, Design, Light, Waveguide
 from analysis.optics.tracer.simulation import TraceResult, sd_of_sum, trace
 from analysis.progress import Progress
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import RequestError
 
 COVERAGE = 2.0
 """Standard deviations of a stated error: about 95 %."""

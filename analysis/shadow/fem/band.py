@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.compiled import compiled, compiled_reassociating
+from protocol.base.arrays import FloatArray
 
 PAD = 3
 

@@ -15,10 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from analysis.arrays import FloatArray, IntArray
 from analysis.compiled import compiled
 from analysis.shadow.fem import material
 from analysis.shadow.fem.band import add_to_band
+from protocol.base.arrays import FloatArray, IntArray
 
 NODE_XI = np.array([-1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0, -1.0])
 NODE_ETA = np.array([-1.0, -1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0])

@@ -17,13 +17,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.compiled import compiled
 from analysis.shadow.fem import material
 from analysis.shadow.fem.band import empty_band
 from analysis.shadow.fem.element import Elements, deformation_gradient
 from analysis.shadow.fem.pressure import DERIVATIVES, VALUES, WEIGHTS, edge_point
 from analysis.shadow.fem.problem import Problem
+from protocol.base.arrays import BoolArray, FloatArray, IntArray
 
 
 @compiled

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.compiled import compiled
-from analysis.errors import RequestError
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import RequestError
 
 NEAREST_TO_HALF = 1e-6
 """Nearer to 0.5 a solid is so stiff against volume that rounding hides the load."""

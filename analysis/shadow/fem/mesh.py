@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray, IntArray
-from analysis.errors import RequestError
 from analysis.shadow.fem.element import EDGES, shape
 from analysis.shadow.fem.parameters import ActuatorParameters
+from protocol.base.arrays import BoolArray, FloatArray, IntArray
+from protocol.base.errors import RequestError
 
 LATTICE, WALL = 0, 1
 WORST_SCALED_JACOBIAN = 0.05

@@ -23,13 +23,13 @@ import meshio
 import numpy as np
 from meshio.vtu._vtu import VtuReader, vtu_to_numpy_type
 
-from analysis.arrays import FloatArray, IntArray
-from analysis.errors import FileError, RequestError, writing
 from analysis.shadow.fem.element import EDGES
 from analysis.shadow.fem.mesh import LATTICE, WALL, Mesh, check_quality
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution
-from protocol.whole_file import written_whole
+from protocol.base.arrays import FloatArray, IntArray
+from protocol.base.errors import FileError, RequestError, writing
+from protocol.base.whole_file import written_whole
 
 MAX_BYTES = 32 << 20  # a hundred thousand elements take 20 MB
 MAX_EXPANDED_BYTES = 128 << 20  # of compressed arrays, which may shrink to a thousandth

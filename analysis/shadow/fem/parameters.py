@@ -17,8 +17,8 @@ import tomllib
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
-from analysis.errors import FileError, RequestError
 from analysis.shadow.fem.material import NeoHookean
+from protocol.base.errors import FileError, RequestError
 
 MOST_ELEMENTS = 20_000
 

@@ -17,9 +17,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.arrays import FloatArray, IntArray
 from analysis.compiled import compiled, inner
 from analysis.shadow.fem.band import add_to_band
+from protocol.base.arrays import FloatArray, IntArray
 
 _POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
 VALUES = np.stack([_POINTS * (_POINTS - 1) / 2, 1 - _POINTS**2, _POINTS * (_POINTS + 1) / 2], axis=1)

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.shadow.fem import element, pressure
 from analysis.shadow.fem.band import empty_band
 from analysis.shadow.fem.element import Elements, elements_of
 from analysis.shadow.fem.mesh import Mesh
+from protocol.base.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)

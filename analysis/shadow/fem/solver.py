@@ -20,10 +20,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.arrays import FloatArray
-from analysis.errors import ConvergenceError
 from analysis.shadow.fem import band
 from analysis.shadow.fem.problem import Balance, Problem
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import ConvergenceError
 
 TOLERANCE = 1e-9
 MOST_ITERATIONS = 40

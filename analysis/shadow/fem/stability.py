@@ -14,12 +14,12 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.arrays import FloatArray
-from analysis.errors import ConvergenceError
 from analysis.shadow.fem import band
 from analysis.shadow.fem.harmonics import Harmonics
 from analysis.shadow.fem.problem import Problem
 from analysis.shadow.fem.solver import Solution, Solver
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import ConvergenceError
 
 WAVE_NUMBERS = (0, 1, 2, 3, 4, 5, 6)
 STEP_SHARE = 1.0 / 50.0

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from analysis.arrays import FloatArray
+from protocol.base.arrays import FloatArray
 
 
 def points(ends: FloatArray, count: int) -> FloatArray:

@@ -17,8 +17,6 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.arrays import FloatArray, IntArray
-from analysis.errors import ConvergenceError
 from analysis.fidelity import Fidelity
 from analysis.progress import Progress
 from analysis.shadow.fem.element import deformation_gradients, nodal_stretch
@@ -28,6 +26,8 @@ from analysis.shadow.model.full import FullModel, check_values
 from analysis.shadow.model.guides import both_guides
 from analysis.shadow.model.reduced import ReducedModel, TableSettings
 from analysis.shadow.model.table import load_table
+from protocol.base.arrays import FloatArray, IntArray
+from protocol.base.errors import ConvergenceError
 
 Model = Literal["full", "reduced"]
 

@@ -13,8 +13,6 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, onenormest
 
-from analysis.arrays import FloatArray
-from analysis.errors import DataError, RequestError
 from analysis.shadow.fem.harmonics import make_harmonics
 from analysis.shadow.fem.mesh import WALL, Mesh, build_mesh
 from analysis.shadow.fem.parameters import ActuatorParameters
@@ -23,6 +21,8 @@ from analysis.shadow.fem.solver import TOLERANCE, Solution, Solver, factorise
 from analysis.shadow.fem.stability import CriticalState, Stability, compressible, find_limit
 from analysis.shadow.model.guides import Guides, make_guides
 from analysis.warning import Warning, WarningCode
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError, RequestError
 
 VACUUM_KPA = -101.325
 FINE_ENOUGH = (8, 1, 2)

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from analysis.arrays import FloatArray, IntArray
-from analysis.errors import RequestError
 from analysis.shadow.fem.element import shape
 from analysis.shadow.fem.mesh import Mesh
 from analysis.shadow.fem.parameters import ActuatorParameters
+from protocol.base.arrays import FloatArray, IntArray
+from protocol.base.errors import RequestError
 
 SAMPLING_MM = 0.5
 TRACKED = 7

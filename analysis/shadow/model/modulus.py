@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from analysis.arrays import FloatArray
 from analysis.data.csv_table import Table, read_table
-from analysis.errors import DataError, FileError, RequestError
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError, FileError, RequestError
 
 FEWEST_POINTS = 5
 CONTACT_SHARE = 0.01

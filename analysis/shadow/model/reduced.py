@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray
-from analysis.errors import RequestError
 from analysis.shadow.model import chebyshev
+from protocol.base.arrays import BoolArray, FloatArray
+from protocol.base.errors import RequestError
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,15 +17,15 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
-from analysis.errors import RequestError, writing
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.guides import both_guides
 from analysis.shadow.model.table import cache_folder, keep_arrays, load_arrays, write_arrays
 from analysis.version import program_version
-from protocol.whole_file import write_whole
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import RequestError, writing
+from protocol.base.whole_file import write_whole
 
 FORMAT = 1
 STEPS = 7

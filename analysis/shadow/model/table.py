@@ -22,14 +22,14 @@ import numpy as np
 import platformdirs
 from scipy.stats import qmc
 
-from analysis.arrays import FloatArray
 from analysis.progress import Progress
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution, Solver
 from analysis.shadow.model import chebyshev
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.reduced import ReducedModel, TableSettings
-from protocol.whole_file import written_whole
+from protocol.base.arrays import FloatArray
+from protocol.base.whole_file import written_whole
 
 # what zipfile, zlib and numpy raise of a damaged cache: other versions, other methods, passwords, sizes beyond memory
 UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, RuntimeError, MemoryError, zlib.error, struct.error,

@@ -24,7 +24,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from analysis.errors import ConvergenceError, RequestError
 from analysis.numbers import rounded_up
 from analysis.progress import Progress
 from analysis.shadow.fem.parameters import ActuatorParameters
@@ -33,6 +32,7 @@ from analysis.shadow.model.frames import Model, Shadow
 from analysis.shadow.model.full import FullModel, check_values
 from analysis.shadow.model.reduced import ReducedModel, TableSettings
 from analysis.shadow.model.table import load_table
+from protocol.base.errors import ConvergenceError, RequestError
 
 ALONG = (16, 20, 24, 32, 40, 48, 64)
 """Elements along a cell. On fewer than 16 the error grows or changes its sign from mesh to mesh."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import optimize, stats
 
-from analysis.arrays import BoolArray, FloatArray
+from protocol.base.arrays import BoolArray, FloatArray
 
 REFERENCE = 0.5
 CLIP = 4.0

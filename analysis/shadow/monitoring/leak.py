@@ -31,7 +31,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray
+from protocol.base.arrays import BoolArray, FloatArray
 
 LOWEST, HIGHEST, OVERSAMPLING = 0.4, 3.0, 4.0
 """Frequencies searched, per cycle of the actuator; steps of them in 1 over the whole time."""

@@ -26,11 +26,11 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.arrays import FloatArray
-from analysis.errors import DataError, RequestError
 from analysis.shadow.model.reduced import ReducedModel
 from analysis.shadow.monitoring.cusum import SelfStartingCusum, cycles_between_alarms, smallest_shift, threshold_for
 from analysis.shadow.monitoring.leak import LeakWatch, second_branch
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError, RequestError
 
 ActuatorFault = Literal["leak", "softening", "stiffening", "drift", "sensor disagreement"]
 HEALTHY_CYCLES_BETWEEN_ALARMS = 1000.0

@@ -15,13 +15,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from analysis import figure_style as style
-from analysis.arrays import FloatArray
-from analysis.errors import DataError
 from analysis.shadow.model.reduced import ReducedModel
 from analysis.shadow.monitoring import monitor as monitoring
 from analysis.shadow.monitoring.leak import known_mean
 from analysis.shadow.monitoring.monitor import Alarm, CycleFigures, Monitor
 from analysis.statistics import theil_sen
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import DataError
 
 _OF_ALARM = ("since_cycle", "cycle", "figure", "shift", "unit", "healthy_cycles", "sentence")
 

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.shadow.monitoring.cusum import SelfStartingCusum, smallest_shift, threshold_for
 from analysis.shadow.monitoring.monitor import HEALTHY_CYCLES_BETWEEN_ALARMS, NOT_INDEPENDENT
 from analysis.studies.failure_maps.sweep import Axis, Study, StudyResult
+from protocol.base.arrays import FloatArray
 
 SUMS = 10
 """One-sided sums that share the stated rate of false alarms."""

@@ -16,13 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.data.recording import Recording
 from analysis.figures.figure import Figure
 from analysis.figures.pipeline import Analysis, analyse
 from analysis.figures.sensor_analysis import Options
 from analysis.studies.failure_maps.fit import NOISE_MV, cubic
 from analysis.studies.failure_maps.sweep import Axis, Study, StudyResult, joined
+from protocol.base.arrays import BoolArray, FloatArray, IntArray
 
 MIDDLE_KPA, SPAN_KPA, STEPS = 5.0, 90.0, 9
 MM_PER_KPA = 6.5 / SPAN_KPA

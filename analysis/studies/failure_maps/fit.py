@@ -13,7 +13,6 @@ from fractions import Fraction
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.calibration.checks import calibration_warnings
 from analysis.calibration.fit import Calibration, fit_calibration
 from analysis.calibration.inverse import Inverse
@@ -21,6 +20,7 @@ from analysis.calibration.posterior import Posterior, sample_posterior
 from analysis.published import NOISE_MV as PUBLISHED_NOISE_MV
 from analysis.published import RANGE_MM, SENSORS
 from analysis.studies.failure_maps.sweep import Axis, Study, StudyResult, joined
+from protocol.base.arrays import FloatArray
 
 CUBIC = SENSORS[0].coefficients
 TURNING_MM = float(np.polynomial.Polynomial(CUBIC).deriv().roots().max())

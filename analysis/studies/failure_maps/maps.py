@@ -20,7 +20,7 @@ from PIL import Image
 from analysis import figure_style as style
 from analysis.machine import machine
 from analysis.studies.failure_maps.sweep import CellOutcome, StudyMap
-from protocol.whole_file import write_whole, written_whole
+from protocol.base.whole_file import write_whole, written_whole
 
 LOOK: dict[CellOutcome, tuple[str, str, str, str]] = {
     CellOutcome.WORKS: ("#9AD0F0", "", "", "works: within its tolerance"),

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from analysis.errors import RequestError
 from analysis.studies.failure_maps import alarms, figures, fit, sessions, shadow, tracer
 from analysis.studies.failure_maps.sweep import Study
+from protocol.base.errors import RequestError
 
 _MODULES = (fit, sessions, figures, tracer, shadow, alarms)
 STUDIES: dict[str, Study] = {study.name: study for module in _MODULES for study in module.STUDIES}

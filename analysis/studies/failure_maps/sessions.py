@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from analysis.arrays import FloatArray
 from analysis.calibration.adequacy import CurveVerdict
 from analysis.calibration.fit import Calibration, fit_by_branch
 from analysis.calibration.joint_fit import greatest_loop_width, loop_is_represented
 from analysis.published import RANGE_MM
 from analysis.studies.failure_maps.fit import NOISE_MV, cubic
 from analysis.studies.failure_maps.sweep import Axis, Study, StudyResult, joined
+from protocol.base.arrays import FloatArray
 
 SEEDS = 12
 LEVELS, CYCLES = 10, 5

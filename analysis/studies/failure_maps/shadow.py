@@ -9,7 +9,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.shadow.fem.element import EDGES
 from analysis.shadow.fem.material import NeoHookean
 from analysis.shadow.fem.mesh import Mesh, check_quality, structured_quads
@@ -19,6 +18,7 @@ from analysis.shadow.fem.solver import Solver
 from analysis.shadow.model.frames import Shadow
 from analysis.shadow.model.full import FullModel
 from analysis.studies.failure_maps.sweep import Axis, Study, StudyResult, joined
+from protocol.base.arrays import FloatArray
 
 INNER_MM, OUTER_MM, MODULUS_KPA, LOAD_KPA = 3.0, 9.0, 1000.0, 0.1
 SIDE = 4

@@ -21,8 +21,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from analysis.errors import AnalysisError
 from analysis.progress import Progress, part_of
+from protocol.base.errors import BoatDaqError
 
 
 class CellOutcome(StrEnum):
@@ -124,7 +124,7 @@ class Study:
         """Run the method at one point, on the grid or off it."""
         try:
             result = self.run(x, y)
-        except AnalysisError as error:
+        except BoatDaqError as error:
             result = StudyResult(math.nan, error.cause)
         return Cell(x, y, outcome_of(result, self.tolerance), result.error, result.message)
 

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.figure_style import INK, PRESSURE, RC, save_picture, sensor_colour
 from analysis.figures.pipeline import Analysis
 from analysis.optics.scene.parameters import PAPER_OPTIMUM
@@ -24,6 +23,7 @@ from analysis.optics.sweep.sweep import SweepResult
 from analysis.published import RANGE_MM, SENSORS, SYSTEM_SENSITIVITY_MV_PER_MM
 from analysis.reports.drawings import envelope
 from analysis.shadow.model.states import GuideStates
+from protocol.base.arrays import FloatArray
 
 PAPER_FPS = 2.0  # of its SOFA scene on 16 cores
 PAPER_SIMULATION_S = 8.0

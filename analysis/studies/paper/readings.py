@@ -19,8 +19,6 @@ from typing import Any
 import numpy as np
 from scipy.stats import spearmanr
 
-from analysis.arrays import FloatArray
-from analysis.errors import FileError, RequestError, writing
 from analysis.optics.scene.parameters import (
     FACES,
     PAPER_RAYS,
@@ -36,7 +34,9 @@ from analysis.optics.sweep.fans import FanResult, compare_fans
 from analysis.optics.sweep.sweep import SweepRequest, SweepResult, find_design, paper_grid, run_sweep
 from analysis.progress import Progress, part_of
 from analysis.version import program_version
-from protocol.whole_file import write_whole
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import FileError, RequestError, writing
+from protocol.base.whole_file import write_whole
 
 THICKNESSES_MM = (2.0, 1.5)
 EMISSIONS: tuple[Emission, ...] = ("uniform", "lambertian")

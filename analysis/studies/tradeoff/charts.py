@@ -29,7 +29,7 @@ from analysis.fidelity import LEVELS, MARGINS
 from analysis.machine import machine
 from analysis.studies.tradeoff.label_places import Box, beside, best_place
 from analysis.studies.tradeoff.measure import MARGIN, CostPoint, Measured, part_of_tolerance
-from protocol.whole_file import write_whole, written_whole
+from protocol.base.whole_file import write_whole, written_whole
 
 DATA, DEFAULT, CHOSEN, REFUSED = style.SENSORS[0], style.SENSORS[1], style.PRESSURE, style.SOFT
 COLUMNS = 3

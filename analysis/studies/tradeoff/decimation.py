@@ -12,8 +12,8 @@ from functools import partial
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from analysis.arrays import FloatArray
 from analysis.studies.tradeoff.measure import Method, Setting
+from protocol.base.arrays import FloatArray
 
 WIDTH_PX, HEIGHT_PX = 1000, 300
 RATE_HZ, MINUTES = 100.0, 60

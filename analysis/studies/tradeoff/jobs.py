@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import spearmanr
 
-from analysis.arrays import FloatArray
 from analysis.data.recording import Recording
 from analysis.fidelity import LEVELS, Fidelity, Level, fidelity
 from analysis.figures.pipeline import Analysis
@@ -31,6 +30,7 @@ from analysis.studies.tradeoff.measure import Method, Setting
 from analysis.studies.tradeoff.mechanics import MESH, READING_MM, actuator_on
 from analysis.studies.tradeoff.rays import PHASES, RANKING, rays_text
 from analysis.studies.tradeoff.references import load
+from protocol.base.arrays import FloatArray
 
 GRID_MM = 0.5
 BULGE_PERCENT = 2.0

@@ -8,7 +8,6 @@ from functools import cache, partial
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solver
 from analysis.shadow.model.full import FullModel, actuator_problem
@@ -16,6 +15,7 @@ from analysis.shadow.model.reduced import ReducedModel, TableSettings
 from analysis.shadow.model.table import CRITICAL_SHARE, build_table
 from analysis.studies.tradeoff.measure import Method, Setting
 from analysis.studies.tradeoff.references import load
+from protocol.base.arrays import FloatArray
 
 Elements = tuple[int, int, int]
 READING_MM = 0.5 / 12**0.5

@@ -11,7 +11,6 @@ from numpy.polynomial import Polynomial
 from scipy.special import gammaln
 
 from analysis import published
-from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration, fit_calibration
 from analysis.calibration.inverse import NODES, Inverse
 from analysis.data.recording import Recording
@@ -20,6 +19,7 @@ from analysis.segmentation.cycles import find_cycles
 from analysis.segmentation.plateaus import Plateau, find_plateaus
 from analysis.statistics import bootstrap_interval, resampling_weights
 from analysis.studies.tradeoff.measure import Method, Setting
+from protocol.base.arrays import FloatArray
 
 CUBIC, NOISE_MV = Polynomial(SENSORS[0].coefficients), published.NOISE_MV[0]
 ROUND_TRIP_MM = 1e-10

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from analysis import published
-from analysis.arrays import FloatArray
 from analysis.calibration.fit import fit_calibration
 from analysis.calibration.posterior import ENOUGH_SAMPLES, MAX_STEPS, WALKERS, sample_posterior
 from analysis.fidelity import Fidelity
 from analysis.published import SENSORS
 from analysis.studies.tradeoff.measure import Method, Setting
 from analysis.studies.tradeoff.references import load
+from protocol.base.arrays import FloatArray
 
 CUBIC, NOISE_MV = Polynomial(SENSORS[0].coefficients), published.NOISE_MV[0]
 GRID_MM = 0.5

@@ -14,7 +14,6 @@ from functools import cache
 import numpy as np
 from scipy.stats import spearmanr
 
-from analysis.arrays import FloatArray
 from analysis.optics.scene.curves import frames_of
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.geometry import pattern_of
@@ -25,6 +24,7 @@ from analysis.optics.tracer.simulation import trace
 from analysis.optics.tracer.tally import DETECTED
 from analysis.studies.tradeoff.measure import Method, Setting
 from analysis.studies.tradeoff.references import load
+from protocol.base.arrays import FloatArray
 
 PHASES = (-0.4, -0.27, -0.13, 0.01, 0.12, 0.26, 0.39)
 MANY = 2_500

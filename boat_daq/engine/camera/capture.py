@@ -17,7 +17,7 @@ from typing import Protocol
 from boat_daq.engine.camera.source import CameraFrame, CameraSource, Picture
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.snapshot import CameraReading
-from boat_daq.errors import BoatDaqError, DeviceError, cause_and_remedy
+from protocol.base.errors import BoatDaqError, DeviceError, cause_and_remedy
 
 INTERVALS_KEPT = 31
 MISSING_FROM = 1.6  # intervals: longer ones lack a frame

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 
 
 def opencv() -> Any:
@@ -13,9 +13,9 @@ def opencv() -> Any:
 
     Raises
     ------
-    OperatorError : it is not installed.
+    RequestError : it is not installed.
     """
     try:
         return importlib.import_module("cv2")
     except ModuleNotFoundError as error:
-        raise OperatorError("OpenCV is not installed", 'Install it with: pip install "boat-daq[camera]"') from error
+        raise RequestError("OpenCV is not installed", 'Install it with: pip install "boat-daq[camera]"') from error

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from boat_daq.engine.camera.opencv import opencv
-from boat_daq.errors import DeviceError, OperatorError
+from protocol.base.errors import DeviceError, RequestError
 
 Picture = npt.NDArray[np.uint8]
 
@@ -67,7 +67,7 @@ def open_source(name: str, *, allow_remote: bool = False) -> CameraSource:
 
     Raises
     ------
-    OperatorError : no such camera or file, an address that is refused, or OpenCV is not installed.
+    RequestError : no such camera or file, an address that is refused, or OpenCV is not installed.
     DeviceError : the camera or the address does not answer.
     """
     opencv()
@@ -78,7 +78,7 @@ def open_source(name: str, *, allow_remote: bool = False) -> CameraSource:
         _check_address(name, parts, allow_remote=allow_remote)
         return MjpegAddress(name, parts) if parts.scheme == "http" else _Capture(name, _open_rtsp(name), live=True)
     if "://" in name:
-        raise OperatorError(
+        raise RequestError(
             f"{name} is no source of pictures", "give a camera's number, a video file, http:// or rtsp://"
         )
     return open_video(Path(name))
@@ -89,7 +89,7 @@ def open_video(path: Path) -> CameraSource:
 
     Raises
     ------
-    OperatorError : no such file, it is no video, or OpenCV is not installed.
+    RequestError : no such file, it is no video, or OpenCV is not installed.
     """
     return _Capture(str(path), _open_file(path), live=False)
 
@@ -110,14 +110,14 @@ def read_picture(path: Path) -> Picture:
 
     Raises
     ------
-    OperatorError : it is no picture, or too large.
+    RequestError : it is no picture, or too large.
     """
     if not path.is_file() or path.stat().st_size > JPEG_BYTES_MAX * 4:
-        raise OperatorError(f"{path} is no picture", "give a PNG or JPEG file")
+        raise RequestError(f"{path} is no picture", "give a PNG or JPEG file")
     with _quiet() as cv:
         picture = cv.imread(str(path), cv.IMREAD_GRAYSCALE)
     if picture is None or picture.size > PIXELS_MAX:
-        raise OperatorError(f"{path.name} is no picture, or has more than 40 megapixels", "give a PNG or JPEG file")
+        raise RequestError(f"{path.name} is no picture, or has more than 40 megapixels", "give a PNG or JPEG file")
     return np.asarray(picture, np.uint8)
 
 
@@ -147,9 +147,7 @@ def _open_camera(number: int) -> Any:
     if Path(f"/dev/video{number}").exists():
         cause = f"camera {number} gives no picture: another program uses it, or it may not be opened"
         raise DeviceError(cause, "close the other program, or check the permissions")
-    raise OperatorError(
-        f"there is no camera {number}; this computer has: {known}", "check the cable, or another number"
-    )
+    raise RequestError(f"there is no camera {number}; this computer has: {known}", "check the cable, or another number")
 
 
 def _open_rtsp(name: str) -> Any:
@@ -165,12 +163,12 @@ def _open_rtsp(name: str) -> Any:
 def _open_file(path: Path) -> Any:
     if not path.is_file():
         kind = "is not a regular file" if path.exists() else "does not exist"
-        raise OperatorError(f"the video {path} {kind}", "check its name")
+        raise RequestError(f"the video {path} {kind}", "check its name")
     with _quiet() as cv:
         capture = cv.VideoCapture(str(path), cv.CAP_FFMPEG)
         size = capture.get(cv.CAP_PROP_FRAME_WIDTH) * capture.get(cv.CAP_PROP_FRAME_HEIGHT)
         if not capture.isOpened() or not 0 < size <= PIXELS_MAX:
-            raise OperatorError(
+            raise RequestError(
                 f"{path.name} is no video", f"give one that plays, such as {', '.join(_VIDEO_SUFFIXES[:5])}"
             )
         return capture
@@ -181,16 +179,16 @@ def _check_address(name: str, parts: SplitResult, *, allow_remote: bool) -> None
     try:
         host, _ = parts.hostname or "", parts.port
     except ValueError as error:
-        raise OperatorError(f"{name} is not an address: {error}", "use http://127.0.0.1:PORT/") from None
+        raise RequestError(f"{name} is not an address: {error}", "use http://127.0.0.1:PORT/") from None
     if not host:
-        raise OperatorError(f"{name} names no host", "use http://127.0.0.1:PORT/")
+        raise RequestError(f"{name} names no host", "use http://127.0.0.1:PORT/")
     try:
         local = ipaddress.ip_address(host).is_loopback
     except ValueError:
         local = host == "localhost"
     if not local and not allow_remote:
         remedy = "allow it: the connection is neither encrypted nor authenticated"
-        raise OperatorError(f"{host} is another computer", remedy, command="--allow-remote")
+        raise RequestError(f"{host} is another computer", remedy, command="--allow-remote")
 
 
 class _Capture:

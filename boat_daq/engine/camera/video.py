@@ -10,7 +10,7 @@ from typing import Any
 
 from boat_daq.engine.camera.opencv import opencv
 from boat_daq.engine.camera.source import Picture
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 
 CODECS = {".mkv": "FFV1", ".avi": "MJPG", ".mp4": "mp4v"}  # FFV1 is lossless
 FRAMES_PER_S = 30.0
@@ -25,14 +25,14 @@ class VideoStore:
 
     Raises
     ------
-    OperatorError : no such codec, or the folder cannot be written.
+    RequestError : no such codec, or the folder cannot be written.
     """
 
     def __init__(self, path: Path, rate_hz: float = FRAMES_PER_S) -> None:
         if path.suffix.lower() not in CODECS:
-            raise OperatorError(f"{path.name} is no name of a video", f"end it in {', '.join(CODECS)}")
+            raise RequestError(f"{path.name} is no name of a video", f"end it in {', '.join(CODECS)}")
         if not path.absolute().parent.is_dir():
-            raise OperatorError(f"{path} cannot be written", "name a file in a folder that exists")
+            raise RequestError(f"{path} cannot be written", "name a file in a folder that exists")
         self._path, self._rate_hz = path, rate_hz
         self._cv: Any = opencv()
         self._writer: Any = None
@@ -45,7 +45,7 @@ class VideoStore:
             size = (colour.shape[1], colour.shape[0])
             self._writer = self._cv.VideoWriter(str(self._path), fourcc, self._rate_hz, size, True)
             if not self._writer.isOpened():
-                raise OperatorError(f"{self._path} cannot be written", "name a file in a folder that exists")
+                raise RequestError(f"{self._path} cannot be written", "name a file in a folder that exists")
         self._writer.write(colour)
 
     def close(self) -> None:

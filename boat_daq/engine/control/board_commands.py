@@ -21,7 +21,7 @@ from boat_daq.engine.control.sequencer import ControlEvent, SegmentBreak, StepCh
 from boat_daq.engine.control.watchdog import FAST, LONGEST_MS, REPEAT_MS, REPEATS_WITHIN, Feeder, SpeedMeter
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.snapshot import MessageKind, RunEnding
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.link import messages
 from protocol.link.messages import AckStatus, Command, EventCode, Heartbeat, SetLimits, Vent
 
@@ -324,12 +324,12 @@ def require(checks: list[Check]) -> None:
 
     Raises
     ------
-    OperatorError : every problem in one sentence, with its remedy.
+    RequestError : every problem in one sentence, with its remedy.
     """
     failed = [check for check in checks if not check.ok]
     if failed:
         remedies = dict.fromkeys(check.remedy for check in failed if check.remedy)
-        raise OperatorError("; ".join(check.problem for check in failed), "; ".join(remedies))
+        raise RequestError("; ".join(check.problem for check in failed), "; ".join(remedies))
 
 
 class Preflight:
@@ -409,7 +409,7 @@ class Preflight:
 
         Raises
         ------
-        OperatorError : it is outside them, or the link cannot command.
+        RequestError : it is outside them, or the link cannot command.
         """
         self.require_command()
         for target_kpa in reversed(plan.extremes_kpa):
@@ -420,10 +420,10 @@ class Preflight:
 
         Raises
         ------
-        OperatorError : the link is read only, or the board's limits allow none.
+        RequestError : the link is read only, or the board's limits allow none.
         """
         if not self._board.can_command:
             why = f": {self.why_read_only}" if self.why_read_only else ""
-            raise OperatorError(f"this link is read only{why}", "use firmware or a profile that commands pressure")
+            raise RequestError(f"this link is read only{why}", "use firmware or a profile that commands pressure")
         if self._no_pressure is not None:
-            raise OperatorError(*self._no_pressure)
+            raise RequestError(*self._no_pressure)

@@ -21,7 +21,7 @@ from boat_daq.engine.control.watchdog import StreamWatch
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.sample_columns import Columns, columns, last_sample
 from boat_daq.engine.snapshot import LastSample, MessageKind, RunEnding, SessionState
-from boat_daq.errors import OperatorError, cause_and_remedy
+from protocol.base.errors import RequestError, cause_and_remedy
 from protocol.link import messages
 from protocol.link.events import BoardEventReceived, BoardRestarted, CommandDone, CommandLost, HelloReceived, Samples
 from protocol.recording import BoardState, SampleFlag
@@ -170,15 +170,15 @@ class Controller:
 
         Raises
         ------
-        OperatorError : see `Session.arm`.
+        RequestError : see `Session.arm`.
         """
         self.preflight.require_plan(plan)
         latched = self.interlock.latched
         if latched is not None:
-            raise OperatorError(f"cannot arm: {latched.cause}", latched.remedy or "clear the fault first")
+            raise RequestError(f"cannot arm: {latched.cause}", latched.remedy or "clear the fault first")
         if plan.controls_elongation:
             if regulator is None:
-                raise OperatorError(f"plan {plan.name} is in millimetres: {NO_REGULATOR[0]}", NO_REGULATOR[1])
+                raise RequestError(f"plan {plan.name} is in millimetres: {NO_REGULATOR[0]}", NO_REGULATOR[1])
             for end in (end for segment in plan.segments for end in segment.extremes):
                 regulator.check(end)
         self._regulator = (regulator, hold) if regulator is not None else None
@@ -190,12 +190,12 @@ class Controller:
 
         Raises
         ------
-        OperatorError : a run is in progress.
+        RequestError : a run is in progress.
         """
         if self.interlock.of("unit") == limits_kpa:
             return False
         if self.sequencer.state in (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING):
-            raise OperatorError("a run is in progress with the unit", "stop the run first")
+            raise RequestError("a run is in progress with the unit", "stop the run first")
         self.disarm()
         self.interlock.set_limits("unit", limits_kpa)
         return True
@@ -210,10 +210,10 @@ class Controller:
 
         Raises
         ------
-        OperatorError : what the pre-flight found, or nothing is armed.
+        RequestError : what the pre-flight found, or nothing is armed.
         """
         if self.sequencer.state is not SessionState.ARMED:
-            raise OperatorError(f"cannot start while the run is {self.sequencer.state}", "arm a plan first")
+            raise RequestError(f"cannot start while the run is {self.sequencer.state}", "arm a plan first")
         self._once_guarded(lambda: self._begin_run(self.sequencer.start), extra)
 
     def resume(self) -> None:
@@ -221,10 +221,10 @@ class Controller:
 
         Raises
         ------
-        OperatorError : not paused, or what the pre-flight found.
+        RequestError : not paused, or what the pre-flight found.
         """
         if self.sequencer.state is not SessionState.PAUSED:
-            raise OperatorError(f"cannot resume while the run is {self.sequencer.state}")
+            raise RequestError(f"cannot resume while the run is {self.sequencer.state}")
         self._once_guarded(lambda: self._begin_run(self.sequencer.resume))
 
     def pause(self) -> None:
@@ -280,11 +280,11 @@ class Controller:
 
         Raises
         ------
-        OperatorError : see `Session.set_pressure`.
+        RequestError : see `Session.set_pressure`.
         """
         self.preflight.require_command()
         if self.sequencer.state not in (SessionState.IDLE, SessionState.ARMED, SessionState.ABORTED):
-            raise OperatorError(f"cannot set a pressure while the run is {self.sequencer.state}", "stop the run first")
+            raise RequestError(f"cannot set a pressure while the run is {self.sequencer.state}", "stop the run first")
         self.interlock.authorise(target_kpa, ramp_kpa_per_s)  # refuses now, not after the board's answers
         self.loop = None
         if self.target_kpa is not None:
@@ -302,21 +302,21 @@ class Controller:
 
         Raises
         ------
-        OperatorError : see `Session.control_elongation`. AnalysisError : outside the calibrated range.
+        RequestError : see `Session.control_elongation`. BoatDaqError : outside the calibrated range.
         """
         if self.loop is not None:
             if self.sequencer.state in _RUN:
-                raise OperatorError("cannot set an elongation while a plan runs", "stop the run first")
+                raise RequestError("cannot set an elongation while a plan runs", "stop the run first")
             self.loop.regulator.check(mm)
             self.loop.target_mm = mm
             return
         self.preflight.require_command()
         if regulator is None:
-            raise OperatorError(*NO_REGULATOR)
+            raise RequestError(*NO_REGULATOR)
         if self.sequencer.state not in (SessionState.IDLE, SessionState.ARMED, SessionState.ABORTED):
-            raise OperatorError(f"cannot set an elongation while the run is {self.sequencer.state}", "stop it first")
+            raise RequestError(f"cannot set an elongation while the run is {self.sequencer.state}", "stop it first")
         if self.interlock.latched is not None:
-            raise OperatorError(f"no pressure: {self.interlock.latched.cause}", self.interlock.latched.remedy)
+            raise RequestError(f"no pressure: {self.interlock.latched.cause}", self.interlock.latched.remedy)
         regulator.check(mm)
         self._require_speed()
 
@@ -337,7 +337,7 @@ class Controller:
 
         Raises
         ------
-        OperatorError : its cause is still present.
+        RequestError : its cause is still present.
         """
         self.interlock.require_gone()
         self._cleared_by = by
@@ -477,12 +477,12 @@ class Controller:
             text = (
                 f"this board runs at {speed:.0f} times real time: its elongation is controlled up to {FASTEST:g} times"
             )
-            raise OperatorError(text, "choose a lower speed of the virtual board")
+            raise RequestError(text, "choose a lower speed of the virtual board")
 
     def _close_loop(self, regulator: Regulator, *, hold: bool) -> None:
         """Close the loop at the present elongation; where it is not known, say so and leave it open."""
         if self._newest is None or self.last is None:
-            raise OperatorError("no samples arrive from the board", "check the link")
+            raise RequestError("no samples arrive from the board", "check the link")
         loop = ElongationLoop(regulator, hold=hold)
         start_kpa = self.last.pressure_kpa if self.target_kpa is None else self.target_kpa
         try:
@@ -571,7 +571,7 @@ class Controller:
             return
         try:
             command = self.interlock.authorise(target_kpa, ramp_kpa_per_s)
-        except OperatorError as error:  # latched since it was requested
+        except RequestError as error:  # latched since it was requested
             self._trip(Trip(MessageKind.REFUSED, error.cause, error.remedy))
             return
         self.pressurised, self.target_kpa = True, target_kpa

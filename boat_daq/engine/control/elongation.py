@@ -123,7 +123,7 @@ class ElongationLoop:
 
         Raises
         ------
-        AnalysisError : no elongation is known.
+        BoatDaqError : no elongation is known.
         """
         self.target_mm = self.regulator.begin(int(block.time_us[-1]) / 1e6, pressure_kpa, _signals(block))
         self._next_us = int(block.time_us[-1])

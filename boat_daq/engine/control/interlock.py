@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from boat_daq.engine.sample_columns import Columns
 from boat_daq.engine.snapshot import Limits, MessageKind
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.link.messages import SetPressure
 from protocol.recording import BoardState, SampleFlag
 
@@ -72,14 +72,14 @@ class Interlock:
 
         Raises
         ------
-        OperatorError : the limits are swapped, not finite, or do not include 0 kPa, the pressure of a vented unit.
+        RequestError : the limits are swapped, not finite, or do not include 0 kPa, the pressure of a vented unit.
         """
         self._limits.pop(source, None)
         if limits_kpa is not None:
             low, high = limits_kpa
             if not (math.isfinite(low) and math.isfinite(high) and low <= 0 <= high and low < high):
                 text = f"the {source}'s limits {low:g} .. {high:g} kPa are not usable"
-                raise OperatorError(text, "give a range around 0 kPa, the lower limit first")
+                raise RequestError(text, "give a range around 0 kPa, the lower limit first")
             self._limits[source] = limits_kpa
         self.limits = _tightest(self._limits)
 
@@ -94,32 +94,32 @@ class Interlock:
 
         Raises
         ------
-        OperatorError : names the limit and whose it is.
+        RequestError : names the limit and whose it is.
         """
         limits = _tightest({k: v for k, v in self._limits.items() if k != "plan"}) if new_plan else self.limits
         if limits is None:
-            raise OperatorError("no pressure limits are known yet", "connect a board first")
+            raise RequestError("no pressure limits are known yet", "connect a board first")
         if not math.isfinite(target_kpa):
-            raise OperatorError(f"{target_kpa} is not a pressure")
+            raise RequestError(f"{target_kpa} is not a pressure")
         if target_kpa > limits.max_kpa + 1e-9:
             text = f"{target_kpa:g} kPa is above the {limits.max_source}'s limit of {limits.max_kpa:g} kPa"
-            raise OperatorError(text, "choose a lower pressure")
+            raise RequestError(text, "choose a lower pressure")
         if target_kpa < limits.min_kpa - 1e-9:
             text = f"{target_kpa:g} kPa is below the {limits.min_source}'s limit of {limits.min_kpa:g} kPa"
-            raise OperatorError(text, "choose a higher pressure")
+            raise RequestError(text, "choose a higher pressure")
 
     def authorise(self, target_kpa: float, ramp_kpa_per_s: float) -> SetPressure:
         """Return the command for a pressure: no other function makes one.
 
         Raises
         ------
-        OperatorError : outside the limits, an unusable ramp, or latched.
+        RequestError : outside the limits, an unusable ramp, or latched.
         """
         if self.latched is not None:
-            raise OperatorError(f"no pressure: {self.latched.cause}", self.latched.remedy or "clear the fault first")
+            raise RequestError(f"no pressure: {self.latched.cause}", self.latched.remedy or "clear the fault first")
         self.check(target_kpa)
         if not 0 < ramp_kpa_per_s < 1e5:
-            raise OperatorError(f"a ramp of {ramp_kpa_per_s:g} kPa/s is not possible", "give a rate above 0")
+            raise RequestError(f"a ramp of {ramp_kpa_per_s:g} kPa/s is not possible", "give a rate above 0")
         return SetPressure(round(target_kpa * 1000), max(1, round(ramp_kpa_per_s * 1000)))
 
     # ---- levels ----------------------------------------------------------------------------------------------------
@@ -154,10 +154,10 @@ class Interlock:
 
         Raises
         ------
-        OperatorError : names the level.
+        RequestError : names the level.
         """
         if self._present is not None and self._present.kind is not MessageKind.BOARD_FAULT:
-            raise OperatorError(f"the cause of the fault is still present: {self._present.cause}", self._present.remedy)
+            raise RequestError(f"the cause of the fault is still present: {self._present.cause}", self._present.remedy)
 
     def _clear(self, block: Columns) -> bool:
         """Whether no sample shows a trip.

@@ -27,7 +27,7 @@ from boat_daq.engine.control.segment_watch import SegmentWatch
 from boat_daq.engine.plan import Plan, PlannedStep, StepMark
 from boat_daq.engine.sample_columns import Columns
 from boat_daq.engine.snapshot import MessageKind, Phase, Progress, ReadingRequest, RunEnding, SessionState
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.recording import RunEnd
 
 
@@ -135,7 +135,7 @@ class Sequencer:
 
         Raises
         ------
-        OperatorError : a run is in progress, or a fault is latched.
+        RequestError : a run is in progress, or a fault is latched.
         """
         self._require("arm", SessionState.IDLE, SessionState.ARMED, SessionState.ABORTED)
         self.state, self.plan = SessionState.ARMED, plan
@@ -191,11 +191,11 @@ class Sequencer:
 
         Raises
         ------
-        OperatorError : no cycle is complete, or no run is in progress.
+        RequestError : no cycle is complete, or no run is in progress.
         """
         self._require("finish", *_RUN)
         if not self.complete_cycles:
-            raise OperatorError("no cycle is complete", "wait for the end of the first cycle, or stop the run")
+            raise RequestError("no cycle is complete", "wait for the end of the first cycle, or stop the run")
         self._break_step()
         self._report(MessageKind.ENOUGH_CYCLES, cause, "info")
         self._finish(RunEnd.FINISHED)
@@ -416,7 +416,7 @@ class Sequencer:
     def _require(self, what: str, *states: SessionState) -> None:
         if self.state not in states:
             remedy = "clear the fault first" if self.state is SessionState.FAULT else ""
-            raise OperatorError(f"cannot {what} while the run is {self.state}", remedy)
+            raise RequestError(f"cannot {what} while the run is {self.state}", remedy)
 
     def _report(self, kind: MessageKind, text: str, level: str = "", remedy: str = "") -> None:
         self._actions.append(ControlEvent(kind, text, level, remedy))

@@ -23,7 +23,7 @@ from typing import Any
 from boat_daq.engine.link.transports import ReplayTransport, Transport, list_ports, open_transport
 from boat_daq.engine.settings import Settings
 from boat_daq.engine.toml_values import read_text
-from boat_daq.errors import BoatDaqError, DeviceError
+from protocol.base.errors import BoatDaqError, DeviceError
 from protocol.link.connection import Connection
 from protocol.link.events import Link, WrongProtocol
 from protocol.link.messages import Hello, Identify
@@ -70,8 +70,8 @@ def open_port(url: str, profile: str | None, settings: Settings) -> OpenPort:
 
     Raises
     ------
-    DeviceError, OperatorError : the port or the profile's file cannot be opened.
-    ProtocolError : the profile or the recording cannot be used.
+    DeviceError, RequestError : the port or the profile's file cannot be opened.
+    BoatDaqError : the profile or the recording cannot be used.
     """
     text = profile if profile is None or "\n" in profile else read_text(Path(profile))
     stated = None if text is None else load_profile(text + "\n")

@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 
 from boat_daq.engine.link.transports import Transport
 from boat_daq.engine.snapshot import HealthSnapshot, LinkWarning, LinkWarningCode
-from boat_daq.errors import DeviceError
+from protocol.base.errors import DeviceError
 from protocol.link.events import Link, LinkEvent, LinkStatistics, Samples
 from protocol.link.messages import Command, Heartbeat
 
@@ -170,7 +170,7 @@ class PortReader:
         Raises
         ------
         DeviceError : the port is gone or does not take bytes.
-        ProtocolError : the link cannot encode this command.
+        BoatDaqError : the link cannot encode this command.
         """
         with self._lock:
             now_ns = self._clock_ns()
@@ -181,7 +181,7 @@ class PortReader:
 
         Raises
         ------
-        DeviceError, ProtocolError : as `send`.
+        DeviceError, BoatDaqError : as `send`.
         """
         with self._lock:
             now_ns = self._clock_ns()

@@ -36,7 +36,7 @@ from urllib.parse import urlsplit
 import serial
 from serial.tools import list_ports as system_ports
 
-from boat_daq.errors import DeviceError
+from protocol.base.errors import DeviceError
 from protocol.recording import open_recording
 
 READ_WAIT_S = 0.05  # of every kind of port

@@ -34,7 +34,7 @@ from boat_daq.engine.log import note_failure
 from boat_daq.engine.sample_columns import OtherChannels
 from boat_daq.engine.session.measured_blocks import MeasuredBlock, SampleQueue
 from boat_daq.engine.session.session import Session
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 
 EVERY_S = 0.02
 BUFFER_S = 60  # kept for an inlet that does not read
@@ -57,7 +57,7 @@ class LslOutlet:
 
     Raises
     ------
-    OperatorError : no sample has arrived yet, or this system cannot keep the streams to itself.
+    RequestError : no sample has arrived yet, or this system cannot keep the streams to itself.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class LslOutlet:
     ) -> None:
         ring, seen = session.ring, session.snapshot()
         if ring is None or seen.last is None:
-            raise OperatorError("no sample has arrived yet", "connect a board first")
+            raise RequestError("no sample has arrived yet", "connect a board first")
         pylsl.set_config_content(NETWORK if network else LOCAL)
         self._session, self._lsl, self._convert = session, pylsl, convert
         self.others = session.other_channels()
@@ -250,7 +250,7 @@ def _kept_local(wanted: bool) -> Iterator[None]:
 
     Raises
     ------
-    OperatorError : the system cannot.
+    RequestError : the system cannot.
     """
     if not wanted:
         yield
@@ -258,7 +258,7 @@ def _kept_local(wanted: bool) -> Iterator[None]:
     listing, option = Path("/proc/self/fd"), getattr(socket, "SO_BINDTODEVICE", None)
     if option is None or not listing.is_dir():
         cause = "on this system LSL streams can be reached from other computers"
-        raise OperatorError(cause, "allow it", command="boat-daq serve --lsl-network")
+        raise RequestError(cause, "allow it", command="boat-daq serve --lsl-network")
     before = _sockets(listing)
     yield
     for number, inode in _sockets(listing).items():

@@ -25,7 +25,7 @@ from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.file_names import path_in
 from boat_daq.engine.plan import Plan, built_in_plans
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
-from boat_daq.errors import BoatDaqError, DeviceError, StorageError
+from protocol.base.errors import BoatDaqError, DeviceError, StorageError
 from protocol.recording import BoardState, DerivedChannel, ExtraChannel
 
 IDENT = "ISSE&SINE2020,SECoP,V2019-09-16,v1.0"

@@ -20,8 +20,8 @@ from pathlib import Path
 
 from boat_daq.engine.log import note, note_failure
 from boat_daq.engine.outlets.secop_node import MAX_LINE, SecopNode, is_vent
-from boat_daq.errors import OperatorError
-from protocol.regular_file import read_regular
+from protocol.base.errors import RequestError
+from protocol.base.regular_file import read_regular
 
 PORT = 10767
 CLIENTS = 8
@@ -58,12 +58,12 @@ class SecopServer:
 
     Raises
     ------
-    OperatorError : an address beyond loopback without a token, or it cannot be listened on.
+    RequestError : an address beyond loopback without a token, or it cannot be listened on.
     """
 
     def __init__(self, node: SecopNode, address: tuple[str, int] = ("127.0.0.1", PORT), *, token: str = "") -> None:
         if not token and not is_loopback(address[0]):
-            raise OperatorError(f"{address[0]} can be reached from other computers", "give a token file")
+            raise RequestError(f"{address[0]} can be reached from other computers", "give a token file")
         self._node, self._token = node, token.encode()
         self.port = self.requests = self.refused = 0
         self._clients: set[_Client] = set()
@@ -78,7 +78,7 @@ class SecopServer:
         if self._failures:
             self._thread.join()
             cause = f"{address[0]}:{address[1]} cannot be listened on: {self._failures[0].strerror}"
-            raise OperatorError(cause, "choose another address or port") from self._failures[0]
+            raise RequestError(cause, "choose another address or port") from self._failures[0]
 
     @property
     def clients(self) -> int:
@@ -222,13 +222,13 @@ def read_token(path: Path) -> str:
 
     Raises
     ------
-    OperatorError : it cannot be read, or is too short to be one.
+    RequestError : it cannot be read, or is too short to be one.
     """
     try:
         token = read_regular(path, 4096).decode("ascii").strip()
     except (OSError, UnicodeDecodeError) as error:
-        raise OperatorError(f"{path} cannot be read as a token", "write one line of letters and digits") from error
+        raise RequestError(f"{path} cannot be read as a token", "write one line of letters and digits") from error
     if len(token) < TOKEN_LEAST or not token.isalnum():
         remedy = f"write one line of {TOKEN_LEAST} or more letters and digits"
-        raise OperatorError(f"{path} holds no usable token", remedy)
+        raise RequestError(f"{path} holds no usable token", remedy)
     return token

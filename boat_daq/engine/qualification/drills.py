@@ -40,9 +40,8 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
-from boat_daq.errors import DeviceError
 from boat_daq.own_packages import start_module
-from protocol.errors import RecordingError
+from protocol.base.errors import DeviceError, RecordingError
 from protocol.recording import dtype_from_description, open_recording, read_session
 
 PORT = "pty" if hasattr(os, "openpty") else "127.0.0.1:0"

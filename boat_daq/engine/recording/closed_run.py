@@ -15,7 +15,7 @@ from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.file import RecordingFile, now_utc
 from boat_daq.engine.recording.rows import reading_row
 from boat_daq.engine.snapshot import Reading
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.recording import open_recording
 
 _STEP_COLUMNS = ("id", *(field.name for field in fields(StepMark) if field.name != "number"))
@@ -38,14 +38,14 @@ def append_reading(path: Path, reading: Reading) -> None:
 
     Raises
     ------
-    OperatorError : the recording has no such step, or it is not an elongation.
+    RequestError : the recording has no such step, or it is not an elongation.
     StorageError : the recording is in progress, or cannot be written. RecordingError : not a recording.
     """
     statement = reading_row(reading)
     with closing(open_recording(path)) as db:
         known = db.execute("SELECT count(*) FROM step WHERE id = ?", (reading.step_id,)).fetchone()[0]
     if not known:
-        raise OperatorError(f"{path} has no step {reading.step_id}", "Choose a step of it.", command="boat-daq info")
+        raise RequestError(f"{path} has no step {reading.step_id}", "Choose a step of it.", command="boat-daq info")
     file = RecordingFile.reopen(path)
     try:
         file.commit([statement])

@@ -32,7 +32,7 @@ from typing import Any, Final, TypeAlias
 
 from boat_daq import __version__
 from boat_daq.engine.file_names import check_file_name
-from boat_daq.errors import OperatorError, StorageError
+from protocol.base.errors import RequestError, StorageError
 from protocol.recording import open_recording, refuse_newer, sample_dtype, schema
 from protocol.recording.checks import harden
 
@@ -168,11 +168,11 @@ def check_recording_name(path: Path) -> None:
 
     Raises
     ------
-    OperatorError : wrong ending, or refused by `check_file_name`.
+    RequestError : wrong ending, or refused by `check_file_name`.
     """
     if path.suffix != schema.SUFFIX:
         remedy = f"Call it {path.stem or 'run'}{schema.SUFFIX}"
-        raise OperatorError(f"{path.name!r} does not end in {schema.SUFFIX}", remedy)
+        raise RequestError(f"{path.name!r} does not end in {schema.SUFFIX}", remedy)
     check_file_name(path.name)
 
 
@@ -209,7 +209,7 @@ class RecordingFile:
 
         Raises
         ------
-        OperatorError : the name cannot be used, or a file of that name exists.
+        RequestError : the name cannot be used, or a file of that name exists.
         StorageError : the folder cannot be written.
         """
         check_recording_name(path)
@@ -224,7 +224,7 @@ class RecordingFile:
         except FileExistsError:
             lock.close()
             remedy = "A recording is never overwritten: choose another name."
-            raise OperatorError(f"{path} exists already", remedy) from None
+            raise RequestError(f"{path} exists already", remedy) from None
         except (OSError, sqlite3.Error) as error:
             lock.close()
             raise storage_error(path, error) from error

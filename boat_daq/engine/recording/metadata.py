@@ -23,7 +23,7 @@ from boat_daq.engine.recording.rows import INSERT_EVENT
 from boat_daq.engine.settings import UnitLibrary, home
 from boat_daq.engine.stored_file import write_stored
 from boat_daq.engine.toml_values import BadValue, parse_toml, read_text
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.recording import METADATA_EVENT, NOTE_EVENT, Metadata, metadata_of, open_recording, read_session
 from protocol.recording.metadata import MOST
 
@@ -74,7 +74,7 @@ def remembered(units: UnitLibrary, unit: str) -> Metadata:
 
     Raises
     ------
-    OperatorError : the file is refused, by key.
+    RequestError : the file is refused, by key.
     """
     return _checked(units.load(unit).metadata, f"unit {unit}") if unit else Metadata()
 
@@ -84,7 +84,7 @@ def remember(units: UnitLibrary, unit: str, metadata: Metadata) -> None:
 
     Raises
     ------
-    OperatorError : the file is refused. StorageError : it cannot be written.
+    RequestError : the file is refused. StorageError : it cannot be written.
     """
     kept, stored = _stated(metadata.of_unit()), units.load(unit) if unit else None
     if stored is not None and kept != stored.metadata:
@@ -101,12 +101,12 @@ def load_template(name: str, folder: Path | None = None) -> Metadata:
 
     Raises
     ------
-    OperatorError : there is none of that name, or the file is refused, by key.
+    RequestError : there is none of that name, or the file is refused, by key.
     """
     path = Path(name) if name.endswith(".toml") else path_in(_templates(folder), f"{name}.toml")
     if not path.exists():
         known = ", ".join(template_names(folder)) or "none"
-        raise OperatorError(f"there is no template {name!r:.60}", f"Templates: {known}.")
+        raise RequestError(f"there is no template {name!r:.60}", f"Templates: {known}.")
     return _checked(parse_toml(read_text(path), str(path)), str(path))
 
 
@@ -115,7 +115,7 @@ def save_template(name: str, metadata: Metadata, folder: Path | None = None) -> 
 
     Raises
     ------
-    OperatorError : the name cannot be used. StorageError : it cannot be written.
+    RequestError : the name cannot be used. StorageError : it cannot be written.
     """
     path = path_in(_templates(folder), f"{name}.toml")
     write_stored(path, tomli_w.dumps(_stated(metadata.of_unit())))
@@ -139,4 +139,4 @@ def _checked(table: Mapping[str, Any], where: str) -> Metadata:
     try:
         return Metadata.of(table, MOST)
     except ValueError as error:
-        raise OperatorError(f"{where}: {error}", "Correct the value.") from error
+        raise RequestError(f"{where}: {error}", "Correct the value.") from error

@@ -22,7 +22,7 @@ from boat_daq.engine.recording.file import RecordingFile, Statement, now_utc, se
 from boat_daq.engine.recording.resumption import RESUMED, BrokenRun, break_entry, break_text, reopen
 from boat_daq.engine.recording.rows import Counters, RowMaker, camera_row, health_row, reading_row, step_row
 from boat_daq.engine.snapshot import CameraReading, HealthSnapshot, Reading, RunEnding
-from boat_daq.errors import StorageError
+from protocol.base.errors import StorageError
 from protocol.recording import RunEnd, describe_dtype, sample_dtype
 
 COMMIT_S = 0.1
@@ -51,7 +51,7 @@ class Recorder:
 
     Raises
     ------
-    OperatorError : the name cannot be used, or a file of that name exists.
+    RequestError : the name cannot be used, or a file of that name exists.
     StorageError : its folder cannot be written.
     """
 

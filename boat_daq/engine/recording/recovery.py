@@ -30,8 +30,7 @@ from boat_daq.engine.recording.file import (
 )
 from boat_daq.engine.recording.rows import INSERT_EVENT, OverviewRows
 from boat_daq.engine.sample_columns import mv_per_count
-from boat_daq.errors import OperatorError, StorageError
-from protocol.errors import DamagedRecordingError, RecordingError
+from protocol.base.errors import DamagedRecordingError, RecordingError, RequestError, StorageError
 from protocol.recording import schema
 from protocol.recording.checks import DAMAGE, bytes_of, harden, refuse_active, value_fits
 
@@ -277,7 +276,7 @@ def _free_name(path: Path) -> Path:
         target = path.with_name(f"{path.stem}.salvaged{'' if number == 1 else number}{schema.SUFFIX}")
         if not target.exists():
             return target
-    raise OperatorError(f"there are a thousand salvaged files of {path.name} already")
+    raise RequestError(f"there are a thousand salvaged files of {path.name} already")
 
 
 def _copy(reader: _RowReader, file: RecordingFile, table: str) -> None:

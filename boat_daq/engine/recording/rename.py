@@ -12,7 +12,7 @@ from pathlib import Path
 from boat_daq.engine.file_names import path_in
 from boat_daq.engine.recording.file import RecordingFile, WriterLock, check_recording_name, storage_error
 from boat_daq.engine.recording.rows import INSERT_EVENT
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.recording import NOTE_EVENT, open_recording, read_session
 
 BESIDE = (".elongation.csv",)  # what NAME.boat has beside it, after NAME
@@ -29,7 +29,7 @@ def rename(path: Path, name: str) -> Path:
 
     Raises
     ------
-    OperatorError : the name cannot be used, or is in use; the recording is not closed.
+    RequestError : the name cannot be used, or is in use; the recording is not closed.
     StorageError : another program writes it, or the folder cannot be written. RecordingError : not a recording.
     """
     target = path_in(path.parent, name.strip())
@@ -37,12 +37,12 @@ def rename(path: Path, name: str) -> Path:
     with closing(open_recording(path)) as db:
         status = read_session(db)["status"]
     if status == "recording":
-        raise OperatorError(f"{path.name} is not closed", "Close or recover the recording first.")
+        raise RequestError(f"{path.name} is not closed", "Close or recover the recording first.")
     pairs = [(path, target), *zip(companions(path), companions(target), strict=True)]
     pairs = [(old, new) for old, new in pairs if old.exists()]
     for old, new in pairs:
         if new.exists() and not new.samefile(old):
-            raise OperatorError(f"{new.name} exists already", "Choose another name; no file is overwritten.")
+            raise RequestError(f"{new.name} exists already", "Choose another name; no file is overwritten.")
     done: list[tuple[Path, Path]] = []
     with closing(WriterLock(path)):
         try:
@@ -61,11 +61,11 @@ def add_note(path: Path, text: str) -> None:
 
     Raises
     ------
-    OperatorError : it is too long. StorageError : the recording is in progress, or cannot be written.
+    RequestError : it is too long. StorageError : the recording is in progress, or cannot be written.
     RecordingError : not a recording.
     """
     if len(text) > NOTE_MOST:
-        raise OperatorError(f"the note is longer than {NOTE_MOST} letters", "Shorten it.")
+        raise RequestError(f"the note is longer than {NOTE_MOST} letters", "Shorten it.")
     with closing(open_recording(path)) as db:
         number = db.execute("SELECT coalesce(max(id), 0) + 1 FROM event").fetchone()[0]
         last_ns = db.execute("SELECT coalesce(max(host_ns), 0) FROM event").fetchone()[0]

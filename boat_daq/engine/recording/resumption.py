@@ -25,7 +25,7 @@ from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.rows import INSERT_EVENT, Counters
 from boat_daq.engine.recording.upgrade import upgrade
 from boat_daq.engine.snapshot import Reading
-from boat_daq.errors import OperatorError, StorageError
+from protocol.base.errors import RequestError, StorageError
 from protocol.recording import schema
 
 RESUMED = "resumed after a break"  # reason of the segment behind it
@@ -78,10 +78,10 @@ class BrokenRun:
 
         Raises
         ------
-        OperatorError : names what differs, or the link is read only.
+        RequestError : names what differs, or the link is read only.
         """
         if not can_command:
-            raise OperatorError("a run cannot be resumed over a read-only link", "connect the board itself")
+            raise RequestError("a run cannot be resumed over a read-only link", "connect the board itself")
         for key, name in _SAME.items():
             was, found = self.meta.get(key), now.get(key)
             if key == "channels" and not was:
@@ -89,20 +89,20 @@ class BrokenRun:
             if (was or None) != (found or None):
                 then, today = (str(value or "not named") for value in (was, found))
                 cause = f"{self.path.name} was recorded with {name} {then:.60}; now it is {today:.60}"
-                raise OperatorError(cause, "resume it with the same board, unit and rate, or begin a new recording")
+                raise RequestError(cause, "resume it with the same board, unit and rate, or begin a new recording")
 
     def check_plan(self, plan: Plan) -> None:
         """Refuse another plan than the recording's.
 
         Raises
         ------
-        OperatorError : names the first key that differs.
+        RequestError : names the first key that differs.
         """
         for key in Plan.__dataclass_fields__:
             was, given = getattr(self.plan, key), getattr(plan, key)
             if was != given:
                 cause = f"the plan of {self.path.name} has {key} {was}, not {given}"
-                raise OperatorError(
+                raise RequestError(
                     cause, "an interrupted run resumes with its own plan", command="omit --plan and its options"
                 )
 
@@ -113,7 +113,7 @@ def read_broken_run(path: Path) -> BrokenRun:
     Raises
     ------
     RecordingError : not a recording, or one of a newer program.
-    OperatorError : it has no plan, all its cycles, or an older program's layout.
+    RequestError : it has no plan, all its cycles, or an older program's layout.
     StorageError : a living program writes it.
     """
     if is_being_written(path):
@@ -122,15 +122,15 @@ def read_broken_run(path: Path) -> BrokenRun:
     with closing(schema.open_recording(path)) as db:
         meta = schema.read_session(db)
         if not isinstance(meta["plan"], dict):
-            raise OperatorError(f"{path.name} was recorded without a plan: it has no run to resume", "begin a new one")
+            raise RequestError(f"{path.name} was recorded without a plan: it has no run to resume", "begin a new one")
         plan = plan_from_table(meta["plan"], f"the plan of {path.name}")
         marks, readings = read_steps(db), read_readings(db)
     first_cycle, complete = resume_point(plan, list(marks))
     if complete >= plan.cycles:
-        raise OperatorError(f"{path.name} has all its {plan.cycles} cycles", "begin a new recording")
+        raise RequestError(f"{path.name} has all its {plan.cycles} cycles", "begin a new recording")
     if schema.layout_version(path) < schema.SCHEMA_VERSION:
         cause = f"{path.name} has the layout of an older program"
-        raise OperatorError(cause, "begin a new recording", command=f"boat-daq upgrade {path}")
+        raise RequestError(cause, "begin a new recording", command=f"boat-daq upgrade {path}")
     ended = schema.RunEnd.INTERRUPTED if meta["status"] == "recording" else meta["stop_reason"] or meta["status"]
     return BrokenRun(path, meta, plan, marks, readings, first_cycle, complete, str(ended))
 

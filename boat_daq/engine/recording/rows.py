@@ -20,7 +20,7 @@ from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.file import Statement
 from boat_daq.engine.sample_columns import mv_per_count
 from boat_daq.engine.snapshot import CameraReading, HealthSnapshot, Reading
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.link import events as link
 from protocol.link.framing import FrameReader
 from protocol.link.messages import AckStatus, EventCode, Heartbeat, Identify, MessageType, SetPressure, Start
@@ -67,10 +67,10 @@ def step_row(mark: StepMark, segment: int, *, new: bool) -> Statement:
 
     Raises
     ------
-    OperatorError : a branch that is none.
+    RequestError : a branch that is none.
     """
     if mark.branch not in BRANCHES:
-        raise OperatorError(f"a step's branch is one of {', '.join(BRANCHES)}, not {mark.branch!r}")
+        raise RequestError(f"a step's branch is one of {', '.join(BRANCHES)}, not {mark.branch!r}")
     if new:
         values = (mark.number, mark.cycle, mark.branch, mark.target_kpa, mark.ramp_kpa_per_s, mark.started_us)
         return INSERT_STEP, (mark.number, segment, *values)
@@ -83,13 +83,13 @@ def reading_row(reading: Reading) -> Statement:
 
     Raises
     ------
-    OperatorError : not an elongation, or not a resolution.
+    RequestError : not an elongation, or not a resolution.
     """
     x, resolution = reading.elongation_mm, reading.resolution_mm
     if x is not None and not abs(x) <= LONGEST_MM:
-        raise OperatorError(f"{x} is not an elongation in mm", f"give a number within ±{LONGEST_MM:g}")
+        raise RequestError(f"{x} is not an elongation in mm", f"give a number within ±{LONGEST_MM:g}")
     if resolution is not None and not 0 < resolution <= LONGEST_MM:
-        raise OperatorError(f"{resolution} mm is not a resolution", "give that of the grid, such as 0.5")
+        raise RequestError(f"{resolution} mm is not a resolution", "give that of the grid, such as 0.5")
     return INSERT_READING, (reading.utc, reading.step_id, x, resolution, reading.source, reading.reader, reading.note)
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from boat_daq.engine.recording.file import is_being_written
-from protocol.errors import ProtocolError, damaged
+from protocol.base.errors import BoatDaqError, damaged
 from protocol.recording import ExtraChannel, Metadata, metadata_of, schema, session_channels
 from protocol.recording.checks import DAMAGE, bytes_of
 
@@ -146,7 +146,7 @@ def is_simulated(path: Path) -> bool | None:
     try:
         with closing(schema.open_recording(path)) as db:
             return bool(schema.read_session(db)["simulated"])
-    except (ProtocolError, OSError, sqlite3.Error, KeyError):
+    except (BoatDaqError, OSError, sqlite3.Error, KeyError):
         return None
 
 

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from boat_daq.engine.recording.file import WriterLock, storage_error
-from boat_daq.errors import OperatorError, StorageError
+from protocol.base.errors import RequestError, StorageError
+from protocol.base.whole_file import written_whole
 from protocol.recording import ADDED, SCHEMA_VERSION, layout_version, open_recording, read_session, refuse_newer
 from protocol.recording.checks import DAMAGE, columns_of, harden
-from protocol.whole_file import written_whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ def upgrade(path: Path) -> Upgrade:
     Raises
     ------
     RecordingError : not a recording, or one of a newer program.
-    OperatorError : it is interrupted.
+    RequestError : it is interrupted.
     StorageError : it is in progress or damaged, or the folder cannot be written.
     """
     refuse_newer(path)
@@ -58,7 +58,7 @@ def upgrade(path: Path) -> Upgrade:
         return Upgrade("current", path, version, version)
     with closing(WriterLock(path)):
         if status == "recording" or path.with_name(path.name + "-wal").exists():
-            raise OperatorError(f"{path} was not closed", "Recover the recording.", command=f"boat-daq recover {path}")
+            raise RequestError(f"{path} was not closed", "Recover the recording.", command=f"boat-daq recover {path}")
         try:
             return Upgrade("upgraded", path, version, SCHEMA_VERSION, _exchange(path, version))
         except (OSError, *DAMAGE) as error:
@@ -107,4 +107,4 @@ def _keep(path: Path, version: int) -> Path:
                 shutil.copyfileobj(original, second)
                 os.fsync(second.fileno())
         return backup
-    raise OperatorError(f"there are a thousand backups of {path.name} already", "Remove some of them.")
+    raise RequestError(f"there are a thousand backups of {path.name} already", "Remove some of them.")

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from boat_daq.engine.link.opening import open_link
 from boat_daq.engine.recording.rows import OverviewRows
 from boat_daq.engine.sample_columns import mv_per_count
-from protocol.errors import ProfileError
+from protocol.base.errors import ProfileError
 from protocol.link.bulk import decode_chunks
 from protocol.link.events import Link, SampleGap, Samples
 from protocol.recording import breaks_of, check_long_tables, open_recording, read_session, session_dtype

@@ -23,7 +23,7 @@ from boat_daq.engine.session.link_supervisor import LinkSupervisor
 from boat_daq.engine.session.unit_under_test import UnitUnderTest
 from boat_daq.engine.settings import Settings
 from boat_daq.engine.snapshot import CameraReading, MessageKind, RunEnding, SessionState
-from boat_daq.errors import OperatorError, StorageError
+from protocol.base.errors import RequestError, StorageError
 from protocol.recording import DerivedColumns, Metadata, RunEnd
 
 _OF_THE_BOARD = ("board_id", "vref_mv", "adc_bits", "polarity", "rate_hz", "unit", "limits_pa")
@@ -78,11 +78,11 @@ class ActiveRecording:
         with self._control.acting() as control:
             reader = self._link.reader
             if reader is None or not (control.up or control.hold_samples):
-                raise OperatorError("there is nothing to record yet", "connect a board first")
+                raise RequestError("there is nothing to record yet", "connect a board first")
             if self._journal.recorder is not None:
-                raise OperatorError(f"{self._journal.recorder.path} is being recorded", "stop that recording first")
+                raise RequestError(f"{self._journal.recorder.path} is being recorded", "stop that recording first")
             if control.sequencer.state in (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING):
-                raise OperatorError("a recording begins before its run", "stop the run first")
+                raise RequestError("a recording begins before its run", "stop the run first")
             meta = {"polarity": polarity, **stated, **self._describe(control), **(metadata or {})}
         if broken is not None:
             broken.check_same(meta, can_command=control.board.can_command)
@@ -97,7 +97,7 @@ class ActiveRecording:
         note("info", f"{RECORDING}{path}")
         if raced:
             recorder.close(RunEnd.STOPPED)
-            raise OperatorError("the session changed while the recording began", "try again")
+            raise RequestError("the session changed while the recording began", "try again")
 
     def metadata(self, path: Path) -> Metadata:
         """Return the metadata of a recording; of the one in progress with what is not yet on the disk.

@@ -26,7 +26,7 @@ from boat_daq.engine.camera.video import VideoStore
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import CameraReading
-from boat_daq.errors import BoatDaqError, OperatorError
+from protocol.base.errors import BoatDaqError, RequestError
 
 SOURCE = "camera"
 FEWEST_FRAMES = 5
@@ -71,7 +71,7 @@ class CameraChannel:
         enter: bool = True,
     ) -> None:
         if not source.live:
-            raise OperatorError(f"{source.name} is a file", "analyse the recording with it, or name a camera")
+            raise RequestError(f"{source.name} is a file", "analyse the recording with it, or name a camera")
         self._session, self._about, self._enter = session, about, enter
         self._frames: deque[tuple[int, float, float, str]] = deque(maxlen=FRAMES_KEPT)  # host_ns, mm, u_mm, fault
         self._arrivals: deque[tuple[int, int]] = deque(maxlen=FRAMES_KEPT)  # host_ns, board us

@@ -17,7 +17,7 @@ from boat_daq.engine.control.controller import Controller
 from boat_daq.engine.control.elongation import Regulator
 from boat_daq.engine.plan import Plan, resume_point
 from boat_daq.engine.session.journal import Journal
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.link.messages import Command, SetPressure, Vent
 from protocol.recording import RunEnd
 
@@ -80,10 +80,10 @@ class GuardedController:
                 broken.check_plan(plan)
                 if not resume:
                     cause = f"{broken.path.name} holds an interrupted run, which can only be resumed there"
-                    raise OperatorError(cause, "resume it, or begin a new recording")
+                    raise RequestError(cause, "resume it, or begin a new recording")
             resume_at = resume_point(plan, control.sequencer.marks) if resume else (1, 0)
             if resume_at[1] >= plan.cycles:
-                raise OperatorError("the run has all its cycles", "begin a new one")
+                raise RequestError("the run has all its cycles", "begin a new one")
             control.arm(
                 plan, wait_for_reading=wait_for_reading, resume_at=resume_at, regulator=regulator, hold=hold
             )  # fmt: skip

@@ -22,7 +22,7 @@ from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.recording.rows import reading_row
 from boat_daq.engine.snapshot import LATE_MS, HealthSnapshot, Message, MessageKind, Reading, RunEnding
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 
 MESSAGES = 50
 
@@ -115,10 +115,10 @@ class Journal:
 
         Raises
         ------
-        OperatorError : no such plateau, or no length that a unit can have.
+        RequestError : no such plateau, or no length that a unit can have.
         """
         if reading.step_id not in self.steps:
-            raise OperatorError(f"there is no step {reading.step_id}", "give the number of a plateau of this recording")
+            raise RequestError(f"there is no step {reading.step_id}", "give the number of a plateau of this recording")
         reading_row(reading)  # refuses what is no reading, also where nothing is recorded
         self.readings.append(reading)
         if self.recorder is not None:

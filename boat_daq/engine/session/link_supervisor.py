@@ -25,8 +25,7 @@ from boat_daq.engine.sample_columns import mv_per_count
 from boat_daq.engine.session.journal import Journal
 from boat_daq.engine.settings import Settings
 from boat_daq.engine.snapshot import HealthSnapshot, LinkError, LinkState, MessageKind, SessionState
-from boat_daq.errors import BoatDaqError, DeviceError, OperatorError
-from protocol.errors import ProtocolError
+from protocol.base.errors import BoatDaqError, DeviceError, RequestError
 from protocol.link.events import HelloReceived, WrongProtocol
 from protocol.link.messages import Command, Heartbeat, Hello
 from protocol.recording import RunEnd
@@ -100,10 +99,10 @@ class LinkSupervisor:
 
         Raises
         ------
-        OperatorError : one is open already.
+        RequestError : one is open already.
         """
         if self.state in _BUSY or self._wanted:
-            raise OperatorError(f"{self.url} is open already", "disconnect it first")
+            raise RequestError(f"{self.url} is open already", "disconnect it first")
         self.url, self._profile, self._greeted = url, profile, greeted
         self.error = self._expected_id = None
         self.state, self._wanted = LinkState.OPENING, True
@@ -133,7 +132,7 @@ class LinkSupervisor:
                 reader.feed(command)
             else:
                 reader.send(command)
-        except (DeviceError, ProtocolError):
+        except BoatDaqError:
             return False  # the reading thread finds the port gone; a link that cannot encode it has reported why
         return True
 
@@ -191,7 +190,7 @@ class LinkSupervisor:
         self._since_s = self._clock_s()
         try:
             port = open_port(self.url, self._profile, self._settings())
-        except (BoatDaqError, ProtocolError) as error:
+        except BoatDaqError as error:
             self._fail(error.cause, error.remedy, getattr(error, "command", ""))
             return
         self._usb = usb_port(self.url)
@@ -332,7 +331,7 @@ class LinkSupervisor:
             return
         try:
             port = open_port(url, self._profile, self._settings())
-        except (BoatDaqError, ProtocolError):
+        except BoatDaqError:
             return
         self.url = url
         self._attach(port)

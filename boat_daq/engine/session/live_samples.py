@@ -16,8 +16,7 @@ from boat_daq.engine.sample_columns import OtherChannels, units_of
 from boat_daq.engine.session.guarded_controller import GuardedController
 from boat_daq.engine.session.journal import Journal
 from boat_daq.engine.snapshot import MessageKind
-from boat_daq.errors import OperatorError
-from protocol.errors import RecordingError
+from protocol.base.errors import RecordingError, RequestError
 from protocol.link.events import Samples
 from protocol.recording import DerivedChannel, DerivedColumns
 
@@ -86,7 +85,7 @@ class LiveSamples:
         """Take the stored derived channels; a file that is refused is named in a warning."""
         try:
             self.derived = load_derived()
-        except (OperatorError, RecordingError) as error:
+        except (RequestError, RecordingError) as error:
             self._journal.tell(MessageKind.DERIVED, "warning", error.cause, error.remedy)
 
     def set_derived(self, channels: Sequence[DerivedChannel]) -> None:
@@ -97,7 +96,7 @@ class LiveSamples:
         with self._control.lock:
             if self._journal.recorder is not None:
                 cause = "a recording in progress has the derived channels of its beginning"
-                raise OperatorError(cause, "stop the recording first")
+                raise RequestError(cause, "stop the recording first")
             port = self._port()
             if port is not None and port.link.n_sensors:
                 DerivedColumns.of(channels, units_of(port.link))

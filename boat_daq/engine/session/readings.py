@@ -22,8 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from boat_daq.engine.plan import Plan, StepMark
-from boat_daq.errors import OperatorError
-from protocol.errors import LocalError
+from protocol.base.errors import RequestError
 from protocol.recording.elongation_file import ElongationRow as FileReading
 from protocol.recording.elongation_file import read_elongation_rows
 
@@ -41,12 +40,12 @@ def read_elongation_csv(path: Path) -> tuple[FileReading, ...]:
 
     Raises
     ------
-    OperatorError : the file cannot be read, lacks a column, or a row is not numbers; names the line.
+    RequestError : the file cannot be read, lacks a column, or a row is not numbers; names the line.
     """
     try:
         return read_elongation_rows(path)
-    except LocalError as error:
-        raise OperatorError(error.cause, error.remedy) from error
+    except RequestError as error:
+        raise RequestError(error.cause, error.remedy) from error
 
 
 def check_against_plan(readings: Sequence[FileReading], plan: Plan) -> None:
@@ -54,10 +53,10 @@ def check_against_plan(readings: Sequence[FileReading], plan: Plan) -> None:
 
     Raises
     ------
-    OperatorError : the first row that does not fit, or a plan without plateaus.
+    RequestError : the first row that does not fit, or a plan without plateaus.
     """
     if plan.kind != "staircase":
-        raise OperatorError(f"plan {plan.name} has no plateaus to read elongation at", "omit the file of readings")
+        raise RequestError(f"plan {plan.name} has no plateaus to read elongation at", "omit the file of readings")
     steps = [StepMark(n, s.cycle, s.branch, s.target_kpa, 0.0, 0) for n, s in enumerate(plan.steps, 1)]
     match_readings(readings, steps)
 
@@ -67,11 +66,11 @@ def match_readings(readings: Sequence[FileReading], steps: Sequence[StepMark]) -
 
     Raises
     ------
-    OperatorError : the first row that does not fit.
+    RequestError : the first row that does not fit.
     """
     plateaus = [step for step in steps if step.branch != "end" and not step.passed]
     if not readings or not plateaus:
-        raise OperatorError("there are no readings" if plateaus else "the run has no plateaus", "nothing was entered")
+        raise RequestError("there are no readings" if plateaus else "the run has no plateaus", "nothing was entered")
     levels = sorted({step.target_kpa for step in plateaus})
     near = min([NEAR_KPA, *((b - a) / 3 for a, b in pairwise(levels))])
     if readings[0].cycle is not None:
@@ -92,7 +91,7 @@ def _by_order(readings: Sequence[FileReading], plateaus: list[StepMark], near: f
             row, step = wrong
             misfit = f"line {row.line} has {row.pressure_kpa:g} kPa where the run has {step.target_kpa:g} kPa"
     remedy = "give one row for each plateau, in order; none was entered"
-    raise OperatorError(f"the readings do not fit the plateaus: {misfit}", remedy)
+    raise RequestError(f"the readings do not fit the plateaus: {misfit}", remedy)
 
 
 def _merged(readings: Sequence[FileReading]) -> list[FileReading]:
@@ -107,7 +106,7 @@ def _by_branch(readings: Sequence[FileReading], plateaus: list[StepMark], near: 
         step = _plateau_of(row, plateaus, near)
         if step is None:
             cause = f"line {row.line}: no plateau at {row.pressure_kpa:g} kPa, cycle {row.cycle}, {row.branch}"
-            raise OperatorError(cause, "check cycle, branch (unloading or loading) and pressure; none was entered")
+            raise RequestError(cause, "check cycle, branch (unloading or loading) and pressure; none was entered")
         found.setdefault(step.number, []).append(row.elongation_mm)
     return {number: sum(values) / len(values) for number, values in found.items()}
 
@@ -128,7 +127,7 @@ def enter_readings(session: Session, readings: Sequence[FileReading], *, source:
 
     Raises
     ------
-    OperatorError : they do not fit; nothing is entered.
+    RequestError : they do not fit; nothing is entered.
     """
     matched = match_readings(readings, [step for step in session.steps() if step.status == "reached"])
     for step_id, elongation_mm in matched.items():
@@ -145,7 +144,7 @@ def readings_so_far(readings: Sequence[FileReading], plan: Plan, steps: Sequence
 
     Raises
     ------
-    OperatorError : the rows fit neither the whole plan nor the plateaus reached.
+    RequestError : the rows fit neither the whole plan nor the plateaus reached.
     """
     reached = [step for step in steps if step.status == "reached" and step.branch != "end"]
     planned = [StepMark(n, s.cycle, s.branch, s.target_kpa, 0.0, 0) for n, s in enumerate(plan.steps, 1)]
@@ -157,7 +156,7 @@ def readings_so_far(readings: Sequence[FileReading], plan: Plan, steps: Sequence
         return tuple(row for row in readings if row not in later)  # with those of no plateau at all, which are refused
     try:
         matched = match_readings(readings, planned)
-    except OperatorError:
+    except RequestError:
         return tuple(readings)
     known = [(step, matched.get(number)) for number, step in enumerate(planned, 1)]
     now = [(step, mm) for (_, mm), step in zip(known, reached, strict=False) if mm is not None and not step.passed]
@@ -190,13 +189,13 @@ def truth_at_plateaus(truth_csv: Path, steps: Sequence[StepMark]) -> dict[int, f
 
     Raises
     ------
-    OperatorError : the file cannot be read or is no such file.
+    RequestError : the file cannot be read or is no such file.
     """
     try:
         table = np.genfromtxt(truth_csv, delimiter=",", names=True, comments="#", usecols=(2, 4), skip_header=1)
         time_us, elongation_mm = table["time_s"] * 1e6, table["elongation_mm"]
     except (OSError, ValueError, IndexError) as error:
-        raise OperatorError(f"{truth_csv} is not a truth file of a virtual board: {error}") from error
+        raise RequestError(f"{truth_csv} is not a truth file of a virtual board: {error}") from error
     found = {}
     for step in steps:
         if step.status == "reached" and step.branch != "end" and step.settled_us is not None:
@@ -226,10 +225,10 @@ def enter_simulated_readings(
 
     Raises
     ------
-    OperatorError : the session is not on a virtual board, or the file is no truth file.
+    RequestError : the session is not on a virtual board, or the file is no truth file.
     """
     if not session.snapshot().simulated:
-        raise OperatorError("only a virtual board has true elongations", "type the readings of a real unit")
+        raise RequestError("only a virtual board has true elongations", "type the readings of a real unit")
     rng = np.random.default_rng(seed)
     truth = truth_at_plateaus(truth_csv, session.steps())
     for step_id, truth_mm in truth.items():

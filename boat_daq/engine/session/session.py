@@ -2,7 +2,7 @@
 
 Every method may be called from any thread. What takes time happens on threads of the session's own and is seen in
 `snapshot()`; only `wait`, `stop_recording` and `close` wait for something, as documented there. What cannot be done
-raises one of `boat_daq.errors` with its cause and remedy, and changes nothing.
+raises one of `protocol.base.errors` with its cause and remedy, and changes nothing.
 
 Threads: the reading thread (`link.reader`) brings blocks and carries out what follows from them; the link supervisor's
 thread opens ports, seeks a lost board and lets time pass; the recorder writes on its own. One lock guards controller
@@ -46,7 +46,7 @@ from boat_daq.engine.snapshot import (
     SessionState,
 )
 from boat_daq.engine.stored_file import take_warnings
-from boat_daq.errors import DeviceError, OperatorError
+from protocol.base.errors import DeviceError, RequestError
 from protocol.recording import DerivedChannel, Metadata, RunEnd
 
 VENTING_WAIT_S = 5.0
@@ -105,7 +105,7 @@ class Session:
 
         Raises
         ------
-        DeviceError, OperatorError, StorageError : as `connect` and `wait_connected`.
+        DeviceError, RequestError, StorageError : as `connect` and `wait_connected`.
         """
         session = cls(settings)
         try:
@@ -153,7 +153,7 @@ class Session:
 
         Raises
         ------
-        OperatorError : as `arm` and `start`. DeviceError : the link was lost; the board vents by itself.
+        RequestError : as `arm` and `start`. DeviceError : the link was lost; the board vents by itself.
         """
         self.arm(plan if isinstance(plan, Plan) else load_plan(str(plan)), wait_for_reading=wait_for_reading)
         try:
@@ -197,7 +197,7 @@ class Session:
 
         Raises
         ------
-        OperatorError : connected already, or not a usable name of a unit.
+        RequestError : connected already, or not a usable name of a unit.
         """
         rate_hz = rate_hz or self.settings.rate_hz
         control = Controller(rate_hz=rate_hz, zero_tolerance_kpa=self.settings.zero_tolerance_kpa)
@@ -254,7 +254,7 @@ class Session:
 
         Raises
         ------
-        OperatorError : a run is in progress with it, or as `UnitLibrary.save`. StorageError : as there.
+        RequestError : a run is in progress with it, or as `UnitLibrary.save`. StorageError : as there.
         """
         self._unit.store(unit)
 
@@ -280,7 +280,7 @@ class Session:
         Raises
         ------
         StorageError : the folder cannot be written.
-        OperatorError : a recording or a run is in progress, the name cannot be used, or nothing is connected.
+        RequestError : a recording or a run is in progress, the name cannot be used, or nothing is connected.
         """
         self._recording.begin(path, metadata, None)
 
@@ -296,7 +296,7 @@ class Session:
 
         Raises
         ------
-        OperatorError : another board, unit or rate; or as `start_recording`. StorageError : it cannot be written.
+        RequestError : another board, unit or rate; or as `start_recording`. StorageError : it cannot be written.
         """
         self._recording.begin(broken.path, metadata, broken)
 
@@ -354,7 +354,7 @@ class Session:
 
         Raises
         ------
-        OperatorError : outside limits, a fault is latched, a run is in progress, the link cannot command; in the
+        RequestError : outside limits, a fault is latched, a run is in progress, the link cannot command; in the
             recording of a broken run, another plan than its own, or starting over.
         """
         self._control.arm(plan, wait_for_reading=wait_for_reading, resume=resume, regulator=regulator, hold=hold)
@@ -369,7 +369,7 @@ class Session:
 
         Raises
         ------
-        OperatorError : what the pre-flight found: link, limits, e-stop, zero of the pressure sensor, disk space.
+        RequestError : what the pre-flight found: link, limits, e-stop, zero of the pressure sensor, disk space.
         """
         self._control.start(self._recording.check_space())
 
@@ -403,7 +403,7 @@ class Session:
 
         Raises
         ------
-        OperatorError : no run is in progress, or no cycle is complete.
+        RequestError : no run is in progress, or no cycle is complete.
         """
         with self._acting() as control:
             control.finish_early(cause)
@@ -427,7 +427,7 @@ class Session:
 
         Raises
         ------
-        OperatorError : the cause is still present.
+        RequestError : the cause is still present.
         """
         with self._acting() as control:
             control.clear_fault(by)
@@ -437,7 +437,7 @@ class Session:
 
         Raises
         ------
-        OperatorError : outside limits, latched, a run is in progress, or the pre-flight check fails.
+        RequestError : outside limits, latched, a run is in progress, or the pre-flight check fails.
         """
         with self._acting() as control:
             control.set_pressure(target_kpa, MANUAL_RAMP_KPA_PER_S if ramp_kpa_per_s is None else ramp_kpa_per_s)
@@ -456,13 +456,13 @@ class Session:
 
         Raises
         ------
-        OperatorError : no regulator, latched, a run is in progress, the board is too fast, or the pre-flight fails.
-        AnalysisError : outside the calibrated range.
+        RequestError : no regulator, latched, a run is in progress, the board is too fast, or the pre-flight fails.
+        BoatDaqError : outside the calibrated range.
         """
         with self._acting() as control:
             if regulator is not None and self._unit.name and regulator.unit != self._unit.name:
                 cause = f"unit {self._unit.name} is mounted; the control is for unit {regulator.unit}"
-                raise OperatorError(cause, "identify the unit that is mounted")
+                raise RequestError(cause, "identify the unit that is mounted")
             control.control_elongation(mm, regulator, hold=hold)
 
     # ---- readings --------------------------------------------------------------------------------------------------
@@ -491,7 +491,7 @@ class Session:
 
         Raises
         ------
-        OperatorError : no such plateau, or not a finite length.
+        RequestError : no such plateau, or not a finite length.
         """
         resolution = self.settings.resolution_mm if resolution_mm is None else resolution_mm
         reading = Reading(step_id, elongation_mm, resolution, source, now_utc(), reader, note)
@@ -603,7 +603,7 @@ class Session:
 
         Raises
         ------
-        OperatorError : a recording is in progress: it states those of its beginning.
+        RequestError : a recording is in progress: it states those of its beginning.
         RecordingError : one is refused.
         """
         self._live.set_derived(channels)

@@ -24,7 +24,7 @@ from pathlib import Path
 
 from boat_daq.engine.log import note
 from boat_daq.engine.toml_values import read_json
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 
 FOLDER = "open sessions"
 ANSWER_S = 1.0
@@ -120,7 +120,7 @@ def _request(path: Path, request: str) -> VentAnswer | None:
     try:
         content = read_json(path)
         port, key = int(content["port"]), str(content["key"])
-    except (OperatorError, KeyError, TypeError, ValueError):
+    except (RequestError, KeyError, TypeError, ValueError):
         return None  # being written, or not ours
     try:
         with socket.create_connection(("127.0.0.1", port), timeout=ANSWER_S) as link:

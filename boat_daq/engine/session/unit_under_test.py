@@ -8,7 +8,7 @@ from boat_daq.engine.session.guarded_controller import GuardedController
 from boat_daq.engine.session.journal import Journal
 from boat_daq.engine.settings import Unit, UnitLibrary
 from boat_daq.engine.snapshot import MessageKind, SessionState
-from boat_daq.errors import BoatDaqError, OperatorError, StorageError
+from protocol.base.errors import BoatDaqError, RequestError, StorageError
 
 _FREE = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT, SessionState.ARMED)
 
@@ -65,7 +65,7 @@ class UnitUnderTest:
                 if control.use_unit_limits((stored.min_kpa, stored.max_kpa)):
                     text = f"the limits of unit {name} are now {stored.min_kpa:g} to {stored.max_kpa:g} kPa"
                     self._journal.tell(MessageKind.UNIT_LIMITS, "info", text, "arm the plan again where one was armed")
-        except OperatorError as error:
+        except RequestError as error:
             with self._control.lock:
                 self._journal.tell(MessageKind.UNIT_LIMITS, "warning", error.cause, error.remedy)
 
@@ -75,7 +75,7 @@ class UnitUnderTest:
             stored = self.library.load(self.name)
             if stored.usb_serial != usb_serial:
                 self.library.save(dataclasses.replace(stored, usb_serial=usb_serial))
-        except (OperatorError, StorageError) as error:
+        except (RequestError, StorageError) as error:
             with self._control.lock:
                 cause = f"the board's USB serial number is not stored with unit {self.name}: {error.cause}"
                 self._journal.tell(MessageKind.STORAGE, "warning", cause, error.remedy)

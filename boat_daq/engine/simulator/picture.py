@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from boat_daq.engine.camera.opencv import opencv
-from protocol.arrays import FloatArray
+from protocol.base.arrays import FloatArray
 
 Picture = npt.NDArray[np.uint8]
 

@@ -41,9 +41,8 @@ from typing import IO, Any, TypeAlias
 import numpy as np
 
 from boat_daq.engine.simulator.camera import MjpegStream, VideoFile, VirtualCamera, parse_camera_fault, scene_of
-from boat_daq.errors import BoatDaqError, DeviceError, OperatorError
 from boat_daq.own_packages import start_module
-from protocol.errors import ProtocolError
+from protocol.base.errors import BoatDaqError, DeviceError, RequestError
 from protocol.simulator.board import VirtualBoard
 from protocol.simulator.faults import parse_fault
 
@@ -59,9 +58,9 @@ class PtyCarrier:
 
     def __init__(self, link: Path | None = None) -> None:
         if sys.platform == "win32":
-            raise OperatorError("there are no pseudo-terminals on this system", "use --tcp 127.0.0.1:0")
+            raise RequestError("there are no pseudo-terminals on this system", "use --tcp 127.0.0.1:0")
         if link is not None and link.exists() and not link.is_symlink():
-            raise OperatorError(f"{link} exists and is not a link", "choose another path for the link")
+            raise RequestError(f"{link} exists and is not a link", "choose another path for the link")
         self.url = ""
         self._link = link
         self._master = -1
@@ -138,11 +137,11 @@ class TcpCarrier:
     def __init__(self, address: str, *, allow_remote: bool = False) -> None:
         host, colon, port = address.rpartition(":")
         if not colon or not port.isdecimal() or int(port) > 65535:
-            raise OperatorError(f"{address!r} is not HOST:PORT", "use 127.0.0.1:0 for any free port")
+            raise RequestError(f"{address!r} is not HOST:PORT", "use 127.0.0.1:0 for any free port")
         self._host = host.strip("[]") or "127.0.0.1"
         if self._host not in _LOOPBACK and not allow_remote:
             remedy = "use 127.0.0.1, or add --allow-remote: the connection is neither encrypted nor authenticated"
-            raise OperatorError(f"{self._host} would open the board to other machines", remedy)
+            raise RequestError(f"{self._host} would open the board to other machines", remedy)
         self._port = int(port)
         self.url = ""
         self._listener: socket.socket | None = None
@@ -281,11 +280,11 @@ class BoardServer:
 
         Raises
         ------
-        LocalError : no such unit or fault.
-        OperatorError, DeviceError : a speed, port or file that cannot be.
+        RequestError : no such unit or fault.
+        RequestError, DeviceError : a speed, port or file that cannot be.
         """
         if not SPEEDS[0] <= settings.speed <= SPEEDS[1]:
-            raise OperatorError(f"a speed of {settings.speed:g} is not possible", "use 1 to 1000")
+            raise RequestError(f"a speed of {settings.speed:g} is not possible", "use 1 to 1000")
         self._speed = settings.speed
         self._buffer_bytes = settings.buffer_bytes
         faults = [parse_fault(text) for text in settings.faults]
@@ -426,7 +425,7 @@ def _open_truth(settings: BoardSettings, n_sensors: int) -> IO[str]:
     try:
         file = path.open("w", encoding="utf-8", newline="")
     except OSError as error:
-        raise OperatorError(f"cannot write {path}: {error.strerror}", "name a file in a folder that exists") from None
+        raise RequestError(f"cannot write {path}: {error.strerror}", "name a file in a folder that exists") from None
     file.write(f"# SIMULATED unit {settings.unit} seed {settings.seed}: noise-free values beside each sample\n")
     signals = [f"s{number}_mv" for number in range(1, n_sensors + 1)]
     file.write(",".join(["run", "index", "time_s", "pressure_kpa", "elongation_mm", *signals]) + "\n")
@@ -464,7 +463,7 @@ def serve(settings: BoardSettings) -> ServedBoard:
 
     Raises
     ------
-    LocalError, OperatorError, DeviceError : as `BoardServer`.
+    RequestError, DeviceError : as `BoardServer`.
     """
     text = json.dumps(dataclasses.asdict(settings))
     pipe = subprocess.PIPE
@@ -492,7 +491,7 @@ def _serve_for_parent(text: str) -> None:
     stated: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(text).items()}
     try:
         server = BoardServer(BoardSettings(**stated))
-    except (BoatDaqError, ProtocolError):
+    except BoatDaqError:
         sys.exit(1)  # the parent finds the same, and reports it
     stop = threading.Event()
 

@@ -13,7 +13,7 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.layout import CAMERA, ELONGATION, PRESSURE, Layout, Layouts
 from boat_daq.viewmodels.live.live_model import LiveModel
-from protocol.units import as_text
+from protocol.base.units import as_text
 
 OWN, HIDDEN = "", "hidden"  # places besides the plot of another quantity
 AGAINST = {PRESSURE: "Pressure", ELONGATION: "Elongation", CAMERA: "Camera"}

@@ -15,7 +15,6 @@ import pyqtgraph as pg
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt
 from PySide6.QtGui import QResizeEvent
 
-from analysis.arrays import FloatArray
 from boat_daq.engine.display.ring_buffer import CAMERA_U
 from boat_daq.formatting import clock, in_units
 from boat_daq.gui import style
@@ -33,6 +32,7 @@ from boat_daq.viewmodels.live.live_model import (
     PlotFrame,
     sensor_names,
 )
+from protocol.base.arrays import FloatArray
 from protocol.recording import DerivedChannel, ExtraChannel
 
 MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover

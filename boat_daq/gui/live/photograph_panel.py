@@ -25,7 +25,6 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QDialog, QGraphicsPixmapItem, QGraphicsScene, QGraphicsView, QWidget
 
-from boat_daq.errors import OperatorError
 from boat_daq.formatting import NOTHING, number, plain_number
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
@@ -33,6 +32,7 @@ from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.photograph import Photograph
 from boat_daq.viewmodels.live.run_model import RunModel
+from protocol.base.errors import RequestError
 
 KINDS: Final = ("png", "jpg", "jpeg", "bmp", "tif", "tiff")
 FILE_BYTES_MAX: Final = 200_000_000
@@ -46,20 +46,20 @@ def read_picture(path: Path) -> QPixmap:
 
     Raises
     ------
-    OperatorError : it is no picture of these kinds, is incomplete, or is too large (256 MB decoded).
+    RequestError : it is no picture of these kinds, is incomplete, or is too large (256 MB decoded).
     """
     if not path.is_file():
-        raise OperatorError(f"{path.name} is not a picture", REMEDY)
+        raise RequestError(f"{path.name} is not a picture", REMEDY)
     if path.stat().st_size > FILE_BYTES_MAX:
-        raise OperatorError(f"{path.name} is larger than {FILE_BYTES_MAX // 1_000_000} MB", REMEDY)
+        raise RequestError(f"{path.name} is larger than {FILE_BYTES_MAX // 1_000_000} MB", REMEDY)
     reader = QImageReader(str(path))
     reader.setDecideFormatFromContent(True)
     reader.setAutoTransform(True)
     if reader.format().toStdString() not in KINDS:
-        raise OperatorError(f"{path.name} is a picture of an unsupported format", REMEDY)
+        raise RequestError(f"{path.name} is a picture of an unsupported format", REMEDY)
     image = reader.read()
     if image.isNull():
-        raise OperatorError(f"{path.name} cannot be decoded: {reader.errorString()}", REMEDY)
+        raise RequestError(f"{path.name} cannot be decoded: {reader.errorString()}", REMEDY)
     return QPixmap.fromImage(image)
 
 
@@ -163,7 +163,7 @@ class PhotographPanel(QDialog):
 
         Raises
         ------
-        OperatorError : it is no picture.
+        RequestError : it is no picture.
         """
         self._show(read_picture(path))
 
@@ -173,7 +173,7 @@ class PhotographPanel(QDialog):
 
     def _show(self, pixmap: QPixmap) -> None:
         if pixmap.isNull():
-            raise OperatorError("the clipboard holds no picture", REMEDY)
+            raise RequestError("the clipboard holds no picture", REMEDY)
         self.state = self.state.next_picture()
         self.view.set_picture(pixmap)
         self._refresh()

@@ -12,7 +12,6 @@ from PySide6.QtWidgets import QApplication, QBoxLayout, QCheckBox, QFrame, QTabl
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.engine.toml_values import read_text
-from boat_daq.errors import OperatorError
 from boat_daq.formatting import duration
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
@@ -22,6 +21,7 @@ from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Panel, Services
 from boat_daq.viewmodels.live.readings import HEADINGS, SOON_S, ReadingsModel, Row
 from boat_daq.viewmodels.live.run_model import RunModel
+from protocol.base.errors import RequestError
 
 EDITABLE = 3
 Index = QModelIndex | QPersistentModelIndex
@@ -244,7 +244,7 @@ class ReadingsView(QTableView):
 
         def enter() -> None:
             if not steps:
-                raise OperatorError("there is no plateau yet", "Start the plan, or select a run.")
+                raise RequestError("there is no plateau yet", "Start the plan, or select a run.")
             selected = [index.row() for index in self.selectionModel().selectedRows()]  # the current row need not be
             self.readings.paste(text, steps[min(selected)] if selected else None)
 

@@ -335,7 +335,7 @@ class PlanForm(QScrollArea):
 
         Raises
         ------
-        OperatorError : it cannot be read, or is invalid, by key.
+        RequestError : it cannot be read, or is invalid, by key.
         """
         self.sequence.open(path)
 

@@ -12,7 +12,7 @@ from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.preferences import UnitChoice
 from boat_daq.viewmodels.common.services import Services
-from protocol.units import CHOICES, STORED_UNITS, ShownUnits, as_text
+from protocol.base.units import CHOICES, STORED_UNITS, ShownUnits, as_text
 
 EXPLANATION = (
     "Axes, values, cursors and tables of this window. Recordings, plans, readings that are typed and exported files "

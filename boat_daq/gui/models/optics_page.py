@@ -15,7 +15,6 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QSlider, QWidget
 
-from analysis.arrays import FloatArray
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.plotting.axes import fixed_plot, paint_axis
@@ -38,6 +37,7 @@ from boat_daq.viewmodels.models.optics import (
     OpticsModel,
     SweepSummary,
 )
+from protocol.base.arrays import FloatArray
 
 COLUMNS = 3  # of maps
 SHADES = 64

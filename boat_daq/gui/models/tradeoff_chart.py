@@ -17,7 +17,6 @@ import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence, QShortcut
 
-from analysis.arrays import FloatArray
 from analysis.studies.tradeoff.measure import MARGIN
 from boat_daq.formatting import duration_text
 from boat_daq.gui import style
@@ -36,6 +35,7 @@ from boat_daq.viewmodels.models.tradeoff import (
     TradeoffModel,
     TradeoffPoint,
 )
+from protocol.base.arrays import FloatArray
 
 MARGIN_DECADES = 0.25
 LEAST_DECADES = 1.0  # so that timing noise looks small

@@ -9,9 +9,9 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtGui import QColor, QImage, QPainter, QPen, QTransform
 
-from analysis.arrays import FloatArray
 from boat_daq.gui import style
 from boat_daq.viewmodels.models import tradeoff
+from protocol.base.arrays import FloatArray
 
 
 def measure_methods(

@@ -22,7 +22,7 @@ from boat_daq.formatting import power_text
 from boat_daq.gui import style
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.live import axis
-from protocol.units import Shown, as_text
+from protocol.base.units import Shown, as_text
 
 CACHED_LABELS = 500
 OVER = 0.1  # of a label's height, which may be outside the axis above and below it, as in pyqtgraph

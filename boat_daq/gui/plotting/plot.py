@@ -17,11 +17,11 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QBrush, QColor, QPainterPath, QPen, QTransform
 from PySide6.QtWidgets import QGraphicsItem, QGraphicsPathItem
 
-from analysis.arrays import FloatArray
 from boat_daq.gui import style
 from boat_daq.gui.plotting.axes import TickAxis, named
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.live import axis
+from protocol.base.arrays import FloatArray
 
 ThemeColour = Callable[[Theme], str]
 L = TypeVar("L", bound="Layer")

@@ -17,7 +17,6 @@ from PySide6.QtGui import QGuiApplication, QPainter, QPixmap
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QFrame, QGraphicsItem, QGraphicsView, QMenu, QToolButton, QWidget
 
-from boat_daq.errors import OperatorError
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Plot, make_item
 from boat_daq.gui.plotting.row_borders import UNIT, RowBorders
@@ -25,7 +24,8 @@ from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.common.preferences import Preferences
-from protocol.whole_file import written_whole
+from protocol.base.errors import RequestError
+from protocol.base.whole_file import written_whole
 
 Columns = Mapping[str, Any]
 
@@ -205,11 +205,11 @@ class PlotCard(QFrame):
 
         Raises
         ------
-        OperatorError : nothing is drawn yet.
+        RequestError : nothing is drawn yet.
         """
         if not self.columns():
             remedy = self.empty_text.text() if not self.empty_text.isHidden() else ""
-            raise OperatorError(f"nothing is drawn yet in \u201c{self.title}\u201d", remedy or "Wait until it is.")
+            raise RequestError(f"nothing is drawn yet in \u201c{self.title}\u201d", remedy or "Wait until it is.")
 
     def picture(self, scale: float = 2.0) -> QPixmap:
         """Return the card's plots as a picture of `scale` times the screen's size."""
@@ -226,7 +226,7 @@ class PlotCard(QFrame):
 
         Raises
         ------
-        OperatorError : nothing is drawn yet.
+        RequestError : nothing is drawn yet.
         """
         self.require_data()
         QGuiApplication.clipboard().setPixmap(self.picture())

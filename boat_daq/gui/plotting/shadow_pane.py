@@ -24,7 +24,6 @@ from PySide6.QtGui import (
 from PySide6.QtWidgets import QGridLayout, QToolButton, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
-from boat_daq.errors import OperatorError
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot_card import export_button, save_export
 from boat_daq.gui.style import Theme
@@ -33,6 +32,7 @@ from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.connection import age_text
 from boat_daq.viewmodels.live.shadow_live import LEVELS, SCALES, ShadowLive, ShadowPicture
+from protocol.base.errors import RequestError
 
 VIEW_MM = QRectF(-31.0, -15.0, 62.0, 108.0)  # of (x, z)
 LINES = 7
@@ -254,17 +254,17 @@ class ShadowPane(QWidget):
 
         Raises
         ------
-        OperatorError : the shadow is not drawn yet.
+        RequestError : the shadow is not drawn yet.
         """
         if self.view.picture is None or not len(self.view.picture.corners):
-            raise OperatorError("the shadow is not drawn yet", "Wait until it is prepared.")
+            raise RequestError("the shadow is not drawn yet", "Wait until it is prepared.")
 
     def copy(self) -> None:
         """Put the picture on the clipboard.
 
         Raises
         ------
-        OperatorError : the shadow is not drawn yet.
+        RequestError : the shadow is not drawn yet.
         """
         self.require_data()
         QGuiApplication.clipboard().setPixmap(self.view.grab())

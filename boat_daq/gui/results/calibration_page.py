@@ -10,7 +10,6 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QFrame, QGridLayout, QLayout, QScrollArea, QWidget
 
-from analysis.arrays import FloatArray
 from analysis.calibration.compare import Agreement
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
@@ -37,6 +36,7 @@ from boat_daq.viewmodels.results.calibration import (
     missing,
     warnings,
 )
+from protocol.base.arrays import FloatArray
 
 BESIDE = 2  # curves in a row
 VERDICT_EXAMPLE = "\u25cf Sensor 1: R\u00b2 = 0.99999   Sensor 2: R\u00b2 = 0.99999"

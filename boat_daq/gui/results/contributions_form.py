@@ -113,7 +113,7 @@ class ContributionsForm(QDialog):
 
         Raises
         ------
-        OperatorError, AnalysisError : the unit's file is refused.
+        RequestError, BoatDaqError : the unit's file is refused.
         """
         rows = self.model.rows()
         if rows == self._shown:

@@ -13,7 +13,7 @@ from boat_daq.gui import style
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.viewmodels.results.analysis_jobs import Cell
-from protocol.units import STORED_UNITS, ShownUnits, as_text
+from protocol.base.units import STORED_UNITS, ShownUnits, as_text
 
 SIDE = style.PANE_WIDTH_WIDE + 10 * style.STEP
 """Width of the table beside the plots of a page."""

@@ -29,7 +29,6 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from analysis.arrays import FloatArray
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, PointLabels, ramp_colour, sensor_colour
@@ -56,6 +55,7 @@ from boat_daq.viewmodels.results.runs import (
     obstacle,
     selection_text,
 )
+from protocol.base.arrays import FloatArray
 
 Index = QModelIndex | QPersistentModelIndex
 SPEEDS = (1, 5, 20, 100)

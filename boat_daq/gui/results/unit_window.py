@@ -6,7 +6,6 @@ import numpy as np
 from PySide6.QtCore import Qt, QTimerEvent
 from PySide6.QtWidgets import QDialog, QGridLayout, QWidget
 
-from analysis.arrays import FloatArray
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, Points, ramp_colour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
@@ -15,6 +14,7 @@ from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.unit_over_time import HEADINGS, UnitOverTime, UnitOverTimeModel
+from protocol.base.arrays import FloatArray
 
 REFRESH_MS = 200
 SIZE = (1000, 720)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from boat_daq.engine.plan import KINDS
 from boat_daq.engine.toml_values import parse_toml, read_text
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.recording import SUFFIX
 
 TABLES = (".csv", ".tsv", ".txt", ".dat")
@@ -28,10 +28,10 @@ def kind_of(path: Path) -> FileKind:
 
     Raises
     ------
-    OperatorError : it is none of these, or cannot be read.
+    RequestError : it is none of these, or cannot be read.
     """
     if not path.is_file():
-        raise OperatorError(f"{path.name} is {'a folder' if path.is_dir() else 'not there'}", OPENED)
+        raise RequestError(f"{path.name} is {'a folder' if path.is_dir() else 'not there'}", OPENED)
     suffix = path.suffix.lower()
     if suffix == SUFFIX:
         return FileKind.RECORDING
@@ -43,5 +43,5 @@ def kind_of(path: Path) -> FileKind:
             return FileKind.PLAN
         if "device" in content:
             return FileKind.PROFILE
-        raise OperatorError(f"{path.name} is neither a plan nor a profile", "A plan has a kind, a profile a [device].")
-    raise OperatorError(f"{path.name} cannot be opened here", OPENED)
+        raise RequestError(f"{path.name} is neither a plan nor a profile", "A plan has a kind, a profile a [device].")
+    raise RequestError(f"{path.name} cannot be opened here", OPENED)

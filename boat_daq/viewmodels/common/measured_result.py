@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from boat_daq.engine.toml_values import read_json
-from boat_daq.errors import OperatorError
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
-from protocol.whole_file import write_whole
+from protocol.base.errors import RequestError
+from protocol.base.whole_file import write_whole
 
 MAX_BYTES = 4_000_000  # a hundred times the largest
 
@@ -38,7 +38,7 @@ class MeasuredResult(ABC):
         try:
             if path.exists():
                 self.take(read_json(path, MAX_BYTES))
-        except OperatorError:
+        except RequestError:
             self.problem = f"the last {self.noun} could not be read; {self.again}"
 
     @abstractmethod
@@ -47,7 +47,7 @@ class MeasuredResult(ABC):
 
         Raises
         ------
-        OperatorError : it is not such a result.
+        RequestError : it is not such a result.
         """
 
     @abstractmethod
@@ -81,7 +81,7 @@ class MeasuredResult(ABC):
 
         Raises
         ------
-        OperatorError : it is not such a result.
+        RequestError : it is not such a result.
         """
         self._read(content)
         self.content = content

@@ -18,7 +18,7 @@ from time import monotonic
 
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.snapshot import LinkState, MessageKind, SessionSnapshot
-from boat_daq.errors import cause_and_remedy
+from protocol.base.errors import cause_and_remedy
 
 Offer = tuple[str, Callable[[], None]]
 """Label and function of a button."""

@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from boat_daq.engine.snapshot import LinkState
-from boat_daq.errors import OperatorError
 from boat_daq.formatting import count
+from protocol.base.errors import RequestError
 
 if TYPE_CHECKING:
-    from analysis.arrays import FloatArray
     from boat_daq.engine.outlets.lsl import Convert, LslOutlet
     from boat_daq.engine.outlets.secop_node import Elongation
     from boat_daq.engine.outlets.secop_server import SecopServer
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from boat_daq.engine.session.session import Session
     from boat_daq.engine.snapshot import SessionSnapshot
     from boat_daq.viewmodels.common.preferences import Preferences
+    from protocol.base.arrays import FloatArray
 
 ADDRESS = "localhost:10767"
 STREAMS, NODE, NODE_ADDRESS = "lsl_streams", "secop_node", "secop_address"
@@ -82,13 +82,13 @@ class NodeChoice:
 
         Raises
         ------
-        OperatorError : not an address.
+        RequestError : not an address.
         """
         host, colon, port = self.address.rpartition(":")
         if self.address.endswith("]") or not colon:
             host, port = self.address, ADDRESS.rpartition(":")[2]
         if not port.isdecimal() or int(port) > 65535:
-            raise OperatorError(f"{port!r} is no port", f"use an address such as {ADDRESS}")
+            raise RequestError(f"{port!r} is no port", f"use an address such as {ADDRESS}")
         return host.strip("[] ") or "localhost", int(port)
 
 
@@ -128,11 +128,11 @@ def open_streams(session: Session, *, network: bool, conversion: Conversion | No
 
     Raises
     ------
-    RequestError : pylsl or its library is not installed. OperatorError : as `LslOutlet`.
+    RequestError : pylsl or its library is not installed. RequestError : as `LslOutlet`.
     """
-    from analysis.errors import RequestError
     from analysis.optional import optional
     from boat_daq.engine.outlets.lsl import LslOutlet
+    from protocol.base.errors import RequestError
 
     try:
         pylsl = optional("pylsl")
@@ -161,7 +161,7 @@ def open_node(
 
     Raises
     ------
-    OperatorError : no address, one beyond this computer without a token, or it cannot be listened on.
+    RequestError : no address, one beyond this computer without a token, or it cannot be listened on.
     """
     from boat_daq.engine.outlets.secop_node import SecopNode
     from boat_daq.engine.outlets.secop_server import SecopServer, read_token
@@ -227,7 +227,7 @@ class OutletsModel:
 
         Raises
         ------
-        OperatorError : not an address.
+        RequestError : not an address.
         """
         choice = self.choice if choice is None else choice
         host, port = choice.host_and_port

@@ -15,9 +15,9 @@ from typing import Any
 
 from analysis.fidelity import LEVELS, Fidelity, Level, fidelity
 from boat_daq.engine.toml_values import read_json
-from boat_daq.errors import OperatorError
-from protocol.units import CHOICES, STORED_UNITS, ShownUnits
-from protocol.whole_file import write_whole
+from protocol.base.errors import RequestError
+from protocol.base.units import CHOICES, STORED_UNITS, ShownUnits
+from protocol.base.whole_file import write_whole
 
 LENGTHS_MM = (1.0, 10_000.0)  # of an actuator at rest
 NAME = "window.json"
@@ -62,7 +62,7 @@ class Preferences:
     def _load(self) -> dict[str, Any]:
         try:
             values = read_json(self.path)
-        except OperatorError:
+        except RequestError:
             return {}
         return values if isinstance(values, dict) else {}
 
@@ -112,7 +112,7 @@ class UnitChoice:
 
         Raises
         ------
-        OperatorError : the text is no such length.
+        RequestError : the text is no such length.
         """
         try:
             length_mm = float(text.replace(",", "."))
@@ -120,7 +120,7 @@ class UnitChoice:
             length_mm = math.nan
         low, high = LENGTHS_MM
         if not low <= length_mm <= high:
-            raise OperatorError(f"{text!r} is not a length at rest", f"enter {low:g} to {high:g} mm")
+            raise RequestError(f"{text!r} is not a length at rest", f"enter {low:g} to {high:g} mm")
         self.choose(replace(self.units, rest_length_mm=length_mm))
 
 

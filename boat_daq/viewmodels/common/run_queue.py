@@ -15,10 +15,10 @@ from boat_daq.engine.plan import Plan
 from boat_daq.engine.run_queue import QueuedRun, load_queue
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
-from boat_daq.errors import OperatorError
 from boat_daq.formatting import count, duration
 from boat_daq.viewmodels.common.notices import Notice, Severity
 from boat_daq.viewmodels.common.services import Services
+from protocol.base.errors import RequestError
 from protocol.recording import RunEnd
 
 OVER = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
@@ -67,7 +67,7 @@ class RunQueue:
 
         Raises
         ------
-        OperatorError : the file is refused, by key.
+        RequestError : the file is refused, by key.
         """
         return tuple((run, run.loaded(path.parent)) for run in load_queue(path))
 
@@ -87,13 +87,13 @@ class RunQueue:
 
         Raises
         ------
-        OperatorError : a queue or a run is in progress, or no board is connected.
+        RequestError : a queue or a run is in progress, or no board is connected.
         """
         seen = self._run.snapshot
         if self.active:
-            raise OperatorError("a queue is in progress", "Stop it first.")
+            raise RequestError("a queue is in progress", "Stop it first.")
         if seen.link is not LinkState.UP or seen.state not in OVER:
-            raise OperatorError("a queue begins with a connected board and no run", "Connect a board, or stop the run.")
+            raise RequestError("a queue begins with a connected board and no run", "Connect a board, or stop the run.")
         self._runs, self._next = list(runs), 0
         self._await()
 

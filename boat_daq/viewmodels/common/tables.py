@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from analysis.numbers import neutral
-from protocol.whole_file import write_whole
+from protocol.base.whole_file import write_whole
 
 
 def cell(value: Any) -> str:

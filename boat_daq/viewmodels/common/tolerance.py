@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Generic, Protocol, TypeVar
 
-from analysis.errors import AnalysisError
-from boat_daq.errors import OperatorError
 from boat_daq.formatting import TYPED
 from boat_daq.viewmodels.common.services import Change, Services
+from protocol.base.errors import BoatDaqError, RequestError
 
 T = TypeVar("T")
 AUTOMATIC = "Automatic"
@@ -43,7 +42,7 @@ def tolerance_of(text: str, units: tuple[str, ...]) -> TypedTolerance | None:
 
     Raises
     ------
-    OperatorError : it is no such tolerance.
+    RequestError : it is no such tolerance.
     """
     plain = plain_text(text)
     if plain in ("", AUTOMATIC.lower()):
@@ -58,9 +57,7 @@ def tolerance_of(text: str, units: tuple[str, ...]) -> TypedTolerance | None:
     if not 0.0 < value < math.inf or not unit:
         cause = "has no unit" if 0.0 < value < math.inf else "is not a tolerance"
         examples = " or ".join(str(TypedTolerance(0.01, unit)).removeprefix(SIGNS[0]) for unit in units)
-        raise OperatorError(
-            f"{text!r} {cause}", f"Enter a number above 0 with its unit, as {examples}, or {AUTOMATIC}."
-        )
+        raise RequestError(f"{text!r} {cause}", f"Enter a number above 0 with its unit, as {examples}, or {AUTOMATIC}.")
     return TypedTolerance(value, unit)
 
 
@@ -102,7 +99,7 @@ class TypedChoice(Generic[T]):
     ----------
     services : keep it and undo it.
     name : completes "Undo ...", and is the key in the preferences.
-    read : returns the value of a text; raises OperatorError where it has none.
+    read : returns the value of a text; raises RequestError where it has none.
     apply : takes each value that is chosen, and at the start one that was kept.
     show : returns the text of a value.
     """
@@ -121,7 +118,7 @@ class TypedChoice(Generic[T]):
         self.value = suggestions[0]
         try:
             kept = read(services.preferences.get(name, self.text))
-        except (OperatorError, AnalysisError):  # the file was edited, or is of another version
+        except BoatDaqError:  # the file was edited, or is of another version
             return
         if kept != self.value:
             self.value = kept
@@ -137,7 +134,7 @@ class TypedChoice(Generic[T]):
 
         Raises
         ------
-        OperatorError : it has none.
+        RequestError : it has none.
         """
         value, before = self._read(text), self.value
         if value != before:

@@ -16,15 +16,14 @@ import tomli_w
 
 from boat_daq.engine.link.opening import PortListener
 from boat_daq.engine.settings import Settings
-from boat_daq.errors import OperatorError
 from boat_daq.formatting import number, plain_number
-from protocol.errors import ProfileError
+from protocol.base.errors import ProfileError, RequestError
+from protocol.base.whole_file import write_whole
 from protocol.link.events import Samples
 from protocol.text.connection import TextConnection
 from protocol.text.profile import COMMANDS, TextProfile, load_profile
 from protocol.text.proposal import ENOUGH, Proposal, ProposedField, propose_any
 from protocol.text.readers import parse_format
-from protocol.whole_file import write_whole
 
 RAW_LINES, RAW_BYTES, RAW_MAX = 10, 16, 200  # lines shown; bytes and characters of one
 PREVIEW_BYTES = 60_000  # the newest, that the preview decodes
@@ -95,10 +94,10 @@ class BoardProfile:
 
         Raises
         ------
-        OperatorError : no port is named.
+        RequestError : no port is named.
         """
         if not port.strip():
-            raise OperatorError("no port is selected", "Select the port of the board.")
+            raise RequestError("no port is selected", "Select the port of the board.")
         self.stop()
         self._begin()
         self._listener = PortListener(port.strip(), self._settings)
@@ -182,7 +181,7 @@ class BoardProfile:
 
         Raises
         ------
-        OperatorError : it is not a number.
+        RequestError : it is not a number.
         """
         self.set_field(at, scale=_number(text, "the scale"))
 
@@ -191,7 +190,7 @@ class BoardProfile:
 
         Raises
         ------
-        OperatorError : it is not a number.
+        RequestError : it is not a number.
         """
         if self.proposal is None:
             return
@@ -244,14 +243,14 @@ class BoardProfile:
 
         Raises
         ------
-        OperatorError : nothing is proposed yet.
+        RequestError : nothing is proposed yet.
         ProfileError : it is refused, by key.
         """
         if self.proposal is None:
-            raise OperatorError("there is no profile yet", self.problem or "Listen to the board first.")
+            raise RequestError("there is no profile yet", self.problem or "Listen to the board first.")
         if self.proposal.missing:
             remedy = "Choose it among the fields: every recording needs a pressure and a signal."
-            raise OperatorError(self.proposal.missing, remedy)
+            raise RequestError(self.proposal.missing, remedy)
         return load_profile(self.toml())
 
     def toml(self) -> str:
@@ -262,7 +261,7 @@ class BoardProfile:
         """Return what the decoder makes of the newest bytes with the profile as it stands."""
         try:
             profile = self.profile()
-        except (OperatorError, ProfileError) as error:
+        except (RequestError, ProfileError) as error:
             return Preview(remark=f"{error.cause}. {error.remedy[:1].upper()}{error.remedy[1:]}")
         link = TextConnection(profile)
         events = link.receive(self._data[-PREVIEW_BYTES:], 0)
@@ -292,7 +291,7 @@ class BoardProfile:
 
         Raises
         ------
-        OperatorError, ProfileError : it is not complete, or is refused.
+        RequestError, ProfileError : it is not complete, or is refused.
         """
         self.profile()
         write_whole(path, self.toml())
@@ -323,7 +322,7 @@ def _number(text: str, what: str) -> float:
     try:
         return plain_number(text)
     except ValueError:
-        raise OperatorError(f"{what}: {text!r:.40} is not a number", "Type a number, such as 0.1.") from None
+        raise RequestError(f"{what}: {text!r:.40} is not a number", "Type a number, such as 0.1.") from None
 
 
 def _table(samples: Any, profile: TextProfile) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:

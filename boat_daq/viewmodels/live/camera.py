@@ -9,10 +9,10 @@ from boat_daq.engine.camera.capture import CameraState
 from boat_daq.engine.session.camera_channel import FAULT_TEXTS, CameraChannel
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import SessionSnapshot
-from boat_daq.errors import OperatorError
 from boat_daq.formatting import NOTHING, count, number, plain_number
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.workflows.camera_tracking import CameraChoice, open_channel
+from protocol.base.errors import RequestError
 
 SOURCE, MARK = "camera_source", "camera_mark_mm"
 LEARNING = "learning"
@@ -66,12 +66,12 @@ class CameraModel:
 
         Raises
         ------
-        OperatorError, DeviceError : no such camera, it does not answer, or an impossible side.
+        RequestError, DeviceError : no such camera, it does not answer, or an impossible side.
         """
         try:
             mark_mm = plain_number(mark)
         except ValueError:
-            raise OperatorError(f"{mark!r} is not a length", "Type the side of a mark's black square in mm.") from None
+            raise RequestError(f"{mark!r} is not a length", "Type the side of a mark's black square in mm.") from None
         unit = self._session.snapshot().unit
         choice = CameraChoice(source.strip(), mark_mm, unit=unit)
         self.close()
@@ -84,14 +84,14 @@ class CameraModel:
 
         Raises
         ------
-        OperatorError, RequestError, FileError : no length, a size that does not fit the page, or it cannot be written.
+        RequestError, FileError : no length, a size that does not fit the page, or it cannot be written.
         """
         from analysis.tracking.sheet import write_sheet
 
         try:
             write_sheet(path, plain_number(mark))
         except ValueError:
-            raise OperatorError(f"{mark!r} is not a length", "Type the side of a mark's black square in mm.") from None
+            raise RequestError(f"{mark!r} is not a length", "Type the side of a mark's black square in mm.") from None
 
     def close(self) -> None:
         """Close the camera; the session stays."""

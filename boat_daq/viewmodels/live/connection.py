@@ -23,10 +23,10 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
-from boat_daq.errors import OperatorError
 from boat_daq.formatting import NOTHING, duration, number
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.workflows.jobs import Background
+from protocol.base.errors import RequestError
 from protocol.simulator.specimens import RISING_NAMES, SENSOR_COUNTS
 from protocol.text.profile import load_profile
 from protocol.text.readers import parse_format
@@ -115,7 +115,7 @@ def profile_text(pasted: str) -> str:
     Raises
     ------
     ProfileError : the RX8 line is invalid.
-    OperatorError : it names no sensor, or no pressure.
+    RequestError : it names no sensor, or no pressure.
     """
     line = pasted.strip()
     if not line.lower().startswith("rx8"):
@@ -125,10 +125,10 @@ def profile_text(pasted: str) -> str:
     sensors = {match[1] for name in variables if (match := _SENSOR.fullmatch(name))}
     if not sensors:
         cause = f"the RX8 line has no sensor: {', '.join(variables)}"
-        raise OperatorError(cause, "Name the signals S1 and S2 in the RX8 line.")
+        raise RequestError(cause, "Name the signals S1 and S2 in the RX8 line.")
     if not any('"pressure"' in entry for entry in entries.values()):
         remedy = "Name its bytes P, such as @1P @0P: hundredths of a kPa, with a sign. Other units: a profile in TOML."
-        raise OperatorError("the RX8 line has no pressure, which every recording needs", remedy)
+        raise RequestError("the RX8 line has no pressure, which every recording needs", remedy)
     rows = "\n".join(f"{name} = {entry}" for name, entry in entries.items())
     return f"""name = "Pasted RX8 line"
 kind = "rx8"
@@ -257,10 +257,10 @@ class ConnectionModel:
 
         Raises
         ------
-        OperatorError : the name is empty.
+        RequestError : the name is empty.
         """
         if not unit.strip():
-            raise OperatorError("the unit has no name", "Enter the name on its label, such as SA1.")
+            raise RequestError("the unit has no name", "Enter the name on its label, such as SA1.")
         self._preferences.set("unit", unit.strip())
 
     def connect(self, port: str, profile: str = "") -> None:
@@ -268,11 +268,11 @@ class ConnectionModel:
 
         Raises
         ------
-        OperatorError : no port was given, or the RX8 line is incomplete.
+        RequestError : no port was given, or the RX8 line is incomplete.
         ProfileError : the profile is refused.
         """
         if not port.strip():
-            raise OperatorError("no port is selected", "Select a port, or start the virtual board.")
+            raise RequestError("no port is selected", "Select a port, or start the virtual board.")
         text = profile_text(profile)
         if text:
             load_profile(text)  # refused here, before a port is opened with it

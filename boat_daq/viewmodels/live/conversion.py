@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.calibration.record import CalibrationRecord
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import SessionSnapshot
@@ -20,6 +19,7 @@ from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.live_model import LiveElongation, LiveModel
 from boat_daq.workflows.jobs import Background
 from boat_daq.workflows.unit_control import live_prediction_of, regulator_of
+from protocol.base.arrays import FloatArray
 
 if TYPE_CHECKING:
     from analysis.calibration.inverse import Fusion
@@ -74,7 +74,7 @@ def prepare(content: Mapping[str, Any], units: UnitLibrary | None = None, name: 
 
     Raises
     ------
-    AnalysisError : the curve has no inverse over its range.
+    BoatDaqError : the curve has no inverse over its range.
     """
     fusion = CalibrationRecord.parse(content).fusion()
     conversion = Conversion(fusion, live_prediction_of(units, name, fusion) if units is not None else None)
@@ -124,8 +124,8 @@ class UnitInUse:
 
         Raises
         ------
-        OperatorError : the unit's file is refused.
-        AnalysisError : the calibration has no inverse.
+        RequestError : the unit's file is refused.
+        BoatDaqError : the calibration has no inverse.
         """
         name = self.name(snapshot)
         if (name, snapshot.simulated, revision) != self._followed:
@@ -158,7 +158,7 @@ class UnitInUse:
 
         Raises
         ------
-        OperatorError : it has no calibration in force, or is not identified. AnalysisError : its file is damaged.
+        RequestError : it has no calibration in force, or is not identified. BoatDaqError : its file is damaged.
         """
         fusion = self.conversion.fusion if self.conversion is not None else None
         units = self._units.of(simulated=snapshot.simulated)

@@ -17,16 +17,15 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from analysis.errors import AnalysisError
 from analysis.stopping.requirement import EXAMPLES, UNITS, check_asked
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
-from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.formatting import count, duration, plain_number
 from boat_daq.viewmodels.common.notices import Notices, sentence
 from boat_daq.viewmodels.common.services import Change, Services
 from boat_daq.workflows.jobs import Job, JobState
+from protocol.base.errors import BoatDaqError, RequestError
 
 if TYPE_CHECKING:
     from analysis.stopping.criterion import StopAssessment
@@ -78,7 +77,7 @@ def assess_end(recording: Path, asked: float, unit: str, cycles: int) -> EndUnce
 
     try:
         found = assess_run(recording, asked, cycles, repeats=unit == UNITS["continuous"])
-    except (AnalysisError, BoatDaqError) as error:
+    except BoatDaqError as error:
         text = f"the uncertainty is not known at the end of the run, {asked:g} {unit} asked: {error.cause}"
         return EndUncertainty(asked, unit, None, None, reached=False, text=text)
     return EndUncertainty.of(found, asked, unit)
@@ -161,7 +160,7 @@ class EnoughCycles:
         assert snapshot.plan is not None
         try:
             self._enter()
-        except OperatorError as error:
+        except RequestError as error:
             self._not_known(error.cause)
             return
         plan = snapshot.plan
@@ -252,7 +251,7 @@ class EndAt:
 
         Raises
         ------
-        OperatorError, RequestError : it is no number above 0.
+        RequestError : it is no number above 0.
         """
         unit, typed = self.unit, text.strip()
         asked, before = self._number(typed, unit) if typed else None, self._enough.asked.get(unit)
@@ -266,7 +265,7 @@ class EndAt:
             asked = plain_number(typed.removesuffix(unit))
         except ValueError:
             remedy = f"Enter a number of {unit}, as {EXAMPLES[unit]}, or nothing for all cycles."
-            raise OperatorError(f"{typed!r} is not a number of {unit}", remedy) from None
+            raise RequestError(f"{typed!r} is not a number of {unit}", remedy) from None
         check_asked(asked, unit)
         return asked
 

@@ -12,10 +12,10 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Change, UndoHistory
-from protocol.units import find_unit
+from protocol.base.errors import RequestError
+from protocol.base.units import find_unit
 
 ELONGATION, PRESSURE, CAMERA = "elongation_mm", "pressure_kpa", "camera_mm"
 UNIT = {ELONGATION: "mm", PRESSURE: "kPa", CAMERA: "mm"}
@@ -181,13 +181,13 @@ class Layout:
 
         Raises
         ------
-        OperatorError : a plot would need a third axis.
+        RequestError : a plot would need a third axis.
         """
         for row in self.rows:
             units = {unit(q) for q in self._axes(row).right}
             if len(units) > 1:
                 cause = f"a plot with {', '.join(map(title, row))} would need a third axis"
-                raise OperatorError(cause, "Show one of them in a plot of its own.")
+                raise RequestError(cause, "Show one of them in a plot of its own.")
 
 
 def layout_of(stored: object) -> Layout | None:
@@ -200,7 +200,7 @@ def layout_of(stored: object) -> Layout | None:
         heights = {str(k): int(v) for k, v in stored["heights"].items() if int(v) > 0}
         layout = Layout(rows, heights=heights, **names)
         layout.check()
-    except (AttributeError, KeyError, OperatorError, TypeError, ValueError):
+    except (AttributeError, KeyError, RequestError, TypeError, ValueError):
         return None
     placed = [*(q for row in rows for q in row), *layout.hidden]
     return layout if len(set(placed)) == len(placed) else None
@@ -232,7 +232,7 @@ class Layouts:
 
         Raises
         ------
-        OperatorError : a plot would need a third axis.
+        RequestError : a plot would need a third axis.
         """
         layout.check()
         before, use = self.current, partial(self.use, name=self._unit())
@@ -263,11 +263,11 @@ class Layouts:
 
         Raises
         ------
-        OperatorError : it does not exist any more.
+        RequestError : it does not exist any more.
         """
         layout = self._stored(unit).get(name)
         if layout is None:
-            raise OperatorError(f"there is no layout \u201c{name}\u201d of {unit}", "Choose another one.")
+            raise RequestError(f"there is no layout \u201c{name}\u201d of {unit}", "Choose another one.")
         self.change(layout)
 
     def save(self, name: str) -> None:
@@ -275,10 +275,10 @@ class Layouts:
 
         Raises
         ------
-        OperatorError : the name is empty or too long.
+        RequestError : the name is empty or too long.
         """
         if not 0 < len(name) <= NAME_MOST:
-            raise OperatorError(f"the name of a layout has 1 to {NAME_MOST} characters", "Enter another name.")
+            raise RequestError(f"the name of a layout has 1 to {NAME_MOST} characters", "Enter another name.")
         self._write(self._unit(), name, self.current)
 
     def delete(self, unit: str, name: str) -> None:

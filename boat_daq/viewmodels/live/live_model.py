@@ -16,7 +16,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.arrays import FloatArray
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
@@ -24,8 +23,9 @@ from boat_daq.formatting import NOTHING, in_units, number
 from boat_daq.viewmodels.live.axis import SteadyRange, extremes
 from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Axes, Layout, difference_of, is_signal, titles, unit
 from boat_daq.viewmodels.live.layout import title as layout_title
+from protocol.base.arrays import FloatArray
+from protocol.base.units import STORED_UNITS, ShownUnits, as_text
 from protocol.recording import DerivedChannel, ExtraChannel
-from protocol.units import STORED_UNITS, ShownUnits, as_text
 
 Columns = Mapping[str, FloatArray]
 

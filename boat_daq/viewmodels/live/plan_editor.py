@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from boat_daq.engine.plan import QUANTITIES, Loop, Plan
 from boat_daq.engine.snapshot import SessionSnapshot
-from boat_daq.errors import OperatorError
 from boat_daq.formatting import duration, plain_number
 from boat_daq.viewmodels.live.sequence import SequenceModel, staircase, step_begins
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import RequestError
 from protocol.recording import SEGMENT_KINDS, Segment
 
 USUAL = {  # of a new segment at a value
@@ -122,10 +122,10 @@ class PlanEditor:
 
         Raises
         ------
-        OperatorError : it is the only one.
+        RequestError : it is the only one.
         """
         if len(self.plan.segments) == 1:
-            raise OperatorError("a plan has at least one segment", "Add another one first.")
+            raise RequestError("a plan has at least one segment", "Add another one first.")
         segments = (*self.plan.segments[:at], *self.plan.segments[at + 1 :])
         loops = [self._shifted(loop, at + 1, -1) for loop in self.plan.loops]
         self._take("without a segment", segments=segments, loops=_apart(loops))
@@ -156,7 +156,7 @@ class PlanEditor:
 
         Raises
         ------
-        OperatorError : it is not a number, or makes no plan.
+        RequestError : it is not a number, or makes no plan.
         """
         value = _number(text, COLUMNS[key][0].partition(" ")[0])
         if value != getattr(self.plan.segments[at], key):
@@ -177,11 +177,11 @@ class PlanEditor:
 
         Raises
         ------
-        OperatorError : they are not whole numbers, or the loop crosses another one.
+        RequestError : they are not whole numbers, or the loop crosses another one.
         """
         numbers = [_number(text, "the loop") for text in (first, last, times)]
         if any(number != int(number) for number in numbers):
-            raise OperatorError("a loop takes whole numbers", "Type first and last segment and how often, such as 2.")
+            raise RequestError("a loop takes whole numbers", "Type first and last segment and how often, such as 2.")
         self._take("a loop", loops=(*self.plan.loops, Loop(*map(int, numbers))))
 
     def remove_loop(self, at: int) -> None:
@@ -193,7 +193,7 @@ class PlanEditor:
 
         Raises
         ------
-        OperatorError : it makes no plan.
+        RequestError : it makes no plan.
         """
         if key == "name":
             value: Any = text.strip()
@@ -241,4 +241,4 @@ def _number(text: str, what: str) -> float:
     try:
         return plain_number(text)
     except ValueError:
-        raise OperatorError(f"{what}: {text!r:.40} is not a number", "Type a number, such as 20.") from None
+        raise RequestError(f"{what}: {text!r:.40} is not a number", "Type a number, such as 20.") from None

@@ -23,10 +23,10 @@ from analysis.figures.outliers import outlying
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.closed_run import ClosedRun
 from boat_daq.engine.snapshot import Progress, Reading, ReadingRequest, SessionSnapshot, SessionState
-from boat_daq.errors import OperatorError
 from boat_daq.formatting import NOTHING, count, number, plain_number, target
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.live.sequence import BRANCH_WORDS
+from protocol.base.errors import RequestError
 
 PLAUSIBLE_MM = 60.0  # longer than the actuator itself
 APART_KPA = 5.0  # plateaus further apart than this do not have one elongation
@@ -199,7 +199,7 @@ class ReadingsModel:
         steps = {step.number: step for step in readable(self.session.steps())}
         try:
             mm = parse_mm(text)
-        except OperatorError:
+        except RequestError:
             return ""
         if step_id not in steps:
             return ""
@@ -248,7 +248,7 @@ class ReadingsModel:
 
         Raises
         ------
-        OperatorError : not a length, or longer than the actuator.
+        RequestError : not a length, or longer than the actuator.
         """
         self.put(step_id, parse_mm(text) if text.strip() else None, source)
 
@@ -290,16 +290,16 @@ class ReadingsModel:
 
         Raises
         ------
-        OperatorError : a line that is no length, by its number; more lines than plateaus.
+        RequestError : a line that is no length, by its number; more lines than plateaus.
         """
         values = column_of_lengths(text)
         first = self._first_for(len(values)) if first_step_id is None else first_step_id
         numbers = [step.number for step in readable(self.session.steps()) if step.number >= first]
         if len(values) > len(numbers):
             cause = f"{len(values)} values were pasted for {count(len(numbers), 'plateau')}"
-            raise OperatorError(cause, "Select the plateau of the first value, then paste again.")
+            raise RequestError(cause, "Select the plateau of the first value, then paste again.")
         if not values:
-            raise OperatorError("the clipboard holds no values", "Copy a column of elongations in mm first.")
+            raise RequestError("the clipboard holds no values", "Copy a column of elongations in mm first.")
         entered: dict[int, float | None] = dict(zip(numbers, values, strict=False))
         self._push(f"paste of {len(values)} readings", entered, "pasted")
         return len(values)
@@ -333,16 +333,16 @@ def parse_mm(text: str) -> float:
 
     Raises
     ------
-    OperatorError : not a number, or longer than the actuator.
+    RequestError : not a number, or longer than the actuator.
     """
     try:
         value = plain_number(text)
     except ValueError:
         remedy = "Type millimetres, such as 2.31 or \u22120.5."
-        raise OperatorError(f"{text.strip()!r} is not a length", remedy) from None
+        raise RequestError(f"{text.strip()!r} is not a length", remedy) from None
     if abs(value) > PLAUSIBLE_MM:
         cause = f"{number(value, 2)} mm is longer than the actuator"
-        raise OperatorError(cause, "Type millimetres, positive when longer.")
+        raise RequestError(cause, "Type millimetres, positive when longer.")
     return value
 
 
@@ -351,7 +351,7 @@ def column_of_lengths(text: str) -> list[float]:
 
     Raises
     ------
-    OperatorError : a line that is no length, by its number.
+    RequestError : a line that is no length, by its number.
     """
     lines = [line for line in text.replace("\r\n", "\n").split("\n") if line.strip() and not line.startswith("#")]
     separator = next((mark for mark in ("\t", ";") if any(mark in line for line in lines)), None)
@@ -362,8 +362,8 @@ def column_of_lengths(text: str) -> list[float]:
     for i, cells in enumerate(rows):
         try:
             values.append(parse_mm(cells[-1]))
-        except OperatorError as error:
+        except RequestError as error:
             if i == 0:
                 continue  # a heading
-            raise OperatorError(f"line {i + 1}: {error.cause}", error.remedy) from None
+            raise RequestError(f"line {i + 1}: {error.cause}", error.remedy) from None
     return values

@@ -12,9 +12,9 @@ from pathlib import Path
 from time import monotonic
 
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
-from boat_daq.errors import BoatDaqError
 from boat_daq.formatting import duration, size_text
 from boat_daq.viewmodels.live.run_model import UNDER_WAY, RunModel
+from protocol.base.errors import BoatDaqError
 
 LOOK_S = 1.0
 LITTLE_SPACE = 1e9  # bytes

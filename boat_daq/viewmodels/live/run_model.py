@@ -21,7 +21,6 @@ from boat_daq.engine.plan import Plan, built_in_plans, resume_point
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
-from boat_daq.errors import OperatorError
 from boat_daq.formatting import count
 from boat_daq.viewmodels.common.notices import Notice, Severity
 from boat_daq.viewmodels.common.run_queue import RunQueue
@@ -31,6 +30,7 @@ from boat_daq.viewmodels.live.enough_cycles import EndAt, EndReport, EnoughCycle
 from boat_daq.viewmodels.live.live_model import LiveModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.sequence import SequenceModel
+from protocol.base.errors import RequestError
 from protocol.recording import RunEnd
 
 AT_REST = (SessionState.IDLE, SessionState.ABORTED)
@@ -107,13 +107,13 @@ class ResumeRun:
 
         Raises
         ------
-        OperatorError : no board is connected, a recording is open already, or there is nothing to resume.
+        RequestError : no board is connected, a recording is open already, or there is nothing to resume.
         """
         snapshot = self._session.snapshot()
         if snapshot.link is not LinkState.UP:
-            raise OperatorError("no board is connected", "Connect the board of this run, then resume it.")
+            raise RequestError("no board is connected", "Connect the board of this run, then resume it.")
         if snapshot.recording is not None:
-            raise OperatorError(f"{snapshot.recording.name} is being recorded", "Close that recording first.")
+            raise RequestError(f"{snapshot.recording.name} is being recorded", "Close that recording first.")
 
         def ready(broken: BrokenRun) -> None:
             def arm() -> None:
@@ -186,10 +186,10 @@ class QuickTrial:
 
         Raises
         ------
-        OperatorError : a board is connected.
+        RequestError : a board is connected.
         """
         if not self.possible():
-            raise OperatorError("a board is connected", "Disconnect it, then start the quick trial.")
+            raise RequestError("a board is connected", "Disconnect it, then start the quick trial.")
         self._run.connection.start_virtual_board(speed=TRIAL_SPEED)
         self.active, self._begun = True, False
         self._run.calibration.prepare()
@@ -359,7 +359,7 @@ class RunModel:
 
         Raises
         ------
-        OperatorError : the template of the settings gives no name, or the unit's name is none of a file.
+        RequestError : the template of the settings gives no name, or the unit's name is none of a file.
         """
         settings = self.session.settings
         if self.connection.unit:
@@ -394,7 +394,7 @@ class RunModel:
 
         Raises
         ------
-        RecordingError : a definition is refused. OperatorError : a recording is in progress. StorageError : they cannot
+        RecordingError : a definition is refused. RequestError : a recording is in progress. StorageError : they cannot
             be stored.
         """
         channels = parse_lines(text)

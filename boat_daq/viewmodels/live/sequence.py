@@ -15,17 +15,17 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from boat_daq.engine.control.elongation import Regulator
 from boat_daq.engine.plan import Plan, built_in_plans, plan_from_toml
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import Limits, Phase, SessionSnapshot, SessionState
 from boat_daq.engine.toml_values import BadValue, read_text
-from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.formatting import duration, number, plain_number, target
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Change, UndoHistory
-from protocol.whole_file import write_whole
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import BoatDaqError, RequestError
+from protocol.base.whole_file import write_whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,7 +219,7 @@ class SequenceModel:
 
         Raises
         ------
-        OperatorError : it cannot be read, or is invalid, by key.
+        RequestError : it cannot be read, or is invalid, by key.
         """
         plan = plan_from_toml(read_text(path), path.name)
         self.plans[plan.name] = plan
@@ -309,7 +309,7 @@ class SequenceModel:
         """
         if plan is None and self.refused:
             cause = f"the plan is invalid: {next(iter(self.refused.values()))}"
-            raise OperatorError(cause, "Correct the marked fields of the plan, then arm.")
+            raise RequestError(cause, "Correct the marked fields of the plan, then arm.")
         waits = (self.wait_for_reading and self.plan.kind != "continuous") if plan is None else True
         chosen = plan or self.plan
         regulator = self._regulator() if chosen.controls_elongation else None
@@ -321,13 +321,13 @@ class SequenceModel:
 
         Raises
         ------
-        OperatorError : not two numbers.
+        RequestError : not two numbers.
         BoatDaqError : outside limits, or not now.
         """
         try:
             target_kpa, ramp_kpa_per_s = plain_number(text), plain_number(ramp)
         except ValueError:
-            raise OperatorError(
+            raise RequestError(
                 f"{text!r} kPa at {ramp!r} kPa/s are not two numbers", "Type numbers, such as 20 and 5."
             ) from None
         self.session.set_pressure(target_kpa, ramp_kpa_per_s)
@@ -337,12 +337,12 @@ class SequenceModel:
 
         Raises
         ------
-        OperatorError : not a number, or the unit cannot be controlled. BoatDaqError, AnalysisError : not now.
+        RequestError : not a number, or the unit cannot be controlled. BoatDaqError : not now.
         """
         try:
             mm = plain_number(text)
         except ValueError:
-            raise OperatorError(f"{text!r} mm is not a number", "Type a number, such as 1.5.") from None
+            raise RequestError(f"{text!r} mm is not a number", "Type a number, such as 1.5.") from None
         controlled = self.session.snapshot().elongation is not None
         self.session.control_elongation(mm, None if controlled else self._regulator(), hold=self.hold)
 

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.arrays import FloatArray
 from analysis.published import LOOP_HALF_WIDTH_MM
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.formatting import MINUS, NOTHING, THIN, count, duration, in_units, number
@@ -25,7 +24,8 @@ from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel, signals
 from boat_daq.viewmodels.live.shadow_jobs import can_be_unstable, place_of, shadow_of, unstable_held_states, warm
 from boat_daq.workflows.jobs import Background, Job, JobRunner, JobState
-from protocol.units import ShownUnits
+from protocol.base.arrays import FloatArray
+from protocol.base.units import ShownUnits
 
 if TYPE_CHECKING:
     from analysis.shadow.model.frames import Shadow, ShadowState
@@ -432,7 +432,7 @@ class ShadowMonitor:
 
         Raises
         ------
-        AnalysisError : a cycle could not be reduced; it is left out, and the next call continues after it.
+        BoatDaqError : a cycle could not be reduced; it is left out, and the next call continues after it.
         """
         reported = self._reported
         while (reduced := self._reducing.take()) is not None:

@@ -16,16 +16,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray, IntArray
-from analysis.errors import DataError
 from analysis.fidelity import Fidelity, fidelity
 from analysis.numbers import rounded, with_uncertainty
 from analysis.progress import Progress, part_of
-from boat_daq.errors import OperatorError
 from boat_daq.formatting import count, number
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.tolerance import AUTOMATIC, plain_text
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
+from protocol.base.arrays import BoolArray, FloatArray, IntArray
+from protocol.base.errors import DataError, RequestError
 
 if TYPE_CHECKING:
     from analysis.optics.scene.frame import SceneFrame
@@ -152,7 +151,7 @@ def rays_of(text: str) -> int | Within:
 
     Raises
     ------
-    OperatorError : it is neither. AnalysisError : so many rays cannot be traced.
+    RequestError : it is neither. BoatDaqError : so many rays cannot be traced.
     """
     from analysis.optics.scene.parameters import Light
 
@@ -169,7 +168,7 @@ def rays_of(text: str) -> int | Within:
     if found and found[3] and not found[1] and value.is_integer():
         return Light(rays=int(value), secondary=0).rays
     remedy = f"Enter their number, as 300 rays, their error of 250 rays, as \u00b12 rays, or {AUTOMATIC}."
-    raise OperatorError(f"{text!r} is neither a number of rays nor an error", remedy)
+    raise RequestError(f"{text!r} is neither a number of rays nor an error", remedy)
 
 
 def confidence_text(confidence: float | None) -> str:
@@ -182,7 +181,7 @@ def confidence_of(text: str) -> float | None:
 
     Raises
     ------
-    OperatorError : it is none.
+    RequestError : it is none.
     """
     plain = plain_text(text).removeprefix("race:")
     if plain in ("", "none"):
@@ -192,7 +191,7 @@ def confidence_of(text: str) -> float | None:
     except ValueError:
         value = math.nan
     if not 0.0 < value < 1.0:
-        raise OperatorError(f"{text!r} is not a confidence", f"Enter more than 0 and less than 100 %, or {NO_RACE}.")
+        raise RequestError(f"{text!r} is not a confidence", f"Enter more than 0 and less than 100 %, or {NO_RACE}.")
     return value
 
 
@@ -201,7 +200,7 @@ def curves_of(name: str) -> FloatArray:
 
     Raises
     ------
-    AnalysisError : the file cannot be read, or holds one state only.
+    BoatDaqError : the file cannot be read, or holds one state only.
     """
     from analysis.optics.scene.curve_file import curves_named
 
@@ -258,7 +257,7 @@ def trace_design(
 
     Raises
     ------
-    AnalysisError : the design does not fit, the curves cannot be read, or the tolerance cannot be met.
+    BoatDaqError : the design does not fit, the curves cannot be read, or the tolerance cannot be met.
     """
     from analysis.optics.scene.curves import frames_of
     from analysis.optics.scene.parameters import Design, Waveguide
@@ -382,7 +381,7 @@ def search(
 
     Raises
     ------
-    AnalysisError : no design of the grid fits these states, the curves cannot be read, or the tolerance cannot be met.
+    BoatDaqError : no design of the grid fits these states, the curves cannot be read, or the tolerance cannot be met.
     """
     from analysis.optics.scene.parameters import Waveguide
     from analysis.optics.sweep.optimise import optimise

@@ -18,20 +18,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.machine import machine
 from analysis.progress import Progress
 from analysis.studies.tradeoff.measure import MARGIN, CostPoint, choose, part_of_tolerance
 from boat_daq.engine.display.ring_buffer import MinMaxPyramid, fold_columns
 from boat_daq.engine.simulator.picture import CameraScene, Picture, Renderer
 from boat_daq.engine.toml_values import read_json
-from boat_daq.errors import OperatorError
 from boat_daq.formatting import count, duration_text, power_text, quantity
 from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.common.measured_result import MAX_BYTES, MeasuredResult
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.workflows.jobs import Job, JobRunner
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import RequestError
 
 if TYPE_CHECKING:
     from analysis.studies.tradeoff.decimation import Curve, Paint
@@ -217,12 +217,12 @@ def read_report(content: Any) -> dict[str, MethodChart]:
 
     Raises
     ------
-    OperatorError : it is not a result of `boat-daq tradeoff`.
+    RequestError : it is not a result of `boat-daq tradeoff`.
     """
     try:
         return {str(m["name"]): _method(m) for m in _dated(content)}
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise OperatorError(
+        raise RequestError(
             "this file is not a measured trade-off", "Choose a tradeoff.json that this page or the command wrote."
         ) from error
 
@@ -431,10 +431,10 @@ class TradeoffModel(MeasuredResult):
 
         Raises
         ------
-        OperatorError : no method is chosen.
+        RequestError : no method is chosen.
         """
         if self.job is None and not self.chosen:
-            raise OperatorError("no method is chosen", "Tick one or more in the list of methods.")
+            raise RequestError("no method is chosen", "Tick one or more in the list of methods.")
         label = f"Measuring {count(len(self.chosen), 'method')}"
         self._toggle(Job(label, self.measurer, self.chosen, self.quick))
 
@@ -451,7 +451,7 @@ class TradeoffModel(MeasuredResult):
 
         Raises
         ------
-        OperatorError : it cannot be read, or is no such result.
+        RequestError : it cannot be read, or is no such result.
         """
         content = read_json(path, MAX_BYTES)
         read_report(content)  # refused before it is merged
@@ -474,11 +474,11 @@ class TradeoffModel(MeasuredResult):
 
         Raises
         ------
-        OperatorError : nothing has been measured.
+        RequestError : nothing has been measured.
         OSError : the path cannot be written.
         """
         if self.content is None:
-            raise OperatorError("nothing has been measured yet", "Press Measure, or open a result.")
+            raise RequestError("nothing has been measured yet", "Press Measure, or open a result.")
         if path.suffix == ".csv":
             tables.save_csv(path, report_columns(self.charts))
         else:
@@ -553,14 +553,14 @@ def read_maps(content: Any) -> dict[str, list[MapView]]:
 
     Raises
     ------
-    OperatorError : it is not a result of `boat-daq atlas`.
+    RequestError : it is not a result of `boat-daq atlas`.
     """
     maps: dict[str, list[MapView]] = {}
     try:
         for m in content["maps"]:
             maps.setdefault(str(m["method"]), []).append(_map(m))
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise OperatorError(
+        raise RequestError(
             "this file is not a stability atlas", "Choose an atlas.json that this page or the command wrote."
         ) from error
     return maps
@@ -595,10 +595,10 @@ class AtlasModel(MeasuredResult):
 
         Raises
         ------
-        OperatorError : all methods are shown, not one.
+        RequestError : all methods are shown, not one.
         """
         if self.job is None and method == OVERVIEW:
-            raise OperatorError("no method is shown whose map could be made", "Choose one in the list of methods.")
+            raise RequestError("no method is shown whose map could be made", "Choose one in the list of methods.")
         self._toggle(Job("Mapping where it works", sweep_method, method))
 
     @staticmethod

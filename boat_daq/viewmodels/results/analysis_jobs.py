@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.calibration.curve_choice import CurveCandidate
 from analysis.calibration.type_b import Traceability
 from analysis.fidelity import Level, fidelity
@@ -27,7 +26,8 @@ from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.results.camera import CameraResult, camera_result
 from boat_daq.workflows.calibration_in_force import chosen_curve, exported_elongation, stated_contributions
 from boat_daq.workflows.plugin_figures import with_plugins
-from protocol.units import STORED_UNITS, ShownUnits
+from protocol.base.arrays import BoolArray, FloatArray, IntArray
+from protocol.base.units import STORED_UNITS, ShownUnits
 
 if TYPE_CHECKING:
     from analysis.conformity import Conformity
@@ -267,7 +267,7 @@ def analyse_run(
 
     Raises
     ------
-    AnalysisError : the recording cannot be read.
+    BoatDaqError : the recording cannot be read.
     """
     from analysis.data.load import load_recording
     from analysis.figures.batch import readings_beside
@@ -475,7 +475,7 @@ def export_run(path: Path, target: Path, *, progress: Progress | None = None) ->
 
     Raises
     ------
-    AnalysisError : it cannot be read, or the target cannot be written.
+    BoatDaqError : it cannot be read, or the target cannot be written.
     """
     from analysis.data.export import SUFFIXES, export, require_library
     from analysis.data.load import load_recording
@@ -513,7 +513,7 @@ def export_calibration(
 
     Raises
     ------
-    AnalysisError : the run is no calibration, it gives no elongation, no table keeps to the bound, or the target cannot
+    BoatDaqError : the run is no calibration, it gives no elongation, no table keeps to the bound, or the target cannot
         be written.
     """
     from analysis.calibration_export.calibration_file import CalibrationFile
@@ -535,7 +535,7 @@ def preview_table(path: Path, separator: str | None) -> dict[str, Any]:
 
     Raises
     ------
-    AnalysisError : it is not a table of numbers.
+    BoatDaqError : it is not a table of numbers.
     """
     from analysis.data.csv_import import preview, units_of
 
@@ -554,7 +554,7 @@ def import_table(
 
     Raises
     ------
-    AnalysisError : it cannot be imported, or the target cannot be written.
+    BoatDaqError : it cannot be imported, or the target cannot be written.
     """
     from analysis.data.boat_writer import write_boat_file
     from analysis.data.csv_import import import_csv
@@ -582,7 +582,7 @@ def report_runs(
 
     Raises
     ------
-    AnalysisError : one of them cannot be read, or the target cannot be written.
+    BoatDaqError : one of them cannot be read, or the target cannot be written.
     """
     from analysis import Options, analyse, load_recording, write_report
     from analysis.figures.batch import readings_beside
@@ -604,7 +604,7 @@ def compare_runs(paths: list[Path], *, progress: Progress | None = None) -> tupl
 
     Raises
     ------
-    AnalysisError : one of them cannot be read, or simulated and real ones are among them.
+    BoatDaqError : one of them cannot be read, or simulated and real ones are among them.
     """
     from analysis.figures.unit_history import refuse_mixture
 

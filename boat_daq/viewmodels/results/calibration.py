@@ -20,7 +20,6 @@ import numpy as np
 
 from analysis.calibration.compare import Agreement, Coefficient, compare_fits
 from analysis.calibration.curve_choice import AUTO, CURVES, SPLINE, USUAL_DEGREE, CurveCandidate
-from analysis.errors import AnalysisError
 from analysis.fidelity import Fidelity, fidelity
 from analysis.numbers import decimals_for, finite
 from analysis.warning import WarningCode
@@ -28,7 +27,6 @@ from boat_daq.engine.recording.rename import companions
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import StoredCalibration, Unit, UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionState
-from boat_daq.errors import OperatorError
 from boat_daq.formatting import NOTHING, SUBSCRIPT, SUPERSCRIPT, count, duration, number, sensor_words
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Change, Services
@@ -47,6 +45,7 @@ from boat_daq.viewmodels.results.contributions import ContributionsModel, tracea
 from boat_daq.viewmodels.results.metadata import MetadataModel
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from boat_daq.workflows.unit_control import prepare_control
+from protocol.base.errors import BoatDaqError, RequestError
 from protocol.recording.elongation_file import read_elongation_rows
 
 Cells = tuple[str, ...]
@@ -139,11 +138,11 @@ class CalibrationModel:
 
         Raises
         ------
-        OperatorError : a run is in progress, or there is no recording.
+        RequestError : a run is in progress, or there is no recording.
         """
         snapshot = self.session.snapshot()
         if snapshot.state in BUSY:
-            raise OperatorError("a run is in progress", "Wait for its end, or stop it: complete cycles are analysed.")
+            raise RequestError("a run is in progress", "Wait for its end, or stop it: complete cycles are analysed.")
         path = self.last_path
         if snapshot.recording is not None:
             path = self.session.stop_recording() or snapshot.recording
@@ -152,7 +151,7 @@ class CalibrationModel:
         simulated = snapshot.simulated if snapshot.link is LinkState.UP else None
         path = path or self._newest(simulated)
         if path is None:
-            raise OperatorError("there is no recording yet", "Run a plan, or open a recording on the Runs page.")
+            raise RequestError("there is no recording yet", "Run a plan, or open a recording on the Runs page.")
         self.analyse(path)
 
     def analyse(self, path: Path) -> None:
@@ -182,11 +181,11 @@ class CalibrationModel:
 
         Raises
         ------
-        OperatorError : no run of a unit is analysed.
+        RequestError : no run of a unit is analysed.
         """
         result = self.result
         if result is None or not result.unit:
-            raise OperatorError("no run of a unit is analysed", "Analyse a run of the unit first.")
+            raise RequestError("no run of a unit is analysed", "Analyse a run of the unit first.")
 
         def changed() -> None:
             if self.result is not None and (self.result.unit, self.result.simulated) == (result.unit, result.simulated):
@@ -199,11 +198,11 @@ class CalibrationModel:
 
         Raises
         ------
-        OperatorError : no calibration is shown.
+        RequestError : no calibration is shown.
         """
         result = self.result
         if result is None or not result.calibrated:
-            raise OperatorError("there is no calibration to certify", "Analyse a run with readings first.")
+            raise RequestError("there is no calibration to certify", "Analyse a run with readings first.")
         path, units = Path(result.path), self._units_of(result)
         stated = MetadataModel.of_recording(path, units, result.unit, self._services.undo)
         return CertificateModel(stated, path, self.choice, self.jobs, self._services)
@@ -230,11 +229,11 @@ class CalibrationModel:
 
         Raises
         ------
-        OperatorError : there is no run.
+        RequestError : there is no run.
         """
         path, before = self.last_path, self.choice
         if path is None:
-            raise OperatorError("no run is analysed", "Analyse a run with readings first.")
+            raise RequestError("no run is analysed", "Analyse a run with readings first.")
 
         def fit(curve: str) -> None:
             if self.last_path == path:
@@ -267,7 +266,7 @@ class CalibrationModel:
 
         Raises
         ------
-        LocalError : it is not a file of readings; names the line.
+        RequestError : it is not a file of readings; names the line.
         """
         if self.last_path is None:
             return
@@ -290,7 +289,7 @@ class CalibrationModel:
 
         Raises
         ------
-        OperatorError : the unit's file cannot be read.
+        RequestError : the unit's file cannot be read.
         """
         self.jobs.cancel("posterior")  # of the curve before
         self.result, self.agreements, self.posterior, self.accepted = result, (), (), None
@@ -310,12 +309,12 @@ class CalibrationModel:
 
         Raises
         ------
-        OperatorError : there is no calibration to sample.
+        RequestError : there is no calibration to sample.
         """
         if self.result is None or not self.result.calibrated:
-            raise OperatorError("there is no calibration yet", "Analyse a run with readings first.")
+            raise RequestError("there is no calibration yet", "Analyse a run with readings first.")
         if not self.samples():
-            raise OperatorError("a spline has no posterior", "Choose a degree for the curve.")
+            raise RequestError("a spline has no posterior", "Choose a degree for the curve.")
         contents = [s.fit.content for s in self.result.sensors if s.fit is not None]
         points = [(c["elongation_mm"], c["signal_mv"], int(c["fit"]["degree"]), c.get("positions")) for c in contents]
         reading_sd_mm, level = self.result.reading_sd_mm, self.fidelity.level
@@ -331,10 +330,10 @@ class CalibrationModel:
 
         Raises
         ------
-        OperatorError : there is no calibration.
+        RequestError : there is no calibration.
         """
         if self.result is None or not self.exports():
-            raise OperatorError("there is no calibration yet", "Analyse a run with readings first.")
+            raise RequestError("there is no calibration yet", "Analyse a run with readings first.")
         run, notices = Path(self.result.path), self._services.notices
 
         def ended(job: Job) -> None:
@@ -492,13 +491,13 @@ class CalibrationModel:
 
         Raises
         ------
-        OperatorError : the calibration cannot be accepted.
+        RequestError : the calibration cannot be accepted.
         StorageError : the unit's file cannot be written.
         """
         obstacle = self.obstacle()
         if obstacle is not None or self.result is None:
             remedy = "See the warnings, and read or record what is missing."
-            raise OperatorError(f"this calibration cannot be accepted: {obstacle}".rstrip("."), remedy)
+            raise RequestError(f"this calibration cannot be accepted: {obstacle}".rstrip("."), remedy)
         content = accepted_content(self.result, self.posterior)
         self._services.undo.push(Change("acceptance", *self._acceptance(self.result, content)))
 
@@ -565,17 +564,17 @@ def accept_run(path: Path, units: UnitLibrary, *, anyway: bool = False, operator
 
     Raises
     ------
-    OperatorError : it cannot be accepted, or is out of tolerance. AnalysisError : it cannot be read.
+    RequestError : it cannot be accepted, or is out of tolerance. BoatDaqError : it cannot be read.
     StorageError : the unit's file cannot be written.
     """
     result = analyse_run(str(path))
     obstacle, missed = obstacle_to(result), missed_bounds(result)
     if obstacle is not None or not result.unit:
         cause = obstacle.cause if obstacle is not None else "the recording names no unit"
-        raise OperatorError(f"this calibration cannot be accepted: {cause}", "record a calibration run of a named unit")
+        raise RequestError(f"this calibration cannot be accepted: {cause}", "record a calibration run of a named unit")
     if missed and not anyway:
         cause = f"this calibration is out of tolerance: {'. '.join(missed)}"
-        raise OperatorError(cause, "check its readings, or accept it as it is", command="add --anyway")
+        raise RequestError(cause, "check its readings, or accept it as it is", command="add --anyway")
     library = units.of(simulated=result.simulated)
     return library.add_calibration(result.unit, accepted_content(result), recording=path.name, operator=operator)
 
@@ -679,5 +678,5 @@ def _agreement(sensor: SensorResult, before: Mapping[str, Any]) -> Agreement | N
         return None
     try:
         return compare_fits(sensor.fit.content["fit"], before["fit"])
-    except (AnalysisError, KeyError):
+    except (BoatDaqError, KeyError):
         return None

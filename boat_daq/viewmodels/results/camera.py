@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.numbers import with_uncertainty
 from boat_daq.formatting import NOTHING, count, number
+from protocol.base.arrays import FloatArray
 
 if TYPE_CHECKING:
     from analysis.figures.pipeline import Analysis

@@ -63,7 +63,7 @@ class CertificateModel:
 
         Raises
         ------
-        OperatorError : its file is refused.
+        RequestError : its file is refused.
         """
         return () if load_laboratory() is not None else LABORATORY_FIELDS
 
@@ -76,7 +76,7 @@ class CertificateModel:
 
         Raises
         ------
-        LocalError, AnalysisError : a value cannot be used. StorageError : it cannot be stored.
+        RequestError, BoatDaqError : a value cannot be used. StorageError : it cannot be stored.
         """
         stated = {key: text.strip() for key, text in laboratory.items() if text.strip()}
         if stated.get("name"):

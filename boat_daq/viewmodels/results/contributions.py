@@ -23,9 +23,9 @@ from analysis.calibration.type_b import (
     traceability,
 )
 from boat_daq.engine.settings import UnitLibrary
-from boat_daq.errors import OperatorError
 from boat_daq.formatting import plain_number
 from boat_daq.viewmodels.common.services import Change, UndoHistory
+from protocol.base.errors import RequestError
 
 NOT_ASSESSED = "not assessed"
 STATED = (("Half width", "half_width"), ("Expanded uncertainty", "expanded"), ("Standard uncertainty", "u"))
@@ -110,7 +110,7 @@ class ContributionsModel:
 
         Raises
         ------
-        OperatorError : the file is refused.
+        RequestError : the file is refused.
         """
         return dict(self.units.load(self.unit).type_b)
 
@@ -153,11 +153,11 @@ class ContributionsModel:
 
         Raises
         ------
-        OperatorError : it is refused, or the file is. StorageError : the file cannot be written.
+        RequestError : it is refused, or the file is. StorageError : the file cannot be written.
         """
         found = self.check(name, fields)
         if isinstance(found, Refusal):
-            raise OperatorError(f"the contribution {label(name)!r:.60} is not stated", found.text)
+            raise RequestError(f"the contribution {label(name)!r:.60} is not stated", found.text)
         tables = self.tables()
         if tables.get(found.name) != fields.table():
             self._change(tables, tables | {found.name: fields.table()}, found.label)
@@ -167,7 +167,7 @@ class ContributionsModel:
 
         Raises
         ------
-        OperatorError, StorageError : as `state`.
+        RequestError, StorageError : as `state`.
         """
         tables = self.tables()
         if name in tables:

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 
 from boat_daq.engine.file_names import path_in
 from boat_daq.engine.recording.file import check_recording_name
-from boat_daq.errors import OperatorError
 from boat_daq.formatting import count, plain_number
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.results.analysis_jobs import import_table, preview_table
 from boat_daq.workflows.jobs import Job, JobFailure, JobRunner
+from protocol.base.errors import RequestError
 from protocol.recording import SUFFIX
 
 SENSORS_MOST = 4
@@ -211,14 +211,14 @@ class CsvImport:
 
         Raises
         ------
-        OperatorError : something is missing, or the name cannot be used.
+        RequestError : something is missing, or the name cannot be used.
         """
         if obstacle := self.obstacle():
-            raise OperatorError(f"{self.path.name} cannot be imported yet", obstacle)
+            raise RequestError(f"{self.path.name} cannot be imported yet", obstacle)
         target = path_in(self._folder, f"{name.strip().removesuffix(SUFFIX)}{SUFFIX}")
         check_recording_name(target)
         if target.exists():
-            raise OperatorError(f"{target.name} exists already", "Choose another name; no recording is overwritten.")
+            raise RequestError(f"{target.name} exists already", "Choose another name; no recording is overwritten.")
         self._remember()
         self._folder.mkdir(parents=True, exist_ok=True)
         rate_hz = None if self.sources["time_s"].column else self._rate_hz()

@@ -30,7 +30,7 @@ def dynamics_of_run(units: UnitLibrary, path: Path, tolerance_mm: float = SETTLE
 
     Raises
     ------
-    OperatorError : the unit has no calibration. AnalysisError : the run has neither steps nor sines of elongation.
+    RequestError : the unit has no calibration. BoatDaqError : the run has neither steps nor sines of elongation.
     """
     from analysis import load_recording
 
@@ -43,7 +43,7 @@ def report_dynamics(found: DynamicCalibration, target: Path) -> None:
 
     Raises
     ------
-    AnalysisError : the file cannot be written.
+    BoatDaqError : the file cannot be written.
     """
     from analysis.reports.dynamics import write_dynamic_report
 

@@ -106,7 +106,7 @@ class MetadataModel:
 
         Raises
         ------
-        RecordingError, OperatorError : it cannot be read.
+        RecordingError, RequestError : it cannot be read.
         """
         return self._read()
 
@@ -124,7 +124,7 @@ class MetadataModel:
 
         Raises
         ------
-        LocalError : a value cannot be used; names its key. StorageError : it cannot be stored.
+        RequestError : a value cannot be used; names its key. StorageError : it cannot be stored.
         """
         before = self.stated()
         free = {} if lines is None else dict.fromkeys(before.fields, "") | free_fields(lines)
@@ -147,7 +147,7 @@ class MetadataModel:
 
         Raises
         ------
-        OperatorError : the template is refused.
+        RequestError : the template is refused.
         """
         filled = Metadata().changed({**free_fields(lines), **typed}).filled_from(load_template(name))
         return self.texts(filled), free_lines(filled)
@@ -157,7 +157,7 @@ class MetadataModel:
 
         Raises
         ------
-        OperatorError : the name cannot be used. LocalError : a value cannot.
+        RequestError : the name cannot be used. RequestError : a value cannot.
         """
         save_template(name, Metadata().changed({**free_fields(lines), **typed}))
 

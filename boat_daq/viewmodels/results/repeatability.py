@@ -14,12 +14,12 @@ from time import monotonic
 
 import numpy as np
 
-from analysis.arrays import FloatArray, IntArray
 from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.formatting import count, duration, quantity
 from boat_daq.viewmodels.results.analysis_jobs import RunResult, analyse_run
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
+from protocol.base.arrays import FloatArray, IntArray
 
 LEAST_INTERVAL_S = 20.0  # so that the helper takes a small share of the processor
 WRITTEN_S = 0.5  # after the end of a run its last samples are in the file

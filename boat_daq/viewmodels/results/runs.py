@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.recording.recovery import Recovery, find_interrupted, recover
 from boat_daq.engine.recording.rename import add_note, rename
@@ -29,7 +28,6 @@ from boat_daq.engine.recording.resumption import BrokenRun, prepare_resumption, 
 from boat_daq.engine.recording.summary import Summary, is_simulated, pressure_outline, summarise
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
-from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.formatting import NOTHING, count, duration, number
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Change, Services, UndoHistory
@@ -38,9 +36,10 @@ from boat_daq.viewmodels.results.dynamics import DynamicsModel
 from boat_daq.viewmodels.results.metadata import MetadataModel
 from boat_daq.viewmodels.results.unit_over_time import UnitOverTimeModel
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
-from protocol.errors import DamagedRecordingError, ProtocolError
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import BoatDaqError, DamagedRecordingError, RequestError
+from protocol.base.units import STORED_UNITS
 from protocol.recording import SUFFIX, RunEnd
-from protocol.units import STORED_UNITS
 
 HEADINGS = ("", "Unit", "Recorded", "Length", "Cycles", "Readings", "State", "File")
 POINTS = 160  # of a thumbnail
@@ -139,7 +138,7 @@ def read_run(path: Path) -> RunEntry:
     """Return one line of the list; a file that cannot be read is a line with its problem."""
     try:
         return RunEntry(path, summarise(path), outline=pressure_outline(path, POINTS))
-    except (ProtocolError, BoatDaqError) as error:
+    except BoatDaqError as error:
         return RunEntry(path, None, error.cause, isinstance(error, DamagedRecordingError))
     except (OSError, sqlite3.Error, KeyError, ValueError) as error:
         return RunEntry(path, None, f"cannot be read: {error}", isinstance(error, sqlite3.Error))
@@ -282,7 +281,7 @@ class RunsModel:
 
         Raises
         ------
-        OperatorError, StorageError, RecordingError : as `boat_daq.engine.recording.rename.rename`.
+        RequestError, StorageError, RecordingError : as `boat_daq.engine.recording.rename.rename`.
         """
         target = path.with_name(f"{name.strip().removesuffix(SUFFIX)}{SUFFIX}")
         if target != path:
@@ -299,7 +298,7 @@ class RunsModel:
 
         Raises
         ------
-        OperatorError, StorageError, RecordingError : as `boat_daq.engine.recording.rename.add_note`.
+        RequestError, StorageError, RecordingError : as `boat_daq.engine.recording.rename.add_note`.
         """
         before = run.note
         if text != before:
@@ -311,10 +310,10 @@ class RunsModel:
 
         Raises
         ------
-        OperatorError : it is not closed.
+        RequestError : it is not closed.
         """
         if run.summary is None or not run.closed:
-            raise OperatorError(f"{run.path.name} is not closed", "Close or recover the recording first.")
+            raise RequestError(f"{run.path.name} is not closed", "Close or recover the recording first.")
         units, changed = self.units.of(simulated=run.summary.simulated), partial(self.select, run.path)
         return MetadataModel.of_recording(run.path, units, run.summary.unit or "", self._undo, changed)
 
@@ -327,7 +326,7 @@ class RunsModel:
 
         Raises
         ------
-        OperatorError, StorageError, RecordingError : the run cannot be resumed, or not now.
+        RequestError, StorageError, RecordingError : the run cannot be resumed, or not now.
         """
         read_broken_run(path)
         self.start("resume", Job(f"Checking {path.name}", prepare_resumption, path), then)
@@ -337,10 +336,10 @@ class RunsModel:
 
         Raises
         ------
-        OperatorError : not exactly one recording.
+        RequestError : not exactly one recording.
         """
         if len(paths) != 1:
-            raise OperatorError("one recording is exported at a time", "Choose one line.")
+            raise RequestError("one recording is exported at a time", "Choose one line.")
         job = Job(f"Exporting {paths[0].name}", export_run, paths[0], target)
         job.target = target
 
@@ -356,10 +355,10 @@ class RunsModel:
 
         Raises
         ------
-        OperatorError : another number of them.
+        RequestError : another number of them.
         """
         if not 2 <= len(paths) <= MOST_COMPARED:
-            raise OperatorError(f"{count(len(paths), 'recording')} chosen to compare", "Choose two to four lines.")
+            raise RequestError(f"{count(len(paths), 'recording')} chosen to compare", "Choose two to four lines.")
         self.start("compare", Job("Comparing", compare_runs, paths), self.show_comparison)
 
     def show_comparison(self, comparison: tuple[RunResult, ...] = ()) -> None:
@@ -388,10 +387,10 @@ class RunsModel:
 
         Raises
         ------
-        OperatorError : no recording was chosen.
+        RequestError : no recording was chosen.
         """
         if not paths:
-            raise OperatorError("no recording is chosen", "Choose one line or several.")
+            raise RequestError("no recording is chosen", "Choose one line or several.")
         job = Job(
             "Making the report", report_runs, paths, target, curve=curve, level=self.fidelity.level,
             units=self.shown_units,
@@ -427,7 +426,7 @@ class RunsModel:
             for name in units.names():
                 try:
                     history = units.load(name).history
-                except OperatorError as error:
+                except RequestError as error:
                     lines.append((units.simulated, (name, NOTHING, "\u25a0 cannot be read", error.cause)))
                     continue
                 shown = f"{name}{SIMULATED_MARK}" if units.simulated else name
@@ -442,11 +441,11 @@ class RunsModel:
 
         Raises
         ------
-        OperatorError : no unit is chosen.
+        RequestError : no unit is chosen.
         """
         lines = [line for line in self.units_read if line[0] in self._kinds]
         if not 0 <= row < len(lines):
-            raise OperatorError("no unit is chosen", "Choose a line of the units.")
+            raise RequestError("no unit is chosen", "Choose a line of the units.")
         simulated, cells = lines[row]
         units = self.units.of(simulated=simulated)
         return UnitOverTimeModel(units, cells[0].removesuffix(SIMULATED_MARK), self.jobs, self._notices)

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.calibration.record import SensorRecord
 from boat_daq.engine.settings import StoredCalibration, Unit, UnitLibrary
 from boat_daq.formatting import NOTHING, number
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
+from protocol.base.arrays import FloatArray
 
 if TYPE_CHECKING:
     from analysis.figures.unit_history import UnitHistory
@@ -77,8 +77,8 @@ def in_force_at_times(history: Sequence[StoredCalibration]) -> list[StoredCalibr
 
 def unit_over_time(unit: Unit) -> UnitOverTime:
     """Return a unit's calibrations over time; the check point is 0 mm, or the middle of the range that all share."""
-    from analysis.errors import AnalysisError
     from analysis.figures.unit_history import due_first, history_of
+    from protocol.base.errors import BoatDaqError
 
     entries = in_force_at_times(unit.history)
     if not entries:
@@ -92,7 +92,7 @@ def unit_over_time(unit: Unit) -> UnitOverTime:
             high = min(one.calibration.x_range[1] for one in dated)
             point = 0.0 if low <= 0.0 <= high else 0.5 * (low + high)
             histories.append(history_of(dated, f"s{sensor + 1}", check_point_mm=point))
-    except AnalysisError as error:
+    except BoatDaqError as error:
         return UnitOverTime((), "", error.cause)
     sentence = due_first(histories).sentence
     return UnitOverTime(tuple(histories), f"{sentence[0].upper()}{sentence[1:]}.")
@@ -121,14 +121,14 @@ def report_unit(units: UnitLibrary, name: str, target: Path) -> None:
 
     Raises
     ------
-    OperatorError : the unit has no calibration. AnalysisError : the file cannot be written.
+    RequestError : the unit has no calibration. BoatDaqError : the file cannot be written.
     """
     from analysis.reports.unit import write_unit_report
-    from boat_daq.errors import OperatorError
+    from protocol.base.errors import RequestError
 
     found = load_unit_over_time(units, name)
     if found.void:
-        raise OperatorError(found.void, "Accept a calibration of it first.")
+        raise RequestError(found.void, "Accept a calibration of it first.")
     write_unit_report(name, found.histories, target, simulated=units.simulated)
 
 

@@ -12,7 +12,7 @@ from analysis.calibration.adequacy import Adequacy, CurveVerdict, expanded, judg
 from analysis.calibration.fit import Calibration
 from analysis.calibration.inverse import Inverse
 from analysis.calibration.joint_fit import PolynomialBasis, PositionMeans, joint_fit
-from analysis.errors import DataError
+from protocol.base.errors import DataError
 from tests.analysis.calibration.sessions import CUBIC, GRIDS, TRUTHS, Session, session, sessions
 
 Grid = tuple[float, float]

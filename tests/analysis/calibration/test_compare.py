@@ -7,7 +7,7 @@ import pytest
 
 from analysis.calibration.compare import compare_fits
 from analysis.calibration.fit import fit_calibration
-from analysis.errors import DataError
+from protocol.base.errors import DataError
 
 
 def line(level, slope, sd_level, sd_slope, span=(-3.0, 4.0)):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from analysis import AnalysisError, fit_calibration
+from analysis import BoatDaqError, fit_calibration
 from analysis.calibration.constrained_fit import monotone, through_zero
 from tests.analysis.calibration.test_fit import certified
 
@@ -94,9 +94,9 @@ def test_both_constraints_at_once() -> None:
 
 def test_what_has_nothing_to_constrain_is_refused() -> None:
     """A constant through zero, and a constant that should rise."""
-    with pytest.raises(AnalysisError, match="through zero"):
+    with pytest.raises(BoatDaqError, match="through zero"):
         through_zero(fit_calibration([1, 2, 3], [1, 2, 4], 0))
-    with pytest.raises(AnalysisError, match="neither rises nor falls"):
+    with pytest.raises(BoatDaqError, match="neither rises nor falls"):
         monotone(fit_calibration([1, 2, 3], [5, 5, 5], 1))
 
 

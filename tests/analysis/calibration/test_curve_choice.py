@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from analysis.calibration.curve_choice import CURVES, degree_of
-from analysis.errors import RequestError
+from protocol.base.errors import RequestError
 
 
 def test_choice_names_a_curve() -> None:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis import AnalysisError, fit_calibration
+from analysis import BoatDaqError, fit_calibration
 from tests.analysis.boat_builder import PAPER
 
 DIGITS = {"Pontius": 10.0, "Wampler1": 5.0, "Wampler5": 5.0, "Filip": 5.0}
@@ -116,7 +116,7 @@ def test_a_falling_unit_calibrates_as_well(sign: float) -> None:
 )
 def test_what_cannot_be_fitted_is_refused_with_its_reason(x: list[float], y: list[float], cause: str) -> None:
     """Fault 40: the message names which of the conditions failed."""
-    with pytest.raises(AnalysisError, match=cause):
+    with pytest.raises(BoatDaqError, match=cause):
         fit_calibration(x, y)
 
 
@@ -132,7 +132,7 @@ def test_a_curve_that_turns_inside_its_range_is_not_monotone() -> None:
 
 def test_values_without_a_square_are_refused() -> None:
     """1e300 has no square in double precision: refused, where it gave R2 and errors of nothing."""
-    with pytest.raises(AnalysisError, match="larger than"):
+    with pytest.raises(BoatDaqError, match="larger than"):
         fit_calibration(np.arange(8.0), np.arange(8.0) * 1e300)
 
 

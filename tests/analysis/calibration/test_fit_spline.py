@@ -11,7 +11,7 @@ from analysis.calibration.adequacy import CurveVerdict
 from analysis.calibration.checks import calibration_warnings, fit_checks
 from analysis.calibration.compare import compare_fits
 from analysis.calibration.inverse import Fusion, Inverse
-from analysis.errors import DataError
+from protocol.base.errors import DataError
 from tests.analysis.calibration.sessions import CUBIC, TRUTHS, session, sessions
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis import AnalysisError, Fusion, Inverse, fit_calibration
+from analysis import BoatDaqError, Fusion, Inverse, fit_calibration
 from analysis.calibration.adequacy import expanded
 from analysis.calibration.fit import fit_by_branch
 from analysis.calibration.inverse import NODES, U_NODES, _uncertainty, signal_at
@@ -96,7 +96,7 @@ def test_fused_value_beyond_the_end_is_marked() -> None:
 def test_a_curve_that_turns_has_no_inverse() -> None:
     """The refusal names the turning point."""
     x = np.linspace(-1, 2, 30)
-    with pytest.raises(AnalysisError, match="turns at"):
+    with pytest.raises(BoatDaqError, match="turns at"):
         Inverse.of(fit_calibration(x, x**2 + 1e-3 * np.sin(9 * x), 2))
 
 
@@ -239,10 +239,10 @@ def test_disagreement_begins_at_four_sigma() -> None:
 
 def test_fusion_of_nothing_or_of_other_signals_is_refused() -> None:
     """No calibrated sensor; another number of signals. Clamped, all outside: the end of the first sensor's range."""
-    with pytest.raises(AnalysisError, match="no calibrated sensor"):
+    with pytest.raises(BoatDaqError, match="no calibrated sensor"):
         Fusion.of([])
     fusion = Fusion.of([straight(), straight()])
-    with pytest.raises(AnalysisError, match=r"shape \(3,\) do not fit 2 sensors"):
+    with pytest.raises(BoatDaqError, match=r"shape \(3,\) do not fit 2 sensors"):
         fusion.evaluate([1.0, 2.0, 3.0])
     far = fusion.evaluate([[9e3, 9e3], [-9e3, 9e3], [np.nan, np.nan]], clamp=True)
     assert far.elongation_mm[:2].tolist() == [-2.0, 4.0]

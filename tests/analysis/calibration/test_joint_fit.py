@@ -16,8 +16,8 @@ from analysis.calibration.joint_fit import (
     joint_fit,
     loop_is_represented,
 )
-from analysis.errors import DataError
 from analysis.studies.failure_maps.sessions import ReadSession
+from protocol.base.errors import DataError
 from tests.analysis.calibration.sessions import CUBIC, GRIDS, HIGH, LOW, session, sessions
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from analysis import AnalysisError, fit_calibration, sample_posterior
+from analysis import BoatDaqError, fit_calibration, sample_posterior
 from tests.analysis.boat_builder import PAPER
 
 X = np.tile(np.linspace(-2.7, 3.8, 10), 9)
@@ -134,9 +134,9 @@ def test_monotone_curves_only() -> None:
 
 def test_points_on_the_curve_have_no_noise_to_sample() -> None:
     """Exact points and too few points are refused with the reason."""
-    with pytest.raises(AnalysisError, match="no noise"):
+    with pytest.raises(BoatDaqError, match="no noise"):
         sample_posterior(X, TRUTH(X))
-    with pytest.raises(AnalysisError, match="no degree of freedom"):
+    with pytest.raises(BoatDaqError, match="no degree of freedom"):
         sample_posterior(X[:4], noisy(0)[:4])
 
 

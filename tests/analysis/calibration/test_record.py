@@ -10,7 +10,7 @@ import pytest
 from analysis.calibration.fit import Calibration, fit_by_branch, fit_calibration
 from analysis.calibration.inverse import Inverse
 from analysis.calibration.record import CalibrationRecord, SensorRecord
-from analysis.errors import AnalysisError
+from protocol.base.errors import BoatDaqError
 from tests.analysis.calibration.sessions import session
 
 READ = session(lambda x: 1650 + 40 * x - 2 * x**2, seed=4)
@@ -80,6 +80,6 @@ def test_records_of_older_versions_keep_their_numbers() -> None:
 
 def test_sensor_without_a_curve_gives_its_reason() -> None:
     whole = CalibrationRecord((SensorRecord("s2", void="no elongation was read"),), simulated=True)
-    with pytest.raises(AnalysisError, match="s2 is not calibrated: no elongation was read"):
+    with pytest.raises(BoatDaqError, match="s2 is not calibrated: no elongation was read"):
         whole.fusion()
     assert CalibrationRecord.parse({"note": "withdrawn"}).sensors == ()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from analysis import AnalysisError, fit_calibration
+from analysis import BoatDaqError, fit_calibration
 from analysis.calibration.constrained_fit import through_zero
 from analysis.calibration.robust_fit import HUBER_K, huber, leave_out
 from tests.analysis.boat_builder import PAPER
@@ -88,7 +88,7 @@ def test_an_exact_fit_has_no_trail_and_too_few_points_are_refused() -> None:
     """Nothing is off an exact curve; with as many coefficients as points nothing can be judged."""
     exact = fit_calibration(X, CUBIC(X), 3)
     assert huber(exact).trail == leave_out(exact).trail == ()
-    with pytest.raises(AnalysisError, match="no point can be judged"):
+    with pytest.raises(BoatDaqError, match="no point can be judged"):
         huber(fit_calibration([0, 1, 2, 3], [0, 1, 5, 2], 3))
     assert leave_out(fit_calibration([0, 1, 2, 3], [0, 1, 5, 2], 3)).trail == ()
 

@@ -15,7 +15,7 @@ from analysis.calibration.type_b import (
     reference_terms,
     traceability,
 )
-from analysis.errors import RequestError
+from protocol.base.errors import RequestError
 
 FULL = {
     "scale": {"expanded_percent": 0.2, "k": 2, "certificate": "DKD 4711", "dof": 50},

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from analysis.calibration_export.calibration_file import MOST_BYTES, CalibrationFile, read_calibration
-from analysis.errors import DataError, FileError
+from protocol.base.errors import DataError, FileError
 from tests.analysis.calibration_export.calibrations import expected, file_of, signals
 
 CALIBRATION = file_of("sextic and falling spline")

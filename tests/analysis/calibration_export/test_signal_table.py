@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from analysis.calibration_export.signal_table import signal_table, table_csv
-from analysis.errors import RequestError
+from protocol.base.errors import RequestError
 from tests.analysis.calibration_export.calibrations import expected, file_of
 
 

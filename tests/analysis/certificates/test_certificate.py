@@ -11,7 +11,7 @@ from analysis import Analysis
 from analysis.calibration.adequacy import CurveVerdict
 from analysis.calibration.record import CalibrationRecord, SensorRecord
 from analysis.certificates.certificate import Request, certificate_of, missing
-from analysis.errors import AnalysisError, DataError, RequestError
+from protocol.base.errors import BoatDaqError, DataError, RequestError
 from tests.analysis.certificates.conftest import REQUEST, with_meta
 
 
@@ -58,7 +58,7 @@ def test_run_without_calibration_is_refused(calibration: Analysis) -> None:
 
 @pytest.mark.parametrize("request_", [replace(REQUEST, issued="soon"), replace(REQUEST, limits={"beauty": 1.0})])
 def test_unusable_request_is_refused(calibration: Analysis, request_: Request) -> None:
-    with pytest.raises(AnalysisError):
+    with pytest.raises(BoatDaqError):
         certificate_of([calibration], request_)
 
 

@@ -13,8 +13,8 @@ from analysis import Analysis
 from analysis.certificates.certificate import certificate_of
 from analysis.certificates.dcc import dcc_xml
 from analysis.certificates.document import certificate_document, write_certificate
-from analysis.errors import AnalysisError
 from analysis.reports.document import ReportTable
+from protocol.base.errors import BoatDaqError
 from tests.analysis.certificates.conftest import REQUEST, with_meta
 
 
@@ -76,7 +76,7 @@ def test_comparison_has_a_row_for_each_item(calibration: Analysis) -> None:
 
 
 def test_another_ending_is_refused(calibration: Analysis, tmp_path: Path) -> None:
-    with pytest.raises(AnalysisError, match="neither"):
+    with pytest.raises(BoatDaqError, match="neither"):
         write_certificate(certificate_of([calibration], REQUEST), tmp_path / "c.docx")
-    with pytest.raises(AnalysisError, match="cannot be written"):
+    with pytest.raises(BoatDaqError, match="cannot be written"):
         write_certificate(certificate_of([calibration], REQUEST), tmp_path / "no" / "c.xml")

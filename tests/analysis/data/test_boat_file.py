@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from analysis.data.boat_file import read_boat_file
-from analysis.errors import FileError
+from protocol.base.errors import FileError
 from tests.analysis.boat_builder import Staircase, write_boat
 
 

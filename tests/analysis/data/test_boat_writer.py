@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis import AnalysisError, load_recording
+from analysis import BoatDaqError, load_recording
 from analysis.data.boat_file import opened
 from analysis.data.boat_writer import write_boat_file
 from analysis.data.csv_import import import_csv
@@ -54,5 +54,5 @@ def test_an_import_becomes_a_recording_with_its_original_bytes(tmp_path: Path) -
     np.testing.assert_array_equal(again.signal_mv, recording.signal_mv)
     with closing(sqlite3.connect(run)) as db, db:
         assert b"".join(r for (r,) in db.execute("SELECT raw FROM chunk ORDER BY id")) == path.read_bytes()
-    with pytest.raises(AnalysisError, match="exists already"):
+    with pytest.raises(BoatDaqError, match="exists already"):
         write_boat_file(run, recording, original=path)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis import AnalysisError, analyse
+from analysis import BoatDaqError, analyse
 from analysis.data.csv_import import import_csv, preview
 from analysis.data.csv_table import read_table
 
@@ -41,7 +41,7 @@ def test_no_time_takes_a_rate(tmp_path: Path) -> None:
     """Time absent: refused without a rate, evenly spaced with one."""
     path = tmp_path / "a.csv"
     path.write_text("pressure_kpa,s1_mv\n1,2\n3,4\n5,6\n")
-    with pytest.raises(AnalysisError, match="time_s") as refusal:
+    with pytest.raises(BoatDaqError, match="time_s") as refusal:
         import_csv(path)
     assert "--rate" in refusal.value.remedy
     np.testing.assert_allclose(import_csv(path, rate_hz=50).time_s, [0, 0.02, 0.04])
@@ -52,7 +52,7 @@ def test_falling_time_is_refused_with_its_line(tmp_path: Path) -> None:
     """The line is that of the file, comments and header counted; a repeated time is left out and counted."""
     path = tmp_path / "a.csv"
     path.write_text("# lab\ntime_s,pressure_kpa,s1_mv\n0,1,2\n1,1,2\n# pause\n0.5,1,2\n2,1,2\n")
-    with pytest.raises(AnalysisError, match="line 6: time falls"):
+    with pytest.raises(BoatDaqError, match="line 6: time falls"):
         import_csv(path)
     path.write_text("time_s,pressure_kpa,s1_mv\n0,1,2\n1,1,2\n1,1,3\n2,1,2\n")
     recording = import_csv(path)
@@ -117,5 +117,5 @@ def test_a_reference_voltage_that_is_a_word_is_refused(tmp_path: Path) -> None:
     """`# vref_mv: full` is no number: refused by name."""
     head = "# vref_mv: full\n# adc_bits: 12\ntime_s,pressure_kpa,s1_lit,s1_dark"
     path = written(tmp_path / "a.csv", head, lambda i: f"{i},{i}.5,{2000 + i},100")
-    with pytest.raises(AnalysisError, match="vref_mv"):
+    with pytest.raises(BoatDaqError, match="vref_mv"):
         import_csv(path)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis import AnalysisError
+from analysis import BoatDaqError
 from analysis.data.csv_import import import_csv, load_profile, map_columns, save_profile
 from analysis.data.csv_table import read_table
 
@@ -45,7 +45,7 @@ def test_without_a_header_columns_are_mapped_by_number_and_the_map_is_kept(tmp_p
     """A map by number is saved as a profile and gives the same run again; without it the refusal lists the columns."""
     path, profile = tmp_path / "a.csv", tmp_path / "lab.json"
     path.write_text(text(header=None))
-    with pytest.raises(AnalysisError, match="no column was recognised as time_s") as refused:
+    with pytest.raises(BoatDaqError, match="no column was recognised as time_s") as refused:
         import_csv(path)
     assert "--map time_s=1:" in refused.value.remedy
     by_itself = import_csv(path, columns={"pressure_kpa": "2:bar", "s1_mv": "3:V"})
@@ -74,5 +74,5 @@ def test_a_name_with_a_comma_is_understood(tmp_path: Path) -> None:
 def test_a_column_of_text_is_named(tmp_path: Path) -> None:
     """3/4/2026 is the third of April or the fourth of March: the refusal shows the values of the column."""
     path = written(tmp_path / "a.csv", "time,pressure_kpa,s1_mv", lambda i: f"3/4/2026 10:{i:02d},{i}.5,{1600 + i}")
-    with pytest.raises(AnalysisError, match="column 'time' holds text like '3/4/2026 10:00'"):
+    with pytest.raises(BoatDaqError, match="column 'time' holds text like '3/4/2026 10:00'"):
         import_csv(path)

@@ -10,7 +10,7 @@ import pytest
 from analysis.data.csv_import import import_csv, load_profile, map_columns, preview, save_profile
 from analysis.data.csv_table import read_table
 from analysis.data.recording import Recording
-from analysis.errors import AnalysisError, DataError
+from protocol.base.errors import BoatDaqError, DataError
 
 N = 60
 TIME = np.round(np.arange(N) * 0.01, 3)
@@ -141,7 +141,7 @@ def test_repeated_and_falling_times(tmp_path: Path) -> None:
 def test_without_time_a_rate_is_required(tmp_path: Path) -> None:
     """Its value is used."""
     path = put(tmp_path, lines("pressure_kpa,s1_mv", rows=[row.partition(",")[2] for row in PLAIN]))
-    with pytest.raises(AnalysisError) as refused:
+    with pytest.raises(BoatDaqError) as refused:
         import_csv(path)
     assert "--rate" in refused.value.remedy
     is_the_truth(import_csv(path, rate_hz=100.0))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis import AnalysisError
+from analysis import BoatDaqError
 from analysis.data.csv_import import import_csv
 from analysis.data.csv_table import read_table
 
@@ -40,5 +40,5 @@ def test_what_is_no_table_is_refused(tmp_path: Path, content: bytes, cause: str)
     """Fault 52 and its neighbours: refused with the cause, in bounded memory."""
     path = tmp_path / "a.csv"
     path.write_bytes(content)
-    with pytest.raises(AnalysisError, match=cause):
+    with pytest.raises(BoatDaqError, match=cause):
         read_table(path)

@@ -20,8 +20,8 @@ from analysis import load_recording
 from analysis.data.boat_writer import first_difference, write_boat_file
 from analysis.data.export import SUFFIXES, ConvertedElongation, export
 from analysis.data.recording import Recording
-from analysis.errors import RequestError
 from analysis.numbers import neutral
+from protocol.base.errors import RequestError
 from tests.analysis.boat_builder import Plant, triangle, write_boat
 
 

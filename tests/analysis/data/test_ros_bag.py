@@ -15,7 +15,7 @@ import pytest
 from analysis import load_recording
 from analysis.data.export import export
 from analysis.data.recording import Recording
-from analysis.errors import FileError
+from protocol.base.errors import FileError
 from tests.docs.pages import ROOT
 
 pytest.importorskip("rosbags.rosbag2", reason="rosbags is not installed")

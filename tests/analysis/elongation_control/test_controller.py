@@ -7,8 +7,8 @@ import pytest
 
 from analysis.elongation_control.controller import Bounds, ElongationController, StopCode
 from analysis.elongation_control.measurement import SensorWatch
-from analysis.errors import RequestError
 from boat_daq.engine.snapshot import MessageKind
+from protocol.base.errors import RequestError
 from tests.analysis.twin_unit import STEP_MV, identified, regulator, swings
 
 WIDE = (-40.0, 50.0)

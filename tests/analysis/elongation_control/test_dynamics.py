@@ -18,7 +18,7 @@ from analysis.elongation_control.dynamics import (
     loop_margins,
     step_figures,
 )
-from analysis.errors import DataError
+from protocol.base.errors import DataError
 
 
 def test_step_test_gives_the_lag_back_within_its_interval():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.elongation_control.hysteresis import identify
-from analysis.errors import DataError
+from protocol.base.errors import DataError
 from protocol.simulator.specimens import find_specimen
 from tests.analysis.twin_unit import identified, swings
 

@@ -16,7 +16,7 @@ from analysis.elongation_control.dynamics import Lag
 from analysis.elongation_control.run_response import bode_of_run, identify_run, tune_run
 from analysis.elongation_control.sensor_loop import find_loops
 from analysis.elongation_control.unit_file import TwinFile, read_twin
-from analysis.errors import DataError, FileError
+from protocol.base.errors import DataError, FileError
 from protocol.recording import Segment
 from protocol.simulator.plant import Sensors
 from protocol.simulator.specimens import find_specimen

@@ -15,7 +15,7 @@ from analysis.figures.across_breaks import ALPHA, Break, compare_breaks, parts_o
 from analysis.reports.build import build_report
 from analysis.segmentation.cycles import Cycle, Cycles
 from analysis.segmentation.loops import Loops
-from protocol.errors import RecordingError
+from protocol.base.errors import RecordingError
 from tests.analysis.boat_builder import Plant, triangle
 
 LEVELS = np.array([-40.0, 0.0, 50.0])

@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from analysis import AnalysisError
+from analysis import BoatDaqError
 from analysis.examples import batch_a_folder, calibrate_a_run, compare_units
 from analysis.figures.batch import batch, write_table
 from tests.analysis.boat_builder import Plant, Staircase, write_boat
@@ -48,9 +48,9 @@ def test_processes_and_a_cluster_give_the_same_table(folder: Path) -> None:
 
 def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
     """No runs, and no folder."""
-    with pytest.raises(AnalysisError, match="holds no runs"):
+    with pytest.raises(BoatDaqError, match="holds no runs"):
         batch(tmp_path)
-    with pytest.raises(AnalysisError, match="not a folder"):
+    with pytest.raises(BoatDaqError, match="not a folder"):
         batch(tmp_path / "nowhere")
 
 

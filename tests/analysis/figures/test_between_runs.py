@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.errors import RequestError
 from analysis.figures.between_runs import one_way
+from protocol.base.errors import RequestError
 
 
 def test_within_and_between_runs_by_hand() -> None:

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 from analysis import Analysis, Options, Recording, analyse
-from analysis.errors import AnalysisError, FileError
 from analysis.figures.stored_results import code_state, reproduce, store_analysis
 from boat_daq.commands.recordings import reanalyse
 from boat_daq.engine.recording.verify import verify_recording
+from protocol.base.errors import BoatDaqError, FileError
 from tests.analysis.boat_builder import Staircase, write_boat
 
 
@@ -80,7 +80,7 @@ def test_parameters_of_no_analysis_are_refused(
     """A forged result is refused with its cause; without options too."""
     run = write_boat(tmp_path / "run.boat", analysed[0])
     options = {**asdict(analysed[1].options), key: value}
-    with pytest.raises(AnalysisError) as refusal:
+    with pytest.raises(BoatDaqError) as refusal:
         reproduce(run, {"options": options})
     assert refusal.value.cause
     with pytest.raises(FileError, match="cannot be used: KeyError"):

@@ -11,7 +11,7 @@ import pytest
 from scipy import signal, stats
 from scipy.optimize import brentq
 
-from analysis import AnalysisError, Options, Recording, analyse
+from analysis import BoatDaqError, Options, Recording, analyse
 from analysis.calibration.adequacy import expanded
 from analysis.calibration.type_b import contributions
 from analysis.calibration_export.run_record import elongation_reader
@@ -245,7 +245,7 @@ def test_a_curve_that_turns_gives_u_on_either_side_of_the_turn(tmp_path: Path) -
     assert (np.diff(below) > 0).all()
     assert analysis.budgets is not None
     assert "turns at" in analysis.budgets.void
-    with pytest.raises(AnalysisError, match=r"turns at 2\.5"):
+    with pytest.raises(BoatDaqError, match=r"turns at 2\.5"):
         elongation_reader(analysis)
 
 
@@ -512,5 +512,5 @@ def test_one_run_alone_tells_nothing_of_the_spread_between_runs() -> None:
     for runs, count in (((), 0), ((run,), 0), ((run, run), 2), ((run, bare), 1), ((run, a_run()), 1)):
         assert len(BudgetOfSensor.of(run, 0, runs).calibrations) == count
     assert BudgetOfSensor.of(run, 0).counted
-    with pytest.raises(AnalysisError, match="is not calibrated"):
+    with pytest.raises(BoatDaqError, match="is not calibrated"):
         BudgetOfSensor.of(a_run(name="s1", calibration_void="no readings"), 0)

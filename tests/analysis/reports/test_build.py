@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis import Analysis, AnalysisError, Options, analyse
+from analysis import Analysis, BoatDaqError, Options, analyse
 from analysis.figures.acceptance import judge
 from analysis.reports.build import build_report, write_report
 from analysis.reports.document import ReportTable, Section
@@ -49,7 +49,7 @@ def test_the_verdict_is_against_the_users_limits(repeatability: Analysis) -> Non
     broken = build_report([repeatability], {"hysteresis": 1.0}).verdict
     assert "FAILS" in broken
     assert "hysteresis of s1" in broken
-    with pytest.raises(AnalysisError, match="no limit called"):
+    with pytest.raises(BoatDaqError, match="no limit called"):
         judge(repeatability.sensors, {"beauty": 1.0})
 
 
@@ -86,9 +86,9 @@ def test_a_run_without_cycles_still_makes_a_report(tmp_path: Path) -> None:
 
 def test_another_ending_is_refused(calibration: Analysis, tmp_path: Path) -> None:
     """Neither HTML nor PDF, and a folder that is not there."""
-    with pytest.raises(AnalysisError, match="neither"):
+    with pytest.raises(BoatDaqError, match="neither"):
         write_report([calibration], tmp_path / "r.docx")
-    with pytest.raises(AnalysisError, match="cannot be written"):
+    with pytest.raises(BoatDaqError, match="cannot be written"):
         write_report([calibration], tmp_path / "no" / "r.pdf")
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from analysis.elongation_control.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
-from analysis.errors import RequestError
 from analysis.reports.dynamics import dynamic_report, write_dynamic_report
+from protocol.base.errors import RequestError
 
 FIGURES = {
     "time_constant_s": DynamicFigure(0.42, 0.40, 0.44),

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from analysis import fit_calibration
-from analysis.errors import RequestError
 from analysis.figures.unit_history import DatedCalibration, UnitHistory, history_of
 from analysis.reports.html import render_html
 from analysis.reports.unit import curve_differences, unit_report, write_unit_report
+from protocol.base.errors import RequestError
 from tests.analysis.boat_builder import PAPER
 
 DATES = ("2026-01-05T10:00:00+00:00", "2026-04-01T10:00:00+00:00", "2026-09-20T10:00:00+00:00")

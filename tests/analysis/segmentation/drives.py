@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.segmentation.strokes import find_strokes, thresholds
+from protocol.base.arrays import FloatArray
 
 LOW_KPA, SPAN_KPA = -40.0, 90.0
 HOLDS_DIFFER, RAMPS_DIFFER = 0.10, 0.05

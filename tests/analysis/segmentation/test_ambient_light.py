@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from analysis import Options, analyse
-from analysis.arrays import FloatArray
 from analysis.calibration.joint_fit import PolynomialBasis, PositionMeans, greatest_loop_width, joint_fit
 from analysis.data.recording import Recording
 from analysis.figures.pipeline import Analysis
 from boat_daq.commands.demo import truth_of
 from boat_daq.engine.plan import load_plan
+from protocol.base.arrays import FloatArray
 from tests.analysis.boat_builder import Plant, Staircase
 from tests.analysis.stopping.simulated_run import SimulatedRun
 

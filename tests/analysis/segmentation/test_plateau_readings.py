@@ -11,16 +11,16 @@ import pandas as pd
 import pytest
 
 from analysis import (
-    AnalysisError,
+    BoatDaqError,
     Options,
     analyse,
     find_cycles,
     find_plateaus,
 )
 from analysis.data.recording import READING_COLUMNS, Recording
-from analysis.errors import DataError
 from analysis.segmentation.plateau_readings import elongations_of
 from analysis.segmentation.plateaus import Plateau
+from protocol.base.errors import DataError
 from tests.analysis.boat_builder import Plant, Staircase
 
 HELD = ((0.0, None), (50.0, 1), (40.0, 2), (30.0, 3), (0.0, None))  # kPa and step: rest, three steps, vented
@@ -120,7 +120,7 @@ def test_an_elongation_file_that_does_not_fit_is_refused(tmp_path: Path, change,
     stairs = Staircase()
     path = tmp_path / "wrong.csv"
     change(stairs.elongations()).to_csv(path, index=False)
-    with pytest.raises(AnalysisError, match=cause):
+    with pytest.raises(BoatDaqError, match=cause):
         analyse(stairs.recording(), path, options=QUICK)
 
 

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from analysis.arrays import FloatArray
-from analysis.errors import AnalysisError, ConvergenceError
 from analysis.shadow.fem.mesh import build_mesh
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solver
 from analysis.shadow.model.full import actuator_problem
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import BoatDaqError, ConvergenceError
 
 TARGETS = ((50.0, 3.8), (-40.0, -2.7))
 """Pressure in kPa and elongation in mm (definitions: the range whose end-to-end slope is the paper's sensitivity)."""
@@ -67,7 +67,7 @@ def fit_geometry(start: ActuatorParameters | None = None) -> GeometryFit:
     def misfit(values: FloatArray) -> FloatArray:
         try:
             return np.asarray(elongations(actuator(values)) - wanted)
-        except AnalysisError:
+        except BoatDaqError:
             return np.full(2, 10.0)  # no equilibrium there: far off, so the search turns back
 
     found = least_squares(

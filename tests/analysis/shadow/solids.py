@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray
 from analysis.shadow.fem.band import PAD
 from analysis.shadow.fem.element import EDGES
 from analysis.shadow.fem.material import NeoHookean
 from analysis.shadow.fem.mesh import Mesh, structured_quads
 from analysis.shadow.fem.problem import Problem, make_problem
+from protocol.base.arrays import BoolArray, FloatArray
 
 
 def mapped_mesh(

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.errors import RequestError
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.signal_prediction import light_table
 from analysis.signal_prediction.light_table import (
@@ -18,6 +17,7 @@ from analysis.signal_prediction.light_table import (
     light_of,
     stored_light,
 )
+from protocol.base.errors import RequestError
 
 OTHER = replace(ActuatorParameters(), wall_mm=2.4)
 COARSE = replace(ActuatorParameters(), axial_elements=2, wall_elements=1, lattice_elements=1)

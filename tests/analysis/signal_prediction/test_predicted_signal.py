@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from analysis.data.recording import Recording
-from analysis.errors import DataError
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.signal_prediction.light_table import GuideShapes, stored_light, traced_light
 from analysis.signal_prediction.predicted_signal import Disagreement, fit_signal_model, what_disagrees
 from analysis.signal_prediction.prediction import disagreement, predict_run, predict_sensors, published_prediction
+from protocol.base.errors import DataError
 from tests.analysis.twin_unit import identified, swings
 
 X = np.linspace(-2.6, 3.7, 60)

@@ -8,7 +8,6 @@ from dataclasses import asdict
 import numpy as np
 import pandas as pd
 
-from analysis.arrays import FloatArray
 from analysis.data.recording import STEP_COLUMNS, Recording
 from analysis.figures.pipeline import Analysis, analyse
 from analysis.figures.sensor_analysis import Options
@@ -17,6 +16,7 @@ from boat_daq.engine.control.sequencer import GoTo, Sequencer, StepChanged, Vent
 from boat_daq.engine.plan import Plan, StepMark
 from boat_daq.engine.sample_columns import Columns
 from boat_daq.engine.session.readings import READER_SD_MM, SIMULATED, SIMULATED_RESOLUTION_MM, simulated_reading
+from protocol.base.arrays import FloatArray
 from protocol.simulator.plant import TICK_US, Body, Pneumatics, Sensors
 from protocol.simulator.sampler import ADC_BITS, LSB_MV, PRESSURE_NOISE_PA, VREF_MV, FrontEnd
 from protocol.simulator.specimens import find_specimen

@@ -10,7 +10,6 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from analysis.errors import RequestError
 from analysis.figures.pipeline import Analysis
 from analysis.segmentation.cycle_effect import CycleEffect
 from analysis.stopping.criterion import (
@@ -27,6 +26,7 @@ from analysis.stopping.criterion import (
 )
 from analysis.stopping.requirement import check_asked
 from analysis.studies.failure_maps.figures import Stairs, analysed
+from protocol.base.errors import RequestError
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from scipy import special
 
-from analysis.arrays import FloatArray
 from analysis.calibration_export.run_record import elongation_reader
 from analysis.figures.sensor_figures import drift, repeatability
 from analysis.segmentation.cycle_effect import CycleEffect
@@ -20,6 +19,7 @@ from analysis.segmentation.loops import Loops
 from analysis.statistics import resampling_weights
 from analysis.stopping.criterion import FEWEST_CYCLES, FEWEST_REPEATS, u_at_most
 from boat_daq.engine.plan import Plan, load_plan
+from protocol.base.arrays import FloatArray
 from tests.analysis.stopping.simulated_run import SimulatedRun
 
 PLACES = 18

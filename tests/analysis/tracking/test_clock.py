@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.errors import DataError
 from analysis.tracking.clock import Delay, find_delay, find_place
+from protocol.base.errors import DataError
 from tests.analysis.tracking.filmed_run import FilmedRun, filmed_run
 
 NOISE_MM = 0.002

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.errors import DataError, FileError, RequestError
 from analysis.tracking.lens import Lens, calibrate_lens, lens_of, read_lens
 from boat_daq.engine.simulator.picture import checkerboard
+from protocol.base.errors import DataError, FileError, RequestError
 from tests.analysis.tracking.filmed_run import SMALL
 
 BENT = replace(SMALL, distortion=-0.12)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from analysis.errors import RequestError
 from analysis.tracking.sheet import write_sheet
+from protocol.base.errors import RequestError
 
 POINTS_PER_MM = 72 / 25.4
 

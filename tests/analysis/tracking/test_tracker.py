@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.errors import DataError
 from analysis.tracking.lens import Picture
 from analysis.tracking.marks import PictureFault
 from analysis.tracking.tracker import LEARNED_PICTURES, MarkTracker, Optics, Tracked
 from boat_daq.engine.simulator.picture import FAULTLESS, CameraScene, Disturbance, Renderer
+from protocol.base.errors import DataError
 from tests.analysis.tracking.filmed_run import SMALL
 
 Draw = Callable[..., Picture]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.errors import DataError
+from protocol.base.errors import DataError
 from tests.boat_daq.commands.calls import call
 
 

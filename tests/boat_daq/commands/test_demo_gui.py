@@ -8,7 +8,7 @@ import types
 from typer.testing import CliRunner
 
 from boat_daq.cli import app
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 
 
 def test_window_takes_the_profile_of_its_port(monkeypatch, tmp_path):
@@ -27,7 +27,7 @@ def test_a_missing_library_of_the_system_is_named_with_its_remedy(monkeypatch):
     monkeypatch.setattr("boat_daq.engine.log.start_log", lambda _: None)
     monkeypatch.setitem(sys.modules, "boat_daq.gui.app", types.ModuleType("app"))
     ran = CliRunner().invoke(app, ["gui"])
-    assert isinstance(ran.exception, OperatorError)
+    assert isinstance(ran.exception, RequestError)
     assert ran.exception.cause.startswith("the window cannot be loaded: ")
     assert "libgl1" in ran.exception.remedy
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from analysis.errors import AnalysisError
+from protocol.base.errors import BoatDaqError
 from tests.analysis.calibration.test_fit import DIGITS, certified, digits
 from tests.boat_daq.commands.calls import call, exit_code, shown_progress, text
 
@@ -55,10 +55,10 @@ def test_incomplete_rows_are_counted_and_impossible_fits_refused(tmp_path: Path)
     """A row without a number is omitted and counted; an unknown column and too few distinct x are errors."""
     (tmp_path / "a.csv").write_text("x,y\n0,0\n1,1\n2,4\n3,\n4,16\n5,25\n")
     assert call("fit", tmp_path / "a.csv", "--x", "x", "--y", "2", "--degree", "2")["masked"] == 1
-    with pytest.raises(AnalysisError, match="no column"):
+    with pytest.raises(BoatDaqError, match="no column"):
         call("fit", tmp_path / "a.csv", "--x", "z", "--y", "y")
     (tmp_path / "b.csv").write_text("x,y\n0,0\n1,1\n0,4\n1,5\n")
-    with pytest.raises(AnalysisError, match="2 distinct x"):
+    with pytest.raises(BoatDaqError, match="2 distinct x"):
         call("fit", tmp_path / "b.csv", "--x", "x", "--y", "y")
     assert exit_code("fit", tmp_path / "a.csv", "--x", "x", "--y", "y", "--degree", "11") == 2
 

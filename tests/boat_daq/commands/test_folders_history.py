@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.errors import AnalysisError
+from protocol.base.errors import BoatDaqError
 from tests.analysis.boat_builder import PAPER, Plant, Staircase, write_boat
 from tests.boat_daq.commands.calls import call
 
@@ -36,9 +36,9 @@ def test_calibrations_are_charted_in_order_of_time(tmp_path: Path) -> None:
     assert 0 < interval["days"] <= 2
     assert found["interval"]["days"] == min(sensor["interval"]["days"] for sensor in found["sensors"])
     assert second["u_elongation_mm"] == pytest.approx(interval["limit_mm"])
-    with pytest.raises(AnalysisError, match="no calibration of unit 'SB9'"):
+    with pytest.raises(BoatDaqError, match="no calibration of unit 'SB9'"):
         call("history", tmp_path, "--unit", "SB9")
-    with pytest.raises(AnalysisError, match="without a name"):
+    with pytest.raises(BoatDaqError, match="without a name"):
         call("history", tmp_path, "--unit", " ")
 
 
@@ -58,5 +58,5 @@ def test_simulated_and_real_runs_are_separate_histories(tmp_path: Path) -> None:
         assert found["simulated"] is kind
         assert len(found["sensors"][0]["calibrations"]) == 1
         assert found["left_out"] == [{"run": f"run{1 if kind else 2}.boat", "reason": f"of a {other} board"}]
-    with pytest.raises(AnalysisError, match="simulated and real runs are not compared"):
+    with pytest.raises(BoatDaqError, match="simulated and real runs are not compared"):
         call("report", tmp_path / "run1.boat", tmp_path / "run2.boat", "--no-mcmc", "--out", tmp_path / "r.html")

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from analysis.errors import DataError
 from analysis.studies.failure_maps.sweep import Axis, Study, StudyResult
 from boat_daq.cli import app
+from protocol.base.errors import DataError
 
 
 def ladder(x: float, y: float) -> StudyResult:

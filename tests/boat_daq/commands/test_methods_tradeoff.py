@@ -15,15 +15,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from analysis.errors import RequestError
 from analysis.fidelity import LEVELS, fidelity
 from analysis.studies.tradeoff.charts import MAY_BE_INFINITE
 from analysis.studies.tradeoff.measure import CostPoint, Measured, Method, measure
 from analysis.studies.tradeoff.methods import JOBS, METHODS, STEPS
 from boat_daq.cli import app
-from boat_daq.errors import StorageError
 from boat_daq.viewmodels.models.tradeoff import METHODS as ON_THE_PAGE
 from boat_daq.viewmodels.models.tradeoff import camera_tracker, live_plot
+from protocol.base.errors import RequestError, StorageError
 
 ROOT = Path(__file__).resolve().parents[3]
 RECORDED = ROOT / "docs" / "tradeoff" / "tradeoff.json"

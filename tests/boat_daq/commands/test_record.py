@@ -14,7 +14,7 @@ from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, Unit, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings
-from boat_daq.errors import BoatDaqError, OperatorError
+from protocol.base.errors import BoatDaqError, RequestError
 from tests.boat_daq.commands.calls import program
 from tests.boat_daq.engine.served_board import serve_in_thread
 
@@ -110,7 +110,7 @@ def test_refusal_while_recording_reports_the_recording(tmp_path: Path, capsys: p
     """A pressed e-stop is known only from the first samples: the short recording is kept, and named."""
     run = tmp_path / "run.boat"
     pressed = BoardSettings(speed=5.0, faults=("estop@0:1000",))
-    with serve_in_thread(pressed) as board, pytest.raises(OperatorError, match="e-stop"):
+    with serve_in_thread(pressed) as board, pytest.raises(RequestError, match="e-stop"):
         run_session(SessionRequest(board.url, run, built_in_plans()["calibration"]))
     assert run.exists()
     assert f"{run} holds the samples until then" in capsys.readouterr().err
@@ -121,6 +121,6 @@ def test_replay_cannot_run_a_plan(tmp_path: Path) -> None:
     session = Session(Settings(), UnitLibrary(tmp_path))
     session.connect(f"replay:{RECORDING}@5")
     session.wait_connected()
-    with pytest.raises(OperatorError, match="read only: a replay takes no commands"):
+    with pytest.raises(RequestError, match="read only: a replay takes no commands"):
         session.arm(built_in_plans()["calibration"])
     session.close()

@@ -13,7 +13,7 @@ from boat_daq.cli import app
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.run_queue import load_queue
 from boat_daq.engine.simulator.server import BoardSettings
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from tests.boat_daq.engine.served_board import serve_in_thread
 
 SHORT = Plan("short", "staircase", 1, high_kpa=10.0, low_kpa=0.0, step_kpa=10.0, ramp_kpa_per_s=50.0, max_dwell_s=3.0)
@@ -65,5 +65,5 @@ def test_runs_follow_each_other_into_files_of_their_own(file: Path, tmp_path: Pa
 def test_a_queue_that_cannot_run_is_refused(text: str, tmp_path: Path) -> None:
     path = tmp_path / "queue.toml"
     path.write_text(text)
-    with pytest.raises(OperatorError):
+    with pytest.raises(RequestError):
         load_queue(path)

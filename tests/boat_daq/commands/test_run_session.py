@@ -30,8 +30,8 @@ from boat_daq.engine.snapshot import (
     SessionSnapshot,
     SessionState,
 )
-from boat_daq.errors import OperatorError
 from protocol import Connection, Identify, SetLimits, SetPressure, Start
+from protocol.base.errors import RequestError
 from protocol.recording import BoardState
 from tests.boat_daq.engine.served_board import serve_in_thread
 
@@ -44,7 +44,7 @@ PLAN = dataclasses.replace(built_in_plans()["repeatability"], cycles=1, ramp_kpa
 def test_pressed_e_stop_is_not_reported_as_cleared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With the e-stop pressed before the run it is refused, and no message reports a cleared fault."""
     pressed = BoardSettings(speed=5.0, faults=("estop@0:1000",))
-    with serve_in_thread(pressed) as board, pytest.raises(OperatorError, match="e-stop is pressed"):
+    with serve_in_thread(pressed) as board, pytest.raises(RequestError, match="e-stop is pressed"):
         run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN))
     assert "is cleared" not in capsys.readouterr().err
 

@@ -10,7 +10,6 @@ import pytest
 from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
-from analysis.errors import AnalysisError
 from analysis.optics.scene.curves import default_curves, elongations
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.reduced import ReducedModel, TableSettings
@@ -18,7 +17,7 @@ from analysis.shadow.model.states import GuideStates
 from analysis.shadow.model.table import table_digest, write_table
 from boat_daq.cli import app
 from boat_daq.commands.shadow import save_figure
-from boat_daq.errors import StorageError
+from protocol.base.errors import BoatDaqError, StorageError
 from tests.boat_daq.commands.calls import call, exit_code, program, refusal, text
 
 
@@ -144,7 +143,7 @@ def test_bad_requests(words: list[str], code: int) -> None:
     if code == 2:
         assert exit_code("shadow", *words) == 2
     else:
-        assert isinstance(refusal("shadow", *words), AnalysisError)
+        assert isinstance(refusal("shadow", *words), BoatDaqError)
 
 
 @pytest.mark.usefixtures("cache")

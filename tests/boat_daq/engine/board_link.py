@@ -9,8 +9,8 @@ from pathlib import Path
 
 from boat_daq.engine.link.reader import URGENT_NICE, Block, PortReader
 from boat_daq.engine.recording.recorder import Recorder
-from boat_daq.errors import DeviceError
 from protocol import CommandDone, Connection, Identify, SetPressure, Start
+from protocol.base.errors import DeviceError
 from protocol.recording import RunEnd
 from protocol.simulator.board import VirtualBoard
 

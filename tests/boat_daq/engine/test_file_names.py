@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from boat_daq.engine.file_names import named
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 
 NOW = datetime(2026, 11, 23, 9, 5, 7)
 
@@ -25,5 +25,5 @@ def test_fields_are_filled_and_numbers_are_free(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("template", ["{user}", "{unit", "", "{unit}", "../{plan}", "{unit!r}", "{0}", "{unit.x}"])
 def test_other_templates_are_refused(tmp_path: Path, template: str) -> None:
-    with pytest.raises(OperatorError):
+    with pytest.raises(RequestError):
         named(template, tmp_path, NOW, plan="p")

@@ -19,7 +19,7 @@ from boat_daq.engine import log
 from boat_daq.engine.bug_report import contents, write_bug_report
 from boat_daq.engine.settings import Settings, save_settings
 from boat_daq.engine.simulator.server import BoardSettings
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from tests.boat_daq.engine.served_board import serve_in_thread
 
 OPERATOR = "Ada Lovelace-Byron"
@@ -71,7 +71,7 @@ def test_a_session_is_logged_and_its_report_has_nothing_personal(place: Path, tm
     assert json.loads(texts["recording.json"])["samples"] > 2_000
     assert json.loads(texts["recording.json"])["unit"] == ""
     assert sum(len(text) for text in texts.values()) < run.stat().st_size
-    with pytest.raises(OperatorError, match="exists already"):
+    with pytest.raises(RequestError, match="exists already"):
         write_bug_report(tmp_path / "bug.zip")
     shown = write_bug_report(tmp_path / "all.zip", personal=True)
     with zipfile.ZipFile(shown) as archive:
@@ -227,4 +227,4 @@ def test_the_command_lists_the_contents(place: Path, tmp_path: Path) -> None:
     assert shown["contents"] == list(contents(tmp_path / "bug.zip"))
     assert shown["personal"] is False
     again = CliRunner().invoke(app, ["bugreport", "--out", str(tmp_path / "bug.zip")])
-    assert isinstance(again.exception, OperatorError)
+    assert isinstance(again.exception, RequestError)

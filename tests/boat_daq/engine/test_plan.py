@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from boat_daq.engine.plan import Plan, built_in_plans, load_plan, plan_from_toml, plans_in
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 
 CALIBRATION, REPEATABILITY = built_in_plans()["calibration"], built_in_plans()["repeatability"]
 
@@ -91,7 +91,7 @@ def test_toml_round_trip(cycles: int, steps: int, ramp: float, dwell: float, kin
 def test_a_bad_plan_is_refused_by_key(key: str, value: str, text: str) -> None:
     """Whatever makes no plan is named by its key, with the reason."""
     table = {"name": '"x"', "kind": '"staircase"', "cycles": "5", key: value}
-    with pytest.raises(OperatorError) as refusal:
+    with pytest.raises(RequestError) as refusal:
         plan_from_toml("\n".join(f"{k} = {v}" for k, v in table.items()))
     assert text in refusal.value.cause
     assert f"'{key}'" in refusal.value.cause
@@ -99,7 +99,7 @@ def test_a_bad_plan_is_refused_by_key(key: str, value: str, text: str) -> None:
 
 def test_a_missing_key_is_refused() -> None:
     """A plan without its number of cycles is none."""
-    with pytest.raises(OperatorError, match="'cycles' is missing"):
+    with pytest.raises(RequestError, match="'cycles' is missing"):
         plan_from_toml('name = "x"\nkind = "staircase"')
 
 
@@ -116,7 +116,7 @@ def test_load_by_name_or_path(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(own.to_toml(), encoding="utf-8")
     assert load_plan("calibration") == CALIBRATION
     assert load_plan(str(tmp_path / "own.toml")) == own
-    with pytest.raises(OperatorError, match="no plan 'no such'") as refusal:
+    with pytest.raises(RequestError, match="no plan 'no such'") as refusal:
         load_plan("no such")
     assert "calibration or repeatability" in refusal.value.remedy
 
@@ -127,12 +127,12 @@ def test_plans_of_a_folder_beside_the_built_in_ones(tmp_path: Path) -> None:
     (tmp_path / "any.toml").write_text(own.to_toml(), encoding="utf-8")
     assert plans_in(tmp_path) == {**built_in_plans(), "own": own}
     (tmp_path / "second.toml").write_text(CALIBRATION.to_toml(), encoding="utf-8")
-    with pytest.raises(OperatorError, match="name of another plan, 'calibration'"):
+    with pytest.raises(RequestError, match="name of another plan, 'calibration'"):
         plans_in(tmp_path)
     (tmp_path / "second.toml").write_text("cycles = 1", encoding="utf-8")
-    with pytest.raises(OperatorError, match="'name' is missing"):
+    with pytest.raises(RequestError, match="'name' is missing"):
         plans_in(tmp_path)
-    with pytest.raises(OperatorError, match="is no folder"):
+    with pytest.raises(RequestError, match="is no folder"):
         plans_in(tmp_path / "none")
 
 
@@ -141,5 +141,5 @@ def test_a_file_that_is_no_plan(tmp_path: Path, content: bytes) -> None:
     """Not text, not TOML, too large, too deep: a cause and a remedy, never a traceback of another kind."""
     path = tmp_path / "plan.toml"
     path.write_bytes(content)
-    with pytest.raises(OperatorError):
+    with pytest.raises(RequestError):
         load_plan(str(path))

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from boat_daq.engine.plan import Plan, plan_from_toml
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.recording import Segment
 
 SEGMENTS = (
@@ -53,17 +53,17 @@ def test_values_rates_and_accelerations_of_a_segment():
     ],
 )
 def test_a_segment_that_makes_no_profile_is_refused_by_key(segment, key):
-    with pytest.raises(OperatorError, match=f"'{key}'"):
+    with pytest.raises(RequestError, match=f"'{key}'"):
         Plan("bad", "profile", 1, segments=(segment,))
 
 
 def test_millimetres_are_of_a_profile_only_and_need_no_pressure_limits():
-    with pytest.raises(OperatorError, match="'kind'"):
+    with pytest.raises(RequestError, match="'kind'"):
         Plan("bad", "staircase", 1, quantity="mm")
     assert Plan("mm", "profile", 1, quantity="mm", segments=SEGMENTS).extremes_kpa == ()
 
 
 def test_an_unknown_key_of_a_segment_is_refused_with_its_number():
     text = PROFILE.to_toml().replace("rate_per_s = 5.0", "rate = 5.0")
-    with pytest.raises(OperatorError, match=r"segment \d: 'rate'"):
+    with pytest.raises(RequestError, match=r"segment \d: 'rate'"):
         plan_from_toml(text)

@@ -26,7 +26,7 @@ from boat_daq.engine.settings import (
     save_settings,
 )
 from boat_daq.engine.stored_file import take_warnings
-from boat_daq.errors import OperatorError, StorageError
+from protocol.base.errors import RequestError, StorageError
 
 CUBIC = {"coefficients": [1651.9842, 46.4413, -2.6934, -0.36251], "note": 'a "quoted" ü', "covariance": [[1e-300, 2.0]]}
 
@@ -80,7 +80,7 @@ def test_a_save_that_fails_leaves_the_old_one(tmp_path: Path, monkeypatch: pytes
 def test_a_hand_edited_file_is_refused_by_key(tmp_path: Path, line: str, part: str) -> None:
     """Unknown key, wrong type, impossible value, newer version: named, never guessed."""
     (tmp_path / "settings.toml").write_text(line)
-    with pytest.raises(OperatorError) as refusal:
+    with pytest.raises(RequestError) as refusal:
         load_settings(tmp_path)
     assert part in refusal.value.cause
 
@@ -96,7 +96,7 @@ def test_swapped_limits_of_a_unit_are_refused(tmp_path: Path, low: float, high: 
         path.read_text().replace("min_kpa = -40.0", f"min_kpa = {low}").replace("max_kpa = 50.0", f"max_kpa = {high}")
     )
     path.write_text(text)
-    with pytest.raises(OperatorError, match="min_kpa"):
+    with pytest.raises(RequestError, match="min_kpa"):
         library.load("SA1")
 
 
@@ -107,7 +107,7 @@ def test_a_limit_has_no_default_in_a_file(tmp_path: Path) -> None:
     library.save(Unit("SA1"))
     path = tmp_path / "SA1.toml"
     path.write_text(path.read_text().replace("max_kpa = 50.0\n", ""))
-    with pytest.raises(OperatorError, match="'max_kpa' is missing"):
+    with pytest.raises(RequestError, match="'max_kpa' is missing"):
         library.load("SA1")
 
 
@@ -133,7 +133,7 @@ def test_list_of_changes_is_bounded(tmp_path: Path) -> None:
     kept = library.load("SA1").changes
     assert len((tmp_path / "SA1.toml").read_text()) < 120_000
     assert len(kept) == 4 and kept[-1].after.startswith("11 ")
-    with pytest.raises(OperatorError, match="at most 20000 letters"):
+    with pytest.raises(RequestError, match="at most 20000 letters"):
         Unit("SA1", note="x" * 20_001)
 
 
@@ -159,7 +159,7 @@ def test_simulated_calibration_is_not_one_of_the_real_unit(tmp_path: Path) -> No
     assert [entry.content for entry in simulated.load("SA1").history] == [CUBIC | {"simulated": True}]
     assert simulated.folder == tmp_path / "simulated"
     for library, mark in ((real, True), (simulated, False)):
-        with pytest.raises(OperatorError, match="is not one of"):
+        with pytest.raises(RequestError, match="is not one of"):
             library.add_calibration("SA1", {"simulated": mark})
 
 
@@ -188,7 +188,7 @@ def test_history_is_never_shortened(tmp_path: Path) -> None:
     """Saving a unit without its stored calibrations is refused."""
     library = UnitLibrary(tmp_path)
     unit = library.add_calibration("SA1", CUBIC)
-    with pytest.raises(OperatorError, match="missing"):
+    with pytest.raises(RequestError, match="missing"):
         library.save(dataclasses.replace(unit, history=()))
     library.save(dataclasses.replace(unit, note="renamed", min_kpa=-30.0))
     assert library.load("SA1").calibration == unit.calibration
@@ -198,18 +198,18 @@ def test_history_is_never_shortened(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["", "../SA1", "a/b", "CON", "nul", ".hidden", "x" * 41, "a\nb", "SA1."])
 def test_a_name_cannot_leave_its_folder(tmp_path: Path, name: str) -> None:
     """Names that are paths, reserved, or none are refused before any file is touched."""
-    with pytest.raises(OperatorError, match="'name'"):
+    with pytest.raises(RequestError, match="'name'"):
         UnitLibrary(tmp_path).load(name)
 
 
 @given(st.binary(max_size=200))
 def test_any_bytes_are_refused_or_read(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
-    """Whatever the file holds: settings, or an OperatorError."""
+    """Whatever the file holds: settings, or an RequestError."""
     folder = tmp_path_factory.mktemp("s")
     (folder / "settings.toml").write_bytes(content)
     try:
         assert isinstance(load_settings(folder), Settings)
-    except OperatorError as refusal:
+    except RequestError as refusal:
         assert refusal.cause
 
 
@@ -253,7 +253,7 @@ def test_an_edit_that_broke_a_unit_is_refused_and_its_backup_not_used(tmp_path: 
         library.save(Unit("SA1", max_kpa=limit))
     path = tmp_path / "SA1.toml"
     path.write_text(path.read_text().replace("max_kpa = 40.0", "max_kpa = 20.0 kPa"))
-    with pytest.raises(OperatorError, match="not a readable TOML file"):
+    with pytest.raises(RequestError, match="not a readable TOML file"):
         library.load("SA1")
     assert take_warnings() == []
 
@@ -263,25 +263,25 @@ def test_a_refused_file_names_its_backup_where_that_is_good(tmp_path: Path) -> N
     save_settings(Settings(operator="Ada"), tmp_path)
     path = tmp_path / "settings.toml"
     path.write_text("colour = 1\n", encoding="utf-8")
-    with pytest.raises(OperatorError) as alone:
+    with pytest.raises(RequestError) as alone:
         load_settings(tmp_path)
     assert ".bak" not in alone.value.remedy
     path.unlink()
     for operator in ("Ada", "Bea"):
         save_settings(Settings(operator=operator), tmp_path)
     path.write_text("colour = 1\n", encoding="utf-8")
-    with pytest.raises(OperatorError, match="colour") as found:
+    with pytest.raises(RequestError, match="colour") as found:
         load_settings(tmp_path)
     assert "settings.toml.bak" in found.value.remedy
     library = UnitLibrary(tmp_path)
     for limit in (20.0, 30.0):
         library.save(Unit("SA1", max_kpa=limit))
     (tmp_path / "SA1.toml").write_text("name = 3\n", encoding="utf-8")
-    with pytest.raises(OperatorError) as unit:
+    with pytest.raises(RequestError) as unit:
         library.load("SA1")
     assert "SA1.toml.bak" in unit.value.remedy
     (tmp_path / "SA1.toml.bak").write_text("name = 3\n", encoding="utf-8")
-    with pytest.raises(OperatorError) as neither:
+    with pytest.raises(RequestError) as neither:
         library.load("SA1")
     assert ".bak" not in neither.value.remedy
 
@@ -293,7 +293,7 @@ def test_both_destroyed_is_refused(tmp_path: Path) -> None:
         library.save(Unit("SA1", max_kpa=limit))
     for path in (tmp_path / "SA1.toml", tmp_path / "SA1.toml.bak"):
         path.write_bytes(b"\0" * 50)
-    with pytest.raises(OperatorError, match="its backup are destroyed"):
+    with pytest.raises(RequestError, match="its backup are destroyed"):
         library.load("SA1")
 
 
@@ -308,5 +308,5 @@ def test_type_b_tables_of_a_unit_survive_a_calibration(tmp_path: Path) -> None:
     assert library.add_calibration("SA1", {"b0": 1.5}).type_b == stated
     assert library.load("SA1").type_b == stated
     path.write_text("type_b = 'none'\n" + path.read_text().partition("[type_b")[0].replace("[type_b]\n", ""))
-    with pytest.raises(OperatorError, match="'type_b' must hold tables"):
+    with pytest.raises(RequestError, match="'type_b' must hold tables"):
         library.load("SA1")

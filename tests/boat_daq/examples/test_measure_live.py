@@ -12,9 +12,9 @@ from analysis import load_recording
 from boat_daq.engine.settings import Settings
 from boat_daq.engine.simulator.server import BoardSettings
 from boat_daq.engine.snapshot import LinkState
-from boat_daq.errors import DeviceError
 from boat_daq.examples.measure_live import main
 from boat_daq.measure import Session
+from protocol.base.errors import DeviceError
 from tests.boat_daq.engine.served_board import serve_in_thread
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")

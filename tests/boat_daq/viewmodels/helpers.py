@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
-from analysis.errors import AnalysisError
 from boat_daq.engine.plan import built_in_plans
-from boat_daq.errors import cause_and_remedy
 from boat_daq.viewmodels.live.live_model import LiveElongation
 from boat_daq.workflows.jobs import JobFailure, JobState
+from protocol.base.errors import BoatDaqError, cause_and_remedy
 
 
 def until(condition, timeout_s=60.0):
@@ -30,7 +29,7 @@ class DirectJob:
         self.label, self.result, self.failure, self.fraction, self.permille = label, None, None, None, 0
         try:
             self.result, self.state = function(*args, **kwargs), JobState.DONE
-        except AnalysisError as error:
+        except BoatDaqError as error:
             self.failure, self.state = JobFailure(*cause_and_remedy(error), ""), JobState.FAILED
 
     def poll(self):

@@ -13,10 +13,10 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary, load_settings, save_settings
 from boat_daq.engine.simulator.server import BoardSettings
 from boat_daq.engine.snapshot import SessionState
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.results.contributions import ContributionFields
 from boat_daq.viewmodels.settings_model import PROGRAM, SettingsModel
+from protocol.base.errors import RequestError
 from tests.boat_daq.engine.served_board import serve_in_thread
 
 
@@ -41,7 +41,7 @@ def test_values_are_stored_used_and_undone(model, tmp_path):
     assert load_settings(tmp_path) == Settings()
     assert [(c.before, c.after) for c in model.shown(PROGRAM).changes][:2] == [("1000", "100"), ("100", "1000")]
     assert not model._undo.done
-    with pytest.raises(OperatorError, match="'baud' must be 300"):
+    with pytest.raises(RequestError, match="'baud' must be 300"):
         model.enter(PROGRAM, {"baud": "1"})
 
 
@@ -55,13 +55,13 @@ def test_plan_below_a_limit_entered_while_connected_is_refused(model):
         session.arm(plan)
         model.enter("SA1", {"min_kpa": "-25"})
         assert session.snapshot().state is SessionState.IDLE
-        with pytest.raises(OperatorError, match=r"-40 kPa is below the unit's limit of -25 kPa"):
+        with pytest.raises(RequestError, match=r"-40 kPa is below the unit's limit of -25 kPa"):
             session.arm(plan)
         model._undo.undo()
         session.arm(plan)
         session.start()
         session.wait(lambda s: s.state is SessionState.RUNNING, 5.0)
-        with pytest.raises(OperatorError, match="a run is in progress"):
+        with pytest.raises(RequestError, match="a run is in progress"):
             model.enter("SA1", {"min_kpa": "-25"})
         assert model.shown("SA1").texts["min_kpa"] == "-40"
         session.close()
@@ -73,7 +73,7 @@ def test_refused_settings_are_kept_until_others_are_stored(model, tmp_path):
         save_settings(Settings(rate_hz=rate_hz), tmp_path)
     path = tmp_path / "settings.toml"
     path.write_text("rate_hz = 'fast'\n")
-    with pytest.raises(OperatorError) as refused:
+    with pytest.raises(RequestError) as refused:
         load_settings(tmp_path)
     model.refused = refused.value
     assert model.shown(PROGRAM).texts["rate_hz"] == "100" and model.shown(PROGRAM).changes == ()
@@ -88,7 +88,7 @@ def test_refused_settings_are_kept_until_others_are_stored(model, tmp_path):
 def test_a_unit_and_settings_are_exported_and_imported(model, tmp_path):
     """An imported unit's values are undone; its calibrations stay. One that is refused names its key."""
     model.add_unit("SA7")
-    with pytest.raises(OperatorError, match="already"):
+    with pytest.raises(RequestError, match="already"):
         model.add_unit("SA7")
     model.enter("SA7", {"min_kpa": "-25"})
     model.export("SA7", tmp_path / "SA7.toml")
@@ -102,7 +102,7 @@ def test_a_unit_and_settings_are_exported_and_imported(model, tmp_path):
     assert model.import_(tmp_path / "settings-of-the-rig.toml") == PROGRAM
     assert load_settings(tmp_path).operator == ""
     (tmp_path / "bad.toml").write_text("min_kpa = -10\n")
-    with pytest.raises(OperatorError, match="'name' is missing"):
+    with pytest.raises(RequestError, match="'name' is missing"):
         model.import_(tmp_path / "bad.toml")
     assert model.subjects("SA1") == [("This program", PROGRAM), ("Unit SA1", "SA1"), ("Unit SA7", "SA7")]
     model._units.add_calibration("SA9", {"b0": 1.5, "simulated": False}, recording="run.boat")

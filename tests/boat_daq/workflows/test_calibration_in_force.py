@@ -7,10 +7,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from analysis.errors import RequestError
 from boat_daq.engine.settings import Unit, UnitLibrary
-from boat_daq.errors import OperatorError
 from boat_daq.workflows.calibration_in_force import chosen_curve, stated_contributions
+from protocol.base.errors import RequestError
 
 SCALE = {"scale": {"u_percent": 0.1, "certificate": "DKD 4711"}}
 
@@ -47,7 +46,7 @@ def test_wrong_file_is_refused_with_its_key(tmp_path: Path) -> None:
     """A rig without contributions, and a unit whose contribution has no distribution."""
     rig = tmp_path / "rig.toml"
     rig.write_text("name = 'bench 2'\n")
-    with pytest.raises(OperatorError, match="'type_b' is missing"):
+    with pytest.raises(RequestError, match="'type_b' is missing"):
         stated_contributions(run_of(""), rig)
     UnitLibrary().save(Unit("ref-bad", type_b={"parallax": {"half_width_mm": 0.1}}))
     with pytest.raises(RequestError, match=r"type_b\.parallax: 'distribution'"):

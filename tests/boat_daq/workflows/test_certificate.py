@@ -8,8 +8,8 @@ import pytest
 
 from analysis.certificates.laboratory import Laboratory
 from boat_daq.engine.settings import HOME_VARIABLE, UnitLibrary
-from boat_daq.errors import OperatorError
 from boat_daq.workflows.certificate import calibration_before, load_laboratory, store_laboratory
+from protocol.base.errors import RequestError
 
 
 @pytest.fixture(autouse=True)
@@ -24,7 +24,7 @@ def test_laboratory_is_stored_once_and_refused_by_key(home):
     assert load_laboratory() == Laboratory("Lab", country_code="DE")
     for text, cause in (('nam = "A"', "nam"), ('name = " "', "empty 'name'"), ("name = 1", "type str")):
         (home / "lab.toml").write_text(text)
-        with pytest.raises(OperatorError, match=cause):
+        with pytest.raises(RequestError, match=cause):
             load_laboratory(home / "lab.toml")
 
 

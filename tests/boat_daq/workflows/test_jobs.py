@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import time
 
-from boat_daq.errors import OperatorError
 from boat_daq.workflows import jobs
 from boat_daq.workflows.jobs import Job, JobRunner, JobState, prepare
+from protocol.base.errors import RequestError
 from tests.boat_daq.viewmodels.helpers import until
 
 
@@ -19,7 +19,7 @@ def slow_square(n, *, progress):
 
 def refuse():
     """Refuse with an error of the program."""
-    raise OperatorError("the run has no sensor", "Record one.")
+    raise RequestError("the run has no sensor", "Record one.")
 
 
 def leave():

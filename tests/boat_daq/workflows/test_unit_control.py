@@ -13,9 +13,7 @@ import pytest
 from analysis import fit_calibration
 from analysis.data.recording import STEP_COLUMNS, Recording
 from analysis.elongation_control.run_response import run_elongation
-from analysis.errors import FileError
 from boat_daq.engine.settings import UnitLibrary
-from boat_daq.errors import OperatorError
 from boat_daq.workflows.unit_control import (
     fusion_of,
     held_elongation,
@@ -27,6 +25,7 @@ from boat_daq.workflows.unit_control import (
     store_twin,
     twin_path,
 )  # fmt: skip
+from protocol.base.errors import FileError, RequestError
 from protocol.recording import Segment
 from protocol.simulator.plant import Sensors
 from protocol.simulator.specimens import find_specimen
@@ -66,13 +65,13 @@ def test_without_an_accepted_calibration_there_is_no_control(units, run):
         lambda: regulator_of(units, "SA1"),
         lambda: load_twin(units, ""),
     ):
-        with pytest.raises(OperatorError, match=r"no accepted calibration|not named"):
+        with pytest.raises(RequestError, match=r"no accepted calibration|not named"):
             refused()
 
 
 def test_an_identified_unit_has_a_regulator_until_its_calibration_changes(units, run):
     accept(units)
-    with pytest.raises(OperatorError, match="not identified"):
+    with pytest.raises(RequestError, match="not identified"):
         regulator_of(units, "SA1")
     identify_unit(run, units)
     regulator = regulator_of(units, "SA1")
@@ -81,7 +80,7 @@ def test_an_identified_unit_has_a_regulator_until_its_calibration_changes(units,
     assert regulator.sensors.range_mm[1] == pytest.approx(3.8, abs=0.05)
     twin = load_twin(units, "SA1")
     store_twin(units, replace(twin, calibration_utc="2026-01-01T00:00:00+00:00"))
-    with pytest.raises(OperatorError, match="another calibration"):
+    with pytest.raises(RequestError, match="another calibration"):
         regulator_of(units, "SA1")
 
 

@@ -9,7 +9,7 @@ from protocol import (
     Connection,
     Heartbeat,
     Identify,
-    LocalError,
+    RequestError,
     SetLimits,
     SetPressure,
     Start,
@@ -324,7 +324,7 @@ def test_queued_command_is_never_sent_to_another_version(in_turn: LinkRig) -> No
 
 def test_value_that_does_not_fit_is_refused_without_a_seq(rig: LinkRig) -> None:
     """What cannot be sent leaves no trace in the numbering."""
-    with pytest.raises(LocalError):
+    with pytest.raises(RequestError):
         rig.link.send(Start(70_000), 0)
     assert rig.send(Vent(), 0) == 0
 
@@ -400,7 +400,7 @@ def test_lost_command_holds_up_no_other(rig: LinkRig) -> None:
 def test_impossible_value_is_refused_while_it_would_wait(in_turn: LinkRig) -> None:
     """At once, not when its turn comes; and a command that waits already waits once."""
     in_turn.send(Heartbeat(500), 0)
-    with pytest.raises(LocalError):
+    with pytest.raises(RequestError):
         in_turn.link.send(Start(70_000), 0)
     assert [in_turn.link.send(Stop(), 0) for _ in range(2)] == [b"", b""]
     in_turn.answer(MessageType.HEARTBEAT, 0, 1)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.errors import LocalError
+from protocol.base.errors import RequestError
 from protocol.link.framing import COLLECT_MAX, RESIDUE, Frame, FrameReader, encode_frame
 
 FRAMES = st.builds(Frame, st.integers(0, 255), st.integers(0, 255), st.binary(max_size=194))
@@ -41,7 +41,7 @@ def test_frames_survive_encoding_and_decoding(frames: list[Frame]) -> None:
 @pytest.mark.parametrize(("type_", "size"), [(256, 0), (-1, 0), (1, 195)])
 def test_impossible_frame_is_refused(type_: int, size: int) -> None:
     """A type beyond a byte and a payload beyond 194 bytes are this side's fault."""
-    with pytest.raises(LocalError, match="no frame can hold"):
+    with pytest.raises(RequestError, match="no frame can hold"):
         encode_frame(type_, 0, bytes(size))
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.errors import LocalError, RemoteError
+from protocol.base.errors import RemoteError, RequestError
 from protocol.link.framing import Frame, FrameReader
 from protocol.link.messages import (
     Ack,
@@ -151,12 +151,12 @@ def test_an_identity_that_is_not_ascii_is_shown_escaped() -> None:
 )
 def test_value_that_its_field_cannot_hold_is_a_local_error(command: Any) -> None:
     """Nothing is cut to fit: a pressure that does not fit must never become another pressure."""
-    with pytest.raises(LocalError, match="cannot carry"):
+    with pytest.raises(RequestError, match="cannot carry"):
         encode_command(command, 0)
 
 
 def test_an_identity_too_long_is_refused() -> None:
     """Seventeen characters do not become sixteen."""
     values = {field: getattr(HELLO, field) for field in Hello.__dataclass_fields__}
-    with pytest.raises(LocalError, match="16 ASCII"):
+    with pytest.raises(RequestError, match="16 ASCII"):
         encode_message(Hello(**{**values, "board_id": "x" * 17}), 0)

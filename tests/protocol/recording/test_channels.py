@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from protocol.errors import RecordingError
+from protocol.base.errors import RecordingError
 from protocol.recording import channels_of, session_channels
 from protocol.recording.channels import are_channels
 from protocol.recording.checks import check_session

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from protocol.errors import LocalError
+from protocol.base.errors import RequestError
 from protocol.recording import Metadata
 
 
@@ -19,7 +19,7 @@ def test_typed_values_become_metadata_and_other_keys_are_free_fields() -> None:
 
 @pytest.mark.parametrize("text", ["warm", "nan", "1e400", "500"])
 def test_no_temperature_is_refused_by_its_key(text: str) -> None:
-    with pytest.raises(LocalError, match="ambient_temperature_c"):
+    with pytest.raises(RequestError, match="ambient_temperature_c"):
         Metadata().changed({"ambient_temperature_c": text})
 
 
@@ -33,7 +33,7 @@ def test_a_stored_note_of_any_length_is_read_and_typed_ones_are_bounded() -> Non
     """A recording of an older version may hold a longer one."""
     text = "x" * 30_000
     assert Metadata.of({"note": text}).note == text
-    with pytest.raises(LocalError, match="note is no text of at most 20000"):
+    with pytest.raises(RequestError, match="note is no text of at most 20000"):
         Metadata().changed({"note": text})
 
 

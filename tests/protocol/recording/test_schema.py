@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.errors import RecordingError
+from protocol.base.errors import RecordingError
 from protocol.recording import (
     APPLICATION_ID,
     SCHEMA_VERSION,

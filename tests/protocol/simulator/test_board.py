@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.errors import LocalError
+from protocol.base.errors import RequestError
 from protocol.link.framing import encode_frame
 from protocol.link.messages import (
     Ack,
@@ -294,7 +294,7 @@ def test_time_does_not_run_backwards():
 
 def test_unknown_unit_is_refused():
     """By name, with the names there are."""
-    with pytest.raises(LocalError, match="SA7"):
+    with pytest.raises(RequestError, match="SA7"):
         VirtualBoard("SA7")
 
 

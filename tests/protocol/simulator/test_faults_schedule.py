@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from protocol.errors import LocalError
+from protocol.base.errors import RequestError
 from protocol.simulator.faults import FAULTS, Countdown, FaultSchedule, fault_list, make_fault, parse_fault
 
 
 def test_unknown_name_lists_them_all():
     """The remedy is the table."""
-    with pytest.raises(LocalError, match="meteor") as refusal:
+    with pytest.raises(RequestError, match="meteor") as refusal:
         parse_fault("meteor@5")
     assert all(name in refusal.value.remedy for name in FAULTS)
     assert all(kind.sentence in fault_list() for kind in FAULTS.values())
@@ -23,7 +23,7 @@ def test_unknown_name_lists_them_all():
 )  # fmt: skip
 def test_impossible_times_and_values_are_refused(text):
     """No number, before power-on, or outside what the fault can have."""
-    with pytest.raises(LocalError):
+    with pytest.raises(RequestError):
         parse_fault(text)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from protocol.errors import LocalError
+from protocol.base.errors import RequestError
 from protocol.simulator.specimens import SPECIMEN_NAMES, find_specimen
 from protocol.simulator.truth import loop_width, noise_free_run, truth_figures
 
@@ -96,7 +96,7 @@ def test_loop_width_of_an_ellipse():
 
 def test_unknown_unit_is_refused_with_the_names():
     """The remedy names every unit."""
-    with pytest.raises(LocalError, match="SA9") as refusal:
+    with pytest.raises(RequestError, match="SA9") as refusal:
         truth_figures("SA9")
     assert all(name in refusal.value.remedy for name in SPECIMEN_NAMES)
 
@@ -124,5 +124,5 @@ def test_unit_has_as_many_sensors_as_its_ending(sensors):
     assert len(set(unit.sensors)) == sensors
     assert len(unit.board_id) <= 16
     for wrong in ("SA2x5", "SA2x", f"SA2x{sensors}-falling"):
-        with pytest.raises(LocalError, match=wrong):
+        with pytest.raises(RequestError, match=wrong):
             find_specimen(wrong)

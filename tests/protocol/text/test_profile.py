@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from protocol import (
-    LocalError,
     ProfileError,
+    RequestError,
     SetPressure,
     TextConnection,
     Vent,
@@ -23,14 +23,14 @@ def test_profile_without_commands_gives_the_reason() -> None:
     assert not link.can_command
     assert "commands.set_pressure" in link.cannot_command_reason
     for command in (SetPressure(0, 0), Vent()):
-        with pytest.raises(LocalError, match=r"commands\."):
+        with pytest.raises(RequestError, match=r"commands\."):
             link.send(command, 0)
     limitless = (
         LINES.read_text(encoding="utf-8").replace("pressure_min_kpa = -50", "").replace("pressure_max_kpa = 60", "")
     )
     link = TextConnection(load_profile(limitless))
     assert link.cannot_command_reason.endswith("no pressure limits under `device`")
-    with pytest.raises(LocalError, match="limits"):
+    with pytest.raises(RequestError, match="limits"):
         link.send(SetPressure(0, 0), 0)
     assert link.send(Vent(), 0) == b"V\n"
 

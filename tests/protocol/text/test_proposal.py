@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import tomli_w
 
-from protocol.errors import ProfileError
+from protocol.base.errors import ProfileError
 from protocol.link.events import Samples
 from protocol.text.connection import TextConnection
 from protocol.text.profile import load_profile

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from analysis.errors import DataError
 from analysis.optics.scene.arc_spline import ArcSpline, biarcs, ring, smooth, straight
 from analysis.optics.scene.frame import offset_of
+from protocol.base.errors import DataError
 
 
 def wave(bow: float) -> ArcSpline:

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.errors import FileError
 from analysis.optics.scene.curve_file import read_curves
 from analysis.optics.scene.curves import parametric_elongations
+from protocol.base.errors import FileError
 
 
 def pairs(guide: np.ndarray, separator: str = ",") -> list[str]:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import analysis.optics.scene as package
-from analysis.errors import AnalysisError, DataError
 from analysis.optics.scene.curve_file import read_curves
 from analysis.optics.scene.curves import (
     checked_curves,
@@ -21,6 +20,7 @@ from analysis.optics.scene.curves import (
 from analysis.optics.scene.frame import SceneFrame, check_design
 from analysis.optics.scene.parameters import Design, Light, Waveguide
 from analysis.optics.tracer.simulation import trace
+from protocol.base.errors import BoatDaqError, DataError
 
 
 def bowed(bow: float, points: int = 7) -> np.ndarray:
@@ -67,7 +67,7 @@ def test_any_direction_and_order_of_the_guides_is_one_scene(curves: np.ndarray) 
 @pytest.mark.parametrize("shape", [(15, 2, 6, 2), (14, 2, 7, 2), (15, 1, 7, 2), (15, 2, 7, 3), (7, 2)])
 def test_curves_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
     """The reader of curves names what it requires."""
-    with pytest.raises(AnalysisError) as refused:
+    with pytest.raises(BoatDaqError) as refused:
         checked_curves(np.ones(shape))
     assert refused.value.remedy
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.errors import DataError, RequestError
 from analysis.optics.scene.curves import (
     frame_of,
 )
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.parameters import Design, Light, Waveguide
 from analysis.optics.tracer.simulation import trace
+from protocol.base.errors import DataError, RequestError
 
 
 def bowed(bow: float, points: int = 7) -> np.ndarray:

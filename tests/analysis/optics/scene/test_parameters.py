@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from analysis.errors import RequestError
 from analysis.optics.scene.parameters import Design, Light, Waveguide
+from protocol.base.errors import RequestError
 
 
 @pytest.mark.parametrize(

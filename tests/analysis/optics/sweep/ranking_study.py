@@ -17,10 +17,10 @@ from matplotlib.figure import Figure
 from scipy.stats import spearmanr
 
 from analysis import figure_style as style
-from analysis.arrays import FloatArray
 from analysis.optics.scene.curves import default_curves, parametric_curves
 from analysis.optics.scene.parameters import ORDERS, PAPER_OPTIMUM, Design, light_by, phase_of
 from analysis.optics.sweep.sweep import SweepRequest, SweepResult, run_sweep
+from protocol.base.arrays import FloatArray
 
 RAYS = (250, 1_000, 4_000, 10_000)
 """All designs; 10^5 and 10^6 are for a choice of designs, a minute for each ten."""

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from analysis.errors import DataError
 from analysis.optics.sweep.figure_of_merit import merit, pareto, resolution, uncertainty
+from protocol.base.errors import DataError
 
 FLOOR = resolution(250)
 COUNTS = st.lists(st.integers(0, 250), min_size=15, max_size=15).map(lambda v: np.array(v, dtype=float))

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.errors import RequestError
 from analysis.optics.scene.curves import default_curves
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, By, Design, Waveguide, light_by
 from analysis.optics.sweep.figure_of_merit import FLOOR, merit
 from analysis.optics.sweep.optimise import DesignMerit, design_at, optimise
 from analysis.optics.sweep.report import optimum_json, optimum_text
 from analysis.optics.sweep.sweep import SweepResult, paper_grid
+from protocol.base.errors import RequestError
 
 
 def test_merit_refuses_nothing_and_ranks_what_fits() -> None:

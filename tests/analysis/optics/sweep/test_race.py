@@ -14,7 +14,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from analysis.errors import RequestError
 from analysis.optics.scene.curves import frames_of, parametric_curves
 from analysis.optics.scene.geometry import pattern_of
 from analysis.optics.scene.parameters import By, Design, Light, light_by
@@ -23,6 +22,7 @@ from analysis.optics.sweep.race import Race, first_rays_of, race_sweep, rays_of_
 from analysis.optics.sweep.race_report import race_json, race_text, times_fewer
 from analysis.optics.sweep.report import write_race
 from analysis.optics.sweep.sweep import SweepRequest, SweepResult, common_of, paper_grid, result_of, run_item
+from protocol.base.errors import RequestError
 
 BEST = Design(7, 1.0, 0.5, 0.6)
 

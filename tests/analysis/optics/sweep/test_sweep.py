@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from numba.core import event
 
-from analysis.arrays import FloatArray
-from analysis.errors import RequestError
 from analysis.optics.scene.curves import frame_of
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light, Waveguide, light_by
 from analysis.optics.sweep.report import sweep_json, sweep_text
 from analysis.optics.sweep.sweep import Common, Results, SweepRequest, SweepResult, paper_grid, run_item, run_sweep
 from analysis.optics.tracer.simulation import trace
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import RequestError
 from tests.analysis.optics.sweep.conftest import same
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from analysis.errors import FileError, RequestError
 from analysis.optics.scene.parameters import Light
 from analysis.optics.sweep.sweep import SweepRequest, SweepResult, run_sweep
+from protocol.base.errors import FileError, RequestError
 from tests.analysis.optics.sweep.conftest import same
 
 

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.errors import DataError
 from analysis.optics.scene.curves import frame_of
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.parameters import Design, Light, Waveguide
 from analysis.optics.tracer.ray_optics_export import ray_optics_scene
 from analysis.optics.tracer.simulation import trace
+from protocol.base.errors import DataError
 
 PEER = os.environ.get("BOAT_RAY_OPTICS", "")
 

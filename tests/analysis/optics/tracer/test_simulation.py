@@ -12,7 +12,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from analysis.errors import AnalysisError
 from analysis.optics.scene.curves import (
     frame_of,
     parametric_curves,
@@ -21,6 +20,7 @@ from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.outline import outline
 from analysis.optics.scene.parameters import ALL, FACES, ORDERS, Design, Light, Waveguide
 from analysis.optics.tracer.simulation import TraceResult, follow_block, trace
+from protocol.base.errors import BoatDaqError
 from tests.analysis.optics import plain_tracer as plain
 from tests.analysis.optics import second_tracer
 
@@ -164,14 +164,14 @@ def check_scenes(pair: tuple[np.ndarray, Waveguide], scenes: list[tuple[Design, 
     curves, guide = pair
     try:
         frame = frame_of(curves, 0, guide)
-    except AnalysisError as refused:
+    except BoatDaqError as refused:
         assert refused.cause
         assert refused.remedy
         return
     for design, light in scenes:
         try:
             out = trace(frame, design, guide, light, threads=1)
-        except AnalysisError as refused:
+        except BoatDaqError as refused:
             assert refused.cause
             assert refused.remedy
             continue
@@ -213,7 +213,7 @@ def test_the_second_tracer_agrees_on_random_scenes(
     try:
         frame = frame_of(curves, 0, guide)
         shape = outline(frame, design)
-    except AnalysisError:
+    except BoatDaqError:
         return
     out = trace(frame, design, guide, Light(rays=rays, secondary=0))
     ends, _ = plain.count(plain.read(shape), shape, guide.index, rays)

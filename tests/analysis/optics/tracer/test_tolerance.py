@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.errors import RequestError
 from analysis.optics.scene.curves import default_curves, frames_of, parametric_curves
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light, Waveguide
 from analysis.optics.sweep.fans import count_errors, light_within
 from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
 from analysis.optics.tracer.simulation import trace
 from analysis.optics.tracer.tolerance import rays_for, stated_error, trace_within
+from protocol.base.errors import RequestError
 
 
 def covered(scenes: int, seed: int) -> tuple[float, float]:

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.errors import RequestError
 from analysis.shadow.fem import material
 from analysis.shadow.fem.material import NeoHookean
+from protocol.base.errors import RequestError
 
 entries = st.lists(st.floats(-0.25, 0.25), min_size=5, max_size=5).map(lambda d: np.array([1, 0, 0, 1, 1]) + d)
 

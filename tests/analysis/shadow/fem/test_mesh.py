@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.errors import AnalysisError, RequestError
 from analysis.shadow.fem.mesh import WALL, Mesh, bladder_radius, build_mesh, check_quality, scaled_jacobian
 from analysis.shadow.fem.parameters import ActuatorParameters
+from protocol.base.errors import BoatDaqError, RequestError
 
 
 def test_parts_lie_where_they_belong() -> None:
@@ -54,7 +54,7 @@ def test_any_parameters_give_a_mesh_or_a_reason(values: dict[str, float]) -> Non
     """Either a mesh that passes its own check, or an error with cause and remedy: never a folded mesh."""
     try:
         mesh = build_mesh(ActuatorParameters(guide_bow_mm=0.5, **values))  # type: ignore[arg-type]
-    except AnalysisError as refusal:
+    except BoatDaqError as refusal:
         assert refusal.cause
         assert refusal.remedy
     else:

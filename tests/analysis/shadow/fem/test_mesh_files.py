@@ -9,11 +9,11 @@ import meshio
 import numpy as np
 import pytest
 
-from analysis.errors import FileError, RequestError
 from analysis.shadow.fem.mesh import Mesh
 from analysis.shadow.fem.mesh_files import PARTS, from_meshio, read_mesh, to_meshio, write_state
 from analysis.shadow.fem.solver import Solution
 from analysis.shadow.model.full import FullModel
+from protocol.base.errors import FileError, RequestError
 
 
 @pytest.mark.parametrize("kind", ["vtu", "msh"])

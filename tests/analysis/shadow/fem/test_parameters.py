@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.errors import ConvergenceError, RequestError
 from analysis.shadow.fem.parameters import ActuatorParameters
+from protocol.base.errors import ConvergenceError, RequestError
 from tests.analysis.shadow.geometry_fit import fit_geometry
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from analysis.errors import FileError, RequestError
 from analysis.shadow.fem.parameters import ActuatorParameters, read_parameters
+from protocol.base.errors import FileError, RequestError
 
 
 @pytest.mark.fault(53, how="an actuator's parameters with a misspelt name, and no TOML", times=2)

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.errors import ConvergenceError
 from analysis.shadow.fem import pressure
 from analysis.shadow.fem.material import NeoHookean
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution, Solver
 from analysis.shadow.model.full import FullModel
+from protocol.base.errors import ConvergenceError
 from tests.analysis.shadow.solids import (
     cylinder,
     cylinder_pressure,

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.errors import RequestError
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.full import FullModel
+from protocol.base.errors import RequestError
 
 
 def test_limit_lies_below_the_papers_range(actuator: FullModel) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.errors import DataError, RequestError
 from analysis.shadow.model.frames import Shadow, triangles
 from analysis.shadow.model.reduced import ReducedModel
+from protocol.base.errors import DataError, RequestError
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,10 @@ from dataclasses import replace
 import pytest
 from typer.testing import CliRunner
 
-from analysis.errors import DataError, RequestError
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.full import FullModel
 from boat_daq.cli import app
+from protocol.base.errors import DataError, RequestError
 
 
 def test_defaults_meet_the_papers_range(actuator: FullModel) -> None:

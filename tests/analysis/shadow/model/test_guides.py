@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.errors import RequestError
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.guides import both_guides, embed, make_guides, rest_centreline
+from protocol.base.errors import RequestError
 
 
 def test_guides_are_carried_exactly(actuator: FullModel) -> None:

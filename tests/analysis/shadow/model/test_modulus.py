@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.errors import DataError, FileError, RequestError
 from analysis.shadow.model.modulus import CompressionTest, effective_modulus, read_compression_test, specimen_modulus
+from protocol.base.errors import DataError, FileError, RequestError
 
 HEIGHT, AREA = 50.0, 2500.0
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.errors import RequestError
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.reduced import ReducedModel
+from protocol.base.errors import RequestError
 
 
 def test_fresh_states_keep_the_stated_bound(actuator: FullModel, table: ReducedModel) -> None:

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.errors import ConvergenceError
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.frames import Shadow
 from analysis.shadow.model.reduced import TableSettings
 from analysis.shadow.model.table import build_table
 from analysis.shadow.model.tolerance import reduced_error_mm, reduced_within
+from protocol.base.errors import ConvergenceError
 
 MESH = ActuatorParameters(axial_elements=6, wall_elements=2, lattice_elements=3)
 

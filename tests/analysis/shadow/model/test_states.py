@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.errors import FileError, RequestError
 from analysis.optics.scene.curve_file import read_curves
 from analysis.optics.scene.curves import checked_curves, default_curves, elongations
 from analysis.shadow.fem.parameters import ActuatorParameters
@@ -21,6 +20,7 @@ from analysis.shadow.model.states import (
     kept_states,
     write_states,
 )
+from protocol.base.errors import FileError, RequestError
 
 
 @pytest.fixture(scope="module")

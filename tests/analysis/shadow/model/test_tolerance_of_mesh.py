@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from analysis.errors import AnalysisError
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.tolerance import (
@@ -26,6 +25,7 @@ from analysis.shadow.model.tolerance import (
     solve_within,
     table_within,
 )
+from protocol.base.errors import BoatDaqError
 
 
 def test_the_error_of_the_order_is_contained_by_its_factor() -> None:
@@ -91,7 +91,7 @@ def test_a_mesh_that_would_not_do_is_not_solved(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize(("tolerance_mm", "pressure_kpa"), [(0.0, 10.0), (math.nan, 10.0), (0.1, math.nan)])
 def test_numbers_without_sense_are_refused(tolerance_mm: float, pressure_kpa: float) -> None:
     """No tolerance, or no pressure."""
-    with pytest.raises(AnalysisError):
+    with pytest.raises(BoatDaqError):
         solve_within(ActuatorParameters(), pressure_kpa, tolerance_mm)
 
 

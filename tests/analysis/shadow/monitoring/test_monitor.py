@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from analysis.errors import DataError, RequestError
 from analysis.shadow.model.reduced import ReducedModel
 from analysis.shadow.monitoring.monitor import (
     Alarm,
@@ -18,6 +17,7 @@ from analysis.shadow.monitoring.monitor import (
     find_holds,
     pressure_residual_kpa,
 )
+from protocol.base.errors import DataError, RequestError
 from tests.analysis.shadow.simulated_actuator import Fault, Run, run_actuator
 
 UNITS = ("SA1", "SA2", "SA3")

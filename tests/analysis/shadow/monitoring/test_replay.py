@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.errors import DataError
 from analysis.shadow.model.reduced import ReducedModel
 from analysis.shadow.monitoring.replay import drift, replay, replay_figure
+from protocol.base.errors import DataError
 from tests.analysis.shadow.simulated_actuator import Fault, Run, run_actuator
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from analysis.errors import DataError
 from analysis.studies.failure_maps.maps import atlas_json, method_atlas, write_atlas
 from analysis.studies.failure_maps.sweep import Axis, Study, StudyMap, StudyResult, sweep
+from protocol.base.errors import DataError
 
 
 def ladder(x: float, y: float) -> StudyResult:

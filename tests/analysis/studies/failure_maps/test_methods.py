@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from analysis.errors import RequestError
 from analysis.studies.failure_maps.methods import METHOD_TITLES, STUDIES, chosen_studies
 from analysis.studies.failure_maps.sweep import CellOutcome, sweep
+from protocol.base.errors import RequestError
 
 
 def test_studies_are_chosen_by_method_or_map() -> None:

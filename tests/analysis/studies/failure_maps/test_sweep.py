@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from analysis.errors import DataError
 from analysis.studies.failure_maps.sweep import Axis, CellOutcome, Study, StudyResult, outcome_of, sweep
+from protocol.base.errors import DataError
 
 
 @pytest.mark.parametrize(

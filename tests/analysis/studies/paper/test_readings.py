@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.errors import FileError, RequestError
 from analysis.optics.scene.curves import default_curves, parametric_curves
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light
 from analysis.optics.sweep.fans import turned
 from analysis.optics.sweep.sweep import SweepRequest, run_sweep
 from analysis.studies.paper import readings
 from analysis.studies.paper.readings import AXES, influences, one_change, plan, readings_json, reproduce
+from protocol.base.errors import FileError, RequestError
 
 CURVES = {"solved": default_curves(), "the same": default_curves(), "formula": parametric_curves()}
 FEW = (PAPER_OPTIMUM, Design(5, 1.0, 0.6, 0.9), Design(5, 0.9, 0.5, 0.9), Design(7, 1.0, 0.5, 0.6))

@@ -13,7 +13,7 @@ import numpy as np
 
 from boat_daq.engine.camera.capture import Camera
 from boat_daq.engine.camera.source import CameraFrame
-from boat_daq.errors import BoatDaqError, DeviceError
+from protocol.base.errors import BoatDaqError, DeviceError
 
 PICTURE = np.zeros((4, 4), np.uint8)
 

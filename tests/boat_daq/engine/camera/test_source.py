@@ -15,7 +15,7 @@ from boat_daq.engine.camera import opencv as library
 from boat_daq.engine.camera.source import _Capture, open_source, read_picture
 from boat_daq.engine.camera.video import VideoStore
 from boat_daq.engine.simulator.camera import MjpegStream
-from boat_daq.errors import DeviceError, OperatorError
+from protocol.base.errors import DeviceError, RequestError
 
 PICTURE = np.tile(np.linspace(0, 255, 64, dtype=np.uint8), (48, 1))
 
@@ -49,19 +49,19 @@ def test_a_file_that_is_no_video_is_refused(tmp_path: Path) -> None:
     (tmp_path / "text.mp4").write_text("no video", encoding="utf-8")
     (tmp_path / "empty.mkv").touch()
     for name in ("text.mp4", "empty.mkv"):
-        with pytest.raises(OperatorError, match=f"{name} is no video"):
+        with pytest.raises(RequestError, match=f"{name} is no video"):
             open_source(str(tmp_path / name))
-    with pytest.raises(OperatorError, match="is not a regular file"):
+    with pytest.raises(RequestError, match="is not a regular file"):
         open_source(str(tmp_path))
-    with pytest.raises(OperatorError, match="does not exist"):
+    with pytest.raises(RequestError, match="does not exist"):
         open_source("absent.mp4")
-    with pytest.raises(OperatorError, match="no source of pictures"):
+    with pytest.raises(RequestError, match="no source of pictures"):
         open_source("ftp://127.0.0.1/x")
 
 
 def test_a_camera_that_is_not_there_is_refused() -> None:
     """With those that are."""
-    with pytest.raises(OperatorError, match="there is no camera 99; this computer has"):
+    with pytest.raises(RequestError, match="there is no camera 99; this computer has"):
         open_source("99")
 
 
@@ -75,7 +75,7 @@ def test_a_camera_that_gives_no_picture_is_taken(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize("address", ["http://192.0.2.1/", "rtsp://camera.example/stream", "http://10.0.0.1:99/x"])
 def test_another_computer_needs_permission(address: str) -> None:
     """Nothing is connected before."""
-    with pytest.raises(OperatorError, match="is another computer") as refusal:
+    with pytest.raises(RequestError, match="is another computer") as refusal:
         open_source(address)
     assert refusal.value.command == "--allow-remote"
 
@@ -83,7 +83,7 @@ def test_another_computer_needs_permission(address: str) -> None:
 @pytest.mark.parametrize("address", ["http:///x", "http://127.0.0.1:99999/", "rtsp://"])
 def test_an_impossible_address_is_refused(address: str) -> None:
     """No host, no port."""
-    with pytest.raises(OperatorError, match=r"names no host|is not an address"):
+    with pytest.raises(RequestError, match=r"names no host|is not an address"):
         open_source(address)
 
 
@@ -126,7 +126,7 @@ def test_without_opencv_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> N
         raise ModuleNotFoundError(name)
 
     monkeypatch.setattr(library.importlib, "import_module", absent)
-    with pytest.raises(OperatorError, match="OpenCV is not installed") as refusal:
+    with pytest.raises(RequestError, match="OpenCV is not installed") as refusal:
         open_source("0")
     assert "boat-daq[camera]" in refusal.value.remedy
 
@@ -137,7 +137,7 @@ def test_a_picture_file_is_read_grey(tmp_path: Path) -> None:
     assert library.opencv().imwrite(str(path), PICTURE)
     assert (read_picture(path) == PICTURE).all()
     path.write_text("no picture", encoding="utf-8")
-    with pytest.raises(OperatorError, match="is no picture"):
+    with pytest.raises(RequestError, match="is no picture"):
         read_picture(path)
 
 

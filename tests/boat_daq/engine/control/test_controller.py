@@ -10,7 +10,7 @@ import pytest
 from boat_daq.engine.control.board_commands import ZERO_SAMPLES, BoardCommands
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import RunEnding, SessionState
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.link.events import CommandDone, CommandLost
 from protocol.link.messages import AckStatus, ClearFault, Heartbeat, SetLimits, SetPressure, Start, Vent
 from protocol.recording import BoardState, RunEnd
@@ -115,7 +115,7 @@ def test_a_fault_of_the_board_vents_and_latches(fault: str, text: str) -> None:
     assert latched is not None and text in latched.cause
     assert rig.ends == [RunEnding(RunEnd.FAULT, latched.cause)]
     assert vented(rig) and rig.sent_of(Vent)
-    with pytest.raises(OperatorError):
+    with pytest.raises(RequestError):
         rig.control.set_pressure(10.0)
 
 
@@ -136,7 +136,7 @@ def test_after_the_e_stop_the_operator_clears_and_runs_again() -> None:
     rig = ControllerRig("estop@4:8").running()
     rig.run(RUN_S, lambda: rig.state is SessionState.FAULT)
     rig.run(1.0)
-    with pytest.raises(OperatorError, match="e-stop"):
+    with pytest.raises(RequestError, match="e-stop"):
         rig.control.clear_fault()
     rig.run(10.0)
     rig.do(rig.control.clear_fault)
@@ -151,7 +151,7 @@ def test_after_the_e_stop_the_operator_clears_and_runs_again() -> None:
 def test_a_level_at_the_start_is_found(fault: str) -> None:
     """Levels, not edges: what was so before the program came forbids the start."""
     rig = ControllerRig(fault).connected()
-    with pytest.raises(OperatorError):
+    with pytest.raises(RequestError):
         rig.control.arm(QUICK)
     assert not rig.sent_of(SetPressure)
 
@@ -265,13 +265,13 @@ def test_manual_pressure() -> None:
     rig = ControllerRig().connected()
     rig.do(lambda: rig.control.set_pressure(20.0, 20.0))
     assert rig.run(5.0, lambda: abs(rig.pressure_kpa - 20) < 0.5)
-    with pytest.raises(OperatorError, match="limit"):
+    with pytest.raises(RequestError, match="limit"):
         rig.control.set_pressure(56.0)
     rig.do(rig.control.stop)
     rig.run(2.0)
     assert vented(rig)
     rig.running()
-    with pytest.raises(OperatorError, match="while the run"):
+    with pytest.raises(RequestError, match="while the run"):
         rig.control.set_pressure(10.0)
 
 
@@ -280,7 +280,7 @@ def test_the_zero_of_the_pressure_sensor_is_checked() -> None:
     rig = ControllerRig().connected()
     rig.control.preflight.recent_kpa.extend([10.0] * ZERO_SAMPLES)
     rig.control.arm(QUICK)
-    with pytest.raises(OperatorError, match="on a vented unit"):
+    with pytest.raises(RequestError, match="on a vented unit"):
         rig.control.start()
 
 
@@ -332,7 +332,7 @@ def test_a_listener_sends_nothing_but_start() -> None:
     rig = ControllerRig()
     rig.control.board.can_command = False
     rig.connected()
-    with pytest.raises(OperatorError, match="read only"):
+    with pytest.raises(RequestError, match="read only"):
         rig.control.arm(QUICK)
     rig.do(rig.control.vent, rig.control.leave)
     assert not rig.sent_of(Vent) and not rig.sent_of(Heartbeat) and not rig.sent_of(SetLimits)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from boat_daq.engine.snapshot import SessionState
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.link.messages import BootReason, Heartbeat, SetPressure
 from tests.boat_daq.engine.controller_rig import QUICK, ControllerRig
 
@@ -43,7 +43,7 @@ class Operators(RuleBasedStateMachine):
         """Press a button; a refusal is an answer as well."""
         try:
             self.rig.do(lambda: button(*arguments, **options))
-        except OperatorError as refusal:
+        except RequestError as refusal:
             assert refusal.cause
             self.rig.flush()
 

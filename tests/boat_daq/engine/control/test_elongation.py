@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from analysis.elongation_control.controller import Bounds
-from analysis.errors import RequestError
 from boat_daq.engine.control.elongation import SLOW_ANSWERS
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.snapshot import MessageKind, SessionState
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.link.messages import SetPressure, Vent
 from protocol.recording import Segment
 from tests.analysis.twin_unit import regulator
@@ -89,9 +88,9 @@ def test_what_makes_no_control_is_refused_before_anything_moves():
     rig = ControllerRig().connected()
     plan = Plan("mm", "profile", 1, quantity="mm", segments=(Segment("step", 9.0, hold_s=1.0),))
     for refused, error in (
-        (lambda: rig.control.control_elongation(1.0), OperatorError),
+        (lambda: rig.control.control_elongation(1.0), RequestError),
         (lambda: rig.control.control_elongation(9.0, regulator()), RequestError),
-        (lambda: rig.control.arm(plan), OperatorError),
+        (lambda: rig.control.arm(plan), RequestError),
         (lambda: rig.control.arm(plan, regulator=regulator()), RequestError),
     ):
         with pytest.raises(error):
@@ -101,7 +100,7 @@ def test_what_makes_no_control_is_refused_before_anything_moves():
 
 def test_a_board_far_faster_than_real_time_is_refused():
     rig = ControllerRig(speed=50.0).connected()
-    with pytest.raises(OperatorError, match="times real time"):
+    with pytest.raises(RequestError, match="times real time"):
         rig.control.control_elongation(1.0, regulator())
 
 
@@ -171,6 +170,6 @@ def test_vent_manual_pressure_and_trip_open_the_loop():
 def test_a_plan_in_kilopascal_waits_for_the_unit_to_be_vented():
     rig = controlled(1.0)
     rig.do(lambda: rig.control.arm(QUICK))
-    with pytest.raises(OperatorError, match="under pressure"):
+    with pytest.raises(RequestError, match="under pressure"):
         rig.control.start()
     assert rig.control.loop is not None

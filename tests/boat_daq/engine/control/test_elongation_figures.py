@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.arrays import FloatArray
 from analysis.elongation_control.controller import Bounds, ElongationController
 from analysis.elongation_control.hysteresis import identify
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.snapshot import SessionState
+from protocol.base.arrays import FloatArray
 from protocol.recording import Segment
 from protocol.simulator.faults import FAULTS
 from protocol.simulator.specimens import SPECIMEN_NAMES

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from boat_daq.engine.control.interlock import FlatLine, Interlock, Trip
 from boat_daq.engine.sample_columns import Columns
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.link.messages import SetPressure
 from protocol.recording import BoardState, SampleFlag
 
@@ -49,7 +49,7 @@ def test_a_pressure_is_authorised_inside_the_limits_only(target: float) -> None:
     """Whatever is requested, a command leaves only for a target inside the tightest limits."""
     try:
         command = interlock().authorise(target, 10.0)
-    except OperatorError as refusal:
+    except RequestError as refusal:
         assert not -40 <= target <= 55
         assert refusal.cause
     else:
@@ -73,21 +73,21 @@ def test_command_carries_the_pressure_in_pascal(target: float, ramp: float, comm
 @pytest.mark.parametrize(("target", "cause"), [(55.000001, "above the unit's limit"), (-40.000001, "below the plan's")])
 def test_pressure_just_beyond_a_limit_is_refused(target: float, cause: str) -> None:
     """A thousandth of a pascal is beyond, whichever rounding would bring it back."""
-    with pytest.raises(OperatorError, match=cause):
+    with pytest.raises(RequestError, match=cause):
         interlock().authorise(target, 1.0)
 
 
 @pytest.mark.parametrize("ramp", [0.0, -1.0, 1e5, math.inf, math.nan])
 def test_a_ramp_that_is_none_is_refused(ramp: float) -> None:
     """On the wire a ramp of 0 means as fast as the pumps go; it cannot be requested by accident."""
-    with pytest.raises(OperatorError, match="ramp"):
+    with pytest.raises(RequestError, match="ramp"):
         interlock().authorise(10.0, ramp)
 
 
 @pytest.mark.parametrize("limits", [(50, -40), (10, 50), (-50, -10), (0, 0), (math.nan, 50)])
 def test_limits_that_cannot_be_kept_are_refused(limits: tuple[float, float]) -> None:
     """Swapped, not numbers, or without 0 kPa, where a vented unit is."""
-    with pytest.raises(OperatorError):
+    with pytest.raises(RequestError):
         Interlock().set_limits("unit", limits)
 
 
@@ -102,7 +102,7 @@ def test_limits_may_end_at_the_pressure_of_a_vented_unit(limits: tuple[float, fl
 
 def test_no_limits_no_pressure() -> None:
     """Before a board has sent its limits nothing is authorised."""
-    with pytest.raises(OperatorError, match="no pressure limits"):
+    with pytest.raises(RequestError, match="no pressure limits"):
         Interlock().authorise(0.0, 10.0)
 
 
@@ -125,7 +125,7 @@ def test_levels_trip_and_latch(kind: str, samples: Columns) -> None:
     found = lock.inspect(samples)
     assert found is not None and found.kind == kind
     assert lock.inspect(samples) is None
-    with pytest.raises(OperatorError, match="no pressure"):
+    with pytest.raises(RequestError, match="no pressure"):
         lock.authorise(10.0, 10.0)
 
 
@@ -161,14 +161,14 @@ def test_a_level_that_is_still_present_cannot_be_cleared() -> None:
     """The newest sample decides: gone, it can be cleared; still present, it is refused."""
     lock = interlock()
     lock.inspect(block(0, flags=SampleFlag.ESTOP))
-    with pytest.raises(OperatorError, match="e-stop"):
+    with pytest.raises(RequestError, match="e-stop"):
         lock.require_gone()
     lock.inspect(block(0))
     lock.require_gone()
     lock.inspect(block([60.0, 0.0]))
     lock.require_gone()
     lock.inspect(block([0.0, 60.0]))
-    with pytest.raises(OperatorError, match="above the limit of 55 kPa"):
+    with pytest.raises(RequestError, match="above the limit of 55 kPa"):
         lock.require_gone()
 
 
@@ -178,7 +178,7 @@ def test_what_is_latched_first_stays() -> None:
     assert lock.trip(Trip("silent", "no data"))
     assert lock.trip(Trip("estop", "pressed")) is None
     assert lock.latched is not None and lock.latched.kind == "silent"
-    with pytest.raises(OperatorError) as refusal:
+    with pytest.raises(RequestError) as refusal:
         lock.authorise(0.0, 1.0)
     assert refusal.value.remedy == "clear the fault first"
 
@@ -186,7 +186,7 @@ def test_what_is_latched_first_stays() -> None:
 def test_a_new_plan_is_not_held_to_the_old_one_s_limits() -> None:
     """The plan's own limits count for its pressures, not for the plan that comes after it."""
     lock = interlock()
-    with pytest.raises(OperatorError, match="plan's limit"):
+    with pytest.raises(RequestError, match="plan's limit"):
         lock.check(-43)
     lock.check(-43, new_plan=True)
 

@@ -14,7 +14,7 @@ from boat_daq.engine.control.sequencer import READING_S, GoTo, SegmentBreak, Seq
 from boat_daq.engine.plan import Plan, PlannedStep, StepMark, resume_point
 from boat_daq.engine.sample_columns import Columns
 from boat_daq.engine.snapshot import Phase, RunEnding, SessionState
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.recording import RunEnd, SampleFlag
 
 PLAN = Plan("t", "staircase", 2, step_kpa=45.0, ramp_kpa_per_s=20.0, reading_timeout_s=5.0)
@@ -223,7 +223,7 @@ def test_enough_cycles_finish_the_run_without_the_present_one() -> None:
     """Refused in the first cycle; in the second the run is finished, vented, and keeps its one complete cycle."""
     rig = Rig()
     rig.run(15)
-    with pytest.raises(OperatorError, match="no cycle"):
+    with pytest.raises(RequestError, match="no cycle"):
         rig.sequencer.finish_early("U is small enough")
     while rig.sequencer.complete_cycles < 1:
         rig.run(1)
@@ -232,7 +232,7 @@ def test_enough_cycles_finish_the_run_without_the_present_one() -> None:
     rig.run(20)
     assert (rig.ended, rig.vents, rig.sequencer.state) == ([RunEnding(RunEnd.FINISHED)], 1, SessionState.IDLE)
     assert rig.sequencer.incomplete_cycles == (2,)
-    with pytest.raises(OperatorError):
+    with pytest.raises(RequestError):
         rig.sequencer.finish_early("again")
 
 
@@ -345,7 +345,7 @@ def test_buttons_that_make_no_sense_are_refused(state: SessionState, refused: tu
     for button in refused:
         sequencer = Sequencer()
         sequencer.state = state
-        with pytest.raises(OperatorError, match=f"cannot {button}"):
+        with pytest.raises(RequestError, match=f"cannot {button}"):
             getattr(sequencer, button)(*([PLAN] if button == "arm" else []))
         assert sequencer.state is state and sequencer.take() == []
 

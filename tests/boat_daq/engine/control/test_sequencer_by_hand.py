@@ -17,7 +17,7 @@ from boat_daq.engine.control.sequencer import (
 )
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.snapshot import MessageKind, Phase, Progress, ReadingRequest, RunEnding, SessionState
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.recording import RunEnd
 from tests.boat_daq.engine.control.test_sequencer import ramp_and_hold, samples
 
@@ -250,12 +250,12 @@ def test_abort_without_a_run() -> None:
     assert (sequencer.state, sequencer.ended, sequencer.take()) == (SessionState.IDLE, None, [])
     sequencer.abort("latch", SessionState.FAULT)
     assert (sequencer.state, sequencer.ended) == (SessionState.FAULT, None)
-    with pytest.raises(OperatorError, match="cannot arm while the run is fault") as caught:
+    with pytest.raises(RequestError, match="cannot arm while the run is fault") as caught:
         sequencer.arm(TURNS)
     assert caught.value.remedy == "clear the fault first"
     sequencer.cleared()
     assert sequencer.state is SessionState.IDLE
-    with pytest.raises(OperatorError, match="cannot pause") as caught:
+    with pytest.raises(RequestError, match="cannot pause") as caught:
         sequencer.pause()
     assert caught.value.remedy == ""
 

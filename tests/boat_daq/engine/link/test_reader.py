@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from boat_daq.engine.link.reader import URGENT_NICE, Block, PortLost, PortReader, PortSilent, SinkFailed
-from boat_daq.errors import DeviceError
 from protocol import CommandDone, CommandLost, Connection, Heartbeat, Identify, Samples, Start, Vent
+from protocol.base.errors import DeviceError
 from protocol.simulator.board import VirtualBoard
 from tests.boat_daq.engine.board_link import BoardTransport, Seen, identified, urgent_nice
 

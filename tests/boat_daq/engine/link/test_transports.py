@@ -23,7 +23,7 @@ import serial
 
 from boat_daq.engine.link import transports
 from boat_daq.engine.link.transports import ReplayEnded, SerialTransport, list_ports, open_error, open_transport
-from boat_daq.errors import DeviceError
+from protocol.base.errors import DeviceError
 from protocol.recording import open_recording
 from protocol.simulator.board import VirtualBoard
 from tests.boat_daq.engine.board_link import record_run

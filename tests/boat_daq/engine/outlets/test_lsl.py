@@ -22,7 +22,7 @@ from boat_daq.engine.plan import Plan
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, serve
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.recording import parse_definition
 from tests.boat_daq.engine.other_devices import TextBoard
 from tests.boat_daq.engine.served_board import serve_in_thread
@@ -153,7 +153,7 @@ def test_sockets_are_bound_to_the_loopback_device(tmp_path: Path) -> None:
 
 def test_an_outlet_before_the_first_sample_is_refused(tmp_path: Path) -> None:
     session = Session(Settings(), UnitLibrary(tmp_path))
-    with pytest.raises(OperatorError, match="no sample has arrived"):
+    with pytest.raises(RequestError, match="no sample has arrived"):
         lsl.LslOutlet(session, pylsl)
     session.close()
 

@@ -18,7 +18,7 @@ from boat_daq.engine.outlets.secop_node import SecopNode
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.sample_columns import OtherChannels
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.recording import DerivedColumns, channel_units, channels_of, parse_definition, sample_dtype
 from tests.boat_daq.engine.control.test_controller_random_orders import ORDERS, Operators
 from tests.boat_daq.engine.controller_rig import QUICK, ControllerRig
@@ -58,7 +58,7 @@ class RigSession:
         )
 
     def start_recording(self, path: Path) -> None:
-        raise OperatorError(f"{path} is not recorded here", "use a session")
+        raise RequestError(f"{path} is not recorded here", "use a session")
 
     def stop_recording(self) -> None:
         self.rig.control.stop()

@@ -24,7 +24,7 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings
 from boat_daq.engine.snapshot import SessionState
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.recording import BoardState
 from tests.boat_daq.engine.served_board import serve_in_thread
 
@@ -227,11 +227,11 @@ def test_read_only_refuses_all_but_vent(session: Session, tmp_path: Path) -> Non
 def test_other_computers_need_a_token(session: Session, tmp_path: Path) -> None:
     """No address beyond loopback without one; without it not even VENT; a wrong one is refused late."""
     node = SecopNode(session, tmp_path)
-    with pytest.raises(OperatorError, match="can be reached from other computers"):
+    with pytest.raises(RequestError, match="can be reached from other computers"):
         SecopServer(node, ("0.0.0.0", 0))
     path = tmp_path / "token"
     path.write_text("short\n")
-    with pytest.raises(OperatorError, match="no usable token"):
+    with pytest.raises(RequestError, match="no usable token"):
         read_token(path)
     path.write_text("0123456789abcdef\n")
     server = SecopServer(node, ("0.0.0.0", 0), token=read_token(path))

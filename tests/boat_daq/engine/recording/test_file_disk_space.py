@@ -6,7 +6,7 @@ import pytest
 
 from boat_daq.engine.recording import file
 from boat_daq.engine.recording.file import bytes_per_second, check_space
-from boat_daq.errors import StorageError
+from protocol.base.errors import StorageError
 from protocol.simulator.board import VirtualBoard
 from tests.boat_daq.engine.board_link import record_run
 

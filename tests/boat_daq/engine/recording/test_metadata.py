@@ -13,7 +13,7 @@ from boat_daq.engine.recording.metadata import read_metadata, remember, remember
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.engine.settings import UnitLibrary
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.recording import Metadata
 
 SAMPLE = Path(__file__).parents[4] / "recordings" / "simulated_SA1_two_cycles.boat"
@@ -43,8 +43,8 @@ def test_template_states_what_is_the_same_for_many_units(tmp_path):
     metadata.save_template("lab", STATED, tmp_path)
     assert metadata.template_names(tmp_path) == ["lab"]
     assert metadata.load_template("lab", tmp_path) == Metadata("Eve", "<b>A & Co</b>", "Rod", "7", fields=STATED.fields)
-    with pytest.raises(OperatorError, match="no template"):
+    with pytest.raises(RequestError, match="no template"):
         metadata.load_template("other", tmp_path)
     (tmp_path / "templates" / "bad.toml").write_text("custommer = 'A'")
-    with pytest.raises(OperatorError, match="custommer"):
+    with pytest.raises(RequestError, match="custommer"):
         metadata.load_template("bad", tmp_path)

@@ -18,8 +18,8 @@ from boat_daq.engine.recording.closed_run import append_reading
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.rows import step_row
 from boat_daq.engine.recording.verify import verify_recording
-from boat_daq.errors import OperatorError, StorageError
 from protocol import CommandDone, Start
+from protocol.base.errors import RequestError, StorageError
 from protocol.recording import APPLICATION_ID, SESSION_KEYS, RunEnd, open_recording, read_session
 from tests.boat_daq.engine.board_link import meta_of, urgent_nice
 from tests.boat_daq.engine.recording_source import Source, add_step, begin, reading, rows, stored_samples
@@ -169,9 +169,9 @@ def test_steps_grow_and_readings_are_corrected_by_newer_ones(recorder, source, p
     assert rows(path, sql) == [(1, 1, 1, 1, "unloading", 20, 30, None, "reached", '{"drift": 0.1}')]
     assert rows(path, "SELECT elongation_mm, note FROM reading ORDER BY id") == [(3.5, ""), (3.0, "misread")]
     assert rows(path, "SELECT value FROM session WHERE key = 'note'") == [('"a – note"',)]
-    with pytest.raises(OperatorError, match="branch"):
+    with pytest.raises(RequestError, match="branch"):
         step_row(StepMark(1, 1, "sideways", 0.0, 0.0, 0), 1, new=True)
-    with pytest.raises(OperatorError, match="not an elongation"):
+    with pytest.raises(RequestError, match="not an elongation"):
         recorder.reading(reading(1, float("nan")))
 
 
@@ -186,7 +186,7 @@ def test_a_closed_recording_takes_later_readings(recorder, source, path):
     append_reading(path, reading(1, 1.0))
     append_reading(path, reading(1, 1.5))
     assert rows(path, "SELECT elongation_mm FROM reading ORDER BY id") == [(1.0,), (1.5,)]
-    with pytest.raises(OperatorError, match="no step 99"):
+    with pytest.raises(RequestError, match="no step 99"):
         append_reading(path, reading(99, 1.0))
     assert [entry.name for entry in path.parent.iterdir()] == ["run.boat"]
 

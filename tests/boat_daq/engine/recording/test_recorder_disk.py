@@ -15,7 +15,7 @@ from boat_daq.engine.recording.file import is_being_written
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.verify import verify_recording
-from boat_daq.errors import StorageError
+from protocol.base.errors import StorageError
 from protocol.recording import RunEnd
 from tests.boat_daq.engine.board_link import meta_of
 from tests.boat_daq.engine.recording_source import begin, rows, stored_samples

@@ -11,7 +11,7 @@ from boat_daq.engine.recording.file import WriterLock, is_being_written, lock_pa
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.verify import verify_recording
-from boat_daq.errors import OperatorError, StorageError
+from protocol.base.errors import RequestError, StorageError
 from protocol.recording import RunEnd, open_recording, read_session
 from protocol.simulator.board import VirtualBoard
 from tests.boat_daq.engine.board_link import meta_of, record_run
@@ -36,7 +36,7 @@ def test_names_of_any_script_work(tmp_path, source, name):
 )
 def test_names_that_some_system_cannot_hold_are_refused(tmp_path, source, name):
     """Refused before anything is written, with the reason."""
-    with pytest.raises(OperatorError) as refusal:
+    with pytest.raises(RequestError) as refusal:
         Recorder(tmp_path / name, meta_of(source.link))
     assert refusal.value.remedy
     assert not list(tmp_path.iterdir())
@@ -45,7 +45,7 @@ def test_names_that_some_system_cannot_hold_are_refused(tmp_path, source, name):
 def test_an_existing_file_is_never_overwritten(path, source):
     """Nothing recorded is ever lost."""
     path.write_bytes(b"precious")
-    with pytest.raises(OperatorError, match="exists already"):
+    with pytest.raises(RequestError, match="exists already"):
         Recorder(path, meta_of(source.link))
     assert path.read_bytes() == b"precious"
     assert not lock_path(path).exists()

@@ -14,7 +14,7 @@ from boat_daq.engine.link.reader import Block
 from boat_daq.engine.recording import recorder as recorder_module
 from boat_daq.engine.recording.recorder import COMMIT_S, Recorder
 from boat_daq.engine.recording.resumption import RESUMED
-from boat_daq.errors import StorageError
+from protocol.base.errors import StorageError
 from protocol.recording import RunEnd
 from tests.boat_daq.engine.board_link import meta_of
 from tests.boat_daq.engine.recording_source import add_step, begin, rows

@@ -13,8 +13,7 @@ from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.recovery import find_interrupted, recover
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
-from boat_daq.errors import StorageError
-from protocol.errors import RecordingError
+from protocol.base.errors import RecordingError, StorageError
 from protocol.recording import SESSION_KEYS, RunEnd, open_recording, read_session
 from protocol.simulator.board import VirtualBoard
 from tests.boat_daq.engine.board_link import meta_of, record_run

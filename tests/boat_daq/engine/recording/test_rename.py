@@ -12,7 +12,7 @@ from boat_daq.engine.recording.file import WriterLock
 from boat_daq.engine.recording.rename import add_note, companions, rename
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
-from boat_daq.errors import OperatorError, StorageError
+from protocol.base.errors import RequestError, StorageError
 
 SAMPLE = Path(__file__).parents[4] / "recordings" / "simulated_SA1_two_cycles.boat"
 
@@ -41,7 +41,7 @@ def test_companions_are_renamed_with_the_recording(closed, tmp_path):
 def test_no_file_is_overwritten(closed, tmp_path, taken):
     """A name in use, of the recording or a companion, is refused, and all keep their names."""
     (tmp_path / taken).write_text("mine")
-    with pytest.raises(OperatorError, match="exists already"):
+    with pytest.raises(RequestError, match="exists already"):
         rename(closed, "new.boat")
     assert names(tmp_path) == sorted([taken, "old.boat", "old.elongation.csv"])
     assert (tmp_path / taken).read_text() == "mine"
@@ -65,7 +65,7 @@ def test_failed_rename_is_reversed(closed, tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", ["../x.boat", "x.csv", "a:b.boat", " .boat"])
 def test_unusable_names_are_refused(closed, tmp_path, name):
     """A name that leaves the folder, of another kind, or that some system cannot hold."""
-    with pytest.raises(OperatorError):
+    with pytest.raises(RequestError):
         rename(closed, name)
     assert "old.boat" in names(tmp_path)
 
@@ -89,5 +89,5 @@ def test_newest_note_counts_and_the_recording_still_verifies(closed):
     after = summarise(closed)
     assert after.note == ""
     assert (after.gaps, after.samples, after.readings) == (before.gaps, before.samples, before.readings)
-    with pytest.raises(OperatorError, match="longer"):
+    with pytest.raises(RequestError, match="longer"):
         add_note(closed, "x" * 3000)

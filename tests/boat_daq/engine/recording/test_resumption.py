@@ -21,8 +21,7 @@ from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.resumption import prepare_resumption, read_broken_run
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
-from boat_daq.errors import OperatorError, StorageError
-from protocol.errors import RecordingError
+from protocol.base.errors import RecordingError, RequestError, StorageError
 from protocol.recording import RunEnd, breaks_of, open_recording, read_session
 from tests.boat_daq.engine.board_link import meta_of
 from tests.boat_daq.engine.recording_source import Source, add_result, add_step
@@ -104,7 +103,7 @@ def test_a_run_may_break_more_than_once(left: Path) -> None:
     assert [found.first_cycle for found in summarise(left).breaks] == [4, 6]
     assert summarise(left).cycles.complete == 4
     assert verify_recording(left).difference == ""
-    with pytest.raises(OperatorError, match="all its 4 cycles"):
+    with pytest.raises(RequestError, match="all its 4 cycles"):
         read_broken_run(left)
 
 
@@ -174,9 +173,9 @@ def test_what_is_not_the_same_is_refused_by_name(left: Path, change: dict[str, A
     """Board, unit, firmware and rate; the same again is not refused."""
     broken = read_broken_run(left)
     broken.check_same(broken.meta)
-    with pytest.raises(OperatorError, match=text):
+    with pytest.raises(RequestError, match=text):
         broken.check_same({**broken.meta, **change})
-    with pytest.raises(OperatorError, match="read-only link"):
+    with pytest.raises(RequestError, match="read-only link"):
         broken.check_same(broken.meta, can_command=False)
 
 
@@ -188,10 +187,10 @@ def test_a_run_that_cannot_resume_is_refused_and_not_changed(left: Path, tmp_pat
         read_broken_run(tmp_path / "live.boat")
     recorder.update_meta(plan=None)
     recorder.close(RunEnd.STOPPED)
-    with pytest.raises(OperatorError, match="no run to resume"):
+    with pytest.raises(RequestError, match="no run to resume"):
         read_broken_run(tmp_path / "live.boat")
     recover(left)
-    for version, refused, text in ((1, OperatorError, "older program"), (99, RecordingError, "layout 99")):
+    for version, refused, text in ((1, RequestError, "older program"), (99, RecordingError, "layout 99")):
         other = shutil.copy(left, tmp_path / f"version{version}.boat")
         with closing(sqlite3.connect(other)) as db:
             db.execute(f"PRAGMA user_version={version}")

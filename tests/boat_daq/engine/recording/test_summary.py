@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from boat_daq.cli import app
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.summary import summarise
-from protocol.errors import RecordingError
+from protocol.base.errors import RecordingError
 from protocol.recording import RunEnd
 from tests.boat_daq.engine.board_link import meta_of
 from tests.boat_daq.engine.recording_source import Source, add_step

@@ -11,7 +11,7 @@ from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings
-from boat_daq.errors import StorageError
+from protocol.base.errors import StorageError
 from protocol.recording import Metadata
 from tests.boat_daq.engine.served_board import serve_in_thread
 

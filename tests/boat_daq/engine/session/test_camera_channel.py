@@ -13,14 +13,13 @@ import pytest
 from analysis.data.boat_file import store_video
 from analysis.data.camera_record import CameraRecord
 from analysis.data.load import load_recording
-from analysis.errors import RequestError
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.engine.session import camera_channel
 from boat_daq.engine.session.camera_channel import CameraChannel
 from boat_daq.engine.snapshot import CameraReading, Reading
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.recording import RunEnd
 from tests.boat_daq.engine.recording_source import Source
 
@@ -195,7 +194,7 @@ def test_a_video_file_is_no_camera(session: FakeSession) -> None:
     """It is for the analysis."""
     source = Still()
     source.live = False
-    with pytest.raises(OperatorError, match="is a file"):
+    with pytest.raises(RequestError, match="is a file"):
         CameraChannel(session, source, lambda picture, time_s: None, dict)
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.errors import FileError
 from analysis.segmentation.plateau_readings import read_elongation_file
 from boat_daq.engine.plan import Plan, StepMark, built_in_plans
 from boat_daq.engine.session.readings import (
@@ -20,7 +19,7 @@ from boat_daq.engine.session.readings import (
     simulated_reading,
     truth_at_plateaus,
 )
-from boat_daq.errors import OperatorError
+from protocol.base.errors import FileError, RequestError
 
 PLAN = dataclasses.replace(built_in_plans()["calibration"], cycles=2)
 STEPS = [StepMark(n, s.cycle, s.branch, s.target_kpa, 10.0, 0, status="reached") for n, s in enumerate(PLAN.steps, 1)]
@@ -106,7 +105,7 @@ def test_by_cycle_and_branch_in_any_order() -> None:
 )
 def test_a_file_that_does_not_fit_names_the_line(given: list[FileReading], part: str) -> None:
     """The first row that does not fit is named, and nothing is matched by chance."""
-    with pytest.raises(OperatorError) as refusal:
+    with pytest.raises(RequestError) as refusal:
         match_readings(given, STEPS)
     assert part in refusal.value.cause
 
@@ -114,9 +113,9 @@ def test_a_file_that_does_not_fit_names_the_line(given: list[FileReading], part:
 def test_a_file_is_checked_before_anything_moves() -> None:
     """Against the plan: a fitting one passes, another is refused, a plan without plateaus too."""
     check_against_plan(rows([s.target_kpa for s in PLAN.steps]), PLAN)
-    with pytest.raises(OperatorError, match="do not fit"):
+    with pytest.raises(RequestError, match="do not fit"):
         check_against_plan(rows([10.0]), PLAN)
-    with pytest.raises(OperatorError, match="no plateaus"):
+    with pytest.raises(RequestError, match="no plateaus"):
         check_against_plan(rows([10.0]), Plan("c", "continuous", 1))
 
 
@@ -145,7 +144,7 @@ def test_record_and_analyze_read_the_same_files_alike(tmp_path: Path, encoding: 
     assert rows == [(50.0, 3.8, 1, "unloading"), (-40.0, -2.7, 1, "loading")]
     assert [tuple(row) for row in read_elongation_file(path).itertuples(index=False)] == rows
     path.write_bytes("pressure_kpa,elongation_mm\n50,3.8\n40,\n".encode(encoding))
-    for read, refused in ((read_elongation_csv, OperatorError), (read_elongation_file, FileError)):
+    for read, refused in ((read_elongation_csv, RequestError), (read_elongation_file, FileError)):
         with pytest.raises(refused, match="line 3"):
             read(path)
 
@@ -165,7 +164,7 @@ def test_record_and_analyze_read_the_same_files_alike(tmp_path: Path, encoding: 
 )
 def test_a_bad_file_is_refused_with_its_line(tmp_path: Path, text: str, part: str) -> None:
     """Empty, wrong header, no number, not finite, no such branch."""
-    with pytest.raises(OperatorError) as refusal:
+    with pytest.raises(RequestError) as refusal:
         read_elongation_csv(write(tmp_path, text))
     assert part in refusal.value.cause
 
@@ -195,5 +194,5 @@ def test_truth_is_taken_over_the_settled_plateau(tmp_path: Path) -> None:
 
 def test_a_file_that_is_no_truth_is_refused(tmp_path: Path) -> None:
     """Another file is refused."""
-    with pytest.raises(OperatorError, match="not a truth file"):
+    with pytest.raises(RequestError, match="not a truth file"):
         truth_at_plateaus(write(tmp_path, "a\nb\n"), STEPS)

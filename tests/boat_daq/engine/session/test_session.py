@@ -24,7 +24,7 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, Unit, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, serve
 from boat_daq.engine.snapshot import LinkState, MessageKind, RunEnding, SessionState
-from boat_daq.errors import DeviceError, OperatorError, StorageError
+from protocol.base.errors import DeviceError, RequestError, StorageError
 from protocol.recording import RunEnd, parse_definition
 from tests.boat_daq.engine.other_devices import Chatter
 from tests.boat_daq.engine.served_board import serve_in_thread
@@ -100,7 +100,7 @@ def test_buttons_from_many_threads(session: Session, tmp_path: Path) -> None:
         def press(button: Any) -> None:
             for _ in range(40):
                 try:
-                    with contextlib.suppress(OperatorError):  # a refusal is an answer
+                    with contextlib.suppress(RequestError):  # a refusal is an answer
                         button()
                 except Exception as error:  # noqa: BLE001 - what the test looks for
                     failures.append(error)
@@ -195,7 +195,7 @@ def test_a_plateau_waits_for_its_reading(session: Session) -> None:
 def test_readings_that_make_no_sense(session: Session) -> None:
     """No such step, no length: refused, nothing kept."""
     for step, value in ((1, 1.0), (99, 2.0)):
-        with pytest.raises(OperatorError, match="no step"):
+        with pytest.raises(RequestError, match="no step"):
             session.add_reading(step, value, "typed")
     assert session.readings() == ()
 
@@ -207,7 +207,7 @@ def test_the_unit_s_limits_hold(session: Session) -> None:
         session.connect(board.url, unit="weak")
         session.wait_connected()
         for action in (lambda: session.arm(PLAN), lambda: session.set_pressure(21.0)):
-            with pytest.raises(OperatorError, match="the unit's limit of 20 kPa"):
+            with pytest.raises(RequestError, match="the unit's limit of 20 kPa"):
                 action()
 
 
@@ -316,7 +316,7 @@ def test_a_profile_without_commands_only_listens(session: Session, printing: Pri
     session.connect(os.ttyname(printing.slave), PROFILE)
     seen = session.wait_connected()
     assert not seen.can_command and seen.why_read_only and not seen.simulated
-    with pytest.raises(OperatorError):
+    with pytest.raises(RequestError):
         session.arm(PLAN)
     session.vent()
     session.disconnect()
@@ -347,7 +347,7 @@ def test_a_board_that_boots_when_its_port_opens_is_connected(session: Session) -
 
 def test_a_recording_needs_a_board_and_a_folder(session: Session, tmp_path: Path) -> None:
     """Nothing connected, no such folder, one at a time: refused, each with its reason."""
-    with pytest.raises(OperatorError, match="nothing to record"):
+    with pytest.raises(RequestError, match="nothing to record"):
         session.start_recording(tmp_path / "a.boat")
     with serve_in_thread(BoardSettings(speed=20.0)) as board:
         session.connect(board.url)
@@ -355,7 +355,7 @@ def test_a_recording_needs_a_board_and_a_folder(session: Session, tmp_path: Path
         with pytest.raises(StorageError, match="no folder"):
             session.start_recording(tmp_path / "missing" / "a.boat")
         session.start_recording(tmp_path / "a.boat")
-        with pytest.raises(OperatorError, match="is being recorded"):
+        with pytest.raises(RequestError, match="is being recorded"):
             session.start_recording(tmp_path / "b.boat")
 
 
@@ -372,7 +372,7 @@ def test_a_recording_replayed_is_read_only(session: Session, tmp_path: Path) -> 
     session.connect(f"replay:{path}@5")
     seen = session.wait_connected()
     assert not seen.can_command and "replay" in seen.why_read_only and seen.simulated
-    with pytest.raises(OperatorError, match="read only"):
+    with pytest.raises(RequestError, match="read only"):
         session.arm(built_in_plans()["calibration"])
     last = session.wait(lambda s: s.link is LinkState.CLOSED, 20).last
     newest = read(path, "SELECT max(last_time_us) FROM block")[0][0]
@@ -427,7 +427,7 @@ def test_derived_channels_are_shown_stored_and_derived_again(session: Session, t
     with serve_in_thread(BoardSettings(speed=20.0)) as board:
         session.connect(board.url, record_to=tmp_path / "run.boat")
         session.wait_connected()
-        with pytest.raises(OperatorError, match="in progress"):
+        with pytest.raises(RequestError, match="in progress"):
             session.set_derived([])
         session.wait(lambda s: s.recorded_s > 2.0, 10)
         assert [m.cause for m in session.snapshot().messages if m.kind is MessageKind.DERIVED] == [

@@ -8,7 +8,7 @@ import pytest
 from analysis.tracking.marks import find_marks, measure_mark
 from boat_daq.engine.simulator.camera import CAMERA_FAULTS, VirtualCamera, parse_camera_fault, scene_of
 from boat_daq.engine.simulator.picture import CameraScene, Renderer
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from protocol.simulator.board import VirtualBoard
 
 SMALL = CameraScene(width=160, height=120, px_per_mm=5.0)
@@ -76,7 +76,7 @@ def test_marks_are_where_the_elongation_puts_them() -> None:
 @pytest.mark.parametrize("text", ["nonsense@1", "covered@x", "covered@1:0", "covered@-1"])
 def test_an_impossible_fault_is_refused(text: str) -> None:
     """Name and times."""
-    with pytest.raises(OperatorError, match=r"there is no fault|no usable times"):
+    with pytest.raises(RequestError, match=r"there is no fault|no usable times"):
         parse_camera_fault(text)
 
 
@@ -85,7 +85,7 @@ def test_an_impossible_fault_is_refused(text: str) -> None:
 )
 def test_an_impossible_scene_is_refused(values: dict[str, str]) -> None:
     """Field, number, size."""
-    with pytest.raises(OperatorError):
+    with pytest.raises(RequestError):
         scene_of(values)
 
 

@@ -16,8 +16,7 @@ import pytest
 import serial
 
 from boat_daq.engine.simulator.server import BoardServer, BoardSettings, ServedBoard, serve
-from boat_daq.errors import DeviceError, OperatorError
-from protocol.errors import LocalError
+from protocol.base.errors import DeviceError, RequestError
 from protocol.link.framing import FrameReader
 from protocol.link.messages import (
     Ack,
@@ -348,14 +347,14 @@ def test_truth_file(tmp_path: Path):
 @pytest.mark.parametrize(
     ("settings", "error", "text"),
     [
-        (BoardSettings(port="127.0.0.1"), OperatorError, "HOST:PORT"),
-        (BoardSettings(port="127.0.0.1:99999"), OperatorError, "HOST:PORT"),
-        (BoardSettings(port="0.0.0.0:0"), OperatorError, "other machines"),
-        (BoardSettings(port="127.0.0.1:0", unit="SA8"), LocalError, "SA8"),
-        (BoardSettings(port="127.0.0.1:0", faults=("meteor@1",)), LocalError, "meteor"),
-        (BoardSettings(port="127.0.0.1:0", speed=0.5), OperatorError, "speed"),
-        (BoardSettings(port="127.0.0.1:0", speed=1001), OperatorError, "speed"),
-        (BoardSettings(port="127.0.0.1:0", truth="/no/such/folder/t.csv"), OperatorError, "cannot write"),
+        (BoardSettings(port="127.0.0.1"), RequestError, "HOST:PORT"),
+        (BoardSettings(port="127.0.0.1:99999"), RequestError, "HOST:PORT"),
+        (BoardSettings(port="0.0.0.0:0"), RequestError, "other machines"),
+        (BoardSettings(port="127.0.0.1:0", unit="SA8"), RequestError, "SA8"),
+        (BoardSettings(port="127.0.0.1:0", faults=("meteor@1",)), RequestError, "meteor"),
+        (BoardSettings(port="127.0.0.1:0", speed=0.5), RequestError, "speed"),
+        (BoardSettings(port="127.0.0.1:0", speed=1001), RequestError, "speed"),
+        (BoardSettings(port="127.0.0.1:0", truth="/no/such/folder/t.csv"), RequestError, "cannot write"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -374,7 +373,7 @@ def test_taken_port_is_refused():
 
 def test_refusal_from_another_process():
     """`serve` raises the error of its process."""
-    with pytest.raises(LocalError, match="SA8"):
+    with pytest.raises(RequestError, match="SA8"):
         serve(BoardSettings(port="127.0.0.1:0", unit="SA8"))
 
 

@@ -11,8 +11,8 @@ import pytest
 
 from boat_daq.engine.camera.source import CameraFrame
 from boat_daq.engine.simulator.picture import FAULTLESS, CameraScene, Disturbance, Renderer
-from boat_daq.errors import DeviceError, OperatorError
 from boat_daq.workflows import camera_tracking as choice
+from protocol.base.errors import DeviceError, RequestError
 
 SCENE = CameraScene(width=160, height=120, px_per_mm=5.0)
 
@@ -113,5 +113,5 @@ def test_marks_are_saved_to_print(panel, tmp_path):
     shown, _ = panel
     shown.model.save_marks(tmp_path / "marks.pdf", "8")
     assert (tmp_path / "marks.pdf").read_bytes().startswith(b"%PDF")
-    with pytest.raises(OperatorError, match="'x' is not a length"):
+    with pytest.raises(RequestError, match="'x' is not a length"):
         shown.model.save_marks(tmp_path / "marks.pdf", "x")

@@ -15,7 +15,7 @@ from boat_daq.engine.snapshot import (
     ReadingRequest,
     SessionState,
 )
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import run_shortcut
 
@@ -114,5 +114,5 @@ def test_photograph_gives_a_reading(make, tmp_path):
     panel.take.click()
     assert (session.kept[-1].elongation_mm, session.kept[-1].source) == (2.3, "photograph")
     assert session.kept[-1].resolution_mm < 1.0
-    with pytest.raises(OperatorError, match="is not a picture"):
+    with pytest.raises(RequestError, match="is not a picture"):
         panel.load(tmp_path / "nothing.png")

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from analysis.errors import DataError
 from analysis.shadow.monitoring.monitor import Alarm, CycleFigures
 from boat_daq.gui import style
 from boat_daq.viewmodels.live.shadow_live import CycleMark
+from protocol.base.errors import DataError
 from tests.boat_daq.gui.models.test_tradeoff_page import app_model  # noqa: F401 - a fixture
 
 

@@ -10,9 +10,9 @@ import pytest
 from PySide6.QtWidgets import QApplication
 
 from analysis.warning import Warning, WarningCode
-from boat_daq.errors import OperatorError
 from boat_daq.gui import style
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands
+from protocol.base.errors import RequestError
 from tests.boat_daq.gui.results.run_results import (
     GRID,
     X,
@@ -189,7 +189,7 @@ def test_failed_analysis_shows_cause_and_remedy(calibrate):
     """Both were in one line, cut with an ellipsis before the remedy, over axes from 0 to 1."""
     calibrate.go("Calibrate")
     model, page = calibrate.model.calibration, calibrate.pages["Calibrate"]
-    model.failure = OperatorError("x.boat is not a recording", "Choose another one.")
+    model.failure = RequestError("x.boat is not a recording", "Choose another one.")
     model.revision += 1
     page.refresh(calibrate.model.snapshot)
     assert (page.verdict.text(), page.headline.text()) == ("\u25a0 x.boat is not a recording", "Choose another one.")

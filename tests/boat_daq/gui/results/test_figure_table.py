@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from boat_daq.gui import style
 from boat_daq.gui.results.figure_table import FigureTable, shown_row
-from protocol.units import ShownUnits
+from protocol.base.units import ShownUnits
 
 SHOWN = ShownUnits.of("V,%")
 NOISE = (("Noise, rms\nmV, limit \u2264 2", "definition"), ("1\u2009501.50\n1.40 to 1.61", "n = 5"), ("\u2013", ""))

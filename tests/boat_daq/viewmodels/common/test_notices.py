@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.notices import Notices, Severity
+from protocol.base.errors import RequestError
 
 
 def test_current_notice_is_the_most_severe():
@@ -28,7 +28,7 @@ def test_attempt_never_raises():
     """An error of the program has cause and remedy; any other is shown with its details."""
 
     def refuse():
-        raise OperatorError("no port was chosen", "Choose one.")
+        raise RequestError("no port was chosen", "Choose one.")
 
     notices = Notices()
     assert not notices.attempt(refuse)

@@ -14,10 +14,10 @@ import pytest
 
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import LinkState
-from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.viewmodels.common import outlets
 from boat_daq.viewmodels.common.outlets import NodeChoice, conversion_of, elongation_of
 from boat_daq.viewmodels.common.preferences import Preferences
+from protocol.base.errors import BoatDaqError, RequestError
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.viewmodels.helpers import Straight
 
@@ -137,18 +137,18 @@ def test_an_outlet_that_cannot_be_opened_is_switched_off(tmp_path: Path, monkeyp
     model = model_in(tmp_path, session)
     with socket.create_server(("127.0.0.1", 0)) as taken:
         model.serve(True, NodeChoice(f"127.0.0.1:{taken.getsockname()[1]}"))
-        with pytest.raises(OperatorError, match="cannot be listened on"):
+        with pytest.raises(RequestError, match="cannot be listened on"):
             model.follow(session.snapshot())
         assert not model.serving
         model.follow(session.snapshot())
     model.serve(True, NodeChoice("0.0.0.0:0"))
-    with pytest.raises(OperatorError, match="can be reached from other computers"):
+    with pytest.raises(RequestError, match="can be reached from other computers"):
         model.follow(session.snapshot())
-    with pytest.raises(OperatorError, match="is no port"):
+    with pytest.raises(RequestError, match="is no port"):
         model.serve(True, NodeChoice("localhost:x"))
 
     def no_library(*_: Any, **__: Any) -> Any:
-        raise OperatorError("pylsl is not installed", "install it")
+        raise RequestError("pylsl is not installed", "install it")
 
     monkeypatch.setattr(outlets, "open_streams", no_library)
     model.stream(True)
@@ -186,7 +186,7 @@ def test_an_address_is_host_and_port(address: str, expected: tuple[str, int]) ->
 
 @pytest.mark.parametrize("address", ["localhost:x", "localhost:70000", "localhost:-1", "localhost:", "::1:"])
 def test_an_address_without_a_usable_port_is_refused(address: str) -> None:
-    with pytest.raises(OperatorError, match="is no port"):
+    with pytest.raises(RequestError, match="is no port"):
         NodeChoice(address).host_and_port  # noqa: B018 - the refusal is what is tested
 
 

@@ -11,9 +11,9 @@ import pytest
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.run_queue import QueuedRun
 from boat_daq.engine.snapshot import LinkState, RunEnding, SessionSnapshot, SessionState
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.run_queue import RunQueue
+from protocol.base.errors import RequestError
 from protocol.recording import RunEnd
 
 PLAN = Plan("short", "staircase", 1, step_kpa=45.0)
@@ -109,7 +109,7 @@ def test_a_lost_board_and_a_run_in_progress_hold_the_queue() -> None:
     """It begins with a connected board and no run, and waits for a board that was lost."""
     bench = Bench()
     bench.show(state=SessionState.RUNNING)
-    with pytest.raises(OperatorError, match="begins with"):
+    with pytest.raises(RequestError, match="begins with"):
         bench.queue.start(runs(QueuedRun("a")))
     bench.show(state=SessionState.IDLE)
     bench.queue.start(runs(QueuedRun("a")))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.tolerance import AUTOMATIC, TypedTolerance, tolerance_choice, tolerance_of
+from protocol.base.errors import RequestError
 from tests.boat_daq.gui.recorded_session import services_in
 
 SUGGESTED = (TypedTolerance(0.1, "%FSO"), TypedTolerance(0.01, "mm"))
@@ -34,7 +34,7 @@ def test_any_number_with_its_unit_is_read(text, found):
 )
 def test_refusal_names_cause_and_units(text, cause):
     """Zero, negative, infinite and no number at all; a number without its unit where there are two."""
-    with pytest.raises(OperatorError, match=cause) as refused:
+    with pytest.raises(RequestError, match=cause) as refused:
         tolerance_of(text, ("%FSO", "mm"))
     assert "0.01 % FSO or 0.01 mm" in refused.value.remedy
     assert tolerance_of("0.05", ("mm",)) == TypedTolerance(0.05, "mm")

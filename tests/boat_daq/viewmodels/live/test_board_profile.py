@@ -9,9 +9,8 @@ import tty
 import pytest
 
 from boat_daq.engine.settings import Settings
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.live.board_profile import BoardProfile
-from protocol.errors import ProfileError
+from protocol.base.errors import ProfileError, RequestError
 from protocol.text.profile import load_profile
 from tests.boat_daq.viewmodels.helpers import until
 from tests.protocol.text.firmwares import OUTPUTS, PACKETS
@@ -49,7 +48,7 @@ def test_field_becomes_a_channel_or_is_left_out(model):
     model.set_field(2, name="temperature", unit="degC")
     assert model.preview().headings[-1] == "Temperature (degC)"
     model.set_field(1, name="_")
-    with pytest.raises(OperatorError, match="sensor"):
+    with pytest.raises(RequestError, match="sensor"):
         model.profile()
     assert "sensor" in model.preview().remark
 
@@ -97,11 +96,11 @@ def test_what_is_no_table_is_told(tmp_path):
     model = BoardProfile(Settings())
     model.open(printed(tmp_path, b"hello there\nthis is a poem\nand it does not rhyme\nat all\nnowhere\n"))
     assert "fit most of the lines" in model.problem
-    with pytest.raises(OperatorError, match="no profile yet"):
+    with pytest.raises(RequestError, match="no profile yet"):
         model.save(tmp_path / "x.toml")
-    with pytest.raises(OperatorError, match="not a number"):
+    with pytest.raises(RequestError, match="not a number"):
         model.set_scale(0, "ten")
-    with pytest.raises(OperatorError, match="no port"):
+    with pytest.raises(RequestError, match="no port"):
         model.listen(" ")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from boat_daq.errors import OperatorError
+from protocol.base.errors import RequestError
 
 
 def test_rx8_line_becomes_a_profile():
@@ -18,7 +18,7 @@ def test_rx8_line_becomes_a_profile():
     assert profile.channels == (("Aux", ""),)
     assert profile.n_sensors == 2
     assert profile_text(" some/profile.toml ") == "some/profile.toml"
-    with pytest.raises(OperatorError, match="no sensor"):
+    with pytest.raises(RequestError, match="no sensor"):
         profile_text("RX8 [h=43] @0A [t=00]")
-    with pytest.raises(OperatorError, match="no pressure"):
+    with pytest.raises(RequestError, match="no pressure"):
         profile_text("RX8 [h=43] @1S1 @0S1 [t=00]")

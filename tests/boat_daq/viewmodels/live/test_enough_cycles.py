@@ -9,14 +9,13 @@ from typing import Any, cast
 
 import pytest
 
-from analysis.errors import RequestError
 from analysis.stopping.criterion import StopAssessment, StopCriterion
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import SessionState
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.live import enough_cycles
 from boat_daq.viewmodels.live.enough_cycles import EndUncertainty, EnoughCycles
 from boat_daq.workflows.jobs import JobFailure, JobState
+from protocol.base.errors import RequestError
 
 
 class Done:
@@ -106,7 +105,7 @@ def test_what_cannot_be_reached_or_assessed_is_reported(model: EnoughCycles, end
     assert model.text(snapshot(2)) == "U is not known after 2 cycles: the file is damaged"
 
     def refuse() -> None:
-        raise OperatorError("9 rows for 19 plateaus")
+        raise RequestError("9 rows for 19 plateaus")
 
     model._enter = refuse
     model.follow(snapshot(3))

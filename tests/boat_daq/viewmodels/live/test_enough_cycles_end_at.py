@@ -8,16 +8,15 @@ from typing import Any, cast
 
 import pytest
 
-from analysis.errors import RequestError
 from analysis.stopping.criterion import StopAssessment, StopCriterion
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import RunEnding, SessionState
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live import enough_cycles
 from boat_daq.viewmodels.live.enough_cycles import WRITTEN_S, EndAt, EndReport, EndUncertainty, EnoughCycles
 from boat_daq.workflows.jobs import JobFailure, JobState
+from protocol.base.errors import RequestError
 from protocol.recording import RunEnd
 from tests.boat_daq.gui.recorded_session import services_in
 
@@ -63,7 +62,7 @@ def test_a_wrong_value_is_refused_in_its_unit(tmp_path: Path) -> None:
     entry = Entry(tmp_path)
     entry.of("repeatability")
     entry.end_at.enter("0.5")
-    for wrong, error in (("wide", OperatorError), ("0", RequestError), ("inf", OperatorError)):
+    for wrong, error in (("wide", RequestError), ("0", RequestError), ("inf", RequestError)):
         with pytest.raises(error) as refused:
             entry.end_at.enter(wrong)
         assert "% FSO" in str(refused.value)

@@ -7,10 +7,10 @@ from dataclasses import asdict, replace
 
 import pytest
 
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Axes, Layout, Layouts, layout_of, titles
+from protocol.base.errors import RequestError
 
 S1, S2, S3 = "s1_mv", "s2_mv", "s3_mv"
 ALL = [S1, S2, ELONGATION, PRESSURE]
@@ -64,7 +64,7 @@ def test_third_unit_in_a_plot_is_refused(layouts):
     """A plot has a left and a right axis; the layout in use is not changed."""
     layout = Layout().complete(ALL).placed(PRESSURE, S1)
     layouts.change(layout)
-    with pytest.raises(OperatorError, match="third axis"):
+    with pytest.raises(RequestError, match="third axis"):
         layouts.change(layout.placed(ELONGATION, S1))
     assert layouts.current == layout
 
@@ -94,9 +94,9 @@ def test_layouts_are_saved_by_name_for_each_unit(layouts):
     layouts.delete("SA1", "narrow")
     assert [text for text, _ in layouts.names()] == ["usual"]
     for wrong in ("", "n" * 41):
-        with pytest.raises(OperatorError, match="1 to 40"):
+        with pytest.raises(RequestError, match="1 to 40"):
             layouts.save(wrong)
-    with pytest.raises(OperatorError, match="no layout"):
+    with pytest.raises(RequestError, match="no layout"):
         layouts.load("SA1", "narrow")
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from boat_daq.engine.plan import Loop
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.live.plan_editor import PlanEditor
 from boat_daq.viewmodels.live.sequence import SequenceModel, drawing
+from protocol.base.errors import RequestError
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def test_segments_are_added_moved_and_removed(editor):
     assert targets(editor) == [20.0, -30.0, 20.0]
     editor.remove(0)
     editor.remove(0)
-    with pytest.raises(OperatorError, match="at least one"):
+    with pytest.raises(RequestError, match="at least one"):
         editor.remove(0)
     editor.undo.undo()
     assert targets(editor) == [-30.0, 20.0]
@@ -55,7 +55,7 @@ def test_loops_keep_their_segments(editor):
     for _ in range(3):
         editor.remove(2)
     assert editor.plan.loops == ()
-    with pytest.raises(OperatorError, match="whole numbers"):
+    with pytest.raises(RequestError, match="whole numbers"):
         editor.add_loop("1", "2", "2.5")
     editor.add_loop("1", "2", "2")
     editor.remove_loop(0)
@@ -67,9 +67,9 @@ def test_entry_that_makes_no_plan_is_refused_and_the_plan_stays(editor):
     editor.add("sine")
     before = editor.plan
     for key, text, reason in (("target", "90", "limits"), ("target", "x", "number"), ("periods", "1.3", "periods")):
-        with pytest.raises(OperatorError, match=reason):
+        with pytest.raises(RequestError, match=reason):
             editor.set_value(1, key, text)
-    with pytest.raises(OperatorError):
+    with pytest.raises(RequestError):
         editor.set_plan("max_kpa", "-3")
     assert editor.plan == before
     editor.set_plan("max_kpa", "95")

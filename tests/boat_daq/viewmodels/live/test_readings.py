@@ -8,9 +8,9 @@ import pytest
 
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import ReadingRequest
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.live.readings import ReadingsModel, column_of_lengths, parse_mm
+from protocol.base.errors import RequestError
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected
 from tests.boat_daq.viewmodels.helpers import PLAN
 
@@ -85,7 +85,7 @@ def test_last_step_needs_no_reading():
     assert model.summary(rows) == f"{n} of {n} plateaus read"
     assert model.paste("\n".join(["1.5"] * n)) == n
     assert [r.step_id for r in session.kept[n:]] == [mark.number for mark in plateaus()]
-    with pytest.raises(OperatorError, match=f"for {n} plateaus"):
+    with pytest.raises(RequestError, match=f"for {n} plateaus"):
         model.paste("\n".join(["1"] * (n + 1)), 1)
 
 
@@ -95,14 +95,14 @@ def test_paste_enters_all_or_nothing():
     session.marks = plateaus(1)
     history = UndoHistory()
     model = ReadingsModel(session, history)
-    with pytest.raises(OperatorError, match="line 3"):
+    with pytest.raises(RequestError, match="line 3"):
         model.paste("mm\n1.0\nx\n2.0", 1)
     assert session.kept == []
     assert model.paste("kPa\tmm\n50\t3,5\n40\t3,0\n", 2) == 2
     assert [(r.step_id, r.elongation_mm) for r in session.kept] == [(2, 3.5), (3, 3.0)]
     history.undo()
     assert [r.elongation_mm for r in session.kept[2:]] == [None, None]
-    with pytest.raises(OperatorError, match="for 19 plateaus"):
+    with pytest.raises(RequestError, match="for 19 plateaus"):
         model.paste("\n".join(["1"] * 40), 1)
 
 
@@ -124,7 +124,7 @@ def test_lengths_are_parsed_as_typed(text, value):
 
 def test_length_beyond_the_actuator_is_refused():
     """90 mm cannot be an elongation of a 75 mm actuator: the unit was forgotten."""
-    with pytest.raises(OperatorError, match="longer than the actuator"):
+    with pytest.raises(RequestError, match="longer than the actuator"):
         parse_mm("90")
 
 

@@ -9,10 +9,10 @@ import pytest
 from boat_daq.engine.plan import StepMark, built_in_plans
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.snapshot import LinkState, RunEnding, SessionState
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.live.run_model import ResumeRun
 from boat_daq.viewmodels.live.sequence import SequenceModel
+from protocol.base.errors import RequestError
 from protocol.recording import RunEnd
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, idle, services_in
 
@@ -123,10 +123,10 @@ def test_closed_run_resumes_only_on_a_free_board(tmp_path, closed):
     broken = BrokenRun(closed, {}, plan, (), (), 3, 2, "stopped")
     session = RecordedSession(idle())
     model, notices = resumption(tmp_path, session, lambda path, then: then(broken))
-    with pytest.raises(OperatorError, match="no board"):
+    with pytest.raises(RequestError, match="no board"):
         model.resume(closed)
     session.shown = dataclasses.replace(connected(), recording=tmp_path / "other.boat")
-    with pytest.raises(OperatorError, match="being recorded"):
+    with pytest.raises(RequestError, match="being recorded"):
         model.resume(closed)
     session.shown = connected()
     model.resume(closed)

@@ -12,10 +12,10 @@ import pytest
 
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import ElongationControl
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.live.sequence import SequenceModel, drawing, elongation_text, staircase, step_begins
+from protocol.base.errors import RequestError
 from tests.boat_daq.gui.recorded_session import connected
 
 CONTROLLED = ElongationControl(1.5, 1.4, 1.38, 0.06, saturated=True, lost=(2,))
@@ -36,7 +36,7 @@ def test_a_typed_elongation_closes_the_loop_and_then_moves_its_setpoint(tmp_path
     session.snapshot.return_value = dataclasses.replace(connected(), elongation=CONTROLLED)
     model.set_elongation("-0.5")
     session.control_elongation.assert_called_with(-0.5, None, hold=True)
-    with pytest.raises(OperatorError, match="not a number"):
+    with pytest.raises(RequestError, match="not a number"):
         model.set_elongation("long")
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.errors import AnalysisError
 from analysis.optics.scene.curves import parametric_elongations
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.models import optics
 from boat_daq.viewmodels.models.optics import PAPER, OpticsModel
 from boat_daq.workflows.jobs import JobRunner
+from protocol.base.errors import BoatDaqError
 
 
 def test_design_is_traced_in_all_states():
@@ -36,7 +36,7 @@ def test_tolerance_is_met_in_every_state_or_refused_with_the_best():
     for scene in found.scenes:
         assert np.sum(np.isnan(scene.released[:, 0])) <= optics.DRAWN_RAYS
         assert np.sum(np.isnan(scene.secondary[:, 0])) <= 100
-    with pytest.raises(AnalysisError) as refused:
+    with pytest.raises(BoatDaqError) as refused:
         optics.trace_design(PAPER, optics.Within(1e-7))
     assert "rays or more" in refused.value.remedy
 
@@ -48,5 +48,5 @@ def test_curves_are_named_or_read_from_a_file(tmp_path):
     path = tmp_path / "one.csv"
     rows = [f"{x},{z}" for x, z in curves[7, 0]]
     path.write_text("x,z\n" + "\n".join(rows), encoding="utf-8")
-    with pytest.raises(AnalysisError, match="one state only"):
+    with pytest.raises(BoatDaqError, match="one state only"):
         optics.curves_of(str(path))

@@ -8,11 +8,11 @@ import pytest
 
 from analysis.studies.failure_maps.methods import METHOD_TITLES
 from analysis.studies.tradeoff.methods import METHODS as MEASURED
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.models.tradeoff import ENTRIES, METHODS, OVERVIEW, AtlasModel, TradeoffModel, merged
 from boat_daq.workflows.jobs import JobRunner
+from protocol.base.errors import RequestError
 from tests.boat_daq.viewmodels.models.reports import report
 
 
@@ -47,7 +47,7 @@ def test_measuring_without_a_method_is_refused(tmp_path):
     model = model_in(tmp_path)
     for name in METHODS:
         model.choose(name, on=False)
-    with pytest.raises(OperatorError, match="no method is chosen"):
+    with pytest.raises(RequestError, match="no method is chosen"):
         model.toggle()
     model.choose("tracer", on=True)
     assert model_in(tmp_path).chosen == ("tracer",)
@@ -100,5 +100,5 @@ def test_overview_lists_every_method_and_has_no_map(tmp_path):
     assert [d.name for d in model.defaults] == list(METHODS)
     assert [d.name for d in model.defaults if d.point is not None] == ["tracer"]
     assert model.defaults[0].share == pytest.approx(0.05)
-    with pytest.raises(OperatorError, match="no method is shown"):
+    with pytest.raises(RequestError, match="no method is shown"):
         AtlasModel(JobRunner(), tmp_path).toggle(OVERVIEW)

@@ -9,10 +9,10 @@ from types import SimpleNamespace
 import pytest
 
 from analysis.studies.failure_maps.sweep import Axis, Study, StudyResult
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.models import tradeoff
 from boat_daq.viewmodels.models.tradeoff import AtlasModel, read_maps
 from boat_daq.workflows.jobs import JobRunner, JobState
+from protocol.base.errors import RequestError
 from tests.boat_daq.viewmodels.models.reports import swept
 
 
@@ -41,7 +41,7 @@ def test_swept_map_is_read_with_its_texts(monkeypatch, tmp_path):
 @pytest.mark.parametrize("content", [{}, {"maps": [{"name": "x"}]}, None])
 def test_file_without_an_atlas_is_refused(content):
     """Another file's content is refused by name."""
-    with pytest.raises(OperatorError, match="not a stability atlas"):
+    with pytest.raises(RequestError, match="not a stability atlas"):
         read_maps(content)
 
 

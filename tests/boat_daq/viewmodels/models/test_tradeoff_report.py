@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.models.tradeoff import error_text, merged, read_report
+from protocol.base.errors import RequestError
 from tests.boat_daq.viewmodels.models.reports import point, report
 
 RECORDED = Path(__file__).resolve().parents[4] / "docs" / "tradeoff" / "tradeoff.json"
@@ -35,7 +35,7 @@ def test_failed_setting_is_listed_but_not_drawn():
 @pytest.mark.parametrize("content", [[], {}, {"machine": {}}, report() | {"methods": [{"name": "x"}]}, "text", None])
 def test_file_without_a_result_is_refused(content):
     """Another file's content is refused with what to choose instead."""
-    with pytest.raises(OperatorError, match="not a measured trade-off"):
+    with pytest.raises(RequestError, match="not a measured trade-off"):
         read_report(content)
 
 

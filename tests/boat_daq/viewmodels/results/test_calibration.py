@@ -12,13 +12,12 @@ from analysis.fidelity import fidelity
 from analysis.figures.batch import readings_beside
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import SessionState
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.live.conversion import prepare
 from boat_daq.viewmodels.results import calibration
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands
 from boat_daq.viewmodels.results.calibration import CalibrationModel, measured
 from boat_daq.workflows.jobs import JobFailure, JobRunner, JobState
-from protocol.errors import LocalError
+from protocol.base.errors import RequestError
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, services_in
 from tests.boat_daq.gui.results.run_results import turning
 from tests.boat_daq.viewmodels.helpers import until
@@ -68,7 +67,7 @@ def test_sampled_posterior_is_of_each_sensor(tmp_path, result, monkeypatch):
     assert model.revision == before + 1
     for bands, sensor in zip(model.posterior, result.sensors, strict=True):
         assert np.abs(np.interp(bands.grid, sensor.fit.grid, sensor.fit.curve) - bands.curve).max() < 5.0
-    with pytest.raises(OperatorError, match="no calibration yet"):
+    with pytest.raises(RequestError, match="no calibration yet"):
         model_on(tmp_path).sample()
 
 
@@ -134,7 +133,7 @@ def test_last_recording_of_the_other_kind_is_not_analysed_again(tmp_path, result
     model = CalibrationModel(session, units, JobRunner(), services, taken.append)
     model.show(result)
     model.last_path = tmp_path / "virtual.boat"
-    with pytest.raises(OperatorError, match="no recording yet"):
+    with pytest.raises(RequestError, match="no recording yet"):
         model.analyse_current()
     assert taken == [False]
 
@@ -192,7 +191,7 @@ def test_choice_of_a_curve_is_fitted_undone_and_stored(tmp_path, result, monkeyp
     model, started = model_on(tmp_path, result), []
     monkeypatch.setattr(calibration, "Job", lambda label, job, path, **options: (path, options["curve"]))
     monkeypatch.setattr(model.jobs, "start", lambda name, job, then: started.append(job))
-    with pytest.raises(OperatorError, match="no run"):
+    with pytest.raises(RequestError, match="no run"):
         model.choose_curve("4")
     model.last_path = tmp_path / "a.boat"
     for act in (lambda: model.choose_curve("4"), model._services.undo.undo, model._services.undo.redo):
@@ -223,7 +222,7 @@ def test_curves_are_compared_sensor_by_sensor(tmp_path, result):
     bent = dataclasses.replace(result.sensors[0].fit, content=content | {"fit": content["fit"] | {"curve": "spline"}})
     model.show(dataclasses.replace(result, sensors=(dataclasses.replace(result.sensors[0], fit=bent),)))
     assert not model.samples()
-    with pytest.raises(OperatorError, match="no posterior"):
+    with pytest.raises(RequestError, match="no posterior"):
         model.sample()
 
 
@@ -274,7 +273,7 @@ def test_calibration_is_not_accepted_while_its_run_is_analysed_again(tmp_path, r
     monkeypatch.setattr(CalibrationModel, "working", True)
     assert model.verdict() == ("", "Analysing \u2026")
     assert (model.acceptance_warnings(), model.out_of_tolerance()) == before
-    with pytest.raises(OperatorError, match="being analysed"):
+    with pytest.raises(RequestError, match="being analysed"):
         model.accept()
 
 
@@ -283,7 +282,7 @@ def test_curve_that_turns_is_not_accepted(tmp_path, result):
     sensors = (turning(result.sensors[0]), result.sensors[1])
     model = model_on(tmp_path, dataclasses.replace(result, sensors=sensors))
     assert "Sensor 1: the curve turns" in str(model.obstacle())
-    with pytest.raises(OperatorError):
+    with pytest.raises(RequestError):
         model.accept()
     assert UnitLibrary(tmp_path / "units").names() == []
 
@@ -292,10 +291,10 @@ def test_analysis_is_refused_during_a_run(tmp_path):
     """The recording is not closed under a run."""
     model = model_on(tmp_path)
     model.session.change(state=SessionState.RUNNING)
-    with pytest.raises(OperatorError, match="in progress"):
+    with pytest.raises(RequestError, match="in progress"):
         model.analyse_current()
     model.session.change(state=SessionState.IDLE)
-    with pytest.raises(OperatorError, match="no recording"):
+    with pytest.raises(RequestError, match="no recording"):
         model.analyse_current()
 
 
@@ -318,7 +317,7 @@ def test_file_of_readings_is_kept_beside_the_recording(tmp_path, monkeypatch):
     model.last_path = tmp_path / "imported.boat"
     file = tmp_path / "notes.csv"
     file.write_text("pressure,mm\n1,2\n")
-    with pytest.raises(LocalError, match="no column"):
+    with pytest.raises(RequestError, match="no column"):
         model.take_readings(file)
     file.write_text("pressure_kpa,elongation_mm\n50,3.8\n")
     model.take_readings(file)

@@ -7,9 +7,9 @@ import dataclasses
 import pytest
 
 from boat_daq.engine.settings import Unit, UnitLibrary
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.results.contributions import PRESETS, ContributionFields, ContributionsModel, Refusal
+from protocol.base.errors import RequestError
 
 PARALLAX = dataclasses.replace(PRESETS["parallax"], value="0,1", source="two readers")
 
@@ -97,7 +97,7 @@ def test_refusal_names_its_field(model, name, changed, field):
     assert isinstance(found, Refusal)
     assert found.field == field
     assert found.text.endswith(".")
-    with pytest.raises(OperatorError, match="is not stated"):
+    with pytest.raises(RequestError, match="is not stated"):
         model.state(name, fields)
     assert model.tables() == {}
 

@@ -7,11 +7,11 @@ import pytest
 
 from analysis import load_recording
 from analysis.data.boat_writer import first_difference
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.results import csv_import
 from boat_daq.viewmodels.results.csv_import import CsvImport, Source
 from boat_daq.workflows.jobs import JobRunner
+from protocol.base.errors import RequestError
 from tests.boat_daq.viewmodels.helpers import DirectJob
 
 
@@ -51,7 +51,7 @@ def test_columns_are_proposed_from_titles_and_units(model, table):
     assert model.obstacle() == "Choose the column of at least one sensor."
     assert "20 rows, 5 columns; separator semicolon, decimal point" in model.summary()
     assert model.columns[3].first[0] == "1.5"
-    with pytest.raises(OperatorError):
+    with pytest.raises(RequestError):
         model.start("lab")
 
 
@@ -74,7 +74,7 @@ def test_chosen_columns_are_imported_and_can_be_verified(model, table):
     assert recording.duration_s == pytest.approx(0.19)
     assert first_difference(path) == ""
     opened(model, table)
-    with pytest.raises(OperatorError, match="exists already"):
+    with pytest.raises(RequestError, match="exists already"):
         model.start(path.name)
 
 

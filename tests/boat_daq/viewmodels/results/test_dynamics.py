@@ -9,10 +9,10 @@ import pytest
 
 from analysis.elongation_control.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
 from boat_daq.engine.settings import UnitLibrary
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.results import dynamics
 from boat_daq.viewmodels.results.dynamics import DynamicsModel, dynamics_of_run
 from boat_daq.workflows.jobs import JobState
+from protocol.base.errors import RequestError
 from tests.boat_daq.gui.recorded_session import services_in
 
 NONE = DynamicFigure(*[float("nan")] * 3)
@@ -28,7 +28,7 @@ class Here:
         self.failure, self.result, self.state = None, None, JobState.DONE
         try:
             self.result = function(*args)
-        except OperatorError as error:
+        except RequestError as error:
             self.failure = SimpleNamespace(cause=error.cause, remedy=error.remedy, details="")
 
 
@@ -65,5 +65,5 @@ def test_a_unit_without_a_calibration_is_told(model_of, recording):
 
 
 def test_the_units_of_the_runs_own_kind_of_board_are_asked(recording, tmp_path):
-    with pytest.raises(OperatorError, match="simulated unit SA1"):
+    with pytest.raises(RequestError, match="simulated unit SA1"):
         dynamics_of_run(UnitLibrary(tmp_path / "units"), recording)

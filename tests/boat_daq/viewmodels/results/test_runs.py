@@ -15,13 +15,13 @@ import pytest
 from analysis import load_recording
 from analysis.fidelity import fidelity
 from boat_daq.engine.settings import UnitLibrary
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.results import analysis_jobs, runs
 from boat_daq.viewmodels.results.runs import NONE_CHOSEN, RunEntry, RunsModel, obstacle, read_run, selection_text
 from boat_daq.workflows.jobs import JobRunner
+from protocol.base.errors import RequestError
 from protocol.recording import RunEnd
 from tests.boat_daq.gui.recorded_session import connected, idle
 from tests.boat_daq.viewmodels.helpers import until
@@ -50,11 +50,11 @@ def test_list_arrives_by_polling(recording, tmp_path):
     until(lambda: (model.poll(), model._future is None)[1])
     assert model.revision == revision
     assert model.interrupted() == []
-    with pytest.raises(OperatorError, match="one recording"):
+    with pytest.raises(RequestError, match="one recording"):
         model.export([], tmp_path / "x.csv")
-    with pytest.raises(OperatorError, match="no recording"):
+    with pytest.raises(RequestError, match="no recording"):
         model.report([], tmp_path / "x.pdf")
-    with pytest.raises(OperatorError, match="chosen to compare"):
+    with pytest.raises(RequestError, match="chosen to compare"):
         model.compare([recording])
     model.close()
 

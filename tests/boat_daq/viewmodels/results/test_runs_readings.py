@@ -6,12 +6,12 @@ import pytest
 
 from analysis import load_recording
 from boat_daq.engine.recording.closed_run import ClosedRun
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.results.analysis_jobs import analyse_run
 from boat_daq.viewmodels.results.calibration import readings_text
 from boat_daq.viewmodels.results.runs import read_run
+from protocol.base.errors import RequestError
 from tests.boat_daq.gui.recorded_session import idle
 
 
@@ -36,7 +36,7 @@ def test_reading_is_corrected_by_a_newer_row(closed):
 def test_reading_for_no_plateau_is_refused(closed):
     """What is not a plateau of the recording is refused, and nothing is added."""
     run = ClosedRun(closed)
-    with pytest.raises(OperatorError, match="no step"):
+    with pytest.raises(RequestError, match="no step"):
         run.add_reading(9999, 1.0, "typed")
     assert ClosedRun(closed).readings() == run.readings()
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from boat_daq.engine.settings import Unit, UnitLibrary
-from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.results.unit_over_time import in_force_at_times, report_unit, unit_over_time
+from protocol.base.errors import RequestError
 from tests.boat_daq.viewmodels.results.units import accepted, unit
 
 
@@ -38,5 +38,5 @@ def test_withdrawn_calibrations_are_left_out() -> None:
 def test_unit_without_calibration_has_no_history(tmp_path: Path) -> None:
     """The reason is given; its report is refused."""
     assert unit_over_time(Unit("SA1")).void == "SA1 has no accepted calibration yet"
-    with pytest.raises(OperatorError, match="no accepted calibration"):
+    with pytest.raises(RequestError, match="no accepted calibration"):
         report_unit(UnitLibrary(tmp_path), "SA1", tmp_path / "r.html")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from protocol.whole_file import remove_unfinished, write_whole, written_whole
+from protocol.base.whole_file import remove_unfinished, write_whole, written_whole
 
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="links, pipes and permissions of POSIX")
 

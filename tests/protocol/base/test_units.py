@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from protocol.base.units import KPA_PER_UNIT, conversion, find_unit, in_a_name
 from protocol.text.profile import PA_PER_UNIT
-from protocol.units import KPA_PER_UNIT, conversion, find_unit, in_a_name
 
 PA = {"Pa": 1.0, "hPa": 100.0, "mbar": 100.0, "kPa": 1e3, "bar": 1e5, "psi": 6894.757293168}
 

@@ -1,4 +1,4 @@
-"""The array types of the link and the virtual board."""
+"""The array types of the product."""
 
 from __future__ import annotations
 

@@ -1,0 +1,1 @@
+"""What every layer shares: errors, array types, units of measurement, and files read and written safely."""

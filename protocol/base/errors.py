@@ -1,0 +1,98 @@
+"""One family of errors for the whole product, by whose fault it is; each names its cause and, where known, the remedy.
+
+    BoatDaqError
+    +-- RequestError            the caller: a request or a parameter cannot be met as given
+    +-- DataError               the data: they cannot carry the requested figure
+    +-- ConvergenceError        the method: it did not reach its own criterion
+    +-- FileError               a file: of another kind, or damaged
+    |   +-- ProfileError        a text profile is not usable as written
+    |   +-- RecordingError      no recording, or one that cannot be read
+    |       +-- DamagedRecordingError   its rows may still be readable one by one
+    +-- DeviceError             the port or the board
+    |   +-- RemoteError         the board violated the contract of the link
+    +-- StorageError            the disk
+
+Damaged bytes of a link are not errors: they are counted, and the stream continues.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+class BoatDaqError(Exception):
+    """Base of the family.
+
+    Parameters
+    ----------
+    cause : what happened, in the operator's terms.
+    remedy : what to do about it; may be empty.
+    command : the remedy on the command line, which the window does not show; may be empty.
+    """
+
+    def __init__(self, cause: str, remedy: str = "", *, command: str = "") -> None:
+        super().__init__(cause)
+        self.cause = cause
+        self.remedy = remedy
+        self.command = command
+
+
+class RequestError(BoatDaqError):
+    """A request or a parameter cannot be met as given."""
+
+
+class DataError(BoatDaqError):
+    """The data cannot carry the requested figure."""
+
+
+class ConvergenceError(BoatDaqError):
+    """The method did not reach its own criterion."""
+
+
+class FileError(BoatDaqError):
+    """The file is of another kind, or damaged."""
+
+
+class ProfileError(FileError):
+    """A text profile is not usable as written."""
+
+
+class RecordingError(FileError):
+    """A file is not a recording, or cannot be read as one."""
+
+
+class DamagedRecordingError(RecordingError):
+    """A recording is damaged, and its rows may still be readable one by one: it can be recovered."""
+
+
+class DeviceError(BoatDaqError):
+    """The port or the board failed."""
+
+
+class RemoteError(DeviceError):
+    """The board violated the contract of the link."""
+
+
+class StorageError(BoatDaqError):
+    """The disk failed."""
+
+
+def cause_and_remedy(error: BaseException) -> tuple[str, str] | None:
+    """Return cause and remedy of an error of the family; None for another."""
+    return (error.cause, error.remedy) if isinstance(error, BoatDaqError) else None
+
+
+def damaged(path: Path, what: str) -> DamagedRecordingError:
+    """Return the error for a recording that can be recovered."""
+    return DamagedRecordingError(f"{path} {what}", "Recover the recording.", command=f"boat-daq recover {path}")
+
+
+@contextmanager
+def writing(path: Path, remedy: str = "choose another folder") -> Iterator[None]:
+    """Turn what the system reports while a file is written into a `FileError`."""
+    try:
+        yield
+    except OSError as error:
+        raise FileError(f"{path} cannot be written: {error.strerror or error}", remedy) from error

@@ -27,6 +27,8 @@ from tests.analysis.twin_unit import LAG, identified
 from tests.docs.pages import ROOT
 
 PAGE = (ROOT / "docs" / "reference" / "json.md").read_text(encoding="utf-8")
+SHARED = dict(re.findall(r"^([A-Z]+) (\{.*?\})$(?=\n[A-Z]|\n```)", PAGE, re.MULTILINE | re.DOTALL))
+"""The keys of each shared object, by its name."""
 EXAMPLE = ROOT / "recordings" / "simulated_SA1_two_cycles.boat"
 
 
@@ -34,10 +36,12 @@ def documented(command: str) -> set[str]:
     """Return the dotted names of the keys under a command's heading; lists are left out of the names."""
     found = re.search(rf"^## `{re.escape(command)}`$.*?```text\n(.*?)```", PAGE, re.MULTILINE | re.DOTALL)
     assert found, command
+    keys = re.sub(r"(?<=[{,])(\s*)([A-Z]+)\b(?=[,}])", lambda word: SHARED.get(word[2], word[2]).strip("{}"), found[1])
+    keys = re.sub(r"\b[A-Z]+\b", lambda word: SHARED.get(word[0], word[0]), keys)
     names: set[str] = set()
     path: list[str] = []
     name = ""
-    for token in re.findall(r"[{}\[\],]|[^{}\[\],]+", found[1]):
+    for token in re.findall(r"[{}\[\],]|[^{}\[\],]+", keys):
         if token == "{":
             path.append(name)
         elif token == "}":

@@ -1,7 +1,7 @@
 """Samples in order: exact loss, dropped repeats, one unwrapped board clock, flags of the host.
 
 Both kinds of link pass their samples to `SampleStream` as arrays of `recording.sample_dtype` in order of arrival,
-`index` and `time_us` as the board wrote them. Rules of this file (protocol/SPEC.md, "What the host makes of samples"):
+`index` and `time_us` as the board wrote them. Rules of this file (protocol/SPEC.md, "How the host interprets samples"):
 
 - **Loss.** Differences of the index are taken modulo its wrap. A step of 1 + n forward is a gap of exactly n: the
   checksum guarantees that the board wrote that index. A step back is a repeat or out of order: dropped and counted.

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,7 +12,6 @@ from boat_daq.commands.optics import curves_of
 
 if TYPE_CHECKING:
     from analysis import Analysis
-    from analysis.studies.paper.numbers import Reproduction
 
 app = typer.Typer(invoke_without_command=True, no_args_is_help=True)
 CYCLES = 100
@@ -41,41 +38,34 @@ def paper(
         raise typer.BadParameter("is missing", param_hint="--out")
     from time import perf_counter
 
-    from protocol.base.whole_file import write_whole
+    from analysis.studies.paper.reproduction import (
+        TABLE,
+        calibration_part,
+        optics_part,
+        repeatability_part,
+        shadow_part,
+        write_reproduction,
+    )
 
     begun = perf_counter()
     with writing(out):
         out.mkdir(parents=True, exist_ok=True)
-    found = _reproduced(out, seed=seed, speed=speed)
-    table = out / "reproduction.md"
-    with writing(table):
-        write_whole(table, found.table())
+    parts = [
+        calibration_part(_run(out, "calibration", 5, seed=seed, speed=speed)),
+        repeatability_part(_run(out, "repeatability", CYCLES, seed=seed, speed=speed)),
+    ]
+    with progress_bar("sweeping the paper's designs") as advance:
+        parts.append(optics_part(advance))
+    with progress_bar("building the shadow") as advance:
+        parts.append(shadow_part(advance))
+    with writing(out):
+        content = write_reproduction(parts, out)
     seconds = perf_counter() - begun
-    notify(f"wrote {table} and {len(found.drawings)} drawings in {seconds:.0f} s")
-    lines = [f"{row.quantity}: {row.ours:.5g} {row.unit} (paper {row.paper:.5g})" for row in found.rows]
-    present(found.as_json() | {"seconds": seconds}, "SIMULATED: sensors are those of the virtual board", *lines,
+    notify(f"wrote {out / TABLE} and {len(content['drawings'])} drawings in {seconds:.0f} s")
+    rows = [row for part in parts for row in part.rows]
+    lines = [f"{row.quantity}: {row.ours:.5g} {row.unit} (paper {row.paper:.5g})" for row in rows]
+    present(content | {"seconds": seconds}, "SIMULATED: sensors are those of the virtual board", *lines,
             as_json=as_json)  # fmt: skip
-
-
-def _reproduced(out: Path, *, seed: int, speed: float) -> Reproduction:
-    """Return every row, and write the drawings."""
-    from analysis.studies.paper import numbers as reproduction
-
-    found = reproduction.Reproduction()
-    calibration = _run(out, "calibration", 5, seed=seed, speed=speed)
-    found.rows += reproduction.calibration_rows(calibration)
-    _draw(found, out, "4A", "signals of the five cycles", "signals", partial(reproduction.draw_signals, calibration))
-    _draw(
-        found, out, "4B", "calibration functions", "calibration_curves",
-        partial(reproduction.draw_calibration, calibration),
-    )  # fmt: skip
-    cycles = _run(out, "repeatability", CYCLES, seed=seed, speed=speed)
-    found.rows += reproduction.hysteresis_rows(cycles)
-    _draw(found, out, "4C", "signals of 100 cycles", "cycles", partial(reproduction.draw_signals, cycles))
-    _draw(found, out, "", "mean loops of the 100 cycles", "hysteresis_loops", partial(reproduction.draw_loops, cycles))
-    _optics(found, out)
-    _shadow(found, out)
-    return found
 
 
 def _run(out: Path, name: str, cycles: int, *, seed: int, speed: float) -> Analysis:
@@ -96,74 +86,6 @@ def _run(out: Path, name: str, cycles: int, *, seed: int, speed: float) -> Analy
         part.rename(run)
     with progress_bar(f"analysing {name}") as advance:
         return analyse(run, options=Options(seed=seed, mcmc=False), progress=advance)
-
-
-def _draw(found: Reproduction, out: Path, figure: str, shows: str, name: str, draw: Callable[[Path], None]) -> None:
-    """Draw a file of the folder, and add it to what was found."""
-    from analysis.studies.paper.numbers import PaperDrawing
-
-    path = out / f"{name}.png"
-    with writing(path):
-        draw(path)
-    found.drawings.append(PaperDrawing(figure, shows, path))
-
-
-def _optics(found: Reproduction, out: Path) -> None:
-    """Add the paper's sweep: rays in both end states, response, the best pattern and the map."""
-    from analysis.optics.scene.curves import default_curves, frames_of
-    from analysis.optics.scene.parameters import PAPER_OPTIMUM, Light, Waveguide
-    from analysis.optics.sweep import report
-    from analysis.optics.sweep.sweep import SweepRequest, run_sweep
-    from analysis.studies.paper.numbers import optics_rows
-
-    def saved(figure: Any) -> Callable[[Path], None]:
-        return lambda path: report.save(figure, path)
-
-    with progress_bar("sweeping the paper's designs") as advance:
-        run_sweep(SweepRequest((PAPER_OPTIMUM,)))  # compiles the tracer, so that the time of the sweep is its own
-        sweep = run_sweep(SweepRequest(), progress=advance)
-    found.rows += optics_rows(sweep)
-    frames = frames_of(default_curves(), Waveguide())
-    for state, word in ((0, "compressed"), (-1, "elongated")):
-        figure = report.draw_scene(frames[state], PAPER_OPTIMUM, Waveguide(), Light(), f"most {word}")
-        _draw(found, out, "3A", f"rays in the paper's pattern, most {word}", f"rays_{word}", saved(figure))
-    best = max(zip(sweep.merit().p.tolist(), sweep.designs, strict=True), key=lambda one: one[0])[1]
-    for panel, shows, name, chosen in (
-        ("3B", "detected rays over the states: the paper's pattern and the best one here", "response",
-         [PAPER_OPTIMUM, *([best] if best != PAPER_OPTIMUM else [])]),
-        ("3C", "detected rays of patterns as the paper's, by spacing", "response_by_spacing",
-         [d for d in sweep.designs if d.values[:3] == PAPER_OPTIMUM.values[:3]]),
-    ):  # fmt: skip
-        _draw(found, out, panel, shows, name, saved(report.draw_response(sweep, chosen)))
-    _draw(found, out, "3D", "P of five cavities over depth and spacing", "map", saved(report.draw_maps(sweep, 5)))
-
-
-def _shadow(found: Reproduction, out: Path) -> None:
-    """Add the states of the shadow, and whole frames and tracked points of it a second."""
-    from time import perf_counter
-
-    import numpy as np
-
-    from analysis.optics.sweep.report import save
-    from analysis.shadow.model.drawing import shadow_figure
-    from analysis.shadow.model.frames import Shadow
-    from analysis.shadow.model.states import kept_states
-    from analysis.studies.paper import numbers as reproduction
-
-    with progress_bar("building the shadow") as advance:
-        shadow = Shadow(progress=advance)
-    shadow.state(elongation_mm=0.5)
-    begun, frames = perf_counter(), 200
-    for mm in np.linspace(-2.5, 3.5, frames):
-        shadow.state(elongation_mm=float(mm))
-    frames_per_s = frames / (perf_counter() - begun)
-    states, critical_kpa = kept_states(), float(shadow.table.critical_kpa)
-    found.rows += reproduction.shadow_rows(states, critical_kpa, frames_per_s, shadow.table.states_per_second())
-    shows = "shapes of the guides in the fifteen states"
-    _draw(found, out, "2B, 2C", shows, "states", partial(reproduction.draw_states, states.curves_mm))
-    for kpa, word in ((50.0, "elongated"), (0.0, "rest"), (-40.0, "compressed")):
-        figure = shadow_figure(shadow.state(pressure_kpa=kpa), shadow.topology)
-        _draw(found, out, "2A, 5", f"the actuator at {kpa:+g} kPa", f"actuator_{word}", partial(save, figure))
 
 
 @app.command()

@@ -6,21 +6,19 @@ without warning, must never occur. Values are drawn at equal distances along bot
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
-from PIL import Image
 
 from analysis import figure_style as style
 from analysis.machine import machine
 from analysis.studies.failure_maps.sweep import CellOutcome, StudyMap
-from protocol.base.whole_file import write_whole, written_whole
+from analysis.studies.harness import Picture, write_json, write_pictures
 
 LOOK: dict[CellOutcome, tuple[str, str, str, str]] = {
     CellOutcome.WORKS: ("#9AD0F0", "", "", "works: within its tolerance"),
@@ -67,12 +65,6 @@ def method_atlas(maps: Sequence[StudyMap]) -> Figure:
     return figure
 
 
-DPI = 110
-COLOURS = 64
-"""Of a PNG: enough for the maps, and the file is a third as large."""
-HATCH = {"hatch.linewidth": 0.3}
-
-
 def atlas_json(maps: Sequence[StudyMap]) -> dict[str, Any]:
     """Return what `atlas --json` prints."""
     return {
@@ -86,22 +78,7 @@ def atlas_json(maps: Sequence[StudyMap]) -> dict[str, Any]:
 def write_atlas(maps: Sequence[StudyMap], folder: Path) -> list[Path]:
     """Write atlas.json and, for each method, METHOD.png and METHOD.svg; return the files."""
     folder.mkdir(parents=True, exist_ok=True)
-    files = [folder / "atlas.json"]
-    text = json.dumps(atlas_json(maps), indent=1, ensure_ascii=False, allow_nan=False)
-    write_whole(files[0], text + "\n")
-    with mpl.rc_context(style.RC | HATCH):
-        for method in dict.fromkeys(m.study.method for m in maps):
-            figure = method_atlas([m for m in maps if m.study.method == method])
-            for kind in ("png", "svg"):
-                files.append(folder / f"{method}.{kind}")
-                style.save_picture(figure, files[-1], dpi=DPI, metadata={"Date": None} if kind == "svg" else None)
-                figure.set_layout_engine("none")  # laid out once for both formats
-            _reduce(folder / f"{method}.png")
-    return files
-
-
-def _reduce(picture: Path) -> None:
-    with Image.open(picture) as full:
-        small = full.convert("RGB").quantize(COLOURS)
-    with written_whole(picture) as part:
-        small.save(part, "PNG", optimize=True)
+    write_json(atlas_json(maps), folder / "atlas.json")
+    methods = dict.fromkeys(m.study.method for m in maps)
+    pictures = [Picture(name, partial(method_atlas, [m for m in maps if m.study.method == name])) for name in methods]
+    return [folder / "atlas.json", *write_pictures(pictures, folder, hatch_linewidth=0.3)]

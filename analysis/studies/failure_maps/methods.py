@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from analysis.studies.failure_maps import alarms, figures, fit, sessions, shadow, tracer
 from analysis.studies.failure_maps.sweep import Study
-from protocol.base.errors import RequestError
+from analysis.studies.harness import chosen
 
 _MODULES = (fit, sessions, figures, tracer, shadow, alarms)
 STUDIES: dict[str, Study] = {study.name: study for module in _MODULES for study in module.STUDIES}
@@ -30,8 +30,4 @@ def chosen_studies(names: Iterable[str]) -> list[Study]:
     ------
     RequestError : a name is neither a method nor a map.
     """
-    wanted = set(names)
-    unknown = sorted(wanted - set(STUDIES) - set(METHOD_TITLES))
-    if unknown:
-        raise RequestError(f"there is no method or map '{unknown[0]}'", f"Choose among {', '.join(METHOD_TITLES)}.")
-    return [s for s in STUDIES.values() if not wanted or wanted & {s.name, s.method}]
+    return chosen(list(STUDIES.values()), names, lambda study: (study.method, study.name))

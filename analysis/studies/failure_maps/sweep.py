@@ -21,7 +21,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from analysis.progress import Progress, part_of
+from analysis.progress import Progress
+from analysis.studies.harness import run_all
 from protocol.base.errors import BoatDaqError
 
 
@@ -183,8 +184,7 @@ def sweep(study: Study, progress: Progress | None = None) -> StudyMap:
 
 def sweep_all(studies: Sequence[Study], progress: Progress | None = None) -> list[StudyMap]:
     """Sweep several studies; `progress` is called with (points done, points) of all."""
-    sizes = [study.size for study in studies]
-    return [sweep(study, part_of(progress, sum(sizes[:i]), study.size, sum(sizes))) for i, study in enumerate(studies)]
+    return run_all(studies, sweep, progress, lambda study: study.size)
 
 
 def joined(messages: Sequence[str]) -> str:

@@ -3,22 +3,19 @@
 Rules: the JSON has all that the charts show; an error that is infinite (the method failed) is null in it. In a chart
 time is to the right, error upwards, both logarithmic; lower left is better. Bars are the range of the repeats. The
 default has a ring, the rule's choice a square; the tolerance is a dashed line, and the rule accepts settings below the
-dotted one. A setting without result is a cross at the top; an error of zero is on the lower edge. A name covers no
-other; one that has no place is left out.
+dotted one. A setting without result is a cross at the top; an error of zero is on the lower edge.
 """
 
 from __future__ import annotations
 
 import csv
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
-from itertools import pairwise
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
@@ -27,16 +24,14 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from analysis import figure_style as style
 from analysis.fidelity import LEVELS, MARGINS
 from analysis.machine import machine
-from analysis.studies.tradeoff.label_places import Box, beside, best_place
+from analysis.studies.harness import Picture, write_json, write_pictures
 from analysis.studies.tradeoff.measure import MARGIN, CostPoint, Measured, part_of_tolerance
-from protocol.base.whole_file import write_whole, written_whole
+from protocol.base.whole_file import written_whole
 
 DATA, DEFAULT, CHOSEN, REFUSED = style.SENSORS[0], style.SENSORS[1], style.PRESSURE, style.SOFT
 COLUMNS = 3
-MOST_NAMES = 16
-"""Of more settings only those are named that are on the front, in the code or chosen by the rule."""
-DOT_PT, CROSS_PT, RING_PT, SQUARE_PT, STROKE_PT = 5.0, 6.0, 12.0, 16.0, 2.0
-POINTS_AN_INCH = 72.0
+DOT_PT, CROSS_PT, RING_PT, SQUARE_PT = 5.0, 6.0, 12.0, 16.0
+OVERVIEW_DPI = 88
 FRONT, CHOICE = "front: least error for the time", "the rule's choice"
 Place = tuple[float, float]
 FEW_DECADES = 2.0
@@ -46,15 +41,14 @@ DECADES_BELOW = 4.5
 
 def method_chart(measured: Measured, where: str) -> Figure:
     """Draw one method; `where` names the machine and the date."""
-    figure = Figure(figsize=(7.6, 5.0), layout="constrained")
+    figure = Figure(figsize=(8.6, 5.0), layout="constrained")
     axes = figure.subplots()
     at = _draw(axes, measured, margin=0.24)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=4, fontsize=7.5)
     kind = "independent" if measured.method.independent else "not independent"
     text = f"reference ({kind}): {measured.method.reference}\nconsumer: {measured.method.consumer}\n{where}"
     figure.supxlabel(text, fontsize=6.5, color=style.SOFT)
-    figure.draw_without_rendering()  # the layout is known only then
-    _name(axes, measured, at)
+    _number(axes, measured, at)
     return figure
 
 
@@ -139,64 +133,17 @@ def _bars(axes: Axes, point: CostPoint, x: float, y: float, floor: float) -> Non
     axes.errorbar(x, y, xerr=half_x, yerr=half_y or None, fmt="none", ecolor=DATA, elinewidth=0.7, alpha=0.5)
 
 
-def _name(axes: Axes, measured: Measured, at: Mapping[str, Place]) -> None:
-    """Write the settings beside their points, those in use first, then the front, then the others."""
-    method, front = measured.method, measured.front
-    used = {method.default, measured.chosen, *method.in_code.values()}
-    levels = {name: level for level, name in method.in_code.items() if name not in (method.default, level)}
-    failed = {p.setting for p in measured.points if not math.isfinite(p.error)}
-    named = [name for name in at if name in used | failed | {*front} or len(at) <= MOST_NAMES]
-    view, dot = axes.get_window_extent(), axes.figure.dpi / POINTS_AN_INCH
-    inside, taken = Box(view.x0, -view.y1, view.width, view.height), _markers(axes, measured, at, dot)
-    drawn = _strokes(axes, measured, at, dot)
-    for name in sorted(named, key=lambda n: (n not in used, n not in front, at[n][1])):
-        text = axes.annotate(
-            f"{name} ({levels[name]})" if name in levels else name, at[name], xytext=(0, 0),
-            textcoords="offset points", fontsize=6.5, color=style.INK, ha="left", va="bottom",
-        )  # fmt: skip
-        x, y = axes.transData.transform(at[name])
-        size = text.get_window_extent()
-        marker = SQUARE_PT if name == measured.chosen else RING_PT if name == method.default else DOT_PT
-        places = beside(x, -y, size.width, size.height, dot * (marker / 2 + STROKE_PT))
-        box = best_place(places, inside, taken, drawn)
-        if box is None:
-            text.remove()
-            continue
-        taken.append(box)
-        text.xyann = (box.left - x) / dot, (-box.top - box.height - y) / dot
+def _number(axes: Axes, measured: Measured, at: Mapping[str, Place]) -> None:
+    """Number the settings, and list their names beside the chart; those in use also have their levels."""
+    levels = {name: level for level, name in measured.method.in_code.items() if name != measured.method.default}
+    names = []
+    for number, (name, place) in enumerate(at.items(), 1):
+        axes.annotate(str(number), place, xytext=(4, 4), textcoords="offset points", fontsize=6.5, color=style.INK)
+        names.append(f"{number}  {name}" + (f" ({levels[name]})" if name in levels else ""))
+    axes.text(1.02, 1.0, "\n".join(names), transform=axes.transAxes, fontsize=6.5, color=style.INK, va="top")
 
 
-def _markers(axes: Axes, measured: Measured, at: Mapping[str, Place], dot: float) -> list[Box]:
-    """Return what the points with ring and square cover, pixels; `dot` is a point in pixels."""
-    pixel = {name: axes.transData.transform(place).tolist() for name, place in at.items()}
-    marks = [(name, DOT_PT) for name in at] + [(measured.method.default, RING_PT), (measured.chosen or "", SQUARE_PT)]
-    return [_around(pixel[name], pixel[name], dot * size) for name, size in marks if name in pixel]
-
-
-def _strokes(axes: Axes, measured: Measured, at: Mapping[str, Place], dot: float) -> list[Box]:
-    """Return what the front and the two lines cover, pixels; `dot` is a point in pixels."""
-    pixel = {name: axes.transData.transform(place).tolist() for name, place in at.items()}
-    boxes: list[Box] = []
-    front = [pixel[name] for name in measured.front if name in pixel]
-    for one, other in pairwise(front):
-        corner = (other[0], one[1])
-        boxes += [_around(one, corner, dot * STROKE_PT), _around(corner, other, dot * STROKE_PT)]
-    view = axes.get_window_extent()
-    for limit in (measured.method.tolerance, measured.method.tolerance / MARGIN):
-        y = axes.transData.transform((1.0, limit))[1]
-        boxes.append(_around((view.x0, y), (view.x1, y), dot * STROKE_PT))
-    return boxes
-
-
-def _around(one: Sequence[float], other: Sequence[float], width: float) -> Box:
-    """Return what a stroke of this width covers, y downwards."""
-    left, top = min(one[0], other[0]) - width / 2, -max(one[1], other[1]) - width / 2
-    return Box(left, top, abs(one[0] - other[0]) + width, abs(one[1] - other[1]) + width)
-
-
-DPI, OVERVIEW_DPI = 110, 88
 MAY_BE_INFINITE = ("error", "error_spread")
-NO_DATE: dict[str, dict[str, Any]] = {"png": {}, "svg": {"Date": None}}
 TIMING = (
     "seconds: median by the clock of a call, spread: greatest less smallest; cpu_seconds: median processor time, which "
     "front and choice compare, cpu_spread likewise; error: root mean square over the repeats; first_seconds: the first "
@@ -243,20 +190,12 @@ def write_report(results: Sequence[Measured], folder: Path, *, quick: bool) -> l
     folder.mkdir(parents=True, exist_ok=True)
     content = report_json(results, quick=quick)
     files = [folder / "tradeoff.json", folder / "tradeoff.csv"]
-    write_whole(files[0], json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False))
+    write_json(content, files[0])
     _write_csv(content, files[1])
     where = "{processor}, {cores} cores, Python {python}, {date_utc}".format(**content["machine"])
-    with mpl.rc_context(style.RC):
-        charts = {measured.method.name: method_chart(measured, where) for measured in results}
-        charts["overview"] = overview_chart(results, where)
-        for name, figure in charts.items():
-            for kind in ("png", "svg"):
-                files.append(folder / f"{name}.{kind}")
-                style.save_picture(
-                    figure, files[-1], dpi=DPI if name != "overview" else OVERVIEW_DPI, metadata=NO_DATE[kind]
-                )
-                figure.set_layout_engine("none")  # laid out once for both formats
-    return files
+    pictures = [Picture(m.method.name, partial(method_chart, m, where)) for m in results]
+    pictures.append(Picture("overview", partial(overview_chart, results, where), OVERVIEW_DPI))
+    return files + write_pictures(pictures, folder)
 
 
 def _write_csv(content: dict[str, Any], path: Path) -> None:

@@ -18,7 +18,8 @@ from statistics import median
 from typing import Any
 
 from analysis.fidelity import LEVELS, MARGINS, Fidelity, Level, fidelity
-from analysis.progress import Progress, part_of
+from analysis.progress import Progress
+from analysis.studies.harness import run_all
 
 MARGIN = MARGINS["normal"]
 """An error counts as below a tolerance when it is below it by this factor."""
@@ -200,9 +201,9 @@ def measure(method: Method, *, quick: bool, progress: Progress | None = None) ->
     progress : called with (settings done, settings) after each call; raising from it cancels.
     """
     settings, repeats = method.settings(quick), QUICK_REPEATS if quick else REPEATS
-    parts = [part_of(progress, done, 1, len(settings)) for done in range(len(settings))]
-    points = [measure_setting(setting, repeats, part) for setting, part in zip(settings, parts, strict=True)]
-    return Measured.of(method, points)
+    return Measured.of(
+        method, run_all(settings, lambda setting, part: measure_setting(setting, repeats, part), progress)
+    )
 
 
 def measure_all(methods: Sequence[Method], *, quick: bool, progress: Progress | None = None) -> list[Measured]:
@@ -212,8 +213,7 @@ def measure_all(methods: Sequence[Method], *, quick: bool, progress: Progress | 
     ----------
     methods, quick : as in `measure`. progress : called with (methods done, methods).
     """
-    parts = [part_of(progress, done, 1, len(methods)) for done in range(len(methods))]
-    return [measure(method, quick=quick, progress=part) for method, part in zip(methods, parts, strict=True)]
+    return run_all(methods, lambda method, part: measure(method, quick=quick, progress=part), progress)
 
 
 def measure_setting(setting: Setting, repeats: int, progress: Progress | None = None) -> CostPoint:

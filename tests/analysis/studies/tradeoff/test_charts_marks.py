@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import combinations
-
 import matplotlib as mpl
 import numpy as np
 import pytest
@@ -44,12 +42,10 @@ def test_front_promises_no_setting_between_two() -> None:
     assert front.get_drawstyle() == "steps-post"
 
 
-@pytest.mark.parametrize("decades", [0.2, 1.0, 4.0])
-def test_names_of_settings_are_apart_and_whole(decades: float) -> None:
-    """Crowded or far apart: no name covers another, none leaves the chart, all four are there."""
-    axes = chart(decades)
-    boxes = [text.get_window_extent() for text in axes.texts]
-    inside = axes.get_window_extent()
-    assert len(boxes) == 4
-    assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
-    assert all(inside.x0 <= b.x0 and b.x1 <= inside.x1 and inside.y0 <= b.y0 and b.y1 <= inside.y1 for b in boxes)
+def test_settings_are_numbered_and_listed_with_their_levels() -> None:
+    """A number at each point; beside the chart its name, and the level that uses it where it is not the default."""
+    axes = chart(1.0)
+    *numbers, names = axes.texts
+    assert [text.get_text() for text in numbers] == ["1", "2", "3", "4"]
+    assert names.get_text().splitlines()[0] == "1  setting 0"
+    assert len(names.get_text().splitlines()) == 4

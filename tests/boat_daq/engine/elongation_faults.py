@@ -19,10 +19,13 @@ GOAL_MM = 2.5
 FROM_THE_START = {"reset_on_open": "", "wrong_protocol": "", "clock_wrap": ":8"}  # the values that they begin with
 HEAD = """# Faults during control of elongation
 
-Made by `python -m tests.boat_daq.engine.elongation_faults`; a nightly test compares it. Each fault of the virtual board
-begins while the elongation of SA1 is held at 2.5 mm, and is watched for 11 s or more. SIMULATED.
+SIMULATED. The elongation of SA1 is controlled at 2.5 mm on the virtual board. Each fault starts during the control
+and is observed for at least 11 s. *Controlled*: the control continues. *Vented*: the control ends and the unit is
+vented. *Refused*: the program does not connect.
 
-| fault | what happens | how it ends | reported cause | pressure, kPa | error at the end, mm |
+`python -m tests.boat_daq.engine.elongation_faults` makes this table; a nightly test compares it.
+
+| fault | description | outcome | message | pressure, kPa | final error, mm |
 |--|--|--|--|--:|--:|
 """
 
@@ -65,7 +68,9 @@ def main() -> None:
         found = outcome(fault)
         error = f"{found.error_mm:+.2f}" if found.ending == "controlled" else ""
         pressure = f"{found.low_kpa:.1f} to {found.high_kpa:.1f}" if found.ending != "refused" else ""
-        print(f"| `{fault}` | {row.sentence} | {found.ending} | {found.cause} | {pressure} | {error} |", flush=True)
+        value = f" ({row.value_name}: {row.default:g})" if row.value_name and row.default else ""
+        cells = (f"`{fault}`", row.sentence + value, found.ending, found.cause, pressure, error)
+        print(f"| {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -78,47 +78,28 @@ def resampling_weights(n: int, rng: np.random.Generator, resamples: int = RESAMP
 def bootstrap_interval(
     estimate: float, replicates: FloatArray, n: int, *, positive: bool = False
 ) -> tuple[float, float]:
-    """Return the 95 % expanded percentile interval of a bootstrap over `n` items.
+    """Return the 95 % expanded percentile interval of a bootstrap over `n` items; NaN where there is none.
+
+    The plain percentile interval is too short for few items by sqrt((n-1)/n) z/t; it is widened about the estimate by
+    the inverse. Source: T. C. Hesterberg, What teachers should know about the bootstrap, Am. Stat. 69 (2015) 371-386.
 
     Parameters
     ----------
-    replicates : [resamples] of the resamples.
-    n : number of items drawn from.
-    positive : widen on the scale of logarithms.
+    replicates : [resamples]
+    positive : widen on the scale of logarithms if both percentiles allow it; a spread then stays above zero.
     """
     finite = replicates[np.isfinite(replicates)]
     if n < 2 or finite.size < 0.9 * replicates.size or not np.isfinite(estimate):
         return float("nan"), float("nan")
-    percentiles = np.percentile(finite, PERCENTILES)
-    low, high = expanded_limits(estimate, percentiles[0], percentiles[1], n, positive=positive)
-    return float(low), float(high)
-
-
-def expanded_limits(
-    estimate: float, low: FloatArray, high: FloatArray, n: int, *, positive: bool = False
-) -> tuple[FloatArray, FloatArray]:
-    """Return the limits of the expanded percentile interval that follow from percentiles.
-
-    The plain percentile interval is too short for few items by sqrt((n-1)/n) z/t; it is widened about the estimate by
-    the inverse. Source: T. C. Hesterberg, What teachers should know about the bootstrap, Am. Stat. 69 (2015) 371-386.
-    With `positive` it is widened on the scale of logarithms: a spread then keeps an interval above zero.
-
-    Parameters
-    ----------
-    low, high : percentiles of the resamples, of any shape.
-    n : number of items drawn from.
-    positive : widen on the scale of logarithms where both percentiles allow it.
-    """
+    low, high = np.percentile(finite, PERCENTILES)
     widen = stats.t.ppf(0.975, n - 1) / stats.norm.ppf(0.975) * np.sqrt(n / (n - 1.0))
     # a statistic with an upward bias (a maximum) can have its estimate outside: the interval then starts at it
-    found = estimate - widen * np.maximum(estimate - low, 0.0), estimate + widen * np.maximum(high - estimate, 0.0)
-    if not (positive and estimate > 0):
-        return found
-    with np.errstate(divide="ignore", invalid="ignore"):
-        down, up = np.log(estimate / np.asarray(low)), np.log(np.asarray(high) / estimate)
-    scaled = estimate * np.exp(-widen * np.maximum(down, 0.0)), estimate * np.exp(widen * np.maximum(up, 0.0))
-    above = np.asarray(low) > 0
-    return np.where(above, scaled[0], found[0]), np.where(above, scaled[1], found[1])
+    if positive and estimate > 0 and low > 0:
+        down, up = np.log(estimate / low), np.log(high / estimate)
+        low, high = estimate * np.exp(-widen * max(down, 0.0)), estimate * np.exp(widen * max(up, 0.0))
+    else:
+        low, high = estimate - widen * max(estimate - low, 0.0), estimate + widen * max(high - estimate, 0.0)
+    return float(low), float(high)
 
 
 def limit_error(draws: FloatArray, level: float = 0.95) -> float:

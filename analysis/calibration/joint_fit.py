@@ -24,7 +24,6 @@ import numpy.typing as npt
 from numpy.polynomial import legendre
 from scipy import optimize, stats
 
-from analysis.calibration.draws import lower_quantiles_by_chance, means_by_chance
 from analysis.calibration.quantised_x import Positions, common_variance
 from analysis.polynomial import LeastSquares, legendre_slopes
 from protocol.base.arrays import BoolArray, FloatArray
@@ -450,15 +449,11 @@ def fit_of_best_loop(means: PositionMeans, basis: CurveBasis, most_terms: int) -
 
 @dataclass(frozen=True, slots=True)
 class LoopEstimate:
-    """The greatest width of a loop, less what its variance adds, and its 95 % interval, in the unit of y.
-
-    `by_draws` is [3, others] of them, as other draws of the loop would give them.
-    """
+    """The greatest width of a loop, less what its variance adds, and its 95 % interval, in the unit of y."""
 
     width: float
     low: float
     high: float
-    by_draws: FloatArray
 
 
 def greatest_loop_width(fit: JointFit, rng: np.random.Generator, draws: int = WIDTH_DRAWS) -> LoopEstimate:
@@ -477,18 +472,14 @@ def greatest_loop_width(fit: JointFit, rng: np.random.Generator, draws: int = WI
     at = int(np.argmax(np.abs(widths)))
     greatest = float(np.abs(widths[at]))
     redrawn = np.abs(widths + noise).max(axis=1)
-    of_pairs, of_squares = (part.reshape(2, -1).mean(axis=0) for part in (redrawn, redrawn**2))
     widen = float(stats.t.ppf(0.975, fit.effective_dof))
     reach = widen * float(np.linalg.norm(rows[at] @ root))
     alone = np.abs(noise[:draws]).max(axis=1)
     by_chance = widen / float(stats.norm.ppf(0.975))
 
-    def estimate(mean: FloatArray, square: FloatArray, chance: FloatArray) -> FloatArray:
-        width = np.sqrt(np.maximum(2.0 * greatest**2 - square, 0.0))
-        centre = 2.0 * greatest - mean
-        low = np.where(greatest <= by_chance * chance, 0.0, np.minimum(np.maximum(centre - reach, 0.0), width))
-        return np.stack([width, low, np.maximum(centre, width) + reach])
-
-    width, low, high = estimate(redrawn.mean(), np.mean(redrawn**2), np.percentile(np.tile(alone, 2), 95.0)).tolist()
-    chances = -lower_quantiles_by_chance(-alone, 0.05)
-    return LoopEstimate(width, low, high, estimate(means_by_chance(of_pairs), means_by_chance(of_squares), chances))
+    width = np.sqrt(np.maximum(2.0 * greatest**2 - np.mean(redrawn**2), 0.0))
+    centre = 2.0 * greatest - redrawn.mean()
+    low = np.minimum(np.maximum(centre - reach, 0.0), width)
+    if greatest <= by_chance * np.percentile(np.tile(alone, 2), 95.0):
+        low = 0.0
+    return LoopEstimate(float(width), float(low), float(np.maximum(centre, width) + reach))

@@ -7,16 +7,12 @@ Names, labels, units and decimals of a window, a report, a CSV and a command lin
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from analysis.calibration.draws import greatest_error
 from analysis.numbers import NOTHING, rounded
-from protocol.base.arrays import FloatArray
 
 if TYPE_CHECKING:  # the window imports the table of figures, and not pandas with it
     from analysis.segmentation.losses import Losses
@@ -113,8 +109,6 @@ class Figure:
     note : why the interval is missing or wide, or "".
     window : what was lost or left out of the samples that it rests on; None where it rests on none directly.
     reason : the code of `void` or `note`; programs decide by it.
-    by_draws : [3, others] value and limits as other draws would give them (`analysis.calibration.draws`); None where
-        it rests on none.
     """
 
     value: float
@@ -127,20 +121,6 @@ class Figure:
     definition: str = ""
     window: Losses | None = None
     reason: Reason = Reason.NONE
-    by_draws: FloatArray | None = field(default=None, repr=False, compare=False)
-
-    @property
-    def limits_away(self) -> FloatArray | None:
-        """[2, others] how far the limits of other draws are from those of the figure; None where it has none."""
-        if self.by_draws is None or self.void or not math.isfinite(self.high - self.low):
-            return None
-        return np.asarray(self.by_draws[1:] - np.array([[self.low], [self.high]]))
-
-    @property
-    def error_by_draws(self) -> float:
-        """Error (k = 2) of the worse limit of the interval by the number of its draws."""
-        away = self.limits_away
-        return 0.0 if away is None else greatest_error(away)
 
     @classmethod
     def nothing(cls, unit: str, reason: Reason, void: str, definition: str = "") -> Figure:
@@ -164,29 +144,7 @@ class Figure:
             "definition": self.definition,
             "window": self.window.as_json() if self.window is not None else None,
             "reason": str(self.reason),
-            "error_by_draws": self.error_by_draws,
         }
-
-
-Limits = FloatArray
-"""[3] value, low and high of a figure; [3, others] by other draws."""
-
-
-def changed(change: Callable[..., tuple[Any, Any, Any]], figure: Figure, *others: Figure) -> Figure:
-    """Return a figure whose value and limits follow from its own and those of others, by other draws alike.
-
-    Parameters
-    ----------
-    change : takes the `Limits` of every figure; returns value, low and high. It is called for numbers and for arrays.
-    """
-    every = [np.array([each.value, each.low, each.high]) for each in (figure, *others)]
-    value, low, high = (float(number) for number in change(*every))
-    drawn = [each.by_draws for each in (figure, *others)]
-    by_draws = None
-    if any(each is not None for each in drawn):
-        whole = [now[:, None] if each is None else each for now, each in zip(every, drawn, strict=True)]
-        by_draws = np.stack(np.broadcast_arrays(*change(*whole)))
-    return replace(figure, value=value, low=low, high=high, by_draws=by_draws)
 
 
 def not_driven(figures: Mapping[str, Figure], why: str) -> dict[str, Figure]:

@@ -23,7 +23,7 @@ from analysis.data.recording import Recording
 from analysis.fidelity import fidelity
 from analysis.figures import sensor_figures as metrics
 from analysis.figures.across_breaks import compare_breaks, of_cycles, parts_of
-from analysis.figures.figure import Figure, LabFigure, Reason, changed
+from analysis.figures.figure import Figure, LabFigure, Reason
 from analysis.figures.outliers import without_wrong_readings
 from analysis.figures.sensor_analysis import (
     AnalysedRun,
@@ -292,5 +292,5 @@ def _system_sensitivity(sensors: Sequence[SensorAnalysis]) -> Figure:
     if flat:
         return Figure.nothing("mV/mm", Reason.NO_FULL_SCALE, f"{', '.join(flat)} is flat", definition)
     # the sensors share their cycles and readings: half-widths are averaged, as for fully correlated parts
-    mean = changed(lambda *each: sum(each) / len(each), *parts)
-    return Figure(mean.value, "mV/mm", parts[0].n, mean.low, mean.high, definition=definition, by_draws=mean.by_draws)
+    value, low, high = (sum(ends) / len(parts) for ends in zip(*((p.value, p.low, p.high) for p in parts), strict=True))
+    return Figure(value, "mV/mm", parts[0].n, low, high, definition=definition)

@@ -38,7 +38,7 @@ from analysis.data.recording import Recording
 from analysis.fidelity import Level, fidelity
 from analysis.figures import sensor_figures as metrics
 from analysis.figures.across_breaks import Break, of_cycles
-from analysis.figures.figure import Figure, Reason, changed, marked_implausible, not_driven
+from analysis.figures.figure import Figure, Reason, marked_implausible, not_driven
 from analysis.figures.repeatability import FiguresByCycle, figures_by_cycle
 from analysis.progress import Progress, part_of
 from analysis.segmentation.ambient_light import ambient_in_means
@@ -490,7 +490,7 @@ def limited_by_reading(figure: Figure, reading_sd_mm: float, percent_per_mm: flo
     """
     floor = np.sqrt(12.0) * reading_sd_mm * percent_per_mm
     hidden = 2.0 * np.sqrt(2.0) * reading_sd_mm * percent_per_mm
-    figure = changed(lambda v: (v[0], v[1], v[0] + np.hypot(v[2] - v[0], hidden)), figure)
+    figure = replace(figure, high=float(figure.value + np.hypot(figure.high - figure.value, hidden)))
     return metrics.limited(figure, float(floor), f"a reading error of {reading_sd_mm:.2f} mm", 0.5)
 
 

@@ -19,17 +19,16 @@ from scipy import signal as sp_signal
 from scipy import stats
 
 from analysis.calibration.adequacy import Adequacy, CurveVerdict
-from analysis.calibration.draws import quantiles_by_chance
 from analysis.calibration.fit import Calibration
 from analysis.calibration.joint_fit import JointFit, LoopEstimate
 from analysis.data.recording import Recording
-from analysis.figures.figure import Figure, Limits, Reason, changed
+from analysis.figures.figure import Figure, Reason
 from analysis.numbers import percent
 from analysis.segmentation.cycle_effect import CycleEffect
 from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.loops import Loops, LoopWidth, branch_mean, end_levels, loop_width
 from analysis.segmentation.plateaus import Plateau
-from analysis.statistics import PERCENTILES, bootstrap_interval, expanded_limits, theil_sen
+from analysis.statistics import PERCENTILES, bootstrap_interval, theil_sen
 from protocol.base.arrays import FloatArray
 
 CURVE_POINTS = 201
@@ -112,16 +111,15 @@ class CurveDraws:
             return _figure(value, replicates, unit, self.n_cycles, definition)
         widen = stats.t.ppf(0.975, self.dof) / stats.norm.ppf(0.975)
 
-        def limits(quantiles: Limits) -> tuple[FloatArray, FloatArray, FloatArray]:
-            below, above = widen * (quantiles[1:] - value)
-            low, high = value - above, value - below  # what the draws are above it, the truth is below
-            if either_way:
-                low, high = np.minimum(low, value + below), np.maximum(high, value + above)
-            low = np.maximum(low, 0.0) if unit in NEVER_NEGATIVE else low
-            return quantiles[0], np.minimum(low, value), np.maximum(high, value)  # a maximum can lie outside its draws
-
-        figure = Figure(float(value), unit, self.n_cycles, definition=definition)
-        return changed(limits, _with_quantiles(figure, replicates))
+        drawn = replicates[np.isfinite(replicates)]
+        below, above = widen * (np.percentile(drawn, PERCENTILES) - value)
+        low, high = value - above, value - below  # what the draws are above it, the truth is below
+        if either_way:
+            low, high = min(low, value + below), max(high, value + above)
+        if unit in NEVER_NEGATIVE:
+            low = max(low, 0.0)
+        low, high = min(low, value), max(high, value)  # a maximum can lie outside its draws
+        return Figure(float(value), unit, self.n_cycles, float(low), float(high), definition=definition)
 
 
 def draw_joint(joint: JointFit, x: FloatArray, n_cycles: int, rng: np.random.Generator, count: int) -> CurveDraws:
@@ -234,7 +232,7 @@ def curve_figures(curves: CurveDraws, other: CurveDraws | None = None, *, verdic
     for key, of_other in (curve_figures(other) if other is not None else {}).items():
         own = figures[key]
         if np.isfinite([own.low, own.high, of_other.low, of_other.high]).all():
-            figures[key] = changed(_either, own, of_other)
+            figures[key] = replace(own, low=min(own.low, of_other.low), high=max(own.high, of_other.high))
     if not verdict:
         return figures
     note = f"the curve is {verdict}: the interval also holds the preferred curve's figure"
@@ -272,7 +270,7 @@ def joint_hysteresis(
     keep = plain.reason is Reason.PART_OF_RANGE
     return replace(
         plain, value=value, low=low, high=high, note=plain.note if keep else "",
-        reason=plain.reason if keep else Reason.NONE, by_draws=scale * estimate.by_draws,
+        reason=plain.reason if keep else Reason.NONE,
     )  # fmt: skip
 
 
@@ -350,7 +348,7 @@ def limited(figure: Figure, floor: float, by: str, share: float = BOUND_SHARE) -
     floor : what else makes, in the unit of the figure.
     by : the name of that cause.
     """
-    figure = changed(lambda v: (v[0], np.minimum(v[1], np.maximum(v[0] - floor, 0.0)), v[2]), figure)
+    figure = replace(figure, low=float(np.minimum(figure.low, np.maximum(figure.value - floor, 0.0))))
     if not floor > share * figure.value:
         return figure
     note = f"only an upper bound: {by} alone accounts for up to about {floor:.2g} {figure.unit} of it"
@@ -432,7 +430,7 @@ def repeatability(loops: Loops, sensor: int, full_scale_value: float, weights: F
     figure = _figure(scale * pooled[0], scale * pooled_b, "% FSO", n, "pooled sd over cycles of all levels / FSO")
     if figure.value > 0.0:  # resamples of few cycles that differ as a whole scatter less than the sd does
         low, high = (scale * end for end in CycleEffect.of(loops, sensor).interval(float(pooled[0])))
-        figure = changed(lambda v: (v[0], np.minimum(v[1], low), np.maximum(v[2], high)), figure)
+        figure = replace(figure, low=float(np.minimum(figure.low, low)), high=float(np.maximum(figure.high, high)))
     return {
         names[0]: figure,
         names[1]: _figure(scale * worst[0], scale * worst_b, "% FSO", n, "largest sd over cycles of a level / FSO"),
@@ -564,11 +562,8 @@ def _at_least(figure: Figure, reach: float) -> Figure:
         return figure
     least = 0.0 if figure.unit in NEVER_NEGATIVE else -np.inf
 
-    def widened(own: Limits) -> tuple[FloatArray, FloatArray, FloatArray]:
-        value, low, high = own
-        return value, np.minimum(low, np.maximum(value - reach, least)), np.maximum(high, value + reach)
-
-    return changed(widened, figure)
+    low = min(figure.low, max(figure.value - reach, least))
+    return replace(figure, low=low, high=max(figure.high, figure.value + reach))
 
 
 def with_shared_error(figure: Figure, shared: float) -> Figure:
@@ -582,12 +577,9 @@ def with_shared_error(figure: Figure, shared: float) -> Figure:
         return figure
     reach = 1.96 * np.sqrt(2.0) * shared
 
-    def widened(own: Limits) -> tuple[FloatArray, FloatArray, FloatArray]:
-        value = own[0]
-        low, high = value - np.hypot(value - own[1], reach), value + np.hypot(own[2] - value, reach)
-        return value, np.maximum(low, 0.0), high
-
-    return changed(widened, figure)
+    low = figure.value - np.hypot(figure.value - figure.low, reach)
+    high = figure.value + np.hypot(figure.high - figure.value, reach)
+    return replace(figure, low=float(max(low, 0.0)), high=float(high))
 
 
 def with_full_scale(figure: Figure, full_scale: Figure) -> Figure:
@@ -596,17 +588,15 @@ def with_full_scale(figure: Figure, full_scale: Figure) -> Figure:
     if figure.unit == "mV" or not np.isfinite([figure.value, figure.low, figure.high, *ends]).all() or not ends[0] > 0:
         return figure
 
-    def widened(own: Limits, scale: Limits) -> tuple[FloatArray, FloatArray, FloatArray]:
-        value, (smaller, larger) = own[0], np.maximum(scale[1:], 0.5 * ends[0]) / scale[0]
-        if figure.unit == "dB":
-            down, up = np.abs(20.0 * np.log10(smaller)), np.abs(20.0 * np.log10(larger))
-        else:
-            up, down = np.abs(value * (1.0 / smaller - 1.0)), np.abs(value * (1.0 / larger - 1.0))
-            down, up = (up, down) if figure.value < 0 else (down, up)
-        low, high = value - np.hypot(value - own[1], down), value + np.hypot(own[2] - value, up)
-        return value, np.maximum(low, 0.0) if figure.unit in NEVER_NEGATIVE else low, high
-
-    return changed(widened, figure, full_scale)
+    value, (smaller, larger) = figure.value, np.maximum(ends, 0.5 * ends[0]) / full_scale.value
+    if figure.unit == "dB":
+        down, up = np.abs(20.0 * np.log10([smaller, larger]))
+    else:
+        up, down = np.abs(value * (1.0 / np.array([smaller, larger]) - 1.0))
+        down, up = (up, down) if value < 0 else (down, up)
+    low, high = value - np.hypot(value - figure.low, down), value + np.hypot(figure.high - value, up)
+    low = max(low, 0.0) if figure.unit in NEVER_NEGATIVE else low
+    return replace(figure, low=float(low), high=float(high))
 
 
 def combined_error(parts: list[Figure]) -> Figure:
@@ -617,43 +607,21 @@ def combined_error(parts: list[Figure]) -> Figure:
         return Figure.nothing("% FSO", missing.reason, missing.void, definition)
 
     # each part's half-interval propagated linearly; the parts share cycles, so this is the cautious sum of squares
-    def root_sum(*of: Limits) -> tuple[FloatArray, FloatArray, FloatArray]:
-        value = np.sqrt(sum(v[0] ** 2 for v in of))
-        share = 1.0 / np.where(value > 0, value, np.inf)
-        low = np.sqrt(sum((v[0] * (v[0] - v[1])) ** 2 for v in of)) * share
-        high = np.sqrt(sum((v[0] * (v[2] - v[0])) ** 2 for v in of)) * share
-        return value, value - low, value + high
-
-    found = changed(root_sum, *parts)
+    value = np.sqrt(sum(p.value**2 for p in parts))
+    share = 1.0 / value if value > 0 else 0.0
+    down = np.sqrt(sum((p.value * (p.value - p.low)) ** 2 for p in parts)) * share
+    up = np.sqrt(sum((p.value * (p.high - p.value)) ** 2 for p in parts)) * share
     n = min(p.n for p in parts)
-    return Figure(found.value, "% FSO", n, found.low, found.high, definition=definition, by_draws=found.by_draws)
+    return Figure(float(value), "% FSO", n, float(value - down), float(value + up), definition=definition)
 
 
 def _figure(value: float, replicates: FloatArray, unit: str, n: int, definition: str) -> Figure:
-    figure, positive = Figure(float(value), unit, n, definition=definition), unit in NEVER_NEGATIVE
+    positive = unit in NEVER_NEGATIVE
     low, high = bootstrap_interval(value, replicates, n, positive=positive)
+    figure = Figure(float(value), unit, n, low, high, definition=definition)
     if not np.isfinite([low, high]).all():
-        figure = replace(figure, low=low, high=high)
         return replace(figure, note="one cycle gives no interval", reason=Reason.ONE_CYCLE) if n < 2 else figure
-
-    def limits(quantiles: Limits) -> tuple[FloatArray, FloatArray, FloatArray]:
-        low, high = expanded_limits(value, quantiles[1], quantiles[2], n, positive=positive)
-        return quantiles[0], np.maximum(low, 0.0) if positive else low, high
-
-    return changed(limits, _with_quantiles(figure, replicates))
-
-
-def _with_quantiles(figure: Figure, replicates: FloatArray) -> Figure:
-    """Return a figure with the percentiles of its replicates, [resamples], in place of its limits."""
-    finite = replicates[np.isfinite(replicates)]
-    low, high = np.percentile(finite, PERCENTILES)
-    quantiles = quantiles_by_chance(finite, PERCENTILES[0] / 100.0)
-    by_draws = np.stack([np.full(quantiles.shape[1], figure.value), *quantiles])
-    return replace(figure, low=float(low), high=float(high), by_draws=by_draws)
-
-
-def _either(own: Limits, other: Limits) -> tuple[FloatArray, FloatArray, FloatArray]:
-    return own[0], np.minimum(own[1], other[1]), np.maximum(own[2], other[2])
+    return replace(figure, low=max(low, 0.0)) if positive else figure
 
 
 def _no_full_scale(unit: str, definition: str = "") -> Figure:

@@ -34,7 +34,7 @@ def accept(
 
     Example: boat-daq twin accept SA1.boat
     """
-    from boat_daq.viewmodels.results.calibration import accept_run
+    from boat_daq.workflows.acceptance import accept_run
 
     with progress_bar("calibrating"):
         unit = accept_run(run, UnitLibrary(), anyway=anyway, operator=operator)

@@ -42,13 +42,13 @@ from boat_daq.viewmodels.models.optics import (
     rays_text,
 )
 from boat_daq.viewmodels.models.tradeoff import AtlasModel, TradeoffModel
-from boat_daq.viewmodels.results.analysis_jobs import load_analysis
 from boat_daq.viewmodels.results.calibration import CalibrationModel
 from boat_daq.viewmodels.results.csv_import import CsvImport
 from boat_daq.viewmodels.results.repeatability import RepeatabilityModel
 from boat_daq.viewmodels.results.runs import RunActions, RunsModel
 from boat_daq.viewmodels.settings_model import SettingsModel
 from boat_daq.workflows.jobs import Job, JobRunner, prepare
+from boat_daq.workflows.run_analysis import load_analysis
 from protocol.base.units import ShownUnits
 
 

@@ -75,6 +75,17 @@ def record_of(unit: Unit, entry: StoredCalibration) -> CalibrationRecord:
     )  # fmt: skip
 
 
+def newest_calibration(units: UnitLibrary, name: str) -> CalibrationRecord | None:
+    """Return the calibration of a unit in force; None where it has none, or no unit is named.
+
+    Raises
+    ------
+    RequestError : its file is refused.
+    """
+    unit = units.load(name) if name else None
+    return None if unit is None or unit.calibration is None else record_of(unit, unit.calibration)
+
+
 def in_force(units: UnitLibrary, name: str) -> CalibrationRecord:
     """Return the calibration of a unit in force.
 
@@ -82,12 +93,12 @@ def in_force(units: UnitLibrary, name: str) -> CalibrationRecord:
     ------
     RequestError : it has none, or its file is refused.
     """
-    unit = units.load(name) if name else None
-    if unit is None or unit.calibration is None:
+    found = newest_calibration(units, name)
+    if found is None:
         kind = "simulated unit" if units.simulated else "unit"
         cause = f"{kind} {name} has no accepted calibration" if name else "the unit is not named"
         raise RequestError(cause, "accept a calibration of this unit first", command="boat-daq twin accept RUN")
-    return record_of(unit, unit.calibration)
+    return found
 
 
 def calibration_in_force(recording: Recording) -> CalibrationFile | None:

@@ -10,6 +10,7 @@ import sqlite3
 from contextlib import closing
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.file import RecordingFile, now_utc
@@ -24,7 +25,7 @@ _STEP_COLUMNS = ("id", *(field.name for field in fields(StepMark) if field.name 
 def read_steps(db: sqlite3.Connection) -> tuple[StepMark, ...]:
     """Return the steps of a run in order."""
     rows = db.execute(f"SELECT {', '.join(_STEP_COLUMNS)} FROM step ORDER BY id")  # noqa: S608 - names are ours
-    return tuple(StepMark(*row[:-1], json.loads(row[-1])) for row in rows)
+    return tuple(StepMark(*(*row[:-1], _detail(row[-1]))) for row in rows)
 
 
 def read_readings(db: sqlite3.Connection) -> tuple[Reading, ...]:
@@ -51,6 +52,15 @@ def append_reading(path: Path, reading: Reading) -> None:
         file.commit([statement])
     finally:
         file.abandon()
+
+
+def _detail(text: str) -> dict[str, Any]:
+    """Return the detail of a step; nothing where a damaged file holds no table."""
+    try:
+        found = json.loads(text)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 class ClosedRun:

@@ -25,17 +25,15 @@ from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves, Shares
 from boat_daq.viewmodels.common.services import Page, Panel, Services
-from boat_daq.viewmodels.results.analysis_jobs import CurveBands, LoopSet, RunResult, SensorResult
 from boat_daq.viewmodels.results.calibration import (
     ACCEPT,
     ANYWAY,
     CHOICES,
     CURVE_HEADINGS,
     CalibrationModel,
-    NextStep,
-    missing,
-    warnings,
 )
+from boat_daq.viewmodels.results.calibration_texts import NextStep, missing, warnings
+from boat_daq.viewmodels.results.run_result import CurveBands, LoopSet, RunResult, SensorResult
 from protocol.base.arrays import FloatArray
 
 BESIDE = 2  # curves in a row
@@ -482,8 +480,8 @@ class CalibrationPage(QWidget):
     def _show_texts(self, result: RunResult) -> None:
         verdicts = {True: "converged", False: "NOT CONVERGED"}
         posterior = [
-            f"{s.label}: {verdicts[p.content['converged']]}, {p.content['n_eff']:.0f} independent samples, bands "
-            f"\u00b1{p.content['band_error_percent_fso']:.2g} % FSO by their number"
+            f"{s.label}: {verdicts[p.sampler['converged']]}, {p.sampler['n_eff']:.0f} independent samples, bands "
+            f"\u00b1{p.sampler['band_error_percent_fso']:.2g} % FSO by their number"
             for s, p in zip(result.sensors, self.model.posterior, strict=False)
         ]
         lines = ["Uncertainty bands (emcee)", *posterior] if posterior else []

@@ -12,7 +12,7 @@ from analysis.numbers import in_unit
 from boat_daq.gui import style
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets.data_table import DataTable
-from boat_daq.viewmodels.results.analysis_jobs import Cell
+from boat_daq.viewmodels.results.figure_tables import Cell
 from protocol.base.units import STORED_UNITS, ShownUnits, as_text
 
 SIDE = style.PANE_WIDTH_WIDE + 10 * style.STEP

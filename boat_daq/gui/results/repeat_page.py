@@ -18,8 +18,8 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves, Shares
 from boat_daq.viewmodels.common.services import Panel, Services
-from boat_daq.viewmodels.results.analysis_jobs import RunResult
 from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel
+from boat_daq.viewmodels.results.run_result import RunResult
 
 SYMBOLS = ("o", "s", "t1", "d")  # by sensor, up to four
 FILLED, OPEN = "\u25cf\u25a0\u25b2\u25c6", "\u25cb\u25a1\u25b3\u25c7"  # the same as text

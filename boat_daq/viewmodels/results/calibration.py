@@ -9,50 +9,40 @@ read, of which some are in the curve.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from enum import Enum
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
-
-from analysis.calibration.compare import Agreement, Coefficient, compare_fits
-from analysis.calibration.curve_choice import AUTO, CURVES, SPLINE, USUAL_DEGREE, CurveCandidate
+from analysis.calibration.compare import Agreement, compare_fits
+from analysis.calibration.curve_choice import AUTO, CURVES, SPLINE, USUAL_DEGREE
+from analysis.calibration.record import CalibrationRecord, SensorRecord
 from analysis.fidelity import Fidelity, fidelity
-from analysis.numbers import decimals_for, finite
-from analysis.warning import WarningCode
 from boat_daq.engine.recording.rename import companions
 from boat_daq.engine.session.session import Session
-from boat_daq.engine.settings import StoredCalibration, Unit, UnitLibrary
+from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionState
-from boat_daq.formatting import NOTHING, SUBSCRIPT, SUPERSCRIPT, count, duration, number, sensor_words
+from boat_daq.formatting import NOTHING, count, duration, number
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Change, Services
-from boat_daq.viewmodels.common.tolerance import tolerance_choice
-from boat_daq.viewmodels.results.analysis_jobs import (
-    EXPORTED_TABLE_ERRORS,
-    CurveBands,
-    RunResult,
-    SensorResult,
-    analyse_run,
-    export_calibration,
-    sample_run,
-)
+from boat_daq.viewmodels.common.tolerance import TypedTolerance, tolerance_choice
+from boat_daq.viewmodels.results.calibration_texts import Cells, coefficient_row, curve_row, missing, readings_text
 from boat_daq.viewmodels.results.certificates import CertificateModel
 from boat_daq.viewmodels.results.contributions import ContributionsModel, traceability_text
 from boat_daq.viewmodels.results.metadata import MetadataModel
+from boat_daq.viewmodels.results.run_result import CurveBands, RunResult, SensorResult, analyse_run, sample_run
+from boat_daq.workflows.acceptance import Obstacle, accept, accepted_record, missed_bounds, obstacle_to, withdraw
+from boat_daq.workflows.calibration_in_force import newest_calibration
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
+from boat_daq.workflows.run_files import export_calibration
 from boat_daq.workflows.unit_control import prepare_control
 from protocol.base.errors import BoatDaqError, RequestError
 from protocol.recording.elongation_file import read_elongation_rows
 
-Cells = tuple[str, ...]
 ACCEPT, ANYWAY = "Accept", "Accept anyway"
-LEAST_ELONGATIONS = 4  # of a cubic
-OF_A_READING = (WarningCode.OUTLIER, WarningCode.HIGH_LEVERAGE)
-TWO_ELONGATIONS = "one signal would give two elongations"
+Action = Callable[[], None]
+EXPORTED_TABLE_ERRORS = tuple(TypedTolerance(mm, "mm") for mm in (0.01, 0.001, 0.0001))
 BUSY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 CHOICES = (
     *((f"Degree {name}", name) for name in CURVES if name != SPLINE),
@@ -61,35 +51,6 @@ CHOICES = (
 )
 """The curves that can be chosen, as texts with their names."""
 CURVE_HEADINGS = ("Curve", "Verdict", "U, \u00b5m", "Error, mV")
-
-
-class NextStep(Enum):
-    """What the operator can do about a missing curve: the text of its button."""
-
-    NONE = ""
-    SHOW_PLAN = "Show the plan"
-    SHOW_REPEATABILITY = "Show it on Repeat"
-    ENTER_READINGS = "Enter readings \u2026"
-    CHOOSE_READINGS = "Choose the file of readings \u2026"
-
-
-class Missing(NamedTuple):
-    """What is shown in place of a curve: title, text and the next step."""
-
-    title: str
-    text: str
-    step: NextStep = NextStep.NONE
-
-
-class Obstacle(NamedTuple):
-    """Why a calibration cannot be accepted, with its consequence where it needs one."""
-
-    cause: str
-    consequence: str = ""
-
-    def __str__(self) -> str:
-        """Return both as a sentence."""
-        return f"{self.cause}{f': {self.consequence}' if self.consequence else ''}."
 
 
 class CalibrationModel:
@@ -113,7 +74,7 @@ class CalibrationModel:
         self._services, self._newest = services, newest
         self.fidelity: Fidelity = fidelity()  # of the next analyses and samples
         self.result: RunResult | None = None
-        self.before: StoredCalibration | None = None  # the unit's calibration in force when the run was analysed
+        self.before: CalibrationRecord | None = None  # the unit's calibration in force when the run was analysed
         self.agreements: tuple[Agreement | None, ...] = ()
         self.posterior: tuple[CurveBands, ...] = ()
         self.table_error = tolerance_choice(  # of the next exports
@@ -122,7 +83,7 @@ class CalibrationModel:
         self.failure: Any = None
         self.last_path: Path | None = None
         self.choice = ""  # that was chosen for the last recording; none: see `chosen_curve`
-        self.accepted: StoredCalibration | None = None
+        self.accepted: CalibrationRecord | None = None
         self.revision = 0
         self.units_revision = 0  # grows whenever a unit's calibration in force changes
 
@@ -249,9 +210,9 @@ class CalibrationModel:
             return []
         rows: list[tuple[Cells, str]] = []
         for sensor, candidates in zip(self.result.sensors, self.result.candidates, strict=False):
-            chosen = sensor.fit.content["fit"]["curve"] if sensor.fit is not None else ""
+            chosen = sensor.record.fit.get("curve", "")
             rows.append(((sensor.label, "", "", ""), ""))
-            rows += [_curve_row(one, chosen=one.name == chosen) for one in candidates]
+            rows += [curve_row(one, chosen=one.name == chosen) for one in candidates]
         return rows
 
     def follow_rename(self, old: Path, new: Path) -> None:
@@ -294,11 +255,9 @@ class CalibrationModel:
         self.jobs.cancel("posterior")  # of the curve before
         self.result, self.agreements, self.posterior, self.accepted = result, (), (), None
         self.revision += 1
-        self.before = (
-            self._units_of(result).load(result.unit).calibration if result is not None and result.unit else None
-        )
+        self.before = None if result is None else newest_calibration(self._units_of(result), result.unit)
         if result is not None and self.before is not None:
-            self.agreements = tuple(map(_agreement, result.sensors, self.before.content.get("sensors", [])))
+            self.agreements = tuple(map(_agreement, result.sensors, self.before.sensors))
 
     def _units_of(self, result: RunResult) -> UnitLibrary:
         """Return the library that a run's calibration belongs to: that of simulated boards or of real ones."""
@@ -315,10 +274,8 @@ class CalibrationModel:
             raise RequestError("there is no calibration yet", "Analyse a run with readings first.")
         if not self.samples():
             raise RequestError("a spline has no posterior", "Choose a degree for the curve.")
-        contents = [s.fit.content for s in self.result.sensors if s.fit is not None]
-        points = [(c["elongation_mm"], c["signal_mv"], int(c["fit"]["degree"]), c.get("positions")) for c in contents]
-        reading_sd_mm, level = self.result.reading_sd_mm, self.fidelity.level
-        job = Job("Computing uncertainty bands", sample_run, points, reading_sd_mm, level)
+        sensors = [sensor.record for sensor in self.result.sensors]
+        job = Job("Computing uncertainty bands", sample_run, sensors, self.fidelity.level)
         self.jobs.start("posterior", job, self._sampled)
 
     def exports(self) -> bool:
@@ -342,8 +299,9 @@ class CalibrationModel:
             elif job.state is JobState.DONE:
                 notices.inform_saved(target)
 
-        label = f"Exporting the calibration of {run.name}"
-        job = Job(label, export_calibration, run, target, curve=self.result.curve, table_error=self.table_error.value)
+        label, bound = f"Exporting the calibration of {run.name}", self.table_error.value
+        error_mm = bound.value if bound is not None else None
+        job = Job(label, export_calibration, run, target, curve=self.result.curve, table_error_mm=error_mm)
         self.jobs.start("calibration export", job, ended)
 
     def prepare_control(self, path: Path) -> None:
@@ -361,8 +319,9 @@ class CalibrationModel:
 
     def samples(self) -> bool:
         """Return whether the posterior of the curves that are shown can be sampled: a spline has none."""
-        fits = [s.fit for s in self.result.sensors] if self.result is not None else []
-        return bool(fits) and all(fit is not None and fit.content["fit"]["curve"] != SPLINE for fit in fits)
+        if self.result is None or not self.result.calibrated:
+            return False
+        return all(sensor.record.fit["curve"] != SPLINE for sensor in self.result.sensors)
 
     def _sampled(self, job: Job) -> None:
         if job.state is JobState.DONE:
@@ -393,14 +352,14 @@ class CalibrationModel:
         """Return the figures out of tolerance of a calibration that could be accepted, a sentence a sensor."""
         if self.result is None or obstacle_to(self.result) is not None:
             return ()
-        return missed_bounds(self.result, self.posterior)
+        return missed_bounds(self.result, self._sampler())
 
     def acceptance_warnings(self) -> tuple[str, ...]:
         """Return what prevents acceptance of the curves, then the figures out of tolerance."""
         if self.result is None or missing(self.result) is not None:
             return ()
         obstacle = obstacle_to(self.result)
-        lines = missed_bounds(self.result, self.posterior)
+        lines = missed_bounds(self.result, self._sampler())
         return lines if obstacle is None else (str(obstacle), *lines)
 
     def obstacle(self) -> Obstacle | None:
@@ -425,8 +384,11 @@ class CalibrationModel:
             return "warning", f"\u25b2 Not a calibration: {obstacle.cause}"
         if missed:
             return "warning", "\u25b2 Out of tolerance: figures miss their bounds"
-        fits = [(s.label, s.fit.content["fit"]["r2"]) for s in self.result.sensors if s.fit is not None]
+        fits = [(s.label, s.record.fit["r2"]) for s in self.result.sensors if not s.void]
         return "ok", "\u25cf " + "   ".join(f"{label}: R\u00b2 = {number(r2, 5)}" for label, r2 in fits)
+
+    def _sampler(self) -> list[Mapping[str, Any]]:
+        return [bands.sampler for bands in self.posterior]
 
     def curve(self, index: int) -> CurveBands | None:
         """Return a sensor's curve with its bands: the mean of the posterior where it is sampled, else the fit."""
@@ -444,7 +406,7 @@ class CalibrationModel:
         if self.before is None:
             unit = f"The simulated {self.result.unit}" if self.result.simulated else self.result.unit or "The unit"
             return f"{unit} has no earlier calibration to compare with."
-        lines = [f"Compared with the calibration of {self.before.utc[:16].replace('T', ' ')} UTC"]
+        lines = [f"Compared with the calibration of {self.before.calibrated_utc[:16].replace('T', ' ')} UTC"]
         for i, sensor in enumerate(self.result.sensors):
             found = self.agreement(i)
             if found is None:
@@ -463,7 +425,7 @@ class CalibrationModel:
         """Return each coefficient as (name, this calibration, the previous one, E_n), with its tooltip."""
         sensors = self.result.sensors if self.result is not None else ()
         return [
-            _coefficient_row(sensor.label, c)
+            coefficient_row(sensor.label, c)
             for sensor, found in zip(sensors, self.agreements, strict=False)
             for c in (found.coefficients if found is not None else ())
         ]
@@ -498,185 +460,36 @@ class CalibrationModel:
         if obstacle is not None or self.result is None:
             remedy = "See the warnings, and read or record what is missing."
             raise RequestError(f"this calibration cannot be accepted: {obstacle}".rstrip("."), remedy)
-        content = accepted_content(self.result, self.posterior)
-        self._services.undo.push(Change("acceptance", *self._acceptance(self.result, content)))
+        record = accepted_record(self.result, self._sampler())
+        self._services.undo.push(Change("acceptance", *self._acceptance(self.result, record)))
 
-    def _acceptance(self, result: RunResult, content: dict[str, Any]) -> tuple[Callable[[], None], Callable[[], None]]:
+    def _acceptance(self, result: RunResult, record: CalibrationRecord) -> tuple[Action, Action]:
         """Return acceptance and its reversal; both only add to the unit's history."""
-        units, name = self._units_of(result), result.unit
-        before = units.load(name).calibration
+        units = self._units_of(result)
+        before = units.load(record.unit).calibration
 
         def redo() -> None:
-            recording = Path(result.path).name
-            unit = units.add_calibration(name, content, recording=recording)
-            self._in_force(result, unit.calibration)
+            accept(units, replace(record, recording=Path(result.path).name))
+            self._in_force(result, record)
 
         def undo() -> None:
-            add = partial(units.add_calibration, name)
-            if before is None:
-                add({"simulated": units.simulated}, accepted=False, note="acceptance undone")
-            else:
-                add(before.content, recording=before.recording, note="in force again")
+            withdraw(units, record.unit, before)
             self._in_force(result, None)
 
         return redo, undo
 
-    def _in_force(self, result: RunResult, accepted: StoredCalibration | None) -> None:
+    def _in_force(self, result: RunResult, accepted: CalibrationRecord | None) -> None:
         if self.result is result:
             self.accepted = accepted
         self.units_revision += 1
         self.revision += 1
 
 
-def obstacle_to(result: RunResult | None) -> Obstacle | None:
-    """Return why the calibration of a run cannot be accepted; None when it can."""
-    if result is None:
-        return Obstacle("Nothing is analysed yet")
-    lacking = missing(result)
-    for sensor in result.sensors:
-        if sensor.fit is None:
-            return Obstacle(lacking.title if lacking is not None else f"{sensor.label}: {sensor.void}")
-        if not sensor.fit.content["fit"]["monotone"]:
-            return Obstacle(f"{sensor.label}: the curve turns inside its range", TWO_ELONGATIONS)
-    return None if result.sensors else Obstacle("The run has no sensor")
-
-
-def accepted_content(result: RunResult, posterior: Sequence[CurveBands] = ()) -> dict[str, Any]:
-    """Return what is stored with the unit when the calibration of a run is accepted."""
-    content = {
-        "sensors": [dict(s.fit.content) for s in result.sensors if s.fit is not None],
-        "simulated": result.simulated,
-        "cycles": result.cycles,
-        "recording_id": result.recording_id,
-        "curve": result.curve,
-        "posterior": [dict(p.content) for p in posterior],
-        "poor": list(missed_bounds(result, posterior)),
-    }
-    return dict(finite(content))
-
-
-def accept_run(path: Path, units: UnitLibrary, *, anyway: bool = False, operator: str = "") -> Unit:
-    """Analyse a run, put its calibration into force for its unit, and return the unit.
-
-    Parameters
-    ----------
-    anyway : accept figures out of tolerance.
-
-    Raises
-    ------
-    RequestError : it cannot be accepted, or is out of tolerance. BoatDaqError : it cannot be read.
-    StorageError : the unit's file cannot be written.
-    """
-    result = analyse_run(str(path))
-    obstacle, missed = obstacle_to(result), missed_bounds(result)
-    if obstacle is not None or not result.unit:
-        cause = obstacle.cause if obstacle is not None else "the recording names no unit"
-        raise RequestError(f"this calibration cannot be accepted: {cause}", "record a calibration run of a named unit")
-    if missed and not anyway:
-        cause = f"this calibration is out of tolerance: {'. '.join(missed)}"
-        raise RequestError(cause, "check its readings, or accept it as it is", command="add --anyway")
-    library = units.of(simulated=result.simulated)
-    return library.add_calibration(result.unit, accepted_content(result), recording=path.name, operator=operator)
-
-
-def readings_text(result: RunResult) -> str:
-    """Return how many plateaus were read and are in the curve; empty without plateaus."""
-    n, read = result.plateaus, result.read
-    if not n:
-        return ""
-    text = f"{read or 'none'} of {count(n, 'plateau')} read"
-    used = sorted({sensor.x.size for sensor in result.sensors if sensor.fit is not None})
-    if not used:
-        return text
-    return f"{text}, {'all' if used == [read] else ' or '.join(map(str, used))} in the curve"
-
-
-def missing(result: RunResult) -> Missing | None:
-    """Return what is missing for a curve of any sensor, and the next step; None where there is one."""
-    if any(sensor.fit is not None for sensor in result.sensors):
-        return None
-    if not result.cycles:
-        return Missing(
-            "This run has no complete cycle",
-            "A curve needs at least one complete cycle, from the highest pressure to the lowest and back. Run the plan "
-            "to its end for a calibration; this recording is kept.",
-            NextStep.SHOW_PLAN,
-        )
-    if not result.plateaus:
-        return Missing(
-            "This run has no plateaus",
-            "Its pressure is never constant, so that no elongation can be read in it. Its loops and the figures over "
-            "pressure are shown here; the changes from cycle to cycle are on the Repeat page.",
-            NextStep.SHOW_REPEATABILITY,
-        )
-    read = f"Only {result.read}" if result.read else "None"
-    title = f"{read} of {count(result.plateaus, 'plateau')} {'has' if result.read <= 1 else 'have'} a reading"
-    least = f"A curve needs readings at {LEAST_ELONGATIONS} or more different elongations."
-    if not result.stepped:
-        text = f"{least} Give them in a CSV file: pressure_kpa,elongation_mm, a row a plateau, in the order of the run."
-        return Missing(title, text, NextStep.CHOOSE_READINGS)
-    text = f"{least} Type them from your notes or paste a column of a spreadsheet; the curve is then fitted again."
-    return Missing(title, text, NextStep.ENTER_READINGS)
-
-
-def missed_bounds(result: RunResult, posterior: Sequence[CurveBands] = ()) -> tuple[str, ...]:
-    """Return which figures are out of tolerance, a sentence for each sensor that has one."""
-    lines = []
-    for i, sensor in enumerate(result.sensors):
-        parts = [warning.text for warning in sensor.out_of_tolerance]
-        if i < len(posterior) and not posterior[i].content.get("converged", True):
-            parts.append("uncertainty bands not converged")
-        if parts:
-            lines.append(f"{sensor.label}: {', '.join(parts)}")
-    return tuple(lines)
-
-
-def warnings(result: RunResult) -> tuple[str, ...]:
-    """Return the warnings of a run as texts, first those of a reading, which can be corrected."""
-    ordered = sorted(result.warnings, key=lambda warning: warning.code not in OF_A_READING)
-    return tuple(f"{sensor_words(w.subject)}: {w.text}" if w.subject else w.text for w in ordered)
-
-
-def _curve_row(c: CurveCandidate, *, chosen: bool) -> tuple[Cells, str]:
-    name = "Spline" if c.name == SPLINE else f"Degree {c.name}"
-    sign = {"adequate": "\u25cf", "doubtful": "\u25d0", "inadequate": "\u25b2"}.get(c.verdict, "")
-    cells = (
-        f"\u25b8 {name}" if chosen else name,
-        f"{sign} {c.verdict}" if c.verdict else "not tested",
-        number(1000 * c.expanded_mm, 0),
-        number(c.prediction_rms_mv, 2),
-    )
-    return cells, "\n".join(filter(None, (c.sentence, f"no U: {c.void}" if c.void else "")))
-
-
-def _coefficient_row(label: str, c: Coefficient) -> tuple[Cells, str]:
-    cells = (
-        f"{label}: b{str(c.power).translate(SUBSCRIPT)}",
-        measured(c.value, c.std_error),
-        measured(c.value_before, c.std_error_before),
-        number(c.e_n, 2, sign=True),
-    )
-    power = "" if c.power == 1 else str(c.power).translate(SUPERSCRIPT)
-    tip = (
-        f"{label}: coefficient of x{power}, {f'mV/mm{power}' if c.power else 'mV'}, with its standard error; "
-        "E\u2099 = difference / (2 \u00b7 root of the sum of their squares)"
-    )
-    return cells, tip
-
-
-def measured(value: float, std_error: float) -> str:
-    """Return a value with its standard error in parentheses, in units of the last digit: `39.34(12)`."""
-    if not (np.isfinite(value) and np.isfinite(std_error) and std_error > 0):
-        return number(value, 3)
-    places = max(0, decimals_for(std_error))
-    return f"{number(value, places)}({round(std_error * 10**places)})"
-
-
-def _agreement(sensor: SensorResult, before: Mapping[str, Any]) -> Agreement | None:
+def _agreement(sensor: SensorResult, before: SensorRecord) -> Agreement | None:
     """Return the comparison of two fits of a sensor; None without a fit or a shared range."""
-    if sensor.fit is None:
+    if sensor.void:
         return None
     try:
-        return compare_fits(sensor.fit.content["fit"], before["fit"])
+        return compare_fits(sensor.record.fit, before.fit)
     except (BoatDaqError, KeyError):
         return None

@@ -15,8 +15,8 @@ from boat_daq.engine.file_names import path_in
 from boat_daq.engine.recording.file import check_recording_name
 from boat_daq.formatting import count, plain_number
 from boat_daq.viewmodels.common.preferences import Preferences
-from boat_daq.viewmodels.results.analysis_jobs import import_table, preview_table
 from boat_daq.workflows.jobs import Job, JobFailure, JobRunner
+from boat_daq.workflows.run_files import import_table, preview_table
 from protocol.base.errors import RequestError
 from protocol.recording import SUFFIX
 

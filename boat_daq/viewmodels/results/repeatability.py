@@ -17,7 +17,7 @@ import numpy as np
 from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.formatting import count, duration, quantity
-from boat_daq.viewmodels.results.analysis_jobs import RunResult, analyse_run
+from boat_daq.viewmodels.results.run_result import RunResult, analyse_run
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from protocol.base.arrays import FloatArray, IntArray
 

@@ -31,11 +31,12 @@ from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.formatting import NOTHING, count, duration, number
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Change, Services, UndoHistory
-from boat_daq.viewmodels.results.analysis_jobs import CurveBands, RunResult, compare_runs, export_run, report_runs
 from boat_daq.viewmodels.results.dynamics import DynamicsModel
 from boat_daq.viewmodels.results.metadata import MetadataModel
+from boat_daq.viewmodels.results.run_result import CurveBands, RunResult, compare_runs
 from boat_daq.viewmodels.results.unit_over_time import UnitOverTimeModel
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
+from boat_daq.workflows.run_files import export_run, report_runs
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError, DamagedRecordingError, RequestError
 from protocol.base.units import STORED_UNITS

@@ -107,7 +107,7 @@ def test_an_analysis_has_the_figures_of_the_lab(tmp_path: Path, monkeypatch: pyt
     """In the object, the window's table and the report; the hook gets the same object."""
     from analysis import analyse
     from analysis.reports.build import build_report
-    from boat_daq.viewmodels.results.analysis_jobs import lab_rows
+    from boat_daq.viewmodels.results.figure_tables import lab_rows
     from boat_daq.workflows.plugin_figures import with_plugins
     from tests.docs.pages import ROOT
 

@@ -18,7 +18,7 @@ from boat_daq.engine.simulator.server import BoardSettings
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.viewmodels.common.services import Page
 from boat_daq.viewmodels.live.connection import VirtualBoardProcess
-from boat_daq.viewmodels.results.analysis_jobs import analyse_run
+from boat_daq.viewmodels.results.run_result import analyse_run
 from protocol.simulator.truth import noise_free_run, truth_figures
 from tests.boat_daq.commands.calls import call
 from tests.boat_daq.engine.served_board import serve_in_thread
@@ -106,7 +106,7 @@ def test_board_is_calibrated_in_the_window(window, qtbot, tmp_path, sensors):
         curves = [card for card in page.curves if card.isVisible()]
         assert [card.curve.x.size > 0 for card in curves] == [True] * sensors
         assert (len(page.loops.curves), page.table.columnCount()) == (sensors, 1 + sensors)
-        found = [sensor.fit.content["figures"]["sensitivity_mv_per_mm"] for sensor in result.sensors]
+        found = [sensor.record.figures["sensitivity_mv_per_mm"] for sensor in result.sensors]
         assert found == pytest.approx(sensitivities(unit), rel=0.03)
         model.calibration.accept()
         window.go(Page.LIVE)

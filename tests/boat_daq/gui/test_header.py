@@ -63,7 +63,7 @@ def test_vent_acts_on_press(live):
 def test_calibration_of_a_virtual_unit_is_not_shown_on_a_real_board(live):
     """A real board with a unit of that name used to read its elongation, without a mark."""
     model = live.model
-    content = {"simulated": True, "sensors": [dict(s.fit.content) for s in run_result().sensors]}
+    content = {"simulated": True, "sensors": [s.record.as_json() for s in run_result().sensors]}
     model.units.of(simulated=True).add_calibration("SA1", content)
     model.calibration.units_revision += 1
     live.refresh()

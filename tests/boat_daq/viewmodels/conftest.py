@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from boat_daq.viewmodels.results import analysis_jobs
+from boat_daq.viewmodels.results.run_result import analyse_run
 from tests.boat_daq.viewmodels.helpers import SAMPLE
 
 
@@ -20,7 +20,7 @@ def recording(tmp_path_factory):
 @pytest.fixture(scope="session")
 def result(recording):
     """The analysis of that recording."""
-    return analysis_jobs.analyse_run(str(recording))
+    return analyse_run(str(recording))
 
 
 @pytest.fixture

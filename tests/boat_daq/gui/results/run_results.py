@@ -8,8 +8,9 @@ import numpy as np
 from PySide6.QtCore import QPoint, QRect
 
 from analysis.calibration.fit import fit_calibration
+from analysis.calibration.record import SensorRecord
 from analysis.warning import Warning, WarningCode
-from boat_daq.viewmodels.results.analysis_jobs import CurveBands, CycleSeries, LoopSet, RunResult, SensorResult
+from boat_daq.viewmodels.results.run_result import CurveBands, CycleSeries, LoopSet, RunResult, SensorResult
 
 CYCLES = 8
 X = np.linspace(-2.7, 3.8, 19)
@@ -22,17 +23,20 @@ def sensor(number: int, offset: float = 0.0) -> SensorResult:
     fit = fit_calibration(X, y)
     each = np.linspace(0.0, 1.0, CYCLES)
     cycles = CycleSeries(5 + each, 44 + each, 2.8 + 0.01 * each, "mV/kPa", 0)
-    content = {"name": f"s{number}", "fit": fit.as_json(), "elongation_mm": X.tolist(), "signal_mv": y.tolist()}
-    bands = fit.band(GRID, 0.68), fit.band(GRID, 0.95)
-    curve = CurveBands(GRID, fit.predict(GRID), fit.residuals, *bands, content | {"figures": {}})
-    return SensorResult(f"Sensor {number}", "", cycles, X, y, X > 0, curve)
+    record = SensorRecord(f"s{number}", fit.as_json(), X, y)
+    curve = CurveBands(GRID, fit.predict(GRID), fit.residuals, fit.band(GRID, 0.68), fit.band(GRID, 0.95))
+    return SensorResult(record=record, cycles=cycles, loading=X > 0, fit=curve)
 
 
 def turning(sensor: SensorResult) -> SensorResult:
     """The sensor with a curve that has no inverse."""
-    fit = sensor.fit.content["fit"] | {"monotone": False}
-    bent = dataclasses.replace(sensor.fit, content=sensor.fit.content | {"fit": fit})
-    return dataclasses.replace(sensor, fit=bent)
+    bent = dataclasses.replace(sensor.record, fit=sensor.record.fit | {"monotone": False})
+    return dataclasses.replace(sensor, record=bent)
+
+
+def without_curve(sensor: SensorResult, void: str = "...") -> SensorResult:
+    """The sensor without readings."""
+    return dataclasses.replace(sensor, record=SensorRecord(sensor.record.name, void=void), fit=None)
 
 
 def run_result(offset: float = 0.0, warnings: tuple[Warning, ...] = (), **more) -> RunResult:
@@ -41,7 +45,8 @@ def run_result(offset: float = 0.0, warnings: tuple[Warning, ...] = (), **more) 
     pressure = np.broadcast_to(level, (2, CYCLES, 10))
     loops = LoopSet(tuple(range(1, CYCLES + 1)), pressure, None, np.stack([1650 + 3 * pressure] * 2))
     sensors = (sensor(1, offset), sensor(2, offset))
-    return RunResult("run.boat", "SA1", True, 100.0, CYCLES, 0, sensors, (), loops, warnings, 0.14, **more)
+    run = {"path": "run.boat", "unit": "SA1", "simulated": True, "duration_s": 100.0, "cycles": CYCLES, "partial": 0}
+    return RunResult(**run | {"sensors": sensors, "figures": (), "loops": loops, "warnings": warnings} | more)
 
 
 def out_of_tolerance_result(**more) -> RunResult:
@@ -57,9 +62,8 @@ def out_of_tolerance_result(**more) -> RunResult:
 
 def without_readings(read: int, **more) -> RunResult:
     """A run that has no curve."""
-    nothing = np.zeros(0)
     whole = run_result()
-    sensors = tuple(dataclasses.replace(s, x=nothing, y=nothing, fit=None, void="...") for s in whole.sensors)
+    sensors = tuple(map(without_curve, whole.sensors))
     return dataclasses.replace(whole, sensors=sensors, plateaus=37, read=read, **more)
 
 

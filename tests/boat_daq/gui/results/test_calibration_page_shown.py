@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QApplication
 
 from analysis.warning import Warning, WarningCode
 from boat_daq.gui import style
-from boat_daq.viewmodels.results.analysis_jobs import CurveBands
+from boat_daq.viewmodels.results.run_result import CurveBands
 from protocol.base.errors import RequestError
 from tests.boat_daq.gui.results.run_results import (
     GRID,
@@ -20,6 +20,7 @@ from tests.boat_daq.gui.results.run_results import (
     run_result,
     turning,
     whole_in_sight,
+    without_curve,
     without_readings,
 )
 from tests.boat_daq.gui.windows import shared_window
@@ -168,8 +169,8 @@ def test_new_analysis_clears_the_page(calibrate):
     calibrate.refresh()
     card = page.curves[0]
     assert card.branches[0][0].x.size and page.curves[0].columns()
-    whole, none = run_result(), np.zeros(0)
-    bare = dataclasses.replace(whole.sensors[0], x=none, y=none, fit=None, void="none was read")
+    whole = run_result()
+    bare = without_curve(whole.sensors[0], "none was read")
     model.show(dataclasses.replace(whole, sensors=(bare, bare)))
     calibrate.refresh()
     assert not any(layer.x.size for shown in page.curves for plot in shown.plots for layer in plot.layers)

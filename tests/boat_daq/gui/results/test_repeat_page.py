@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from boat_daq.viewmodels.results.analysis_jobs import BreakResult
+from boat_daq.viewmodels.results.figure_tables import BreakResult
 from boat_daq.workflows.jobs import JobFailure, JobState
 from tests.boat_daq.gui.results.run_results import CYCLES, run_result
 from tests.boat_daq.gui.windows import NARROW

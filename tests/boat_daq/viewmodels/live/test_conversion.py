@@ -20,7 +20,7 @@ from tests.boat_daq.viewmodels.helpers import until
 def test_conversion_is_prepared_on_a_helper_thread(tmp_path, result):
     """The inverse comes from the helper thread once, and not again."""
     preparation = Background("calibration")
-    preparation.call(prepare, {"sensors": [dict(s.fit.content) for s in result.sensors]})
+    preparation.call(prepare, {"sensors": [s.record.as_json() for s in result.sensors]})
     found = []
     until(lambda: found.append(preparation.take()) or found[-1] is not None)
     assert preparation.take() is None
@@ -30,7 +30,7 @@ def test_conversion_is_prepared_on_a_helper_thread(tmp_path, result):
 def test_calibration_of_the_virtual_unit_is_not_used_on_a_real_board(tmp_path, result):
     """Nor the reverse: the header names the calibration of the board that is connected, and so does the live value."""
     units, live = UnitLibrary(tmp_path), LiveModel(lambda: None)
-    content = {"simulated": True, "sensors": [dict(s.fit.content) for s in result.sensors]}
+    content = {"simulated": True, "sensors": [s.record.as_json() for s in result.sensors]}
     units.of(simulated=True).add_calibration("SA1", content)
     unit, virtual = UnitInUse(units, SimpleNamespace(unit="SA1"), live), connected()
     real = dataclasses.replace(virtual, simulated=False)
@@ -59,7 +59,7 @@ def test_conversion_in_preparation_is_discarded_with_its_calibration():
 
 def test_spline_is_converted_as_a_spline(result):
     """A calibration accepted with a spline was shown live by a cubic through its points."""
-    stored = dict(result.sensors[0].fit.content)
+    stored = result.sensors[0].record.as_json()
     cubic, spline = (
         prepare({"sensors": [stored | {"fit": stored["fit"] | {"curve": curve}}]}) for curve in ("3", "spline")
     )
@@ -74,7 +74,7 @@ def test_spline_is_converted_as_a_spline(result):
 
 def test_range_end_is_read_and_marked_and_stated_contributions_widen_it(result):
     """Both signals one u past the upper end: read, marked, by each sensor too; a scale of 2 % widens U."""
-    contents = [dict(s.fit.content) for s in result.sensors]
+    contents = [s.record.as_json() for s in result.sensors]
     conversion = prepare({"sensors": contents})
     end = np.array([[float(np.interp(s.fit.grid[-1], s.fit.grid, s.fit.curve)) + 0.5 for s in result.sensors]])
     found = conversion(end)

@@ -14,8 +14,9 @@ from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.viewmodels.live.conversion import prepare
 from boat_daq.viewmodels.results import calibration
-from boat_daq.viewmodels.results.analysis_jobs import CurveBands
-from boat_daq.viewmodels.results.calibration import CalibrationModel, measured
+from boat_daq.viewmodels.results.calibration import CalibrationModel
+from boat_daq.viewmodels.results.calibration_texts import measured
+from boat_daq.viewmodels.results.run_result import CurveBands
 from boat_daq.workflows.jobs import JobFailure, JobRunner, JobState
 from protocol.base.errors import RequestError
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, services_in
@@ -52,9 +53,9 @@ def test_sampled_posterior_is_of_each_sensor(tmp_path, result, monkeypatch):
     class DoneJob:
         state = JobState.DONE
 
-        def __init__(self, _label, function, points, reading_sd_mm, level):
+        def __init__(self, _label, function, sensors, level):
             assert level == fidelity().level
-            self.result = function(points, reading_sd_mm, "draft")
+            self.result = function(sensors, "draft")
 
         def poll(self):
             return self.state
@@ -119,7 +120,7 @@ def test_simulated_run_is_not_compared_with_a_real_calibration(tmp_path, result)
         model_on(tmp_path, first).accept()
         model = model_on(tmp_path, second)
         assert first is not result or model.before is None
-        assert model.before is None or model.before.content["simulated"] is second.simulated
+        assert model.before is None or model.before.simulated is second.simulated
     assert len(units.load("SA1").history) == len(units.of(simulated=True).load("SA1").history) == 1
     assert "simulated unit" in model.verdict()[1] or model.accepted is None
     assert model.headline().startswith("SA1  SIMULATED")
@@ -149,7 +150,7 @@ def test_acceptance_is_undone(tmp_path, result):
     assert (units.load("SA1").calibration, model.accepted) == (None, None)
     history.redo()
     first = units.load("SA1").calibration
-    assert model.accepted == first
+    assert model.accepted.as_json() == first.content
     model.show(dataclasses.replace(result, path="another.boat"))
     model.accept()
     assert units.load("SA1").calibration.recording == "another.boat"
@@ -202,7 +203,7 @@ def test_choice_of_a_curve_is_fitted_undone_and_stored(tmp_path, result, monkeyp
     assert len(started) == 3
     model.show(dataclasses.replace(result, curve="4"))
     model.accept()
-    assert model.accepted.content["curve"] == "4"
+    assert model.accepted.curve == "4"
     model.analyse(tmp_path / "b.boat")
     model._services.undo.undo()  # the acceptance
     model._services.undo.undo()  # of the run before: the one that is shown stays
@@ -218,9 +219,9 @@ def test_curves_are_compared_sensor_by_sensor(tmp_path, result):
     assert rows[1] == (("\u25b8 Degree 3", "\u25cf adequate", "80", "0.36"), "it follows")
     assert rows[2] == (("Spline", "not tested", "\u2013", "\u2013"), "no U: it turns")
     assert model.samples()
-    content = result.sensors[0].fit.content
-    bent = dataclasses.replace(result.sensors[0].fit, content=content | {"fit": content["fit"] | {"curve": "spline"}})
-    model.show(dataclasses.replace(result, sensors=(dataclasses.replace(result.sensors[0], fit=bent),)))
+    record = result.sensors[0].record
+    spline = dataclasses.replace(record, fit={**record.fit, "curve": "spline"})
+    model.show(dataclasses.replace(result, sensors=(dataclasses.replace(result.sensors[0], record=spline),)))
     assert not model.samples()
     with pytest.raises(RequestError, match="no posterior"):
         model.sample()

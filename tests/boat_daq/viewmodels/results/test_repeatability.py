@@ -13,8 +13,8 @@ from analysis.fidelity import fidelity
 from analysis.stopping.criterion import DRIFT, SPREAD
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import Progress, SessionState
-from boat_daq.viewmodels.results.analysis_jobs import analyse_run
 from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel
+from boat_daq.viewmodels.results.run_result import analyse_run
 from boat_daq.workflows.jobs import JobRunner
 from tests.boat_daq.gui.recorded_session import connected
 
@@ -46,9 +46,9 @@ def test_every_cycle_has_its_figures(result):
     each = result.sensors[0].cycles
     assert each.sensitivity_unit == "mV/mm"
     assert each.sensitivity == pytest.approx([39.3, 39.3], rel=0.02)
-    assert each.snr_db == pytest.approx([result.sensors[0].fit.content["figures"]["snr_db"]] * 2, abs=1.0)
+    assert each.snr_db == pytest.approx([result.sensors[0].record.figures["snr_db"]] * 2, abs=1.0)
     assert each.hysteresis_percent_fso == pytest.approx(
-        [result.sensors[0].fit.content["figures"]["system_hysteresis_percent_fso"]] * 2, abs=0.5
+        [result.sensors[0].record.figures["system_hysteresis_percent_fso"]] * 2, abs=0.5
     )
     long = dataclasses.replace(each, warm_up=3)
     sensors = tuple(dataclasses.replace(s, cycles=long) for s in result.sensors)

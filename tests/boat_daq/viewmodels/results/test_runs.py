@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 import sqlite3
 from contextlib import closing
@@ -12,15 +11,15 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from analysis import load_recording
 from analysis.fidelity import fidelity
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.services import UndoHistory
-from boat_daq.viewmodels.common.tolerance import TypedTolerance
-from boat_daq.viewmodels.results import analysis_jobs, runs
+from boat_daq.viewmodels.results import runs
+from boat_daq.viewmodels.results.run_result import compare_runs
 from boat_daq.viewmodels.results.runs import NONE_CHOSEN, RunEntry, RunsModel, obstacle, read_run, selection_text
 from boat_daq.workflows.jobs import JobRunner
+from boat_daq.workflows.run_files import report_runs
 from protocol.base.errors import RequestError
 from protocol.recording import RunEnd
 from tests.boat_daq.gui.recorded_session import connected, idle
@@ -114,28 +113,10 @@ def test_newest_recording_is_of_the_kind_of_the_board(closed, tmp_path):
     model.close()
 
 
-def test_exports_read_back(recording, tmp_path):
-    """The exported CSV has every sample, and its elongation by the run's own calibration."""
-    assert analysis_jobs.export_run(recording, tmp_path / "run.csv") == ""
-    assert load_recording(tmp_path / "run.csv").n == load_recording(recording).n
-    assert json.loads((tmp_path / "run.json").read_text())["calibration"]["unit"] == "SA1"
-
-
-def test_calibration_is_exported_in_the_form_of_its_suffix(recording, tmp_path):
-    """A C header with the chosen curve, with what must be known of it; a table within the bound that was typed."""
-    coarse, fine = tmp_path / "coarse.csv", tmp_path / "fine.csv"
-    for target, bound in ((coarse, TypedTolerance(0.1, "mm")), (fine, None)):
-        analysis_jobs.export_calibration(recording, target, curve="2", table_error=bound)
-    assert len(coarse.read_text().splitlines()) < len(fine.read_text().splitlines())
-    notes = analysis_jobs.export_calibration(recording, tmp_path / "boat_calibration.h", curve="2")
-    assert "not traceable" in notes
-    assert "int pieces, degree;" in (tmp_path / "boat_calibration.h").read_text()
-
-
 def test_run_compared_with_itself_has_no_difference(recording, tmp_path):
     """The difference of two equal runs is zero over the range."""
     model = RunsModel(recording.parent, UnitLibrary(tmp_path), JobRunner(), Notices(), UndoHistory())
-    model.comparison = analysis_jobs.compare_runs([recording, recording])
+    model.comparison = compare_runs([recording, recording])
     lines, words = model.comparison_lines()
     assert len(lines) == 2
     assert np.abs(lines[0][1][1]).max() < 1e-6
@@ -204,7 +185,7 @@ def test_report_has_the_precision_and_units_of_the_program(monkeypatch, tmp_path
     model.fidelity = fidelity("reference")
     model.report([tmp_path / "a.boat"], tmp_path / "a.pdf", curve="2")
     ((_, *args), kwargs) = ordered[0]
-    assert args == [analysis_jobs.report_runs, [tmp_path / "a.boat"], tmp_path / "a.pdf"]
+    assert args == [report_runs, [tmp_path / "a.boat"], tmp_path / "a.pdf"]
     how = {"level": "reference", "units": model.shown_units}
     assert kwargs == {"curve": "2", **how}
     model.close()

@@ -1,0 +1,119 @@
+"""The texts of the calibration page: what is missing for a curve, warnings, curves and coefficients as rows."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+
+from analysis.calibration.compare import Coefficient
+from analysis.calibration.curve_choice import SPLINE, CurveCandidate
+from analysis.numbers import decimals_for
+from analysis.warning import WarningCode
+from boat_daq.formatting import SUBSCRIPT, SUPERSCRIPT, count, number, sensor_words
+from boat_daq.viewmodels.results.run_result import RunResult
+from boat_daq.workflows.acceptance import Lack, lack_text, lacking
+
+Cells = tuple[str, ...]
+LEAST_ELONGATIONS = 4  # of a cubic
+OF_A_READING = (WarningCode.OUTLIER, WarningCode.HIGH_LEVERAGE)
+
+
+class NextStep(Enum):
+    """What the operator can do about a missing curve: the text of its button."""
+
+    NONE = ""
+    SHOW_PLAN = "Show the plan"
+    SHOW_REPEATABILITY = "Show it on Repeat"
+    ENTER_READINGS = "Enter readings \u2026"
+    CHOOSE_READINGS = "Choose the file of readings \u2026"
+
+
+class Missing(NamedTuple):
+    """What is shown in place of a curve: title, text and the next step."""
+
+    title: str
+    text: str
+    step: NextStep = NextStep.NONE
+
+
+def readings_text(result: RunResult) -> str:
+    """Return how many plateaus were read and are in the curve; empty without plateaus."""
+    n, read = result.plateaus, result.read
+    if not n:
+        return ""
+    text = f"{read or 'none'} of {count(n, 'plateau')} read"
+    used = sorted({sensor.x.size for sensor in result.sensors if sensor.fit is not None})
+    if not used:
+        return text
+    return f"{text}, {'all' if used == [read] else ' or '.join(map(str, used))} in the curve"
+
+
+def missing(result: RunResult) -> Missing | None:
+    """Return what is missing for a curve of any sensor, and the next step; None where there is one."""
+    lack = lacking(result)
+    if lack is None:
+        return None
+    title = lack_text(result, lack)
+    if lack is Lack.CYCLES:
+        return Missing(
+            title,
+            "A curve needs at least one complete cycle, from the highest pressure to the lowest and back. Run the plan "
+            "to its end for a calibration; this recording is kept.",
+            NextStep.SHOW_PLAN,
+        )
+    if lack is Lack.PLATEAUS:
+        return Missing(
+            title,
+            "Its pressure is never constant, so that no elongation can be read in it. Its loops and the figures over "
+            "pressure are shown here; the changes from cycle to cycle are on the Repeat page.",
+            NextStep.SHOW_REPEATABILITY,
+        )
+    least = f"A curve needs readings at {LEAST_ELONGATIONS} or more different elongations."
+    if not result.stepped:
+        text = f"{least} Give them in a CSV file: pressure_kpa,elongation_mm, a row a plateau, in the order of the run."
+        return Missing(title, text, NextStep.CHOOSE_READINGS)
+    text = f"{least} Type them from your notes or paste a column of a spreadsheet; the curve is then fitted again."
+    return Missing(title, text, NextStep.ENTER_READINGS)
+
+
+def warnings(result: RunResult) -> tuple[str, ...]:
+    """Return the warnings of a run as texts, first those of a reading, which can be corrected."""
+    ordered = sorted(result.warnings, key=lambda warning: warning.code not in OF_A_READING)
+    return tuple(f"{sensor_words(w.subject)}: {w.text}" if w.subject else w.text for w in ordered)
+
+
+def curve_row(c: CurveCandidate, *, chosen: bool) -> tuple[Cells, str]:
+    name = "Spline" if c.name == SPLINE else f"Degree {c.name}"
+    sign = {"adequate": "\u25cf", "doubtful": "\u25d0", "inadequate": "\u25b2"}.get(c.verdict, "")
+    cells = (
+        f"\u25b8 {name}" if chosen else name,
+        f"{sign} {c.verdict}" if c.verdict else "not tested",
+        number(1000 * c.expanded_mm, 0),
+        number(c.prediction_rms_mv, 2),
+    )
+    return cells, "\n".join(filter(None, (c.sentence, f"no U: {c.void}" if c.void else "")))
+
+
+def coefficient_row(label: str, c: Coefficient) -> tuple[Cells, str]:
+    cells = (
+        f"{label}: b{str(c.power).translate(SUBSCRIPT)}",
+        measured(c.value, c.std_error),
+        measured(c.value_before, c.std_error_before),
+        number(c.e_n, 2, sign=True),
+    )
+    power = "" if c.power == 1 else str(c.power).translate(SUPERSCRIPT)
+    tip = (
+        f"{label}: coefficient of x{power}, {f'mV/mm{power}' if c.power else 'mV'}, with its standard error; "
+        "E\u2099 = difference / (2 \u00b7 root of the sum of their squares)"
+    )
+    return cells, tip
+
+
+def measured(value: float, std_error: float) -> str:
+    """Return a value with its standard error in parentheses, in units of the last digit: `39.34(12)`."""
+    if not (np.isfinite(value) and np.isfinite(std_error) and std_error > 0):
+        return number(value, 3)
+    places = max(0, decimals_for(std_error))
+    return f"{number(value, places)}({round(std_error * 10**places)})"

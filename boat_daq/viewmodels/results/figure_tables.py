@@ -1,0 +1,171 @@
+"""The figures of a run as texts of tables: figures, uncertainty, limits, interruptions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analysis.figures.figure import SENSOR_FIGURES, Figure
+from boat_daq.formatting import NOTHING, number, sensor_words
+
+if TYPE_CHECKING:
+    from analysis.conformity import Conformity
+    from analysis.figures.acceptance import LimitStatement
+    from analysis.figures.across_breaks import Break, Comparison
+    from analysis.figures.pipeline import Analysis
+    from analysis.figures.sensor_analysis import SensorAnalysis
+
+Cell = tuple[str, str]
+"""A text of a table with its tooltip."""
+SHAPES = {"pass": "\u25cf", "conditional_pass": "\u25d0", "conditional_fail": "\u25b3", "fail": "\u25b2"}
+"""Marks of a statement of conformity beside a value; one that is undetermined has none."""
+MARKS = ", ".join(f"{shape} {statement.replace('_', ' ')}" for statement, shape in SHAPES.items())
+
+
+def figure_text(figure: Figure | None, decimals: int, stated: LimitStatement | None = None) -> Cell:
+    """Return a figure as text, its 95 % interval in a second line, with definition and count as its tooltip.
+
+    Parameters
+    ----------
+    figure : an en dash without one.
+    stated : its conformity with a limit, which marks the value.
+    """
+    if figure is None:
+        return NOTHING, "not computed for this run"
+    text, lines = number(figure.value, decimals), [figure.definition] if figure.definition else []
+    if stated is not None:
+        text = f"{SHAPES.get(stated.conformity, '')} {text}".strip()
+        lines.append(f"{stated.conformity.label}: {stated.text}")
+    if math.isfinite(figure.low) and math.isfinite(figure.high):
+        text += f"\n{number(figure.low, decimals)} to {number(figure.high, decimals)}"
+        lines.append("second line: 95 % confidence interval")
+    if figure.n:
+        lines.append(f"n = {figure.n}")
+    lines += [part for part in (figure.void, figure.note) if part]
+    return text, "\n".join(lines)
+
+
+def figure_rows(sensors: Sequence[SensorAnalysis]) -> tuple[tuple[Cell, ...], ...]:
+    """Return the table of figures: name over unit and published limit, then every sensor; none that no sensor has."""
+    from analysis.figures.acceptance import TOLERANCES, against_published
+
+    limits = {tolerance.key: tolerance for tolerance in TOLERANCES}
+    stated = [{one.tolerance.key: one for one in against_published(sensor)} for sensor in sensors]
+    rows = []
+    for d in SENSOR_FIGURES.values():
+        if any(d.key in sensor.figures for sensor in sensors):
+            pairs = zip(sensors, stated, strict=True)
+            cells = [figure_text(s.figures.get(d.key), d.decimals, known.get(d.key)) for s, known in pairs]
+            limit, tip = limits.get(d.key), f"{d.label_with_unit}\n{cells[0][1]}"
+            below = d.unit
+            if limit is not None:
+                below, tip = f"{d.unit}, limit {limit.symbol} {limit.limit:g}", f"{tip}\nlimit: {limit.source}; {MARKS}"
+            rows.append(((f"{d.label}\n{below}", tip), *cells))
+    return tuple(rows)
+
+
+def verdict_rows(sensors: Sequence[SensorAnalysis]) -> list[tuple[Cell, ...]]:
+    """Return the row with the verdict on each sensor's curve; none where no curve was tested."""
+    found = [sensor.calibration.adequacy if sensor.calibration is not None else None for sensor in sensors]
+    cells = [(str(a.verdict), a.sentence) if a is not None else (NOTHING, "not tested") for a in found]
+    return [(("Curve", "Whether the curve follows the readings within their scatter"), *cells)] if any(found) else []
+
+
+def lab_rows(found: Analysis) -> list[tuple[Cell, ...]]:
+    """Return a row for each figure of the lab's plugins; one of the unit is shown with the first sensor."""
+    rows: list[tuple[Cell, ...]] = []
+    for figure in found.lab_figures:
+        tip = f"{figure.label_with_unit}\nComputed by the plugin {figure.plugin}, not by boat-daq"
+        values = [*figure.values, *[math.nan] * len(found.sensors)][: len(found.sensors)]
+        cells: list[Cell] = [(f"{value:.4g}" if math.isfinite(value) else NOTHING, tip) for value in values]
+        rows.append(((f"{figure.label}\n{figure.unit}, {figure.plugin}", tip), *cells))
+    return rows
+
+
+def uncertainty_rows(found: Analysis) -> tuple[tuple[Cell, ...], ...]:
+    """Return the uncertainty of an elongation, the conformity with the published limits, and the budgets."""
+    return (*_expanded_rows(found), *_limit_rows(found), *_component_rows(found))
+
+
+def _expanded_rows(found: Analysis) -> list[tuple[Cell, ...]]:
+    """Return the expanded uncertainty of an elongation and whether it is traceable; none without a calibration."""
+    if found.budgets is None or not found.budgets.budgets:
+        return []
+    where, budgets = f"at {found.budgets.x_mm:+.2f} mm", found.budgets.budgets
+    expanded = [
+        (f"\u00b1{1000 * b.expanded:.0f} \u00b5m", f"k = 2, {b.dof:.0f} degrees of freedom, {where}") for b in budgets
+    ]
+    traced = [one for b in budgets if (one := b.traceability) is not None]
+    reasons = [("yes" if one.traceable else "no", one.text) for one in traced]
+    return [
+        (("Expanded uncertainty", f"of one reading of elongation, {where}"), *expanded),
+        (("Traceable", reasons[0][1] if reasons else ""), *reasons),
+    ]
+
+
+def _component_rows(found: Analysis) -> list[tuple[Cell, ...]]:
+    """Return the budgets of an elongation, a row a component and a column a sensor; none without a calibration."""
+    if found.budgets is None or not found.budgets.budgets:
+        return []
+    budgets, shares = found.budgets.budgets, [budget.shares() for budget in found.budgets.budgets]
+    rows = []
+    for parts in zip(*(budget.components for budget in budgets), strict=True):
+        cells = []
+        for c, own in zip(parts, shares, strict=True):
+            text = f"{1000 * c.contribution:.1f} \u00b5m" if c.assessed else "not assessed"
+            share = f"{100 * own[c.name]:.0f} % of the variance; " if c.assessed else ""
+            cells.append((text, f"{share}{c.source}"))
+        rows.append(((parts[0].name.capitalize(), parts[0].source), *cells))
+    return rows
+
+
+def _limit_rows(found: Analysis) -> list[tuple[Cell, ...]]:
+    """Return the conformity with the published limits, a row a limit and a column a sensor."""
+    from analysis.conformity import RULE
+    from analysis.figures.acceptance import against_published
+
+    rows = []
+    for stated in zip(*(against_published(sensor) for sensor in found.sensors), strict=False):
+        tolerance, definition = stated[0].tolerance, SENSOR_FIGURES[stated[0].tolerance.key]
+        name = f"{definition.label}\n{tolerance.symbol} {tolerance.limit:g} {definition.unit}"
+        cells = [(_conformity_text(one.conformity), f"{one.text}\n{RULE}") for one in stated]
+        rows.append(((name, tolerance.source), *cells))
+    return rows
+
+
+def _conformity_text(conformity: Conformity) -> str:
+    """Return a statement with its mark, a condition in a second line: two of them leave names their width."""
+    condition, _, stated = conformity.label.rpartition(" ")
+    return f"{SHAPES.get(conformity, '')} {stated}\n{condition}".strip()
+
+
+@dataclass(frozen=True, slots=True)
+class BreakResult:
+    """An interruption of a run that was resumed: between which cycles, as a sentence, and the tests across it.
+
+    A row has quantity, mean before, mean after, p of t, p of F, as text.
+    """
+
+    at_cycle: float
+    sentence: str
+    rows: tuple[tuple[str, ...], ...]
+
+
+def break_result(found: Break) -> BreakResult:
+    comparisons = tuple(replace(c, sensor=sensor_words(c.sensor)) for c in found.comparisons)
+    at = 0.5 + float(max(found.before, default=0))
+    return BreakResult(at, replace(found, comparisons=comparisons).sentence, tuple(map(_tested, comparisons)))
+
+
+def _tested(c: Comparison) -> tuple[str, ...]:
+    """Return one comparison across an interruption as texts; a rejected test is marked."""
+    p = [
+        ("\u25b2 " if name in c.significant else "") + (f"{value:.2g}" if np.isfinite(value) else NOTHING)
+        for name, value in (("t", c.t_p), ("F", c.f_p))
+    ]
+    means = f"{c.mean_before:.4g} (n = {c.n_before})", f"{c.mean_after:.4g} (n = {c.n_after})"
+    return f"{c.sensor}: {c.quantity} ({c.unit})", *means, *p

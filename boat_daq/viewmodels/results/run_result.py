@@ -1,0 +1,263 @@
+"""A run as the pages show it, made by a helper process: plain arrays and texts, never the samples."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from analysis.calibration.curve_choice import CurveCandidate
+from analysis.calibration.record import SensorRecord
+from analysis.calibration.type_b import Traceability
+from analysis.fidelity import Level, fidelity
+from analysis.progress import Progress, part_of
+from analysis.warning import Warning
+from boat_daq.viewmodels.results.camera import CameraResult, camera_result
+from boat_daq.viewmodels.results.figure_tables import (
+    BreakResult,
+    Cell,
+    break_result,
+    figure_rows,
+    lab_rows,
+    uncertainty_rows,
+    verdict_rows,
+)
+from boat_daq.workflows.acceptance import Candidate, SensorCandidate, candidate_of
+from boat_daq.workflows.run_analysis import analysed_run
+from protocol.base.arrays import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from analysis.figures.pipeline import Analysis
+
+Band = tuple[FloatArray, FloatArray]
+GRID = 161
+
+
+@dataclass(frozen=True, slots=True)
+class LoopSet:
+    """The loops of a run: [2 branches, cycles, levels], signals [sensors, 2, cycles, levels]."""
+
+    numbers: tuple[int, ...]
+    pressure_kpa: FloatArray
+    elongation_mm: FloatArray | None
+    signal_mv: FloatArray
+
+    def broken(self, abscissa: FloatArray, ordinate: FloatArray, cycles: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return cycles as one line: each closed, down the unloading branch and up the loading one, then a NaN.
+
+        Parameters
+        ----------
+        abscissa, ordinate : [2 branches, cycles, levels].
+        cycles : numbers along the second axis.
+        """
+        (down_x, up_x), (down_y, up_y) = abscissa[:, cycles], ordinate[:, cycles]
+        gap = np.full((len(cycles), 1), np.nan)
+        x = np.concatenate([down_x[:, ::-1], up_x, gap], axis=1)
+        y = np.concatenate([down_y[:, ::-1], up_y, gap], axis=1)
+        keep = np.isfinite(x) & np.isfinite(y)
+        keep[:, -1] = True
+        return x[keep], y[keep]
+
+
+@dataclass(frozen=True, slots=True)
+class CycleSeries:
+    """A sensor's figures cycle by cycle, [cycles]: hysteresis over pressure % FSO, SNR dB, end-to-end sensitivity.
+
+    The sensitivity is in mV/mm where the elongation was read in every cycle, else in mV/kPa.
+    """
+
+    hysteresis_percent_fso: FloatArray
+    snr_db: FloatArray
+    sensitivity: FloatArray
+    sensitivity_unit: str
+    warm_up: int
+
+
+@dataclass(frozen=True, slots=True)
+class CurveBands:
+    """A sensor's curve over a grid of elongations with its bands, and the residuals of its points, mV.
+
+    Attributes
+    ----------
+    sampler : figures of the sampler, where the curve is the mean of the posterior; none of a least-squares fit.
+    new_reading_95 : band of a new reading; of the posterior only.
+    """
+
+    grid: FloatArray
+    curve: FloatArray
+    residuals: FloatArray
+    band_68: Band
+    band_95: Band
+    sampler: Mapping[str, Any] = field(default_factory=dict)
+    new_reading_95: Band | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorResult(SensorCandidate):
+    """One sensor: the points of its calibration and its curve; no curve where `void` gives the reason.
+
+    Attributes
+    ----------
+    loading : [points] whether the point is of the loading branch.
+    """
+
+    cycles: CycleSeries
+    loading: BoolArray
+    fit: CurveBands | None
+
+    @property
+    def x(self) -> FloatArray:
+        """[points] elongation, mm."""
+        return self.record.elongation_mm
+
+    @property
+    def y(self) -> FloatArray:
+        """[points] signal, mV."""
+        return self.record.signal_mv
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunResult(Candidate):
+    """All that a page shows of one run.
+
+    Attributes
+    ----------
+    partial : number of partial cycles, which are left out.
+    u_elongation : of each sensor, [points, 2] x and U, mm; none where the curve gives no elongation.
+    u_elongation_void : of each sensor, why U is not given everywhere.
+    candidates : the curves of each sensor; none where they were not compared.
+    drift_half, spread_half : half widths of the 95 % intervals of drift (% FSO per 100 cycles) and repeatability
+        (% FSO), of the worse sensor.
+    """
+
+    duration_s: float
+    partial: int
+    sensors: tuple[SensorResult, ...]
+    figures: tuple[tuple[Cell, ...], ...]
+    loops: LoopSet
+    warnings: tuple[Warning, ...]
+    breaks: tuple[BreakResult, ...] = ()
+    uncertainty: tuple[tuple[Cell, ...], ...] = ()
+    u_elongation: tuple[FloatArray, ...] = ()
+    u_elongation_void: tuple[str, ...] = ()
+    traceability: Traceability | None = None
+    candidates: tuple[tuple[CurveCandidate, ...], ...] = ()
+    camera: CameraResult | None = None
+    drift_half: float = math.nan
+    spread_half: float = math.nan
+
+    @property
+    def unit_text(self) -> str:
+        """The unit, marked where it is simulated."""
+        return f"{self.unit or 'no unit'}{'  SIMULATED' if self.simulated else ''}"
+
+
+def analyse_run(
+    path: str,
+    *,
+    level: Level = "normal",
+    curve: str = "",
+    compare: bool = False,
+    progress: Progress | None = None,
+) -> RunResult:
+    """Return all figures and curves of a recording, without the posterior.
+
+    Parameters
+    ----------
+    curve : choice of `chosen_curve`.
+    compare : whether every curve is tried, which takes longer than the rest.
+
+    Raises
+    ------
+    BoatDaqError : the recording cannot be read.
+    """
+    from analysis.figures.uncertainty import curve_candidates_of
+    from analysis.stopping.criterion import DRIFT, SPREAD, half_width
+
+    found = analysed_run(Path(path), curve=curve, level=level, progress=part_of(progress, 0, 2, 4))
+    candidates = []
+    if compare and found.budgets is not None:
+        for i in range(len(found.sensors)):
+            candidates.append(curve_candidates_of(found, i, found.budgets.x_mm))
+            part_of(progress, 2, 2, 4)(i + 1, len(found.sensors))
+    loops, budgets = found.loops, found.budgets.budgets if found.budgets is not None else ()
+    run = candidate_of(found, Path(path))
+    shown = {name.name: getattr(run, name.name) for name in fields(run) if name.name != "sensors"}
+    return RunResult(
+        **shown,
+        duration_s=found.recording.duration_s,
+        partial=len(found.cycles.partial),
+        sensors=tuple(_sensor(found, i, sensor) for i, sensor in enumerate(run.sensors)),
+        figures=(*figure_rows(found.sensors), *verdict_rows(found.sensors), *lab_rows(found)),
+        loops=LoopSet(loops.numbers, loops.pressure_kpa, loops.elongation_mm, loops.signal_mv),
+        warnings=found.warnings,
+        breaks=tuple(map(break_result, found.breaks)),
+        uncertainty=uncertainty_rows(found),
+        u_elongation=found.u_elongation,
+        u_elongation_void=found.u_elongation_void,
+        traceability=next((b.traceability for b in budgets), None),
+        candidates=tuple(candidates),
+        camera=camera_result(found),
+        drift_half=half_width(found.sensors, DRIFT)[0],
+        spread_half=half_width(found.sensors, SPREAD)[0],
+    )
+
+
+def _sensor(found: Analysis, index: int, own: SensorCandidate) -> SensorResult:
+    sensor = found.sensors[index]
+    each, fit, curve = sensor.by_cycle, sensor.calibration, None
+    if fit is not None:
+        grid = np.linspace(*fit.x_range, GRID)
+        curve = CurveBands(grid, fit.predict(grid), fit.residuals, fit.band(grid, 0.68), fit.band(grid, 0.95))
+    points = sensor.point_plateau if fit is not None else ()
+    return SensorResult(
+        record=own.record,
+        out_of_tolerance=own.out_of_tolerance,
+        cycles=CycleSeries(
+            each.hysteresis_percent_fso, each.snr_db, each.sensitivity, each.sensitivity_unit, each.warm_up
+        ),
+        loading=np.array([found.plateaus[int(i)].branch != "unloading" for i in points], dtype=bool),
+        fit=curve,
+    )
+
+
+def sample_run(
+    sensors: Sequence[SensorRecord], level: Level = "normal", *, progress: Progress | None = None
+) -> tuple[CurveBands, ...]:
+    """Return the posterior of each sensor's calibration, as bands on a grid."""
+    from analysis.calibration.posterior import sample_posterior
+
+    results, fineness = [], fidelity(level)
+    for i, sensor in enumerate(sensors):
+        x, y = sensor.elongation_mm, sensor.signal_mv
+        posterior = sample_posterior(
+            x, y, int(sensor.fit["degree"]), reading_sd=sensor.reading_sd_mm, positions=sensor.positions, seed=i,
+            walkers=fineness.walkers, samples=fineness.posterior_samples,
+            progress=part_of(progress, i, 1, len(sensors)),
+        )  # fmt: skip
+        error_percent = 100.0 * posterior.band_error() / posterior.calibration.full_scale
+        grid = np.linspace(min(x), max(x), GRID)
+        mean = posterior.curves(grid).mean(axis=0)
+        bands = posterior.curve_band(grid, 0.68), posterior.curve_band(grid, 0.95)
+        sampler = posterior.as_json() | {"band_error_percent_fso": error_percent}
+        residuals, new_reading = y - np.interp(x, grid, mean), posterior.new_reading_band(grid, 0.95)
+        results.append(CurveBands(grid, mean, residuals, *bands, sampler, new_reading))
+    return tuple(results)
+
+
+def compare_runs(paths: list[Path], *, progress: Progress | None = None) -> tuple[RunResult, ...]:
+    """Return the analyses of several recordings.
+
+    Raises
+    ------
+    BoatDaqError : one of them cannot be read, or simulated and real ones are among them.
+    """
+    from analysis.figures.unit_history import refuse_mixture
+
+    found = [analyse_run(str(path), progress=part_of(progress, i, 1, len(paths))) for i, path in enumerate(paths)]
+    refuse_mixture(run.simulated for run in found)
+    return tuple(found)

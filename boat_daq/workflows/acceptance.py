@@ -1,0 +1,226 @@
+"""Put the calibration of a run into force for its unit: what prevents it, what is out of tolerance, what is stored.
+
+Rules: an accepted calibration is a new entry of the unit's history, which is never changed; a withdrawal is a newer
+one. A curve that turns inside its range cannot be accepted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from analysis.calibration.record import CalibrationRecord, SensorRecord
+from analysis.warning import Warning
+from boat_daq.engine.settings import StoredCalibration, Unit, UnitLibrary
+from boat_daq.formatting import count, sensor_words
+from boat_daq.workflows.run_analysis import analysed_run, count_plateaus
+from protocol.base.errors import RequestError
+
+if TYPE_CHECKING:
+    from analysis.figures.pipeline import Analysis
+
+TWO_ELONGATIONS = "one signal would give two elongations"
+
+
+class Lack(Enum):
+    """What a run without any curve lacks first."""
+
+    CYCLES = "cycles"
+    PLATEAUS = "plateaus"
+    READINGS = "readings"
+
+
+class Obstacle(NamedTuple):
+    """Why a calibration cannot be accepted, with its consequence where it needs one."""
+
+    cause: str
+    consequence: str = ""
+
+    def __str__(self) -> str:
+        """Return both as a sentence."""
+        return f"{self.cause}{f': {self.consequence}' if self.consequence else ''}."
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorCandidate:
+    """The calibration of a sensor, and its figures out of tolerance."""
+
+    record: SensorRecord
+    out_of_tolerance: tuple[Warning, ...] = ()
+
+    @property
+    def label(self) -> str:
+        """The sensor as it is shown."""
+        return sensor_words(self.record.name)
+
+    @property
+    def void(self) -> str:
+        """Why there is no curve; empty where there is one."""
+        return self.record.void
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Candidate:
+    """The calibration of a run before it is accepted.
+
+    Attributes
+    ----------
+    plateaus, read : numbers of plateaus to be read, and of those that were.
+    stepped : whether the plateaus are steps of a plan, at which readings are typed.
+    curve : the choice that was fitted.
+    """
+
+    path: str
+    unit: str
+    simulated: bool
+    cycles: int
+    sensors: tuple[SensorCandidate, ...]
+    plateaus: int = 0
+    read: int = 0
+    stepped: bool = True
+    recording_id: str = ""
+    curve: str = ""
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether every sensor has a calibration."""
+        return bool(self.sensors) and not any(sensor.void for sensor in self.sensors)
+
+
+def candidate_of(found: Analysis, path: Path) -> Candidate:
+    """Return the calibration of an analysed run."""
+    from analysis.calibration_export.run_record import sensor_record
+    from analysis.figures.acceptance import out_of_tolerance
+
+    sensors = []
+    for number, sensor in enumerate(found.sensors):
+        record = replace(sensor_record(found, number), fitted=None)  # it is stored, or sent from a helper process
+        missed = () if record.void else tuple(out_of_tolerance(sensor, found.reading_sd_mm))
+        sensors.append(SensorCandidate(record=record, out_of_tolerance=missed))
+    plateaus, read = count_plateaus(found)
+    recording = found.recording
+    return Candidate(
+        path=str(path),
+        unit=recording.unit,
+        simulated=recording.simulated,
+        cycles=found.loops.n_cycles,
+        sensors=tuple(sensors),
+        plateaus=plateaus,
+        read=read,
+        stepped=bool(len(recording.steps)),
+        recording_id=recording.identity,
+        curve=str(found.options.degree),
+    )
+
+
+def lacking(run: Candidate) -> Lack | None:
+    """Return what is missing for a curve of any sensor; None where there is one."""
+    if not all(sensor.void for sensor in run.sensors):
+        return None
+    if not run.cycles:
+        return Lack.CYCLES
+    return Lack.READINGS if run.plateaus else Lack.PLATEAUS
+
+
+def lack_text(run: Candidate, lack: Lack) -> str:
+    """Return what is missing in a line."""
+    if lack is Lack.CYCLES:
+        return "This run has no complete cycle"
+    if lack is Lack.PLATEAUS:
+        return "This run has no plateaus"
+    read = f"Only {run.read}" if run.read else "None"
+    return f"{read} of {count(run.plateaus, 'plateau')} {'has' if run.read <= 1 else 'have'} a reading"
+
+
+def obstacle_to(run: Candidate | None) -> Obstacle | None:
+    """Return why the calibration of a run cannot be accepted; None when it can."""
+    if run is None:
+        return Obstacle("Nothing is analysed yet")
+    lack = lacking(run)
+    for sensor in run.sensors:
+        if sensor.void:
+            return Obstacle(lack_text(run, lack) if lack is not None else f"{sensor.label}: {sensor.void}")
+        if not sensor.record.fit["monotone"]:
+            return Obstacle(f"{sensor.label}: the curve turns inside its range", TWO_ELONGATIONS)
+    return None if run.sensors else Obstacle("The run has no sensor")
+
+
+def missed_bounds(run: Candidate, posterior: Sequence[Mapping[str, Any]] = ()) -> tuple[str, ...]:
+    """Return which figures are out of tolerance, a sentence for each sensor that has one.
+
+    Parameters
+    ----------
+    posterior : figures of each sensor's sampled curve; none where it was not sampled.
+    """
+    lines = []
+    for i, sensor in enumerate(run.sensors):
+        parts = [warning.text for warning in sensor.out_of_tolerance]
+        if i < len(posterior) and not posterior[i].get("converged", True):
+            parts.append("uncertainty bands not converged")
+        if parts:
+            lines.append(f"{sensor.label}: {', '.join(parts)}")
+    return tuple(lines)
+
+
+def accepted_record(run: Candidate, posterior: Sequence[Mapping[str, Any]] = ()) -> CalibrationRecord:
+    """Return what is stored with the unit when the calibration of a run is accepted."""
+    return CalibrationRecord(
+        sensors=tuple(sensor.record for sensor in run.sensors if not sensor.void),
+        simulated=run.simulated,
+        unit=run.unit,
+        recording=Path(run.path).name,
+        recording_id=run.recording_id,
+        curve=run.curve,
+        cycles=run.cycles,
+        posterior=tuple(posterior),
+        out_of_tolerance=missed_bounds(run, posterior),
+    )
+
+
+def accept(units: UnitLibrary, record: CalibrationRecord, *, operator: str = "") -> Unit:
+    """Put a calibration into force for its unit, and return the unit.
+
+    Raises
+    ------
+    RequestError : the unit's file is refused. StorageError : it cannot be written.
+    """
+    return units.add_calibration(record.unit, record.as_json(), recording=record.recording, operator=operator)
+
+
+def withdraw(units: UnitLibrary, name: str, before: StoredCalibration | None) -> None:
+    """Put the calibration before the newest one into force again; none where there was none.
+
+    Raises
+    ------
+    RequestError : the unit's file is refused. StorageError : it cannot be written.
+    """
+    if before is None:
+        units.add_calibration(name, {"simulated": units.simulated}, accepted=False, note="acceptance undone")
+    else:
+        units.add_calibration(name, before.content, recording=before.recording, note="in force again")
+
+
+def accept_run(path: Path, units: UnitLibrary, *, anyway: bool = False, operator: str = "") -> Unit:
+    """Analyse a run, put its calibration into force for its unit, and return the unit.
+
+    Parameters
+    ----------
+    anyway : accept figures out of tolerance.
+
+    Raises
+    ------
+    RequestError : it cannot be accepted, or is out of tolerance. BoatDaqError : it cannot be read.
+    StorageError : the unit's file cannot be written.
+    """
+    run = candidate_of(analysed_run(path), path)
+    obstacle, missed = obstacle_to(run), missed_bounds(run)
+    if obstacle is not None or not run.unit:
+        cause = obstacle.cause if obstacle is not None else "the recording names no unit"
+        raise RequestError(f"this calibration cannot be accepted: {cause}", "record a calibration run of a named unit")
+    if missed and not anyway:
+        cause = f"this calibration is out of tolerance: {'. '.join(missed)}"
+        raise RequestError(cause, "check its readings, or accept it as it is", command="add --anyway")
+    return accept(units.of(simulated=run.simulated), accepted_record(run), operator=operator)

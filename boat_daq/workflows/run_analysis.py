@@ -1,0 +1,69 @@
+"""Analyse a recording with its unit's contributions, the curve that it was accepted with and the lab's plugins."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analysis.fidelity import Level
+from analysis.progress import Progress
+from boat_daq.workflows.calibration_in_force import chosen_curve, stated_contributions
+from boat_daq.workflows.plugin_figures import with_plugins
+
+if TYPE_CHECKING:
+    from analysis.figures.pipeline import Analysis
+
+
+def load_analysis() -> None:
+    """Load the libraries of an analysis and of a report."""
+    from importlib import import_module
+
+    for name in ("analysis.figures.pipeline", "analysis.figures.uncertainty", "analysis.reports.build"):
+        import_module(name)
+
+
+def analysed_run(
+    path: Path, *, curve: str = "", level: Level = "normal", mcmc: bool = False, progress: Progress | None = None
+) -> Analysis:
+    """Return the analysis of a recording with the readings beside it.
+
+    Parameters
+    ----------
+    curve : choice of `chosen_curve`.
+    mcmc : whether the posterior is sampled.
+
+    Raises
+    ------
+    BoatDaqError : the recording cannot be read. RequestError : the unit's file is refused.
+    """
+    from analysis import load_recording
+    from analysis.figures.batch import readings_beside
+    from analysis.figures.pipeline import analyse
+    from analysis.figures.sensor_analysis import Options
+
+    recording = load_recording(path)
+    type_b = stated_contributions(recording)
+    options = Options(chosen_curve(recording, curve), fidelity=level, mcmc=mcmc, type_b=type_b)
+    return with_plugins(analyse(recording, readings_beside(path), options=options, progress=progress), str(path))
+
+
+def count_plateaus(found: Analysis) -> tuple[int, int]:
+    """Return how many plateaus are to be read, and how many were, as the readings of the live page count them.
+
+    They are the steps of the run without the last; an interrupted one counts where it was read. Without steps they are
+    the plateaus of the pressure.
+    """
+    recording = found.recording
+    passed = [bool(json.loads(str(detail) or "{}").get("passed")) for detail in recording.steps["detail"]]
+    steps = recording.steps[(recording.steps["branch"] != "end") & ~np.asarray(passed, dtype=bool)]
+    if not len(steps):
+        known = int(found.elongations.known.sum()) if found.elongations is not None else 0
+        return sum(bool(p.branch) for p in found.plateaus), known
+    if not len(recording.readings) and found.elongations is not None:  # given in a file
+        return int((steps["status"] != "aborted").sum()), int(found.elongations.known.sum())
+    readings = recording.current_readings
+    read = steps["id"].isin(readings["step"][readings["elongation_mm"].notna()])
+    return int(((steps["status"] != "aborted") | read).sum()), int(read.sum())

@@ -1,0 +1,137 @@
+"""Files made from recordings: samples, calibrations, reports; and recordings made from tables. For helper processes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from analysis.fidelity import Level
+from analysis.progress import Progress, part_of
+from boat_daq.workflows.calibration_in_force import chosen_curve, exported_elongation, stated_contributions
+from boat_daq.workflows.run_analysis import analysed_run
+from protocol.base.units import STORED_UNITS, ShownUnits
+
+WRITING = 2  # duration of setting a report, in analyses of a run
+
+
+def export_run(path: Path, target: Path, *, progress: Progress | None = None) -> str:
+    """Write the samples of a recording in the form of the suffix of `target`, with elongation by a calibration.
+
+    Returns
+    -------
+    Why the file has no elongation; empty where it has.
+
+    Raises
+    ------
+    BoatDaqError : it cannot be read, or the target cannot be written.
+    """
+    from analysis.data.export import SUFFIXES, export, require_library
+    from analysis.data.load import load_recording
+    from analysis.figures.sensor_analysis import Options
+    from analysis.tracking.run import with_camera_placed
+
+    format = SUFFIXES.get(target.suffix, "csv")
+    require_library(format)
+    recording = load_recording(path)
+    options = Options(chosen_curve(recording), mcmc=False, type_b=stated_contributions(recording))
+    converted, void = exported_elongation(recording, options)
+    export(with_camera_placed(recording), target, format, converted=converted, progress=progress)
+    return void
+
+
+def export_calibration(
+    path: Path,
+    target: Path,
+    *,
+    curve: str = "",
+    table_error_mm: float | None = None,
+    progress: Progress | None = None,
+) -> str:
+    """Write the calibration of a recording in the form of the suffix of `target`: .json, .h, .m or .csv.
+
+    Parameters
+    ----------
+    curve : choice of `chosen_curve`.
+    table_error_mm : bound on the error of a table; None for the usual one in a CSV, and for no table in C.
+
+    Returns
+    -------
+    What a user of the values must know; empty where there is nothing.
+
+    Raises
+    ------
+    BoatDaqError : the run is no calibration, it gives no elongation, no table keeps to the bound, or the target cannot
+        be written.
+    """
+    from analysis.calibration_export.calibration_file import CalibrationFile
+    from analysis.calibration_export.forms import FORMS, write_calibration
+
+    found = CalibrationFile.of_run(analysed_run(path, curve=curve, progress=progress))
+    form = next(form for form, suffix in FORMS.items() if suffix == target.suffix)
+    write_calibration(found, target, form, table_error_mm)
+    return ". ".join(found.remarks)
+
+
+def preview_table(path: Path, separator: str | None) -> dict[str, Any]:
+    """Return what the importer finds in a CSV file, and the units of measurement that each quantity may have.
+
+    Raises
+    ------
+    BoatDaqError : it is not a table of numbers.
+    """
+    from analysis.data.csv_import import preview, units_of
+
+    roles = ("time_s", "pressure_kpa", "target_kpa", *(f"s{n}_mv" for n in range(1, 5)))
+    return preview(path, separator=separator) | {"units": {role: units_of(role) for role in roles}}
+
+
+def import_table(
+    path: Path, target: Path, columns: Mapping[str, str], rate_hz: float | None, separator: str | None
+) -> list[str]:
+    """Write a CSV file as a recording; return the notes of the importer.
+
+    Parameters
+    ----------
+    columns : column of each quantity, with its unit of measurement, as `import_csv` takes them.
+
+    Raises
+    ------
+    BoatDaqError : it cannot be imported, or the target cannot be written.
+    """
+    from analysis.data.boat_writer import write_boat_file
+    from analysis.data.csv_import import import_csv
+
+    recording = import_csv(path, columns=columns, rate_hz=rate_hz, separator=separator)
+    write_boat_file(target, recording, original=path)
+    return [*recording.meta.get("import_notes", ()), *recording.meta.get("import_issues", ())]
+
+
+def report_runs(
+    paths: list[Path],
+    target: Path,
+    *,
+    curve: str = "",
+    level: Level = "normal",
+    units: ShownUnits = STORED_UNITS,
+    progress: Progress | None = None,
+) -> str:
+    """Write the report of one or several recordings; return its verdict.
+
+    Parameters
+    ----------
+    curve : choice of `chosen_curve`.
+
+    Raises
+    ------
+    BoatDaqError : one of them cannot be read, or the target cannot be written.
+    """
+    from analysis import write_report
+
+    parts = len(paths) + WRITING
+    analyses = [
+        analysed_run(path, curve=curve, level=level, mcmc=True, progress=part_of(progress, i, 1, parts))
+        for i, path in enumerate(paths)
+    ]
+    setting = part_of(progress, len(paths), WRITING, parts)
+    return write_report(analyses, target, units=units, progress=setting).verdict

@@ -1,0 +1,90 @@
+"""Which calibrations are accepted, and what is stored: always a newer entry of the unit's history."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis.calibration.fit import fit_calibration
+from analysis.calibration.record import SensorRecord
+from analysis.warning import Warning, WarningCode
+from boat_daq.engine.settings import UnitLibrary
+from boat_daq.workflows import acceptance
+from boat_daq.workflows.acceptance import (
+    Candidate,
+    Lack,
+    SensorCandidate,
+    accept,
+    accept_run,
+    accepted_record,
+    lacking,
+    missed_bounds,
+    obstacle_to,
+    withdraw,
+)
+from protocol.base.errors import RequestError
+from tests.boat_daq.viewmodels.helpers import SAMPLE
+
+X = np.linspace(-2.0, 3.0, 12)
+FIT = fit_calibration(X, 1650 + 40 * X + np.sin(9 * X))
+SENSOR = SensorCandidate(record=SensorRecord("s1", FIT.as_json(), FIT.x, FIT.y))
+BARE = SensorCandidate(record=SensorRecord("s2", void="no elongation was read"))
+RUN = Candidate(
+    path="/runs/a.boat", unit="SA1", simulated=False, cycles=2, sensors=(SENSOR,), plateaus=12, read=12, curve="3",
+    recording_id="a",
+)  # fmt: skip
+
+
+def test_a_run_without_a_curve_names_what_it_lacks_first() -> None:
+    bare = replace(RUN, sensors=(BARE, BARE), read=1)
+    runs = (replace(bare, cycles=0), replace(bare, plateaus=0), bare)
+    assert [lacking(run) for run in runs] == [Lack.CYCLES, Lack.PLATEAUS, Lack.READINGS]
+    assert [str(obstacle_to(run)) for run in runs] == [
+        "This run has no complete cycle.", "This run has no plateaus.", "Only 1 of 12 plateaus has a reading.",
+    ]  # fmt: skip
+    assert lacking(RUN) is None
+
+
+def test_each_sensor_needs_a_curve_with_an_inverse() -> None:
+    assert obstacle_to(RUN) is None
+    assert str(obstacle_to(replace(RUN, sensors=(SENSOR, BARE)))) == "Sensor 2: no elongation was read."
+    bent = replace(SENSOR.record, fit={**SENSOR.record.fit, "monotone": False})
+    found = obstacle_to(replace(RUN, sensors=(replace(SENSOR, record=bent),)))
+    assert found is not None and "one signal would give two elongations" in str(found)
+    assert str(obstacle_to(None)) == "Nothing is analysed yet."
+    assert str(obstacle_to(replace(RUN, sensors=()))) == "The run has no sensor."
+
+
+def test_acceptance_and_withdrawal_add_entries(tmp_path) -> None:
+    """The stored content is the record's; a withdrawal brings the entry before back."""
+    missed = replace(SENSOR, out_of_tolerance=(Warning(WarningCode.OUT_OF_TOLERANCE, "r2", "R² is low"),))
+    run, units = replace(RUN, sensors=(missed,)), UnitLibrary(tmp_path)
+    record = accepted_record(run, [{"converged": False}])
+    assert record.out_of_tolerance == ("Sensor 1: R² is low, uncertainty bands not converged",)
+    assert missed_bounds(RUN) == ()
+    first = accept(units, record, operator="Ada").calibration
+    assert first is not None
+    assert (first.content, first.recording, first.operator) == (record.as_json(), "a.boat", "Ada")
+    accept(units, replace(record, recording="b.boat"))
+    withdraw(units, "SA1", first)
+    again = units.load("SA1").calibration
+    assert again is not None and (again.content, again.recording) == (first.content, "a.boat")
+    withdraw(units, "SA1", None)
+    assert units.load("SA1").calibration is None
+    assert len(units.load("SA1").history) == 4
+
+
+def test_run_of_a_virtual_board_is_accepted_into_its_own_library(tmp_path, monkeypatch) -> None:
+    """One out of tolerance only where that is stated; one of an unnamed unit never."""
+    units = UnitLibrary(tmp_path)
+    unit = accept_run(SAMPLE, units, anyway=True, operator="Ada")
+    assert unit.name == "SA1" and unit.calibration is not None
+    assert units.names() == [] and units.of(simulated=True).names() == ["SA1"]
+    missed = replace(RUN, sensors=(replace(SENSOR, out_of_tolerance=(Warning(WarningCode.IMPORT, "", "off"),)),))
+    monkeypatch.setattr(acceptance, "analysed_run", lambda path: None)
+    for run, cause in ((missed, "out of tolerance: Sensor 1: off"), (replace(RUN, unit=""), "names no unit")):
+        monkeypatch.setattr(acceptance, "candidate_of", lambda found, path, run=run: run)
+        with pytest.raises(RequestError, match=cause):
+            accept_run(SAMPLE, units)

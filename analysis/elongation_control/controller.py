@@ -35,7 +35,7 @@ _HISTORY = 64  # periods of the setpoint that are kept to compare with late samp
 
 
 class StopCode(enum.StrEnum):
-    """Why elongation is no longer controlled; also a `MessageKind` of the program."""
+    """Why elongation is no longer controlled."""
 
     DISAGREEMENT = "sensors_disagree"
     UNKNOWN = "elongation_unknown"

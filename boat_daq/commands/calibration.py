@@ -211,10 +211,10 @@ def _converted_live(
     import dataclasses
 
     from analysis.calibration_export.conversion import check_signals, convert_signals, converted_rows
-    from boat_daq.commands.run_session import MessagePrinter
     from boat_daq.engine.sample_columns import columns
     from boat_daq.engine.session.session import Session
     from boat_daq.engine.settings import load_settings
+    from boat_daq.workflows.run_session import MessagePrinter
     from protocol.base.errors import StorageError
 
     settings = load_settings()
@@ -225,7 +225,7 @@ def _converted_live(
         session.connect(port, profile, rate_hz=rate_hz)
         seen = session.wait_connected()
         first_us: int | None = None
-        print_new = MessagePrinter()
+        print_new = MessagePrinter(notify)
         while True:
             print_new(seen)
             ended = _ended(seen)

@@ -146,9 +146,9 @@ def record_on_virtual_board(
     ------
     DeviceError : the run ended early.
     """
-    from boat_daq.commands.run_session import SessionRequest, run_session
     from boat_daq.engine.session.readings import enter_simulated_readings
     from boat_daq.engine.simulator.server import BoardSettings, serve
+    from boat_daq.workflows.run_session import SessionRequest, run_session
     from protocol.base.errors import DeviceError
 
     with tempfile.TemporaryDirectory() as folder:
@@ -160,9 +160,14 @@ def record_on_virtual_board(
             request = SessionRequest(
                 port=board.url, path=run, plan=plan, unit=known, metadata=metadata, uncertainty=uncertainty_mm
             )
-            _, failure = run_session(request, lambda session: enter_simulated_readings(session, truth, seed=seed))
-    if failure:
-        raise DeviceError(f"the demo's run ended early: {failure}", "try a lower --speed on a busy computer")
+            ended = run_session(
+                request,
+                lambda session: enter_simulated_readings(session, truth, seed=seed),
+                notify=notify,
+                progress_bar=progress_bar,
+            )
+    if ended.failure:
+        raise DeviceError(f"the demo's run ended early: {ended.failure}", "try a lower --speed on a busy computer")
 
 
 def write_reports(analysis: Analysis, run: Path) -> list[Path]:

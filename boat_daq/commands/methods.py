@@ -39,7 +39,7 @@ def tradeoff(
     from analysis.studies.tradeoff.charts import report_json, write_report
     from analysis.studies.tradeoff.measure import measure_all
     from analysis.studies.tradeoff.methods import METHODS
-    from boat_daq.viewmodels.models.tradeoff import camera_tracker
+    from boat_daq.workflows.measured_methods import camera_tracker
     from protocol.base.errors import RequestError
 
     live = _live_plot()
@@ -66,7 +66,7 @@ def tradeoff(
 def _live_plot() -> Method:
     """Return the live plot's method, with the time of painting where Qt is available."""
     from analysis.studies.tradeoff.decimation import HEIGHT_PX, WIDTH_PX
-    from boat_daq.viewmodels.models.tradeoff import live_plot
+    from boat_daq.workflows.measured_methods import live_plot
 
     try:
         from boat_daq.gui.models.tradeoff_jobs import painter

@@ -24,11 +24,11 @@ from boat_daq.commands.options import (
 from boat_daq.engine.file_names import named, path_in
 
 if TYPE_CHECKING:
-    from boat_daq.commands.run_session import SessionRequest
     from boat_daq.engine.plan import Plan
     from boat_daq.engine.recording.resumption import BrokenRun
     from boat_daq.engine.recording.summary import Summary
     from boat_daq.engine.session.session import Session
+    from boat_daq.workflows.run_session import SessionRequest
     from protocol.recording.elongation_file import ElongationRow
 
 
@@ -96,9 +96,9 @@ def record(
     """
     ends: dict[str, float | None] = {"staircase": uncertainty, "continuous": repeatability}
     _check_asked(ends)
-    from boat_daq.commands.run_session import SessionRequest, run_assessed_session
     from boat_daq.engine.derived_store import parse_lines
     from boat_daq.engine.session.readings import read_elongation_csv
+    from boat_daq.workflows.run_session import SessionRequest, run_session
 
     if resume is not None and (out is not None or duration is not None):
         raise typer.BadParameter("--resume continues its own recording: omit --out and --duration")
@@ -128,7 +128,7 @@ def record(
         uncertainty=uncertainty if repeatability is None else repeatability,
     )
     if resume is not None:
-        request = resumed(request, broken_run(resume, plan, changes, unit=unit))
+        request = request.resuming(broken_run(resume, plan, changes, unit=unit))
         _check_kind(request.plan, ends)
     enter = None
     if elongation is not None and readings is not None:
@@ -140,7 +140,7 @@ def record(
         choice = CameraChoice(camera, mark_mm, u_mark_mm, lens, request.unit, allow_remote=allow_remote)
         choice.tracker()  # refuses what cannot be before the board is opened
         open_camera = partial(open_channel, choice=choice, video=video)
-    summary, failure, at_end = run_assessed_session(request, enter, open_camera)
+    summary, failure, at_end = run_session(request, enter, open_camera, notify=notify, progress_bar=progress_bar)
     if as_json:
         ended = {"failed": bool(failure), "failure": failure}
         emit_json({**dataclasses.asdict(summary), **ended, "end_uncertainty": at_end and dataclasses.asdict(at_end)})
@@ -236,19 +236,6 @@ def stated(values: list[str] | None, template: str) -> dict[str, Any]:
     from protocol.recording import Metadata
 
     return {"metadata": with_stated(Metadata(), values, template).as_json()} if values or template else {}
-
-
-def resumed(request: SessionRequest, broken: BrokenRun) -> SessionRequest:
-    """Return the request for resuming a run: as it was begun, except for what is given."""
-    return dataclasses.replace(
-        request,
-        plan=broken.plan,
-        broken=broken,
-        profile=request.profile or broken.meta["profile"],
-        rate_hz=request.rate_hz or broken.meta["rate_hz"],
-        unit=broken.unit,
-        metadata={**request.metadata, "unit": broken.unit},
-    )
 
 
 def _report(summary: Summary, failure: str, request: SessionRequest) -> None:

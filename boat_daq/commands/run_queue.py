@@ -95,7 +95,7 @@ def _run(
     run: QueuedRun, folder: Path, port: str, profile: Path | None, out: Path, operator: str
 ) -> tuple[dict[str, Any], str]:
     """Record one run; return what was recorded, and why it failed."""
-    from boat_daq.commands.run_session import SessionRequest, run_session
+    from boat_daq.workflows.run_session import SessionRequest, run_session
 
     plan = run.loaded(folder)
     request = SessionRequest(
@@ -106,7 +106,7 @@ def _run(
         unit=run.unit,
         metadata={"operator": operator, "unit": run.unit, "note": run.note},
     )
-    summary, failure = run_session(request)
+    summary, failure, _ = run_session(request, notify=notify, progress_bar=progress_bar)
     cycles = summary.cycles.complete
     notify(f"{summary.path}: {summary.samples} samples, {cycles} complete cycles, {summary.lost_samples} lost")
     head = {"file": str(summary.path), "plan": plan.name, "unit": run.unit, "samples": summary.samples}

@@ -10,14 +10,14 @@ import typer
 from typer.core import TyperCommand
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, show
-from boat_daq.viewmodels.common.outlets import ADDRESS
+from boat_daq.workflows.outlets import ADDRESS
 from protocol.base.errors import RequestError
 
 if TYPE_CHECKING:
     from boat_daq.engine.outlets.lsl import LslOutlet
     from boat_daq.engine.outlets.secop_server import SecopServer
     from boat_daq.engine.session.session import Session
-    from boat_daq.viewmodels.live.conversion import Conversion
+    from boat_daq.workflows.live_conversion import Conversion
 
 
 class ServeCommand(TyperCommand):
@@ -70,7 +70,7 @@ def serve(
     from boat_daq.engine.plan import built_in_plans, plans_in
     from boat_daq.engine.session.session import Session
     from boat_daq.engine.settings import recordings_folder
-    from boat_daq.viewmodels.common.outlets import NodeChoice, open_node, open_streams
+    from boat_daq.workflows.outlets import NodeChoice, open_node, open_streams
 
     start_log("serve")
     choice = NodeChoice(listen or secop or ADDRESS, allow_control, token_file)
@@ -116,7 +116,7 @@ def _conversion(session: Session, unit: str) -> tuple[Conversion | None, str]:
     if stored is None:
         notify("without elongation: the unit has no calibration" if unit else "without elongation: no --unit is given")
         return None, ""
-    from boat_daq.viewmodels.live.conversion import prepare
+    from boat_daq.workflows.live_conversion import prepare
 
     conversion = prepare(stored.content)
     if seen.last is None or conversion.sensors != len(seen.last.signal_mv):
@@ -127,10 +127,10 @@ def _conversion(session: Session, unit: str) -> tuple[Conversion | None, str]:
 
 def _wait(session: Session, duration_s: float | None) -> None:
     """Print messages until the time is over or the link is closed."""
-    from boat_daq.commands.run_session import MessagePrinter
     from boat_daq.engine.snapshot import LinkState
+    from boat_daq.workflows.run_session import MessagePrinter
 
-    told, end_s = MessagePrinter(), None if duration_s is None else time.monotonic() + duration_s
+    told, end_s = MessagePrinter(notify), None if duration_s is None else time.monotonic() + duration_s
     while end_s is None or time.monotonic() < end_s:
         seen = session.snapshot()
         told(seen)

@@ -137,8 +137,8 @@ def hold(
     Example: boat-daq twin hold --port /dev/ttyACM0 --unit SA1 --mm 1.5 --seconds 20
     """
     from boat_daq.commands.record import dated_name
-    from boat_daq.commands.run_session import SessionRequest, run_session
     from boat_daq.engine.plan import Plan
+    from boat_daq.workflows.run_session import SessionRequest, run_session
     from boat_daq.workflows.unit_control import held_elongation
     from protocol.recording import Segment
 
@@ -147,7 +147,7 @@ def hold(
     request = SessionRequest(
         port, out or dated_name(unit), plan, unit=unit, metadata={"unit": unit}, hold=on_stop_hold, max_u_mm=max_u
     )
-    summary, failure = run_session(request)
+    summary, failure, _ = run_session(request, notify=notify, progress_bar=progress_bar)
     recording, units = _recording(summary.path)
     held = dict.fromkeys(("elongation_mm", "u_mm", "deviation_mm", "rms_mm"), float("nan"))
     if not failure:

@@ -19,11 +19,11 @@ from boat_daq.gui.recording_badge import RecordingBadge
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import open_path
 from boat_daq.viewmodels.common.notices import TITLES, Notice, Notices, Severity
-from boat_daq.viewmodels.common.outlets import OutletsModel
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.live.connection import ConnectionModel, link_text
-from boat_daq.viewmodels.live.conversion import UnitInUse
+from boat_daq.viewmodels.live.outlets import OutletsModel
 from boat_daq.viewmodels.live.recording_status import RecordingStatus
+from boat_daq.viewmodels.live.unit_in_use import UnitInUse
 from boat_daq.workflows.jobs import JobRunner
 
 FIGURES = 4

@@ -21,7 +21,7 @@ from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.layouts import Leaves, ReflowingPage
 from boat_daq.viewmodels.common.notices import sentence
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.live.conversion import UnitInUse
+from boat_daq.viewmodels.live.unit_in_use import UnitInUse
 from boat_daq.viewmodels.settings_model import CALIBRATION, PROGRAM, SettingsModel, StoredValues, note, refusal
 from protocol.base.errors import RequestError
 

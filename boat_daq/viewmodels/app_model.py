@@ -18,20 +18,20 @@ from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.viewmodels.common.notices import Notices, SessionMessages, Severity
 from boat_daq.viewmodels.common.open_windows import OpenWindows
-from boat_daq.viewmodels.common.outlets import OutletsModel
 from boat_daq.viewmodels.common.preferences import Precision, Preferences, UnitChoice
 from boat_daq.viewmodels.common.services import Page, Panel, Services, UndoHistory
 from boat_daq.viewmodels.common.tolerance import TypedChoice, tolerance_choice
 from boat_daq.viewmodels.live.board_profile import BoardProfile
 from boat_daq.viewmodels.live.camera import CameraModel
 from boat_daq.viewmodels.live.connection import ConnectionModel
-from boat_daq.viewmodels.live.conversion import DisagreementWatch, UnitInUse
 from boat_daq.viewmodels.live.layout import Layouts
 from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel
+from boat_daq.viewmodels.live.outlets import OutletsModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.run_model import CalibrationOffer, ResumeRun, RunModel
 from boat_daq.viewmodels.live.sequence import SequenceModel
 from boat_daq.viewmodels.live.shadow_live import TABLE_ERRORS, ShadowLive, ShadowMonitor
+from boat_daq.viewmodels.live.unit_in_use import DisagreementWatch, UnitInUse
 from boat_daq.viewmodels.models.optics import (
     SUGGESTED_CONFIDENCES,
     SUGGESTED_RAYS,

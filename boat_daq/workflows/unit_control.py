@@ -10,15 +10,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from boat_daq.engine.control.elongation import LoopStop, Point, Regulated, Regulator, Signals
 from boat_daq.engine.file_names import path_in
 from boat_daq.engine.settings import UnitLibrary
+from boat_daq.engine.snapshot import MessageKind
 from boat_daq.workflows.calibration_in_force import in_force
 from protocol.base.errors import RequestError, StorageError
 
 if TYPE_CHECKING:
     from analysis.calibration.inverse import Fusion
     from analysis.data.recording import Recording
-    from analysis.elongation_control.controller import Bounds, ElongationController
+    from analysis.elongation_control.controller import ElongationController
     from analysis.elongation_control.dynamic_figures import DynamicCalibration
     from analysis.elongation_control.sensor_loop import SensorLoops
     from analysis.elongation_control.unit_file import TwinFile
@@ -215,25 +217,53 @@ def regulator_of(
     *,
     fusion: Fusion | None = None,
     step_mv: float = 0.0,
-    bounds: Bounds | None = None,
-) -> ElongationController:
+    max_u_mm: float | None = None,
+) -> Regulator:
     """Return the regulator of a unit, ready to use: its code is compiled.
 
     Parameters
     ----------
-    step_mv : of the board's converter.
+    step_mv : resolution of the board's converter.
+    max_u_mm : U (k = 2) of the elongation that stops the control; None for the usual bound.
 
     Raises
     ------
-    RequestError, BoatDaqError : as `load_twin` and `fusion_of`.
+    BoatDaqError : as `load_twin` and `fusion_of`.
     """
-    from analysis.elongation_control.controller import ElongationController, Tuning
+    from analysis.elongation_control.controller import Bounds, ElongationController, Tuning
 
     twin = load_twin(units, name)
     fusion = fusion or fusion_of(units, name)
     tuning = twin.tuning or Tuning.cautious()
     loops = sensor_loops(units, name, fusion)
-    return ElongationController(twin.model, fusion, tuning, bounds, unit=name, step_mv=step_mv, loops=loops)
+    bounds = Bounds() if max_u_mm is None else Bounds(u_mm=max_u_mm)
+    return as_regulator(
+        ElongationController(twin.model, fusion, tuning, bounds, unit=name, step_mv=step_mv, loops=loops)
+    )
+
+
+def as_regulator(controller: ElongationController) -> Regulator:
+    """Return what the engine drives a unit by."""
+    from analysis.elongation_control.controller import StopCode
+
+    kinds = {
+        StopCode.DISAGREEMENT: MessageKind.SENSORS_DISAGREE,
+        StopCode.UNKNOWN: MessageKind.ELONGATION_UNKNOWN,
+        StopCode.UNCERTAIN: MessageKind.ELONGATION_UNCERTAIN,
+        StopCode.NOT_FOLLOWING: MessageKind.NOT_FOLLOWING,
+    }
+
+    def advance(
+        time_s: float, sampled_s: float, point: Point, signal_mv: Signals, limits_kpa: tuple[float, float], shaped: bool
+    ) -> Regulated:
+        found = controller.advance(time_s, sampled_s, point, signal_mv, limits_kpa, shaped=shaped)
+        stop = None if found.stop is None else LoopStop(kinds[found.stop], found.cause, found.remedy)
+        measured = (found.setpoint_mm, found.elongation_mm, found.u_mm, found.saturated, found.lost)
+        return Regulated(found.pressure_kpa, found.ramp_kpa_per_s, *measured, stop)
+
+    return Regulator(
+        controller.unit, controller.period_s, controller.delay_margin_s, controller.check, controller.begin, advance
+    )
 
 
 def sensor_loops(units: UnitLibrary, name: str, fusion: Fusion) -> SensorLoops | None:

@@ -27,8 +27,8 @@ def window_on(qtbot, tmp_path, size):
     from boat_daq.engine.settings import UnitLibrary
     from boat_daq.gui import app
     from boat_daq.viewmodels.app_model import AppModel
-    from boat_daq.viewmodels.live.live_model import LiveElongation
-    from boat_daq.viewmodels.live.shadow_jobs import shadow_of
+    from boat_daq.workflows.live_conversion import LiveElongation
+    from boat_daq.workflows.shadow_jobs import shadow_of
 
     app.make_application()
     session = RecordedSession(connected(), filled_ring(HOUR_S))

@@ -23,8 +23,8 @@ def app_model(qtbot, tmp_path):
     from boat_daq.engine.settings import UnitLibrary
     from boat_daq.gui.app import make_application
     from boat_daq.viewmodels.app_model import AppModel
-    from boat_daq.viewmodels.live.live_model import LiveElongation
-    from boat_daq.viewmodels.live.shadow_jobs import shadow_of
+    from boat_daq.workflows.live_conversion import LiveElongation
+    from boat_daq.workflows.shadow_jobs import shadow_of
 
     make_application()
     session = RecordedSession(connected(), filled_ring(300.0))
@@ -95,8 +95,8 @@ def test_frame_under_strong_vacuum(qtbot, app_model, capsys):
     beside it the cost of one such job, which no frame has.
     """
     from boat_daq.gui.plotting.shadow_pane import ShadowPane
-    from boat_daq.viewmodels.live.live_model import LiveElongation
-    from boat_daq.viewmodels.live.shadow_jobs import unstable_places
+    from boat_daq.workflows.live_conversion import LiveElongation
+    from boat_daq.workflows.shadow_jobs import unstable_places
 
     model, looked, search = app_model.shadow.model, Watch(), Watch()
     for step in range(-42, -37):

@@ -20,6 +20,7 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, serve
 from boat_daq.engine.snapshot import MessageKind
+from boat_daq.workflows.unit_control import as_regulator
 from tests.analysis import twin_unit
 from tests.system import third_party_boards as boards
 
@@ -49,7 +50,7 @@ def started(board: boards.Board, tmp_path) -> Session:
     session.connect(board.url)
     session.wait_connected()
     session.wait(lambda s: all(check.ok for check in session.preflight() if check.name == "zero"), 5.0)
-    session.control_elongation(1.4, regulator())
+    session.control_elongation(1.4, as_regulator(regulator()))
     return session
 
 
@@ -114,7 +115,7 @@ def controlled(url: str, mm: float, tmp_path) -> Session:
     session.connect(url)
     session.wait_connected()
     session.wait(lambda s: all(check.ok for check in session.preflight() if check.name == "zero"), 5.0)
-    session.control_elongation(mm, twin_unit.regulator())
+    session.control_elongation(mm, as_regulator(twin_unit.regulator()))
     return session
 
 

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from boat_daq.commands.run_session import SessionRequest, run_session
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.recording.summary import Summary
 from boat_daq.engine.recording.verify import verify_recording
+from boat_daq.workflows.run_session import SessionRequest, run_session
 from protocol.base.errors import BoatDaqError
 from tests.system import third_party_boards as boards
 
@@ -44,7 +44,7 @@ def served(kind: type[boards.Board]) -> Iterator[boards.Board]:
 
 
 def recorded(board: boards.Board, path: Path) -> tuple[Summary, str]:
-    summary, failure = run_session(SessionRequest(board.url, path, PLAN))
+    summary, failure, _ = run_session(SessionRequest(board.url, path, PLAN))
     assert verify_recording(path).identical
     return summary, failure
 

@@ -53,20 +53,20 @@ def controller(*, whole: bool) -> dict[str, Any]:
 
 def recording(folder: Path) -> dict[str, Any]:
     """A run that its board leaves in mid-cycle, what is known of it, and the same run resumed to its end."""
-    from boat_daq.commands.run_session import SessionRequest, run_session
     from boat_daq.engine.plan import built_in_plans
     from boat_daq.engine.recording.resumption import prepare_resumption
     from boat_daq.engine.recording.summary import summarise
     from boat_daq.engine.recording.verify import verify_recording
     from boat_daq.engine.simulator.server import BoardSettings, serve
+    from boat_daq.workflows.run_session import SessionRequest, run_session
 
     path = folder / "run.boat"
     plan = dataclasses.replace(built_in_plans()["repeatability"], cycles=3, ramp_kpa_per_s=40.0)
     with serve(BoardSettings(speed=20.0, faults=("estop@20:1",))) as board:
-        _, first = run_session(SessionRequest(board.url, path, plan))
+        _, first, _ = run_session(SessionRequest(board.url, path, plan))
     broken, end = prepare_resumption(path), summarise(path).run_end
     with serve(BoardSettings(speed=20.0)) as board:
-        _, second = run_session(SessionRequest(board.url, path, broken.plan, broken=broken))
+        _, second, _ = run_session(SessionRequest(board.url, path, broken.plan, broken=broken))
     whole = summarise(path)
     return {
         "failed": [bool(first), bool(second)],

@@ -1,4 +1,4 @@
-"""Control of the elongation: a regulator of the analysis, at its period, on board time. A client of the interlock.
+"""Control of the elongation: a regulator at its period, on board time. A client of the interlock.
 
 The loop takes samples, and once a period returns a pressure to request, or why it stops; it commands nothing. Its
 clock is the board's, so that a virtual board is controlled alike at any speed that the link can follow. One pressure is
@@ -12,8 +12,8 @@ It stops for what the regulator finds in the signals, and for what only the link
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,55 +29,8 @@ FASTEST = 8.0  # board time over host time that a host can control at
 
 _NO_SIGNAL = int(NOT_FOR_FIGURES & ~(SampleFlag.SATURATED | SampleFlag.PRESSURE_INVALID))
 
-Point = tuple[float, float, float]
-
-
-class Regulated(Protocol):
-    """What a regulator returns: see `analysis.elongation_control.controller.Output`."""
-
-    @property
-    def pressure_kpa(self) -> float: ...
-    @property
-    def ramp_kpa_per_s(self) -> float: ...
-    @property
-    def setpoint_mm(self) -> float: ...
-    @property
-    def elongation_mm(self) -> float: ...
-    @property
-    def u_mm(self) -> float: ...
-    @property
-    def saturated(self) -> bool: ...
-    @property
-    def lost(self) -> tuple[int, ...]: ...
-    @property
-    def stop(self) -> str | None: ...
-    @property
-    def cause(self) -> str: ...
-    @property
-    def remedy(self) -> str: ...
-
-
-class Regulator(Protocol):
-    """Signals in, pressures out; `analysis.elongation_control.controller.ElongationController` is one."""
-
-    @property
-    def period_s(self) -> float: ...
-    @property
-    def delay_margin_s(self) -> float: ...
-    @property
-    def unit(self) -> str: ...
-    def check(self, mm: float) -> None: ...
-    def begin(self, time_s: float, pressure_kpa: float, signal_mv: NDArray[np.float64]) -> float: ...
-    def advance(
-        self,
-        time_s: float,
-        sampled_s: float,
-        setpoint: Point,
-        signal_mv: NDArray[np.float64],
-        limits_kpa: tuple[float, float],
-        *,
-        shaped: bool,
-    ) -> Regulated: ...
+Point = tuple[float, float, float]  # setpoint: mm, mm/s and mm/s2
+Signals = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +40,46 @@ class LoopStop:
     kind: MessageKind
     cause: str
     remedy: str
+
+
+@dataclass(frozen=True, slots=True)
+class Regulated:
+    """Pressure of one period, with setpoint, elongation and its U (k = 2), NaN where unknown.
+
+    Attributes
+    ----------
+    saturated : the pressure is at a limit or at its ramp.
+    lost : sensors (from 1) newly lost.
+    stop : why to stop; None where nothing is wrong.
+    """
+
+    pressure_kpa: float
+    ramp_kpa_per_s: float
+    setpoint_mm: float
+    elongation_mm: float
+    u_mm: float
+    saturated: bool
+    lost: tuple[int, ...] = ()
+    stop: LoopStop | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Regulator:
+    """Signals in, pressures out, for one unit.
+
+    Attributes
+    ----------
+    check : refuses a setpoint outside the calibrated range, mm.
+    begin : (board time s, pressure kPa, signals [n, sensors] mV) -> elongation, mm.
+    advance : (board time s, mean time of the samples s, setpoint, signals, limits kPa, whether a step is made smooth).
+    """
+
+    unit: str
+    period_s: float
+    delay_margin_s: float
+    check: Callable[[float], None]
+    begin: Callable[[float, float, Signals], float]
+    advance: Callable[[float, float, Point, Signals, tuple[float, float], bool], Regulated]
 
 
 class ElongationLoop:
@@ -155,12 +148,12 @@ class ElongationLoop:
         shaped = point is None or not any(point[1:])
         setpoint = (self.target_mm, 0.0, 0.0) if point is None else point
         sampled_s = float(time_us.mean()) / 1e6
-        found = self.regulator.advance(now_us / 1e6, sampled_s, setpoint, signals, limits_kpa, shaped=shaped)
+        found = self.regulator.advance(now_us / 1e6, sampled_s, setpoint, signals, limits_kpa, shaped)
         self._last = found
         self.lost += found.lost
         self.at_limit_s = self.at_limit_s + self.regulator.period_s if found.saturated else 0.0
         if found.stop is not None:
-            return LoopStop(MessageKind(found.stop), found.cause, found.remedy)
+            return found.stop
         slowest_s = min(self._answers_s, default=0.0)
         if len(self._answers_s) == SLOW_ANSWERS and slowest_s > self.regulator.delay_margin_s:
             return self._delayed(slowest_s)
@@ -196,7 +189,7 @@ class ElongationLoop:
         return ElongationControl(self.target_mm, *measured, lost, hold, delay_s)
 
 
-def _signals(block: Columns) -> NDArray[np.float64]:
+def _signals(block: Columns) -> Signals:
     """Return the signals [n, sensors] of a block, NaN where a sample is no measurement.
 
     A saturated sensor's is kept: it lies far outside its range, and the flag does not say which sensor it is.

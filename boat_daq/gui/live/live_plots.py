@@ -24,14 +24,8 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.live.axis import SteadyRange, extremes
 from boat_daq.viewmodels.live.layout import CAMERA, ELONGATION, PRESSURE, Axes, title, titles, unit
-from boat_daq.viewmodels.live.live_model import (
-    CYCLES_KEPT,
-    LiveElongation,
-    LiveModel,
-    OverlayModel,
-    PlotFrame,
-    sensor_names,
-)
+from boat_daq.viewmodels.live.live_model import CYCLES_KEPT, LiveModel, OverlayModel, PlotFrame, sensor_names
+from boat_daq.workflows.live_conversion import LiveElongation
 from protocol.base.arrays import FloatArray
 from protocol.recording import DerivedChannel, ExtraChannel
 

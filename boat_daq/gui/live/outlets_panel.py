@@ -12,8 +12,8 @@ from PySide6.QtWidgets import QCheckBox, QDialog, QWidget
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open
-from boat_daq.viewmodels.common.outlets import OutletsModel
 from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.live.outlets import OutletsModel
 
 EXPLANATION = "Other programs read what the board sends while it measures. They never delay the recording."
 NETWORK = "LSL has no access control: anyone on the network can then read."

@@ -16,7 +16,7 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.services import Panel, Services
-from boat_daq.viewmodels.live.enough_cycles import EndAt
+from boat_daq.viewmodels.live.end_at import EndAt
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.sequence import (
     ENTRIES,

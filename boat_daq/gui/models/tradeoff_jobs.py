@@ -10,17 +10,17 @@ import pyqtgraph as pg
 from PySide6.QtGui import QColor, QImage, QPainter, QPen, QTransform
 
 from boat_daq.gui import style
-from boat_daq.viewmodels.models import tradeoff
+from boat_daq.workflows import measured_methods
 from protocol.base.arrays import FloatArray
 
 
 def measure_methods(
     names: Sequence[str], quick: bool, *, progress: Callable[[float, float], None] | None = None
 ) -> dict[str, Any]:
-    """Measure as `viewmodels.models.tradeoff.measure_methods`; a curve of the live plot is painted too."""
+    """Measure as `workflows.measured_methods.measure_methods`; a curve of the live plot is painted too."""
     from analysis.studies.tradeoff.decimation import HEIGHT_PX, WIDTH_PX
 
-    return tradeoff.measure_methods(names, quick, painter(WIDTH_PX, HEIGHT_PX), progress=progress)
+    return measured_methods.measure_methods(names, quick, painter(WIDTH_PX, HEIGHT_PX), progress=progress)
 
 
 def painter(width: int, height: int) -> Callable[[FloatArray], None]:

@@ -11,10 +11,9 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.plan import StepMark
@@ -23,9 +22,13 @@ from boat_daq.formatting import NOTHING, in_units, number
 from boat_daq.viewmodels.live.axis import SteadyRange, extremes
 from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Axes, Layout, difference_of, is_signal, titles, unit
 from boat_daq.viewmodels.live.layout import title as layout_title
+from boat_daq.workflows.live_conversion import LiveElongation
 from protocol.base.arrays import FloatArray
 from protocol.base.units import STORED_UNITS, ShownUnits, as_text
 from protocol.recording import DerivedChannel, ExtraChannel
+
+if TYPE_CHECKING:
+    from analysis.signal_prediction.prediction import LivePrediction
 
 Columns = Mapping[str, FloatArray]
 
@@ -41,38 +44,7 @@ CHANNEL_DECIMALS = 2
 CURVE_POINTS = 2000  # of a signal against pressure, at most
 
 
-@dataclass(frozen=True, slots=True)
-class LiveElongation:
-    """Elongation with its expanded uncertainty (k = 2), mm; NaN outside the calibrated range.
-
-    `beyond` marks values a little beyond its end, as `analysis.calibration.inverse` reads them; None marks none.
-    """
-
-    mm: FloatArray
-    expanded_mm: FloatArray
-    disagree: NDArray[np.bool_]
-    beyond: NDArray[np.bool_] | None = None
-
-    def band(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return times, lower and upper edge where the elongation is known; the band closes at both ends of a hole."""
-        known = np.isfinite(self.mm)
-        begins, ends = known & ~np.append(False, known[:-1]), known & ~np.append(known[1:], False)
-        copies = known.astype(np.int64) + begins + ends
-        at = np.repeat(np.arange(known.size), copies)
-        width, last = self.expanded_mm[at], np.cumsum(copies)
-        width[(last - copies)[begins]] = 0.0
-        width[(last - 1)[ends]] = 0.0
-        return time_s[at], self.mm[at] - width, self.mm[at] + width
-
-
 Inverse = Callable[[FloatArray], LiveElongation]  # [n, sensors] mV -> elongation
-
-
-class Prediction(Protocol):
-    """Predicts signals from pressure; `analysis.signal_prediction.prediction.LivePrediction` is one."""
-
-    def __call__(self, pressure_kpa: FloatArray) -> tuple[FloatArray, FloatArray]: ...
-    def disagreement(self, signal_mv: FloatArray, pressure_kpa: float, samples: int) -> str: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +145,7 @@ class LiveModel:
 
     ring: Callable[[], RingBuffer | None]
     inverse: Inverse | None = None
-    prediction: Prediction | None = None
+    prediction: LivePrediction | None = None
     window_s: float = 60.0
     points_a_column: int = 16  # read for each column of pixels, of which two are painted; set by the fidelity
     cursors_s: dict[str, float] = field(default_factory=dict)  # "a", "b"

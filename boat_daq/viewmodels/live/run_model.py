@@ -26,10 +26,11 @@ from boat_daq.viewmodels.common.notices import Notice, Severity
 from boat_daq.viewmodels.common.run_queue import RunQueue
 from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.live.connection import ENDED, ConnectionModel
-from boat_daq.viewmodels.live.enough_cycles import EndAt, EndReport, EnoughCycles
+from boat_daq.viewmodels.live.end_at import EndAt, EndReport, uncertainty_text
 from boat_daq.viewmodels.live.live_model import LiveModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.sequence import SequenceModel
+from boat_daq.workflows.end_at_uncertainty import EnoughCycles
 from protocol.base.errors import RequestError
 from protocol.recording import RunEnd
 
@@ -313,7 +314,7 @@ class RunModel:
 
     def uncertainty_text(self, snapshot: SessionSnapshot) -> str:
         """Return the uncertainty of the run, or what the last one had reached; "" where none was asked for."""
-        text = self.enough.text(snapshot) or self.end_report.text
+        text = uncertainty_text(self.enough, snapshot) or self.end_report.text
         return text[:1].upper() + text[1:]
 
     def may_read_grid(self) -> bool:

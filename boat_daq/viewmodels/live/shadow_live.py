@@ -22,15 +22,15 @@ from boat_daq.formatting import MINUS, NOTHING, THIN, count, duration, in_units,
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel, signals
-from boat_daq.viewmodels.live.shadow_jobs import can_be_unstable, place_of, shadow_of, unstable_held_states, warm
 from boat_daq.workflows.jobs import Background, Job, JobRunner, JobState
+from boat_daq.workflows.shadow_jobs import can_be_unstable, place_of, shadow_of, unstable_held_states, warm
 from protocol.base.arrays import FloatArray
 from protocol.base.units import ShownUnits
 
 if TYPE_CHECKING:
     from analysis.shadow.model.frames import Shadow, ShadowState
     from analysis.shadow.monitoring.monitor import Alarm, CycleFigures
-    from boat_daq.viewmodels.live.conversion import Conversion
+    from boat_daq.workflows.live_conversion import Conversion
 
 
 THINNED_TO = 4000  # samples suffice for the figures of a cycle

@@ -14,15 +14,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
-
-import numpy as np
+from typing import Any, NamedTuple
 
 from analysis.machine import machine
-from analysis.progress import Progress
 from analysis.studies.tradeoff.measure import MARGIN, CostPoint, choose, part_of_tolerance
-from boat_daq.engine.display.ring_buffer import MinMaxPyramid, fold_columns
-from boat_daq.engine.simulator.picture import CameraScene, Picture, Renderer
 from boat_daq.engine.toml_values import read_json
 from boat_daq.formatting import count, duration_text, power_text, quantity
 from boat_daq.viewmodels.common import tables
@@ -30,12 +25,8 @@ from boat_daq.viewmodels.common.measured_result import MAX_BYTES, MeasuredResult
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.workflows.jobs import Job, JobRunner
-from protocol.base.arrays import FloatArray
+from boat_daq.workflows.measured_methods import measure_methods, sweep_method
 from protocol.base.errors import RequestError
-
-if TYPE_CHECKING:
-    from analysis.studies.tradeoff.decimation import Curve, Paint
-    from analysis.studies.tradeoff.measure import Method
 
 FRONT = "front"
 CHOICE = "the rule's choice"
@@ -288,66 +279,6 @@ def report_columns(charts: Mapping[str, MethodChart]) -> dict[str, list[Any]]:
 def error_text(error: float) -> str:
     """Return an error at two digits; `failed` where the setting has none."""
     return power_text(error, digits=2) if math.isfinite(error) else "failed"
-
-
-def live_plot(paint: Paint | None = None) -> Method:
-    """Return the method of the live plot, with what `paint` takes where it is given."""
-    from analysis.studies.tradeoff.decimation import decimation
-
-    return decimation(_stored, paint)
-
-
-def _stored(record: FloatArray) -> Curve:
-    from analysis.studies.tradeoff.decimation import WIDTH_PX
-
-    pyramid = MinMaxPyramid(*record.shape)
-    pyramid.append(record)
-    return lambda end_s, points: fold_columns(pyramid.draw(0.0, end_s, points), end_s / WIDTH_PX)
-
-
-def camera_tracker() -> Method:
-    """Return the method of the camera's tracker, on pictures of the virtual camera."""
-    from analysis.studies.tradeoff.tracking import tracking
-
-    def render(width: int, elongations_mm: Sequence[float]) -> list[Picture]:
-        scene = CameraScene(width=width, height=3 * width // 4, px_per_mm=width / 32.0)
-        renderer = Renderer(scene)
-        return [renderer.frame(n, np.array([x]), n / 30.0) for n, x in enumerate(elongations_mm)]
-
-    return tracking(render)
-
-
-def measure_methods(
-    names: Sequence[str], quick: bool, paint: Paint | None = None, *, progress: Progress | None = None
-) -> dict[str, Any]:
-    """Measure methods one after the other; return what `boat-daq tradeoff --json` prints.
-
-    Parameters
-    ----------
-    paint : paints a curve of the live plot; without it the curve is fetched only.
-    progress : is called with what is done and the total.
-    """
-    from analysis.studies.tradeoff.charts import report_json
-    from analysis.studies.tradeoff.measure import measure_all
-    from analysis.studies.tradeoff.methods import METHODS
-
-    known = METHODS | {"decimation": live_plot(paint), "tracking": camera_tracker()}
-    results = measure_all([known[name] for name in names], quick=quick, progress=progress)
-    return report_json(results, quick=quick)
-
-
-def sweep_method(name: str, *, progress: Progress | None = None) -> dict[str, Any]:
-    """Sweep every map of a method; return what `boat-daq atlas --json` prints.
-
-    Raises
-    ------
-    RequestError : there is no such method.
-    """
-    from analysis.studies.failure_maps.maps import atlas_json
-    from analysis.studies.failure_maps.methods import chosen_studies
-    from analysis.studies.failure_maps.sweep import sweep_all
-
-    return atlas_json(sweep_all(chosen_studies([name]), progress))
 
 
 class TradeoffModel(MeasuredResult):

@@ -7,7 +7,6 @@ import pytest
 
 from analysis.elongation_control.controller import Bounds, ElongationController, StopCode
 from analysis.elongation_control.measurement import SensorWatch
-from boat_daq.engine.snapshot import MessageKind
 from protocol.base.errors import RequestError
 from tests.analysis.twin_unit import STEP_MV, identified, regulator, swings
 
@@ -74,10 +73,6 @@ def test_what_cannot_be_controlled_stops_with_a_cause(offset_mv, bounds, code):
     assert stopped.stop is code
     assert stopped.cause and stopped.remedy
     assert found[0].stop is None  # one period is no reason
-
-
-def test_codes_of_stops_are_kinds_of_messages():
-    assert {MessageKind(code.value) for code in StopCode} <= set(MessageKind)
 
 
 def test_a_saturated_or_frozen_sensor_is_lost_once_and_the_other_carries_on():

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from boat_daq.commands.run_session import SessionRequest, run_session
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, Unit, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings
+from boat_daq.workflows.run_session import SessionRequest, run_session
 from protocol.base.errors import BoatDaqError, RequestError
 from tests.boat_daq.commands.calls import program
 from tests.boat_daq.engine.served_board import serve_in_thread

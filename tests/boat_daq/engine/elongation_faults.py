@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from protocol.simulator.faults import FAULTS
-from tests.analysis.twin_unit import regulator
 from tests.boat_daq.engine.controller_rig import ControllerRig
+from tests.boat_daq.engine.regulators import regulator
 
 GOAL_MM = 2.5
 FROM_THE_START = {"reset_on_open": "", "wrong_protocol": "", "clock_wrap": ":8"}  # the values that they begin with

@@ -22,10 +22,11 @@ import numpy as np
 
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.snapshot import SessionState
+from boat_daq.workflows.unit_control import as_regulator
 from protocol.link.messages import SetPressure
 from protocol.recording import Segment
 from protocol.simulator.specimens import SPECIMEN_NAMES
-from tests.analysis.twin_unit import regulator
+from tests.analysis import twin_unit
 from tests.boat_daq.engine.controller_rig import ControllerRig
 
 STEP_S = 0.04
@@ -65,8 +66,9 @@ class Hours:
 
     def __init__(self, specimen: str, seed: int) -> None:
         self.rig = ControllerRig(*DRIFTS, seed=seed, specimen=specimen).connected()
-        self.control, self.regulator = self.rig.control, regulator(specimen, ramp_kpa_per_s=RAMP_KPA_PER_S)
-        low, high = self.regulator.sensors.range_mm
+        controller = twin_unit.regulator(specimen, ramp_kpa_per_s=RAMP_KPA_PER_S)
+        self.control, self.regulator = self.rig.control, as_regulator(controller)
+        low, high = controller.sensors.range_mm
         self.range_mm = low + MARGIN_MM, high - MARGIN_MM
         self.random = np.random.default_rng(seed)
         self.found = Findings(specimen, seed)

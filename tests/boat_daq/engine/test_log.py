@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pytest
 
-from boat_daq.commands.run_session import SessionRequest, run_session
 from boat_daq.engine import log
 from boat_daq.engine.bug_report import contents, write_bug_report
 from boat_daq.engine.settings import Settings, save_settings
 from boat_daq.engine.simulator.server import BoardSettings
+from boat_daq.workflows.run_session import SessionRequest, run_session
 from protocol.base.errors import RequestError
 from tests.boat_daq.engine.served_board import serve_in_thread
 

@@ -10,7 +10,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from boat_daq.commands.run_session import SessionRequest, run_session
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
@@ -19,6 +18,7 @@ from boat_daq.engine.snapshot import SessionState
 from boat_daq.viewmodels.common.services import Page
 from boat_daq.viewmodels.live.connection import VirtualBoardProcess
 from boat_daq.viewmodels.results.run_result import analyse_run
+from boat_daq.workflows.run_session import SessionRequest, run_session
 from protocol.simulator.truth import noise_free_run, truth_figures
 from tests.boat_daq.commands.calls import call
 from tests.boat_daq.engine.served_board import serve_in_thread

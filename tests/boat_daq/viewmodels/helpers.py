@@ -9,8 +9,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 from boat_daq.engine.plan import built_in_plans
-from boat_daq.viewmodels.live.live_model import LiveElongation
 from boat_daq.workflows.jobs import JobFailure, JobState
+from boat_daq.workflows.live_conversion import LiveElongation
 from protocol.base.errors import BoatDaqError, cause_and_remedy
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -12,9 +13,11 @@ import pytest
 
 from analysis import fit_calibration
 from analysis.data.recording import STEP_COLUMNS, Recording
+from analysis.elongation_control.controller import Output, StopCode
 from analysis.elongation_control.run_response import run_elongation
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.workflows.unit_control import (
+    as_regulator,
     fusion_of,
     held_elongation,
     identify_unit,
@@ -76,8 +79,9 @@ def test_an_identified_unit_has_a_regulator_until_its_calibration_changes(units,
     identify_unit(run, units)
     regulator = regulator_of(units, "SA1")
     assert regulator.unit == "SA1"
-    assert regulator.tuning.lag is None  # no step test yet: slow gains
-    assert regulator.sensors.range_mm[1] == pytest.approx(3.8, abs=0.05)
+    assert load_twin(units, "SA1").tuning is None  # no step test yet: slow gains
+    with pytest.raises(RequestError, match=r"to 3\.79 mm"):
+        regulator.check(9.0)
     twin = load_twin(units, "SA1")
     store_twin(units, replace(twin, calibration_utc="2026-01-01T00:00:00+00:00"))
     with pytest.raises(RequestError, match="another calibration"):
@@ -130,3 +134,15 @@ def test_a_calibration_run_prepares_the_control_and_says_what_is_next(units, run
     text = prepare_control(Path("a.boat"), units)
     assert text.startswith("unit SA1 identified: R² ")
     assert load_twin(units, "SA1").model.r2 > 0.99
+
+
+@pytest.mark.parametrize("code", StopCode)
+def test_why_the_control_stops_is_a_message_of_its_own(code):
+    found = Output(1.0, 2.0, 0.5, 0.4, 0.1, saturated=True, lost=(2,), stop=code, cause="cause", remedy="remedy")
+    controller = SimpleNamespace(
+        unit="SA1", period_s=0.04, delay_margin_s=0.1, check=None, begin=None, advance=lambda *_, shaped: found
+    )
+    regulated = as_regulator(controller).advance(0.0, 0.0, (0.5, 0.0, 0.0), np.zeros((1, 2)), (-40.0, 50.0), True)
+    assert regulated.stop.kind.name in (code.name, "SENSORS_DISAGREE", f"ELONGATION_{code.name}")
+    assert (regulated.stop.cause, regulated.stop.remedy) == ("cause", "remedy")
+    assert (regulated.pressure_kpa, regulated.u_mm, regulated.saturated, regulated.lost) == (1.0, 0.1, True, (2,))

@@ -6,7 +6,7 @@ import pytest
 
 from analysis.studies.tradeoff.measure import measure_setting
 from analysis.studies.tradeoff.tracking import USED
-from boat_daq.viewmodels.models.tradeoff import camera_tracker
+from boat_daq.workflows.measured_methods import camera_tracker
 
 
 def test_the_setting_in_use_is_among_those_measured() -> None:

@@ -12,8 +12,8 @@ from boat_daq.engine.snapshot import MessageKind, SessionState
 from protocol.base.errors import RequestError
 from protocol.link.messages import SetPressure, Vent
 from protocol.recording import Segment
-from tests.analysis.twin_unit import regulator
 from tests.boat_daq.engine.controller_rig import QUICK, ControllerRig
+from tests.boat_daq.engine.regulators import regulator
 
 STOPS = (
     MessageKind.SENSORS_DISAGREE, MessageKind.ELONGATION_UNKNOWN, MessageKind.NOT_FOLLOWING,

@@ -14,6 +14,7 @@ from analysis.elongation_control.controller import Bounds, ElongationController
 from analysis.elongation_control.hysteresis import identify
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.snapshot import SessionState
+from boat_daq.workflows.unit_control import as_regulator
 from protocol.base.arrays import FloatArray
 from protocol.recording import Segment
 from protocol.simulator.faults import FAULTS
@@ -50,7 +51,7 @@ def run(
     """Return time since the first segment, setpoint and true elongation [n, 3] of a plan."""
     plan = Plan("figures", "profile", 1, quantity="mm", min_dwell_s=4.0, segments=segments)
     rig = ControllerRig(*faults, specimen=specimen).connected()
-    rig.do(lambda: rig.control.arm(plan, regulator=controller), rig.control.start)
+    rig.do(lambda: rig.control.arm(plan, regulator=as_regulator(controller)), rig.control.start)
     assert rig.run(8.0, lambda: rig.control.sequencer.cycle == 1)
     begin_us, rows = rig.board.now_us, []
     while rig.state is SessionState.RUNNING:

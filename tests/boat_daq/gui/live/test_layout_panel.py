@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
 from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE
-from boat_daq.viewmodels.live.live_model import LiveElongation
+from boat_daq.workflows.live_conversion import LiveElongation
 from tests.boat_daq.gui.windows import run_shortcut, shared_window
 
 S1, S2 = "s1_mv", "s2_mv"

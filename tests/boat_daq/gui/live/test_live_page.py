@@ -12,7 +12,8 @@ from PySide6.QtWidgets import (
 
 from boat_daq.engine.snapshot import HealthSnapshot, LinkState
 from boat_daq.gui import style
-from boat_daq.viewmodels.live.live_model import HEADINGS_SHORT, LiveElongation
+from boat_daq.viewmodels.live.live_model import HEADINGS_SHORT
+from boat_daq.workflows.live_conversion import LiveElongation
 from protocol.link.events import LinkStatistics
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import PATIENCE_MS

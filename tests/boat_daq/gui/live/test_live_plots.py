@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
 from boat_daq.formatting import clock, number
 from boat_daq.gui import style
 from boat_daq.viewmodels.live import axis
-from boat_daq.viewmodels.live.live_model import LiveElongation
+from boat_daq.workflows.live_conversion import LiveElongation
 from protocol.recording import sample_dtype
 from tests.boat_daq.gui.windows import run_shortcut
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from boat_daq.viewmodels.live.shadow_jobs import shadow_of
+from boat_daq.workflows.shadow_jobs import shadow_of
 from tests.boat_daq.gui.recorded_session import filled_ring
 
 

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from boat_daq.viewmodels.live.live_model import HEADINGS, HEADINGS_SHORT, LiveElongation, LiveModel, with_holes
+from boat_daq.viewmodels.live.live_model import HEADINGS, HEADINGS_SHORT, LiveModel, with_holes
+from boat_daq.workflows.live_conversion import LiveElongation
 from protocol.recording import DerivedColumns, channel_units, parse_definition, sample_dtype
 from tests.boat_daq.gui.recorded_session import connected, filled_ring, idle
 

@@ -11,10 +11,11 @@ from boat_daq.formatting import number
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.live import shadow_live
-from boat_daq.viewmodels.live.live_model import LiveElongation, LiveModel
-from boat_daq.viewmodels.live.shadow_jobs import unstable_held_states, unstable_places
+from boat_daq.viewmodels.live.live_model import LiveModel
 from boat_daq.viewmodels.live.shadow_live import CANCELLED, LEVELS, Moment, ShadowLive
 from boat_daq.workflows.jobs import JobFailure, JobRunner, JobState
+from boat_daq.workflows.live_conversion import LiveElongation
+from boat_daq.workflows.shadow_jobs import unstable_held_states, unstable_places
 from protocol.simulator.plant import Body
 from protocol.simulator.specimens import find_specimen
 from tests.boat_daq.gui.recorded_session import connected, filled_ring

@@ -12,6 +12,7 @@ from analysis.studies.failure_maps.sweep import Axis, Study, StudyResult
 from boat_daq.viewmodels.models import tradeoff
 from boat_daq.viewmodels.models.tradeoff import AtlasModel, read_maps
 from boat_daq.workflows.jobs import JobRunner, JobState
+from boat_daq.workflows.measured_methods import sweep_method
 from protocol.base.errors import RequestError
 from tests.boat_daq.viewmodels.models.reports import swept
 
@@ -29,7 +30,7 @@ def test_swept_map_is_read_with_its_texts(monkeypatch, tmp_path):
     """Outcome, error and message are in their cell; beside the map there is no text."""
     monkeypatch.setattr("analysis.studies.failure_maps.methods.chosen_studies", lambda names: [study()])
     model = AtlasModel(JobRunner(), tmp_path)
-    model.take(json.loads(json.dumps(tradeoff.sweep_method("fit"))))
+    model.take(json.loads(json.dumps(sweep_method("fit"))))
     shown = model.maps["fit"][0]
     assert [p.outcome for p in shown.cells[0]] == ["works", "degraded", "refused"]
     assert shown.cell_text(1, 0) == "x (mm) 1, y five \u2013 works with a warning, error 0.50 mm: a flag"

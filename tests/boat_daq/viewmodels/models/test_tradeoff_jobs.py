@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 
 from analysis.studies.tradeoff.measure import Method, Setting
-from boat_daq.viewmodels.models import tradeoff
 from boat_daq.viewmodels.models.tradeoff import read_report
+from boat_daq.workflows.measured_methods import measure_methods
 
 
 def test_measured_methods_are_read_by_the_page(monkeypatch):
@@ -18,7 +18,7 @@ def test_measured_methods_are_read_by_the_page(monkeypatch):
     )  # fmt: skip
     monkeypatch.setattr("analysis.studies.tradeoff.methods.METHODS", {"fake": fake})
     seen = []
-    content = tradeoff.measure_methods(["fake", "fake"], True, progress=lambda done, total: seen.append(done))
+    content = measure_methods(["fake", "fake"], True, progress=lambda done, total: seen.append(done))
     assert seen == sorted(seen)
     assert seen[-1] == 2
     chart = read_report(json.loads(json.dumps(content)))["fake"]

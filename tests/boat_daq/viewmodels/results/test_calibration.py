@@ -12,12 +12,12 @@ from analysis.fidelity import fidelity
 from analysis.figures.batch import readings_beside
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import SessionState
-from boat_daq.viewmodels.live.conversion import prepare
 from boat_daq.viewmodels.results import calibration
 from boat_daq.viewmodels.results.calibration import CalibrationModel
 from boat_daq.viewmodels.results.calibration_texts import measured
 from boat_daq.viewmodels.results.run_result import CurveBands
 from boat_daq.workflows.jobs import JobFailure, JobRunner, JobState
+from boat_daq.workflows.live_conversion import prepare
 from protocol.base.errors import RequestError
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, services_in
 from tests.boat_daq.gui.results.run_results import turning

@@ -1,8 +1,8 @@
-"""The outlets of a session, opened alike by a command and by the window: LSL streams, and the SECoP node.
+"""The outlets beside the session in the window: LSL streams, and the SECoP node.
 
-Rules of the window: an outlet is open while a board sends. The switches are remembered; what reaches beyond reading on
-this computer is not: control by clients and the network are allowed anew at each start. An outlet that cannot be opened
-is switched off, with the reason.
+Rules: an outlet is open while a board sends. The switches are remembered; what reaches beyond reading on this computer
+is not: control by clients and the network are allowed anew at each start. An outlet that cannot be opened is switched
+off, with the reason.
 """
 
 from __future__ import annotations
@@ -10,167 +10,25 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
 from boat_daq.engine.snapshot import LinkState
 from boat_daq.formatting import count
-from protocol.base.errors import RequestError
+from boat_daq.viewmodels.live.unit_in_use import UnitInUse
+from boat_daq.workflows.outlets import ADDRESS, NodeChoice, conversion_of, open_node, open_streams
 
 if TYPE_CHECKING:
-    from boat_daq.engine.outlets.lsl import Convert, LslOutlet
-    from boat_daq.engine.outlets.secop_node import Elongation
+    from boat_daq.engine.outlets.lsl import LslOutlet
     from boat_daq.engine.outlets.secop_server import SecopServer
     from boat_daq.engine.plan import Plan
     from boat_daq.engine.session.session import Session
     from boat_daq.engine.snapshot import SessionSnapshot
     from boat_daq.viewmodels.common.preferences import Preferences
-    from protocol.base.arrays import FloatArray
+    from boat_daq.workflows.live_conversion import Conversion
 
-ADDRESS = "localhost:10767"
 STREAMS, NODE, NODE_ADDRESS = "lsl_streams", "secop_node", "secop_address"
 OFF, WAITING = "Off", "Waits for a board"
 _OPEN = (LinkState.UP, LinkState.SILENT, LinkState.LOST)
-
-
-class Converted(Protocol):
-    """An elongation with its expanded uncertainty, [n] mm."""
-
-    @property
-    def mm(self) -> FloatArray: ...
-    @property
-    def expanded_mm(self) -> FloatArray: ...
-
-
-Conversion = Callable[[Any], Converted]
-
-
-class SensorsConversion(Protocol):
-    """A conversion that states of how many sensors it is."""
-
-    @property
-    def sensors(self) -> int: ...
-    def __call__(self, signal_mv: FloatArray, /) -> Converted: ...
-
-
-class UnitInForce(Protocol):
-    """What the outlets need of the unit on the bench."""
-
-    @property
-    def conversion(self) -> SensorsConversion | None: ...
-    @property
-    def calibration_id(self) -> str: ...
-
-
-@dataclass(frozen=True, slots=True)
-class NodeChoice:
-    """A SECoP node as the operator states it.
-
-    Attributes
-    ----------
-    address : HOST:PORT on which it listens.
-    control : whether clients may do more than read and vent.
-    token_file : file with what clients of other computers must send first; None on this computer alone.
-    """
-
-    address: str = ADDRESS
-    control: bool = False
-    token_file: Path | None = None
-
-    @property
-    def host_and_port(self) -> tuple[str, int]:
-        """Return host and port.
-
-        Raises
-        ------
-        RequestError : not an address.
-        """
-        host, colon, port = self.address.rpartition(":")
-        if self.address.endswith("]") or not colon:
-            host, port = self.address, ADDRESS.rpartition(":")[2]
-        if not port.isdecimal() or int(port) > 65535:
-            raise RequestError(f"{port!r} is no port", f"use an address such as {ADDRESS}")
-        return host.strip("[] ") or "localhost", int(port)
-
-
-def conversion_of(conversion: Conversion) -> Convert:
-    """Return what converts signals [n, sensors] to elongation and its U, [n] mm each."""
-
-    def convert(signal_mv: FloatArray) -> tuple[FloatArray, FloatArray]:
-        found = conversion(signal_mv)
-        return found.mm, found.expanded_mm
-
-    return convert
-
-
-def elongation_of(conversion: Callable[[], Conversion | None]) -> Elongation:
-    """Return what converts the signals of one sample, by the conversion in force then; NaN without one."""
-
-    import numpy as np
-
-    def elongation(signal_mv: tuple[float, ...]) -> tuple[float, float]:
-        known = conversion()
-        if known is None:
-            return float("nan"), float("nan")
-        found = known(np.array([signal_mv]))
-        return float(found.mm[0]), float(found.expanded_mm[0])
-
-    return elongation
-
-
-def open_streams(session: Session, *, network: bool, conversion: Conversion | None, calibration_id: str) -> LslOutlet:
-    """Stream a session over LSL.
-
-    Parameters
-    ----------
-    session : with its board's samples arriving.
-    network : whether other computers may reach the streams.
-    conversion : to elongation; None without a calibration.
-
-    Raises
-    ------
-    RequestError : pylsl or its library is not installed. RequestError : as `LslOutlet`.
-    """
-    from analysis.optional import optional
-    from boat_daq.engine.outlets.lsl import LslOutlet
-    from protocol.base.errors import RequestError
-
-    try:
-        pylsl = optional("pylsl")
-    except RuntimeError as error:  # the module is there, its library is not
-        raise RequestError(f"liblsl cannot be loaded: {error}", "Install liblsl of your system.") from error
-    convert = None if conversion is None else conversion_of(conversion)
-    return LslOutlet(session, pylsl, network=network, convert=convert, calibration_id=calibration_id)
-
-
-def open_node(
-    session: Session,
-    choice: NodeChoice,
-    recordings: Path,
-    *,
-    conversion: Callable[[], Conversion | None],
-    plans: Callable[[], Mapping[str, Plan]],
-) -> SecopServer:
-    """Serve a session as a SECoP node.
-
-    Parameters
-    ----------
-    session : with its board's samples arriving.
-    recordings : folder of the recordings that a client starts.
-    conversion : returns that in force, None without a calibration.
-    plans : returns what a client may arm, by name.
-
-    Raises
-    ------
-    RequestError : no address, one beyond this computer without a token, or it cannot be listened on.
-    """
-    from boat_daq.engine.outlets.secop_node import SecopNode
-    from boat_daq.engine.outlets.secop_server import SecopServer, read_token
-
-    token = read_token(choice.token_file) if choice.token_file is not None else ""
-    node = SecopNode(
-        session, recordings, allow_control=choice.control, elongation=elongation_of(conversion), plans=plans
-    )
-    return SecopServer(node, choice.host_and_port, token=token)
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +56,7 @@ class OutletsModel:
         self,
         session: Session,
         preferences: Preferences,
-        unit: UnitInForce,
+        unit: UnitInUse,
         plans: Callable[[], Mapping[str, Plan]],
         recordings: Path,
     ) -> None:
@@ -211,7 +69,7 @@ class OutletsModel:
         self.serving = preferences.get(NODE, False)
         self.choice = NodeChoice(preferences.get(NODE_ADDRESS, ADDRESS))
         self._source: tuple[object, ...] | None = None  # what the outlets were opened for
-        self._conversion: SensorsConversion | None = None  # that of the streams
+        self._conversion: Conversion | None = None  # that of the streams
 
     # ---- the switches ----------------------------------------------------------------------------------------------
 
@@ -301,7 +159,7 @@ class OutletsModel:
         board = snapshot.hello.board_id if snapshot.hello else ""
         return snapshot.port, board, len(snapshot.last.signal_mv), ring.others
 
-    def _in_force(self) -> SensorsConversion | None:
+    def _in_force(self) -> Conversion | None:
         """Return the conversion, where it is of the sensors of this board."""
         known, last = self._unit.conversion, self._session.snapshot().last
         return known if known is not None and last is not None and known.sensors == len(last.signal_mv) else None

@@ -13,8 +13,9 @@ from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import RunEnding, SessionState
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.live import enough_cycles
-from boat_daq.viewmodels.live.enough_cycles import WRITTEN_S, EndAt, EndReport, EndUncertainty, EnoughCycles
+from boat_daq.viewmodels.live import end_at
+from boat_daq.viewmodels.live.end_at import WRITTEN_S, EndAt, EndReport
+from boat_daq.workflows.end_at_uncertainty import EndUncertainty, EnoughCycles
 from boat_daq.workflows.jobs import JobFailure, JobState
 from protocol.base.errors import RequestError
 from protocol.recording import RunEnd
@@ -68,7 +69,7 @@ def test_a_wrong_value_is_refused_in_its_unit(tmp_path: Path) -> None:
         assert "% FSO" in str(refused.value)
         assert "as 0.5" in refused.value.remedy
     assert entry.end_at.text == "0.5"
-    entry.services.preferences.set(enough_cycles.KEY, {"mm": "wide", "% FSO": -1.0})
+    entry.services.preferences.set(end_at.KEY, {"mm": "wide", "% FSO": -1.0})
     assert (Entry(tmp_path).of("calibration"), Entry(tmp_path).of("repeatability")) == (("", "mm"), ("", "% FSO"))
 
 
@@ -115,7 +116,7 @@ class Report:
 @pytest.fixture
 def report(monkeypatch: pytest.MonkeyPatch) -> Report:
     """Return a report whose jobs are done at once."""
-    monkeypatch.setattr(enough_cycles, "Job", Done)
+    monkeypatch.setattr(end_at, "Job", Done)
     monkeypatch.setattr(Done, "failure", None)
     return Report()
 

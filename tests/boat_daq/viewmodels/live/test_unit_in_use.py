@@ -10,9 +10,10 @@ import pytest
 
 from analysis.calibration.fit import fit_by_branch
 from boat_daq.engine.settings import UnitLibrary
-from boat_daq.viewmodels.live.conversion import UnitInUse, prepare
 from boat_daq.viewmodels.live.live_model import LiveModel
+from boat_daq.viewmodels.live.unit_in_use import UnitInUse
 from boat_daq.workflows.jobs import Background
+from boat_daq.workflows.live_conversion import prepare
 from tests.boat_daq.gui.recorded_session import connected
 from tests.boat_daq.viewmodels.helpers import until
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from analysis.signal_prediction.prediction import LivePrediction, live_prediction, predict_sensors
-from boat_daq.viewmodels.live import conversion as watched
-from boat_daq.viewmodels.live.conversion import DisagreementWatch
+from boat_daq.viewmodels.live import unit_in_use as watched
 from boat_daq.viewmodels.live.layout import Layout
 from boat_daq.viewmodels.live.live_model import LiveModel
+from boat_daq.viewmodels.live.unit_in_use import DisagreementWatch
 from tests.analysis.twin_unit import identified, swings
 from tests.boat_daq.gui.recorded_session import filled_ring
 

@@ -12,8 +12,9 @@ import pytest
 from analysis.stopping.criterion import StopAssessment, StopCriterion
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import SessionState
-from boat_daq.viewmodels.live import enough_cycles
-from boat_daq.viewmodels.live.enough_cycles import EndUncertainty, EnoughCycles
+from boat_daq.viewmodels.live.end_at import uncertainty_text
+from boat_daq.workflows import end_at_uncertainty
+from boat_daq.workflows.end_at_uncertainty import EndUncertainty, EnoughCycles
 from boat_daq.workflows.jobs import JobFailure, JobState
 from protocol.base.errors import RequestError
 
@@ -64,7 +65,7 @@ def held() -> list[Any]:
 @pytest.fixture
 def model(ended: list[str], held: list[Any], monkeypatch: pytest.MonkeyPatch) -> EnoughCycles:
     """Return the model of a run that ends at 0.08 mm; its jobs are done at once."""
-    monkeypatch.setattr(enough_cycles, "Job", Done)
+    monkeypatch.setattr(end_at_uncertainty, "Job", Done)
     monkeypatch.setattr(Done, "failure", None)
     made = EnoughCycles(cast(Any, SimpleNamespace(finish_early=ended.append, hold_at=held.append)))
     made.ask(0.08, "mm")
@@ -74,16 +75,16 @@ def model(ended: list[str], held: list[Any], monkeypatch: pytest.MonkeyPatch) ->
 def test_a_run_ends_after_the_cycle_that_leaves_the_u(model: EnoughCycles, ended: list[str], held: list[Any]) -> None:
     """Nothing ends before a cycle is complete, nor by a larger U; the time left follows from the cycles needed."""
     model.follow(snapshot(0))
-    assert model.text(snapshot(0)).startswith("U 0.08 mm asked, known after a cycle")
+    assert uncertainty_text(model, snapshot(0)).startswith("U 0.08 mm asked, known after a cycle")
     Done.result = known(1, 0.1, 0.07, (("loading", 50.0), ("unloading", -40.0)))
     assert Done.result.more_cycles == 3
     model.follow(snapshot(1))
     model.follow(snapshot(1))
     assert not ended
     assert held == [Done.result.hold]
-    assert model.text(snapshot(1)).startswith("U 0.1 mm of 0.08 mm asked, ends in about 5:00")
+    assert uncertainty_text(model, snapshot(1)).startswith("U 0.1 mm of 0.08 mm asked, ends in about 5:00")
     model.known = known(1, 0.05, 0.04)
-    assert model.text(snapshot(1)) == "U 0.05 mm of 0.08 mm asked, 2 cycles at least, ends in about 1:40"
+    assert uncertainty_text(model, snapshot(1)) == "U 0.05 mm of 0.08 mm asked, 2 cycles at least, ends in about 1:40"
     Done.result = known(2, 0.079, 0.05)
     model.follow(snapshot(2))
     model.follow(snapshot(2))
@@ -98,11 +99,13 @@ def test_what_cannot_be_reached_or_assessed_is_reported(model: EnoughCycles, end
     Done.result = known(1, 0.1, 0.09)
     for _ in range(2):
         model.follow(snapshot(1))
-    assert model.text(snapshot(1)) == "U 0.1 mm of 0.08 mm asked, the 5 cycles of the plan lead to U 0.092 mm"
+    assert (
+        uncertainty_text(model, snapshot(1)) == "U 0.1 mm of 0.08 mm asked, the 5 cycles of the plan lead to U 0.092 mm"
+    )
     Done.failure = JobFailure("the file is damaged", "", "")
     for _ in range(2):
         model.follow(snapshot(2))
-    assert model.text(snapshot(2)) == "U is not known after 2 cycles: the file is damaged"
+    assert uncertainty_text(model, snapshot(2)) == "U is not known after 2 cycles: the file is damaged"
 
     def refuse() -> None:
         raise RequestError("9 rows for 19 plateaus")
@@ -124,7 +127,7 @@ def test_an_ended_run_and_no_u_leave_nothing(model: EnoughCycles) -> None:
         with pytest.raises(RequestError):
             model.ask(wrong, "mm")
     model.ask(None, "mm")
-    assert model.text(snapshot(2)) == ""
+    assert uncertainty_text(model, snapshot(2)) == ""
 
 
 def test_at_its_end_a_run_has_the_u_of_all_its_cycles(model: EnoughCycles, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -176,7 +179,7 @@ def test_a_value_is_of_its_unit_alone(model: EnoughCycles, ended: list[str]) -> 
     assert model.asked_of(plans["repeatability"]) == (0.5, "% FSO")
     armed = snapshot(0, SessionState.ARMED)
     armed.plan.kind = "continuous"
-    assert model.text(armed) == "\u00b10.5 % FSO asked, known after a few cycles"
+    assert uncertainty_text(model, armed) == "\u00b10.5 % FSO asked, known after a few cycles"
     assert not ended
 
 

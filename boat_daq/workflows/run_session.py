@@ -1,21 +1,22 @@
 """One session without a window: connect, record, run a plan or only record, and end with the pressure vented.
 
-Used by `record` and `demo`. The session decides and acts; this module waits, shows progress and prints messages.
+Used by `record`, `queue`, `twin hold` and `demo`. The session decides and acts; this module waits, and reports progress
+and messages.
 """
 
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from analysis.progress import Progress
 from analysis.stopping.requirement import UNITS, check_asked
-from boat_daq.commands.console import Advance, notify, progress_bar
 from boat_daq.engine.control.elongation import Regulator
 from boat_daq.engine.log import start_log
 from boat_daq.engine.plan import Plan
@@ -26,7 +27,8 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.session.shared_vent import SharedVent
 from boat_daq.engine.settings import home, load_settings
 from boat_daq.engine.snapshot import LinkState, LinkWarningCode, MessageKind, SessionSnapshot, SessionState
-from boat_daq.viewmodels.live.enough_cycles import EndUncertainty, EnoughCycles
+from boat_daq.workflows.end_at_uncertainty import EndUncertainty, EnoughCycles
+from boat_daq.workflows.unit_control import regulator_of
 from protocol.base.errors import BoatDaqError, DeviceError
 from protocol.recording import BoardState, DerivedChannel
 
@@ -36,6 +38,9 @@ CLEARING_S = 3.0
 VENTING_S = 20.0
 MARKS_S = 10.0  # longest wait for the marks in the picture
 ENDED = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
+
+Notify = Callable[[str], object]
+ProgressBar = Callable[[str], AbstractContextManager[Progress]]  # of a label
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,32 +74,47 @@ class SessionRequest:
     max_u_mm: float | None = None
     uncertainty: float | None = None
 
+    def resuming(self, broken: BrokenRun) -> SessionRequest:
+        """Return the request for resuming a run: as it was begun, except for what is given."""
+        return replace(
+            self,
+            plan=broken.plan,
+            broken=broken,
+            profile=self.profile or broken.meta["profile"],
+            rate_hz=self.rate_hz or broken.meta["rate_hz"],
+            unit=broken.unit,
+            metadata={**self.metadata, "unit": broken.unit},
+        )
+
+
+class SessionOutcome(NamedTuple):
+    """Summary of the recording, why the run failed (empty if it did not), and its uncertainty where one was asked."""
+
+    summary: Summary
+    failure: str
+    at_end: EndUncertainty | None
+
+
+def _silent(_: str) -> AbstractContextManager[Progress]:
+    return contextlib.nullcontext(lambda _done, _total: None)
+
 
 def run_session(
     request: SessionRequest,
     after_run: Callable[[Session], object] | None = None,
     open_camera: Callable[[Session], CameraChannel] | None = None,
-) -> tuple[Summary, str]:
-    """Run one session to its end; return a summary of the recording, and why the run failed (empty if it did not).
-
-    Parameters and errors are those of `run_assessed_session`.
-    """
-    summary, failure, _ = run_assessed_session(request, after_run, open_camera)
-    return summary, failure
-
-
-def run_assessed_session(
-    request: SessionRequest,
-    after_run: Callable[[Session], object] | None = None,
-    open_camera: Callable[[Session], CameraChannel] | None = None,
-) -> tuple[Summary, str, EndUncertainty | None]:
-    """Run one session as `run_session`; return also the uncertainty at its end, None where none was asked for.
+    *,
+    notify: Notify = lambda _: None,
+    progress_bar: ProgressBar = _silent,
+) -> SessionOutcome:
+    """Run one session to its end.
 
     Parameters
     ----------
     after_run : called when the plan has ended and the recording is still open, to enter readings; with an uncertainty
         also after each of its cycles.
     open_camera : opens the camera that reads the elongation; None without one.
+    notify : takes each message, a line of text.
 
     Raises
     ------
@@ -109,26 +129,27 @@ def run_assessed_session(
     camera: CameraChannel | None = None
     enough: EnoughCycles | None = None
     settings = load_settings()
-    session = Session(dataclasses.replace(settings, allow_remote=settings.allow_remote or request.allow_remote))
+    session = Session(replace(settings, allow_remote=settings.allow_remote or request.allow_remote))
     shared = SharedVent(session.vent, lambda: request.unit or request.path.name, home("config"))
     try:
-        seen = _connect(session, request)
+        seen = _connect(session, request, notify)
         if open_camera is not None:
             camera = open_camera(session)
-            _wait_for_marks(camera)
+            _wait_for_marks(camera, notify)
         if request.plan is None:
-            listen(session, request.duration_s)
+            _listen(session, request.duration_s, notify, progress_bar)
         else:
-            shown = clear_latched_fault(session, seen)
-            vent_residual_pressure(session)
+            shown = clear_latched_fault(session, seen, notify)
+            vent_residual_pressure(session, notify)
             enough = EnoughCycles(session, partial(after_run or (lambda _: None), session), notify)
             enough.ask(request.uncertainty, unit)
             with contextlib.closing(enough):
-                run_plan(session, request, enough, shown=shown)
+                _arm(session, request, request.plan)
+                _follow(session, request.plan, enough, MessagePrinter(notify, shown), progress_bar)
         if after_run is not None:
             after_run(session)
         if camera is not None:
-            _finish(camera)
+            _finish(camera, notify)
         failure = why_failed(session.snapshot(), request.plan)
     except BoatDaqError:
         if session.snapshot().recording is not None:
@@ -147,10 +168,10 @@ def run_assessed_session(
         at_end = enough.at_end(request.path, request.plan)
     if at_end is not None and enough is not None and enough.ended_by is None:  # else it was reported in the run
         notify(at_end.text)
-    return summarise(request.path), failure, at_end
+    return SessionOutcome(summarise(request.path), failure, at_end)
 
 
-def _connect(session: Session, request: SessionRequest) -> SessionSnapshot:
+def _connect(session: Session, request: SessionRequest, notify: Notify) -> SessionSnapshot:
     """Connect and begin the recording of a request, and return the session once samples come.
 
     Raises
@@ -175,14 +196,14 @@ def _connect(session: Session, request: SessionRequest) -> SessionSnapshot:
     return seen
 
 
-def _finish(camera: CameraChannel) -> None:
+def _finish(camera: CameraChannel, notify: Notify) -> None:
     """Wait for the readings of the last plateaus, and print how many frames gave an elongation."""
     camera.finish()
     state = camera.state
     notify(f"camera: {state.frames} frames, {state.valid} with an elongation, {state.dropped} missing")
 
 
-def _wait_for_marks(channel: CameraChannel) -> None:
+def _wait_for_marks(channel: CameraChannel, notify: Notify) -> None:
     """Wait until the camera gives an elongation, for longer than rest is measured.
 
     Raises
@@ -207,7 +228,7 @@ def _wait_for_marks(channel: CameraChannel) -> None:
     )
 
 
-def clear_latched_fault(session: Session, seen: SessionSnapshot) -> int:
+def clear_latched_fault(session: Session, seen: SessionSnapshot, notify: Notify) -> int:
     """Clear a fault that the board latched before this session, where its cause is gone.
 
     Returns
@@ -227,7 +248,7 @@ def clear_latched_fault(session: Session, seen: SessionSnapshot) -> int:
     return seen.messages[-1].number if seen.messages else 0
 
 
-def vent_residual_pressure(session: Session) -> None:
+def vent_residual_pressure(session: Session, notify: Notify) -> None:
     """Vent a unit that a previous session left under pressure."""
     last = session.snapshot().last
     if last is None or last.state not in (BoardState.RAMPING, BoardState.HOLDING):
@@ -237,87 +258,78 @@ def vent_residual_pressure(session: Session) -> None:
     session.wait(lambda _: all(check.ok for check in session.preflight() if check.name == "zero"), VENTING_S)
 
 
-def run_plan(session: Session, request: SessionRequest, enough: EnoughCycles, *, shown: int = 0) -> None:
-    """Arm and start the plan of a request, and wait until it has ended.
-
-    Parameters
-    ----------
-    shown : messages up to that number need not be printed.
-    enough : may end the run before its last cycle.
-    """
-    plan = request.plan
-    assert plan is not None
-    regulator = session_regulator(session, request) if plan.controls_elongation else None
-    session.arm(plan, resume=request.broken is not None, regulator=regulator, hold=request.hold)
-    session.start()
-    for seen, advance in _snapshots(session, plan.name, shown):
-        if seen.progress is not None:
-            advance(seen.progress.elapsed_s, max(seen.progress.elapsed_s + seen.progress.time_left_s, 1e-9))
-        enough.follow(seen)
-        if seen.state in ENDED or seen.link in (LinkState.LOST, LinkState.FAILED, LinkState.CLOSED):
-            return
-
-
-def session_regulator(session: Session, request: SessionRequest) -> Regulator:
-    """Return the regulator of the unit that is mounted.
+def _arm(session: Session, request: SessionRequest, plan: Plan) -> None:
+    """Arm and start the plan of a request, with the regulator of its unit where it controls the elongation.
 
     Raises
     ------
-    RequestError, BoatDaqError : it has no accepted calibration, or is not identified.
+    BoatDaqError : it is refused, or its unit has no accepted calibration or is not identified.
     """
-    from analysis.elongation_control.controller import Bounds
-    from boat_daq.workflows.unit_control import regulator_of
+    regulator: Regulator | None = None
+    if plan.controls_elongation:
+        units = session.units.of(simulated=session.snapshot().simulated)
+        regulator = regulator_of(units, request.unit, step_mv=session.mv_per_count, max_u_mm=request.max_u_mm)
+    session.arm(plan, resume=request.broken is not None, regulator=regulator, hold=request.hold)
+    session.start()
 
-    units = session.units.of(simulated=session.snapshot().simulated)
-    bounds = Bounds() if request.max_u_mm is None else Bounds(u_mm=request.max_u_mm)
-    return regulator_of(units, request.unit, step_mv=session.mv_per_count, bounds=bounds)
+
+def _follow(
+    session: Session, plan: Plan, enough: EnoughCycles, print_new: MessagePrinter, progress_bar: ProgressBar
+) -> None:
+    """Wait until the plan has ended, by its last cycle or because `enough` ends it."""
+    with progress_bar(plan.name) as advance:
+        for seen in _snapshots(session, print_new):
+            if seen.progress is not None:
+                advance(seen.progress.elapsed_s, max(seen.progress.elapsed_s + seen.progress.time_left_s, 1e-9))
+            enough.follow(seen)
+            if seen.state in ENDED or seen.link in (LinkState.LOST, LinkState.FAILED, LinkState.CLOSED):
+                return
 
 
-def listen(session: Session, duration_s: float | None) -> None:
+def _listen(session: Session, duration_s: float | None, notify: Notify, progress_bar: ProgressBar) -> None:
     """Record until `duration_s` of board time, or until the port is gone."""
     begun = session.snapshot().recorded_s
-    for seen, advance in _snapshots(session, "recording"):
-        elapsed = seen.recorded_s - begun
-        if duration_s is not None:
-            advance(min(elapsed, duration_s), duration_s)
-        if seen.link in (LinkState.FAILED, LinkState.CLOSED) or (duration_s is not None and elapsed >= duration_s):
-            return
+    with progress_bar("recording") as advance:
+        for seen in _snapshots(session, MessagePrinter(notify)):
+            elapsed = seen.recorded_s - begun
+            if duration_s is not None:
+                advance(min(elapsed, duration_s), duration_s)
+            if seen.link in (LinkState.FAILED, LinkState.CLOSED) or (duration_s is not None and elapsed >= duration_s):
+                return
 
 
-def _snapshots(session: Session, label: str, shown: int = 0) -> Iterator[tuple[SessionSnapshot, Advance]]:
-    """Yield the session's state again and again with a progress bar, and print its new messages."""
-    print_new = MessagePrinter(shown)
-    with progress_bar(label) as advance:
-        while True:
-            seen = session.snapshot()
-            print_new(seen)
-            yield seen, advance
-            time.sleep(POLL_S)
+def _snapshots(session: Session, print_new: MessagePrinter) -> Iterator[SessionSnapshot]:
+    """Yield the session's state again and again, once its new messages are reported."""
+    while True:
+        seen = session.snapshot()
+        print_new(seen)
+        yield seen
+        time.sleep(POLL_S)
 
 
 class MessagePrinter:
-    """Prints a session's warnings and errors after number `shown`, and each lasting warning of the link once."""
+    """Reports a session's warnings and errors after number `shown`, and each lasting warning of the link once."""
 
-    def __init__(self, shown: int = 0) -> None:
-        self._shown = shown
+    def __init__(self, notify: Notify, shown: int = 0) -> None:
+        self._notify, self._shown = notify, shown
         self._since: dict[LinkWarningCode, float] = {}  # since when, s of board time
         self._printed: set[LinkWarningCode] = set()
 
     def __call__(self, seen: SessionSnapshot) -> None:
-        """Print what is new."""
+        """Report what is new."""
         for message in seen.messages:
             if message.number > self._shown and message.level != "info":
-                notify(f"{message.level}: {message.cause}")
+                self._notify(f"{message.level}: {message.cause}")
                 remedy = ": ".join(filter(None, (message.remedy, message.command)))
                 if remedy:
-                    notify(f"  try: {remedy}")
+                    self._notify(f"  try: {remedy}")
         self._shown = max([self._shown, *(message.number for message in seen.messages)])
         warnings = {w.code: w.text for w in (seen.health.warnings if seen.health is not None else ())}
         warnings.pop(LinkWarningCode.SILENT, None)  # has a message of its own
         self._since = {code: self._since.get(code, seen.recorded_s) for code in warnings}
         for code, since in self._since.items():
             if seen.recorded_s - since >= LASTING_S and code not in self._printed:
-                notify(f"warning: {warnings[code]}")
+                self._notify(f"warning: {warnings[code]}")
                 self._printed.add(code)
 
 

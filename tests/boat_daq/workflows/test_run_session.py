@@ -11,13 +11,6 @@ from types import SimpleNamespace
 import pytest
 import serial
 
-from boat_daq.commands.run_session import (
-    MessagePrinter,
-    SessionRequest,
-    clear_latched_fault,
-    run_session,
-    why_failed,
-)
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.simulator.server import BoardSettings
@@ -29,6 +22,13 @@ from boat_daq.engine.snapshot import (
     MessageKind,
     SessionSnapshot,
     SessionState,
+)
+from boat_daq.workflows.run_session import (
+    MessagePrinter,
+    SessionRequest,
+    clear_latched_fault,
+    run_session,
+    why_failed,
 )
 from protocol import Connection, Identify, SetLimits, SetPressure, Start
 from protocol.base.errors import RequestError
@@ -45,16 +45,16 @@ def test_pressed_e_stop_is_not_reported_as_cleared(tmp_path: Path, capsys: pytes
     """With the e-stop pressed before the run it is refused, and no message reports a cleared fault."""
     pressed = BoardSettings(speed=5.0, faults=("estop@0:1000",))
     with serve_in_thread(pressed) as board, pytest.raises(RequestError, match="e-stop is pressed"):
-        run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN))
-    assert "is cleared" not in capsys.readouterr().err
+        run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN), notify=print)
+    assert "is cleared" not in capsys.readouterr().out
 
 
 def test_previous_fault_is_reported_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A fault latched before the session, its cause gone, is one warning; the run then ends without an error."""
     with serve_in_thread(BoardSettings(speed=5.0, faults=("estop@1:1",))) as board:
         time.sleep(1.0)  # pressed and released before the session; the fault remains latched
-        _, failure = run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN))
-    messages = capsys.readouterr().err
+        _, failure, _ = run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN), notify=print)
+    messages = capsys.readouterr().out
     assert failure == ""
     assert messages.count("latched a fault") == 1
     assert "error:" not in messages
@@ -64,14 +64,14 @@ def test_previous_fault_is_reported_once(tmp_path: Path, capsys: pytest.CaptureF
 def test_lasting_link_warning_is_printed_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """62 Hz in place of the requested 100 are reported once."""
     with serve_in_thread(BoardSettings(speed=5.0, faults=("slow_rate@0:62",))) as board:
-        run_session(SessionRequest(board.url, tmp_path / "run.boat", duration_s=10.0))
-    assert capsys.readouterr().err.count("samples/s") == 1
+        run_session(SessionRequest(board.url, tmp_path / "run.boat", duration_s=10.0), notify=print)
+    assert capsys.readouterr().out.count("samples/s") == 1
 
 
 @pytest.mark.fault(8, how="a link warning of the board's clock in a terminal", times=1)
 def test_link_warning_is_printed_once_for_each_code(capsys: pytest.CaptureFixture[str]) -> None:
     """New numbers are the same warning, a drift is another; silence has its own message, a brief warning none."""
-    print_new = MessagePrinter()
+    print_new = MessagePrinter(print)
     looks = (
         (0.0, {LinkWarningCode.SILENT: "2 s", LinkWarningCode.LOSS: "3 lost", LinkWarningCode.RATE: "102.7 Hz"}),
         (5.0, {LinkWarningCode.SILENT: "7 s", LinkWarningCode.LOSS: "3 lost"}),
@@ -83,7 +83,7 @@ def test_link_warning_is_printed_once_for_each_code(capsys: pytest.CaptureFixtur
     for recorded_s, texts in looks:
         health = SimpleNamespace(warnings=tuple(LinkWarning(code, text) for code, text in texts.items()))
         print_new(SessionSnapshot(SessionState.IDLE, LinkState.UP, recorded_s=recorded_s, health=health))
-    assert capsys.readouterr().err.splitlines() == ["warning: 17 lost", "warning: 0.8 % fast"]
+    assert capsys.readouterr().out.splitlines() == ["warning: 17 lost", "warning: 0.8 % fast"]
 
 
 def test_cleared_fault_is_confirmed_by_a_sample(tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_cleared_fault_is_confirmed_by_a_sample(tmp_path: Path) -> None:
         session = Session()
         try:
             session.connect(board.url, rate_hz=2, record_to=tmp_path / "run.boat")
-            clear_latched_fault(session, session.wait_connected())
+            clear_latched_fault(session, session.wait_connected(), print)
             last = session.snapshot().last
             assert last is not None
             assert last.state is BoardState.VENTED
@@ -117,13 +117,13 @@ def test_residual_pressure_is_vented_before_the_run(tmp_path: Path, capsys: pyte
             port.write(link.send(command, time.monotonic_ns()))
             time.sleep(0.2)
         port.close()
-        _, failure = run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN))
+        _, failure, _ = run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN), notify=print)
     assert failure == ""
-    assert "was under pressure" in capsys.readouterr().err
+    assert "was under pressure" in capsys.readouterr().out
 
 
 def test_message_shows_its_command_on_the_command_line(capsys):
     """The remedy of an error that a live session passes on ends with its command, which the window does not show."""
     message = Message(1, MessageKind.LINK_FAILED, "error", "no port", "Choose a port of the list.", 0, "boat-daq ports")
-    MessagePrinter()(SessionSnapshot(SessionState.IDLE, LinkState.FAILED, messages=(message,)))
-    assert "try: Choose a port of the list.: boat-daq ports" in capsys.readouterr().err
+    MessagePrinter(print)(SessionSnapshot(SessionState.IDLE, LinkState.FAILED, messages=(message,)))
+    assert "try: Choose a port of the list.: boat-daq ports" in capsys.readouterr().out

@@ -14,9 +14,9 @@ import pytest
 
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import LinkState
-from boat_daq.viewmodels.common import outlets
-from boat_daq.viewmodels.common.outlets import NodeChoice, conversion_of, elongation_of
 from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.viewmodels.live import outlets
+from boat_daq.workflows.outlets import NodeChoice, conversion_of, elongation_of
 from protocol.base.errors import BoatDaqError, RequestError
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.viewmodels.helpers import Straight

@@ -6,26 +6,16 @@ a helper thread: the analysis and its compiler take a moment to load, which must
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from time import monotonic
-from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from analysis.calibration.record import CalibrationRecord
+from boat_daq.engine.control.elongation import Regulator
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.viewmodels.live.connection import ConnectionModel
-from boat_daq.viewmodels.live.live_model import LiveElongation, LiveModel
+from boat_daq.viewmodels.live.live_model import LiveModel
 from boat_daq.workflows.jobs import Background
-from boat_daq.workflows.unit_control import live_prediction_of, regulator_of
-from protocol.base.arrays import FloatArray
-
-if TYPE_CHECKING:
-    from analysis.calibration.inverse import Fusion
-    from analysis.elongation_control.controller import ElongationController
-    from analysis.signal_prediction.prediction import LivePrediction
-
+from boat_daq.workflows.live_conversion import Conversion, prepare
+from boat_daq.workflows.unit_control import regulator_of
 
 LASTING_S = 3.0
 EVERY_S = 0.5
@@ -44,42 +34,6 @@ TEXTS = {  # cause and remedy
         "Check ambient light and the board's supply",
     ),
 }
-
-
-class Conversion:
-    """mV -> mm of one unit: all sensors together, or each by itself; with what predicts its signals, if identified."""
-
-    def __init__(self, fusion: Fusion, prediction: LivePrediction | None = None) -> None:
-        self.fusion, self.prediction = fusion, prediction
-
-    @property
-    def sensors(self) -> int:
-        """Number of sensors that are converted."""
-        return len(self.fusion.inverses)
-
-    def __call__(self, signal_mv: FloatArray) -> LiveElongation:
-        """Return the elongation of [n, sensors] signals, sensors fused."""
-        found = self.fusion.evaluate(signal_mv)
-        expanded = 2.0 * found.standard_uncertainty_mm
-        return LiveElongation(found.elongation_mm, expanded, found.disagreement, found.beyond)
-
-    def each(self, signal_mv: FloatArray) -> FloatArray:
-        """Return the elongation by each sensor, [n, sensors] mm; NaN farther beyond its range than is read."""
-        each = (inverse.evaluate(signal_mv[:, i]) for i, inverse in enumerate(self.fusion.inverses))
-        return np.column_stack([found.elongation_mm for found in each])
-
-
-def prepare(content: Mapping[str, Any], units: UnitLibrary | None = None, name: str = "") -> Conversion:
-    """Return the inverse of a stored calibration, all sensors fused.
-
-    Raises
-    ------
-    BoatDaqError : the curve has no inverse over its range.
-    """
-    fusion = CalibrationRecord.parse(content).fusion()
-    conversion = Conversion(fusion, live_prediction_of(units, name, fusion) if units is not None else None)
-    conversion(np.zeros((1, len(fusion.inverses))))  # compiles now, not in the first frame
-    return conversion
 
 
 class UnitInUse:
@@ -149,7 +103,7 @@ class UnitInUse:
         if stored is not None:
             self.preparation.call(prepare, stored.content, units, self._followed[0])
 
-    def regulator(self, snapshot: SessionSnapshot, step_mv: float) -> ElongationController:
+    def regulator(self, snapshot: SessionSnapshot, step_mv: float) -> Regulator:
         """Return what controls the elongation of the unit on the bench.
 
         Parameters

@@ -1,0 +1,185 @@
+"""Ends a run as soon as its cycles leave no larger uncertainty than the one asked for.
+
+Of a plan with plateaus that is U of an elongation in mm, of one without it is the half width of the intervals of drift
+and repeatability in % FSO. Until then a plan with plateaus holds those that lower U most, and passes the others.
+
+The run is analysed after each complete cycle, in a process of its own, so that the analysis delays neither samples nor
+the window; meanwhile the run continues.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from analysis.stopping.requirement import UNITS, check_asked
+from boat_daq.engine.plan import Plan
+from boat_daq.engine.session.session import Session
+from boat_daq.engine.snapshot import SessionSnapshot, SessionState
+from boat_daq.formatting import count
+from boat_daq.workflows.jobs import Job, JobState
+from protocol.base.errors import BoatDaqError, RequestError
+
+if TYPE_CHECKING:
+    from analysis.stopping.criterion import StopAssessment
+
+ENOUGH = "Assessing the uncertainty"  # what the process of an assessment does
+
+
+@dataclass(frozen=True, slots=True)
+class EndUncertainty:
+    """The uncertainty at the end of a run.
+
+    Parameters
+    ----------
+    asked, unit : what was asked for, mm of U (k = 2) or % FSO.
+    value : the largest of what was to become as small; None where it is not known.
+    cycles : that it is of; None where the recording could not be analysed.
+    reached : whether the run could end at it.
+    text : this in words, or why it is not known.
+    """
+
+    asked: float
+    unit: str
+    value: float | None
+    cycles: int | None
+    reached: bool
+    text: str
+
+    @classmethod
+    def of(cls, found: StopAssessment, asked: float, unit: str) -> EndUncertainty:
+        """Return that of an assessment of all complete cycles."""
+        value = max((criterion.now for criterion in found.criteria), default=None)
+        text = f"{asked:g} {unit} asked: not reached, {found.end}" if found.void else found.end
+        return cls(asked, unit, value, found.cycles, found.reached, text)
+
+
+def assess_end(recording: Path, asked: float, unit: str, cycles: int) -> EndUncertainty:
+    """Return the uncertainty of all complete cycles of a run that has ended.
+
+    Parameters
+    ----------
+    asked, unit : the uncertainty asked for, mm of U (k = 2) or % FSO.
+    """
+    from analysis.stopping.criterion import assess_run
+
+    try:
+        found = assess_run(recording, asked, cycles, repeats=unit == UNITS["continuous"])
+    except BoatDaqError as error:
+        text = f"the uncertainty is not known at the end of the run, {asked:g} {unit} asked: {error.cause}"
+        return EndUncertainty(asked, unit, None, None, reached=False, text=text)
+    return EndUncertainty.of(found, asked, unit)
+
+
+class EnoughCycles:
+    """What a run knows, and the U at which it ends.
+
+    Parameters
+    ----------
+    enter : enters the readings of the plateaus reached; None where they are entered otherwise.
+    report : called with each assessment in words.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        enter: Callable[[], object] = lambda: None,
+        report: Callable[[str], object] = lambda _: None,
+    ) -> None:
+        self._session, self._enter, self._report = session, enter, report
+        self._cycles = 0
+        self._job: Job | None = None
+        self.asked: dict[str, float] = {}
+        self.known: StopAssessment | None = None
+        self.unknown = ""
+        self.ended_by: StopAssessment | None = None  # of all complete cycles
+
+    def ask(self, asked: float | None, unit: str) -> None:
+        """Set the uncertainty at which runs of plans with this unit end; None runs all their cycles.
+
+        Parameters
+        ----------
+        asked, unit : mm of U (k = 2), or % FSO.
+
+        Raises
+        ------
+        RequestError : it is no number above 0.
+        """
+        if asked is None:
+            self.asked.pop(unit, None)
+        else:
+            check_asked(asked, unit)
+            self.asked[unit] = asked
+        self.known, self.ended_by, self.unknown = None, None, ""
+
+    def asked_of(self, plan: Plan | None) -> tuple[float, str] | None:
+        """Return the uncertainty at which a run of a plan ends, and its unit; None where it runs all cycles."""
+        unit = UNITS.get(plan.kind, "") if plan is not None else ""
+        return (self.asked[unit], unit) if unit in self.asked else None
+
+    def close(self) -> None:
+        """End the process of an assessment."""
+        if self._job is not None:
+            self._job.cancel()
+
+    def follow(self, snapshot: SessionSnapshot) -> None:
+        """Assess the run after each further complete cycle; end it where U is small enough."""
+        progress, asked = snapshot.progress, self.asked_of(snapshot.plan)
+        if snapshot.state is not SessionState.RUNNING or progress is None or asked is None:
+            self.close()
+            self._job, self._cycles, self.unknown = None, 0, ""
+            self.known = self.known if snapshot.state is SessionState.FINISHING else None
+            return
+        if not progress.complete_cycles:
+            self.ended_by = None  # that of the run before
+        if self._job is not None and self._job.poll() is not JobState.RUNNING:
+            self._take(self._job, progress.complete_cycles)
+            self._job = None
+        if self._job is None and progress.complete_cycles > self._cycles and snapshot.recording is not None:
+            self._cycles = progress.complete_cycles
+            self._begin(snapshot, asked[0])
+
+    def _begin(self, snapshot: SessionSnapshot, asked: float) -> None:
+        """Start to assess the run."""
+        from analysis.stopping.criterion import assess_run
+
+        self.ended_by = None
+        assert snapshot.recording is not None
+        assert snapshot.plan is not None
+        try:
+            self._enter()
+        except RequestError as error:
+            self._not_known(error.cause)
+            return
+        plan = snapshot.plan
+        self._job = Job(ENOUGH, assess_run, snapshot.recording, asked, plan.cycles, repeats=plan.kind == "continuous")
+
+    def _take(self, job: Job, complete_cycles: int) -> None:
+        """Report an assessment, and end the run where it is enough."""
+        if job.state is not JobState.DONE:
+            cause = job.failure.cause if job.failure is not None else str(job.state.value)
+            self._not_known(cause)
+            return
+        self.known, self.unknown = job.result, ""
+        self._report(job.result.text)
+        if job.result.reached:
+            self._session.finish_early(job.result.end)
+            self.ended_by = job.result if complete_cycles == self._cycles else None
+        else:
+            self._session.hold_at(job.result.hold)
+
+    def _not_known(self, cause: str) -> None:
+        """Report why the latest cycle has no assessment, and show it until a later one has."""
+        self.unknown = f"U is not known after {count(self._cycles, 'cycle')}: {cause}"
+        self._report(self.unknown)
+
+    def at_end(self, recording: Path, plan: Plan) -> EndUncertainty | None:
+        """Assess all complete cycles of a run that has ended; return None where no uncertainty was asked for."""
+        asked = self.asked_of(plan)
+        if asked is None:
+            return None
+        if self.ended_by is not None:
+            return EndUncertainty.of(self.ended_by, *asked)
+        return assess_end(recording, *asked, plan.cycles)

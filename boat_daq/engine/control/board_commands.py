@@ -26,6 +26,7 @@ from protocol.link import messages
 from protocol.link.messages import AckStatus, Command, EventCode, Heartbeat, SetLimits, Vent
 
 VENT_AGAIN_S = 0.75  # the link itself has repeated it three times by then
+GUARDS_S = 5.0  # for the answers to watchdog and limits, each sent three times in 0.75 s, behind other commands
 
 _REFUSALS: dict[int, str] = {
     AckStatus.UNKNOWN_COMMAND: "unknown command",
@@ -96,6 +97,8 @@ class BoardCommands:
         self.board_us = 0  # of the newest sample
         self._vent_sent_ns: int | None = None  # of a vent that is not acknowledged
         self._awaited: list[Command] = []
+        self._pending_since_ns = 0
+        self._limits: SetLimits | None = None  # among those awaited
         self._then: Callable[[], None] | None = None
 
     def begin(self) -> None:
@@ -154,11 +157,21 @@ class BoardCommands:
         return self._then is not None
 
     def once_guarded(self, limits: SetLimits, then: Callable[[], None]) -> None:
-        """Call `then` once the board has acknowledged watchdog and limits."""
+        """Call `then` once the board has acknowledged watchdog and limits; it replaces an action that waits."""
+        if self._then is None:
+            self._pending_since_ns = self.now_ns
+        self._then = then
+        if self._awaited and self._limits == limits:
+            return
         guards: list[Command] = [Heartbeat(self.feeder.timeout_ms(self.meter.speed)), limits]
-        self._awaited, self._then = list(guards), then
+        self._awaited, self._limits = list(guards), limits
         for command in guards:
             self.send(command)
+
+    @property
+    def guards_late(self) -> bool:
+        """Whether an action has waited `GUARDS_S` for watchdog and limits."""
+        return self._then is not None and self.now_ns - self._pending_since_ns > GUARDS_S * 1e9
 
     def adopt_watchdog(self) -> None:
         """Feed a watchdog that an earlier host has armed, or it trips again.

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from boat_daq.engine.control.board_commands import BoardCommands, Check, Effect, Preflight, require
+from boat_daq.engine.control.board_commands import GUARDS_S, BoardCommands, Check, Effect, Preflight, require
 from boat_daq.engine.control.elongation import AT_LIMIT_S, FASTEST, ElongationLoop, LoopStop, Regulator
 from boat_daq.engine.control.interlock import FlatLine, Interlock, Trip
 from boat_daq.engine.control.sequencer import VENTED_KPA, GoTo, Sequencer, VentNow
@@ -65,7 +65,7 @@ class Controller:
         self.pressurised = False  # a pressure was sent, and the unit has not been seen vented since
         self.mv_per_count = 1.0
         self._cleared_by = ""
-        self._unanswered = 0  # pressures that the board has not acknowledged
+        self._unanswered: messages.SetPressure | None = None  # the latest pressure, until the board acknowledges it
         self._effects: list[Effect] = []
         self.board = BoardCommands(self._effects.append)
         self.preflight = Preflight(self.interlock, self.board, zero_tolerance_kpa=zero_tolerance_kpa)
@@ -148,6 +148,9 @@ class Controller:
             found = self.loop.late(now_ns, self.stream.age_s(now_ns))
             if found is not None:
                 self._stop_loop(found, hold=self.loop.hold)
+        if self.board.guards_late:
+            cause = f"the board has not acknowledged watchdog and limits for {GUARDS_S:g} s: no pressure was sent"
+            self._trip(Trip(MessageKind.NO_ANSWER, cause, "check the link"))
         self.board.tick(idle=self._idle)
 
     # ---- the operator ----------------------------------------------------------------------------------------------
@@ -253,7 +256,7 @@ class Controller:
         """
         self.board.forget_pending()
         self.target_kpa = self.loop = None
-        self._unanswered = 0
+        self._unanswered = None
         if sent:
             self.board.vent_sent()
         else:
@@ -447,7 +450,8 @@ class Controller:
             self._trip(self.board.refused(command, status, pressurised=self.pressurised))
             return
         if isinstance(command, messages.SetPressure):
-            self._unanswered = max(0, self._unanswered - 1)
+            if command == self._unanswered:
+                self._unanswered = None
             if self.loop is not None:
                 self.loop.answered(self.board.now_ns, self.board.meter.speed)
             if self.target_kpa is not None and command.target_pa == round(self.target_kpa * 1000):
@@ -535,13 +539,8 @@ class Controller:
     # ---- pressure --------------------------------------------------------------------------------------------------
 
     def _once_guarded(self, then: Callable[[], None], extra: Sequence[Check] = ()) -> None:
-        """Call `then` after the pre-flight, once limits and watchdog are acknowledged.
-
-        No second one meanwhile.
-        """
+        """Call `then` after the pre-flight, once limits and watchdog are acknowledged; the latest call wins."""
         limits = self.preflight.limits_command
-        if self.board.pending:
-            return
         require([*self.checks(), *extra])
         assert limits is not None  # the pre-flight requires them
         self.board.once_guarded(limits, then)
@@ -567,7 +566,7 @@ class Controller:
 
     def _go(self, target_kpa: float, ramp_kpa_per_s: float, *, streamed: bool = False) -> None:
         """Command a pressure; of a stream only once the one before is acknowledged."""
-        if streamed and self._unanswered and self.target_kpa is not None:
+        if streamed and self._unanswered is not None:
             return
         try:
             command = self.interlock.authorise(target_kpa, ramp_kpa_per_s)
@@ -575,7 +574,7 @@ class Controller:
             self._trip(Trip(MessageKind.REFUSED, error.cause, error.remedy))
             return
         self.pressurised, self.target_kpa = True, target_kpa
-        self._unanswered += 1
+        self._unanswered = command
         if self.loop is not None:
             self.loop.sent(self.board.now_ns)
         if self.board.feeder.armed_ms and not streamed:  # a board that restarted, undetected yet, has lost it
@@ -584,7 +583,7 @@ class Controller:
 
     def _vent(self) -> None:
         self.target_kpa = self.loop = None
-        self._unanswered = 0
+        self._unanswered = None
         self.board.vent()
 
     def _trip(self, found: Trip | None) -> None:

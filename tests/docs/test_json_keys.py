@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,9 @@ from analysis.elongation_control.unit_file import TwinFile
 from analysis.optics.scene.curves import default_curves
 from analysis.shadow.model.states import GuideStates
 from analysis.signal_prediction.prediction import published_prediction
-from analysis.studies.paper.numbers import PaperDrawing, Reproduction, shadow_rows
+from analysis.studies.paper.drawings import draw_states
+from analysis.studies.paper.numbers import shadow_rows
+from analysis.studies.paper.reproduction import PaperDrawing, PaperPart, write_reproduction
 from boat_daq.cli import app
 from boat_daq.engine.simulator.server import BoardSettings, serve
 from tests.analysis.twin_unit import LAG, identified
@@ -81,7 +84,7 @@ CASES = [
 ]
 
 
-def of_twin() -> dict[str, Any]:
+def of_twin(folder: Path) -> dict[str, Any]:
     """Return objects of the twin's commands by their headings, made without a port."""
     model, _ = identified("SA1")
     tuning = Tuning.of(LAG, 36.0)
@@ -91,7 +94,8 @@ def of_twin() -> dict[str, Any]:
     bode = (BodePoint(0.1, 0.0, -1.0, 0.1, 1.0),)
     published = [one.as_json() for one in published_prediction()]
     states = GuideStates(default_curves(), np.zeros(15), np.zeros(15), "stored")
-    paper = Reproduction(shadow_rows(states, -44.8, 1.0, 1.0), [PaperDrawing("2B", "guides", Path("states.png"))])
+    drawing = PaperDrawing("2B", "guides", "states", partial(draw_states, states.curves_mm))
+    paper = PaperPart(shadow_rows(states, -44.8, 1.0, 1.0), [drawing])
     return {
         "twin identify RUN": twin,
         "twin tune RUN": twin | {"step_response": lag_figures(replace(LAG, covariance=np.eye(3).tolist())).as_json()},
@@ -100,15 +104,15 @@ def of_twin() -> dict[str, Any]:
             "unit": "", "simulated": True, "sensors": published, "published": published,
             "disagreement_percent": {"none": 100.0},
         },
-        "reproduce": paper.as_json() | {"seconds": 1.0},
+        "reproduce": write_reproduction([paper], folder) | {"seconds": 1.0},
     }  # fmt: skip
 
 
 @pytest.mark.parametrize(
     "heading", ["twin identify RUN", "twin tune RUN", "twin dynamics RUN", "twin predict RUN", "reproduce"]
 )
-def test_every_promised_key_of_the_twin_is_given(heading: str) -> None:
-    names = set(printed(json.loads(json.dumps(of_twin()[heading]))))
+def test_every_promised_key_of_the_twin_is_given(heading: str, tmp_path: Path) -> None:
+    names = set(printed(json.loads(json.dumps(of_twin(tmp_path)[heading]))))
     assert not {name for name in documented(heading) if not any(_same(name, other) for other in names)}
 
 

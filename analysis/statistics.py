@@ -12,7 +12,6 @@ from scipy import stats
 from protocol.base.arrays import FloatArray
 
 MAD_TO_SD = 1.482602218505602  # 1 / Phi^-1(3/4): median absolute deviation of a normal variable to its sd
-RESAMPLES = 2000
 BATCHES = 16  # of draws; the sd over so many is known to 18 %
 PERCENTILES = (2.5, 97.5)
 """Of the resamples, which a 95 % interval rests on."""
@@ -70,7 +69,7 @@ def white_noise_sd(values: FloatArray) -> float:
     return float(robust_sd(second) / np.sqrt(6.0))
 
 
-def resampling_weights(n: int, rng: np.random.Generator, resamples: int = RESAMPLES) -> FloatArray:
+def resampling_weights(n: int, rng: np.random.Generator, resamples: int) -> FloatArray:
     """Return how often each of `n` items is drawn in each bootstrap resample, [resamples, n]."""
     return rng.multinomial(n, np.full(n, 1.0 / n), size=resamples).astype(np.float64)
 

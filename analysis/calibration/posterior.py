@@ -29,17 +29,17 @@ import numpy.typing as npt
 from scipy import special
 
 from analysis.calibration.fit import Calibration, fit_calibration
+from analysis.fidelity import fidelity
 from analysis.progress import Progress
 from analysis.statistics import limit_error
 from analysis.warning import Warning, WarningCode
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError
 
-WALKERS = 64
+WALKERS, ENOUGH_SAMPLES = fidelity().walkers, fidelity().posterior_samples
 CHUNK = 200
 MAX_STEPS = 10_000
 REQUIRED_TAUS = 50.0
-ENOUGH_SAMPLES = 4_000  # effective: a standard deviation is then known to 1.1 %, the 95 % band's width to 1.5 %
 PROPOSAL_DOF = 5.0
 SIGMA_FLOOR = 1e-6  # of the residual sd: where the noise could be zero its logarithm has no lower end
 MONOTONE_POINTS = 41

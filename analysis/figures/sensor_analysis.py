@@ -79,7 +79,7 @@ class Options:
     x_resolution_mm : grid of the readings; None takes that of the recording, else 0.5 mm.
     monotone : only monotone curves in the posterior.
     fidelity : how fine bootstrap and sampler are, see `analysis.fidelity`.
-    resamples, posterior_samples : in place of the fidelity's.
+    resamples, posterior_samples : in place of the precision's.
     leave_out : leave out readings whose points are off the curve, each with a warning.
     type_b : contributions to the uncertainty of an elongation that no run shows, see `analysis.calibration.type_b`.
     derived : derived channels besides those that the recording states, see `protocol.recording.derived`.

@@ -46,7 +46,7 @@ State = Annotated[
 ]
 Rays = Annotated[int, typer.Option(help="Rays released.")]
 Secondary = Annotated[int, typer.Option(help="Budget of secondary (reflected) rays.")]
-OptionalRays = Annotated[int | None, typer.Option(help="Rays released; default 250, or the fidelity's.")]
+OptionalRays = Annotated[int | None, typer.Option(help="Rays released; default 250, or the precision's.")]
 OptionalSecondary = Annotated[
     int | None,
     typer.Option(help="Budget of secondary (reflected) rays, -1 for all; default 100, or in proportion to the rays."),
@@ -118,7 +118,7 @@ def released_rays(
     Parameters
     ----------
     rays, secondary : as given; else of the fidelity, and without one the paper's.
-    of_level : a fidelity's number of rays.
+    of_level : a precision's number of rays.
     """
     from analysis.fidelity import fidelity
 

@@ -18,14 +18,11 @@ from boat_daq.commands.shadow_model import (
     MeshOption,
     ParametersOption,
     SolvedState,
-    TableToleranceOption,
     chosen_model,
     chosen_parameters,
     chosen_shadow,
     chosen_table,
     solved_state,
-    solved_within,
-    stated_error,
 )
 
 if TYPE_CHECKING:
@@ -65,14 +62,6 @@ def solve(
     parameters: ParametersOption = None,
     mesh: MeshOption = None,
     plot: PlotOption = None,
-    tolerance: Annotated[
-        float | None,
-        typer.Option(
-            metavar="MM",
-            help="Greatest error by the mesh, which it chooses; with --model reduced that of the table, beyond which "
-            "the full model is used. The answer states its own.",
-        ),
-    ] = None,
     fidelity: FidelityOption = "normal",
     as_json: JsonOption = False,
 ) -> None:
@@ -86,20 +75,9 @@ def solve(
         raise typer.BadParameter("give --pressure, --elongation, or both", param_hint="--pressure")
     if mesh is not None and (model == "reduced" or plot is not None):
         raise typer.BadParameter("goes with --model full and without --plot", param_hint="--mesh")
-    by_mesh = tolerance is not None and model == "full"
-    if tolerance is not None and (mesh, fidelity) != (None, "normal"):
-        raise typer.BadParameter("chooses the mesh: omit --mesh and --fidelity", param_hint="--tolerance")
-    if by_mesh and (pressure is None or elongation is not None):
-        remedy = "give --pressure and omit --elongation, or use --model reduced"
-        raise typer.BadParameter(
-            f"the full model takes a tolerance with --pressure only: {remedy}", param_hint="--tolerance"
-        )
     from analysis.shadow.model.assessment import assess
 
-    if tolerance is None:
-        solved = solved_state(pressure, elongation, model, parameters, mesh, fidelity)
-    else:
-        solved = solved_within(parameters, pressure, elongation, model, tolerance)
+    solved = solved_state(pressure, elongation, model, parameters, mesh, fidelity)
     found = assess(solved.model, solved.solution)
     fallback = _fallback(model, solved, parameters, fidelity)
     warnings = [*found.warnings, *fallback]
@@ -108,11 +86,10 @@ def solve(
     if plot is not None:
         _plot_state(solved.solution, parameters, plot, fidelity)
     notes = {
-        "tolerance_mm": tolerance,
         "notes": [warning.text for warning in warnings],
         "warnings": [warning.as_json() for warning in warnings],
     }
-    lines = _lines(solved, found, by_mesh=by_mesh, outside=bool(fallback))
+    lines = _lines(solved, found)
     present(_json(solved, found) | notes, *lines, as_json=as_json)
 
 
@@ -136,14 +113,8 @@ def _json(solved: SolvedState, found: Assessment) -> dict[str, Any]:
     }
 
 
-def _lines(solved: SolvedState, found: Assessment, *, by_mesh: bool, outside: bool) -> list[str]:
-    """Return a state and its margin as lines.
-
-    Parameters
-    ----------
-    by_mesh : the stated error, if there is one, is that of the mesh; else that of the reduced model.
-    outside : the state is outside the table of the reduced model, which a warning reports.
-    """
+def _lines(solved: SolvedState, found: Assessment) -> list[str]:
+    """Return a state and its margin as lines."""
     solution, size = solved.solution, solved.model.parameters
     limit_kpa = solved.model.vacuum_limit.pressure_kpa
     lines = [
@@ -153,14 +124,8 @@ def _lines(solved: SolvedState, found: Assessment, *, by_mesh: bool, outside: bo
         f"{limit_kpa:.3g} kPa)",
     ]
     elements = f"{size.axial_elements} x ({size.wall_elements} + {size.lattice_elements})"
-    if by_mesh:
+    if math.isfinite(solved.error_mm):
         lines.append(f"error of the elongation by the mesh of {elements} elements: {solved.error_mm:.2g} mm")
-    elif solved.used == "reduced" and math.isfinite(solved.error_mm):
-        lines.append(f"error of elongation and guides by the residual in the full model: {solved.error_mm:.2g} mm")
-    elif math.isfinite(solved.error_mm):
-        cause = "" if outside else "the reduced model has a larger error here: "
-        lines.append(f"{cause}the full model was used on the mesh of {elements} elements")
-        lines.append("the error by this mesh is not part of the tolerance")
     return lines
 
 
@@ -168,13 +133,9 @@ def _fallback(model: str, solved: SolvedState, parameters: Path | None, level: L
     """Return the warning that the full model was used because the reduced one, which was chosen, has no such state."""
     if model == solved.used:
         return []
-    import numpy as np
-
     from analysis.warning import Warning, WarningCode
 
-    table, state = chosen_table(chosen_parameters(parameters, level), level), solved.solution
-    if table.holds(np.array(state.pressure_kpa), np.array(state.elongation_mm)):  # there, but not within a tolerance
-        return []
+    table = chosen_table(chosen_parameters(parameters, level), level)
     text = f"outside the table of the reduced model ({table.rectangle}): the full model was used"
     return [Warning(WarningCode.OUTSIDE_TABLE, "", text)]
 
@@ -193,7 +154,6 @@ def table(
     parameters: ParametersOption = None,
     plot: Annotated[Path | None, typer.Option(help="Plot error against the number of shapes into this file.")] = None,
     rebuild: Annotated[bool, typer.Option("--rebuild", help="Build it even if it is in the cache.")] = False,
-    tolerance: TableToleranceOption = None,
     fidelity: FidelityOption = "normal",
     as_json: JsonOption = False,
 ) -> None:
@@ -205,16 +165,11 @@ def table(
     from analysis.shadow.model.drawing import table_errors_figure
     from analysis.shadow.model.frames import table_settings
     from analysis.shadow.model.table import build_table, load_table
-    from analysis.shadow.model.tolerance import table_within
 
-    if tolerance is not None and (rebuild or fidelity != "normal"):
-        raise typer.BadParameter("chooses the size: omit --rebuild and --fidelity", param_hint="--tolerance")
     chosen, settings = chosen_parameters(parameters, fidelity), table_settings(at(fidelity))
     begun = time.perf_counter()
     with progress_bar("building the table") as progress:
-        if tolerance is not None:
-            made, settings = table_within(chosen, tolerance, progress)
-        elif rebuild:
+        if rebuild:
             made = build_table(chosen, settings, progress)
         else:
             made = load_table(chosen, settings, progress=progress)
@@ -227,8 +182,6 @@ def table(
         "error_bound_mm": made.error_bound_mm,
         "error_bound_percent": 100.0 * made.error_bound_mm / float(made.nominal_range_mm[1]),
         "held_out": settings.held_out,
-        "error_mm": made.errors_mm[-1] if tolerance is not None else math.nan,
-        "tolerance_mm": tolerance,
         "critical_pressure_kpa": float(made.critical_kpa),
         "states_per_s": made.states_per_second(),
         "seconds": seconds,
@@ -240,7 +193,6 @@ def table(
         result,
         f"{p0:.1f} .. {p1:.1f} kPa, {q0:.2f} .. {q1:.2f} mm; {result['modes']} shapes, ready in {seconds:.1f} s",
         f"error of every tracked point below {made.error_bound_mm:.2g} mm; {result['states_per_s']:,.0f} states/s",
-        *stated_error(made, tolerance),
         as_json=as_json,
     )
 
@@ -274,28 +226,15 @@ def states(
     dense: Annotated[bool, typer.Option("--dense", help="Points every 0.5 mm in place of 7 a guide.")] = False,
     parameters: ParametersOption = None,
     mesh: MeshOption = None,
-    tolerance: Annotated[
-        float | None,
-        typer.Option(metavar="MM", help="Greatest error of the two extreme elongations by the mesh, which it chooses."),
-    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Write the guides in 15 states (7 compressed, rest, 7 elongated), as curves for the optical model.
 
     Example: boat-daq shadow states --out curves.csv
     """
-    if tolerance is not None and mesh is not None:
-        raise typer.BadParameter("chooses the mesh: omit --mesh", param_hint="--tolerance")
-    from analysis.shadow.model.full import FullModel
     from analysis.shadow.model.states import guide_states, write_states
-    from analysis.shadow.model.tolerance import mesh_within
 
-    error_mm = math.nan
-    if tolerance is None:
-        model = chosen_model(parameters, mesh)
-    else:
-        meshed, error_mm = mesh_within(chosen_parameters(parameters), (lowest, highest), tolerance)
-        model = FullModel(meshed)
+    model = chosen_model(parameters, mesh)
     found = guide_states(model, lowest_kpa=lowest, highest_kpa=highest, every_half_mm=dense)
     write_states(found, out)
     bow, points = found.bow_mm(), found.curves_mm.shape[2]
@@ -306,13 +245,11 @@ def states(
         "bow_mm": bow,
         "curvature_per_mm": found.curvature_per_mm(),
         "points": points,
-        "error_mm": error_mm,
     }
     present(
         content,
         f"wrote {out}: 15 states, {points} points a guide, elongation {found.elongation_mm[0]:+.2f} .. "
         f"{found.elongation_mm[-1]:+.2f} mm, bow {bow[0]:.2f} .. {bow[-1]:.2f} mm",
-        *([f"error of both ends by the mesh: {error_mm:.2g} mm or less"] if tolerance is not None else []),
         as_json=as_json,
     )
 
@@ -329,7 +266,6 @@ def modulus(
     force_column: Annotated[str | None, typer.Option(help="Name or number of the force column.")] = None,
     displacement_column: Annotated[str | None, typer.Option(help="Name or number of the displacement column.")] = None,
     parameters: ParametersOption = None,
-    tolerance: TableToleranceOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find the effective modulus of the lattice from uniaxial compression, and its effect on nominal elongation.
@@ -346,8 +282,7 @@ def modulus(
     found = effective_modulus(tests, window)
     spread = found.sd_kpa if math.isfinite(found.sd_kpa) else found.standard_error_kpa
     table = chosen_table(
-        replace(chosen_parameters(parameters), lattice_modulus_kpa=found.mean_kpa, lattice_modulus_sd_kpa=spread),
-        tolerance_mm=tolerance,
+        replace(chosen_parameters(parameters), lattice_modulus_kpa=found.mean_kpa, lattice_modulus_sd_kpa=spread)
     )
     low, high = table.pressure_range_kpa
     pressures = np.array([p for p in BAND_PRESSURES_KPA if low <= p <= high])
@@ -363,7 +298,6 @@ def modulus(
         *(f"{one.name}: {one.modulus_kpa:.2f} kPa (R² {one.r2:.4f}, {one.points} points)" for one in found.specimens),
         f"E = {found.mean_kpa:.2f} ± {spread:.2f} kPa, N = {len(tests)}",
         *(f"{p:+.0f} kPa: {x:+.3f} ± {u:.3f} mm (k = 1)" for p, x, u in band),
-        *stated_error(table, tolerance),
         as_json=as_json,
     )
 
@@ -374,7 +308,6 @@ def replay(
     calibration: Annotated[Path | None, typer.Option(help="Run to calibrate from; default RUN itself.")] = None,
     elongation: Annotated[Path | None, typer.Option(help="CSV of the calibration's elongation readings.")] = None,
     parameters: ParametersOption = None,
-    tolerance: TableToleranceOption = None,
     plot: PlotOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -390,7 +323,7 @@ def replay(
     recording = load_recording(run)
     with progress_bar("calibrating") as progress:
         sensors = analyse(calibration or run, elongation, mcmc=False, progress=progress).sensors
-    table = chosen_table(chosen_parameters(parameters), tolerance_mm=tolerance)
+    table = chosen_table(chosen_parameters(parameters))
     measured_mm = measured_elongation(recording, sensors)
     cycles = [cycle.rows for cycle in find_cycles(recording).complete]
     result = compare(table, recording.time_s, recording.pressure_kpa, measured_mm, cycles)
@@ -406,8 +339,6 @@ def replay(
         f"{summary['cycles']} cycles; deviation {summary['deviation_mean_mm']:+.3f} mm on average, "
         f"{summary['deviation_rms_mm']:.3f} mm rms, {summary['inside_band_percent']:.0f} % inside the band (k = 2)"
     )
-    for line in stated_error(table, tolerance):
-        show(line)
     for alarm in result.alarms:
         show(f"ALARM in cycle {alarm.cycle}: {alarm.sentence}")
     for cause in result.left_out:
@@ -421,13 +352,6 @@ def replay(
 def chain(
     rays: Annotated[int | None, typer.Option(help="Rays of each simulation; default 5000.", min=1)] = None,
     cavities: Annotated[str, typer.Option(help="Numbers of cavities, as 3,5,7.")] = "3,5,7",
-    tolerance: Annotated[
-        float | None,
-        typer.Option(
-            metavar="RAYS",
-            help="Greatest error of 95 % of the counts (rays of 250): chooses the rays; the answer states its own.",
-        ),
-    ] = None,
     parameters: ParametersOption = None,
     out: Annotated[Path | None, typer.Option(help="Write the shadow's curves into this CSV.")] = None,
     as_json: JsonOption = False,
@@ -438,8 +362,6 @@ def chain(
 
     Example: boat-daq shadow chain --out curves.csv
     """
-    if tolerance is not None and rays is not None:
-        raise typer.BadParameter("chooses the rays: omit --rays", param_hint="--tolerance")
     from analysis.optics.scene.curves import parametric_curves
     from analysis.optics.sweep.signal import SIGNAL_RAYS, chain_signal
     from analysis.optics.sweep.sweep import paper_grid
@@ -452,11 +374,11 @@ def chain(
         notify(f"wrote {out}")
     found: dict[str, Any] = {}
     for name, curves in (("shadow", states.curves_mm), ("parametric", parametric_curves())):
-        found[name] = _outcome(_chain_sweep(name, designs, curves, rays or SIGNAL_RAYS, tolerance))
+        found[name] = _outcome(_chain_sweep(name, designs, curves, rays or SIGNAL_RAYS))
     found["bow_mm"], found["curvature_per_mm"] = states.bow_mm(), states.curvature_per_mm()
     found["elongation_mm"] = states.elongation_mm
     found["same_best"] = found["shadow"]["best"] == found["parametric"]["best"]
-    signal = chain_signal(states.curves_mm, states.elongation_mm, rays or SIGNAL_RAYS, tolerance=tolerance)
+    signal = chain_signal(states.curves_mm, states.elongation_mm, rays or SIGNAL_RAYS)
     found["signal"] = asdict(signal) | {
         "light_change_percent": signal.light_change_percent,
         "inverted": signal.inverted,
@@ -497,18 +419,13 @@ def _chain_lines(found: Mapping[str, Any], signal: ChainSignal) -> Iterator[str]
     yield f"the shadow's guides get {'straighter' if straighter else 'more bent'} as the actuator lengthens"
 
 
-def _chain_sweep(
-    name: str, designs: tuple[Design, ...], curves: FloatArray, rays: int, tolerance: float | None
-) -> SweepResult:
-    """Sweep designs over curves, with a number of rays or as many as a tolerance takes."""
+def _chain_sweep(name: str, designs: tuple[Design, ...], curves: FloatArray, rays: int) -> SweepResult:
+    """Sweep designs over curves."""
     from analysis.optics.scene.parameters import Light, phase_of
-    from analysis.optics.sweep.fans import light_within
     from analysis.optics.sweep.sweep import SweepRequest, run_sweep
 
     request = SweepRequest(designs, light=Light(rays=rays, phase=phase_of(rays)), curves=curves)
     with progress_bar(f"sweep over the {name} curves") as progress:
-        if tolerance is not None:
-            request = replace(request, light=light_within(request, tolerance))
         return run_sweep(request, progress=progress)
 
 

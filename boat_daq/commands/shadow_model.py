@@ -22,18 +22,10 @@ if TYPE_CHECKING:
 
 ParametersOption = Annotated[Path | None, typer.Option("--parameters", help="TOML file of actuator parameters.")]
 MeshOption = Annotated[Path | None, typer.Option("--mesh", help="A .vtu or .msh mesh in place of the parametric one.")]
-TableToleranceOption = Annotated[
-    float | None,
-    typer.Option(
-        "--tolerance",
-        metavar="MM",
-        help="Greatest error of a tracked point by the table in 95 % of the states: chooses its size.",
-    ),
-]
 
 
 def chosen_parameters(path: Path | None, level: Level = "normal") -> ActuatorParameters:
-    """Return the parameters of a file, or the defaults, on the mesh of a fidelity; normal keeps a file's own mesh."""
+    """Return the parameters of a file, or the defaults, on the mesh of a precision; normal keeps a file's own mesh."""
     from analysis.fidelity import fidelity
     from analysis.shadow.fem.parameters import read_parameters
     from analysis.shadow.model.frames import actuator
@@ -51,7 +43,7 @@ def chosen_model(parameters: Path | None, mesh: Path | None, level: Level = "nor
     ----------
     parameters : TOML file; None for the defaults.
     mesh : mesh file; None for the parametric mesh.
-    level : fidelity of the parametric mesh.
+    level : precision of the parametric mesh.
     """
     from analysis.shadow.fem.mesh_files import read_mesh
     from analysis.shadow.model.full import FullModel
@@ -59,37 +51,19 @@ def chosen_model(parameters: Path | None, mesh: Path | None, level: Level = "nor
     return FullModel(chosen_parameters(parameters, level), mesh=None if mesh is None else read_mesh(mesh))
 
 
-def chosen_table(
-    actuator: ActuatorParameters, level: Level | None = None, tolerance_mm: float | None = None
-) -> ReducedModel:
-    """Return the reduced model of an actuator.
-
-    Parameters
-    ----------
-    level : fidelity that gives its size, where one is given.
-    tolerance_mm : error that chooses its size, as `table_within`; None for none.
-    """
+def chosen_table(actuator: ActuatorParameters, level: Level | None = None) -> ReducedModel:
+    """Return the reduced model of an actuator, of the size of a precision level if one is given."""
     from analysis.fidelity import fidelity
     from analysis.shadow.model.frames import table_settings
     from analysis.shadow.model.table import load_table
-    from analysis.shadow.model.tolerance import table_within
 
     settings = None if level is None else table_settings(fidelity(level))
     with progress_bar("building the table") as progress:
-        if tolerance_mm is not None:
-            return table_within(actuator, tolerance_mm, progress)[0]
         return load_table(actuator, settings, progress=progress)
 
 
-def stated_error(table: ReducedModel, tolerance_mm: float | None) -> list[str]:
-    """Return the line on the error of a table that a tolerance chose; none without a tolerance."""
-    if tolerance_mm is None:
-        return []
-    return [f"error of a tracked point by the table: {table.errors_mm[-1]:.2g} mm or less in 95 % of the states"]
-
-
 def chosen_shadow(parameters: Path | None, level: Level = "normal") -> Shadow:
-    """Return the shadow of the chosen parameters, its table of the fidelity's size."""
+    """Return the shadow of the chosen parameters, its table of the precision's size."""
     from analysis.shadow.model.frames import Shadow
 
     actuator = chosen_parameters(parameters, level)
@@ -103,7 +77,7 @@ class SolvedState:
     Parameters
     ----------
     used : name of the model that solved it.
-    error_mm : of the elongation by its mesh, or of the reduced model against it, where a tolerance chose; else NaN.
+    error_mm : error of the elongation by the mesh, measured on the default actuator; NaN for another.
     """
 
     model: FullModel
@@ -132,42 +106,16 @@ def solved_state(
     ------
     RequestError : outside the limits of the model.
     """
+    from analysis.fidelity import fidelity
+
+    error_mm = fidelity(level).mesh_error_mm if parameters is None and mesh is None else math.nan
     if model == "full":
         full = chosen_model(parameters, mesh, level)
         full.check_limits(pressure, elongation)  # finds the limits, once for all states: not timed
         begun = time.perf_counter()
         solution = full.solve(pressure_kpa=pressure, elongation_mm=elongation)
-        return SolvedState(full, solution, "full", time.perf_counter() - begun)
+        return SolvedState(full, solution, "full", time.perf_counter() - begun, error_mm)
     shadow = chosen_shadow(parameters, level)
     begun = time.perf_counter()
     solution, used = shadow.solution(elongation_mm=elongation, pressure_kpa=pressure)
-    return SolvedState(shadow.model, solution, used, time.perf_counter() - begun)
-
-
-def solved_within(
-    parameters: Path | None, pressure_kpa: float | None, elongation_mm: float | None, model: str, tolerance_mm: float
-) -> SolvedState:
-    """Return a state with no more work than an error takes: of the mesh, or of the reduced model by its residual.
-
-    Parameters
-    ----------
-    parameters : TOML file; None for the defaults.
-    pressure_kpa, elongation_mm : as `solved_state`; the full model takes a pressure alone.
-    model, tolerance_mm : "full" as `solve_within`, or "reduced" as `reduced_within`.
-
-    Raises
-    ------
-    RequestError, DataError : as there.
-    """
-    from analysis.shadow.model.tolerance import reduced_within, solve_within
-
-    if model == "reduced":
-        shadow = chosen_shadow(parameters)
-        begun = time.perf_counter()
-        state = reduced_within(shadow, pressure_kpa, elongation_mm, tolerance_mm)
-        seconds = time.perf_counter() - begun
-        return SolvedState(shadow.model, state.solution, state.used, seconds, state.error_mm)
-    assert pressure_kpa is not None  # the command asks for it
-    begun = time.perf_counter()
-    met = solve_within(chosen_parameters(parameters), pressure_kpa, tolerance_mm)
-    return SolvedState(met.model, met.solution, "full", time.perf_counter() - begun, met.error_mm)
+    return SolvedState(shadow.model, solution, used, time.perf_counter() - begun, error_mm)

@@ -125,7 +125,7 @@ class MainWindow(QMainWindow):
             Page.REPEAT: lambda: RepeatPage(m.repeatability, m.choose_repeatability, services),
             Page.RUNS: lambda: RunsPage(m.runs, m.run_actions, services),
             Page.OPTICS: lambda: OpticsPage(m.optics, m.rays, m.confidence, services),
-            Page.SHADOW: lambda: ShadowPage(m.shadow, m.monitor, m.table_error, services),
+            Page.SHADOW: lambda: ShadowPage(m.shadow, m.monitor, services),
             Page.TRADE_OFF: lambda: TradeoffPage(m.tradeoff, m.atlas, m.precision, services),
             Page.SETTINGS: lambda: SettingsPage(m.settings, m.unit, services),
         }

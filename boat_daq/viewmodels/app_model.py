@@ -20,7 +20,7 @@ from boat_daq.viewmodels.common.notices import Notices, SessionMessages, Severit
 from boat_daq.viewmodels.common.open_windows import OpenWindows
 from boat_daq.viewmodels.common.preferences import Precision, Preferences, UnitChoice
 from boat_daq.viewmodels.common.services import Page, Panel, Services, UndoHistory
-from boat_daq.viewmodels.common.tolerance import TypedChoice, tolerance_choice
+from boat_daq.viewmodels.common.tolerance import TypedChoice
 from boat_daq.viewmodels.live.board_profile import BoardProfile
 from boat_daq.viewmodels.live.camera import CameraModel
 from boat_daq.viewmodels.live.connection import ConnectionModel
@@ -30,7 +30,7 @@ from boat_daq.viewmodels.live.outlets import OutletsModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.run_model import CalibrationOffer, ResumeRun, RunModel
 from boat_daq.viewmodels.live.sequence import SequenceModel
-from boat_daq.viewmodels.live.shadow_live import TABLE_ERRORS, ShadowLive, ShadowMonitor
+from boat_daq.viewmodels.live.shadow_live import ShadowLive, ShadowMonitor
 from boat_daq.viewmodels.live.unit_in_use import DisagreementWatch, UnitInUse
 from boat_daq.viewmodels.models.optics import (
     SUGGESTED_CONFIDENCES,
@@ -113,9 +113,6 @@ class AppModel:
         )
         self.unit_choice = UnitChoice(self.preferences, self._use_units)
         self.precision = Precision(self.preferences, self._use_fidelity)
-        self.table_error = tolerance_choice(
-            self.services, "the error of the reduced model", TABLE_ERRORS, self.shadow.set_tolerance
-        )
         self.rays = TypedChoice(
             self.services, "the number of rays", SUGGESTED_RAYS, rays_of, self.optics.set_rays, rays_text
         )

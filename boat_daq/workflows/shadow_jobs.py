@@ -37,54 +37,46 @@ def can_be_unstable(pressure_kpa: float, deviation_mm: float) -> bool:
 
 def shadow_of(
     level: str = "normal",
-    tolerance_mm: float | None = None,
     *,
     progress: Callable[[float, float], None] | None = None,
 ) -> Shadow:
-    """Return the shadow at a level of fidelity; table and compiled code are loaded from the cache, or built.
+    """Return the shadow at a level of precision; table and compiled code are loaded from the cache, or built.
 
     Parameters
     ----------
-    tolerance_mm : error of a tracked point that chooses the table; None for that of the fidelity.
     progress : called as (done, total) while a table is built.
 
     Raises
     ------
-    RequestError : there is no such level, or no table with so small an error.
+    RequestError : there is no such level.
     """
     from analysis.shadow.model.frames import Shadow, actuator, table_settings
     from analysis.shadow.model.table import load_table
-    from analysis.shadow.model.tolerance import table_within
 
     chosen = fidelity(level)
     parameters = actuator(chosen)
-    if tolerance_mm is None:
-        table = load_table(parameters, table_settings(chosen), progress=progress)
-    else:
-        table, _ = table_within(parameters, tolerance_mm, progress)
-    shadow = Shadow(parameters, table)
+    shadow = Shadow(parameters, load_table(parameters, table_settings(chosen), progress=progress))
     shadow.state(pressure_kpa=20.0, elongation_mm=1.0)  # compiled now, not in the first frame
     return shadow
 
 
 def warm(
     level: str = "normal",
-    tolerance_mm: float | None = None,
     *,
     progress: Callable[[float, float], None] | None = None,
 ) -> None:
     """Build table and compiled code, or load them from the cache; parameters as `shadow_of`."""
-    shadow_of(level, tolerance_mm, progress=progress)
+    shadow_of(level, progress=progress)
 
 
-def unstable_held_states(level: str = "normal", tolerance_mm: float | None = None) -> frozenset[Place]:
+def unstable_held_states(level: str = "normal") -> frozenset[Place]:
     """Return the places of the table under vacuum whose state is in equilibrium but not stable, off the nominal curve.
 
     30 ms a place and some hundred places: too much for the window's interpreter, even on another thread.
     """
     if hasattr(os, "nice"):
         os.nice(NICE)
-    shadow = shadow_of(level, tolerance_mm)
+    shadow = shadow_of(level)
     lowest = math.floor(float(shadow.table.pressure_range_kpa[0]) / HELD_KPA)
     return unstable_places(shadow, range(lowest, math.floor(HELD_BELOW_KPA / HELD_KPA) + 1))
 

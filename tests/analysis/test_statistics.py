@@ -49,7 +49,7 @@ def test_the_expanded_percentile_interval_of_a_mean_is_students() -> None:
     ratios = []
     for _ in range(60):
         values = rng.standard_normal(8)
-        weights = resampling_weights(8, rng)
+        weights = resampling_weights(8, rng, 2_000)
         low, high = bootstrap_interval(float(values.mean()), weights @ values / 8, 8)
         ratios.append((high - low) / (2 * stats.t.ppf(0.975, 7) * values.std(ddof=1) / 8**0.5))
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.1)

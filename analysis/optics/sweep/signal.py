@@ -6,12 +6,11 @@ gain and one offset; the sign of the gain is free, because the paper states neit
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Waveguide, light_by
-from analysis.optics.sweep.fans import light_within
 from analysis.optics.sweep.sweep import SweepRequest, run_sweep
 from analysis.published import SENSORS
 from protocol.base.arrays import FloatArray
@@ -75,24 +74,20 @@ def fit_signal(light_percent: FloatArray, signal_mv: FloatArray) -> SignalFit:
 
 
 def chain_signal(
-    curves_mm: FloatArray, elongation_mm: FloatArray, rays: int = SIGNAL_RAYS, design: Design = PAPER_OPTIMUM,
-    *, tolerance: float | None = None,
-) -> ChainSignal:  # fmt: skip
+    curves_mm: FloatArray, elongation_mm: FloatArray, rays: int = SIGNAL_RAYS, design: Design = PAPER_OPTIMUM
+) -> ChainSignal:
     """Trace a design with every reflection followed, and fit the published calibrations to its light.
 
     Parameters
     ----------
     curves_mm, elongation_mm : (15, 2, points, 2) and (15,) of the states.
     design : the paper's by default.
-    tolerance : error of the power of 250 rays that chooses the rays, as in `light_within`; None for `rays`.
 
     Raises
     ------
     RequestError, DataError : as `run_sweep`.
     """
     request = SweepRequest((design,), Waveguide(), light_by("power", rays), curves_mm, "power")
-    if tolerance is not None:
-        request = replace(request, light=light_within(request, tolerance))
     result = run_sweep(request)
     light = 100.0 * result.power[0]
     powers = np.vander(elongation_mm, 4, increasing=True)

@@ -179,29 +179,6 @@ class Solver:
                 done, step = share, 1.5 * step
         return replace(state, iterations=spent)
 
-    def correction(
-        self, state: Solution, *, pressure_kpa: float | None = None, elongation_mm: float | None = None
-    ) -> FloatArray:
-        """Return the Newton step from a state that is not in equilibrium: displacements by node, shape (n, 2), mm.
-
-        Parameters
-        ----------
-        pressure_kpa, elongation_mm : prescribed, as in `solve`.
-
-        Raises
-        ------
-        ConvergenceError
-            If the state is not stable.
-        """
-        control = Control(pressure_kpa, elongation_mm)
-        now = self._evaluate(state.displacement_mm, state.pressure_kpa, control)
-        factor = factorise(self.problem, now.u, now.pressure_kpa, held=control.plate)
-        if factor is None:
-            raise ConvergenceError(
-                "the state is not stable: its tangent is not positive definite", "use the full model"
-            )
-        return self._direction(now, control, factor)[0]
-
     def _newton(self, start: Solution, control: Control) -> Solution:
         """Iterate from `start` to the prescribed state."""
         if self._factor is not None and self._factor.held != control.plate:

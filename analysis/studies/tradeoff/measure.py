@@ -182,7 +182,7 @@ def choose(
 
 
 def choose_levels(points: Sequence[CostPoint], method: Method) -> dict[Level, str]:
-    """Return the rule's choice for each fidelity; where nothing is sufficient, the cheapest as exact as the best."""
+    """Return the rule's choice for each precision; where nothing is sufficient, the cheapest as exact as the best."""
     in_code, best = method.in_code, TIE * min(p.error for p in points)
 
     def chosen(level: Level) -> str:

@@ -15,7 +15,6 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.common.tolerance import TypedText
 from boat_daq.viewmodels.live import axis
 from boat_daq.viewmodels.live.shadow_live import PRESSURES_KPA, SERIES, ShadowLive, ShadowMonitor
 
@@ -30,21 +29,13 @@ NOMINAL = (
     "Nominal: a healthy actuator of this design, computed by the shadow (a finite-element model); its band includes "
     "about 95 % of them (k = 2) and their hysteresis. Measured: this unit in the last minute, by its calibration."
 )
-TOLERANCE_TIP = (
-    "Greatest error of a point of the drawn actuator by the reduced model, in 95 % of its states: a smaller one takes "
-    "a larger table, built once; any number of mm can be typed. Automatic: by the precision in the Models menu"
-)
 
 
 class NominalCard(PlotCard):
     """Measured elongation over pressure, over the nominal curve with its band."""
 
-    def __init__(self, error: TypedText, services: Services) -> None:
+    def __init__(self) -> None:
         super().__init__("Elongation over pressure", NOMINAL)
-        attempt = services.notices.attempt
-        self.tolerance = widgets.typed("Error of the reduced model", error, attempt, tip=TOLERANCE_TIP)
-        self.bar.insertWidget(1, widgets.label("Error", "muted"))
-        self.bar.insertWidget(2, self.tolerance)
         self.plot = self.add("Elongation", "mm", x_title="Pressure", x_unit="kPa")
         self.band = self.plot.band("Nominal band", lambda t: t.target)
         self.nominal = self.plot.curve("Nominal", lambda t: t.target, pen_style=Qt.PenStyle.DashLine)
@@ -109,13 +100,13 @@ class CyclesCard(PlotCard):
 class ShadowPage(ReflowingPage):
     """The shadow page."""
 
-    def __init__(self, model: ShadowLive, monitor: ShadowMonitor, error: TypedText, services: Services) -> None:
+    def __init__(self, model: ShadowLive, monitor: ShadowMonitor, services: Services) -> None:
         super().__init__()
         self.model, self.monitor = model, monitor
         self._revision = -1
         self.pane = ShadowPane(model, services)
         self.pane.setContentsMargins(0, -style.GAP, 0, 0)
-        self.nominal, self.cycles = NominalCard(error, services), CyclesCard(monitor)
+        self.nominal, self.cycles = NominalCard(), CyclesCard(monitor)
         plots = Shares("shadow plots", services.preferences, (self.nominal, 4), (self.cycles, 3))
         right = widgets.holder(widgets.column((plots, 1), self._alarms(), spacing=style.GAP))
         across = Shares("shadow", services.preferences, (self.pane, 2), (right, 3), beside=True)
@@ -140,7 +131,6 @@ class ShadowPage(ReflowingPage):
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show figures, trace and alarms."""
-        self.nominal.tolerance.follow()
         self.model.prepare()
         self.pane.refresh(snapshot)
         self.nominal.show_model(self.model)

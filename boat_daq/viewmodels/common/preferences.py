@@ -129,7 +129,7 @@ class Precision:
 
     Parameters
     ----------
-    apply : is called with the fidelity now and after each choice.
+    apply : is called with the precision now and after each choice.
     """
 
     def __init__(self, preferences: Preferences, apply: Callable[[Fidelity], None]) -> None:

@@ -147,7 +147,7 @@ class LiveModel:
     inverse: Inverse | None = None
     prediction: LivePrediction | None = None
     window_s: float = 60.0
-    points_a_column: int = 16  # read for each column of pixels, of which two are painted; set by the fidelity
+    points_a_column: int = 16  # read for each column of pixels, of which two are painted; set by the precision
     cursors_s: dict[str, float] = field(default_factory=dict)  # "a", "b"
     markers: list[tuple[float, str]] = field(default_factory=list)  # notes at instants of the ring's time
     frozen_s: tuple[float, float] | None = None  # the span, where it does not follow the data

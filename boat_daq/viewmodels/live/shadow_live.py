@@ -20,7 +20,6 @@ from analysis.published import LOOP_HALF_WIDTH_MM
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.formatting import MINUS, NOTHING, THIN, count, duration, in_units, number
 from boat_daq.viewmodels.common.notices import Notices, Severity
-from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel, signals
 from boat_daq.workflows.jobs import Background, Job, JobRunner, JobState
 from boat_daq.workflows.shadow_jobs import can_be_unstable, place_of, shadow_of, unstable_held_states, warm
@@ -40,7 +39,6 @@ MISSING = object()
 LEVELS = 24  # of colour
 SCALES = {"displacement": (4.0, "mm", 1.0), "strain": (20.0, "%", 100.0)}  # full scale, unit, factor
 LENGTH_MM, RADIUS_MM = 75.0, 25.0
-TABLE_ERRORS = tuple(TypedTolerance(mm, "mm") for mm in (0.01, 0.001, 0.0001))
 PRESSURES_KPA = (-45.0, 55.0)
 TRACE_S, TRACE_POINTS = 60.0, 1200
 SEEN_KPA, SEEN_MM = 0.1, 0.02  # visible steps of pressure and elongation
@@ -107,8 +105,7 @@ class ShadowLive:
         self._live, self._jobs, self._notices = live, jobs, notices
         self._loading: Background[Shadow] = Background("shadow")
         self._prepared, self._level = False, "normal"
-        self.tolerance_mm: float | None = None  # of the table; None: that of the fidelity
-        self._made: tuple[str, float | None] = self._level, None  # fidelity and tolerance of the table that was built
+        self._made = self._level  # precision of the table that was built
         self.model: Shadow | None = None
         self.quantity = "displacement"
         self.show_cost = False
@@ -124,29 +121,25 @@ class ShadowLive:
         """Build the table in a helper process, once for each fidelity."""
         if not self._prepared:
             self._prepared = True
-            made = self._level, self.tolerance_mm
-            job = Job("Preparing the shadow", warm, *made)
+            made = self._level
+            job = Job("Preparing the shadow", warm, made)
             self._jobs.start("shadow", job, lambda job: self._built(job, made))
 
     def set_fidelity(self, level: str) -> None:
-        """Use another fidelity once `prepare` has built its model; until then the current one stays."""
+        """Use another precision once `prepare` has built its model; until then the current one stays."""
         if level != self._level:
             self._level, self._prepared = level, False
-
-    def set_tolerance(self, tolerance: TypedTolerance | None) -> None:
-        """Use a table with another error, mm, once `prepare` has built it; None leaves it to the fidelity."""
-        self.tolerance_mm, self._prepared = None if tolerance is None else tolerance.value, False
 
     @property
     def error_mm(self) -> float:
         """Return the greatest error of a tracked point over the held-out states of the table; NaN while it loads."""
         return math.nan if self.model is None else float(self.model.table.errors_mm[-1])
 
-    def _built(self, job: Job, made: tuple[str, float | None]) -> None:
+    def _built(self, job: Job, made: str) -> None:
         self._cancelled = job.state is JobState.CANCELLED
         if job.state is JobState.DONE:
             self.problem, self._made = "", made
-            self._loading.call(shadow_of, *made)
+            self._loading.call(shadow_of, made)
         elif job.failure is not None:
             self.problem, failure = job.failure.text, job.failure
             self._notices.add(Severity.WARNING, failure.cause, failure.remedy, details=failure.details)
@@ -266,7 +259,7 @@ class ShadowLive:
             return ""
         if self._unstable is None:
             if self._stability_job is None:
-                self._stability_job = Job("Testing stability", unstable_held_states, *self._made)
+                self._stability_job = Job("Testing stability", unstable_held_states, self._made)
                 self._jobs.start("stability", self._stability_job, self._take_stability)
             return self._no_stability
         unstable = place_of(pressure_kpa, elongation_mm) in self._unstable

@@ -480,7 +480,7 @@ class OpticsModel:
         return self.rays or self.fidelity.ranking_rays
 
     def set_rays(self, rays: int | Within) -> None:
-        """Trace with another number of rays, or a tolerance; `BY_FIDELITY` leaves it to the fidelity."""
+        """Trace with another number of rays, or a tolerance; `BY_FIDELITY` leaves it to the precision."""
         self.rays = rays
         if self.result is not None or self.running("optics") or self.problem:  # else the page traces its first design
             self.choose(self.values)
@@ -495,7 +495,7 @@ class OpticsModel:
         self.choose(self.values)
 
     def set_fidelity(self, level: Fidelity) -> None:
-        """Set the fidelity of the next traces and sweeps; a trace that is running begins again."""
+        """Set the precision of the next traces and sweeps; a trace that is running begins again."""
         self.fidelity = level
         self.revision += 1
         if self.running("optics"):

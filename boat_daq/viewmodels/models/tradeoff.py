@@ -85,7 +85,7 @@ ATLAS_FILE = "atlas.json"
 class TradeoffPoint:
     """One setting: processor time (s) with the range of its repeats, error with its range, and its marks.
 
-    Marks are the program's uses of it ("default", "chosen" by the rule, the levels of fidelity other than the default
+    Marks are the program's uses of it ("default", "chosen" by the rule, the levels of precision other than the default
     one), and "front" where it is on the Pareto front.
     """
 

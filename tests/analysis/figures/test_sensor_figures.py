@@ -79,7 +79,7 @@ def test_interval_of_the_snr_is_that_of_the_noise_in_decibels() -> None:
     samples = 0.5 * rng.standard_normal((6, 40, 20)) * np.linspace(0.8, 1.2, 6)[:, None, None]
     apart = samples - samples.mean(axis=2, keepdims=True)
     parts = ((apart**2).sum(axis=2).ravel(), np.full(240, 19.0), np.repeat(np.arange(1.0, 7.0), 40))
-    noise, snr = noise_and_snr(parts, tuple(range(1, 7)), 250.0, resampling_weights(6, rng))
+    noise, snr = noise_and_snr(parts, tuple(range(1, 7)), 250.0, resampling_weights(6, rng, 2_000))
     assert noise.value == pytest.approx(np.sqrt(samples.var(axis=2, ddof=1).mean()), rel=1e-12)
     assert snr.value == pytest.approx(20 * np.log10(250 / noise.value))
     assert [snr.low, snr.high] == pytest.approx([20 * np.log10(250 / end) for end in (noise.high, noise.low)], abs=0.05)

@@ -10,6 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
+from analysis.fidelity import fidelity
 from analysis.optics.scene.curves import default_curves, elongations
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.reduced import ReducedModel, TableSettings
@@ -18,7 +19,7 @@ from analysis.shadow.model.table import table_digest, write_table
 from boat_daq.cli import app
 from boat_daq.commands.shadow import save_figure
 from protocol.base.errors import BoatDaqError, StorageError
-from tests.boat_daq.commands.calls import call, exit_code, program, refusal, text
+from tests.boat_daq.commands.calls import call, exit_code, program, refusal
 
 
 @pytest.fixture
@@ -51,62 +52,11 @@ def test_solve_keeps_its_contract(model: str) -> None:
     assert 0.0 < found["lowest_eigenvalue"] < 0.2
 
 
-@pytest.mark.usefixtures("cache")
-def test_a_reduced_state_has_the_error_of_its_residual() -> None:
-    """Within a coarse tolerance it is the reduced model's; within a fine one the full model's, without a warning."""
-    words = ("shadow", "solve", "--pressure", "-20", "--elongation", "-1", "--model", "reduced", "--tolerance")
-    coarse, fine = call(*words, "0.01"), call(*words, "1e-9")
-    assert (coarse["model"], fine["model"]) == ("reduced", "full")
-    assert 0.0 < coarse["error_mm"] < 0.001
-    assert fine["error_mm"] == 0.0
-    assert "outside_table" not in [warning["code"] for warning in fine["warnings"]]
-    moved = np.subtract(coarse["tracked_points_mm"], fine["tracked_points_mm"])
-    assert np.abs(moved).max() <= coarse["error_mm"]
-    shown = text(*words, "1e-9")
-    assert "the reduced model has a larger error here: the full model was used on the mesh of 8 x (2 + 4)" in shown
-    assert "the error by this mesh is not part of the tolerance" in shown
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["solve", "--pressure", "5", "--elongation", "1", "--tolerance", "0.1"],
-        ["solve", "--pressure", "5", "--model", "reduced", "--fidelity", "draft", "--tolerance", "0.1"],
-        ["table", "--rebuild", "--tolerance", "0.1"],
-        ["states", "--out", "x.csv", "--mesh", "x.msh", "--tolerance", "0.1"],
-    ],
-)
-def test_a_tolerance_chooses_alone(words: list[str]) -> None:
-    """What it chooses is not given besides."""
-    assert exit_code("shadow", *words) == 2
-
-
-def test_a_tolerance_at_an_elongation_is_refused_with_a_remedy() -> None:
-    """The full model takes it with a pressure only, the reduced one with either."""
-    ended = program("shadow", "solve", "--elongation", "3", "--tolerance", "0.05")
-    message = " ".join(ended.err.replace("│", " ").split())
-    assert ended.code == 2
-    assert "with --pressure only: give --pressure and omit --elongation, or use --model reduced" in message
-
-
-def test_the_error_by_a_table_is_stated(
-    tmp_path: Path, coarse: list[str], stairs: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """By each command that chooses a table by a tolerance: the error in 95 % of the states, not its bound."""
-    monkeypatch.setattr("platformdirs.user_cache_path", lambda name: tmp_path / name)
-    run, elongation = map(str, stairs)
-    test = tmp_path / "s1.csv"
-    way = np.linspace(0, 6, 100)
-    test.write_text("displacement_mm,force_n\n" + "".join(f"{x},{18.34e-3 * 2500 * x / 50}\n" for x in way))
-    size = ("--height-mm", "50", "--area-mm2", "2500")
-    for words in (("table",), ("replay", run, "--elongation", elongation), ("modulus", str(test), *size)):
-        given = ("shadow", *words, *coarse, "--tolerance", "0.5")
-        error_mm = call(*given)["error_mm"]
-        assert error_mm <= 0.5
-        line = f"error of a tracked point by the table: {error_mm:.2g} mm or less in 95 % of the states"
-        assert line in text(*given).splitlines()
-        if words[0] == "table":
-            assert "error of a tracked point by the table" not in text("shadow", *words, *coarse)
+def test_the_error_by_the_mesh_is_that_of_the_precision(coarse: list[str]) -> None:
+    """As measured on the default actuator; another actuator has none."""
+    found = call("shadow", "solve", "--pressure", "20", "--fidelity", "draft")
+    assert found["error_mm"] == fidelity("draft").mesh_error_mm
+    assert call("shadow", "solve", "--pressure", "20", *coarse)["error_mm"] is None
 
 
 def test_solve_at_an_elongation() -> None:
@@ -247,4 +197,3 @@ def test_chain_compares_light_with_the_published_signals(monkeypatch: pytest.Mon
     assert "scatters more than it changes" in result.stderr
     assert out["shadow"]["rays"] == signal["rays"] == 4
     assert out["shadow"]["error"]["of_95_percent"] <= out["shadow"]["error"]["greatest"]
-    assert exit_code("shadow", "chain", "--rays", "4", "--tolerance", "5") == 2

@@ -29,11 +29,3 @@ def test_published_signals_rise_where_the_traced_light_falls(rays: int) -> None:
     assert -25.0 < found.light_change_percent < -20.0
     assert all(0.88 < fit.r2 < 0.93 for fit in found.sensors)
     assert [round(fit.signal_change_percent, 1) for fit in found.sensors] == [16.9, 12.5]
-
-
-def test_rays_of_the_light_follow_from_a_tolerance() -> None:
-    """A coarse one takes fewer rays, and the errors of the powers of 250 rays are within it or little above."""
-    found = [chain_signal(default_curves(), elongations(), tolerance=tolerance) for tolerance in (6.0, 3.0)]
-    assert found[0].rays < found[1].rays
-    for one, tolerance in zip(found, (6.0, 3.0), strict=True):
-        assert 2.0 * 2.5 * np.quantile(one.light_sd_percent, 0.95) < 1.3 * tolerance

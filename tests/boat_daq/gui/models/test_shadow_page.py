@@ -25,7 +25,7 @@ def page(qtbot, app_model):  # noqa: F811 - the fixture above
     from boat_daq.gui.models.shadow_page import ShadowPage
 
     app_model.shadow.prepare = lambda: None
-    shown = ShadowPage(app_model.shadow, app_model.monitor, app_model.table_error, app_model.services)
+    shown = ShadowPage(app_model.shadow, app_model.monitor, app_model.services)
     qtbot.addWidget(shown)
     app_model.monitor.marks = [mark(c, loss=-130.0 + 2.0 * (c > 9)) for c in range(1, 13)]
     app_model.monitor.alarms = [Alarm("drift", "offset", "mm", -0.02, 10, 12, 2500.0, ("leak",))]
@@ -46,19 +46,8 @@ def test_alarm_row_has_cause_time_and_probability(page):
     assert page.cycles.alarms.x.tolist() == [12.0]
 
 
-def test_the_error_of_the_model_is_chosen(page, app_model):  # noqa: F811 - the fixture above
-    """The table is built again, once, and automatic leaves it to the precision; any number can be typed."""
-    shadow, choice = app_model.shadow, page.nominal.tolerance
-    for text, tolerance_mm in (("\u00b10.01 mm", 0.01), ("0.0035 mm", 0.0035), ("Automatic", None)):
-        shadow._prepared = True
-        choice.setEditText(text)
-        choice.typed.editingFinished.emit()
-        assert (shadow.tolerance_mm, shadow._prepared) == (tolerance_mm, False)
-    assert np.isnan(shadow.error_mm)  # no model is loaded
-
-
 def test_nominal_curve_is_drawn_again_with_another_table(page, app_model):  # noqa: F811 - the fixture above
-    """It stayed that of the first table; a refused tolerance is shown beside it with its remedy."""
+    """It stayed that of the first table; a table that cannot be built is named beside it."""
     shadow, pressure = app_model.shadow, np.linspace(-40.0, 50.0, 5)
     for slope in (0.07, 0.08):
         shadow.model = SimpleNamespace(table=SimpleNamespace(errors_mm=np.array([slope / 1e3])))
@@ -66,7 +55,7 @@ def test_nominal_curve_is_drawn_again_with_another_table(page, app_model):  # no
         page.nominal.show_model(shadow)
         assert page.nominal.nominal.y[-1] == pytest.approx(50.0 * slope)
         assert page.nominal.band.y[-1] == pytest.approx(50.0 * slope + 1.0)
-    shadow.problem = "no table has an error of 1e-09 mm. Allow 2e-05 mm or more."
+    shadow.problem = "the disk is full. Free some space."
     page.nominal.show_model(shadow)
     assert page.nominal.readout.text().startswith(f"\u25b2 {shadow.problem}")
     assert page.nominal.readout.text().endswith("model \u00b10.08 \u00b5m")

@@ -9,7 +9,6 @@ import pytest
 
 from boat_daq.formatting import number
 from boat_daq.viewmodels.common.notices import Notices
-from boat_daq.viewmodels.common.tolerance import TypedTolerance
 from boat_daq.viewmodels.live import shadow_live
 from boat_daq.viewmodels.live.live_model import LiveModel
 from boat_daq.viewmodels.live.shadow_live import CANCELLED, LEVELS, Moment, ShadowLive
@@ -128,7 +127,7 @@ def test_unstable_held_state_is_reported(ring, model, unstable, monkeypatch, elo
     pane, started = held(ring, model, monkeypatch, elongation)
     assert "Stability" not in lines_of(pane)  # nothing is reported before it is known
     ((job, then),) = started
-    assert job.call == (unstable_held_states, "normal", None)
+    assert job.call == (unstable_held_states, "normal")
     job.end(JobState.DONE, unstable)
     then(job)
     assert ("Stability" in lines_of(pane)) is warned
@@ -161,19 +160,19 @@ def test_failed_stability_job_is_reported(ring, model, monkeypatch, state, failu
     assert len(started) == 1
 
 
-def test_refused_tolerance_has_its_remedy_and_leaves_the_table_in_use(ring, model, monkeypatch):
+def test_failed_preparation_has_its_remedy_and_leaves_the_table_in_use(ring, model, monkeypatch):
     """The remedy was dropped, and stability was tested with a table that does not exist."""
     pane, started = held(ring, model, monkeypatch, 2.5)
-    pane.set_tolerance(TypedTolerance(1e-9, "mm"))
+    pane.set_fidelity("reference")
     pane.prepare()
     ((job, then),) = started
-    job.end(JobState.FAILED, failure=JobFailure("no table has an error of 1e-09 mm", "Allow 2e-05 mm or more.", ""))
+    job.end(JobState.FAILED, failure=JobFailure("the disk is full", "Free some space.", ""))
     then(job)
-    assert pane.problem == "no table has an error of 1e-09 mm. Allow 2e-05 mm or more."
+    assert pane.problem == "the disk is full. Free some space."
     notice = pane._notices.current()
-    assert (notice.cause, notice.remedy) == ("no table has an error of 1e-09 mm", "Allow 2e-05 mm or more.")
+    assert (notice.cause, notice.remedy) == ("the disk is full", "Free some space.")
     pane.lines()
-    assert started[-1][0].call == (unstable_held_states, "normal", None)
+    assert started[-1][0].call == (unstable_held_states, "normal")
 
 
 def test_cancelled_preparation_is_said_and_begins_again_when_asked(ring, model, monkeypatch):

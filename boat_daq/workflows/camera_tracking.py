@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from boat_daq.engine.camera.capture import TrackedFrame
 from boat_daq.engine.camera.source import Picture, open_source, open_video
 from boat_daq.engine.session.camera_channel import FAULT_TEXTS, CameraChannel
 from boat_daq.engine.settings import UnitLibrary
@@ -99,8 +100,16 @@ def open_channel(session: Session, choice: CameraChoice, *, video: Path | None =
     RequestError, DeviceError, FileError : as `open_source`, `CameraChoice.tracker` and `VideoStore`.
     """
     tracker = choice.tracker()
+
+    def tracked(picture: Picture, time_s: float) -> TrackedFrame:
+        found = tracker.read_checked(picture, time_s)
+        marks = tuple(corners for corners in (found.base_px, found.tip_px) if corners is not None)
+        if found.fault is not None:
+            return TrackedFrame(None, None, str(found.fault), marks)
+        return TrackedFrame(float(found.elongation_mm), float(found.u_mm), marks_px=marks)
+
     source = open_source(choice.source, allow_remote=choice.allow_remote)
-    return CameraChannel(session, source, tracker.read_checked, lambda: choice.about(tracker), video=video)
+    return CameraChannel(session, source, tracked, lambda: choice.about(tracker), video=video)
 
 
 def track_video(choice: CameraChoice, progress: Progress | None = None) -> tuple[CameraRecord, dict[str, Any]]:

@@ -12,7 +12,9 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from boat_daq.engine.camera.source import CameraFrame, CameraSource, Picture
 from boat_daq.engine.log import note_failure
@@ -23,20 +25,20 @@ INTERVALS_KEPT = 31
 MISSING_FROM = 1.6  # intervals: longer ones lack a frame
 
 
-class TrackedFrame(Protocol):
-    """What a tracker makes of a picture."""
+@dataclass(frozen=True, slots=True)
+class TrackedFrame:
+    """Elongation in a picture and its standard uncertainty, mm, None where there is no value.
 
-    @property
-    def elongation_mm(self) -> float:
-        """Value, NaN where there is none."""
+    Attributes
+    ----------
+    fault : why there is no value; empty where there is one.
+    marks_px : [4, 2] corners of each mark that was found.
+    """
 
-    @property
-    def u_mm(self) -> float:
-        """Standard uncertainty."""
-
-    @property
-    def fault(self) -> str | None:
-        """Why there is no value."""
+    elongation_mm: float | None
+    u_mm: float | None
+    fault: str = ""
+    marks_px: tuple[NDArray[np.float64], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,14 +147,10 @@ class Camera:
         dropped = self._missing(frame.time_s - before_s) if before_s is not None else 0
         picture = frame.decode()
         tracked = self._track(picture, frame.time_s)
-        good = tracked.fault is None
+        good = not tracked.fault
         reading = CameraReading(
-            round(frame.time_s * 1e9),
-            float(tracked.elongation_mm) if good else None,
-            float(tracked.u_mm) if good else None,
-            "" if tracked.fault is None else str(tracked.fault),
-            dropped,
-        )
+            round(frame.time_s * 1e9), tracked.elongation_mm, tracked.u_mm, tracked.fault, dropped
+        )  # fmt: skip
         s = self._state
         rate_hz = 1.0 / statistics.fmean(self._intervals) if len(self._intervals) >= 5 else None
         self._state = CameraState(

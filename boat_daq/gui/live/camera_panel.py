@@ -59,8 +59,7 @@ class MarkedPicture(QWidget):
         self._image = QImage() if picture is None else image_of(picture)
         self._shown_image = QImage()
         tracked = view.state.tracked if view.state is not None else None
-        corners = (getattr(tracked, "base_px", None), getattr(tracked, "tip_px", None))
-        self._outlines = [quad for quad in corners if quad is not None]
+        self._outlines = [] if tracked is None else list(tracked.marks_px)
         self.update()
 
     @property

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -11,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from boat_daq.engine.camera.capture import Camera
+from boat_daq.engine.camera.capture import Camera, TrackedFrame
 from boat_daq.engine.camera.source import CameraFrame
 from protocol.base.errors import BoatDaqError, DeviceError
 
@@ -40,16 +39,7 @@ class Times:
         """Nothing to close."""
 
 
-@dataclass
-class Tracked:
-    """A reading."""
-
-    elongation_mm: float
-    u_mm: float = 0.01
-    fault: str | None = None
-
-
-def run(source: Times, track: Callable[[object, float], Tracked]) -> tuple[Camera, list]:
+def run(source: Times, track: Callable[[object, float], TrackedFrame]) -> tuple[Camera, list]:
     """Return a camera that has taken every frame, each after the one before was tracked."""
     taken: list = []
     done = threading.Semaphore(0)
@@ -70,7 +60,7 @@ def run(source: Times, track: Callable[[object, float], Tracked]) -> tuple[Camer
 def test_readings_carry_time_value_and_losses() -> None:
     """A frame without a value has its reason; two frames are missing before the last."""
     times = tuple(0.033 * n for n in (0, 1, 2, 3, 4, 5, 6, 7, 10))
-    values = iter([Tracked(math.nan, math.nan, "lost"), *(Tracked(0.5) for _ in range(8))])
+    values = iter([TrackedFrame(None, None, "lost"), *(TrackedFrame(0.5, 0.01) for _ in range(8))])
     camera, taken = run(Times(times), lambda picture, time_s: next(values))
     camera.close()
     assert (taken[0].elongation_mm, taken[0].fault) == (None, "lost")
@@ -82,7 +72,7 @@ def test_readings_carry_time_value_and_losses() -> None:
 def test_an_error_of_the_source_is_kept() -> None:
     """The unplugged camera's cause and remedy."""
     failure = DeviceError("the camera gives no more pictures", "check its cable")
-    camera, _ = run(Times((0.0, 0.1), failure), lambda picture, time_s: Tracked(0.0))
+    camera, _ = run(Times((0.0, 0.1), failure), lambda picture, time_s: TrackedFrame(0.0, 0.01))
     deadline = time.monotonic() + 10.0
     while camera.state.error is None and time.monotonic() < deadline:
         time.sleep(0.002)
@@ -93,7 +83,7 @@ def test_an_error_of_the_source_is_kept() -> None:
 def test_an_error_of_the_tracker_ends_the_camera() -> None:
     """With its own cause."""
 
-    def refuse(picture: object, time_s: float) -> Tracked:
+    def refuse(picture: object, time_s: float) -> TrackedFrame:
         raise DeviceError("the marks contradict the grid", "measure them")
 
     camera = Camera(Times((0.0,)), refuse, lambda reading, picture: None)

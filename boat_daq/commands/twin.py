@@ -179,19 +179,17 @@ def dynamics(
     Example: boat-daq twin dynamics steps.boat --out dynamic-calibration.pdf
     """
     from analysis.elongation_control.dynamic_figures import BODE_HEADINGS
-    from boat_daq.workflows.unit_control import dynamics_of
+    from boat_daq.engine.settings import UnitLibrary
+    from boat_daq.workflows.unit_control import dynamics_of, report_dynamics
 
-    recording, units = _recording(run)
-    found = dynamics_of(units, recording, tolerance)
+    found = dynamics_of(UnitLibrary(), run, tolerance)
     if out is not None:
-        from analysis.reports.dynamics import write_dynamic_report
-
-        write_dynamic_report(found, out)
+        report_dynamics(found, out)
         notify(f"wrote {out}")
     if as_json:
         emit_json(found.as_json())
         return
-    if recording.simulated:
+    if found.simulated:
         show("SIMULATED")
     show(f"{found.unit}: {found.verdict}")
     if found.steps:

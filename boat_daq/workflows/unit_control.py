@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from analysis.signal_prediction.prediction import LivePrediction, SensorPrediction
 
 
+SETTLED_MM = 0.05
+
+
 def fusion_of(units: UnitLibrary, name: str) -> Fusion:
     """Return what turns the signals of a unit into elongation, by its calibration in force.
 
@@ -38,18 +41,33 @@ def fusion_of(units: UnitLibrary, name: str) -> Fusion:
     return in_force(units, name).fusion()
 
 
-def dynamics_of(units: UnitLibrary, recording: Recording, tolerance_mm: float = 0.05) -> DynamicCalibration:
-    """Return the dynamics of a recording of this kind of board, by its unit's calibration in force.
+def dynamics_of(units: UnitLibrary, path: Path, tolerance_mm: float = SETTLED_MM) -> DynamicCalibration:
+    """Return the dynamics of a recording, by its unit's calibration in force.
 
     Raises
     ------
     RequestError : the unit has no calibration. BoatDaqError : the run has neither steps nor sines of elongation.
     """
+    from analysis import load_recording
     from analysis.elongation_control.dynamic_calibration import dynamic_calibration
 
+    recording = load_recording(path)
+    units = units.of(simulated=recording.simulated)
     name, fusion = recording.unit, fusion_of(units, recording.unit)
     loops, utc = sensor_loops(units, name, fusion), in_force(units, name).calibrated_utc
     return dynamic_calibration(recording, fusion, tolerance_mm, loops=loops, calibration_utc=utc)
+
+
+def report_dynamics(found: DynamicCalibration, target: Path) -> None:
+    """Write the report of a dynamic calibration, HTML or PDF.
+
+    Raises
+    ------
+    FileError : it cannot be written.
+    """
+    from analysis.reports.dynamics import write_dynamic_report
+
+    write_dynamic_report(found, target)
 
 
 def held_elongation(units: UnitLibrary, recording: Recording, seconds: float) -> dict[str, float]:

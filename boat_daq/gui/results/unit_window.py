@@ -13,7 +13,8 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.results.unit_over_time import HEADINGS, UnitOverTime, UnitOverTimeModel
+from boat_daq.viewmodels.results.unit_over_time import HEADINGS, UnitOverTimeModel, unit_rows
+from boat_daq.workflows.unit_history import UnitOverTime
 from protocol.base.arrays import FloatArray
 
 REFRESH_MS = 200
@@ -87,7 +88,7 @@ class UnitWindow(QDialog):
         self._shown = found
         self.due.setText(found.void or found.sentence)
         self.save.setEnabled(not found.void)
-        self.table.fill(found.rows())
+        self.table.fill(unit_rows(found))
         self.sensor.clear()
         for number in range(1, len(found.histories) + 1):
             self.sensor.addItem(f"Sensor {number}", number - 1)

@@ -11,43 +11,13 @@ from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.common.tolerance import TypedTolerance, tolerance_choice
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
-from boat_daq.workflows.unit_control import dynamics_of
+from boat_daq.workflows.unit_control import SETTLED_MM, dynamics_of, report_dynamics
 
 if TYPE_CHECKING:
     from analysis.elongation_control.dynamic_figures import DynamicCalibration
 
 
-SETTLED_MM = 0.05
 SUGGESTED = tuple(TypedTolerance(mm, "mm") for mm in (0.02, SETTLED_MM, 0.1))
-
-
-def dynamics_of_run(units: UnitLibrary, path: Path, tolerance_mm: float = SETTLED_MM) -> DynamicCalibration:
-    """Return the dynamics of a recording by its unit's calibration in force; for a helper process.
-
-    Parameters
-    ----------
-    units : the units and their calibrations.
-
-    Raises
-    ------
-    RequestError : the unit has no calibration. BoatDaqError : the run has neither steps nor sines of elongation.
-    """
-    from analysis import load_recording
-
-    recording = load_recording(path)
-    return dynamics_of(units.of(simulated=recording.simulated), recording, tolerance_mm)
-
-
-def report_dynamics(found: DynamicCalibration, target: Path) -> None:
-    """Write the report of a dynamic calibration, HTML or PDF; for a helper process.
-
-    Raises
-    ------
-    BoatDaqError : the file cannot be written.
-    """
-    from analysis.reports.dynamics import write_dynamic_report
-
-    write_dynamic_report(found, target)
 
 
 class DynamicsModel:
@@ -69,7 +39,7 @@ class DynamicsModel:
     def _compute(self, tolerance: TypedTolerance | None) -> None:
         """Compute the dynamics by a tolerance of settling, the usual one for None."""
         within_mm, self.failed = SETTLED_MM if tolerance is None else tolerance.value, ""
-        job = Job(f"Computing the dynamics of {self.path.name}", dynamics_of_run, self._units, self.path, within_mm)
+        job = Job(f"Computing the dynamics of {self.path.name}", dynamics_of, self._units, self.path, within_mm)
         self._start("dynamics", job, self._take)
 
     def _take(self, found: DynamicCalibration) -> None:

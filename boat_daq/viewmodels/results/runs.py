@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from analysis.calibration.record import CalibrationRecord
 from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.recording.recovery import Recovery, find_interrupted, recover
 from boat_daq.engine.recording.rename import add_note, rename
@@ -433,7 +434,7 @@ class RunsModel:
                 shown = f"{name}{SIMULATED_MARK}" if units.simulated else name
                 for entry in reversed(history):
                     figures = " / ".join(number(figure, 1) for figure in _sensitivities(entry))
-                    name_now = names.get(entry.content.get("recording_id"), entry.recording)
+                    name_now = names.get(CalibrationRecord.parse(entry.content).recording_id, entry.recording)
                     lines.append((units.simulated, (shown, entry.utc[:10], figures, name_now)))
         return lines
 
@@ -469,7 +470,7 @@ class RunsModel:
 
 def _sensitivities(entry: StoredCalibration) -> list[float | None]:
     """Return each sensor's sensitivity, mV/mm; None where it was not stored."""
-    return [s.get("figures", {}).get("sensitivity_mv_per_mm") for s in entry.content.get("sensors", [])]
+    return [sensor.figures.get("sensitivity_mv_per_mm") for sensor in CalibrationRecord.parse(entry.content).sensors]
 
 
 def _less(curve: CurveBands | None, first: CurveBands | None) -> tuple[FloatArray, FloatArray]:

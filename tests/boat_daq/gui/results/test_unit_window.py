@@ -9,7 +9,7 @@ import pytest
 from boat_daq.engine.settings import Unit
 from boat_daq.gui.plotting.plot import Curve
 from boat_daq.gui.results.unit_window import CURVES, DIFFERENCES, UNCERTAINTY, UnitWindow
-from boat_daq.viewmodels.results.unit_over_time import unit_over_time
+from boat_daq.workflows.unit_history import unit_over_time
 from tests.boat_daq.viewmodels.results.units import unit
 
 

@@ -10,8 +10,9 @@ import pytest
 from analysis.elongation_control.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.viewmodels.results import dynamics
-from boat_daq.viewmodels.results.dynamics import DynamicsModel, dynamics_of_run
+from boat_daq.viewmodels.results.dynamics import DynamicsModel
 from boat_daq.workflows.jobs import JobState
+from boat_daq.workflows.unit_control import dynamics_of
 from protocol.base.errors import RequestError
 from tests.boat_daq.gui.recorded_session import services_in
 
@@ -46,7 +47,7 @@ def model_of(monkeypatch, tmp_path):
 
 
 def test_dynamics_are_taken_and_reported(model_of, monkeypatch, tmp_path):
-    monkeypatch.setattr(dynamics, "dynamics_of_run", lambda units, path, mm: replace(FOUND, tolerance_mm=mm))
+    monkeypatch.setattr(dynamics, "dynamics_of", lambda units, path, mm: replace(FOUND, tolerance_mm=mm))
     model, told = model_of(tmp_path / "sweep.boat")
     assert model.found == FOUND
     model.settling.choose("0.02 mm")
@@ -66,4 +67,4 @@ def test_a_unit_without_a_calibration_is_told(model_of, recording):
 
 def test_the_units_of_the_runs_own_kind_of_board_are_asked(recording, tmp_path):
     with pytest.raises(RequestError, match="simulated unit SA1"):
-        dynamics_of_run(UnitLibrary(tmp_path / "units"), recording)
+        dynamics_of(UnitLibrary(tmp_path / "units"), recording)

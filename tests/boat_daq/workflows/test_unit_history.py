@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from boat_daq.engine.settings import Unit, UnitLibrary
-from boat_daq.viewmodels.results.unit_over_time import in_force_at_times, report_unit, unit_over_time
+from boat_daq.viewmodels.results.unit_over_time import unit_rows
+from boat_daq.workflows.unit_history import in_force_at_times, report_unit, unit_over_time
 from protocol.base.errors import RequestError
 from tests.boat_daq.viewmodels.results.units import accepted, unit
 
@@ -22,8 +23,8 @@ def test_accepted_calibrations_are_arranged_over_time() -> None:
     assert found.histories[0].value_mv[1] - found.histories[0].value_mv[0] == pytest.approx(2.0)
     assert np.isfinite(found.histories[0].expanded_mm).all()
     assert "Due again 2026" in found.sentence
-    assert found.rows()[0][:2] == ("2026-03-11  10:00", "1")
-    assert len(found.rows()) == 4
+    assert unit_rows(found)[0][:2] == ("2026-03-11  10:00", "1")
+    assert len(unit_rows(found)) == 4
 
 
 def test_withdrawn_calibrations_are_left_out() -> None:

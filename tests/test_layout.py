@@ -10,6 +10,7 @@ import sys
 from collections import defaultdict
 from pathlib import Path
 
+from analysis.calibration.record import CalibrationRecord, SensorRecord
 from tests.conftest import ROOT
 
 PACKAGES = ("boat_daq", "protocol", "analysis")
@@ -84,6 +85,20 @@ def test_sql_is_written_where_recordings_are_read() -> None:
     }
     assert len(texts) > 60
     assert [str(path) for path, text in texts.items() if re.search(r"\bSELECT\b|\bsqlite3\.connect\b", text)] == []
+
+
+def test_view_models_hold_no_stored_form_of_a_calibration() -> None:
+    """Its keys are those of `analysis.calibration.record` alone, and its entries are read by workflows."""
+    keys = {"reading_sd_mm", "model_mv", "between_cycles_mv", "half_loop_mv", "recording_id", "poor"}
+    assert keys <= {*SensorRecord().as_json(), *CalibrationRecord((), simulated=False).as_json()}
+    paths = [path for name in ("viewmodels", "gui", "commands") for path in (ROOT / "boat_daq" / name).rglob("*.py")]
+    found = {
+        str(path.relative_to(ROOT)): sorted(keys & {n.value for n in ast.walk(tree) if isinstance(n, ast.Constant)})
+        for path in paths
+        if (tree := ast.parse(path.read_text(encoding="utf-8")))
+    }
+    assert len(found) > 60
+    assert {path: held for path, held in found.items() if held} == {}
 
 
 CIRCLES = {  # the module that gets one more import, the import, the package in which a circle is then reported

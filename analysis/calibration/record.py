@@ -45,7 +45,7 @@ class SensorRecord:
     fitted : the calibration of the run, where the record was not read from a file.
     """
 
-    name: str
+    name: str = ""
     fit: Mapping[str, Any] = field(default_factory=dict)
     elongation_mm: FloatArray = field(default_factory=lambda: np.zeros(0))
     signal_mv: FloatArray = field(default_factory=lambda: np.zeros(0))

@@ -111,18 +111,20 @@ def serve(
 
 def _conversion(session: Session, unit: str) -> tuple[Conversion | None, str]:
     """Return the conversion by the calibration in force of a unit, and its identity; none without one."""
+    from boat_daq.workflows.calibration_in_force import newest_calibration
+
     seen = session.snapshot()
-    stored = session.units.of(simulated=seen.simulated).load(unit).calibration if unit else None
-    if stored is None:
+    record = newest_calibration(session.units.of(simulated=seen.simulated), unit)
+    if record is None:
         notify("without elongation: the unit has no calibration" if unit else "without elongation: no --unit is given")
         return None, ""
     from boat_daq.workflows.live_conversion import prepare
 
-    conversion = prepare(stored.content)
+    conversion = prepare(record)
     if seen.last is None or conversion.sensors != len(seen.last.signal_mv):
         notify(f"without elongation: the calibration is of {conversion.sensors} sensors")
         return None, ""
-    return conversion, f"{unit} {stored.utc}"
+    return conversion, f"{unit} {record.calibrated_utc}"
 
 
 def _wait(session: Session, duration_s: float | None) -> None:

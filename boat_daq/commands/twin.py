@@ -37,11 +37,10 @@ def accept(
     from boat_daq.workflows.acceptance import accept_run
 
     with progress_bar("calibrating"):
-        unit = accept_run(run, UnitLibrary(), anyway=anyway, operator=operator)
-    entry = unit.history[-1]
+        record = accept_run(run, UnitLibrary(), anyway=anyway, operator=operator)
     present(
-        {"unit": unit.name, "calibrated_utc": entry.utc, "simulated": bool(entry.content["simulated"])},
-        f"unit {unit.name}: calibration of {run.name} in force since {entry.utc}",
+        {"unit": record.unit, "calibrated_utc": record.calibrated_utc, "simulated": record.simulated},
+        f"unit {record.unit}: calibration of {run.name} in force since {record.calibrated_utc}",
         as_json=as_json,
     )
 

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from analysis.calibration.record import CalibrationRecord, SensorRecord
 from analysis.warning import Warning
-from boat_daq.engine.settings import StoredCalibration, Unit, UnitLibrary
+from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.formatting import count, sensor_words
+from boat_daq.workflows.calibration_in_force import record_of
 from boat_daq.workflows.run_analysis import analysed_run, count_plateaus
 from protocol.base.errors import RequestError
 
@@ -45,7 +46,7 @@ class Obstacle(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SensorCandidate:
+class SensorCalibration:
     """The calibration of a sensor, and its figures out of tolerance."""
 
     record: SensorRecord
@@ -63,7 +64,7 @@ class SensorCandidate:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Candidate:
+class RunCalibration:
     """The calibration of a run before it is accepted.
 
     Attributes
@@ -77,7 +78,7 @@ class Candidate:
     unit: str
     simulated: bool
     cycles: int
-    sensors: tuple[SensorCandidate, ...]
+    sensors: tuple[SensorCalibration, ...]
     plateaus: int = 0
     read: int = 0
     stepped: bool = True
@@ -90,7 +91,7 @@ class Candidate:
         return bool(self.sensors) and not any(sensor.void for sensor in self.sensors)
 
 
-def candidate_of(found: Analysis, path: Path) -> Candidate:
+def run_calibration(found: Analysis, path: Path) -> RunCalibration:
     """Return the calibration of an analysed run."""
     from analysis.calibration_export.run_record import sensor_record
     from analysis.figures.acceptance import out_of_tolerance
@@ -99,10 +100,10 @@ def candidate_of(found: Analysis, path: Path) -> Candidate:
     for number, sensor in enumerate(found.sensors):
         record = replace(sensor_record(found, number), fitted=None)  # it is stored, or sent from a helper process
         missed = () if record.void else tuple(out_of_tolerance(sensor, found.reading_sd_mm))
-        sensors.append(SensorCandidate(record=record, out_of_tolerance=missed))
+        sensors.append(SensorCalibration(record=record, out_of_tolerance=missed))
     plateaus, read = count_plateaus(found)
     recording = found.recording
-    return Candidate(
+    return RunCalibration(
         path=str(path),
         unit=recording.unit,
         simulated=recording.simulated,
@@ -116,7 +117,7 @@ def candidate_of(found: Analysis, path: Path) -> Candidate:
     )
 
 
-def lacking(run: Candidate) -> Lack | None:
+def lacking(run: RunCalibration) -> Lack | None:
     """Return what is missing for a curve of any sensor; None where there is one."""
     if not all(sensor.void for sensor in run.sensors):
         return None
@@ -125,7 +126,7 @@ def lacking(run: Candidate) -> Lack | None:
     return Lack.READINGS if run.plateaus else Lack.PLATEAUS
 
 
-def lack_text(run: Candidate, lack: Lack) -> str:
+def lack_text(run: RunCalibration, lack: Lack) -> str:
     """Return what is missing in a line."""
     if lack is Lack.CYCLES:
         return "This run has no complete cycle"
@@ -135,7 +136,7 @@ def lack_text(run: Candidate, lack: Lack) -> str:
     return f"{read} of {count(run.plateaus, 'plateau')} {'has' if run.read <= 1 else 'have'} a reading"
 
 
-def obstacle_to(run: Candidate | None) -> Obstacle | None:
+def obstacle_to(run: RunCalibration | None) -> Obstacle | None:
     """Return why the calibration of a run cannot be accepted; None when it can."""
     if run is None:
         return Obstacle("Nothing is analysed yet")
@@ -148,7 +149,7 @@ def obstacle_to(run: Candidate | None) -> Obstacle | None:
     return None if run.sensors else Obstacle("The run has no sensor")
 
 
-def missed_bounds(run: Candidate, posterior: Sequence[Mapping[str, Any]] = ()) -> tuple[str, ...]:
+def missed_bounds(run: RunCalibration, posterior: Sequence[Mapping[str, Any]] = ()) -> tuple[str, ...]:
     """Return which figures are out of tolerance, a sentence for each sensor that has one.
 
     Parameters
@@ -165,7 +166,7 @@ def missed_bounds(run: Candidate, posterior: Sequence[Mapping[str, Any]] = ()) -
     return tuple(lines)
 
 
-def accepted_record(run: Candidate, posterior: Sequence[Mapping[str, Any]] = ()) -> CalibrationRecord:
+def accepted_record(run: RunCalibration, posterior: Sequence[Mapping[str, Any]] = ()) -> CalibrationRecord:
     """Return what is stored with the unit when the calibration of a run is accepted."""
     return CalibrationRecord(
         sensors=tuple(sensor.record for sensor in run.sensors if not sensor.void),
@@ -180,14 +181,15 @@ def accepted_record(run: Candidate, posterior: Sequence[Mapping[str, Any]] = ())
     )
 
 
-def accept(units: UnitLibrary, record: CalibrationRecord, *, operator: str = "") -> Unit:
-    """Put a calibration into force for its unit, and return the unit.
+def accept(units: UnitLibrary, record: CalibrationRecord, *, operator: str = "") -> CalibrationRecord:
+    """Put a calibration into force for its unit, and return it with the time of its acceptance.
 
     Raises
     ------
     RequestError : the unit's file is refused. StorageError : it cannot be written.
     """
-    return units.add_calibration(record.unit, record.as_json(), recording=record.recording, operator=operator)
+    unit = units.add_calibration(record.unit, record.as_json(), recording=record.recording, operator=operator)
+    return record_of(unit, unit.history[-1])
 
 
 def withdraw(units: UnitLibrary, name: str, before: StoredCalibration | None) -> None:
@@ -203,8 +205,8 @@ def withdraw(units: UnitLibrary, name: str, before: StoredCalibration | None) ->
         units.add_calibration(name, before.content, recording=before.recording, note="in force again")
 
 
-def accept_run(path: Path, units: UnitLibrary, *, anyway: bool = False, operator: str = "") -> Unit:
-    """Analyse a run, put its calibration into force for its unit, and return the unit.
+def accept_run(path: Path, units: UnitLibrary, *, anyway: bool = False, operator: str = "") -> CalibrationRecord:
+    """Analyse a run, put its calibration into force for its unit, and return it.
 
     Parameters
     ----------
@@ -215,7 +217,7 @@ def accept_run(path: Path, units: UnitLibrary, *, anyway: bool = False, operator
     RequestError : it cannot be accepted, or is out of tolerance. BoatDaqError : it cannot be read.
     StorageError : the unit's file cannot be written.
     """
-    run = candidate_of(analysed_run(path), path)
+    run = run_calibration(analysed_run(path), path)
     obstacle, missed = obstacle_to(run), missed_bounds(run)
     if obstacle is not None or not run.unit:
         cause = obstacle.cause if obstacle is not None else "the recording names no unit"

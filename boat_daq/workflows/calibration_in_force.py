@@ -58,12 +58,9 @@ def chosen_curve(recording: Recording, choice: str = "") -> Degree:
     """
     from analysis.calibration.curve_choice import USUAL_DEGREE, degree_of
 
-    unit, own = None if choice else _unit(recording), recording.identity
-    accepted = (
-        str(entry.content.get("curve", ""))
-        for entry in reversed(unit.history if unit is not None else ())
-        if entry.accepted and entry.content.get("recording_id") == own
-    )
+    unit = None if choice else _unit(recording)
+    records = reversed(accepted_records(unit)) if unit is not None else ()
+    accepted = (record.curve for record in records if record.recording_id == recording.identity)
     return degree_of(choice or next(accepted, "") or str(USUAL_DEGREE))
 
 
@@ -73,6 +70,11 @@ def record_of(unit: Unit, entry: StoredCalibration) -> CalibrationRecord:
         entry.content, unit=unit.name, recording=entry.recording, calibrated_utc=entry.utc, operator=entry.operator,
         program_version=entry.program_version,
     )  # fmt: skip
+
+
+def accepted_records(unit: Unit) -> list[CalibrationRecord]:
+    """Return the accepted calibrations of a unit, oldest first, those that were withdrawn later included."""
+    return [record_of(unit, entry) for entry in unit.history if entry.accepted]
 
 
 def newest_calibration(units: UnitLibrary, name: str) -> CalibrationRecord | None:

@@ -20,7 +20,7 @@ from analysis.progress import Progress, part_of
 from boat_daq.engine.settings import UnitLibrary, home
 from boat_daq.engine.stored_file import write_stored
 from boat_daq.engine.toml_values import build, parse_toml, read_text
-from boat_daq.workflows.calibration_in_force import chosen_curve, record_of, stated_contributions
+from boat_daq.workflows.calibration_in_force import accepted_records, chosen_curve, stated_contributions
 from protocol.base.errors import RequestError
 
 if TYPE_CHECKING:
@@ -150,8 +150,7 @@ def calibration_before(recording: Recording) -> CalibrationRecord | None:
     library = UnitLibrary(simulated=recording.simulated)
     if recording.unit not in library.names():
         return None
-    unit = library.load(recording.unit)
-    accepted = (record_of(unit, entry) for entry in reversed(unit.history) if entry.accepted)
+    accepted = reversed(accepted_records(library.load(recording.unit)))
     return next((one for one in accepted if one.recording_id != recording.identity), None)
 
 

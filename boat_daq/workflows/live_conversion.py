@@ -5,9 +5,8 @@ The stored points are fitted again, so that the live conversion is exactly the a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,14 +68,18 @@ class Conversion:
         return np.column_stack([found.elongation_mm for found in each])
 
 
-def prepare(content: Mapping[str, Any], units: UnitLibrary | None = None, name: str = "") -> Conversion:
-    """Return the inverse of a stored calibration, all sensors fused.
+def prepare(record: CalibrationRecord, units: UnitLibrary | None = None) -> Conversion:
+    """Return the conversion by a calibration, all sensors fused.
+
+    Parameters
+    ----------
+    units : library of the unit, for the prediction of its signals; None for none.
 
     Raises
     ------
     BoatDaqError : the curve has no inverse over its range.
     """
-    fusion = CalibrationRecord.parse(content).fusion()
-    conversion = Conversion(fusion, live_prediction_of(units, name, fusion) if units is not None else None)
+    fusion = record.fusion()
+    conversion = Conversion(fusion, live_prediction_of(units, record.unit, fusion) if units is not None else None)
     conversion(np.zeros((1, len(fusion.inverses))))  # compiles now, not in the first frame
     return conversion

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from time import monotonic
 
+from analysis.calibration.record import CalibrationRecord
 from boat_daq.engine.control.elongation import Regulator
-from boat_daq.engine.settings import StoredCalibration, UnitLibrary
+from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.live_model import LiveModel
+from boat_daq.workflows.calibration_in_force import newest_calibration
 from boat_daq.workflows.jobs import Background
 from boat_daq.workflows.live_conversion import Conversion, prepare
 from boat_daq.workflows.unit_control import regulator_of
@@ -50,7 +52,7 @@ class UnitInUse:
         self._units, self._connection, self._live = units, connection, live
         self.preparation: Background[Conversion] = Background("calibration")
         self.conversion: Conversion | None = None
-        self._stored: StoredCalibration | None = None
+        self._record: CalibrationRecord | None = None
         self._followed = ("", False, 0)  # name, whether simulated, revision of the library
 
     def name(self, snapshot: SessionSnapshot) -> str:
@@ -59,15 +61,15 @@ class UnitInUse:
 
     def text(self, snapshot: SessionSnapshot) -> str:
         """Return unit and calibration in a line."""
-        stored = self._stored
-        text = f"calibrated {stored.utc[:10]}" if stored is not None else "not calibrated"
-        text += ", out of tolerance" if stored is not None and stored.content.get("poor") else ""
+        record = self._record
+        text = f"calibrated {record.calibrated_utc[:10]}" if record is not None else "not calibrated"
+        text += ", out of tolerance" if record is not None and record.out_of_tolerance else ""
         return f"{self.name(snapshot)}  \u00b7  {text}"
 
     @property
     def calibration_id(self) -> str:
         """Name the calibration in force: unit and time; empty without one."""
-        return f"{self._followed[0]} {self._stored.utc}" if self._stored is not None else ""
+        return f"{self._followed[0]} {self._record.calibrated_utc}" if self._record is not None else ""
 
     def follow(self, snapshot: SessionSnapshot, revision: int) -> None:
         """Use the calibration in force of the unit on the bench: that of a simulated unit on a simulated board.
@@ -86,22 +88,22 @@ class UnitInUse:
             self._followed = (name, snapshot.simulated, revision)
             units = self._units.of(simulated=snapshot.simulated)
             self.use(None)  # first: that of another board is not shown where this one cannot be read
-            self.use(units.load(name).calibration if name else None, units)
+            self.use(newest_calibration(units, name), units)
         ready = self.preparation.take()
         if ready is not None:
             self._live.inverse = self.conversion = ready
             self._live.prediction = ready.prediction
 
-    def use(self, stored: StoredCalibration | None, units: UnitLibrary | None = None) -> None:
+    def use(self, record: CalibrationRecord | None, units: UnitLibrary | None = None) -> None:
         """Show elongation by this calibration from now on; show none without one.
 
         With `units`, the library that it is of, predicted signals too, where the unit is identified.
         """
-        self._stored = stored
+        self._record = record
         self._live.inverse = self.conversion = self._live.prediction = None
         self.preparation.pending.clear()  # of another calibration
-        if stored is not None:
-            self.preparation.call(prepare, stored.content, units, self._followed[0])
+        if record is not None:
+            self.preparation.call(prepare, record, units)
 
     def regulator(self, snapshot: SessionSnapshot, step_mv: float) -> Regulator:
         """Return what controls the elongation of the unit on the bench.

@@ -26,7 +26,7 @@ from boat_daq.viewmodels.results.figure_tables import (
     uncertainty_rows,
     verdict_rows,
 )
-from boat_daq.workflows.acceptance import Candidate, SensorCandidate, candidate_of
+from boat_daq.workflows.acceptance import RunCalibration, SensorCalibration, run_calibration
 from boat_daq.workflows.run_analysis import analysed_run
 from protocol.base.arrays import BoolArray, FloatArray, IntArray
 
@@ -97,7 +97,7 @@ class CurveBands:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SensorResult(SensorCandidate):
+class SensorResult(SensorCalibration):
     """One sensor: the points of its calibration and its curve; no curve where `void` gives the reason.
 
     Attributes
@@ -121,7 +121,7 @@ class SensorResult(SensorCandidate):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RunResult(Candidate):
+class RunResult(RunCalibration):
     """All that a page shows of one run.
 
     Attributes
@@ -185,7 +185,7 @@ def analyse_run(
             candidates.append(curve_candidates_of(found, i, found.budgets.x_mm))
             part_of(progress, 2, 2, 4)(i + 1, len(found.sensors))
     loops, budgets = found.loops, found.budgets.budgets if found.budgets is not None else ()
-    run = candidate_of(found, Path(path))
+    run = run_calibration(found, Path(path))
     shown = {name.name: getattr(run, name.name) for name in fields(run) if name.name != "sensors"}
     return RunResult(
         **shown,
@@ -207,7 +207,7 @@ def analyse_run(
     )
 
 
-def _sensor(found: Analysis, index: int, own: SensorCandidate) -> SensorResult:
+def _sensor(found: Analysis, index: int, own: SensorCalibration) -> SensorResult:
     sensor = found.sensors[index]
     each, fit, curve = sensor.by_cycle, sensor.calibration, None
     if fit is not None:

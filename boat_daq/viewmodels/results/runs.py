@@ -27,7 +27,7 @@ from boat_daq.engine.recording.recovery import Recovery, find_interrupted, recov
 from boat_daq.engine.recording.rename import add_note, rename
 from boat_daq.engine.recording.resumption import BrokenRun, prepare_resumption, read_broken_run
 from boat_daq.engine.recording.summary import Summary, is_simulated, pressure_outline, summarise
-from boat_daq.engine.settings import StoredCalibration, UnitLibrary
+from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.formatting import NOTHING, count, duration, number
 from boat_daq.viewmodels.common.notices import Notices, Severity
@@ -36,6 +36,7 @@ from boat_daq.viewmodels.results.dynamics import DynamicsModel
 from boat_daq.viewmodels.results.metadata import MetadataModel
 from boat_daq.viewmodels.results.run_result import CurveBands, RunResult, compare_runs
 from boat_daq.viewmodels.results.unit_over_time import UnitOverTimeModel
+from boat_daq.workflows.calibration_in_force import accepted_records, record_of
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from boat_daq.workflows.run_files import export_run, report_runs
 from protocol.base.arrays import FloatArray
@@ -427,15 +428,15 @@ class RunsModel:
         for units in (self.units.of(simulated=simulated) for simulated in (False, True)):
             for name in units.names():
                 try:
-                    history = units.load(name).history
+                    unit = units.load(name)
                 except RequestError as error:
                     lines.append((units.simulated, (name, NOTHING, "\u25a0 cannot be read", error.cause)))
                     continue
                 shown = f"{name}{SIMULATED_MARK}" if units.simulated else name
-                for entry in reversed(history):
-                    figures = " / ".join(number(figure, 1) for figure in _sensitivities(entry))
-                    name_now = names.get(CalibrationRecord.parse(entry.content).recording_id, entry.recording)
-                    lines.append((units.simulated, (shown, entry.utc[:10], figures, name_now)))
+                for record in (record_of(unit, entry) for entry in reversed(unit.history)):
+                    figures = " / ".join(number(figure, 1) for figure in _sensitivities(record))
+                    name_now = names.get(record.recording_id, record.recording)
+                    lines.append((units.simulated, (shown, record.calibrated_utc[:10], figures, name_now)))
         return lines
 
     def over_time(self, row: int) -> UnitOverTimeModel:
@@ -458,8 +459,7 @@ class RunsModel:
 
     def sensitivities(self, unit: str) -> list[tuple[FloatArray, FloatArray]]:
         """Return for each sensor (number of the accepted calibration, sensitivity in mV/mm), oldest first."""
-        history = self.units.of(simulated=self.simulated).load(unit).history
-        rows = [_sensitivities(entry) for entry in history if entry.accepted]
+        rows = map(_sensitivities, accepted_records(self.units.of(simulated=self.simulated).load(unit)))
         columns = (np.array([v for v in column if v is not None], dtype=float) for column in zip_longest(*rows))
         return [(np.arange(1.0, column.size + 1), column) for column in columns]
 
@@ -468,9 +468,9 @@ class RunsModel:
         self._pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _sensitivities(entry: StoredCalibration) -> list[float | None]:
+def _sensitivities(record: CalibrationRecord) -> list[float | None]:
     """Return each sensor's sensitivity, mV/mm; None where it was not stored."""
-    return [sensor.figures.get("sensitivity_mv_per_mm") for sensor in CalibrationRecord.parse(entry.content).sensors]
+    return [sensor.figures.get("sensitivity_mv_per_mm") for sensor in record.sensors]
 
 
 def _less(curve: CurveBands | None, first: CurveBands | None) -> tuple[FloatArray, FloatArray]:

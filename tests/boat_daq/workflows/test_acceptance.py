@@ -13,9 +13,9 @@ from analysis.warning import Warning, WarningCode
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.workflows import acceptance
 from boat_daq.workflows.acceptance import (
-    Candidate,
     Lack,
-    SensorCandidate,
+    RunCalibration,
+    SensorCalibration,
     accept,
     accept_run,
     accepted_record,
@@ -29,9 +29,9 @@ from tests.boat_daq.viewmodels.helpers import SAMPLE
 
 X = np.linspace(-2.0, 3.0, 12)
 FIT = fit_calibration(X, 1650 + 40 * X + np.sin(9 * X))
-SENSOR = SensorCandidate(record=SensorRecord("s1", FIT.as_json(), FIT.x, FIT.y))
-BARE = SensorCandidate(record=SensorRecord("s2", void="no elongation was read"))
-RUN = Candidate(
+SENSOR = SensorCalibration(record=SensorRecord("s1", FIT.as_json(), FIT.x, FIT.y))
+BARE = SensorCalibration(record=SensorRecord("s2", void="no elongation was read"))
+RUN = RunCalibration(
     path="/runs/a.boat", unit="SA1", simulated=False, cycles=2, sensors=(SENSOR,), plateaus=12, read=12, curve="3",
     recording_id="a",
 )  # fmt: skip
@@ -64,9 +64,10 @@ def test_acceptance_and_withdrawal_add_entries(tmp_path) -> None:
     record = accepted_record(run, [{"converged": False}])
     assert record.out_of_tolerance == ("Sensor 1: R² is low, uncertainty bands not converged",)
     assert missed_bounds(RUN) == ()
-    first = accept(units, record, operator="Ada").calibration
+    stored, first = accept(units, record, operator="Ada"), units.load("SA1").calibration
     assert first is not None
     assert (first.content, first.recording, first.operator) == (record.as_json(), "a.boat", "Ada")
+    assert (stored.unit, stored.operator, stored.calibrated_utc) == ("SA1", "Ada", first.utc)
     accept(units, replace(record, recording="b.boat"))
     withdraw(units, "SA1", first)
     again = units.load("SA1").calibration
@@ -79,12 +80,12 @@ def test_acceptance_and_withdrawal_add_entries(tmp_path) -> None:
 def test_run_of_a_virtual_board_is_accepted_into_its_own_library(tmp_path, monkeypatch) -> None:
     """One out of tolerance only where that is stated; one of an unnamed unit never."""
     units = UnitLibrary(tmp_path)
-    unit = accept_run(SAMPLE, units, anyway=True, operator="Ada")
-    assert unit.name == "SA1" and unit.calibration is not None
+    record = accept_run(SAMPLE, units, anyway=True, operator="Ada")
+    assert (record.unit, record.simulated, len(record.sensors)) == ("SA1", True, 2)
     assert units.names() == [] and units.of(simulated=True).names() == ["SA1"]
     missed = replace(RUN, sensors=(replace(SENSOR, out_of_tolerance=(Warning(WarningCode.IMPORT, "", "off"),)),))
     monkeypatch.setattr(acceptance, "analysed_run", lambda path: None)
     for run, cause in ((missed, "out of tolerance: Sensor 1: off"), (replace(RUN, unit=""), "names no unit")):
-        monkeypatch.setattr(acceptance, "candidate_of", lambda found, path, run=run: run)
+        monkeypatch.setattr(acceptance, "run_calibration", lambda found, path, run=run: run)
         with pytest.raises(RequestError, match=cause):
             accept_run(SAMPLE, units)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from analysis.calibration.fit import fit_by_branch
+from analysis.calibration.record import CalibrationRecord
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.viewmodels.live.live_model import LiveModel
 from boat_daq.viewmodels.live.unit_in_use import UnitInUse
@@ -18,10 +19,15 @@ from tests.boat_daq.gui.recorded_session import connected
 from tests.boat_daq.viewmodels.helpers import until
 
 
+def record_of(sensors: list[dict]) -> CalibrationRecord:
+    """Return the record of stored sensors."""
+    return CalibrationRecord.parse({"simulated": True, "sensors": sensors})
+
+
 def test_conversion_is_prepared_on_a_helper_thread(tmp_path, result):
     """The inverse comes from the helper thread once, and not again."""
     preparation = Background("calibration")
-    preparation.call(prepare, {"sensors": [s.record.as_json() for s in result.sensors]})
+    preparation.call(prepare, CalibrationRecord(tuple(s.record for s in result.sensors), simulated=True))
     found = []
     until(lambda: found.append(preparation.take()) or found[-1] is not None)
     assert preparation.take() is None
@@ -51,7 +57,7 @@ def test_calibration_of_the_virtual_unit_is_not_used_on_a_real_board(tmp_path, r
 def test_conversion_in_preparation_is_discarded_with_its_calibration():
     """A unit without a calibration used to be shown by the one that was still being prepared for the unit before it."""
     unit = UnitInUse(None, None, LiveModel(lambda: None))
-    unit.use(SimpleNamespace(content={"sensors": []}, utc="2026-11-22"))
+    unit.use(CalibrationRecord((), simulated=True))
     assert unit.preparation.pending
     unit.use(None)
     assert not unit.preparation.pending
@@ -62,7 +68,7 @@ def test_spline_is_converted_as_a_spline(result):
     """A calibration accepted with a spline was shown live by a cubic through its points."""
     stored = result.sensors[0].record.as_json()
     cubic, spline = (
-        prepare({"sensors": [stored | {"fit": stored["fit"] | {"curve": curve}}]}) for curve in ("3", "spline")
+        prepare(record_of([stored | {"fit": stored["fit"] | {"curve": curve}}])) for curve in ("3", "spline")
     )
     fit = fit_by_branch(
         stored["elongation_mm"], stored["signal_mv"], "spline", positions=stored["positions"],
@@ -76,7 +82,7 @@ def test_spline_is_converted_as_a_spline(result):
 def test_range_end_is_read_and_marked_and_stated_contributions_widen_it(result):
     """Both signals one u past the upper end: read, marked, by each sensor too; a scale of 2 % widens U."""
     contents = [s.record.as_json() for s in result.sensors]
-    conversion = prepare({"sensors": contents})
+    conversion = prepare(record_of(contents))
     end = np.array([[float(np.interp(s.fit.grid[-1], s.fit.grid, s.fit.curve)) + 0.5 for s in result.sensors]])
     found = conversion(end)
     assert found.beyond.tolist() == [True]
@@ -84,6 +90,6 @@ def test_range_end_is_read_and_marked_and_stated_contributions_widen_it(result):
     assert np.isfinite(conversion.each(end)).all()
     assert np.isnan(conversion(end + 100.0).mm).all()
     stated = [content | {"type_b": {"scale": {"u_percent": 2.0}}} for content in contents]
-    wider = prepare({"sensors": stated})(end)
+    wider = prepare(record_of(stated))(end)
     both = np.hypot(found.expanded_mm, 2 * 0.02 * found.mm)
     np.testing.assert_allclose(wider.expanded_mm, both, rtol=0.02)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.calibration.curve_choice import CurveCandidate
+from analysis.calibration.record import CalibrationRecord
 from analysis.fidelity import fidelity
 from analysis.figures.batch import readings_beside
 from boat_daq.engine.settings import UnitLibrary
@@ -40,7 +41,7 @@ def test_accepted_calibration_is_stored_and_converts(tmp_path, result):
     stored = UnitLibrary(tmp_path / "units", simulated=True).load("SA1").calibration
     assert stored.recording == "SA1.boat"
     assert stored.content["simulated"] is True
-    conversion = prepare(stored.content)
+    conversion = prepare(CalibrationRecord.parse(stored.content))
     signal = np.column_stack([np.interp(1.0, s.fit.grid, s.fit.curve)[None] for s in result.sensors])
     assert conversion(signal).mm[0] == pytest.approx(1.0, abs=0.02)
     assert conversion.each(signal)[0] == pytest.approx([1.0, 1.0], abs=0.02)

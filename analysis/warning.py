@@ -65,7 +65,6 @@ class WarningCode(StrEnum):
     # of the residuals of any fit
     STATED_UNCERTAINTY = "stated_uncertainty"
     NOTHING_EXPLAINED = "nothing_explained"
-    AUTOCORRELATED = "autocorrelated"
     DOUBTFUL_CURVE = "doubtful_curve"
     INADEQUATE_CURVE = "inadequate_curve"
     REFUSED_CURVE = "refused_curve"

@@ -1,15 +1,12 @@
-"""A polynomial fit of any two columns, with its options: stated uncertainty, constraints, resistance to wrong points.
+"""A polynomial fit of any two columns, with its options: stated uncertainty, constraints, wrong points left out.
 
-Strategy: the constraint is fitted first, then the robust method, which fits under the same constraint; the residuals of
-the result are tested. A stated uncertainty then gives the covariance, whatever the scatter is (ISO/TS 28038:2018, 6 and
-7): the chi-square test states whether the two agree.
-
-Rules: the order of the options changes nothing; every point with less than full weight is in the trail.
+The constraint is fitted first; points are left out under the same constraint. A stated uncertainty gives the
+covariance, whatever the scatter is (ISO/TS 28038:2018, 6 and 7); the chi-square test shows whether the two agree.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -18,19 +15,19 @@ import numpy.typing as npt
 from analysis.calibration.checks import calibration_warnings
 from analysis.calibration.constrained_fit import monotone, through_zero, with_solution
 from analysis.calibration.fit import Calibration, fit_calibration
-from analysis.calibration.residual_tests import ChiSquared, chi_squared, residual_tests, residual_warnings
-from analysis.calibration.robust_fit import RobustFit, RobustMethod, huber, leave_out
+from analysis.calibration.left_out import LeftOutPoint, leave_out
+from analysis.calibration.residual_tests import ChiSquared, Explanation, chi_squared, explanation, residual_warnings
 from analysis.warning import Warning, WarningCode
-from protocol.base.arrays import FloatArray
+from protocol.base.arrays import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class FitOptions:
-    """Options of a fit: y(0) = 0, a slope of one sign, and what is done with points off the curve."""
+    """Options of a fit: y(0) = 0, a slope of one sign, and whether points off the curve are left out."""
 
     through_zero: bool = False
     monotone: bool = False
-    robust: RobustMethod | None = None
+    leave_out: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,26 +36,21 @@ class GeneralFit:
 
     Attributes
     ----------
-    calibration : the curve; where an uncertainty was stated its covariance is that of the statement.
+    calibration : the covariance is that of a stated uncertainty, if there is one.
     residual_sd : scatter about the curve, of a point of weight 1.
-    stated : test of the stated uncertainty; None without one.
-    robust : the trail; None without a robust method.
-    tests : of the residuals, see `residual_tests`.
-    warnings : what coefficients and standard errors do not show.
+    stated : test of the stated uncertainty.
+    kept : [n of all points] True for the points of the calibration.
+    explained : test of the curve against a constant; None where it cannot be made.
     """
 
     calibration: Calibration
     residual_sd: float
     options: FitOptions
     stated: ChiSquared | None
-    robust: RobustFit | None
-    tests: dict[str, Any]
+    left_out: tuple[LeftOutPoint, ...]
+    kept: BoolArray
+    explained: Explanation | None
     warnings: tuple[Warning, ...]
-
-    @property
-    def kept(self) -> npt.NDArray[np.bool_]:
-        """[n of all points] True for the points of the calibration."""
-        return self.robust.kept if self.robust is not None else np.ones(self.calibration.n, dtype=bool)
 
     def as_json(self) -> dict[str, Any]:
         """Return the keys of `fit --json`."""
@@ -68,8 +60,8 @@ class GeneralFit:
             "through_zero": self.options.through_zero,
             "constrained_monotone": self.options.monotone,
             "stated_uncertainty": None if self.stated is None else self.stated.as_json(),
-            "robust": None if self.robust is None else self.robust.as_json(),
-            "residual_tests": self.tests,
+            "left_out": [asdict(one) for one in self.left_out],
+            "residual_tests": {"explanation": None if self.explained is None else asdict(self.explained)},
         }
 
 
@@ -88,7 +80,6 @@ def general_fit(
     x, y : [n] points.
     degree : 0 to 10.
     standard_uncertainty : [n] stated standard uncertainty of each y: the points' weights, and the covariance.
-    options : constraints and robust method; none by default.
 
     Raises
     ------
@@ -102,20 +93,22 @@ def general_fit(
 
     u = None if standard_uncertainty is None else np.asarray(standard_uncertainty, dtype=np.float64).ravel()
     calibration = constrained(fit_calibration(x, y, degree, standard_uncertainty=u))
-    robust = None
-    if options.robust is not None:
-        robust = (huber if options.robust is RobustMethod.HUBER else leave_out)(calibration, constrained)
-        calibration = robust.calibration
-        u = None if u is None else u[robust.kept]
+    left_out: tuple[LeftOutPoint, ...] = ()
+    kept = np.ones(calibration.n, dtype=bool)
+    if options.leave_out:
+        reduced = leave_out(calibration, constrained)
+        calibration, left_out, kept = reduced.calibration, reduced.left_out, reduced.kept
+        u = None if u is None else u[kept]
     stated = None if u is None else chi_squared(calibration, u)
     return GeneralFit(
         calibration if u is None else _as_stated(calibration, u),
         calibration.residual_sd,
         options,
         stated,
-        robust,
-        residual_tests(calibration),
-        (*_left_out(robust), *calibration_warnings(calibration), *residual_warnings(calibration, stated)),
+        left_out,
+        kept,
+        explanation(calibration),
+        (*map(_left_out, left_out), *calibration_warnings(calibration), *residual_warnings(calibration, stated)),
     )
 
 
@@ -128,20 +121,6 @@ def _as_stated(calibration: Calibration, u: FloatArray) -> Calibration:
     )  # fmt: skip
 
 
-def _left_out(robust: RobustFit | None) -> tuple[Warning, ...]:
-    """A warning for each point that was left out; one for all that count less."""
-    if robust is None or not robust.trail:
-        return ()
-    if robust.method is RobustMethod.LEAVE_OUT:
-        return tuple(
-            Warning(
-                WarningCode.POINT_LEFT_OUT, "",
-                f"row {one.row + 1} is left out: x = {one.x:.6g}, y = {one.y:.6g}, {one.residual:+.3g} off the curve, "
-                f"{one.reason}",
-            )
-            for one in robust.trail
-        )  # fmt: skip
-    least = min(robust.trail, key=lambda one: one.weight)
-    count = f"{len(robust.trail)} of {robust.kept.size} points count less than the others"
-    where = f"row {least.row + 1} least, {least.weight:.2g} of a point: x = {least.x:.6g}, y = {least.y:.6g}"
-    return (Warning(WarningCode.POINT_LEFT_OUT, "", f"{count}; {where}"),)
+def _left_out(one: LeftOutPoint) -> Warning:
+    point = f"row {one.row + 1} is left out: x = {one.x:.6g}, y = {one.y:.6g}"
+    return Warning(WarningCode.POINT_LEFT_OUT, "", f"{point}, {one.residual:+.3g} off the curve, {one.reason}")

@@ -1,7 +1,7 @@
 """Readings of elongation that are off: marked while a run is read, left out of its calibration on request.
 
 While a run is read a reading is compared with a running fit over pressure, and never removed. On request the readings
-whose points are off the curve of a sensor (`analysis.calibration.robust_fit`) are left out, each with a warning.
+whose points are off the curve of a sensor (`analysis.calibration.left_out`) are left out, each with a warning.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def wrong_readings(run: SegmentedRun) -> dict[int, tuple[str, ...]]:
     """Return the plateaus, counted from 0, whose reading is off, each with a text for every sensor that shows it."""
     from analysis.calibration.curve_choice import USUAL_DEGREE
     from analysis.calibration.fit import fit_calibration
-    from analysis.calibration.robust_fit import leave_out
+    from analysis.calibration.left_out import leave_out
     from protocol.base.errors import BoatDaqError
 
     degree = run.options.degree if isinstance(run.options.degree, int) else USUAL_DEGREE
@@ -77,10 +77,10 @@ def wrong_readings(run: SegmentedRun) -> dict[int, tuple[str, ...]]:
             continue
         y = np.asarray([run.plateaus[i].signal_mv[sensor] for i in points])
         try:
-            trail = leave_out(fit_calibration(run.elongations.elongation_mm[points], y, degree)).trail
+            left = leave_out(fit_calibration(run.elongations.elongation_mm[points], y, degree)).left_out
         except BoatDaqError:
             continue  # no curve: its reason is given with the calibration
-        for one in trail:
+        for one in left:
             plateau = int(points[one.row])
             text = f"{name} {one.residual:+.1f} mV off the curve, {one.reason}"
             found[plateau] = (*found.get(plateau, ()), text)

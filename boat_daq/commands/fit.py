@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from boat_daq.commands.console import JsonOption, notify, present, progress_bar
-from boat_daq.commands.options import FidelityOption, one_of
+from boat_daq.commands.options import FidelityOption
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -54,14 +54,9 @@ def fit(
     monotone: Annotated[
         bool, typer.Option("--monotone", help="The curve rises or falls over its whole range.")
     ] = False,
-    robust: Annotated[
-        str | None,
-        typer.Option(
-            metavar="METHOD",
-            callback=one_of("huber", "leave-out"),
-            help="Points off the curve count less (huber) or are left out (leave-out); each is listed.",
-        ),
-    ] = None,
+    leave_out: Annotated[
+        bool, typer.Option("--leave-out", help="Leave out points that are off the curve; each is listed.")
+    ] = False,
     bands: Annotated[
         bool, typer.Option("--bands", help="Add 68 and 95 % bands of the curve and of a new reading.")
     ] = False,
@@ -85,12 +80,11 @@ def fit(
     Example: boat-daq fit pontius.csv --x load --y deflection --degree 2 --json
     """
     from analysis.calibration.general_fit import FitOptions, general_fit
-    from analysis.calibration.robust_fit import RobustMethod
 
-    if x_resolution > 0 and (through_zero or robust == "huber"):
-        raise typer.BadParameter("has no posterior through zero or by Huber's estimate", param_hint="--x-resolution")
+    if x_resolution > 0 and through_zero:
+        raise typer.BadParameter("has no posterior through zero", param_hint="--x-resolution")
     read = _readings(file, x, y, u, position)
-    options = FitOptions(through_zero, monotone, None if robust is None else RobustMethod(robust))
+    options = FitOptions(through_zero, monotone, leave_out)
     found = general_fit(read.x, read.y, degree, standard_uncertainty=read.u, options=options)
     read = read.of(found.kept)
     reading_sd = x_resolution / 12**0.5
@@ -165,7 +159,7 @@ def _posterior(
 
 
 def _tested(found: GeneralFit) -> list[str]:
-    """Return the test of a stated uncertainty as a line, and the points that count less as lines."""
+    """Return the test of a stated uncertainty as a line, and the points left out as lines."""
     lines = []
     if found.stated is not None:
         test = found.stated
@@ -174,10 +168,8 @@ def _tested(found: GeneralFit) -> list[str]:
             f"stated uncertainty: {verdict}, chi-square {test.chi_squared:.4g} with {test.dof} degrees of freedom "
             f"({test.low:.4g} to {test.high:.4g} expected); the points scatter {test.ratio:.2g} times the statement"
         )
-    for one in found.robust.trail if found.robust is not None else ():
-        counts = "left out" if one.weight == 0 else f"weight {one.weight:.2g}"
-        lines.append(f"row {one.row + 1}: x = {one.x:.6g}, y = {one.y:.6g}, {one.residual:+.3g} off: {counts}")
-    return lines
+    left = (f"row {p.row + 1}: x = {p.x:.6g}, y = {p.y:.6g}, {p.residual:+.3g} off: left out" for p in found.left_out)
+    return [*lines, *left]
 
 
 def _readings(file: Path, x: str, y: str, u: str | None, position: str | None) -> _Points:

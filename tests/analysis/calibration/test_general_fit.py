@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from analysis.calibration.general_fit import FitOptions, general_fit
-from analysis.calibration.robust_fit import RobustMethod
 
 X = np.linspace(0.2, 10.0, 50)
 
@@ -23,25 +22,25 @@ def test_stated_uncertainties_cover_the_truth_as_often_as_they_state(lines: int)
     assert inside / lines == pytest.approx([0.95, 0.95], abs=0.017)
 
 
-@pytest.mark.parametrize("method", list(RobustMethod))
-def test_all_options_hold_at_once(method: RobustMethod) -> None:
-    """Through zero, monotone, robust and weighted: each promise is kept, the wrong point is in the trail."""
+def test_all_options_hold_at_once() -> None:
+    """Through zero, monotone and weighted, and the wrong point is left out."""
     y = 50 * np.tanh(X / 3) + 0.1 * np.random.default_rng(1).standard_normal(50)
     y[30] -= 15.0
-    options = FitOptions(through_zero=True, monotone=True, robust=method)
+    options = FitOptions(through_zero=True, monotone=True, leave_out=True)
     found = general_fit(X, y, 5, standard_uncertainty=np.full(50, 0.1), options=options)
     assert found.calibration.coefficients[0] == 0.0
     assert found.calibration.monotone
-    assert 30 in {one.row for one in found.robust.trail}
-    assert found.kept.sum() == found.calibration.n == (49 if method is RobustMethod.LEAVE_OUT else 50)
+    assert 30 in {one.row for one in found.left_out}
+    assert found.kept.sum() == found.calibration.n == 49
     assert found.stated.dof == found.calibration.n - 5
 
 
 def test_without_options_it_is_the_plain_fit() -> None:
-    """The keys of a plain fit, no trail, no statement, no warnings about a sound line."""
+    """The keys of a plain fit, no point left out, no statement, no warnings about a sound line."""
     y = 1 + 2 * X + 0.1 * np.random.default_rng(2).standard_normal(50)
     found = general_fit(X, y, 1)
     content = found.as_json()
-    assert content["robust"] is content["stated_uncertainty"] is None
+    assert content["left_out"] == []
+    assert content["stated_uncertainty"] is None
     assert found.warnings == ()
     assert found.residual_sd == found.calibration.residual_sd

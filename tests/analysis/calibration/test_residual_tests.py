@@ -7,11 +7,8 @@ import pytest
 
 from analysis import fit_calibration
 from analysis.calibration.residual_tests import (
-    AUTOCORRELATED,
     chi_squared,
-    durbin_watson,
     explanation,
-    residual_tests,
     residual_warnings,
 )
 
@@ -49,62 +46,12 @@ def test_a_true_statement_is_doubted_in_5_percent(sets: int) -> None:
     assert 0.03 <= doubted / sets <= 0.07
 
 
-def test_moments_of_durbin_watson_are_those_of_the_matrices() -> None:
-    """Mean tr(MA)/v and its variance by full matrices, weights and order included."""
-    rng = np.random.default_rng(3)
-    x = rng.permutation(X)
-    y = x**2 + rng.standard_normal(x.size)
-    calibration = fit_calibration(x, y, 2, standard_uncertainty=U)
-    found = durbin_watson(calibration, x)
-    assert found is not None
-    rows = np.argsort(x)
-    design = (np.vander(x, 3) / U[:, None])[rows]
-    m = np.eye(40) - design @ np.linalg.pinv(design)
-    steps = np.diff(np.eye(40), axis=0)
-    ma = m @ steps.T @ steps
-    mean = np.trace(ma) / 37
-    assert found.expected == pytest.approx(mean, rel=1e-9)
-    sd = np.sqrt(2 * (np.trace(ma @ ma) - np.trace(ma) * mean) / (37 * 39))
-    residuals = (calibration.residuals / U)[rows]
-    statistic = (np.diff(residuals) ** 2).sum() / (residuals @ residuals)
-    assert found.statistic == pytest.approx(statistic, rel=1e-9)
-    from scipy import stats
-
-    assert found.p == pytest.approx(stats.norm.cdf((statistic - mean) / sd), rel=1e-6)
-
-
-@pytest.mark.parametrize("sets", [400, pytest.param(2000, marks=pytest.mark.nightly)])
-def test_independent_errors_are_not_called_alike(sets: int) -> None:
-    """Sets of white noise about a cubic: at most one in 400 is named, in either order."""
-    rng = np.random.default_rng(4)
-    named = 0
-    for _ in range(sets):
-        y = X**3 / 100 + rng.standard_normal(X.size)
-        calibration = fit_calibration(X, y, 3)
-        tests = (durbin_watson(calibration, X), durbin_watson(calibration))
-        named += any(test is not None and test.p < AUTOCORRELATED for test in tests)
-    assert named <= sets / 400
-
-
-def test_a_missed_bend_and_a_drift_are_named_by_their_order() -> None:
-    """A parabola fitted by a line is alike in the order of x, a drift over shuffled x in that of the rows."""
-    rng = np.random.default_rng(5)
-    bent = [w.text for w in residual_warnings(fit_calibration(X, 3 * X + 0.3 * (X - 5) ** 2, 1))]
-    assert any("in the order of x" in text for text in bent)
-    x = rng.permutation(X)
-    drifting = 30 * x + np.cumsum(rng.standard_normal(40))
-    texts = [w.text for w in residual_warnings(fit_calibration(x, drifting, 1)) if w.code == "autocorrelated"]
-    assert len(texts) == 1
-    assert "in the order of the rows" in texts[0]
-
-
 def test_data_without_a_relation_are_named() -> None:
-    """R2 0.03 is no relation; R2 0.67 of two random walks explains too little and is autocorrelated."""
+    """R2 0.03 is no relation; R2 0.67 of two random walks explains too little."""
     rng = np.random.default_rng(8)
     assert codes(X, rng.standard_normal(40)) == ["nothing_explained"]
     walks = np.cumsum(np.random.default_rng(17).standard_normal((2, 200)), axis=1)
     found = codes(walks[0], walks[1])
-    assert "autocorrelated" in found
     assert "nothing_explained" in found
     assert codes(X, 3 * X + rng.standard_normal(40)) == []
 
@@ -123,5 +70,5 @@ def test_what_cannot_be_tested_is_none() -> None:
     """As many points as coefficients, an exact line, a constant: no test, and no warning."""
     for x, y, degree in (([0, 1, 2], [0, 1, 3], 2), (X, 3 * X, 1), (X, np.full(40, 2.0), 0)):
         calibration = fit_calibration(x, y, degree)
-        assert residual_tests(calibration)["durbin_watson_by_x"] is None
+        assert explanation(calibration) is None
         assert residual_warnings(calibration) == ()

@@ -101,23 +101,20 @@ def test_options_of_a_fit_are_in_its_result(tmp_path: Path) -> None:
     assert found["constrained_monotone"]
     assert found["coefficients"][0] == found["std_errors"][0] == 0.0
     assert exit_code("fit", path, *XY, "--through-zero", "--x-resolution", 0.1) == 2
-    assert exit_code("fit", path, *XY, "--robust", "median") == 2
 
 
-@pytest.mark.parametrize("method", ["huber", "leave-out"])
-def test_wrong_point_is_in_the_trail_and_off_the_curve(tmp_path: Path, method: str) -> None:
-    """Row 8 of 30 is 20 off: named in the trail and the text; the line is that of the others."""
+def test_wrong_point_is_left_out_and_named(tmp_path: Path) -> None:
+    """Row 8 of 30 is 20 off: named in JSON and text; the line is that of the others."""
     x = np.linspace(0, 10, 30)
     y = 3 * x + 0.1 * np.random.default_rng(3).standard_normal(30)
     y[7] += 20.0
     path = table(tmp_path, x=x, y=y)
-    found = call("fit", path, *XY, "--degree", 1, "--robust", method)
+    found = call("fit", path, *XY, "--degree", 1, "--leave-out")
     assert found["coefficients"][1] == pytest.approx(3.0, abs=0.03)
-    trail = found["robust"]["trail"]
-    assert 7 in {one["row"] for one in trail}
-    assert found["n"] == (29 if method == "leave-out" else 30)
+    assert [one["row"] for one in found["left_out"]] == [7]
+    assert found["n"] == 29
     assert "point_left_out" in {w["code"] for w in found["warnings"]}
-    assert "row 8: x = 2.41379" in text("fit", path, *XY, "--degree", 1, "--robust", method)
+    assert "row 8: x = 2.41379" in text("fit", path, *XY, "--degree", 1, "--leave-out")
 
 
 def test_columns_without_a_relation_are_named(tmp_path: Path) -> None:

@@ -14,7 +14,8 @@ from boat_daq.commands.console import JsonOption, emit_json, notify, notify_shor
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from boat_daq.engine.qualification.drills import Drill, DrillResult
+    from boat_daq.engine.qualification.drill_rig import DrillResult
+    from boat_daq.engine.qualification.drills import Drill
 
 
 def qualify(

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from boat_daq.engine.qualification.drills import WAIT_S, Criterion, DrillResult, compare
+from boat_daq.engine.qualification.drill_rig import WAIT_S, Criterion, DrillResult, compare
 from boat_daq.engine.snapshot import SessionState
 from protocol.recording import BoardState
 
 if TYPE_CHECKING:
-    from boat_daq.engine.qualification.drills import Drill, DrillRig
+    from boat_daq.engine.qualification.drill_rig import DrillRig
+    from boat_daq.engine.qualification.drills import Drill
 
 STREAMED_S = 20.0  # of board time
 FRAPPY = """  # in a process of its own: frappy is another program, under another licence

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from protocol.base.arrays import FloatArray, IntArray
 from protocol.recording import SampleFlag
 from protocol.simulator.plant import TICK_US
+from protocol.simulator.sample_frames import body_dtype
 from protocol.simulator.specimens import Specimen, SpecimenSensor
-from protocol.simulator.transmitter import body_dtype
 
 Counts = NDArray[np.uint16]
 

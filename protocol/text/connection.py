@@ -23,8 +23,9 @@ from protocol.link.events import BoardRestarted, CommandDone, CommandLost, Hello
 from protocol.link.messages import AckStatus, Command, Identify
 from protocol.link.sample_stream import NO_WRAP, WRAP, Rows, SampleStream, implausible
 from protocol.recording import SampleFlag, SampleKind, sample_dtype
+from protocol.text.packets import PacketFormat, PacketReader
 from protocol.text.profile import COMMANDS, ProfileColumn, TextProfile
-from protocol.text.readers import LineReader, PacketFormat, PacketReader
+from protocol.text.readers import LineReader
 
 IDENTIFY_NS = 2_500_000_000  # a device without a good line for so long does not match the profile
 _FREE = (0.0, 0.0, False, True)  # any value is accepted

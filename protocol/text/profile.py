@@ -61,7 +61,8 @@ from protocol.base.units import KPA_PER_UNIT, find_unit
 from protocol.link import messages
 from protocol.link.messages import Command
 from protocol.recording import CHANNELS_MAX, ExtraChannel, SampleKind, channels_of
-from protocol.text.readers import CHECKSUMS, LINE_MAX, FieldText, LineFormat, LineStyle, PacketFormat, parse_format
+from protocol.text.packets import PacketFormat, parse_format
+from protocol.text.readers import CHECKSUMS, LINE_MAX, FieldText, LineFormat, LineStyle
 
 PA_PER_UNIT = {unit: 1000 * KPA_PER_UNIT[unit.lower()] for unit in ("Pa", "hPa", "mbar", "kPa", "bar", "psi")}
 

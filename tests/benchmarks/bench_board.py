@@ -9,7 +9,7 @@ import pytest
 
 from protocol.link.messages import Sample, SetPressure, Start, encode_command, encode_message
 from protocol.simulator.board import VirtualBoard
-from protocol.simulator.transmitter import body_dtype, encode_samples, frame_length
+from protocol.simulator.sample_frames import body_dtype, encode_samples, frame_length
 
 pytestmark = pytest.mark.benchmark_run
 

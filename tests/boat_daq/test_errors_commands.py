@@ -17,7 +17,7 @@ TERMINAL_ONLY = {  # modules whose errors and texts the window never shows
     "analysis/data/load.py": "options for a CSV",
     "analysis/data/export.py": "a format by name",
     "analysis/shadow/model/states.py": "head of a file",
-    "boat_daq/engine/qualification/drills.py": "arguments of a process",
+    "boat_daq/engine/qualification/drill_rig.py": "arguments of a process",
     "boat_daq/engine/simulator/server.py": "the command board",
 }
 

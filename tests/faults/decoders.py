@@ -43,8 +43,8 @@ from protocol.link.framing import COLLECT_MAX, Frame, FrameReader, encode_frame
 from protocol.link.messages import decode_command, decode_message
 from protocol.simulator.board import VirtualBoard
 from protocol.text.connection import TextConnection
+from protocol.text.packets import parse_format
 from protocol.text.profile import load_profile
-from protocol.text.readers import parse_format
 from tests.faults.old_recordings import write_recording
 from tests.protocol.link.streams import HELLO, START_DONE, stream
 

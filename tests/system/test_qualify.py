@@ -14,7 +14,8 @@ from boat_daq import __version__
 from boat_daq.cli import app
 from boat_daq.commands import qualify_outlets
 from boat_daq.engine.qualification import drills, result
-from boat_daq.engine.qualification.drills import Criterion, DrillResult, DrillRig, available, run_drill
+from boat_daq.engine.qualification.drill_rig import Criterion, DrillResult, DrillRig
+from boat_daq.engine.qualification.drills import available, run_drill
 from boat_daq.engine.qualification.result import qualification
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.simulator.server import BoardSettings

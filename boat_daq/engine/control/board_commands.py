@@ -2,26 +2,18 @@
 
 A refused command is not done, and a command without an answer is not known to be done: under pressure both are trips. A
 vent is repeated until it is acknowledged. Nothing here commands a pressure; `Controller` does.
-
-Whether pressure may be commanded: checks of link, limits, latch and the sensor's zero.
-
-Nothing is repaired here and nothing is overridden: each check that fails has a remedy, and the operator tries again.
 """
 
 from __future__ import annotations
 
-import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from boat_daq.engine.control.interlock import Interlock, Trip
 from boat_daq.engine.control.sequencer import ControlEvent, SegmentBreak, StepChanged
+from boat_daq.engine.control.trips import Trip, trip_of_event
 from boat_daq.engine.control.watchdog import FAST, LONGEST_MS, REPEAT_MS, REPEATS_WITHIN, Feeder, SpeedMeter
-from boat_daq.engine.plan import Plan
 from boat_daq.engine.snapshot import MessageKind, RunEnding
-from protocol.base.errors import RequestError
 from protocol.link import messages
 from protocol.link.messages import AckStatus, Command, EventCode, Heartbeat, SetLimits, Vent
 
@@ -44,15 +36,6 @@ _NO_START: dict[int, str] = {
 _GUARD = {
     SetLimits: "no pressure without limits: check those of unit and plan, and the board's firmware",
     Heartbeat: "no pressure without a watchdog: check the board's firmware",
-}
-_LOWER_SPEED = "close other programs on this computer, or lower the speed of a virtual board"
-_FIND_LEAK = "check for a leak, and that the pump runs"
-_TRIPS: dict[int, tuple[str, str]] = {  # cause and remedy; the kind is BOARD_ and the code's name
-    EventCode.OVER_PRESSURE: ("the board vented: over-pressure, {} Pa", "check supply and valve"),
-    EventCode.UNDER_PRESSURE: ("the board vented: under-pressure, {} Pa", "check vacuum and valve"),
-    EventCode.HEARTBEAT_LOST: ("the board vented: nothing received for {} ms", _LOWER_SPEED),
-    EventCode.ESTOP_PRESSED: ("the e-stop was pressed", "release it when it is safe, then clear the fault"),
-    EventCode.TARGET_NOT_REACHED: ("the board vented: target not reached, {} Pa", _FIND_LEAK),
 }
 
 
@@ -289,9 +272,8 @@ class BoardCommands:
 
     def board_event(self, code: EventCode | int, value: int) -> Trip | None:
         """Return the trip that an event of the board means, or report it."""
-        if code in _TRIPS:
-            cause, remedy = _TRIPS[code]
-            return Trip(MessageKind[f"BOARD_{EventCode(code).name}"], cause.format(value), remedy, float(value))
+        if (trip := trip_of_event(code, value)) is not None:
+            return trip
         if code == EventCode.SENSOR_SATURATED:
             text = f"sensor {value + 1} is saturated"
             self.note(MessageKind.SATURATED, text, "warning", "reduce the light or its gain", value=value + 1)
@@ -313,130 +295,3 @@ class BoardCommands:
 def _name(command: Command) -> str:
     """Return a command's name in the protocol."""
     return messages.COMMAND_TYPES[type(command)].name
-
-
-ZERO_SAMPLES = 50
-
-
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One line: `problem` is empty where all is well."""
-
-    name: str
-    problem: str = ""
-    remedy: str = ""
-
-    @property
-    def ok(self) -> bool:
-        """Whether the check is passed."""
-        return not self.problem
-
-
-def require(checks: list[Check]) -> None:
-    """Raise what the checks found.
-
-    Raises
-    ------
-    RequestError : every problem in one sentence, with its remedy.
-    """
-    failed = [check for check in checks if not check.ok]
-    if failed:
-        remedies = dict.fromkeys(check.remedy for check in failed if check.remedy)
-        raise RequestError("; ".join(check.problem for check in failed), "; ".join(remedies))
-
-
-class Preflight:
-    """Checks before any command to the board.
-
-    Parameters
-    ----------
-    board : whether the link can command.
-
-    Attributes
-    ----------
-    why_read_only : why the link cannot command; empty where it can, or the reason is unknown.
-    """
-
-    def __init__(self, interlock: Interlock, board: BoardCommands, *, zero_tolerance_kpa: float) -> None:
-        self.why_read_only = ""
-        self._interlock, self._board = interlock, board
-        self._zero_tolerance_kpa = zero_tolerance_kpa
-        self.recent_kpa: deque[float] = deque(maxlen=ZERO_SAMPLES)  # the newest pressures of the sensor
-        self._no_pressure: tuple[str, str] | None = None  # why the board's limits allow none
-
-    def take_limits(self, low_kpa: float, high_kpa: float) -> None:
-        """Keep the board's hard limits.
-
-        Limits that no vented unit is inside of leave no pressure at all.
-        """
-        usable = low_kpa <= 0 <= high_kpa and low_kpa < high_kpa
-        self._interlock.set_limits("board", (low_kpa, high_kpa) if usable else None)
-        self._no_pressure = None
-        if not usable and self._board.can_command:  # a board that takes no commands has no limits
-            limits = f"{low_kpa:g} to {high_kpa:g} kPa"
-            text = f"the board's own limits, {limits}, do not include 0 kPa, the pressure of a vented unit"
-            self._no_pressure = (text, "check the board's firmware: without usable limits it is read only")
-            self._board.note(MessageKind.LIMITS, text, "warning", self._no_pressure[1])
-
-    @property
-    def limits_command(self) -> SetLimits | None:
-        """The command that sends the limits in force to the board.
-
-        None while none are known.
-        """
-        limits = self._interlock.limits
-        if limits is None:
-            return None
-        return SetLimits(round(limits.min_kpa * 1000), round(limits.max_kpa * 1000))
-
-    def checks(self, *, up: bool, vented: bool) -> list[Check]:
-        """Return the lines of the check before the first pressure.
-
-            Parameters
-            ----------
-            vented : whether the board reports that it is idle or vented.
-        tolerance_kpa : of the sensor's zero.
-        """
-        latched, limits = self._interlock.latched, self._interlock.limits
-        return [
-            Check("link") if up else Check("link", "no samples arrive from the board", "check the link"),
-            Check("limits") if limits else Check("limits", "no limits are known", "connect a board"),
-            Check("fault", latched.cause, latched.remedy or "clear the fault first") if latched else Check("fault"),
-            self._zero_check(vented=vented),
-        ]
-
-    def _zero_check(self, *, vented: bool) -> Check:
-        """Return whether the pressure sensor reads zero on a vented unit."""
-        if not self.recent_kpa:
-            return Check("zero", "no pressure is known yet", "wait for samples")
-        recent_kpa, tolerance_kpa = math.fsum(self.recent_kpa) / len(self.recent_kpa), self._zero_tolerance_kpa
-        if not vented:
-            return Check("zero", f"the unit is under pressure ({recent_kpa:.1f} kPa)", "vent it first")
-        if not abs(recent_kpa) <= tolerance_kpa:
-            text = f"the pressure reads {recent_kpa:.2f} kPa on a vented unit (tolerance {tolerance_kpa:g} kPa)"
-            return Check("zero", text, "wait until it has vented, or check the zero of the sensor")
-        return Check("zero")
-
-    def require_plan(self, plan: Plan) -> None:
-        """Refuse a plan outside the limits.
-
-        Raises
-        ------
-        RequestError : it is outside them, or the link cannot command.
-        """
-        self.require_command()
-        for target_kpa in reversed(plan.extremes_kpa):
-            self._interlock.check(target_kpa, new_plan=True)
-
-    def require_command(self) -> None:
-        """Refuse where no pressure can be commanded.
-
-        Raises
-        ------
-        RequestError : the link is read only, or the board's limits allow none.
-        """
-        if not self._board.can_command:
-            why = f": {self.why_read_only}" if self.why_read_only else ""
-            raise RequestError(f"this link is read only{why}", "use firmware or a profile that commands pressure")
-        if self._no_pressure is not None:
-            raise RequestError(*self._no_pressure)

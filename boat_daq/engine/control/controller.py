@@ -13,10 +13,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from boat_daq.engine.control.board_commands import GUARDS_S, BoardCommands, Check, Effect, Preflight, require
+from boat_daq.engine.control.board_commands import GUARDS_S, BoardCommands, Effect
 from boat_daq.engine.control.elongation import AT_LIMIT_S, FASTEST, ElongationLoop, LoopStop, Regulator
-from boat_daq.engine.control.interlock import FlatLine, Interlock, Trip
+from boat_daq.engine.control.interlock import FlatLine, Interlock
+from boat_daq.engine.control.preflight import Check, Preflight, require
 from boat_daq.engine.control.sequencer import VENTED_KPA, GoTo, Sequencer, VentNow
+from boat_daq.engine.control.trips import Trip
 from boat_daq.engine.control.watchdog import StreamWatch
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.sample_columns import Columns, columns, last_sample

@@ -9,11 +9,11 @@ operator clears it and its cause is gone. The caller (`Controller`) vents at eve
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from boat_daq.engine.control.trips import Trip, trip_of_level
 from boat_daq.engine.sample_columns import Columns
 from boat_daq.engine.snapshot import Limits, MessageKind
 from protocol.base.errors import RequestError
@@ -25,35 +25,6 @@ IMPLAUSIBLE_KPA = 1000.0  # a good checksum is no validation: no unit of this ki
 FLAT_PRESSURE_KPA = 20.0  # a sensor whose reading stays the same while the pressure moves so far is frozen
 FLAT_SAMPLES = 20
 _TRIPPING = int(SampleFlag.ESTOP | SampleFlag.PRESSURE_INVALID)
-
-_LEVELS = {  # cause and remedy of a trip by each level
-    MessageKind.ESTOP: ("the e-stop is pressed", "release it when it is safe, then clear the fault"),
-    MessageKind.PRESSURE_INVALID: (
-        "the board reports its pressure sensor as invalid",
-        "check the sensor and its cable",
-    ),
-    MessageKind.IMPLAUSIBLE: ("the pressure reads {pressure:.0f} kPa, which no unit reaches", "check the sensor"),
-    MessageKind.OVER_PRESSURE: (
-        "{pressure:.1f} kPa, more than {margin:g} kPa above the limit of {high:g} kPa",
-        "let it vent; check the supply and its valve",
-    ),
-    MessageKind.UNDER_PRESSURE: (
-        "{pressure:.1f} kPa, more than {margin:g} kPa below the limit of {low:g} kPa",
-        "let it vent; check the vacuum line and its valve",
-    ),
-    MessageKind.BOARD_FAULT: ("the board has latched a fault and vented", "find its cause, then clear the fault"),
-}
-
-
-@dataclass(frozen=True, slots=True)
-class Trip:
-    """Why the interlock opened."""
-
-    kind: MessageKind
-    cause: str
-    remedy: str = ""
-    value: float | None = None  # in the unit of the kind: kPa for pressures
-    time_us: int | None = None
 
 
 class Interlock:
@@ -196,9 +167,7 @@ class Interlock:
         if kind is None:
             return None
         pressure_kpa, (low, high) = float(block.pressure_kpa[at]), self._bounds
-        cause, remedy = _LEVELS[kind]
-        cause = cause.format(pressure=pressure_kpa, low=low, high=high, margin=MARGIN_KPA)
-        return Trip(kind, cause, remedy, pressure_kpa, int(block.time_us[at]))
+        return trip_of_level(kind, pressure_kpa, int(block.time_us[at]), low=low, high=high, margin=MARGIN_KPA)
 
     @property
     def _bounds(self) -> tuple[float, float]:

@@ -20,7 +20,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from boat_daq.engine.link.reader import Block
+from boat_daq.engine.link.block import Block
 from boat_daq.engine.sample_columns import OtherChannels, columns
 from protocol.link.events import Samples
 from protocol.recording import DerivedChannel, ExtraChannel, SampleFlag

@@ -20,7 +20,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from boat_daq.engine.link.transports import ReplayTransport, Transport, list_ports, open_transport
+from boat_daq.engine.link.ports import list_ports
+from boat_daq.engine.link.replay import ReplayTransport
+from boat_daq.engine.link.transports import Transport, open_transport
 from boat_daq.engine.settings import Settings
 from boat_daq.engine.toml_values import read_text
 from protocol.base.errors import BoatDaqError, DeviceError

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from boat_daq.engine.link.reader import ClockFit
+from boat_daq.engine.link.health import ClockFit
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.sample_columns import OtherChannels
 from boat_daq.engine.session.measured_blocks import MeasuredBlock, SampleQueue

@@ -17,7 +17,7 @@ from typing import Any
 
 from boat_daq import __version__
 from boat_daq.engine.installation import library_versions, shortcomings
-from boat_daq.engine.qualification.drills import DrillResult
+from boat_daq.engine.qualification.drill_rig import DrillResult
 
 _ROOT = Path(__file__).resolve().parents[3]
 _PACKAGES = ("boat_daq", "protocol", "analysis")

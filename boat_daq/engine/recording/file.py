@@ -4,158 +4,33 @@ Rules: tables and metadata are written before the file goes into WAL mode, so th
 commit is a transaction with synchronous=FULL; inserts carry their keys and are OR IGNORE, so that a commit whose
 outcome is unknown can be tried again. No other program writes (`WriterLock`) or checkpoints: SQLite up to 3.51.2 can
 damage a file where two do. A clean close leaves one plain file without -wal beside it.
-
-A lock beside a recording, held for as long as its writer lives.
-
-SQLite's own locks last only as long as a transaction, so they do not show that a recording is in progress. This one
-does: an empty file NAME.boat-lock, locked by the operating system, which lets go of it when the process ends in any
-way. The lock is advisory: it keeps cooperating programs from writing to one recording, and distinguishes a killed
-session from a living one. (It is not on the recording itself, because closing a second descriptor of that file would
-drop SQLite's own locks on it.)"""
+"""
 
 from __future__ import annotations
 
 import contextlib
 import errno
 import json
-import os
 import shutil
 import sqlite3
-import sys
 import time
 import uuid
 from collections.abc import Iterable, Mapping
 from datetime import datetime
 from itertools import groupby
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, TypeAlias
 
 from boat_daq import __version__
 from boat_daq.engine.file_names import check_file_name
+from boat_daq.engine.recording.disk_space import SPACE_FLOOR_BYTES
+from boat_daq.engine.recording.writer_lock import WriterLock
 from protocol.base.errors import RequestError, StorageError
-from protocol.recording import open_recording, refuse_newer, sample_dtype, schema
+from protocol.recording import open_recording, refuse_newer, schema
 from protocol.recording.checks import harden
 
-if sys.platform == "win32":
-    import msvcrt
-
-    def _try_lock(descriptor: int) -> bool:
-        try:
-            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-        except OSError:
-            return False
-        return True
-
-    def _is_locked(descriptor: int) -> bool:
-        return not _try_lock(descriptor)  # released with the descriptor
-
-elif sys.platform == "linux":
-    import fcntl
-    import struct
-
-    _FLOCK: Final = struct.Struct("@hhqqi4x")  # l_type, l_whence, l_start, l_len, l_pid
-    _WRITE_LOCK: Final = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)
-
-    def _try_lock(descriptor: int) -> bool:
-        try:
-            fcntl.fcntl(descriptor, fcntl.F_OFD_SETLK, _WRITE_LOCK)
-        except (BlockingIOError, PermissionError):
-            return False
-        return True
-
-    def _is_locked(descriptor: int) -> bool:
-        """Look without taking the lock: for a moment it would refuse a writer."""
-        found = fcntl.fcntl(descriptor, fcntl.F_OFD_GETLK, _WRITE_LOCK)
-        return bool(_FLOCK.unpack(found)[0] != fcntl.F_UNLCK)
-
-else:
-    import fcntl
-
-    def _try_lock(descriptor: int) -> bool:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        return True
-
-    def _is_locked(descriptor: int) -> bool:
-        return not _try_lock(descriptor)  # released with the descriptor
-
-
-def lock_path(recording: Path) -> Path:
-    """Return the name of a recording's lock."""
-    return recording.with_name(recording.name + "-lock")
-
-
-class WriterLock:
-    """The exclusive right to write a recording, until `close` or the process ends.
-
-    Raises
-    ------
-    StorageError : another program writes it, or the folder cannot be written.
-    """
-
-    def __init__(self, recording: Path) -> None:
-        self._path = lock_path(recording)
-        try:
-            descriptor = self._locked()
-        except OSError as error:
-            remedy = "Choose a local folder with write permission."
-            raise StorageError(f"cannot write in {recording.parent}: {error.strerror}", remedy) from error
-        if descriptor is None:
-            remedy = "Wait until that program has closed it."
-            raise StorageError(f"{recording} is being written by another program", remedy)
-        self._descriptor: int | None = descriptor
-
-    def _locked(self) -> int | None:
-        """Return a descriptor of the locked file; None if another program has the lock.
-
-        The file may have been removed by its last owner between the opening and the lock, which then protects
-        nothing: another program could lock a new file of that name.
-        """
-        while True:
-            descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
-            try:
-                locked = _try_lock(descriptor)
-                if locked and os.fstat(descriptor).st_nlink > 0:
-                    return descriptor
-            except OSError:
-                os.close(descriptor)
-                raise
-            os.close(descriptor)
-            if not locked:
-                return None
-
-    def close(self) -> None:
-        """Release the lock; may be called twice."""
-        if self._descriptor is None:
-            return
-        if sys.platform != "win32":  # Windows cannot remove an open file, and removing a closed one would race
-            with contextlib.suppress(OSError):
-                self._path.unlink()
-        os.close(self._descriptor)
-        self._descriptor = None
-        if sys.platform == "win32":
-            with contextlib.suppress(OSError):
-                self._path.unlink()
-
-
-def is_being_written(recording: Path) -> bool:
-    """Return whether a living program (this one included) writes `recording`."""
-    try:
-        descriptor = os.open(lock_path(recording), os.O_RDWR)
-    except OSError:
-        return False
-    try:
-        return _is_locked(descriptor)
-    finally:
-        os.close(descriptor)
-
-
 Statement: TypeAlias = tuple[str, tuple[Any, ...]]
-
 _LOCKED = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
-SPACE_FLOOR_BYTES = 32 * 2**20  # below this a recording is ended while it can still be closed
 
 
 def now_utc() -> str:
@@ -371,35 +246,3 @@ def _identity(path: Path) -> tuple[int, int] | None:
     except OSError:
         return None
     return status.st_dev, status.st_ino
-
-
-_WIRE_BYTES = 26  # of a SAMPLE frame beside its sensors: COBS, head, CRC, delimiter
-_ROW_BYTES = 40  # SQLite's share of a chunk row, when every sample comes in its own
-_MARGIN = 1.25  # events, health, the write-ahead log
-
-
-def bytes_per_second(rate_hz: float, n_sensors: int) -> float:
-    """Return what a recording grows by: raw bytes, samples, and the rows around them."""
-    return rate_hz * (_WIRE_BYTES + 4 * n_sensors + sample_dtype(n_sensors).itemsize + _ROW_BYTES) * _MARGIN
-
-
-def check_space(folder: Path, *, rate_hz: float, duration_s: float, n_sensors: int) -> None:
-    """Refuse a recording that does not fit into a folder.
-
-    Parameters
-    ----------
-    rate_hz, duration_s, n_sensors : of the plan's run.
-
-    Raises
-    ------
-    StorageError : there is no such folder, it cannot be written, or the recording does not fit.
-    """
-    if not folder.is_dir():
-        raise StorageError(f"there is no folder {folder}", "Create it, or choose another.")
-    if not os.access(folder, os.W_OK):
-        raise StorageError(f"the folder {folder} cannot be written", "Choose one with write permission.")
-    needed = int(bytes_per_second(rate_hz, n_sensors) * duration_s) + SPACE_FLOOR_BYTES
-    free = shutil.disk_usage(folder).free
-    if free < needed:
-        cause = f"the recording needs about {needed / 1e6:.0f} MB and {folder} has {free / 1e6:.0f} MB free"
-        raise StorageError(cause, "Free disk space, choose another disk, or record less.")

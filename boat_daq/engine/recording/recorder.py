@@ -15,7 +15,8 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from boat_daq.engine.link.reader import Block, raise_priority
+from boat_daq.engine.link.block import Block
+from boat_daq.engine.link.reader import raise_priority
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.file import RecordingFile, Statement, now_utc, set_meta

@@ -20,15 +20,9 @@ from zlib import crc32
 
 import numpy as np
 
-from boat_daq.engine.recording.file import (
-    RecordingFile,
-    Statement,
-    WriterLock,
-    is_being_written,
-    set_meta,
-    storage_error,
-)
+from boat_daq.engine.recording.file import RecordingFile, Statement, set_meta, storage_error
 from boat_daq.engine.recording.rows import INSERT_EVENT, OverviewRows
+from boat_daq.engine.recording.writer_lock import WriterLock, is_being_written
 from boat_daq.engine.sample_columns import mv_per_count
 from protocol.base.errors import DamagedRecordingError, RecordingError, RequestError, StorageError
 from protocol.recording import schema

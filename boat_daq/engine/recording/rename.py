@@ -10,8 +10,9 @@ from contextlib import closing
 from pathlib import Path
 
 from boat_daq.engine.file_names import path_in
-from boat_daq.engine.recording.file import RecordingFile, WriterLock, check_recording_name, storage_error
+from boat_daq.engine.recording.file import RecordingFile, check_recording_name, storage_error
 from boat_daq.engine.recording.rows import INSERT_EVENT
+from boat_daq.engine.recording.writer_lock import WriterLock
 from protocol.base.errors import RequestError
 from protocol.recording import NOTE_EVENT, open_recording, read_session
 

@@ -20,10 +20,11 @@ from typing import Any
 from boat_daq import __version__
 from boat_daq.engine.plan import Plan, StepMark, plan_from_table, resume_point
 from boat_daq.engine.recording.closed_run import read_readings, read_steps
-from boat_daq.engine.recording.file import RecordingFile, is_being_written, now_utc, set_meta
+from boat_daq.engine.recording.file import RecordingFile, now_utc, set_meta
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.rows import INSERT_EVENT, Counters
 from boat_daq.engine.recording.upgrade import upgrade
+from boat_daq.engine.recording.writer_lock import is_being_written
 from boat_daq.engine.snapshot import Reading
 from protocol.base.errors import RequestError, StorageError
 from protocol.recording import schema

@@ -15,7 +15,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from boat_daq.engine.link.reader import Block, EngineEvent, PortLost, PortSilent, SinkFailed
+from boat_daq.engine.link.block import Block, EngineEvent, PortLost, PortSilent, SinkFailed
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.file import Statement
 from boat_daq.engine.sample_columns import mv_per_count

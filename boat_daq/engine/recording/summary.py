@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from boat_daq.engine.recording.file import is_being_written
+from boat_daq.engine.recording.writer_lock import is_being_written
 from protocol.base.errors import BoatDaqError, damaged
 from protocol.recording import ExtraChannel, Metadata, metadata_of, schema, session_channels
 from protocol.recording.checks import DAMAGE, bytes_of

@@ -12,9 +12,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from boat_daq.engine.control.board_commands import Check, Send
+from boat_daq.engine.control.board_commands import Send
 from boat_daq.engine.control.controller import Controller
 from boat_daq.engine.control.elongation import Regulator
+from boat_daq.engine.control.preflight import Check
 from boat_daq.engine.plan import Plan, resume_point
 from boat_daq.engine.session.journal import Journal
 from protocol.base.errors import RequestError

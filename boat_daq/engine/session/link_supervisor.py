@@ -17,9 +17,12 @@ from contextlib import AbstractContextManager
 
 from boat_daq.engine.control.controller import Controller
 from boat_daq.engine.control.watchdog import FAST
+from boat_daq.engine.link.block import Block, PortLost, SinkFailed
+from boat_daq.engine.link.health import LinkHealth
 from boat_daq.engine.link.opening import OpenPort, open_port
-from boat_daq.engine.link.reader import Block, LinkHealth, PortLost, PortReader, SinkFailed
-from boat_daq.engine.link.transports import PortInfo, ReplayEnded, find_port, usb_port
+from boat_daq.engine.link.ports import PortInfo, find_port, usb_port
+from boat_daq.engine.link.reader import PortReader
+from boat_daq.engine.link.replay import ReplayEnded
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.sample_columns import mv_per_count
 from boat_daq.engine.session.journal import Journal

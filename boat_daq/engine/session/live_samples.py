@@ -10,8 +10,8 @@ import numpy as np
 
 from boat_daq.engine.derived_store import load_derived
 from boat_daq.engine.display.ring_buffer import RingBuffer
+from boat_daq.engine.link.block import Block
 from boat_daq.engine.link.opening import OpenPort
-from boat_daq.engine.link.reader import Block
 from boat_daq.engine.sample_columns import OtherChannels, units_of
 from boat_daq.engine.session.guarded_controller import GuardedController
 from boat_daq.engine.session.journal import Journal

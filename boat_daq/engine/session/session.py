@@ -16,9 +16,9 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from boat_daq.engine.control.board_commands import Check
 from boat_daq.engine.control.controller import MANUAL_RAMP_KPA_PER_S, Controller
 from boat_daq.engine.control.elongation import Regulator
+from boat_daq.engine.control.preflight import Check
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.installation import shortcomings
 from boat_daq.engine.log import note
@@ -29,7 +29,8 @@ from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.sample_columns import OtherChannels
 from boat_daq.engine.session.active_recording import ActiveRecording
 from boat_daq.engine.session.guarded_controller import GuardedController
-from boat_daq.engine.session.journal import HealthLog, Journal, health_line
+from boat_daq.engine.session.health_log import HealthLog, health_line
+from boat_daq.engine.session.journal import Journal
 from boat_daq.engine.session.link_supervisor import LinkSupervisor
 from boat_daq.engine.session.live_samples import LiveSamples, SampleSink
 from boat_daq.engine.session.measured_blocks import MeasuredBlock, SampleQueue, blocks

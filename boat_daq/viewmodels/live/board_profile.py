@@ -21,9 +21,9 @@ from protocol.base.errors import ProfileError, RequestError
 from protocol.base.whole_file import write_whole
 from protocol.link.events import Samples
 from protocol.text.connection import TextConnection
+from protocol.text.packets import parse_format
 from protocol.text.profile import COMMANDS, TextProfile, load_profile
 from protocol.text.proposal import ENOUGH, Proposal, ProposedField, propose_any
-from protocol.text.readers import parse_format
 
 RAW_LINES, RAW_BYTES, RAW_MAX = 10, 16, 200  # lines shown; bytes and characters of one
 PREVIEW_BYTES = 60_000  # the newest, that the preview decodes

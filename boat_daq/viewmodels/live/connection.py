@@ -18,7 +18,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from boat_daq.engine.link.opening import PortIdentity, identify_known, listed_ports
-from boat_daq.engine.link.transports import list_ports
+from boat_daq.engine.link.ports import list_ports
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
@@ -28,8 +28,8 @@ from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.workflows.jobs import Background
 from protocol.base.errors import RequestError
 from protocol.simulator.specimens import RISING_NAMES, SENSOR_COUNTS
+from protocol.text.packets import parse_format
 from protocol.text.profile import load_profile
-from protocol.text.readers import parse_format
 
 LONGEST_PORT = 28
 ENDED = (LinkState.CLOSED, LinkState.FAILED)  # a link that another one may replace

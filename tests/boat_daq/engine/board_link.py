@@ -7,7 +7,8 @@ import threading
 import time
 from pathlib import Path
 
-from boat_daq.engine.link.reader import URGENT_NICE, Block, PortReader
+from boat_daq.engine.link.block import Block
+from boat_daq.engine.link.reader import URGENT_NICE, PortReader
 from boat_daq.engine.recording.recorder import Recorder
 from protocol import CommandDone, Connection, Identify, SetPressure, Start
 from protocol.base.errors import DeviceError

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from boat_daq.engine.link.reader import Block
+from boat_daq.engine.link.block import Block
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.recorder import Recorder

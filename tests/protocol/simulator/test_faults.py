@@ -22,8 +22,8 @@ from protocol.link.messages import (
     encode_command,
 )
 from protocol.recording import BoardState, SampleFlag
+from protocol.simulator.channel_model import OTHER_DEVICE
 from protocol.simulator.faults import FAULTS
-from protocol.simulator.transmitter import OTHER_DEVICE
 from tests.protocol.simulator.board_host import BoardHost
 
 DONE = AckStatus.DONE

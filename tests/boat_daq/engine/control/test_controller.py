@@ -7,7 +7,8 @@ from itertools import pairwise
 
 import pytest
 
-from boat_daq.engine.control.board_commands import ZERO_SAMPLES, BoardCommands
+from boat_daq.engine.control.board_commands import BoardCommands
+from boat_daq.engine.control.preflight import ZERO_SAMPLES
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import RunEnding, SessionState
 from protocol.base.errors import RequestError

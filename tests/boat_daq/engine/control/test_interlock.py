@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from boat_daq.engine.control.interlock import FlatLine, Interlock, Trip
+from boat_daq.engine.control.interlock import FlatLine, Interlock
+from boat_daq.engine.control.trips import Trip
 from boat_daq.engine.sample_columns import Columns
 from protocol.base.errors import RequestError
 from protocol.link.messages import SetPressure

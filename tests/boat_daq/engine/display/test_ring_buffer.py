@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from boat_daq.engine.display.ring_buffer import ColumnRing, MinMaxPyramid, RingBuffer, fold_columns
-from boat_daq.engine.link.reader import Block
+from boat_daq.engine.link.block import Block
 from boat_daq.engine.sample_columns import OtherChannels
 from boat_daq.viewmodels.live.live_model import sensor_names
 from protocol import Samples

@@ -9,7 +9,8 @@ import threading
 import numpy as np
 import pytest
 
-from boat_daq.engine.link.reader import URGENT_NICE, Block, PortLost, PortReader, PortSilent, SinkFailed
+from boat_daq.engine.link.block import Block, PortLost, PortSilent, SinkFailed
+from boat_daq.engine.link.reader import URGENT_NICE, PortReader
 from protocol import CommandDone, CommandLost, Connection, Heartbeat, Identify, Samples, Start, Vent
 from protocol.base.errors import DeviceError
 from protocol.simulator.board import VirtualBoard

@@ -21,8 +21,10 @@ import numpy as np
 import pytest
 import serial
 
-from boat_daq.engine.link import transports
-from boat_daq.engine.link.transports import ReplayEnded, SerialTransport, list_ports, open_error, open_transport
+from boat_daq.engine.link import ports, replay
+from boat_daq.engine.link.ports import SerialTransport, list_ports, open_error
+from boat_daq.engine.link.replay import ReplayEnded
+from boat_daq.engine.link.transports import open_transport
 from protocol.base.errors import DeviceError
 from protocol.recording import open_recording
 from protocol.simulator.board import VirtualBoard
@@ -150,8 +152,8 @@ def test_every_type_that_pyserial_raises_becomes_one(terminal, monkeypatch, erro
     def fail(*_):
         raise error
 
-    monkeypatch.setattr(transports, "_read_some", fail)
-    monkeypatch.setattr(transports, "_write_all", fail)
+    monkeypatch.setattr(ports, "_read_some", fail)
+    monkeypatch.setattr(ports, "_write_all", fail)
     with pytest.raises(DeviceError, match="was disconnected"):
         port.read()
     with pytest.raises(DeviceError, match="was disconnected"):
@@ -303,7 +305,7 @@ def test_a_fast_board_is_replayed_evenly(recording, tmp_path):
         db.execute("UPDATE chunk SET host_ns = id / 20 * 20 * (SELECT 250000000 / max(id) FROM chunk)")
         db.execute("UPDATE segment SET host_ns = 0")
         first, last = db.execute("SELECT min(first_time_us), max(last_time_us) FROM block").fetchone()
-    played = list(transports._chunks(path))
+    played = list(replay._chunks(path))
     assert b"".join(raw for _, raw in played) == raw_of(path)
     times = np.array([at for at, _ in played])
     assert times[-1] == pytest.approx((last - first) / 1e6, rel=0.05)
@@ -325,4 +327,4 @@ def test_a_name_of_this_computer_and_another_is_another(monkeypatch, addresses, 
     """A name that resolves to a loopback address among others may lead elsewhere: it is refused like a remote one."""
     found = [(socket.AF_INET, socket.SOCK_STREAM, 6, "", (address, 0)) for address in addresses]
     monkeypatch.setattr(socket, "getaddrinfo", lambda *_: found)
-    assert transports._is_loopback("board.lab") is near
+    assert ports._is_loopback("board.lab") is near

@@ -11,9 +11,10 @@ import time
 import numpy as np
 import pytest
 
-from boat_daq.engine.link.reader import URGENT_NICE, Block
+from boat_daq.engine.link.block import Block
+from boat_daq.engine.link.reader import URGENT_NICE
 from boat_daq.engine.plan import StepMark
-from boat_daq.engine.qualification.drills import slow_commits
+from boat_daq.engine.qualification.drill_rig import slow_commits
 from boat_daq.engine.recording.closed_run import append_reading
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.rows import step_row
@@ -193,7 +194,7 @@ def test_a_closed_recording_takes_later_readings(recorder, source, path):
 
 def test_health_is_kept_each_second(path, source):
     """The file holds the link's counters as they grew."""
-    from boat_daq.engine.link.reader import LinkHealth
+    from boat_daq.engine.link.health import LinkHealth
 
     health = LinkHealth(lambda: source.link.statistics, asked_hz=100)
     recorder = Recorder(path, meta_of(source.link), health=health.snapshot)

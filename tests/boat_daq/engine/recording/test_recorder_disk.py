@@ -9,12 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from boat_daq.engine.link.reader import Block
+from boat_daq.engine.link.block import Block
 from boat_daq.engine.recording import recorder as recorder_module
-from boat_daq.engine.recording.file import is_being_written
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.verify import verify_recording
+from boat_daq.engine.recording.writer_lock import is_being_written
 from protocol.base.errors import StorageError
 from protocol.recording import RunEnd
 from tests.boat_daq.engine.board_link import meta_of
@@ -161,7 +161,7 @@ def test_a_recording_ends_below_32_mib_of_free_disk(path, source, monkeypatch, f
     """The space that closing a recording may need."""
     recorder = begin(path, source)
     free = SimpleNamespace(free=free_mib * 2**20)
-    monkeypatch.setattr("boat_daq.engine.recording.file.shutil.disk_usage", lambda _: free)
+    monkeypatch.setattr("boat_daq.engine.recording.disk_space.shutil.disk_usage", lambda _: free)
     if reported:
         with pytest.raises(StorageError, match="MB left"):
             recorder._file.check_place()

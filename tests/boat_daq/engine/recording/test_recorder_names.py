@@ -6,11 +6,11 @@ import sys
 
 import pytest
 
-from boat_daq.engine.recording import file
-from boat_daq.engine.recording.file import WriterLock, is_being_written, lock_path
+from boat_daq.engine.recording import writer_lock
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.verify import verify_recording
+from boat_daq.engine.recording.writer_lock import WriterLock, is_being_written, lock_path
 from protocol.base.errors import RequestError, StorageError
 from protocol.recording import RunEnd, open_recording, read_session
 from protocol.simulator.board import VirtualBoard
@@ -71,7 +71,7 @@ def test_a_second_writer_is_refused_and_may_read(recorder, source, path):
 def test_lock_of_a_removed_file_is_no_lock(path, monkeypatch):
     """A second writer opens the lock file, the first closes and removes it, a third locks a new one: not both."""
     first, third = WriterLock(path), []
-    try_lock = file._try_lock
+    try_lock = writer_lock._try_lock
 
     def late(descriptor):
         if not third:
@@ -80,7 +80,7 @@ def test_lock_of_a_removed_file_is_no_lock(path, monkeypatch):
             third[0] = WriterLock(path)
         return try_lock(descriptor)
 
-    monkeypatch.setattr(file, "_try_lock", late)
+    monkeypatch.setattr(writer_lock, "_try_lock", late)
     with pytest.raises(StorageError, match="being written"):
         WriterLock(path)
     third[0].close()
@@ -91,7 +91,7 @@ def test_lock_of_a_removed_file_is_no_lock(path, monkeypatch):
 def test_looking_for_a_writer_refuses_no_writer(path, monkeypatch):
     """`is_being_written` never takes the lock, not even for a moment."""
     lock = WriterLock(path)
-    monkeypatch.setattr(file, "_try_lock", lambda descriptor: pytest.fail("took the lock"))
+    monkeypatch.setattr(writer_lock, "_try_lock", lambda descriptor: pytest.fail("took the lock"))
     assert is_being_written(path)
     lock.close()
     lock_path(path).touch()  # left by a program that was killed

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from boat_daq.engine.link.reader import Block
+from boat_daq.engine.link.block import Block
 from boat_daq.engine.recording import recorder as recorder_module
 from boat_daq.engine.recording.recorder import COMMIT_S, Recorder
 from boat_daq.engine.recording.resumption import RESUMED

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from analysis import load_recording
-from boat_daq.engine.recording.file import WriterLock
 from boat_daq.engine.recording.rename import add_note, companions, rename
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
+from boat_daq.engine.recording.writer_lock import WriterLock
 from protocol.base.errors import RequestError, StorageError
 
 SAMPLE = Path(__file__).parents[4] / "recordings" / "simulated_SA1_two_cycles.boat"

@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 
 import protocol
 from boat_daq.engine.link import opening
+from boat_daq.engine.link.block import Block
 from boat_daq.engine.link.opening import open_link
-from boat_daq.engine.link.reader import Block
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.verify import verify_recording
 from protocol import Connection, Start

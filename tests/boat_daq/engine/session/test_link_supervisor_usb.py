@@ -14,7 +14,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from boat_daq.engine.link import transports
+from boat_daq.engine.link import ports
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.snapshot import LinkState
@@ -101,7 +101,7 @@ def test_board_is_found_by_its_usb_serial_number(monkeypatch, tmp_path, make, pr
     monkeypatch.setattr("boat_daq.engine.session.link_supervisor.SEEK_S", 0.1)
     first, second = tmp_path / "ttyACM0", tmp_path / "ttyACM1"
     present: list[SimpleNamespace] = []
-    monkeypatch.setattr(transports.system_ports, "comports", lambda: present)
+    monkeypatch.setattr(ports.system_ports, "comports", lambda: present)
     board, again, instrument = Plug(make()), Plug(make()), Plug(lambda _came: b"")
     board.at(first)
     present[:] = [port(first, "PSOC-7")]
@@ -127,7 +127,7 @@ def test_usb_serial_number_is_stored_with_the_unit(monkeypatch, tmp_path):
     """Of a real board only: a virtual one shares nothing with the unit but the name."""
     name, shown = tmp_path / "ttyACM0", Plug(lines())
     shown.at(name)
-    monkeypatch.setattr(transports.system_ports, "comports", lambda: [port(name, "PSOC-7")])
+    monkeypatch.setattr(ports.system_ports, "comports", lambda: [port(name, "PSOC-7")])
     try:
         for profile, stored in ((PROFILE.replace("n_s", "simulated = true, n_s"), {}), (PROFILE, {"PSOC-7": "SA7"})):
             with session_in(tmp_path) as session:

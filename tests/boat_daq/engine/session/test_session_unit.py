@@ -7,7 +7,7 @@ import os
 import pytest
 
 from boat_daq.engine.plan import load_plan
-from boat_daq.engine.session import journal
+from boat_daq.engine.session import health_log
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, Unit, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings
@@ -20,7 +20,7 @@ PATIENCE_S = 20.0
 @pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 def test_limits_changed_by_another_program_hold_at_once(monkeypatch, tmp_path):
     """An armed plan is disarmed; a file that is refused leaves the limits as they were, with a warning."""
-    monkeypatch.setattr(journal, "EVERY_S", 0.05)
+    monkeypatch.setattr(health_log, "EVERY_S", 0.05)
     units = UnitLibrary(tmp_path)
     session = Session(Settings(), units)
     with serve_in_thread(BoardSettings()) as board:

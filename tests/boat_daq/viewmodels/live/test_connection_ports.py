@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 from boat_daq.engine.link import opening
 from boat_daq.engine.link.opening import PortIdentity
-from boat_daq.engine.link.transports import PortInfo
+from boat_daq.engine.link.ports import PortInfo
 from boat_daq.engine.settings import Unit, UnitLibrary
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.live import connection

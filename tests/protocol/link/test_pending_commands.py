@@ -16,10 +16,10 @@ from protocol import (
     Stop,
     Vent,
 )
-from protocol.link.connection import PendingCommands
 from protocol.link.events import BoardRestarted, CommandDone, CommandLost, HelloReceived, LinkEvent, WrongProtocol
 from protocol.link.framing import FrameReader
 from protocol.link.messages import Ack, AckStatus, Command, Hello, MessageType, decode_command
+from protocol.link.pending_commands import PendingCommands
 from tests.protocol.link.streams import BOOTED, HELLO, START_DONE, sample, stream
 
 MS = 1_000_000

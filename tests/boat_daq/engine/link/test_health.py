@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from boat_daq.engine.link.reader import Block, ClockFit, LinkHealth
+from boat_daq.engine.link.block import Block
+from boat_daq.engine.link.health import ClockFit, LinkHealth
 from boat_daq.engine.snapshot import LinkWarningCode
 from protocol import LinkStatistics, Samples
 from protocol.recording import sample_dtype

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from protocol.link.messages import Sample, encode_message
-from protocol.simulator.transmitter import body_dtype, encode_samples, frame_length
+from protocol.simulator.sample_frames import body_dtype, encode_samples, frame_length
 
 RARE_AND_PLAIN = st.one_of(st.sampled_from([0, 1, 255, 256]), st.integers(0, 65_535))
 

@@ -46,15 +46,8 @@ from boat_daq.gui.widgets.layouts import EmptyState, Leaves, Shares
 from boat_daq.gui.widgets.text_dialog import TextDialog
 from boat_daq.viewmodels.common.files import TABLES
 from boat_daq.viewmodels.common.services import Page, Services
-from boat_daq.viewmodels.results.runs import (
-    HEADINGS,
-    MOST_COMPARED,
-    RunActions,
-    RunEntry,
-    RunsModel,
-    obstacle,
-    selection_text,
-)
+from boat_daq.viewmodels.results.run_entry import HEADINGS, MOST_COMPARED, RunEntry, obstacle, selection_text
+from boat_daq.viewmodels.results.runs import RunActions, RunsModel
 from protocol.base.arrays import FloatArray
 
 Index = QModelIndex | QPersistentModelIndex

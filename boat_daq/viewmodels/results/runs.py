@@ -1,15 +1,12 @@
 """The recordings of a folder, the units with their calibrations, and what can be done with them.
 
-Rules: the list is read on a helper thread, from heads and overviews, never from samples. A damaged file is listed with
-its reason. Exports and reports are made by a helper process. The readings of a closed recording obey the rules of the
-live page: what is entered is added to the file as a newer row, so that undo is a newer row, too.
+Rules: the list is read on a helper thread; exports and reports are made by a helper process.
 """
 
 from __future__ import annotations
 
 import os
-import sqlite3
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -26,130 +23,28 @@ from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.recording.recovery import Recovery, find_interrupted, recover
 from boat_daq.engine.recording.rename import add_note, rename
 from boat_daq.engine.recording.resumption import BrokenRun, prepare_resumption, read_broken_run
-from boat_daq.engine.recording.summary import Summary, is_simulated, pressure_outline, summarise
+from boat_daq.engine.recording.summary import is_simulated
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
-from boat_daq.formatting import NOTHING, count, duration, number
+from boat_daq.formatting import NOTHING, count, number
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Change, Services, UndoHistory
 from boat_daq.viewmodels.results.dynamics import DynamicsModel
 from boat_daq.viewmodels.results.metadata import MetadataModel
+from boat_daq.viewmodels.results.run_entry import MOST_COMPARED, RunEntry, read_run, sort_key
 from boat_daq.viewmodels.results.run_result import CurveBands, RunResult, compare_runs
 from boat_daq.viewmodels.results.unit_over_time import UnitOverTimeModel
 from boat_daq.workflows.calibration_in_force import accepted_records, record_of
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from boat_daq.workflows.run_files import export_run, report_runs
 from protocol.base.arrays import FloatArray
-from protocol.base.errors import BoatDaqError, DamagedRecordingError, RequestError
+from protocol.base.errors import RequestError
 from protocol.base.units import STORED_UNITS
-from protocol.recording import SUFFIX, RunEnd
+from protocol.recording import SUFFIX
 
-HEADINGS = ("", "Unit", "Recorded", "Length", "Cycles", "Readings", "State", "File")
-POINTS = 160  # of a thumbnail
-MOST_COMPARED = 4
 SCAN_INTERVAL_S = 3.0
 IN_USE = (LinkState.OPENING, LinkState.UP, LinkState.SILENT, LinkState.LOST)
-STATES = {
-    "closed": "\u25cf complete", "recovered": "\u25cf recovered", "recording": "\u25b6 recording",
-    "interrupted": "\u25b2 interrupted",
-}  # fmt: skip
-CHOOSE_ONE, CHOOSE_SOME = "Choose a recording in the list.", "Choose one or more recordings in the list."
-CHANGES = ("readings", "rename", "note", "metadata")  # of a recording
 SIMULATED_MARK = "  SIMULATED"  # behind the name of a unit
-NONE_CHOSEN = "Choose a recording to calibrate, replay or export it, or two to four to compare them."
-
-
-@dataclass(frozen=True, slots=True)
-class RunEntry:
-    """One line of the list; `outline` is the pressure's (time, low, high) in the unit square."""
-
-    path: Path
-    summary: Summary | None
-    problem: str = ""
-    damaged: bool = False  # whether it may be recovered, where it cannot be read
-    outline: tuple[tuple[float, float, float], ...] = ()
-
-    @property
-    def recoverable(self) -> bool:
-        """Whether a killed session left it open, or it is damaged."""
-        return self.damaged or (self.summary is not None and self.summary.status == "interrupted")
-
-    @property
-    def closed(self) -> bool:
-        """Whether the file is closed, so that readings may be added."""
-        return self.summary is not None and self.summary.status in ("closed", "recovered")
-
-    @property
-    def resumable(self) -> bool:
-        """Whether its run ended early and can be resumed."""
-        s = self.summary
-        return s is not None and s.status != "recording" and s.run_end is not RunEnd.FINISHED and s.steps > 0
-
-    @property
-    def under_control(self) -> bool:
-        """Whether its plan sets an elongation."""
-        return self.closed and self.summary is not None and self.summary.controls_elongation
-
-    @property
-    def note(self) -> str:
-        """The operator's note."""
-        return (self.summary.note if self.summary is not None else None) or ""
-
-    def matches(self, words: str) -> bool:
-        """Whether every word is in its line or its tooltip, whatever its case."""
-        text = " ".join((*self.cells, self.tip)).casefold()
-        return all(word in text for word in words.casefold().split())
-
-    @property
-    def tip(self) -> str:
-        """The tooltip."""
-        s = self.summary
-        if s is None:
-            return self.problem
-        breaks = [
-            f"interrupted after {count(b.complete_cycles, 'cycle')}: {b.cause}"
-            + (f", for {duration(b.break_s)}" if b.break_s is not None else "")
-            for b in s.breaks
-        ]
-        operator, lost = f"operator {s.operator}" if s.operator else "", f"{count(s.lost_samples, 'sample')} lost"
-        length = f"{duration(s.duration_s)} long, {count(s.readings, 'reading')}"
-        return "\n".join(filter(None, (self.path.name, length, *breaks, s.note, operator, s.stop_reason, lost)))
-
-    @property
-    def cells(self) -> tuple[str, ...]:
-        """The line as texts, in the order of `HEADINGS`."""
-        s = self.summary
-        if s is None:
-            return ("", *(NOTHING,) * 5, "\u25a0 cannot be read", self.path.name)
-        simulated = "  SIMULATED" if s.simulated else ""
-        cycles = str(s.cycles.complete) + (f" + {s.cycles.partial} partial" if s.cycles.partial else "")
-        state = _state(s) + (f", {count(len(s.breaks), 'interruption')}" if s.breaks else "")
-        unit, started = f"{s.unit or NOTHING}{simulated}", s.started_utc[:16].replace("T", "  ")
-        return ("", unit, started, duration(s.duration_s), cycles, str(s.readings), state, self.path.name)
-
-
-def _state(s: Summary) -> str:
-    """Return the state of a recording: a closed file may hold a run that did not reach its end."""
-    if s.status == "closed" and s.run_end in (RunEnd.ABORTED, RunEnd.FAULT):
-        return "\u25b2 aborted"
-    if s.status == "closed" and s.run_end is RunEnd.STOPPED:
-        return "\u25a0 stopped early"
-    return STATES.get(s.status, s.status)
-
-
-def read_run(path: Path) -> RunEntry:
-    """Return one line of the list; a file that cannot be read is a line with its problem."""
-    try:
-        return RunEntry(path, summarise(path), outline=pressure_outline(path, POINTS))
-    except BoatDaqError as error:
-        return RunEntry(path, None, error.cause, isinstance(error, DamagedRecordingError))
-    except (OSError, sqlite3.Error, KeyError, ValueError) as error:
-        return RunEntry(path, None, f"cannot be read: {error}", isinstance(error, sqlite3.Error))
-
-
-def _sort_key(run: RunEntry) -> tuple[str, str]:
-    """Return start and name: the place of a line in the list does not change while its file is written."""
-    return (run.summary.started_utc if run.summary is not None else "", run.path.name)
 
 
 UnitLine = tuple[bool, tuple[str, ...]]
@@ -229,7 +124,7 @@ class RunsModel:
             found[key] = read_run(path) if fresh or run is None else run
         self._known = found
         names = {run.summary.uuid: run.path.name for run in found.values() if run.summary is not None}
-        return sorted(found.values(), key=_sort_key, reverse=True), self._read_units(names)
+        return sorted(found.values(), key=sort_key, reverse=True), self._read_units(names)
 
     def _files(self) -> list[tuple[Path, os.stat_result]]:
         """Return the recordings of the folder with size and time, without those deleted since they were listed."""
@@ -480,32 +375,3 @@ def _less(curve: CurveBands | None, first: CurveBands | None) -> tuple[FloatArra
     shared = (curve.grid >= first.grid[0]) & (curve.grid <= first.grid[-1])
     x = curve.grid[shared]
     return x, curve.curve[shared] - np.interp(x, first.grid, first.curve)
-
-
-def selection_text(chosen: Sequence[RunEntry]) -> str:
-    """Return the line under the list: what to choose, or the details of what is chosen."""
-    if not chosen:
-        return NONE_CHOSEN
-    if len(chosen) > 1:
-        return f"{count(len(chosen), 'recording')} are chosen, for a report or to be compared."
-    return " \u00b7 ".join(chosen[0].tip.splitlines())
-
-
-def obstacle(button: str, chosen: Sequence[RunEntry]) -> str:
-    """Return why a button (its key) cannot be used with the chosen recordings; empty where it can."""
-    if button == "compare" and not 2 <= len(chosen) <= MOST_COMPARED:
-        now = f"{count(len(chosen), 'recording')} {'is' if len(chosen) == 1 else 'are'} chosen" if chosen else "none is"
-        return f"Choose two to four recordings (Ctrl and click, or Shift and an arrow); {now}."
-    if not chosen:
-        return CHOOSE_SOME if button == "report" else CHOOSE_ONE
-    if len(chosen) > 1 and button not in ("report", "compare"):
-        return f"{count(len(chosen), 'recording')} are chosen; choose only one."
-    if (
-        button in ("report", "compare")
-        and len({run.summary.simulated for run in chosen if run.summary is not None}) > 1
-    ):
-        return "Simulated and real recordings are chosen; they are not compared."
-    if button in CHANGES and chosen[0].summary is not None and not chosen[0].closed:
-        later = "It can be changed once the recording is closed or recovered."
-        return f"{later} While it is recorded: Session, Metadata (Ctrl+Shift+E)." if button == "metadata" else later
-    return next((f"{run.path.name}: {run.problem}." for run in chosen if run.summary is None), "")

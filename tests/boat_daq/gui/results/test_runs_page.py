@@ -22,7 +22,7 @@ from analysis import load_recording
 from boat_daq.gui.style import THUMBNAIL
 from boat_daq.gui.widgets.text_dialog import TextDialog
 from boat_daq.viewmodels.results import runs as runs_model
-from boat_daq.viewmodels.results.runs import HEADINGS, read_run
+from boat_daq.viewmodels.results.run_entry import HEADINGS, read_run
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import NARROW, PATIENCE_MS, SAMPLE, run_shortcut
 from tests.boat_daq.viewmodels.helpers import DirectJob

@@ -16,8 +16,9 @@ from boat_daq.engine.settings import UnitLibrary
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.results import runs
+from boat_daq.viewmodels.results.run_entry import NONE_CHOSEN, RunEntry, obstacle, read_run, selection_text
 from boat_daq.viewmodels.results.run_result import compare_runs
-from boat_daq.viewmodels.results.runs import NONE_CHOSEN, RunEntry, RunsModel, obstacle, read_run, selection_text
+from boat_daq.viewmodels.results.runs import RunsModel
 from boat_daq.workflows.jobs import JobRunner
 from boat_daq.workflows.run_files import report_runs
 from protocol.base.errors import RequestError

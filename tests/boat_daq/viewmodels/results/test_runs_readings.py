@@ -9,8 +9,8 @@ from boat_daq.engine.recording.closed_run import ClosedRun
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.results.calibration_texts import readings_text
+from boat_daq.viewmodels.results.run_entry import read_run
 from boat_daq.viewmodels.results.run_result import analyse_run
-from boat_daq.viewmodels.results.runs import read_run
 from protocol.base.errors import RequestError
 from tests.boat_daq.gui.recorded_session import idle
 

@@ -10,15 +10,15 @@ import json
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeVar
-
-import matplotlib as mpl
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from analysis import figure_style as style
 from analysis.progress import Progress, part_of
 from protocol.base.errors import RequestError
 from protocol.base.whole_file import write_whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Study = TypeVar("Study")
 Result = TypeVar("Result")
@@ -75,6 +75,8 @@ def write_pictures(
     ----------
     look : parameters of matplotlib beside those of the style, with `_` for `.`.
     """
+    import matplotlib as mpl  # half a second that only who draws spends
+
     files = []
     with mpl.rc_context(style.RC | {name.replace("_", "."): value for name, value in look.items()}):
         for picture in pictures:

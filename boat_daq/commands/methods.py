@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,7 +11,7 @@ import typer
 from boat_daq.commands.console import JsonOption, notify, present, progress_bar, writing
 
 if TYPE_CHECKING:
-    from analysis.studies.tradeoff.measure import Method
+    from analysis.studies.tradeoff.decimation import Paint
 
 
 def tradeoff(
@@ -36,44 +35,36 @@ def tradeoff(
 
     Example: boat-daq tradeoff inverse posterior --quick --out charts
     """
+    from analysis.studies.harness import chosen
     from analysis.studies.tradeoff.charts import report_json, write_report
     from analysis.studies.tradeoff.measure import measure_all
-    from analysis.studies.tradeoff.methods import METHODS
-    from boat_daq.workflows.measured_methods import camera_tracker
-    from protocol.base.errors import RequestError
+    from boat_daq.workflows.measured_methods import tradeoff_methods
 
-    live = _live_plot()
-    known = METHODS | {live.name: live}
-    if importlib.util.find_spec("cv2") is None:
+    known = tradeoff_methods(_painter())
+    if "tracking" not in known:
         notify("OpenCV is not installed: the camera's tracker is not measured")
-    else:
-        known["tracking"] = camera_tracker()
+    wanted = chosen(list(known.values()), methods or (), lambda method: (method.name,))
     with writing(folder):  # before minutes are spent
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
-    unknown = [name for name in methods or () if name not in known]
-    if unknown:
-        raise RequestError(f"there is no method '{unknown[0]}'", f"Choose among {', '.join(known)}.")
-    chosen = [known[name] for name in dict.fromkeys(methods or known)]
     with progress_bar("measuring") as advance:
-        results = measure_all(chosen, quick=quick, progress=advance)
+        results = measure_all(wanted, quick=quick, progress=advance)
     files = write_report(results, folder, quick=quick)
     lines = (f"{measured.method.title}: {measured.verdict}" for measured in results)
     present(report_json(results, quick=quick), *lines, as_json=as_json)
     notify(f"{len(files)} files in {folder}")
 
 
-def _live_plot() -> Method:
-    """Return the live plot's method, with the time of painting where Qt is available."""
+def _painter() -> Paint | None:
+    """Return what paints a curve of the live plot; None where Qt is not available."""
     from analysis.studies.tradeoff.decimation import HEIGHT_PX, WIDTH_PX
-    from boat_daq.workflows.measured_methods import live_plot
 
     try:
         from boat_daq.gui.models.tradeoff_jobs import painter
     except ImportError:  # a computer without a screen may lack libraries of Qt
         notify("Qt is not available: painting of the live plot is not measured")
-        return live_plot()
-    return live_plot(painter(WIDTH_PX, HEIGHT_PX))
+        return None
+    return painter(WIDTH_PX, HEIGHT_PX)
 
 
 def atlas(

@@ -335,7 +335,7 @@ def models(window: MainWindow) -> list[Command]:
         add("Optimise beyond the grid, or stop", "Shift+F9", on(Page.OPTICS, m.optics.toggle_search)),
         add("Next shadow colouring", "Ctrl+F9", next_colouring, apart=True),
         add("Show frame time", "Ctrl+Shift+F9", show_frame_time, also="cost shadow"),
-        add("Measure the trade-off, or stop", "F12", on(Page.TRADE_OFF, m.tradeoff.toggle), apart=True),
+        add("Measure this computer, or stop", "F12", on(Page.TRADE_OFF, m.tradeoff.toggle), apart=True),
         add("Map where the method fails, or stop", "Shift+F12", on(Page.TRADE_OFF, map_method)),
     ]
 

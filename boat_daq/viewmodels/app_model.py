@@ -32,6 +32,7 @@ from boat_daq.viewmodels.live.run_model import CalibrationOffer, ResumeRun, RunM
 from boat_daq.viewmodels.live.sequence import SequenceModel
 from boat_daq.viewmodels.live.shadow_live import ShadowLive, ShadowMonitor
 from boat_daq.viewmodels.live.unit_in_use import DisagreementWatch, UnitInUse
+from boat_daq.viewmodels.models.failure_maps import AtlasModel
 from boat_daq.viewmodels.models.optics import (
     SUGGESTED_CONFIDENCES,
     SUGGESTED_RAYS,
@@ -41,7 +42,7 @@ from boat_daq.viewmodels.models.optics import (
     rays_of,
     rays_text,
 )
-from boat_daq.viewmodels.models.tradeoff import AtlasModel, TradeoffModel
+from boat_daq.viewmodels.models.tradeoff import TradeoffModel
 from boat_daq.viewmodels.results.calibration import CalibrationModel
 from boat_daq.viewmodels.results.csv_import import CsvImport
 from boat_daq.viewmodels.results.repeatability import RepeatabilityModel
@@ -89,7 +90,7 @@ class AppModel:
         self.calibration = CalibrationModel(session, self.units, self.jobs, self.services, self.runs.newest)
         self.repeatability = RepeatabilityModel(self.jobs)
         self.optics = OpticsModel(self.jobs, self.notices)
-        self.tradeoff = TradeoffModel(self.jobs, folder, self.preferences, self.undo)
+        self.tradeoff = TradeoffModel(self.jobs, folder, self.preferences)
         self.atlas = AtlasModel(self.jobs, folder)
         self.run = RunModel(
             session,

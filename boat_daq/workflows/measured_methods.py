@@ -1,7 +1,8 @@
-"""Methods of the trade-off and the maps of failure, with those that need the instrument: live plot and camera."""
+"""Studies of the methods, with the parts of the program that they need: the live plot's store, the virtual camera."""
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +18,44 @@ if TYPE_CHECKING:
     from analysis.studies.tradeoff.measure import Method
 
 
+def tradeoff_methods(paint: Paint | None = None) -> dict[str, Method]:
+    """Return the methods whose time and error can be measured here, by name; the camera's needs OpenCV.
+
+    Parameters
+    ----------
+    paint : paints a curve of the live plot; without it the curve is fetched only.
+    """
+    from analysis.studies.tradeoff.methods import METHODS
+
+    camera = {} if importlib.util.find_spec("cv2") is None else {"tracking": camera_tracker()}
+    return METHODS | {"decimation": live_plot(paint)} | camera
+
+
+def measure_methods(paint: Paint | None = None, *, progress: Progress | None = None) -> dict[str, Any]:
+    """Measure every method, few settings of each; return what `boat-daq tradeoff --json` prints."""
+    from analysis.studies.tradeoff.charts import report_json
+    from analysis.studies.tradeoff.measure import measure_all
+
+    methods = list(tradeoff_methods(paint).values())
+    return report_json(measure_all(methods, quick=True, progress=progress), quick=True)
+
+
+def sweep_method(name: str, *, progress: Progress | None = None) -> dict[str, Any]:
+    """Sweep every failure map of a method; return what `boat-daq atlas --json` prints.
+
+    Raises
+    ------
+    RequestError : there is no such method.
+    """
+    from analysis.studies.failure_maps.maps import atlas_json
+    from analysis.studies.failure_maps.methods import chosen_studies
+    from analysis.studies.failure_maps.sweep import sweep_all
+
+    return atlas_json(sweep_all(chosen_studies([name]), progress))
+
+
 def live_plot(paint: Paint | None = None) -> Method:
-    """Return the method of the live plot, with what `paint` takes where it is given."""
+    """Return the method of the live plot, with the time of `paint` where it is given."""
     from analysis.studies.tradeoff.decimation import decimation
 
     return decimation(_stored, paint)
@@ -42,36 +79,3 @@ def camera_tracker() -> Method:
         return [renderer.frame(n, np.array([x]), n / 30.0) for n, x in enumerate(elongations_mm)]
 
     return tracking(render)
-
-
-def measure_methods(
-    names: Sequence[str], quick: bool, paint: Paint | None = None, *, progress: Progress | None = None
-) -> dict[str, Any]:
-    """Measure methods one after the other; return what `boat-daq tradeoff --json` prints.
-
-    Parameters
-    ----------
-    paint : paints a curve of the live plot; without it the curve is fetched only.
-    progress : is called with what is done and the total.
-    """
-    from analysis.studies.tradeoff.charts import report_json
-    from analysis.studies.tradeoff.measure import measure_all
-    from analysis.studies.tradeoff.methods import METHODS
-
-    known = METHODS | {"decimation": live_plot(paint), "tracking": camera_tracker()}
-    results = measure_all([known[name] for name in names], quick=quick, progress=progress)
-    return report_json(results, quick=quick)
-
-
-def sweep_method(name: str, *, progress: Progress | None = None) -> dict[str, Any]:
-    """Sweep every map of a method; return what `boat-daq atlas --json` prints.
-
-    Raises
-    ------
-    RequestError : there is no such method.
-    """
-    from analysis.studies.failure_maps.maps import atlas_json
-    from analysis.studies.failure_maps.methods import chosen_studies
-    from analysis.studies.failure_maps.sweep import sweep_all
-
-    return atlas_json(sweep_all(chosen_studies([name]), progress))

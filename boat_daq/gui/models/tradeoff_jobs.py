@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,13 +14,11 @@ from boat_daq.workflows import measured_methods
 from protocol.base.arrays import FloatArray
 
 
-def measure_methods(
-    names: Sequence[str], quick: bool, *, progress: Callable[[float, float], None] | None = None
-) -> dict[str, Any]:
+def measure_methods(*, progress: Callable[[float, float], None] | None = None) -> dict[str, Any]:
     """Measure as `workflows.measured_methods.measure_methods`; a curve of the live plot is painted too."""
     from analysis.studies.tradeoff.decimation import HEIGHT_PX, WIDTH_PX
 
-    return measured_methods.measure_methods(names, quick, painter(WIDTH_PX, HEIGHT_PX), progress=progress)
+    return measured_methods.measure_methods(painter(WIDTH_PX, HEIGHT_PX), progress=progress)
 
 
 def painter(width: int, height: int) -> Callable[[FloatArray], None]:

@@ -15,7 +15,7 @@ from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common import tables
-from boat_daq.viewmodels.models.tradeoff import OUTCOMES, AtlasModel, MapView
+from boat_daq.viewmodels.models.failure_maps import OUTCOMES, AtlasModel, MapView
 
 SIDES = ("bottom", "left")
 HATCHING = {

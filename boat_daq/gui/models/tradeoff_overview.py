@@ -1,7 +1,6 @@
 """All methods at once: time and error of each default, as a chart and a table; a click shows the method.
 
-Errors of unlike units are compared by what is noticeable in each: 100 % is noticed, and the rule
-accepts half.
+Errors of unlike units are compared by what is noticeable in each: 100 % is noticed, and the rule accepts half.
 """
 
 from __future__ import annotations
@@ -14,9 +13,7 @@ from PySide6.QtCore import QPointF, Qt
 
 from analysis.studies.tradeoff.measure import MARGIN
 from boat_daq.formatting import duration_text, number, quantity
-from boat_daq.gui import style
-from boat_daq.gui.models.tradeoff_chart import LABEL_MARGIN, NOTHING, accepted_text, framed, log_card
-from boat_daq.gui.plotting.placed_labels import PlacedLabels, PointLabel
+from boat_daq.gui.models.tradeoff_chart import NUMBER_ANCHOR, framed, limit_lines, log_card
 from boat_daq.gui.plotting.plot import sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.widgets import controls as widgets
@@ -25,68 +22,52 @@ from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.models.tradeoff import JOBS, METHODS, OVERVIEW, ROWS, TradeoffModel
 
 REACH = 40.0  # pixels from a point within which a click is meant for it
-HEADINGS = ("Method", "Default", "Time", "Error", "Share")
+HEADINGS = ("No.", "Method", "Default", "Time", "Error", "Share")
 SHARE_TIP = "The error in percent of the least that is noticeable; the rule accepts a setting up to 50 %"
 LEAST_SHARE = 0.05
 """Smaller errors are drawn here, so that the others are apart."""
 KEY = (
-    "\u25cf a method  \u25a0 a whole job.  Lower is more exact, further left is faster; errors below 5 % are at 5 %. "
-    "Click one to see its settings."
+    "\u25cf a method  \u25a0 a whole job, numbered as in the table.  Lower is more exact, further left is faster; "
+    "errors below 5 % are at 5 %. Click one to see its settings."
 )
-AXIS = "Error", "% of noticeable"
-RINGS = 5  # names, not numbers: fewer would leave some out
-MARKERS = {False: "o", True: "s"}
+NUMBERS = {name: number for number, name in enumerate(METHODS, 1)}
 
 
 class OverviewCard(PlotCard):
-    """Time and error of every default.
-
-    Parameters
-    ----------
-    model : has them, and is told which method to show.
-    """
+    """Time and error of every default."""
 
     def __init__(self, model: TradeoffModel) -> None:
         super().__init__(ROWS[OVERVIEW])
         self.model = model
-        self.plot = log_card(self, *AXIS, "Processor time of one call")
+        self.plot = log_card(self, "Error", "% of noticeable", "Processor time of one call")
         self.points = {
-            job: self.plot.points(
-                "Jobs" if job else "Methods", sensor_colour(2 if job else 1), symbol=symbol, size=style.POINT_SIZE
-            )
-            for job, symbol in MARKERS.items()
+            job: self.plot.points("Jobs" if job else "Methods", sensor_colour(2 if job else 1), symbol=symbol)
+            for job, symbol in ((False, "o"), (True, "s"))
         }
-        self.noticed = self.plot.line(lambda t: t.muted, at=math.log10(100.0), label="noticeable above")
-        self.accepted = self.plot.line(lambda t: t.ok, at=math.log10(100.0 / MARGIN), label=accepted_text(MARGIN))
-        markers = [(layer, style.POINT_SIZE) for layer in self.points.values()]
-        self.labels = PlacedLabels(self.plot, markers, (), (self.noticed, self.accepted), at_left=True, rings=RINGS)
-        self.key = widgets.label(KEY, "small", wrap=True, name="Key of the overview")
-        self.inside.addWidget(self.key)
+        self.noticed, accepted = limit_lines(self.plot)
+        self.noticed.setValue(math.log10(100.0))
+        accepted.setValue(math.log10(100.0 / MARGIN))
+        self.numbers = self.plot.labels(NUMBER_ANCHOR)
+        self.inside.addWidget(widgets.label(KEY, "small", wrap=True, name="Key of the overview"))
         self.view.setCursor(Qt.CursorShape.PointingHandCursor)
         self.view.scene().sigMouseClicked.connect(lambda event: self.click(event.scenePos()))
         self._at: dict[str, tuple[float, float]] = {}
 
     def show_defaults(self) -> None:
         """Draw what was measured."""
-        found = [(d.name, d.point, d.share) for d in self.model.defaults if d.point is not None]
-        self.show_empty("" if found else NOTHING)
-        self.key.setVisible(bool(found))
         self._at = {
-            name: (math.log10(point.seconds), math.log10(100.0 * max(share, LEAST_SHARE)))
-            for name, point, share in found
+            d.name: (math.log10(d.point.seconds), math.log10(100.0 * max(d.share, LEAST_SHARE)))
+            for d in self.model.defaults
+            if d.point is not None
         }
-        if not self._at:
-            return
         for job, layer in self.points.items():
             places = [at for name, at in self._at.items() if (name in JOBS) is job]
             layer.set(np.array([x for x, _ in places]), np.array([y for _, y in places]))
-        x, y = np.array(list(self._at.values())).T
+        x, y = np.array(list(self._at.values())).reshape(-1, 2).T
         self.plot.x_range(*framed(x))
-        self.plot.y_range(*framed(np.append(y, self.noticed.value()), LABEL_MARGIN))
+        self.plot.y_range(*framed(np.append(y, self.noticed.value())))
+        self.numbers.set([(*at, str(NUMBERS[name])) for name, at in self._at.items()])
         self.paint_theme(self.theme)
-        clear = style.POINT_SIZE / 2 + 1
-        order = sorted(self._at.items(), key=lambda item: -item[1][0])  # at the right edge there are fewest places
-        self.labels.set([PointLabel(*at, METHODS[name].removeprefix("Job: "), clear) for name, at in order])
 
     def click(self, at: QPointF) -> None:
         """Show the method whose point is nearest to a place of the scene, where one is near."""
@@ -108,15 +89,11 @@ class OverviewCard(PlotCard):
 
 
 class DefaultsTable(WrappedTable):
-    """Every method with its default; a click or Enter shows the method.
-
-    Parameters
-    ----------
-    model : has them, and is told which method to show.
-    """
+    """Every method with its default; a click or Enter shows the method."""
 
     def __init__(self, model: TradeoffModel) -> None:
-        super().__init__("Default of each method; Enter shows the method", HEADINGS, stretched=(0, 1, 2, 3), right=(4,))
+        name = "Default of each method; Enter shows the method"
+        super().__init__(name, HEADINGS, stretched=(1, 2, 3, 4), right=(0, 5))
         self.explain({HEADINGS.index("Share"): SHARE_TIP})
         self.tradeoff = model
         self.cellClicked.connect(self._chosen)
@@ -125,18 +102,16 @@ class DefaultsTable(WrappedTable):
     def show_defaults(self) -> None:
         """Show what was measured."""
         rows: list[tuple[str, ...]] = []
-        tips: list[str] = []
         for name, chart, point in self.tradeoff.defaults:
+            first = (str(NUMBERS[name]), METHODS[name])
             if chart is None or point is None:
-                rows.append((METHODS[name], self.tradeoff.entry(name), *[""] * (len(HEADINGS) - 2)))
-                tips.append("")
+                rows.append((*first, self.tradeoff.entry(name), "", "", ""))
                 continue
             percent = 100 * point.error / chart.tolerance
             share = f"{number(percent, 0)} %" if percent >= 1 else "< 1 %"
             time = f"{duration_text(point.seconds, 2)} for {chart.per}"
-            rows.append((METHODS[name], point.setting, time, quantity(point.error, chart.unit), share))
-            tips.append(f"Measured: {chart.when}, on {self.tradeoff.where(chart)}")
-        self.fill(rows, tips)
+            rows.append((*first, point.setting, time, quantity(point.error, chart.unit), share))
+        self.fill(rows)
 
     def _chosen(self, row: int, *_: Any) -> None:
         self.tradeoff.show(self.tradeoff.defaults[row].name)

@@ -1,32 +1,31 @@
-"""The trade-off page: the methods to measure, their overview, the chart and the settings of the shown one, its maps."""
+"""The trade-off page: an overview of the methods, the chart and the settings of one, its failure maps."""
 
 from __future__ import annotations
 
 from functools import partial
 
 from PySide6.QtCore import QSignalBlocker, Qt
-from PySide6.QtWidgets import QListWidget, QListWidgetItem, QProgressBar, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QListWidget, QProgressBar, QVBoxLayout, QWidget
 
 from analysis.fidelity import LEVELS
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.formatting import duration_text
 from boat_daq.gui import style
-from boat_daq.gui.models.tradeoff_chart import TradeoffCard
+from boat_daq.gui.models.tradeoff_chart import NOT_MEASURED, TradeoffCard
 from boat_daq.gui.models.tradeoff_jobs import measure_methods
 from boat_daq.gui.models.tradeoff_maps import AtlasCard
 from boat_daq.gui.models.tradeoff_overview import DefaultsTable, OverviewCard
 from boat_daq.gui.widgets import controls as widgets
-from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
 from boat_daq.gui.widgets.wrapped_table import WrappedTable
 from boat_daq.viewmodels.common.preferences import Precision
 from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.models.failure_maps import AtlasModel
 from boat_daq.viewmodels.models.tradeoff import (
     CHOICE,
     METHODS,
     OVERVIEW,
     ROWS,
-    AtlasModel,
     MethodChart,
     TradeoffModel,
     error_text,
@@ -37,41 +36,30 @@ PRECISIONS = {
     "normal": "Normal (sufficient)",
     "reference": "Reference: slow, exact",
 }
-NOT_MEASURED = "Nothing is measured yet. Press Measure, or Open."
 HEADINGS = ("No.", "Setting", "Time", "Error", "Use")
 USES = f"\u25cb default   \u25a1 {CHOICE}   D used at Draft   R used at Reference"
-NOTHING_YET = (
-    "Press Measure to time every setting of this method on this computer and to compare its result with an independent "
-    "reference."
-)
+MEASURE = "Measure this computer"
+MEASURE_TIP = "Some minutes in a helper process; `boat-daq tradeoff` measures more settings of each method"
 
 
 class MethodList(QListWidget):
-    """The methods: ticked ones are measured, the selected one is shown."""
+    """The methods; the selected one is shown."""
 
     def __init__(self, tradeoff: TradeoffModel) -> None:
         super().__init__()
         self.tradeoff = tradeoff
-        self.setAccessibleName("Methods; ticked ones are measured, the selected one is shown")
+        self.setAccessibleName("Methods; the selected one is shown")
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.addItems(list(ROWS))
         self.show_entries()
-        self.itemChanged.connect(self._ticked)
         self.currentRowChanged.connect(lambda row: self.tradeoff.show(list(ROWS)[row]))
 
     def show_entries(self) -> None:
-        """Show the current ticks, titles and verdicts."""
+        """Show the current titles and verdicts."""
         with QSignalBlocker(self):
             for row, (name, title) in enumerate(ROWS.items()):
-                item = self.item(row)
-                item.setText(f"{title}\n{self.tradeoff.entry(name)}")
-                if name in METHODS:
-                    ticked = name in self.tradeoff.chosen
-                    item.setCheckState(Qt.CheckState.Checked if ticked else Qt.CheckState.Unchecked)
+                self.item(row).setText(f"{title}\n{self.tradeoff.entry(name)}")
             self.setCurrentRow(list(ROWS).index(self.tradeoff.shown))
-
-    def _ticked(self, item: QListWidgetItem) -> None:
-        self.tradeoff.choose(list(ROWS)[self.row(item)], item.checkState() is Qt.CheckState.Checked)
 
 
 class SettingsTable(WrappedTable):
@@ -95,12 +83,7 @@ class SettingsTable(WrappedTable):
 
 
 class TradeoffPage(ReflowingPage):
-    """The trade-off page.
-
-    Parameters
-    ----------
-    precision : of the program's computations.
-    """
+    """The trade-off page."""
 
     def __init__(self, model: TradeoffModel, atlas: AtlasModel, precision: Precision, services: Services) -> None:
         super().__init__()
@@ -109,38 +92,30 @@ class TradeoffPage(ReflowingPage):
         self.model.measurer = measure_methods
         self.methods = MethodList(model)
         self.first = self.methods
-        self.chart, self.table = TradeoffCard(model), SettingsTable()
+        self.chart, self.table = TradeoffCard(), SettingsTable()
         self.overview, self.defaults = OverviewCard(model), DefaultsTable(model)
         self.atlas = AtlasCard(atlas, services.notices.attempt)
-        self.explanation = widgets.label(NOTHING_YET, "muted", wrap=True, name="The rule and its choice")
+        self.explanation = widgets.label("", "muted", wrap=True, name="The rule and its choice")
         self.measured = widgets.label("", "small", wrap=True)
         widgets.page_layout(self).addLayout(widgets.row(self._side(), (self._right(), 1)))
 
     def _side(self) -> QWidget:
-        extents = [("Quick, some minutes", True), ("Full, some 15 minutes", False)]
-        self.kind = widgets.choice("Extent of the measurement", extents, self.model.set_quick)
-        self.kind.setCurrentIndex(self.kind.findData(self.model.quick))
         levels = [(PRECISIONS[n], n) for n in LEVELS]
         tip = "Precision of optics, shadow, uncertainty and live plots; also in the Models menu"
         self.level = widgets.choice("Precision of the program", levels, self.precision.choose, tip=tip)
-        attempt = self.services.notices.attempt
-        self.start = widgets.button("Measure", partial(attempt, self.model.toggle), "primary")
+        toggle = partial(self.services.notices.attempt, self.model.toggle)
+        self.start = widgets.button(MEASURE, toggle, "primary", tip=MEASURE_TIP)
         self.progress = QProgressBar()
         self.progress.setAccessibleName("Progress of the measurement")
         self.status = widgets.label("", "small", wrap=True)
-        ask = partial(ask_open, self, self.services, "Open a measured trade-off", "json", self.model.load)
-        self.open = widgets.button("Open \u2026", ask, name="Open a measured trade-off")
-        ask = partial(ask_save, self, self.services, "tradeoff", "json csv", self.model.save)
-        self.save = widgets.button("Save \u2026", ask, name="Save the trade-off as JSON or CSV")
-        files, precision = widgets.row(self.open, self.save), widgets.label("Precision", "subtitle")
-        run = (self.kind, self.start, self.progress, self.status, files)
         methods = widgets.label("Methods", "subtitle"), (self.methods, 1)
-        frame, _ = widgets.card(*methods, *run, style.GAP, precision, self.level)
+        measurement = (self.start, self.progress, self.status, self.measured)
+        frame, _ = widgets.card(*methods, *measurement, style.GAP, widgets.label("Precision", "subtitle"), self.level)
         frame.setFixedWidth(style.PANE_WIDTH_NARROW + 4 * style.STEP)
         return frame
 
     def _right(self) -> QVBoxLayout:
-        self.table_card, _ = widgets.card((self.table, 1), self.explanation, self.measured)
+        self.table_card, _ = widgets.card((self.table, 1), self.explanation)
         keep = self.services.preferences
         self.upper = Shares("settings", keep, (self.chart, 9), (self.table_card, 8), beside=True)
         self.one = Shares("trade-off", keep, (self.upper, 3), (self.atlas, 2))
@@ -161,7 +136,7 @@ class TradeoffPage(ReflowingPage):
         """Show the progress of the measurement; the rest where it has changed."""
         self.level.setCurrentIndex(self.level.findData(self.precision.level))
         job = self.model.job
-        widgets.set_text(self.start, "Stop" if job is not None else "Measure")
+        widgets.set_text(self.start, "Cancel" if job is not None else MEASURE)
         self.progress.setVisible(job is not None)
         if job is not None:
             self.progress.setRange(0, 0 if job.fraction is None else 1000)
@@ -174,7 +149,7 @@ class TradeoffPage(ReflowingPage):
             return
         self._revision = revision
         self.methods.show_entries()
-        widgets.allow(self.save, "" if self.model.content is not None else NOT_MEASURED)
+        self.measured.setText(self.model.measured)
         self.all.setVisible(self.model.shown == OVERVIEW)
         self.one.setVisible(self.model.shown != OVERVIEW)
         if self.model.shown == OVERVIEW:
@@ -185,10 +160,8 @@ class TradeoffPage(ReflowingPage):
 
     def _show_method(self, chart: MethodChart | None) -> None:
         self.chart.heading.setText(ROWS[self.model.shown])
-        self.chart.readout.setText("" if chart else self.model.entry(self.model.shown))
         self.chart.show_chart(chart)
         self.table.show_chart(chart)
         self.atlas.show_method(self.model.shown)
         self.upper.setVisible(self.model.shown in METHODS)
-        self.explanation.setText(chart.explanation if chart else NOTHING_YET)
-        self.measured.setText(f"Measured: {chart.when}, on {self.model.where(chart)}" if chart else "")
+        self.explanation.setText(chart.explanation if chart else NOT_MEASURED)

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-from dataclasses import replace
-from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,10 +11,10 @@ from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QApplication
 
 from analysis.fidelity import fidelity
-from analysis.studies.tradeoff.label_places import Box
+from analysis.studies.tradeoff.references import load
 from boat_daq.gui import style
 from boat_daq.gui.models import tradeoff_jobs
-from boat_daq.gui.models.tradeoff_chart import KEY_DECADES, point_labels, spread_bars
+from boat_daq.gui.models.tradeoff_chart import spread_bars
 from boat_daq.gui.plotting.axes import LogAxis, log_ticks
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.models import tradeoff
@@ -26,8 +22,6 @@ from boat_daq.viewmodels.models.tradeoff import OVERVIEW, read_report
 from boat_daq.workflows.jobs import JobState
 from tests.boat_daq.gui.recorded_session import RecordedSession, idle
 from tests.boat_daq.viewmodels.models.reports import point, report
-
-RECORDED = Path(__file__).resolve().parents[4] / "docs" / "tradeoff" / "tradeoff.json"
 
 
 @pytest.fixture
@@ -68,33 +62,12 @@ def test_chart_draws_the_measured_points(page):
     assert np.allclose(card.front.y, [-1.0, -1.0, -3.0])
     assert card.notices.value() == pytest.approx(math.log10(0.02))
     assert card.sufficient.value() == pytest.approx(-2.0)
-    assert card.labels.texts == ["2 default", "1"]
-    assert card.asked.value() == card.notices.value()
-    card.asked.setValue(-0.6)
-    assert card.readout.text().endswith("with rough")
-    card.asked.setValue(-5.0)
-    assert "no setting is accepted" in card.readout.text()
+    assert card.numbers.texts == ["1", "2"]
+    titles = [axis.label.toPlainText() for axis in (card.plot.left, card.plot.bottom)]
+    assert ["(mm)" in titles[0], "(s)" in titles[1]] == [True, True], titles
     assert "at most half the tolerance: the default, fine." in page.explanation.text()
     assert page.table.item(1, 1).text() == "fine"
     assert page.table.item(1, 4).text() == "\u25cb \u25a1"
-
-
-def test_the_tolerance_stays_in_sight_and_moves_by_key(page, qtbot, app_model):
-    """It stops at the edges of the chart, an arrow moves it, each method keeps its own, no mouse turns it red."""
-    card = page.chart
-    card.asked.setValue(-9.0)
-    assert card.asked.value() == pytest.approx(card.plot.item.getViewBox().viewRange()[1][0])
-    before = card.asked.value()
-    page.activateWindow()
-    card.view.setFocus()
-    qtbot.waitUntil(card.view.hasFocus)
-    qtbot.keyClick(card.view, Qt.Key.Key_Up)
-    assert card.asked.value() == pytest.approx(before + KEY_DECADES)
-    card.show_chart(replace(card.shown, name="another"))
-    assert card.asked.value() == card.notices.value()
-    card.show_chart(replace(card.shown, name="inverse"))
-    assert card.asked.value() == pytest.approx(before + KEY_DECADES)
-    assert card.asked.hoverPen.color() == card.asked.pen.color()
 
 
 def test_the_spread_of_the_repeats_is_drawn_about_each_point():
@@ -115,41 +88,6 @@ def test_the_chart_is_saved(page, tmp_path, suffix):
     start = {"png": b"\x89PNG", "svg": b"<?xml", "csv": b"setting,processor time (s)"}[suffix]
     assert content.startswith(start)
     assert suffix != "csv" or b"fine,2.0,0.0,0.001" in content
-
-
-def test_measurement_starts_reports_progress_and_stops(page, app_model, monkeypatch):
-    """The button starts and stops, the bar follows, the result is drawn; a tick takes a method out."""
-
-    class FakeJob:
-        label, state, fraction, failure, permille = "Measuring", JobState.RUNNING, 0.4, None, 400
-
-        def __init__(self, label, function, methods, quick):
-            assert function is tradeoff_jobs.measure_methods
-            requested.append((methods, quick))
-
-        def poll(self):
-            return self.state
-
-        def cancel(self):
-            self.state = JobState.CANCELLED
-
-    requested = []
-    monkeypatch.setattr(tradeoff, "Job", FakeJob)
-    page.methods.item(1).setCheckState(Qt.CheckState.Unchecked)
-    page.start.click()
-    page.refresh(app_model.snapshot)
-    assert requested == [(tuple(tradeoff.METHODS)[1:], True)]
-    assert (page.start.text(), page.progress.value()) == ("Stop", 400)
-    job = app_model.tradeoff.job
-    job.state, job.result = JobState.DONE, report("tracer")
-    app_model.jobs.poll()
-    page.refresh(app_model.snapshot)
-    assert page.start.text() == "Measure"
-    assert set(app_model.tradeoff.charts) == {"inverse", "tracer"}
-    page.start.click()
-    page.start.click()
-    app_model.jobs.poll()
-    assert app_model.tradeoff.job is None
 
 
 def test_a_job_without_a_map_names_those_of_its_methods(page, app_model):
@@ -245,82 +183,68 @@ def test_narrow_page_puts_the_table_below_the_chart(page, qtbot):
     scroll.takeWidget()
 
 
-def test_method_that_is_not_measured_shows_what_will_be_there(whole):
-    """Its title used to be in the middle of an empty card."""
-    chart = whole.pages["Trade-off"].overview
-    whole.go("Trade-off")
-    QApplication.processEvents()
-    assert chart.empty_text.isVisible()
-    assert chart.heading.geometry().bottom() < chart.height() / 4
+def test_measurement_of_this_computer_starts_reports_progress_and_is_cancelled(page, app_model, monkeypatch):
+    """The button starts and cancels, the bar follows, the result replaces the one that was shown."""
+
+    class FakeJob:
+        label, state, fraction, failure, permille = "Measuring", JobState.RUNNING, 0.4, None, 400
+
+        def __init__(self, label, function):
+            assert function is tradeoff_jobs.measure_methods
+
+        def poll(self):
+            return self.state
+
+        def cancel(self):
+            self.state = JobState.CANCELLED
+
+    monkeypatch.setattr(tradeoff, "Job", FakeJob)
+    page.start.click()
+    page.refresh(app_model.snapshot)
+    assert (page.start.text(), page.progress.value()) == ("Cancel", 400)
+    job = app_model.tradeoff.job
+    job.state, job.result = JobState.DONE, report("tracer")
+    app_model.jobs.poll()
+    page.refresh(app_model.snapshot)
+    assert page.start.text() == "Measure this computer"
+    assert set(app_model.tradeoff.charts) == {"tracer"}
+    assert page.measured.text().startswith("Measured on this computer")
+    page.start.click()
+    page.start.click()
+    app_model.jobs.poll()
+    assert app_model.tradeoff.job is None
 
 
-def shown_at(page, qtbot, app_model, name, width, height):
-    """The card of a method of the measured file, at a size of the page."""
-    app_model.tradeoff.take(json.loads(RECORDED.read_text(encoding="utf-8")))
-    page.resize(width, height)
+def shown_at(page, app_model, name, width):
+    """Show a method of the shipped measurement at a width of the page."""
+    app_model.tradeoff.take(load("measured"))
+    page.resize(width, 680)
     app_model.tradeoff.show(name)
     page.refresh(app_model.snapshot)
-    card = page.overview if name == OVERVIEW else page.chart
-    qtbot.waitUntil(lambda: card.plot.item.getViewBox().width() > 0 and card.labels.boxes != [])
-    return card
 
 
-@pytest.mark.parametrize("size", [(1156, 680), (740, 900)])
-@pytest.mark.parametrize("name", [OVERVIEW, *tradeoff.METHODS])
-def test_labels_neither_overlap_nor_leave_the_chart(page, qtbot, app_model, name, size):
-    """Of the window at 1280 x 800 and 853 x 600: every label that is shown is whole; the lines have theirs."""
-    card = shown_at(page, qtbot, app_model, name, *size)
-    box = card.plot.item.getViewBox()
-    view = Box(0, 0, box.width(), box.height())
-    assert all(view.holds(label) for label in card.labels.boxes)
-    assert not any(a.covers(b) for a, b in combinations(card.labels.boxes, 2))
-    assert all(line.label.isVisible() for line in card.labels.lines)
-    if name != OVERVIEW:
-        assert any("default" in text for text in card.labels.texts)
-
-
-def test_line_label_evades_the_others_while_the_line_is_dragged(page, qtbot, app_model):
-    """Wherever the line is, no two labels overlap."""
-    card = shown_at(page, qtbot, app_model, "reduced-fem", 1156, 680)
-    for value in np.linspace(-4.0, 0.0, 30):
-        card.asked.setValue(value)
-        assert not any(a.covers(b) for a, b in combinations(card.labels.boxes, 2))
-
-
-def test_line_of_acceptance_moves_with_the_tolerance_which_is_kept(page, app_model):
-    """Half of the tolerance wherever it is dragged; Reset moves it back; the tolerance is there at the next start."""
+@pytest.mark.parametrize("name", tradeoff.METHODS)
+def test_default_of_every_method_has_its_ring_in_sight(page, app_model, name):
+    """On the shipped measurement."""
+    shown_at(page, app_model, name, 1156)
     card = page.chart
-    assert not card.back.isVisible()
-    card.asked.setValue(-1.5)
-    card._keep_asked()
-    assert card.sufficient.value() == pytest.approx(-1.5 - math.log10(2.0))
-    assert card.back.isVisible()
-    app_model.preferences.set("other", 1)
-    again = Preferences(app_model.folder)
-    assert again.get("tradeoff_tolerances") == {"inverse": pytest.approx(10**-1.5)}
-    card.back.click()
-    assert card.asked.value() == pytest.approx(card.notices.value())
-    assert app_model.tradeoff.tolerance(card.shown) == pytest.approx(0.02)
+    (low_x, high_x), (low_y, high_y) = card.plot.item.getViewBox().viewRange()
+    ((x, y),) = zip(card.default.x, card.default.y, strict=True)
+    assert low_x < x < high_x
+    assert low_y < y < high_y
 
 
-def test_points_in_one_place_share_a_label():
-    """Two settings of equal cost and error were labelled one over the other; those in use come first."""
-    chart = read_report(report(points=[point("rough", 1.0, 0.1), point("as rough", 1.0, 0.1), point("fine", 2.0, 0.1)]))
-    points = chart["inverse"].points
-    at = {1: (0.0, 0.0), 2: (0.01, -0.01), 3: (0.3, 0.0)}
-    assert [label.text for label in point_labels(points, at)] == ["3 default", "1, 2"]
-
-
-def test_overview_shows_each_default_and_leads_to_its_method(page, qtbot, app_model):
+def test_overview_shows_each_default_and_leads_to_its_method(page, app_model):
     """Error in percent of what is noticeable; a click on a point or a row, and Enter, show the method."""
-    card = shown_at(page, qtbot, app_model, OVERVIEW, 1156, 680)
+    shown_at(page, app_model, OVERVIEW, 1156)
+    card, table = page.overview, page.defaults
     assert page.all.isVisible()
     assert not page.one.isVisible()
-    table = page.defaults
     assert table.rowCount() == len(tradeoff.METHODS)
     row = list(tradeoff.METHODS).index("tracer")
-    assert [table.item(row, k).text() for k in (1, 4)] == ["250 rays", "31 %"]
+    assert [table.item(row, k).text() for k in (0, 2, 5)] == ["1", "250 rays", "31 %"]
     assert card.columns()["default"][row] == "250 rays"
+    QApplication.processEvents()
     place = card.plot.item.getViewBox().mapViewToScene(QPointF(*card._at["tracking"]))
     card.click(place + QPointF(3, 2))
     assert app_model.tradeoff.shown == "tracking"
@@ -334,9 +258,9 @@ def test_overview_shows_each_default_and_leads_to_its_method(page, qtbot, app_mo
 
 
 @pytest.mark.parametrize("width", [1156, 740])
-def test_names_of_settings_are_wrapped_not_cut(page, qtbot, app_model, width):
+def test_names_of_settings_are_wrapped_not_cut(page, app_model, width):
     """A row is as high as the lines of its name."""
-    shown_at(page, qtbot, app_model, "reduced-fem", width, 680)
+    shown_at(page, app_model, "reduced-fem", width)
     table = page.table
     QApplication.processEvents()
     for row in range(table.rowCount()):

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 
 def point(setting, seconds, error, **more):
-    return {"setting": setting, "seconds": seconds, "error": error, "spread": 0.0, "cpu_seconds": seconds} | more
+    return {
+        "setting": setting, "seconds": seconds, "error": error, "spread": 0.0, "cpu_seconds": seconds,
+        "cpu_spread": 0.0, "error_spread": 0.0, "repeats": 2,
+    } | more  # fmt: skip
 
 
 def report(name="inverse", processor="this one", date="2026-01-02T00:00:00", points=None):

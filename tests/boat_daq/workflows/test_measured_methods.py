@@ -6,7 +6,7 @@ import json
 
 from analysis.studies.tradeoff.measure import Method, Setting
 from boat_daq.viewmodels.models.tradeoff import read_report
-from boat_daq.workflows.measured_methods import measure_methods
+from boat_daq.workflows import measured_methods
 
 
 def test_measured_methods_are_read_by_the_page(monkeypatch):
@@ -16,11 +16,14 @@ def test_measured_methods_are_read_by_the_page(monkeypatch):
         "fake", "Fake", "truth", True, "reader", 0.1, "mm", "a call",
         lambda level: "bad" if level.level == "draft" else "good", lambda quick: settings,
     )  # fmt: skip
-    monkeypatch.setattr("analysis.studies.tradeoff.methods.METHODS", {"fake": fake})
+    monkeypatch.setattr(measured_methods, "tradeoff_methods", lambda paint: {"fake": fake, "other": fake})
     seen = []
-    content = measure_methods(["fake", "fake"], True, progress=lambda done, total: seen.append(done))
+    content = measured_methods.measure_methods(progress=lambda done, total: seen.append(done))
     assert seen == sorted(seen)
     assert seen[-1] == 2
     chart = read_report(json.loads(json.dumps(content)))["fake"]
     assert {p.setting: p.error for p in chart.points} == {"good": 0.0, "bad": 1.0}
-    assert {p.setting: p.uses for p in chart.points} == {"good": ("default", "chosen", "reference"), "bad": ("draft",)}
+    assert {p.setting: p.marks[:-1] for p in chart.points if p.error == 0} == {
+        "good": ("default", "chosen", "reference")
+    }
+    assert [p.symbols for p in chart.points if p.error == 1.0] == ["D"]

@@ -9,10 +9,10 @@ from types import SimpleNamespace
 import pytest
 
 from analysis.studies.failure_maps.sweep import Axis, Study, StudyResult
-from boat_daq.viewmodels.models import tradeoff
-from boat_daq.viewmodels.models.tradeoff import AtlasModel, read_maps
+from boat_daq.viewmodels.models.failure_maps import MAPPED_BY, AtlasModel, read_maps
+from boat_daq.viewmodels.models.tradeoff import ENTRIES
+from boat_daq.workflows import measured_methods
 from boat_daq.workflows.jobs import JobRunner, JobState
-from boat_daq.workflows.measured_methods import sweep_method
 from protocol.base.errors import RequestError
 from tests.boat_daq.viewmodels.models.reports import swept
 
@@ -30,7 +30,7 @@ def test_swept_map_is_read_with_its_texts(monkeypatch, tmp_path):
     """Outcome, error and message are in their cell; beside the map there is no text."""
     monkeypatch.setattr("analysis.studies.failure_maps.methods.chosen_studies", lambda names: [study()])
     model = AtlasModel(JobRunner(), tmp_path)
-    model.take(json.loads(json.dumps(sweep_method("fit"))))
+    model.take(json.loads(json.dumps(measured_methods.sweep_method("fit"))))
     shown = model.maps["fit"][0]
     assert [p.outcome for p in shown.cells[0]] == ["works", "degraded", "refused"]
     assert shown.cell_text(1, 0) == "x (mm) 1, y five \u2013 works with a warning, error 0.50 mm: a flag"
@@ -67,7 +67,7 @@ def test_every_entry_has_a_map_or_states_where_to_look():
     """What the atlas does not study names methods that it does."""
     from analysis.studies.failure_maps.methods import METHOD_TITLES
 
-    assert set(tradeoff.ENTRIES) - set(tradeoff.MAPPED_BY) == set(METHOD_TITLES)
-    assert {name for names in tradeoff.MAPPED_BY.values() for name in names} <= set(METHOD_TITLES)
+    assert set(ENTRIES) - set(MAPPED_BY) == set(METHOD_TITLES)
+    assert {name for names in MAPPED_BY.values() for name in names} <= set(METHOD_TITLES)
     assert AtlasModel.no_map("tracer") == ""
     assert AtlasModel.no_map("sweep") == "No map of its own: see \u201cRay tracer\u201d."

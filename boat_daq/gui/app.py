@@ -83,10 +83,6 @@ def make_window(rate_hz: int | None = None) -> MainWindow:
     """Return a window on a new session with the stored settings, at another rate where one is given.
 
     Stored settings that are refused open it in safe mode: the defaults are used, and a bar names the cause.
-
-    Raises
-    ------
-    RequestError : the rate is refused.
     """
     refused: RequestError | None = None
     try:
@@ -126,10 +122,6 @@ def run(
     rate_hz : samples per second; as in the settings when None.
     profile : path of the text profile of the firmware on `port`.
     file : opened at once, as if it were dropped on the window.
-
-    Raises
-    ------
-    RequestError : the rate is refused.
     """
     app = make_application()
     window = make_window(rate_hz)

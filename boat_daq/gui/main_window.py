@@ -238,12 +238,7 @@ class MainWindow(QMainWindow):
             self.vent()
 
     def open_file(self, path: Path) -> None:
-        """Open a file by its kind: calibrate with a recording, import a table, load a plan or a profile.
-
-        Raises
-        ------
-        RequestError : it is of another kind, or cannot be read.
-        """
+        """Open a file by its kind: calibrate with a recording, import a table, load a plan or a profile."""
         kind = kind_of(path)
         if kind is FileKind.RECORDING:
             self.model.calibration.analyse(path)

@@ -1,8 +1,7 @@
 """The application without Qt: the session, one view model a page, and the services they share.
 
-Rules: parents know children, children never reach up or sideways. The window calls `tick()` from its one timer;
-nothing is pushed into it, so threads meet Qt nowhere else. Operator actions go through `notices.attempt`, so that no
-error ends the window.
+Rules: parents know children, never the reverse. The window calls `tick()` from its one timer; nothing is pushed into
+it, so threads meet Qt nowhere else.
 """
 
 from __future__ import annotations

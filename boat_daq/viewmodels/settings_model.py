@@ -78,23 +78,13 @@ class SettingsModel:
         return [("This program", PROGRAM), *((f"Unit {name}", name) for name in names)]
 
     def stored(self, subject: str) -> Settings | Unit:
-        """Return what is stored, or the defaults.
-
-        Raises
-        ------
-        RequestError : the file is refused.
-        """
+        """Return what is stored, or the defaults."""
         if subject != PROGRAM:
             return self._units.load(subject)
         return Settings() if self.refused is not None else load_settings(self._folder)
 
     def shown(self, subject: str) -> StoredValues:
-        """Return what the page shows of a subject; its file is read once.
-
-        Raises
-        ------
-        RequestError : the file is refused.
-        """
+        """Return what the page shows of a subject; its file is read once."""
         if subject == PROGRAM:
             settings, changes = (Settings(), ()) if self.refused is not None else stored_settings(self._folder)
             return StoredValues(texts_of(settings), changes[::-1])
@@ -129,32 +119,17 @@ class SettingsModel:
     # ---- what is stored --------------------------------------------------------------------------------------------
 
     def enter(self, subject: str, typed: Mapping[str, str]) -> None:
-        """Store values that were typed, undoably; nothing where they are those that are stored.
-
-        Raises
-        ------
-        RequestError : a value is refused, by key, or a run is in progress. StorageError : it cannot be stored.
-        """
+        """Store values that were typed, undoably; nothing where they are those that are stored."""
         before = self.stored(subject)
         self._change(subject, before, with_typed(before, typed, _where(subject)))
 
     def reset(self, subject: str, *keys: str) -> None:
-        """Store the defaults of some values, of all where none is named, undoably.
-
-        Raises
-        ------
-        RequestError, StorageError : as `enter`.
-        """
+        """Store the defaults of some values, of all where none is named, undoably."""
         before = self.stored(subject)
         self._change(subject, before, with_defaults(before, keys, _where(subject)))
 
     def add_unit(self, name: str) -> None:
-        """Store a unit with the default values.
-
-        Raises
-        ------
-        RequestError : there is one of that name, or it cannot be used. StorageError : it cannot be stored.
-        """
+        """Store a unit with the default values."""
         if name in self._units.names():
             raise RequestError(f"there is a unit {name} already", "Choose another name.")
         self._units.save(Unit(name))
@@ -171,13 +146,7 @@ class SettingsModel:
         write_whole(path, text)
 
     def import_(self, path: Path) -> str:
-        """Take settings or a unit from a file; return the subject. Values of a stored subject are undone by undo.
-
-        Raises
-        ------
-        RequestError : the file is refused, by key, or lacks a calibration that is stored.
-        StorageError : it cannot be stored.
-        """
+        """Take settings or a unit from a file; return the subject. Values of a stored subject are undone by undo."""
         text = read_text(path)
         if _is_unit(text):
             found = read_unit(path)

@@ -42,12 +42,7 @@ MARKS = ("scale 1", "scale 2", "rest", "tip")
 
 
 def read_picture(path: Path) -> QPixmap:
-    """Return the picture in a file, rotated as its camera recorded.
-
-    Raises
-    ------
-    RequestError : it is no picture of these kinds, is incomplete, or is too large (256 MB decoded).
-    """
+    """Return the picture in a file, rotated as its camera recorded."""
     if not path.is_file():
         raise RequestError(f"{path.name} is not a picture", REMEDY)
     if path.stat().st_size > FILE_BYTES_MAX:
@@ -159,12 +154,7 @@ class PhotographPanel(QDialog):
         QShortcut(QKeySequence.StandardKey.Paste, self, self.paste)
 
     def load(self, path: Path) -> None:
-        """Show the picture in a file.
-
-        Raises
-        ------
-        RequestError : it is no picture.
-        """
+        """Show the picture in a file."""
         self._show(read_picture(path))
 
     def paste(self) -> None:

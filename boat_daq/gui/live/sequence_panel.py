@@ -331,12 +331,7 @@ class PlanForm(QScrollArea):
         ask_open(self, self.services, "Open a plan", "toml", self.load)
 
     def load(self, path: Path) -> None:
-        """Load a plan, and choose it.
-
-        Raises
-        ------
-        RequestError : it cannot be read, or is invalid, by key.
-        """
+        """Load a plan, and choose it."""
         self.sequence.open(path)
 
     def save(self) -> None:

@@ -201,12 +201,7 @@ class PlotCard(QFrame):
         return merged
 
     def require_data(self) -> None:
-        """Check that there is something to copy or save.
-
-        Raises
-        ------
-        RequestError : nothing is drawn yet.
-        """
+        """Check that there is something to copy or save."""
         if not self.columns():
             remedy = self.empty_text.text() if not self.empty_text.isHidden() else ""
             raise RequestError(f"nothing is drawn yet in \u201c{self.title}\u201d", remedy or "Wait until it is.")
@@ -222,12 +217,7 @@ class PlotCard(QFrame):
         return pixmap
 
     def copy(self) -> None:
-        """Put the picture on the clipboard.
-
-        Raises
-        ------
-        RequestError : nothing is drawn yet.
-        """
+        """Put the picture on the clipboard."""
         self.require_data()
         QGuiApplication.clipboard().setPixmap(self.picture())
 

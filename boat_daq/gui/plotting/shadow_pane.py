@@ -250,22 +250,12 @@ class ShadowPane(QWidget):
             ask_save(self, self.services, self.title, suffix, self.save)
 
     def require_data(self) -> None:
-        """Check that there is something to copy or save.
-
-        Raises
-        ------
-        RequestError : the shadow is not drawn yet.
-        """
+        """Check that there is something to copy or save."""
         if self.view.picture is None or not len(self.view.picture.corners):
             raise RequestError("the shadow is not drawn yet", "Wait until it is prepared.")
 
     def copy(self) -> None:
-        """Put the picture on the clipboard.
-
-        Raises
-        ------
-        RequestError : the shadow is not drawn yet.
-        """
+        """Put the picture on the clipboard."""
         self.require_data()
         QGuiApplication.clipboard().setPixmap(self.view.grab())
 

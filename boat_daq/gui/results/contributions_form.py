@@ -109,12 +109,7 @@ class ContributionsForm(QDialog):
             self.close()
 
     def show_stated(self) -> None:
-        """Show the contributions as the unit's file has them now.
-
-        Raises
-        ------
-        RequestError, BoatDaqError : the unit's file is refused.
-        """
+        """Show the contributions as the unit's file has them now."""
         rows = self.model.rows()
         if rows == self._shown:
             return

@@ -24,12 +24,7 @@ class FileKind(Enum):
 
 
 def kind_of(path: Path) -> FileKind:
-    """Return what a file is opened as.
-
-    Raises
-    ------
-    RequestError : it is none of these, or cannot be read.
-    """
+    """Return what a file is opened as."""
     if not path.is_file():
         raise RequestError(f"{path.name} is {'a folder' if path.is_dir() else 'not there'}", OPENED)
     suffix = path.suffix.lower()

@@ -43,12 +43,7 @@ class MeasuredResult(ABC):
 
     @abstractmethod
     def _read(self, content: Any) -> None:
-        """Read a result for the page.
-
-        Raises
-        ------
-        RequestError : it is not such a result.
-        """
+        """Read a result for the page."""
 
     @abstractmethod
     def _joined(self, fresh: dict[str, Any]) -> dict[str, Any]:
@@ -77,12 +72,7 @@ class MeasuredResult(ABC):
         self.revision += 1
 
     def take(self, content: Any) -> None:
-        """Show a result.
-
-        Raises
-        ------
-        RequestError : it is not such a result.
-        """
+        """Show a result."""
         self._read(content)
         self.content = content
         self.problem = ""

@@ -1,7 +1,4 @@
-"""The windows that are open on this computer: another one for another board, and one key that vents all.
-
-Rules: each window is a process of its own, with its session, its recording and its link; none can delay or end another.
-"""
+"""The other windows open on this computer, each a process for another board, and one key that vents all."""
 
 from __future__ import annotations
 

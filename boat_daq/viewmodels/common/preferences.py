@@ -1,7 +1,7 @@
-"""Values kept between starts in a small JSON file, which is ignored if broken; one of them is the fidelity.
+"""Values kept between starts in a small JSON file, which is ignored if broken; one of them is the precision.
 
-If it cannot be written, that is reported once, and the values last as long as the window. Several windows share the
-file: each writes only the values that it has set, and goes by its own until its next start.
+Several windows share the file: each writes only the values that it has set, and reads the file at its start only. A
+file that cannot be written is reported once.
 """
 
 from __future__ import annotations
@@ -108,12 +108,7 @@ class UnitChoice:
         self._apply(units)
 
     def set_length(self, text: str) -> None:
-        """Set the length of the actuator at rest, of which an elongation in % is a part.
-
-        Raises
-        ------
-        RequestError : the text is no such length.
-        """
+        """Set the length of the actuator at rest, of which an elongation in % is a part."""
         try:
             length_mm = float(text.replace(",", "."))
         except ValueError:

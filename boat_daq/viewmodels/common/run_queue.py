@@ -1,7 +1,7 @@
-"""A queue of runs in the window: each is armed and started when the one before has finished, after its pause and wait.
+"""A queue of runs in the window: each starts when the one before has finished, after its pause and wait.
 
-A run that ends otherwise than by its plan (stopped, vented, a fault) ends the queue: the next one would begin without
-its operator. A run of another unit waits until the board is connected as that unit.
+A run that is stopped, vented or aborted ends the queue. A run of another unit waits until the board is connected as that
+unit.
 """
 
 from __future__ import annotations
@@ -63,12 +63,7 @@ class RunQueue:
         return self._runs[self._next][0].name if self._next < len(self._runs) else ""
 
     def load(self, path: Path) -> tuple[tuple[QueuedRun, Plan], ...]:
-        """Return the runs of a file with their plans.
-
-        Raises
-        ------
-        RequestError : the file is refused, by key.
-        """
+        """Return the runs of a file with their plans."""
         return tuple((run, run.loaded(path.parent)) for run in load_queue(path))
 
     @staticmethod
@@ -83,12 +78,7 @@ class RunQueue:
         return "\n".join(lines)
 
     def start(self, runs: tuple[tuple[QueuedRun, Plan], ...]) -> None:
-        """Begin a queue.
-
-        Raises
-        ------
-        RequestError : a queue or a run is in progress, or no board is connected.
-        """
+        """Begin a queue."""
         seen = self._run.snapshot
         if self.active:
             raise RequestError("a queue is in progress", "Stop it first.")
@@ -103,12 +93,7 @@ class RunQueue:
         self._end(f"the queue was stopped, {count(left, 'run')} left")
 
     def follow(self, snapshot: SessionSnapshot) -> None:
-        """Begin the next run when it is due.
-
-        Raises
-        ------
-        BoatDaqError : it cannot begin; the queue has ended.
-        """
+        """Begin the next run when it is due."""
         if not self.active:
             return
         if self._under_way:

@@ -1,7 +1,4 @@
-"""What several pages share: notices, preferences, the undo history, and the request to show a page or a panel.
-
-Every value that is set or typed is changed through the undo history.
-"""
+"""What several pages share: notices, preferences, the undo history, and requests to show a page or a panel."""
 
 from __future__ import annotations
 

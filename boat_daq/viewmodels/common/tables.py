@@ -1,7 +1,4 @@
-"""Columns of a plot as a CSV file that is safe to open in a spreadsheet.
-
-Columns may differ in length; text cells that a spreadsheet would run as a formula are neutralised, numbers untouched.
-"""
+"""Columns of a plot as a CSV file: text cells that a spreadsheet would run as a formula are neutralised."""
 
 from __future__ import annotations
 

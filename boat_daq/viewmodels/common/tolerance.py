@@ -1,7 +1,4 @@
-"""Tolerances as they are typed: any number with the unit of whoever uses the answer, or left to the precision.
-
-What is typed is applied, kept between starts, and undone like every value that is set.
-"""
+"""Tolerances as they are typed, with a unit of measurement, or automatic; kept between starts, and undone."""
 
 from __future__ import annotations
 
@@ -39,10 +36,6 @@ def tolerance_of(text: str, units: tuple[str, ...]) -> TypedTolerance | None:
     Parameters
     ----------
     text : as "0.05 % FSO" or "\u00b10.005mm"; a number alone where there is one unit.
-
-    Raises
-    ------
-    RequestError : it is no such tolerance.
     """
     plain = plain_text(text)
     if plain in ("", AUTOMATIC.lower()):
@@ -130,12 +123,7 @@ class TypedChoice(Generic[T]):
         return self._show(self.value)
 
     def choose(self, text: str) -> None:
-        """Use the value of a text from now on, undoably.
-
-        Raises
-        ------
-        RequestError : it has none.
-        """
+        """Use the value of a text from now on, undoably."""
         value, before = self._read(text), self.value
         if value != before:
             self._services.undo.push(Change(self._name, partial(self._use, value), partial(self._use, before)))

@@ -1,7 +1,6 @@
 """The vertical range of a live plot: steps of 1-2-5 with hysteresis, so that the axis is steady.
 
-The range grows at once when data leave it, and shrinks only after the data have needed a smaller one for `patience_s`
-seconds. Called at a few hertz, never in the frame: pyqtgraph's own autorange doubles the cost of one.
+Called at a few hertz, never in the frame: pyqtgraph's own autorange doubles the cost of one.
 """
 
 from __future__ import annotations

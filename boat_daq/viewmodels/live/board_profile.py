@@ -1,7 +1,7 @@
-"""Describing a board with another firmware: what it prints, the profile proposed from it, the preview, the commands.
+"""A profile for a board with another firmware: its output, the proposed profile, the preview, the commands.
 
-Rules: nothing is sent to the port. The preview is what the program's own decoder makes of the bytes with the profile as
-it stands: what is seen is what will be recorded. Limits and commands are stated by the operator, never proposed.
+Rules: nothing is sent to the port. The preview comes from the program's own decoder. Limits and commands are entered by
+the operator, never proposed.
 """
 
 from __future__ import annotations
@@ -90,12 +90,7 @@ class BoardProfile:
         return self._listener is not None
 
     def listen(self, port: str) -> None:
-        """Collect what a device sends.
-
-        Raises
-        ------
-        RequestError : no port is named.
-        """
+        """Collect what a device sends."""
         if not port.strip():
             raise RequestError("no port is selected", "Select the port of the board.")
         self.stop()
@@ -126,12 +121,7 @@ class BoardProfile:
             self._listener = None
 
     def follow(self) -> None:
-        """Take what has come; propose again as long as nothing was edited.
-
-        Raises
-        ------
-        BoatDaqError : the port cannot be opened, or was unplugged.
-        """
+        """Take what has come; propose again as long as nothing was edited."""
         if self._listener is None:
             return
         if self._listener.error is not None:
@@ -177,21 +167,11 @@ class BoardProfile:
             self.proposal = self.proposal.with_field(at, **values)
 
     def set_scale(self, at: int, text: str) -> None:
-        """State the scale of a field.
-
-        Raises
-        ------
-        RequestError : it is not a number.
-        """
+        """State the scale of a field."""
         self.set_field(at, scale=_number(text, "the scale"))
 
     def set_device(self, key: str, text: str) -> None:
-        """State a value of the device, one of `DEVICE`.
-
-        Raises
-        ------
-        RequestError : it is not a number.
-        """
+        """State a value of the device, one of `DEVICE`."""
         if self.proposal is None:
             return
         self._edited = True
@@ -224,12 +204,7 @@ class BoardProfile:
             self.proposal = replace(self.proposal, commands={k: text for k, text in commands.items() if text})
 
     def set_rx8(self, line: str) -> None:
-        """State the format of packets; variables of new names are extra channels.
-
-        Raises
-        ------
-        ProfileError : it is invalid.
-        """
+        """State the format of packets; variables of new names are extra channels."""
         if self.proposal is None:
             return
         self._edited = True
@@ -239,13 +214,7 @@ class BoardProfile:
         self.proposal = replace(self.proposal, rx8=" ".join(line.split()), fields=fields)
 
     def profile(self) -> TextProfile:
-        """Return the profile as it stands.
-
-        Raises
-        ------
-        RequestError : nothing is proposed yet.
-        ProfileError : it is refused, by key.
-        """
+        """Return the profile as it stands."""
         if self.proposal is None:
             raise RequestError("there is no profile yet", self.problem or "Listen to the board first.")
         if self.proposal.missing:
@@ -287,12 +256,7 @@ class BoardProfile:
         return shown
 
     def save(self, path: Path) -> None:
-        """Write the profile.
-
-        Raises
-        ------
-        RequestError, ProfileError : it is not complete, or is refused.
-        """
+        """Write the profile."""
         self.profile()
         write_whole(path, self.toml())
 

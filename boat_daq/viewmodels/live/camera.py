@@ -63,10 +63,6 @@ class CameraModel:
         Parameters
         ----------
         mark : side of the marks' black square, mm, as typed; 0 takes the millimetre grid.
-
-        Raises
-        ------
-        RequestError, DeviceError : no such camera, it does not answer, or an impossible side.
         """
         try:
             mark_mm = plain_number(mark)
@@ -80,12 +76,7 @@ class CameraModel:
         self._preferences.set(MARK, mark.strip())
 
     def save_marks(self, path: Path, mark: str) -> None:
-        """Write the sheet of marks to print.
-
-        Raises
-        ------
-        RequestError, FileError : no length, a size that does not fit the page, or it cannot be written.
-        """
+        """Write the sheet of marks to print."""
         from analysis.tracking.sheet import write_sheet
 
         try:
@@ -100,12 +91,7 @@ class CameraModel:
             channel.close()
 
     def follow(self, snapshot: SessionSnapshot) -> None:
-        """Close a camera that has failed.
-
-        Raises
-        ------
-        BoatDaqError : why it failed.
-        """
+        """Close a camera that has failed."""
         if self.channel is not None and (error := self.channel.state.error) is not None:
             self.close()
             raise error

@@ -110,13 +110,7 @@ def _figures(snapshot: SessionSnapshot) -> tuple[tuple[str, str], ...]:
 
 
 def profile_text(pasted: str) -> str:
-    """Return the profile for the session: an RX8 line as TOML, any other text unchanged.
-
-    Raises
-    ------
-    ProfileError : the RX8 line is invalid.
-    RequestError : it names no sensor, or no pressure.
-    """
+    """Return the profile for the session: an RX8 line as TOML, any other text unchanged."""
     line = pasted.strip()
     if not line.lower().startswith("rx8"):
         return line
@@ -238,10 +232,7 @@ class ConnectionModel:
         return next((unit for unit in units if ", " not in unit), "")
 
     def query_boards(self) -> None:
-        """Query the boards used before, on a helper thread; not while one is connected, whose port is in use.
-
-        Other ports are not opened: they may be those of other instruments.
-        """
+        """Query the boards used before, on a helper thread; other ports may be those of other instruments."""
         if not self._query.pending and self.session.snapshot().link is LinkState.CLOSED:
             self._query.call(lambda: identify_known(listed_ports(self._units.boards())))
 
@@ -253,24 +244,13 @@ class ConnectionModel:
         return answers is not None
 
     def set_unit(self, unit: str) -> None:
-        """Set the unit on the bench.
-
-        Raises
-        ------
-        RequestError : the name is empty.
-        """
+        """Set the unit on the bench."""
         if not unit.strip():
             raise RequestError("the unit has no name", "Enter the name on its label, such as SA1.")
         self._preferences.set("unit", unit.strip())
 
     def connect(self, port: str, profile: str = "") -> None:
-        """Open `port`; the snapshot shows the progress.
-
-        Raises
-        ------
-        RequestError : no port was given, or the RX8 line is incomplete.
-        ProfileError : the profile is refused.
-        """
+        """Open `port`; the snapshot shows the progress."""
         if not port.strip():
             raise RequestError("no port is selected", "Select a port, or start the virtual board.")
         text = profile_text(profile)
@@ -284,12 +264,7 @@ class ConnectionModel:
         self._preferences.set("profile", profile)
 
     def replay(self, path: Path, speed: float) -> None:
-        """Play a recording as if it came from a board, `speed` times as fast.
-
-        Raises
-        ------
-        BoatDaqError : it cannot be played.
-        """
+        """Play a recording as if it came from a board, `speed` times as fast."""
         self.session.connect(f"replay:{path}@{speed:g}", unit=self.unit)
 
     def disconnect(self) -> None:

@@ -1,7 +1,6 @@
-"""The uncertainty at which a run ends: its entry in the form of the plan, and the report of what a run reached.
+"""The uncertainty at which a run ends: its entry in the form of the plan, and the report after a run.
 
-A calibration ends at mm of U, a repeatability run at % FSO; each has a value of its own, kept between starts, off until
-one is entered.
+A calibration ends at U in mm, a repeatability run at % FSO; each value is kept between starts, and off until entered.
 """
 
 from __future__ import annotations
@@ -84,12 +83,7 @@ class EndAt:
         return "" if asked is None else f"{asked:g}"
 
     def enter(self, text: str) -> None:
-        """Set the value of the chosen plan's unit from text; an empty one runs all cycles.
-
-        Raises
-        ------
-        RequestError : it is no number above 0.
-        """
+        """Set the value of the chosen plan's unit from text; an empty one runs all cycles."""
         unit, typed = self.unit, text.strip()
         asked, before = self._number(typed, unit) if typed else None, self._enough.asked.get(unit)
         if asked != before:

@@ -1,7 +1,7 @@
 """The layout of the live plots: which quantities share a plot, their axes and heights; kept for each unit, by name.
 
-A quantity is a column of the ring buffer, or `elongation_mm`. Rules: an axis has one unit, so a plot has at most two. A
-quantity that a layout does not name (another board has more sensors) has a plot of its own, at its usual place.
+A quantity is a column of the ring buffer, or `elongation_mm`. Rules: an axis has one unit of measurement, so a plot has
+at most two. A quantity that a layout does not name has a plot of its own, at its usual place.
 """
 
 from __future__ import annotations
@@ -177,12 +177,7 @@ class Layout:
         return layout
 
     def check(self) -> None:
-        """Refuse a plot with three units.
-
-        Raises
-        ------
-        RequestError : a plot would need a third axis.
-        """
+        """Refuse a plot with three units."""
         for row in self.rows:
             units = {unit(q) for q in self._axes(row).right}
             if len(units) > 1:
@@ -228,12 +223,7 @@ class Layouts:
         return self._current
 
     def change(self, layout: Layout) -> None:
-        """Use a layout, and keep it for the unit.
-
-        Raises
-        ------
-        RequestError : a plot would need a third axis.
-        """
+        """Use a layout, and keep it for the unit."""
         layout.check()
         before, use = self.current, partial(self.use, name=self._unit())
         if layout != before:
@@ -259,24 +249,14 @@ class Layouts:
         return next((key for key in keys if self._stored(key[0])[key[1]] == self.current), None)
 
     def load(self, unit: str, name: str) -> None:
-        """Use a saved layout.
-
-        Raises
-        ------
-        RequestError : it does not exist any more.
-        """
+        """Use a saved layout."""
         layout = self._stored(unit).get(name)
         if layout is None:
             raise RequestError(f"there is no layout \u201c{name}\u201d of {unit}", "Choose another one.")
         self.change(layout)
 
     def save(self, name: str) -> None:
-        """Save the layout in use for the unit by a name.
-
-        Raises
-        ------
-        RequestError : the name is empty or too long.
-        """
+        """Save the layout in use for the unit by a name."""
         if not 0 < len(name) <= NAME_MOST:
             raise RequestError(f"the name of a layout has 1 to {NAME_MOST} characters", "Enter another name.")
         self._write(self._unit(), name, self.current)

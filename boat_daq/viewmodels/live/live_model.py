@@ -1,8 +1,7 @@
 """The live plots: the last seconds of every signal, thinned to extremes, with cursors, markers and values.
 
-Rules: drawing never touches more points than the screen has columns for, whatever the length of the run (the ring keeps
-a min-max pyramid, so no spike is lost). Freezing stops the plots, never the recording. Vertical ranges are constant
-until data leave them. Elongation is shown only while a calibration is in use, and only inside its range.
+Rules: drawing never touches more points than the screen has columns (the ring keeps a min-max pyramid, so no spike is
+lost). Freezing stops the plots, never the recording. Elongation is shown only while a calibration is in use.
 """
 
 from __future__ import annotations
@@ -365,10 +364,7 @@ class LiveModel:
         return found
 
     def means(self) -> dict[str, float]:
-        """Return the mean of each column over the last moment; empty before the first sample.
-
-        Every value shown as the current one is of these: readouts and shadow show one pressure.
-        """
+        """Return the mean of each column over the last moment, for all readouts; empty before the first sample."""
         ring = self.ring()
         recent = ring.view(self.now_s() - HEADLINE_S) if ring is not None and self.has_data() else {}
         return {name: float(values.mean()) for name, values in recent.items() if values.size}

@@ -1,8 +1,7 @@
 """The outlets beside the session in the window: LSL streams, and the SECoP node.
 
-Rules: an outlet is open while a board sends. The switches are remembered; what reaches beyond reading on this computer
-is not: control by clients and the network are allowed anew at each start. An outlet that cannot be opened is switched
-off, with the reason.
+Rules: an outlet is open while a board sends. The switches are remembered; control by clients and the network are
+allowed anew at each start. An outlet that cannot be opened is switched off, with the reason.
 """
 
 from __future__ import annotations
@@ -81,12 +80,7 @@ class OutletsModel:
         self._preferences.set(STREAMS, wanted and not self.network)
 
     def serve(self, wanted: bool, choice: NodeChoice | None = None) -> None:
-        """Switch the SECoP node, and state how it is reached; without a choice as before.
-
-        Raises
-        ------
-        RequestError : not an address.
-        """
+        """Switch the SECoP node, and state how it is reached; without a choice as before."""
         choice = self.choice if choice is None else choice
         host, port = choice.host_and_port
         self._close_node()
@@ -98,12 +92,7 @@ class OutletsModel:
     # ---- what is open ----------------------------------------------------------------------------------------------
 
     def follow(self, snapshot: SessionSnapshot) -> None:
-        """Open what is switched on while a board sends, anew for another board or other channels.
-
-        Raises
-        ------
-        BoatDaqError : an outlet cannot be opened; it is switched off.
-        """
+        """Open what is switched on while a board sends, anew for another board or other channels."""
         source = self._source_of(snapshot)
         if source != self._source:
             self.close()

@@ -25,7 +25,7 @@ class Photograph:
 
     Parameters
     ----------
-    distance_mm : between the first two clicks, from the grid.
+    distance_mm : distance of the first two clicks, from the grid.
     clicks : pixels: two of the scale, the tip at rest, the tip now.
     click_px : standard deviation of a click, pixels.
     """

@@ -118,12 +118,7 @@ class PlanEditor:
         return values
 
     def remove(self, at: int) -> None:
-        """Remove a segment; a loop with no other one goes with it.
-
-        Raises
-        ------
-        RequestError : it is the only one.
-        """
+        """Remove a segment; a loop with no other one goes with it."""
         if len(self.plan.segments) == 1:
             raise RequestError("a plan has at least one segment", "Add another one first.")
         segments = (*self.plan.segments[:at], *self.plan.segments[at + 1 :])
@@ -152,12 +147,7 @@ class PlanEditor:
         self._replace(at, Segment(kind, before.target, **{**self._usual(kind), "reading": before.reading}), "the kind")
 
     def set_value(self, at: int, key: str, text: str) -> None:
-        """Set a value of a segment, one of `COLUMNS`.
-
-        Raises
-        ------
-        RequestError : it is not a number, or makes no plan.
-        """
+        """Set a value of a segment, one of `COLUMNS`."""
         value = _number(text, COLUMNS[key][0].partition(" ")[0])
         if value != getattr(self.plan.segments[at], key):
             change: dict[str, Any] = {key: value}
@@ -173,12 +163,7 @@ class PlanEditor:
         self._take(text, segments=segments)
 
     def add_loop(self, first: str, last: str, times: str) -> None:
-        """Repeat segments, numbered from 1.
-
-        Raises
-        ------
-        RequestError : they are not whole numbers, or the loop crosses another one.
-        """
+        """Repeat segments, numbered from 1."""
         numbers = [_number(text, "the loop") for text in (first, last, times)]
         if any(number != int(number) for number in numbers):
             raise RequestError("a loop takes whole numbers", "Type first and last segment and how often, such as 2.")
@@ -189,12 +174,7 @@ class PlanEditor:
         self._take("without a loop", loops=(*self.plan.loops[:at], *self.plan.loops[at + 1 :]))
 
     def set_plan(self, key: str, text: str) -> None:
-        """Set a value of the plan, one of `LABELS`.
-
-        Raises
-        ------
-        RequestError : it makes no plan.
-        """
+        """Set a value of the plan, one of `LABELS`."""
         if key == "name":
             value: Any = text.strip()
         else:

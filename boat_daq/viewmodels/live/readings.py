@@ -1,9 +1,8 @@
 """The readings of elongation: one row a plateau; typed, pasted, imported or from a photograph.
 
 Rules: a reading is never changed, only corrected by a newer one, so undo adds a correction too. Text is checked before
-anything is stored. What is typed belongs to the plateau that it was typed for: where the run moves on before it is
-entered, it is kept with that plateau. A reading far from the running fit, or from the nominal actuator, is marked, and
-a warning is shown while it is typed; it is never refused or removed.
+anything is stored, and kept with the plateau that it was typed for. A reading far from the running fit, or from the
+nominal actuator, is marked with a warning; it is never refused or removed.
 """
 
 from __future__ import annotations
@@ -153,12 +152,7 @@ class ReadingsModel:
 
     @classmethod
     def of_closed(cls, path: Path, undo: UndoHistory) -> ReadingsModel:
-        """Return the table of a closed recording.
-
-        Raises
-        ------
-        RecordingError : it cannot be read.
-        """
+        """Return the table of a closed recording."""
         return cls(ClosedRun(path), undo)
 
     def question(self, snapshot: SessionSnapshot) -> str:
@@ -244,12 +238,7 @@ class ReadingsModel:
         return text + (f", {count(far, 'outlier')}" if far else "")
 
     def enter(self, step_id: int, text: str, source: str = "typed") -> None:
-        """Enter the text typed for a plateau; an empty text withdraws its reading.
-
-        Raises
-        ------
-        RequestError : not a length, or longer than the actuator.
-        """
+        """Enter the text typed for a plateau; an empty text withdraws its reading."""
         self.put(step_id, parse_mm(text) if text.strip() else None, source)
 
     def put(self, step_id: int, elongation_mm: float | None, source: str, resolution_mm: float | None = None) -> None:
@@ -259,7 +248,7 @@ class ReadingsModel:
         ----------
         elongation_mm : None withdraws the reading.
         source : "typed", "pasted", "photograph" or "simulated".
-        resolution_mm : of the reading; of the grid when None.
+        resolution_mm : resolution of the reading; None for that of the grid.
         """
         before = self.latest().get(step_id)
         self.typed.pop(step_id, None)
@@ -287,10 +276,6 @@ class ReadingsModel:
         Without a plateau, a column of all plateaus begins at the first, a shorter one at the first without a reading:
         nothing is overwritten by default. Of several columns the last is taken. All values are checked before any is
         stored.
-
-        Raises
-        ------
-        RequestError : a line that is no length, by its number; more lines than plateaus.
         """
         values = column_of_lengths(text)
         first = self._first_for(len(values)) if first_step_id is None else first_step_id
@@ -329,12 +314,7 @@ def _outlying(read: Sequence[tuple[StepMark, float]]) -> list[float]:
 
 
 def parse_mm(text: str) -> float:
-    """Return a typed elongation.
-
-    Raises
-    ------
-    RequestError : not a number, or longer than the actuator.
-    """
+    """Return a typed elongation."""
     try:
         value = plain_number(text)
     except ValueError:
@@ -347,12 +327,7 @@ def parse_mm(text: str) -> float:
 
 
 def column_of_lengths(text: str) -> list[float]:
-    """Return the last column of text, without a heading row.
-
-    Raises
-    ------
-    RequestError : a line that is no length, by its number.
-    """
+    """Return the last column of text, without a heading row."""
     lines = [line for line in text.replace("\r\n", "\n").split("\n") if line.strip() and not line.startswith("#")]
     separator = next((mark for mark in ("\t", ";") if any(mark in line for line in lines)), None)
     if separator is None and all(line.count(",") >= 1 and "." in line for line in lines[1:]):

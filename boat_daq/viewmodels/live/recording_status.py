@@ -1,7 +1,4 @@
-"""The recording in progress as text: time, size, what the disk has left, and where it is.
-
-Rules: the disk is looked at once a second, never for a frame. What is shown comes from the file, not from an estimate.
-"""
+"""The recording in progress as text: time, size and free disk space, read from the file once a second."""
 
 from __future__ import annotations
 

@@ -1,10 +1,7 @@
-"""The run on the bench: the buttons of its sequence, its recording, its readings and markers, and what is offered then.
+"""The run on the bench: the buttons of its sequence, its recording, its readings and markers, and offers after it.
 
-A simulated unit's grid is read by the program on request, at one plateau or at all; a quick trial runs a cycle so.
-
-Once a run has ended: to calibrate with its readings, or to resume it after an interruption, at its next whole cycle:
-after a vent or an unplugged board in the session's own recording, or in one that a crash or a stop has left. It is only
-armed; pressure waits for Start.
+The program reads a simulated unit's grid on request. After a run it offers to calibrate with its readings, or to resume
+it at its next whole cycle; a resumed run is only armed, pressure waits for Start.
 """
 
 from __future__ import annotations
@@ -104,12 +101,7 @@ class ResumeRun:
         self.first_cycle = 0  # where the interrupted run resumes, offered or armed; 0 without one
 
     def resume(self, path: Path) -> None:
-        """Prepare the interrupted run of a closed recording to resume in it.
-
-        Raises
-        ------
-        RequestError : no board is connected, a recording is open already, or there is nothing to resume.
-        """
+        """Prepare the interrupted run of a closed recording to resume in it."""
         snapshot = self._session.snapshot()
         if snapshot.link is not LinkState.UP:
             raise RequestError("no board is connected", "Connect the board of this run, then resume it.")
@@ -158,12 +150,7 @@ class ResumeRun:
         return (first, complete) if steps and complete < plan.cycles else (0, 0)
 
     def arm(self) -> None:
-        """Arm the rest of the interrupted run.
-
-        Raises
-        ------
-        BoatDaqError : it cannot be armed now.
-        """
+        """Arm the rest of the interrupted run."""
         plan = self._session.snapshot().plan
         if plan is not None and self.first_cycle:
             self._arm(plan, self.first_cycle)
@@ -183,12 +170,7 @@ class QuickTrial:
         self.active = self._begun = False
 
     def start(self) -> None:
-        """Start a fast virtual board; `follow` does the rest.
-
-        Raises
-        ------
-        RequestError : a board is connected.
-        """
+        """Start a fast virtual board; `follow` does the rest."""
         if not self.possible():
             raise RequestError("a board is connected", "Disconnect it, then start the quick trial.")
         self._run.connection.start_virtual_board(speed=TRIAL_SPEED)
@@ -200,12 +182,7 @@ class QuickTrial:
         return self._run.snapshot.link in ENDED and not self._run.connection.starting
 
     def follow(self, snapshot: SessionSnapshot) -> None:
-        """Begin the run once the board sends samples, and calibrate with it; a run that was stopped ends the trial.
-
-        Raises
-        ------
-        BoatDaqError : the run cannot begin.
-        """
+        """Begin the run once the board sends samples, and calibrate with it; a run that was stopped ends the trial."""
         run = self._run
         if not self.active:
             return
@@ -287,24 +264,14 @@ class RunModel:
             self.services.show(Page.LIVE)  # which asks for the readings
 
     def begin(self, plan: Plan) -> None:
-        """Arm and start a plan that waits for each reading, in a recording of its own.
-
-        Raises
-        ------
-        BoatDaqError : it is not allowed now.
-        """
+        """Arm and start a plan that waits for each reading, in a recording of its own."""
         if self.snapshot.recording is not None:
             self.session.stop_recording()
         self.sequence.arm(plan)
         self._press("start")
 
     def follow(self, snapshot: SessionSnapshot) -> None:
-        """Read the grid where every plateau is read from it, and continue a quick trial.
-
-        Raises
-        ------
-        BoatDaqError : the run of a trial cannot begin.
-        """
+        """Read the grid where every plateau is read from it, and continue a quick trial."""
         if self.read_all and snapshot.waiting_for_reading is not None:
             self.read_simulated(snapshot.waiting_for_reading.step_id)
         self.trial.follow(snapshot)
@@ -343,12 +310,7 @@ class RunModel:
             self.services.notices.attempt(self.resumption.arm)
 
     def record(self) -> Path:
-        """Start a recording named after unit and time; return its path.
-
-        Raises
-        ------
-        BoatDaqError : the folder cannot be written, or nothing is connected.
-        """
+        """Start a recording named after unit and time; return its path."""
         folder, unit = self.services.recordings, self.connection.unit
         folder.mkdir(parents=True, exist_ok=True)
         path = self.next_recording()
@@ -356,12 +318,7 @@ class RunModel:
         return path
 
     def next_recording(self) -> Path:
-        """Return the path that a recording begun now would have.
-
-        Raises
-        ------
-        RequestError : the template of the settings gives no name, or the unit's name is none of a file.
-        """
+        """Return the path that a recording begun now would have."""
         settings = self.session.settings
         if self.connection.unit:
             check_file_name(self.connection.unit)
@@ -391,13 +348,7 @@ class RunModel:
         return as_lines(self.session.derived)
 
     def set_derived(self, text: str) -> None:
-        """Use the derived channels of some lines, and store them.
-
-        Raises
-        ------
-        RecordingError : a definition is refused. RequestError : a recording is in progress. StorageError : they cannot
-            be stored.
-        """
+        """Use the derived channels of some lines, and store them."""
         channels = parse_lines(text)
         self.session.set_derived(channels)
         save_derived(channels)

@@ -215,12 +215,7 @@ class SequenceModel:
         self._undo.push(Change(text, lambda: self._take(plan), lambda: self._take(before)))
 
     def open(self, path: Path) -> None:
-        """Load a plan from a TOML file.
-
-        Raises
-        ------
-        RequestError : it cannot be read, or is invalid, by key.
-        """
+        """Load a plan from a TOML file."""
         plan = plan_from_toml(read_text(path), path.name)
         self.plans[plan.name] = plan
         self.take(plan)
@@ -285,12 +280,7 @@ class SequenceModel:
         return self._needs_readings and snapshot.state in (SessionState.RUNNING, SessionState.PAUSED)
 
     def press(self, button: str) -> None:
-        """Press a button of the current state.
-
-        Raises
-        ------
-        BoatDaqError : it is not allowed now.
-        """
+        """Press a button of the current state."""
         s = self.session
         actions: dict[str, Callable[[], object]] = {
             "arm": self.arm, "start": s.start, "disarm": s.disarm, "pause": s.pause, "resume": s.resume,
@@ -299,14 +289,7 @@ class SequenceModel:
         actions[button]()
 
     def arm(self, plan: Plan | None = None, *, resume: bool = False) -> None:
-        """Make a plan ready: the chosen one, or another one, which is then not chosen and waits for each reading.
-
-        With `resume`, at the next whole cycle of the interrupted run.
-
-        Raises
-        ------
-        BoatDaqError : it is not allowed now.
-        """
+        """Arm the chosen plan, or another one that waits for each reading; `resume` begins at the next whole cycle."""
         if plan is None and self.refused:
             cause = f"the plan is invalid: {next(iter(self.refused.values()))}"
             raise RequestError(cause, "Correct the marked fields of the plan, then arm.")
@@ -317,13 +300,7 @@ class SequenceModel:
         self._needs_readings = waits
 
     def set_pressure(self, text: str, ramp: str) -> None:
-        """Command a manual pressure.
-
-        Raises
-        ------
-        RequestError : not two numbers.
-        BoatDaqError : outside limits, or not now.
-        """
+        """Command a manual pressure."""
         try:
             target_kpa, ramp_kpa_per_s = plain_number(text), plain_number(ramp)
         except ValueError:
@@ -333,12 +310,7 @@ class SequenceModel:
         self.session.set_pressure(target_kpa, ramp_kpa_per_s)
 
     def set_elongation(self, text: str) -> None:
-        """Control the elongation: close the loop, or move its setpoint.
-
-        Raises
-        ------
-        RequestError : not a number, or the unit cannot be controlled. BoatDaqError : not now.
-        """
+        """Control the elongation: close the loop, or move its setpoint."""
         try:
             mm = plain_number(text)
         except ValueError:

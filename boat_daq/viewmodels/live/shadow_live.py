@@ -1,9 +1,8 @@
 """The shadow of the run: the current state of the actuator with its deviation, and the monitor of whole cycles.
 
-Rules: a frame uses the reduced model only; a state outside its table is reported, never solved for in a frame. Without
-a calibration the nominal actuator at this pressure is drawn, and labelled so. Lengths in mm, x across, z upwards from
-the fixed base. Each complete cycle is taken from the ring once and reduced to figures on a helper thread; one that the
-ring no longer holds, or that no calibration converts, is left out.
+Rules: a frame uses the reduced model only; a state outside its table is reported, never solved for. Without a
+calibration the nominal actuator at this pressure is drawn, and labelled so. Lengths in mm, x across, z upwards from the
+fixed base. Each complete cycle is reduced to figures once, on a helper thread.
 """
 
 from __future__ import annotations
@@ -55,7 +54,7 @@ class ShadowPicture:
     corners : [quads, 4, 2] deformed elements, both halves; levels : [quads] colour steps from 0.
     guides : [2, k, 2]; tracked : [14, 2].
     nominal_mm, measured_mm : elongations; NaN where unknown.
-    seconds : that the model took; NaN where nothing is drawn.
+    seconds : time that the model took; NaN where nothing is drawn.
     """
 
     rest: FloatArray
@@ -421,12 +420,7 @@ class ShadowMonitor:
         return mark, self._monitor.take(figures), self._monitor.smallest_shift()
 
     def poll(self) -> list[str]:
-        """Return the new alarms as sentences.
-
-        Raises
-        ------
-        BoatDaqError : a cycle could not be reduced; it is left out, and the next call continues after it.
-        """
+        """Return the new alarms as sentences."""
         reported = self._reported
         while (reduced := self._reducing.take()) is not None:
             mark, alarms, self._sight = reduced

@@ -1,7 +1,6 @@
 """The live conversion from signals to elongation, by the calibration of the unit on the bench.
 
-The stored points are fitted again, so that the live conversion is exactly the accepted calibration. It is prepared on
-a helper thread: the analysis and its compiler take a moment to load, which must not delay the window.
+It is prepared on a helper thread: the analysis and its compiler take a moment to load, which must not delay the window.
 """
 
 from __future__ import annotations
@@ -77,11 +76,6 @@ class UnitInUse:
         Parameters
         ----------
         revision : grows whenever a calibration in force changes.
-
-        Raises
-        ------
-        RequestError : the unit's file is refused.
-        BoatDaqError : the calibration has no inverse.
         """
         name = self.name(snapshot)
         if (name, snapshot.simulated, revision) != self._followed:
@@ -95,9 +89,11 @@ class UnitInUse:
             self._live.prediction = ready.prediction
 
     def use(self, record: CalibrationRecord | None, units: UnitLibrary | None = None) -> None:
-        """Show elongation by this calibration from now on; show none without one.
+        """Show elongation by this calibration from now on; none without one.
 
-        With `units`, the library that it is of, predicted signals too, where the unit is identified.
+        Parameters
+        ----------
+        units : library of the unit, for predicted signals; None for no prediction.
         """
         self._record = record
         self._live.inverse = self.conversion = self._live.prediction = None
@@ -110,11 +106,7 @@ class UnitInUse:
 
         Parameters
         ----------
-        step_mv : of the board's converter.
-
-        Raises
-        ------
-        RequestError : it has no calibration in force, or is not identified. BoatDaqError : its file is damaged.
+        step_mv : signal of one count of the board's converter.
         """
         fusion = self.conversion.fusion if self.conversion is not None else None
         units = self._units.of(simulated=snapshot.simulated)
@@ -126,10 +118,7 @@ class UnitInUse:
 
 
 class DisagreementWatch:
-    """The word for what disagrees with the predicted signals, once it has lasted, for a notice.
-
-    It is looked for twice a second, and reported once, until something else disagrees or nothing does.
-    """
+    """What disagrees with the predicted signals, reported once it has lasted, until something else disagrees."""
 
     def __init__(self, live: LiveModel) -> None:
         self._live = live

@@ -1,8 +1,8 @@
 """The optics page: a design's rays in the 15 states, the sweep over all designs, the search beyond them.
 
-Rules: rays are traced in helper processes; the states of a design arrive together, so that the slider only selects. A
-traced design is kept and not traced again; a sweep and a search are kept with their deformation curves. These have a
-name: `default` is the set that ships, `parametric` the one in closed form, anything else the path of a file.
+Rules: rays are traced in helper processes; the states of a design arrive together, so that the slider only selects.
+Results are kept by deformation curves: `default` is the set that ships, `parametric` the one in closed form, anything
+else the path of a file.
 """
 
 from __future__ import annotations
@@ -147,12 +147,7 @@ def rays_text(rays: int | Within) -> str:
 
 
 def rays_of(text: str) -> int | Within:
-    """Return the number of rays that was typed, as "300 rays", or their error, as "\u00b12 rays".
-
-    Raises
-    ------
-    RequestError : it is neither. BoatDaqError : so many rays cannot be traced.
-    """
+    """Return the number of rays that was typed, as "300 rays", or their error, as "\u00b12 rays"."""
     from analysis.optics.scene.parameters import Light
 
     plain = plain_text(text)
@@ -177,12 +172,7 @@ def confidence_text(confidence: float | None) -> str:
 
 
 def confidence_of(text: str) -> float | None:
-    """Return the confidence that was typed, as "95 %" or "0.95"; None for no race.
-
-    Raises
-    ------
-    RequestError : it is none.
-    """
+    """Return the confidence that was typed, as "95 %" or "0.95"; None for no race."""
     plain = plain_text(text).removeprefix("race:")
     if plain in ("", "none"):
         return None
@@ -196,12 +186,7 @@ def confidence_of(text: str) -> float | None:
 
 
 def curves_of(name: str) -> FloatArray:
-    """Return the fifteen states of `default`, `parametric` or a file, [15][2][points][2] mm.
-
-    Raises
-    ------
-    BoatDaqError : the file cannot be read, or holds one state only.
-    """
+    """Return the fifteen states of `default`, `parametric` or a file, [15][2][points][2] mm."""
     from analysis.optics.scene.curve_file import curves_named
 
     curves = curves_named(name)
@@ -254,10 +239,6 @@ def trace_design(
     curves : name of the states, see `curves_of`.
     by : the response: counted rays, or power.
     progress : is called with the states done and their number; again from the first, if more rays are needed.
-
-    Raises
-    ------
-    BoatDaqError : the design does not fit, the curves cannot be read, or the tolerance cannot be met.
     """
     from analysis.optics.scene.curves import frames_of
     from analysis.optics.scene.parameters import Design, Waveguide
@@ -378,10 +359,6 @@ def search(
     tolerance : of the winners' power in the final evaluation, rays of 250, which chooses its rays; None for any error.
     confidence : with which a race finds the best of the designs evaluated; None for no race.
     progress : is called with what is done and the total.
-
-    Raises
-    ------
-    BoatDaqError : no design of the grid fits these states, the curves cannot be read, or the tolerance cannot be met.
     """
     from analysis.optics.scene.parameters import Waveguide
     from analysis.optics.sweep.optimise import optimise

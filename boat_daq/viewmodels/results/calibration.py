@@ -1,9 +1,7 @@
 """The calibration page: a run is analysed in the background, shown, compared with the previous calibration, accepted.
 
-Rules: nothing is computed on the window's threads. An accepted calibration is stored with the unit as a new entry that
-is never changed, with the points that it rests on, and is used live at once. A curve that turns inside its range cannot
-be accepted. Plateaus are counted once for the whole window, those of the plan: the ones to be read, of which some were
-read, of which some are in the curve.
+Rules: nothing is computed on the window's threads. Plateaus are those of the plan: some were read, and some of these are
+in the curve.
 """
 
 from __future__ import annotations
@@ -59,7 +57,7 @@ class CalibrationModel:
     Parameters
     ----------
     session : its recording is closed before it is analysed.
-    newest : returns the newest recording, also of an earlier start: a simulated one, a real one, or (None) either.
+    newest : returns the newest recording of simulated boards (True), real boards (False) or both (None).
     """
 
     def __init__(
@@ -93,14 +91,7 @@ class CalibrationModel:
         return self.jobs.get("analysis") is not None
 
     def analyse_current(self) -> None:
-        """Close the open recording and analyse it; without one, analyse the last again, or the newest.
-
-        While a board is connected, only recordings of its kind are taken: simulated or real.
-
-        Raises
-        ------
-        RequestError : a run is in progress, or there is no recording.
-        """
+        """Close the open recording and analyse it; without one, the last again, or the newest of this kind of board."""
         snapshot = self.session.snapshot()
         if snapshot.state in BUSY:
             raise RequestError("a run is in progress", "Wait for its end, or stop it: complete cycles are analysed.")
@@ -116,10 +107,7 @@ class CalibrationModel:
         self.analyse(path)
 
     def analyse(self, path: Path) -> None:
-        """Analyse a recording in the background; another one than before by the curve that it was accepted with.
-
-        What is shown of the same recording stays until then, and where the analysis is cancelled.
-        """
+        """Analyse a recording in the background; a new one with the curve that it was accepted with."""
         if path != self.last_path:
             self.last_path, self.choice, self.result = path, "", None
         self._start(path)
@@ -138,12 +126,7 @@ class CalibrationModel:
         self.jobs.start("analysis", job, self._analysed)
 
     def contributions(self) -> ContributionsModel:
-        """Return the type B contributions of the unit of the run; the run is analysed again after each change.
-
-        Raises
-        ------
-        RequestError : no run of a unit is analysed.
-        """
+        """Return the type B contributions of the unit of the run; the run is analysed again after each change."""
         result = self.result
         if result is None or not result.unit:
             raise RequestError("no run of a unit is analysed", "Analyse a run of the unit first.")
@@ -155,12 +138,7 @@ class CalibrationModel:
         return ContributionsModel(self._units_of(result), result.unit, self._services.undo, changed)
 
     def certificate(self) -> CertificateModel:
-        """Return the state of the certificate's panel for the run that is shown.
-
-        Raises
-        ------
-        RequestError : no calibration is shown.
-        """
+        """Return the state of the certificate's panel for the run that is shown."""
         result = self.result
         if result is None or not result.calibrated:
             raise RequestError("there is no calibration to certify", "Analyse a run with readings first.")
@@ -187,10 +165,6 @@ class CalibrationModel:
         Parameters
         ----------
         name : of `CHOICES`.
-
-        Raises
-        ------
-        RequestError : there is no run.
         """
         path, before = self.last_path, self.choice
         if path is None:
@@ -223,12 +197,7 @@ class CalibrationModel:
             self.result = replace(self.result, path=str(new))
 
     def take_readings(self, file: Path) -> None:
-        """Keep a file of readings beside the recording, where every analysis finds it, and analyse again.
-
-        Raises
-        ------
-        RequestError : it is not a file of readings; names the line.
-        """
+        """Keep a file of readings beside the recording, where every analysis finds it, and analyse again."""
         if self.last_path is None:
             return
         read_elongation_rows(file)
@@ -246,12 +215,7 @@ class CalibrationModel:
         self.show(job.result)
 
     def show(self, result: RunResult | None) -> None:
-        """Show a result and compare it with the unit's calibration in force.
-
-        Raises
-        ------
-        RequestError : the unit's file cannot be read.
-        """
+        """Show a result and compare it with the unit's calibration in force."""
         self.jobs.cancel("posterior")  # of the curve before
         self.result, self.agreements, self.posterior, self.accepted = result, (), (), None
         self.revision += 1
@@ -264,12 +228,7 @@ class CalibrationModel:
         return self.units.of(simulated=result.simulated)
 
     def sample(self) -> None:
-        """Sample the posterior in the background.
-
-        Raises
-        ------
-        RequestError : there is no calibration to sample.
-        """
+        """Sample the posterior in the background."""
         if self.result is None or not self.result.calibrated:
             raise RequestError("there is no calibration yet", "Analyse a run with readings first.")
         if not self.samples():
@@ -283,12 +242,7 @@ class CalibrationModel:
         return self.result is not None and self.result.calibrated and not self.working
 
     def export(self, target: Path) -> None:
-        """Write the calibration that is shown as data or code, by the suffix of `target`, in the background.
-
-        Raises
-        ------
-        RequestError : there is no calibration.
-        """
+        """Write the calibration that is shown as data or code, by the suffix of `target`, in the background."""
         if self.result is None or not self.exports():
             raise RequestError("there is no calibration yet", "Analyse a run with readings first.")
         run, notices = Path(self.result.path), self._services.notices
@@ -447,15 +401,7 @@ class CalibrationModel:
         notices.attempt(self.accept, done=f"Calibration accepted{suffix}; {use}")
 
     def accept(self) -> None:
-        """Store the calibration with its unit, undoably.
-
-        Undo adds a newer entry: the calibration before it comes back into force, or none is.
-
-        Raises
-        ------
-        RequestError : the calibration cannot be accepted.
-        StorageError : the unit's file cannot be written.
-        """
+        """Store the calibration with its unit; undo puts the one before into force again."""
         obstacle = self.obstacle()
         if obstacle is not None or self.result is None:
             remedy = "See the warnings, and read or record what is missing."

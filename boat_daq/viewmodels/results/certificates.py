@@ -49,22 +49,12 @@ class CertificateModel:
         return self._jobs.get("certificate") is not None
 
     def missing(self) -> tuple[tuple[str, str], ...]:
-        """Return key and label of what the recording does not state; a note is never missing.
-
-        Raises
-        ------
-        RecordingError : it cannot be read.
-        """
+        """Return key and label of what the recording does not state; a note is never missing."""
         stated = self.metadata.stated().as_json()
         return tuple((key, label) for key, label in FIELDS if key != "note" and stated[key] in ("", None))
 
     def missing_laboratory(self) -> tuple[tuple[str, str], ...]:
-        """Return key and label of what is requested of the laboratory: nothing once it is stored.
-
-        Raises
-        ------
-        RequestError : its file is refused.
-        """
+        """Return key and label of what is requested of the laboratory: nothing once it is stored."""
         return () if load_laboratory() is not None else LABORATORY_FIELDS
 
     def state(self, metadata: Mapping[str, str], laboratory: Mapping[str, str]) -> None:
@@ -73,10 +63,6 @@ class CertificateModel:
         Parameters
         ----------
         metadata, laboratory : texts by key; those that are empty stay missing.
-
-        Raises
-        ------
-        RequestError, BoatDaqError : a value cannot be used. StorageError : it cannot be stored.
         """
         stated = {key: text.strip() for key, text in laboratory.items() if text.strip()}
         if stated.get("name"):

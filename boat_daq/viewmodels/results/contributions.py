@@ -1,8 +1,7 @@
 """The form of a unit's type B contributions: what grid, parallax, gauge and temperature add to an uncertainty.
 
-Rules: the unit's file holds them, as tables `[type_b.NAME]`, and `analysis.calibration.type_b` alone reads and refuses
-them: the form turns texts into such a table and back. What is not stated is not assessed; zero is a statement. Every
-change is undone by the window's history.
+Rules: `analysis.calibration.type_b` alone reads and refuses the tables of the unit's file; the form turns texts into
+such a table and back. A contribution that is not entered is not assessed; zero is an entry.
 """
 
 from __future__ import annotations
@@ -106,12 +105,7 @@ class ContributionsModel:
         self.units, self.unit, self._undo, self._changed = units, unit, undo, changed
 
     def tables(self) -> dict[str, Mapping[str, Any]]:
-        """Return the tables of the unit's file, by name.
-
-        Raises
-        ------
-        RequestError : the file is refused.
-        """
+        """Return the tables of the unit's file, by name."""
         return dict(self.units.load(self.unit).type_b)
 
     def rows(self) -> list[tuple[str, str, str]]:
@@ -149,12 +143,7 @@ class ContributionsModel:
             return Refusal(field, REMEDIES.get(key, error.remedy))
 
     def state(self, name: str, fields: ContributionFields) -> None:
-        """Store a contribution in the unit's file, undoably.
-
-        Raises
-        ------
-        RequestError : it is refused, or the file is. StorageError : the file cannot be written.
-        """
+        """Store a contribution in the unit's file, undoably."""
         found = self.check(name, fields)
         if isinstance(found, Refusal):
             raise RequestError(f"the contribution {label(name)!r:.60} is not stated", found.text)
@@ -163,12 +152,7 @@ class ContributionsModel:
             self._change(tables, tables | {found.name: fields.table()}, found.label)
 
     def withdraw(self, name: str) -> None:
-        """Remove a contribution from the unit's file, undoably: it is then not assessed.
-
-        Raises
-        ------
-        RequestError, StorageError : as `state`.
-        """
+        """Remove a contribution from the unit's file, undoably: it is then not assessed."""
         tables = self.tables()
         if name in tables:
             self._change(tables, {key: table for key, table in tables.items() if key != name}, label(name))

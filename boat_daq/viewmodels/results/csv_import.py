@@ -1,7 +1,7 @@
-"""A CSV file before its import: which column is what, in which unit, the separator, the rate; and the import itself.
+"""A CSV file before its import: the quantity and unit of measurement of each column, the separator, the rate.
 
-Strategy: a helper process reads the file and proposes a map, from the titles; the operator changes what was taken
-wrongly. What was chosen is kept for files with the same columns, and proposed for the next one.
+Strategy: a helper process proposes a map from the titles; the operator corrects it. The choice is kept for files with
+the same columns.
 """
 
 from __future__ import annotations
@@ -207,12 +207,7 @@ class CsvImport:
         return f"{column}:{source.unit}" if source.unit else column
 
     def start(self, name: str) -> None:
-        """Import the file in the background.
-
-        Raises
-        ------
-        RequestError : something is missing, or the name cannot be used.
-        """
+        """Import the file in the background."""
         if obstacle := self.obstacle():
             raise RequestError(f"{self.path.name} cannot be imported yet", obstacle)
         target = path_in(self._folder, f"{name.strip().removesuffix(SUFFIX)}{SUFFIX}")

@@ -1,7 +1,7 @@
-"""The form of metadata: what people state about a recording, or about the next recordings of a unit.
+"""The form of the metadata of a recording, or of the next recordings of a unit.
 
-Rules: `protocol.recording.Metadata` alone refuses a value. What is stated of a recording is added to its file and
-remembered for its unit; a change is undone by the window's history, as a newer statement.
+Rules: `protocol.recording.Metadata` alone refuses a value. An entry is added to the file and remembered for its unit; undo
+adds a newer one.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class MetadataModel:
 
     Parameters
     ----------
-    subject : what is stated something of, for the title.
+    subject : name of the recording or unit, for the title.
     read, write : the metadata, and their statement.
     undo : the window's history.
     changed : is called after each statement.
@@ -86,7 +86,7 @@ class MetadataModel:
 
         Parameters
         ----------
-        units, unit : the library and name that they are remembered for.
+        units, unit : library and name of the unit that remembers them.
         undo : the window's history.
         """
 
@@ -102,12 +102,7 @@ class MetadataModel:
         return cls(unit, partial(remembered, units, unit), partial(remember, units, unit), undo, OF_A_UNIT)
 
     def stated(self) -> Metadata:
-        """Return what is stated.
-
-        Raises
-        ------
-        RecordingError, RequestError : it cannot be read.
-        """
+        """Return what is stated."""
         return self._read()
 
     def texts(self, stated: Metadata) -> dict[str, str]:
@@ -120,11 +115,7 @@ class MetadataModel:
 
         Parameters
         ----------
-        typed : by key. lines : free fields, `name = value` on each line; None leaves them.
-
-        Raises
-        ------
-        RequestError : a value cannot be used; names its key. StorageError : it cannot be stored.
+        typed : texts by key. lines : free fields, `name = value` on each line; None leaves them.
         """
         before = self.stated()
         free = {} if lines is None else dict.fromkeys(before.fields, "") | free_fields(lines)
@@ -143,22 +134,12 @@ class MetadataModel:
         return template_names()
 
     def from_template(self, name: str, typed: Mapping[str, str], lines: str) -> tuple[dict[str, str], str]:
-        """Return the texts of the form with what is empty taken from a template.
-
-        Raises
-        ------
-        RequestError : the template is refused.
-        """
+        """Return the texts of the form with what is empty taken from a template."""
         filled = Metadata().changed({**free_fields(lines), **typed}).filled_from(load_template(name))
         return self.texts(filled), free_lines(filled)
 
     def save_template(self, name: str, typed: Mapping[str, str], lines: str) -> None:
-        """Store what the form has as a template, without note and ambient conditions.
-
-        Raises
-        ------
-        RequestError : the name cannot be used. RequestError : a value cannot.
-        """
+        """Store what the form has as a template, without note and ambient conditions."""
         save_template(name, Metadata().changed({**free_fields(lines), **typed}))
 
 

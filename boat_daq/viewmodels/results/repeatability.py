@@ -1,7 +1,7 @@
 """The repeatability page: a run of many cycles, also while it is in progress.
 
-Rules: during a continuous plan the recording is analysed again from its file at intervals, by a helper process, so that
-nothing is computed in two ways. Cycles are drawn in groups of one colour: a hundred take no longer than a dozen.
+Rules: during a continuous plan a helper process analyses the file again at intervals. Cycles are drawn in groups of one
+colour: a hundred take no longer than a dozen.
 """
 
 from __future__ import annotations

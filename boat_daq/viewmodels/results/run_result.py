@@ -170,10 +170,6 @@ def analyse_run(
     ----------
     curve : choice of `chosen_curve`.
     compare : whether every curve is tried, which takes longer than the rest.
-
-    Raises
-    ------
-    BoatDaqError : the recording cannot be read.
     """
     from analysis.figures.uncertainty import curve_candidates_of
     from analysis.stopping.criterion import DRIFT, SPREAD, half_width
@@ -250,12 +246,7 @@ def sample_run(
 
 
 def compare_runs(paths: list[Path], *, progress: Progress | None = None) -> tuple[RunResult, ...]:
-    """Return the analyses of several recordings.
-
-    Raises
-    ------
-    BoatDaqError : one of them cannot be read, or simulated and real ones are among them.
-    """
+    """Return the analyses of several recordings."""
     from analysis.figures.unit_history import refuse_mixture
 
     found = [analyse_run(str(path), progress=part_of(progress, i, 1, len(paths))) for i, path in enumerate(paths)]

@@ -175,12 +175,7 @@ class RunsModel:
         self.select(recovery.path)
 
     def rename(self, path: Path, name: str) -> None:
-        """Rename a closed recording with its companions, undoably.
-
-        Raises
-        ------
-        RequestError, StorageError, RecordingError : as `boat_daq.engine.recording.rename.rename`.
-        """
+        """Rename a closed recording with its companions, undoably."""
         target = path.with_name(f"{name.strip().removesuffix(SUFFIX)}{SUFFIX}")
         if target != path:
             move = self._move
@@ -192,24 +187,14 @@ class RunsModel:
         self.select(target)
 
     def note(self, run: RunEntry, text: str) -> None:
-        """Add a note to a closed recording, undoably: undo adds the one before again.
-
-        Raises
-        ------
-        RequestError, StorageError, RecordingError : as `boat_daq.engine.recording.rename.add_note`.
-        """
+        """Add a note to a closed recording, undoably: undo adds the one before again."""
         before = run.note
         if text != before:
             add = self._add_note
             self._undo.push(Change("note", lambda: add(run.path, text), lambda: add(run.path, before)))
 
     def metadata(self, run: RunEntry) -> MetadataModel:
-        """Return the form of a closed recording's metadata.
-
-        Raises
-        ------
-        RequestError : it is not closed.
-        """
+        """Return the form of a closed recording's metadata."""
         if run.summary is None or not run.closed:
             raise RequestError(f"{run.path.name} is not closed", "Close or recover the recording first.")
         units, changed = self.units.of(simulated=run.summary.simulated), partial(self.select, run.path)
@@ -220,22 +205,12 @@ class RunsModel:
         self.select(path)
 
     def resume(self, path: Path, then: Callable[[BrokenRun], None]) -> None:
-        """Prepare the resumption of a run in the background; `then` is called with it.
-
-        Raises
-        ------
-        RequestError, StorageError, RecordingError : the run cannot be resumed, or not now.
-        """
+        """Prepare the resumption of a run in the background; `then` is called with it."""
         read_broken_run(path)
         self.start("resume", Job(f"Checking {path.name}", prepare_resumption, path), then)
 
     def export(self, paths: list[Path], target: Path) -> None:
-        """Write the samples of one recording, in the form of the suffix of `target`, in the background.
-
-        Raises
-        ------
-        RequestError : not exactly one recording.
-        """
+        """Write the samples of one recording, in the form of the suffix of `target`, in the background."""
         if len(paths) != 1:
             raise RequestError("one recording is exported at a time", "Choose one line.")
         job = Job(f"Exporting {paths[0].name}", export_run, paths[0], target)
@@ -249,12 +224,7 @@ class RunsModel:
         self.start("export", job, done)
 
     def compare(self, paths: list[Path]) -> None:
-        """Analyse two to four recordings in the background, to compare their curves.
-
-        Raises
-        ------
-        RequestError : another number of them.
-        """
+        """Analyse two to four recordings in the background, to compare their curves."""
         if not 2 <= len(paths) <= MOST_COMPARED:
             raise RequestError(f"{count(len(paths), 'recording')} chosen to compare", "Choose two to four lines.")
         self.start("compare", Job("Comparing", compare_runs, paths), self.show_comparison)
@@ -281,11 +251,7 @@ class RunsModel:
         Parameters
         ----------
         paths, target : the recordings, and where the report is written.
-        curve : that is fitted; none: the one that a recording's calibration was accepted with.
-
-        Raises
-        ------
-        RequestError : no recording was chosen.
+        curve : choice of `chosen_curve`; empty for the curve of the accepted calibration.
         """
         if not paths:
             raise RequestError("no recording is chosen", "Choose one line or several.")
@@ -335,12 +301,7 @@ class RunsModel:
         return lines
 
     def over_time(self, row: int) -> UnitOverTimeModel:
-        """Return the model of the window of a unit, by its line in the list.
-
-        Raises
-        ------
-        RequestError : no unit is chosen.
-        """
+        """Return the model of the window of a unit, by its line in the list."""
         lines = [line for line in self.units_read if line[0] in self._kinds]
         if not 0 <= row < len(lines):
             raise RequestError("no unit is chosen", "Choose a line of the units.")

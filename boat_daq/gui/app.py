@@ -38,7 +38,6 @@ class Collector(QObject):
     Parameters
     ----------
     parent : is destroyed with the window; collection is then automatic again.
-    page_made : is emitted when a new page has loaded its libraries.
     """
 
     def __init__(self, parent: QObject, page_made: SignalInstance) -> None:
@@ -118,10 +117,8 @@ def run(
 
     Parameters
     ----------
-    board : whether a virtual board is started instead.
     rate_hz : samples per second; as in the settings when None.
     profile : path of the text profile of the firmware on `port`.
-    file : opened at once, as if it were dropped on the window.
     """
     app = make_application()
     window = make_window(rate_hz)

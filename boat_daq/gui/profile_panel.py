@@ -28,14 +28,7 @@ LIMITS_TIP = "The pressure is never commanded beyond these limits; without both,
 
 
 class ProfilePanel(QDialog):
-    """Proposes a profile from what a board prints, and lets the operator correct it over a preview.
-
-    Parameters
-    ----------
-    model : the profile in the making.
-    ports : returns the ports as (text, port).
-    use : takes the TOML of the finished profile, and the port.
-    """
+    """Proposes a profile from what a board prints, and lets the operator correct it over a preview."""
 
     def __init__(
         self,

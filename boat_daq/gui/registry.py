@@ -40,8 +40,6 @@ class Command:
     Parameters
     ----------
     menu : one of `MENUS`.
-    text : what it does, a verb first.
-    available : whether it can run now.
     apart : whether a separator precedes it in its menu.
     why : why it cannot run now; shown on hover, and as a notice when its key is pressed.
     also : other words by which the palette finds it.
@@ -117,13 +115,6 @@ class WindowKeys(QObject):
 
     Where a control with the focus disappears, Qt gives the focus to the next one, and a window that is opened to its
     first: a key would press it. Here it then goes nowhere.
-
-    Parameters
-    ----------
-    window : the main window, whose focus is watched.
-    vent, vent_all : vent at once, this window's board or all.
-    escape : does what Esc does with nothing open.
-    shows_plots : returns whether the page with the live plots is shown.
     """
 
     def __init__(

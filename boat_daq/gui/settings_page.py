@@ -36,13 +36,7 @@ SUBJECT_ROLE = Qt.ItemDataRole.UserRole
 
 
 class ValueRow:
-    """The row of one value: its label and field, range and default, and a button that sets the default.
-
-    Parameters
-    ----------
-    about : the value's description.
-    reset : sets its default.
-    """
+    """The row of one value: its label and field, range and default, and a button that sets the default."""
 
     def __init__(self, about: Described, store: Callable[[str], object], reset: Callable[[], object]) -> None:
         self.about, self._store = about, store
@@ -99,13 +93,7 @@ class ValueRow:
 
 
 class ValueForm(QWidget):
-    """The rows of the program, or those of a unit.
-
-    Parameters
-    ----------
-    store : takes key and text of a value that was entered.
-    reset : takes the key of a value whose default is wanted.
-    """
+    """The rows of the program, or those of a unit."""
 
     def __init__(
         self, shown: Iterable[Described], store: Callable[[str, str], object], reset: Callable[[str], object]

@@ -57,7 +57,6 @@ class AppModel:
 
     Parameters
     ----------
-    session : commands the board and records.
     units : the units and their calibrations; the stored ones when None.
     """
 

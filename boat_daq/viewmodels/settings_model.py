@@ -58,12 +58,7 @@ class StoredValues:
 
 
 class SettingsModel:
-    """State of the page; a subject is the program or the name of a unit.
-
-    Parameters
-    ----------
-    undo : the window's history.
-    """
+    """State of the page; a subject is the program or the name of a unit."""
 
     def __init__(self, session: Session, units: UnitLibrary, folder: Path, undo: UndoHistory) -> None:
         self._session, self._units, self._folder, self._undo = session, units, folder, undo

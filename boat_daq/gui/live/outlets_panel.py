@@ -25,12 +25,7 @@ TOKEN = "Needed for an address of other computers; each client must send it firs
 
 
 class OutletsPanel(QDialog):
-    """Switches the outlets, and shows what is open.
-
-    Parameters
-    ----------
-    services : report what cannot be used.
-    """
+    """Switches the outlets, and shows what is open."""
 
     def __init__(self, parent: QWidget, model: OutletsModel, services: Services) -> None:
         super().__init__(parent)

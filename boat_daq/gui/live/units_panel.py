@@ -22,13 +22,7 @@ NAMES = {"pressure": "Pressure", "voltage": "Signal", "length": "Elongation", "t
 
 
 class UnitsPanel(QDialog):
-    """Chooses the units.
-
-    Parameters
-    ----------
-    services : report what cannot be used.
-    changed : is called after each choice.
-    """
+    """Chooses the units."""
 
     def __init__(self, parent: QWidget, choice: UnitChoice, services: Services, changed: Callable[[], None]) -> None:
         super().__init__(parent)

@@ -311,12 +311,7 @@ class ParetoCard(PlotCard):
 
 
 class OpticsPage(ReflowingPage):
-    """The optics page.
-
-    Parameters
-    ----------
-    rays, confidence : number of rays, or their error; confidence of the search's race.
-    """
+    """The optics page."""
 
     def __init__(self, model: OpticsModel, rays: TypedText, confidence: TypedText, services: Services) -> None:
         super().__init__()

@@ -158,7 +158,6 @@ class PointLabels:
 
     Parameters
     ----------
-    item : the plot's pyqtgraph item.
     ground : whether a label covers what lies under it, as one on a curve must.
     """
 
@@ -192,12 +191,7 @@ class PointLabels:
 
 
 class CornerText:
-    """A text in the upper right corner of a plot, whatever its range.
-
-    Parameters
-    ----------
-    item : the plot's pyqtgraph item.
-    """
+    """A text in the upper right corner of a plot, whatever its range."""
 
     def __init__(self, item: Any) -> None:
         self._box = item.getViewBox()
@@ -226,14 +220,7 @@ class CornerText:
 
 
 class Plot:
-    """One plot of a card.
-
-    Parameters
-    ----------
-    item : the pyqtgraph item, made by `make_item`.
-    title : what its vertical axis measures, e.g. "Signal".
-    unit : e.g. "mV".
-    """
+    """One plot of a card."""
 
     def __init__(self, item: Any, title: str, unit: str, *, x_title: str = "", x_unit: str = "") -> None:
         self.item, self.title, self.unit = item, title, unit

@@ -36,7 +36,6 @@ class PlotCard(QFrame):
     Parameters
     ----------
     title : what the card shows; also its accessible name and the stem of saved files.
-    show_title : whether the title is also written over the plots.
     """
 
     copy_wanted = Signal(object)  # the card; the window copies and confirms
@@ -112,13 +111,7 @@ class PlotCard(QFrame):
         stretch: int = 1,
         beside: bool = False,
     ) -> Plot:
-        """Add a plot below or `beside` the others; its lower axis has labels only with an x title.
-
-        Parameters
-        ----------
-        time : whether the lower axis has clock labels.
-        beside : whether it is added at the right, not below.
-        """
+        """Add a plot below or `beside` the others; its lower axis has labels only with an x title."""
         item = make_item(time=time, whole=bool(x_title) and not x_unit)
         at = 0 if beside else len(self.plots)
         self.view.addItem(item, row=at, col=len(self.plots) if beside else 0)

@@ -121,13 +121,7 @@ class CurveCard(PlotCard):
 
 
 class LoopCard(PlotCard):
-    """Quantities over pressure in all cycles, each in its plot, as many as a run has.
-
-    Parameters
-    ----------
-    missing : is shown where there is no cycle.
-    ordinate : returns axis, unit, name and colour of a quantity by its number from 1.
-    """
+    """Quantities over pressure in all cycles, each in its plot, as many as a run has."""
 
     def __init__(self, title: str, missing: str, ordinate: Callable[[int], tuple[str, str, str, ThemeColour]]) -> None:
         super().__init__(title)
@@ -203,12 +197,7 @@ class TextArea(QScrollArea):
 
 
 class CalibrationPage(QWidget):
-    """The calibration page.
-
-    Parameters
-    ----------
-    show_repeatability : shows a run on the Repeat page.
-    """
+    """The calibration page."""
 
     def __init__(
         self,

@@ -86,7 +86,6 @@ class DynamicsWindow(QDialog):
 
     Parameters
     ----------
-    parent : the window of the program.
     like : a card of the window: theme, and what its menu does.
     """
 

@@ -100,12 +100,7 @@ class DriftCard(CycleFigureCard):
 
 
 class RepeatPage(QWidget):
-    """The repeatability page.
-
-    Parameters
-    ----------
-    choose_plan : chooses the plan of many cycles.
-    """
+    """The repeatability page."""
 
     def __init__(self, model: RepeatabilityModel, choose_plan: Callable[[], None], services: Services) -> None:
         super().__init__()

@@ -38,7 +38,6 @@ class UnitWindow(QDialog):
 
     Parameters
     ----------
-    parent : the window of the program.
     like : a card of the window: theme, and what its menu does.
     """
 

@@ -122,7 +122,6 @@ class TypedField(QComboBox):
 
     Parameters
     ----------
-    shown : what is chosen and typed.
     attempt : runs an action and returns whether it succeeded; reports why it did not.
     """
 
@@ -222,12 +221,7 @@ def holder(layout: QLayout) -> QWidget:
 
 
 def tabs(name: str, *pages: tuple[QWidget, str]) -> QTabWidget:
-    """Return tabs.
-
-    Parameters
-    ----------
-    pages : each with the text of its tab.
-    """
+    """Return tabs."""
     widget = QTabWidget()
     widget.setDocumentMode(True)
     widget.tabBar().setDrawBase(False)

@@ -24,7 +24,6 @@ class DataTable(QTableWidget):
     ----------
     name : what the table holds, for a screen reader.
     stretched : the column that takes the remaining width.
-    right : columns aligned to the right, those of numbers.
     """
 
     def __init__(

@@ -60,7 +60,6 @@ def ask_save(
 
     Parameters
     ----------
-    services : notices and the last folder.
     suffix : the endings allowed, without dots, separated by spaces; the first is the default.
     done : notice after `then` has returned; "Saved" and the name when None, no notice when empty.
     """
@@ -77,7 +76,6 @@ def ask_open(parent: QWidget, services: Services, title: str, suffixes: str, the
 
     Parameters
     ----------
-    services : notices and the last folder.
     suffixes : the endings allowed, separated by spaces.
     """
     dialog = _dialog(parent, services, title, suffixes, then, "")

@@ -13,12 +13,7 @@ from boat_daq.viewmodels.common.notices import Notices
 
 
 class PanelGuard:
-    """Shows panels; an error of one is shown in its place, noticed and logged once, until it can be shown again.
-
-    Parameters
-    ----------
-    notices : take the error with its traceback.
-    """
+    """Shows panels; an error of one is shown in its place, noticed and logged once, until it can be shown again."""
 
     def __init__(self, notices: Notices) -> None:
         self._notices = notices

@@ -19,7 +19,6 @@ class WrappedTable(DataTable):
 
     Parameters
     ----------
-    name, headings, right : as of `DataTable`.
     stretched : the columns that share the remaining width, and are wrapped.
     """
 

@@ -75,12 +75,7 @@ class Notice:
 
 
 class Notices:
-    """The notices of a session, newest last.
-
-    Parameters
-    ----------
-    clock : seconds, monotonic.
-    """
+    """The notices of a session, newest last."""
 
     def __init__(self, clock: Callable[[], float] = monotonic) -> None:
         self._clock = clock
@@ -97,16 +92,7 @@ class Notices:
         action: Offer | None = None,
         saved: Path | None = None,
     ) -> Notice:
-        """Add a notice; one with the same cause is replaced.
-
-        Parameters
-        ----------
-        severity : information expires, the others stay.
-        cause, remedy : what has happened, and what to do.
-        details : shown on request, e.g. a traceback.
-        action : label and function of the button.
-        saved : the file that was written.
-        """
+        """Add a notice; one with the same cause is replaced."""
         action_text, run = action or ("", None)
         time = datetime.now().astimezone().strftime("%H:%M:%S")
         notice = Notice(severity, cause, remedy, details, action_text, run, self._clock(), time, saved)

@@ -24,13 +24,7 @@ def start_window() -> None:
 
 
 class OpenWindows:
-    """This window among the others.
-
-    Parameters
-    ----------
-    name : returns what the others show of it.
-    notices : take what the others answered.
-    """
+    """This window among the others."""
 
     def __init__(self, session: Session, name: Callable[[], str], notices: Notices, folder: Path) -> None:
         self._session, self._name, self._notices, self._folder = session, name, notices, folder

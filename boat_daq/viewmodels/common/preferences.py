@@ -25,12 +25,7 @@ DEFAULT: Level = "normal"
 
 
 class Preferences:
-    """Values by key.
-
-    Parameters
-    ----------
-    report : is called with cause and remedy the first time that it cannot be saved.
-    """
+    """Values by key."""
 
     def __init__(self, folder: Path, report: Callable[[str, str], object] = lambda cause, remedy: None) -> None:
         self.path = folder / NAME
@@ -80,12 +75,7 @@ class Preferences:
 
 
 class UnitChoice:
-    """The units in which the window shows values.
-
-    Parameters
-    ----------
-    apply : is called with the units now and after each choice.
-    """
+    """The units in which the window shows values."""
 
     KEY = "units"
 
@@ -120,12 +110,7 @@ class UnitChoice:
 
 
 class Precision:
-    """The chosen level.
-
-    Parameters
-    ----------
-    apply : is called with the precision now and after each choice.
-    """
+    """The chosen level."""
 
     def __init__(self, preferences: Preferences, apply: Callable[[Fidelity], None]) -> None:
         self._preferences, self._apply = preferences, apply

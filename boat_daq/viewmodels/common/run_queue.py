@@ -1,7 +1,7 @@
 """A queue of runs in the window: each starts when the one before has finished, after its pause and wait.
 
-A run that is stopped, vented or aborted ends the queue. A run of another unit waits until the board is connected as that
-unit.
+A run that is stopped, vented or aborted ends the queue. A run of another unit waits until the board is connected
+as that unit.
 """
 
 from __future__ import annotations
@@ -36,12 +36,7 @@ class Runner(Protocol):
 
 
 class RunQueue:
-    """The queue of a window; `follow` is called with each refresh.
-
-    Parameters
-    ----------
-    clock : seconds, monotonic.
-    """
+    """The queue of a window; `follow` is called with each refresh."""
 
     def __init__(self, run: Runner, clock: Callable[[], float] = monotonic) -> None:
         self._run, self._clock = run, clock

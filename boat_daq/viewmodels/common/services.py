@@ -73,16 +73,7 @@ class UndoHistory:
 
 @dataclass(slots=True)
 class Services:
-    """Services of the window.
-
-    Parameters
-    ----------
-    notices : the messages of the status strip.
-    undo : the window's undo history.
-    recordings : folder of the recordings, where file dialogs start.
-    show : shows a page or a panel; set by the window.
-    open : opens a file by its kind; set by the window.
-    """
+    """Services of the window."""
 
     notices: Notices
     preferences: Preferences

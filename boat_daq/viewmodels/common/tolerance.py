@@ -90,11 +90,8 @@ class TypedChoice(Generic[T]):
 
     Parameters
     ----------
-    services : keep it and undo it.
     name : completes "Undo ...", and is the key in the preferences.
     read : returns the value of a text; raises RequestError where it has none.
-    apply : takes each value that is chosen, and at the start one that was kept.
-    show : returns the text of a value.
     """
 
     def __init__(

@@ -121,7 +121,6 @@ def clock(time_s: float, step_s: float, unit: str = "min:s") -> str:
     Parameters
     ----------
     step_s : between the ticks; decides the decimals of seconds.
-    unit : by `clock_unit`.
     """
     if unit == "s":
         return f"{time_s:.{max(1, -math.floor(math.log10(step_s)))}f}".replace("-", MINUS)

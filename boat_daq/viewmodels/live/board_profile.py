@@ -55,9 +55,7 @@ class Preview:
 
     Parameters
     ----------
-    headings, rows : the newest samples as texts, the newest last.
     remark : how many lines were good, or why there is no profile.
-    good : whether the samples are usable.
     """
 
     headings: tuple[str, ...] = ()
@@ -67,12 +65,7 @@ class Preview:
 
 
 class BoardProfile:
-    """A profile in the making.
-
-    Parameters
-    ----------
-    settings : baud rate of the port, and whether remote ports are allowed.
-    """
+    """A profile in the making."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings

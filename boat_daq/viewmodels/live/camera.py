@@ -24,7 +24,6 @@ class CameraView:
 
     Attributes
     ----------
-    state : of the camera; None while none is open.
     warning : why there is no value, with the remedy; empty where there is one.
     """
 
@@ -36,12 +35,7 @@ class CameraView:
 
 
 class CameraModel:
-    """The camera beside the session.
-
-    Parameters
-    ----------
-    session : whose recording and plateaus get the readings.
-    """
+    """The camera beside the session."""
 
     def __init__(self, session: Session, preferences: Preferences) -> None:
         self._session, self._preferences = session, preferences

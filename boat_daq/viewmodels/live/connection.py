@@ -192,13 +192,7 @@ class VirtualBoardProcess:
 
 
 class ConnectionModel:
-    """Opening and closing the link.
-
-    Parameters
-    ----------
-    preferences : keep the last port, profile and unit.
-    units : the boards that they were used with.
-    """
+    """Opening and closing the link."""
 
     def __init__(self, session: Session, preferences: Preferences, units: UnitLibrary) -> None:
         self.session = session

@@ -53,13 +53,7 @@ def uncertainty_text(enough: EnoughCycles, snapshot: SessionSnapshot) -> str:
 
 
 class EndAt:
-    """The entry of the plan's form.
-
-    Parameters
-    ----------
-    sequence : the kind of its plan has the unit.
-    services : keep the values, and take the edits.
-    """
+    """The entry of the plan's form."""
 
     def __init__(self, enough: EnoughCycles, sequence: SequenceModel, services: Services) -> None:
         self._enough, self._sequence = enough, sequence
@@ -108,12 +102,6 @@ class EndAt:
 
 class EndReport:
     """Reports what a run had reached when it ended by its U, its plan or the operator's stop.
-
-    Parameters
-    ----------
-    enough : has the uncertainty asked for, and the assessment that ended the run.
-    notices : take the report; that of a run which ended at its U is a message of the session already.
-    clock : seconds, monotonic.
 
     Attributes
     ----------

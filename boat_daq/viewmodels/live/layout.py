@@ -89,8 +89,6 @@ class Layout:
 
     Parameters
     ----------
-    rows : the quantities of each plot, from the top.
-    hidden : quantities that are not shown.
     right : quantities on the right axis of their plot.
     heights : share of the height by the first quantity of a plot; a plot without one has the usual share.
     against : quantities against which the signals are drawn as curves, beside the plots over time.
@@ -202,12 +200,7 @@ def layout_of(stored: object) -> Layout | None:
 
 
 class Layouts:
-    """The layout in use of the unit on the bench, and those saved by name.
-
-    Parameters
-    ----------
-    unit : returns the name of the unit.
-    """
+    """The layout in use of the unit on the bench, and those saved by name."""
 
     def __init__(self, preferences: Preferences, undo: UndoHistory, unit: Callable[[], str]) -> None:
         self._preferences, self._undo, self._unit = preferences, undo, unit

@@ -134,13 +134,7 @@ def with_holes(columns: Columns) -> Columns:
 
 @dataclass(slots=True)
 class LiveModel:
-    """State of the live plots.
-
-    Parameters
-    ----------
-    ring : returns the current ring; None before the first connection.
-    layout : returns the layout of the plots.
-    """
+    """State of the live plots."""
 
     ring: Callable[[], RingBuffer | None]
     inverse: Inverse | None = None
@@ -497,7 +491,6 @@ class OverlayModel:
 
     Parameters
     ----------
-    steps : returns the steps of the run.
     time_of : converts board time (microseconds) to the ring's time; None where the ring does not hold it.
     """
 

@@ -42,14 +42,7 @@ class OutletsView:
 
 
 class OutletsModel:
-    """The outlets beside the session.
-
-    Parameters
-    ----------
-    preferences : keep the switches and the address.
-    plans : returns the plans that a client may arm, by name.
-    recordings : folder of the recordings that a client starts.
-    """
+    """The outlets beside the session."""
 
     def __init__(
         self,

@@ -30,13 +30,7 @@ class RecordingText:
 
 
 class RecordingStatus:
-    """State of the badge.
-
-    Parameters
-    ----------
-    run : starts and closes the recording.
-    clock : seconds, monotonic.
-    """
+    """State of the badge."""
 
     def __init__(self, run: RunModel, clock: Callable[[], float] = monotonic) -> None:
         self._run, self._clock = run, clock

@@ -39,13 +39,7 @@ UNDER_WAY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 
 
 class CalibrationOffer:
-    """Follows the session and offers to calibrate.
-
-    Parameters
-    ----------
-    analyse : closes the recording and analyses it.
-    prepare : starts to load what the next analysis or report needs.
-    """
+    """Follows the session and offers to calibrate."""
 
     def __init__(
         self, readings: ReadingsModel, analyse: Callable[[], None], prepare: Callable[[], None], services: Services
@@ -86,11 +80,6 @@ class ResumeRun:
     """Offers to resume an interrupted run, and arms it.
 
     The offer follows from the recording: it is made after every vent, and again after a vent while it is armed.
-
-    Parameters
-    ----------
-    sequence : takes the run's plan.
-    read : reads an interrupted run from a closed recording in the background, then calls back with it.
     """
 
     def __init__(self, session: Session, sequence: SequenceModel, read: ReadInterrupted, services: Services) -> None:
@@ -207,12 +196,7 @@ class RunModel:
 
     Parameters
     ----------
-    session : commands the board and records.
-    connection : names the unit on the bench, reads the simulated grid.
-    resumption, calibration : what is offered after a run.
     read_all : whether every plateau of a simulated unit is read from its grid.
-    trial, queue : the quick trial, and runs one after the other.
-    enough, end_at, end_report : ends a run at its U, the entry of that U, and what a run had reached at its end.
     """
 
     session: Session

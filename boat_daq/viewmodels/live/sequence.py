@@ -152,9 +152,7 @@ class SequenceModel:
 
     Parameters
     ----------
-    undo : takes the edits of the plan.
     preferences : keep the plan between starts; a stored one that is invalid is ignored.
-    regulator : makes what controls the elongation of the unit on the bench.
     """
 
     def __init__(

@@ -91,14 +91,7 @@ NOTHING_DRAWN = (np.zeros((0, 4, 2)), np.zeros(0, np.int64), np.zeros((0, 0, 2))
 
 
 class ShadowLive:
-    """State of the pane.
-
-    Parameters
-    ----------
-    live : has the current ring and conversion.
-    jobs : run the jobs that build the table and test stability.
-    notices : take a table that could not be built.
-    """
+    """State of the pane."""
 
     def __init__(self, live: LiveModel, jobs: JobRunner, notices: Notices) -> None:
         self._live, self._jobs, self._notices = live, jobs, notices
@@ -362,13 +355,7 @@ SERIES = {
 
 
 class ShadowMonitor:
-    """Follows the cycles of a run.
-
-    Parameters
-    ----------
-    model : returns the shadow, or None.
-    overlay : has the current ring and locates each cycle in it.
-    """
+    """Follows the cycles of a run."""
 
     def __init__(self, model: Callable[[], Shadow | None], overlay: OverlayModel) -> None:
         self._model, self._overlay = model, overlay

@@ -38,14 +38,7 @@ TEXTS = {  # cause and remedy
 
 
 class UnitInUse:
-    """Keeps the live conversion in step with the unit's calibration in force.
-
-    Parameters
-    ----------
-    units : the units and their calibrations.
-    connection : names the unit while no board is connected.
-    live : shows elongation by the conversion.
-    """
+    """Keeps the live conversion in step with the unit's calibration in force."""
 
     def __init__(self, units: UnitLibrary, connection: ConnectionModel, live: LiveModel) -> None:
         self._units, self._connection, self._live = units, connection, live

@@ -80,12 +80,7 @@ class MapView:
 
 
 def read_maps(content: Any) -> dict[str, list[MapView]]:
-    """Return the maps of an atlas, by method.
-
-    Raises
-    ------
-    RequestError : it is not a result of `boat-daq atlas`.
-    """
+    """Return the maps of an atlas, by method."""
     maps: dict[str, list[MapView]] = {}
     try:
         for m in content["maps"]:
@@ -122,12 +117,7 @@ class AtlasModel(MeasuredResult):
         super().__init__(jobs, folder / ATLAS_FILE)
 
     def toggle(self, method: str) -> None:
-        """Start sweeping a method's maps, or stop.
-
-        Raises
-        ------
-        RequestError : all methods are shown, not one.
-        """
+        """Start sweeping a method's maps, or stop."""
         if self.job is None and method == OVERVIEW:
             raise RequestError("no method is shown whose map could be made", "Choose one in the list of methods.")
         self._toggle(Job("Mapping where it works", measured_methods.sweep_method, method))

@@ -206,12 +206,7 @@ def elongations_of(name: str, curves: FloatArray) -> FloatArray:
 
 
 def light_for(rays: int | Within, designs: tuple[Design, ...], curves: FloatArray, by: By) -> Light:
-    """Return the light of a number of rays, or of as many as a tolerance takes for some designs.
-
-    Parameters
-    ----------
-    rays : the number, or the tolerance.
-    """
+    """Return the light of a number of rays, or of as many as a tolerance takes for some designs."""
     from analysis.optics.scene.parameters import PAPER_RAYS, light_by
     from analysis.optics.sweep.fans import light_within
     from analysis.optics.sweep.sweep import SweepRequest
@@ -237,8 +232,6 @@ def trace_design(
     values : cavities, width, depth, spacing (mm).
     rays : released in each state, or the tolerance that chooses them: no state has a larger error.
     curves : name of the states, see `curves_of`.
-    by : the response: counted rays, or power.
-    progress : is called with the states done and their number; again from the first, if more rays are needed.
     """
     from analysis.optics.scene.curves import frames_of
     from analysis.optics.scene.parameters import Design, Waveguide
@@ -264,12 +257,7 @@ def trace_design(
 def _detected(
     frames: Sequence[SceneFrame], design: Design, guide: Waveguide, light: Light, by: By, progress: Progress | None
 ) -> FloatArray:
-    """Return what is detected in each state, of 250 rays, and its standard deviation, [2, states].
-
-    Parameters
-    ----------
-    by, progress : as in `trace_design`.
-    """
+    """Return what is detected in each state, of 250 rays, and its standard deviation, [2, states]."""
     from analysis.optics.scene.parameters import PAPER_RAYS
     from analysis.optics.tracer.simulation import trace
 
@@ -316,8 +304,6 @@ def sweep(
     ----------
     rays : released in each simulation, or the tolerance that chooses them.
     curves : name of the states, see `curves_of`.
-    by : what designs are ranked by.
-    progress : is called with the designs done and their number.
     """
     from analysis.optics.scene.parameters import PAPER_OPTIMUM
     from analysis.optics.sweep.fans import compare_fans, fans_of
@@ -358,7 +344,6 @@ def search(
     seconds : about how long to search.
     tolerance : of the winners' power in the final evaluation, rays of 250, which chooses its rays; None for any error.
     confidence : with which a race finds the best of the designs evaluated; None for no race.
-    progress : is called with what is done and the total.
     """
     from analysis.optics.scene.parameters import Waveguide
     from analysis.optics.sweep.optimise import optimise
@@ -370,12 +355,7 @@ def search(
 
 
 class OpticsModel:
-    """State of the page.
-
-    Parameters
-    ----------
-    notices : take what could not be traced.
-    """
+    """State of the page."""
 
     def __init__(self, jobs: JobRunner, notices: Notices) -> None:
         self.jobs, self.notices = jobs, notices

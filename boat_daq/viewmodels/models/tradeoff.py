@@ -140,12 +140,7 @@ class DefaultPoint(NamedTuple):
 
 
 def read_report(content: Any) -> dict[str, MethodChart]:
-    """Return the methods of a result, by name.
-
-    Raises
-    ------
-    RequestError : it is not a result of `boat-daq tradeoff`.
-    """
+    """Return the methods of a result, by name."""
     try:
         margin = float(content.get("margin", MARGIN))
         return {str(m["name"]): _method(m, margin) for m in content["methods"]}

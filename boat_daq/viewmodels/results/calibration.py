@@ -1,7 +1,7 @@
 """The calibration page: a run is analysed in the background, shown, compared with the previous calibration, accepted.
 
-Rules: nothing is computed on the window's threads. Plateaus are those of the plan: some were read, and some of these are
-in the curve.
+Rules: nothing is computed on the window's threads. Plateaus are those of the plan; some were read, some of these are in
+the curve.
 """
 
 from __future__ import annotations
@@ -56,7 +56,6 @@ class CalibrationModel:
 
     Parameters
     ----------
-    session : its recording is closed before it is analysed.
     newest : returns the newest recording of simulated boards (True), real boards (False) or both (None).
     """
 
@@ -160,12 +159,7 @@ class CalibrationModel:
         return self.choice or (self.result.curve if self.result is not None else "") or str(USUAL_DEGREE)
 
     def choose_curve(self, name: str) -> None:
-        """Fit another curve, undoably.
-
-        Parameters
-        ----------
-        name : of `CHOICES`.
-        """
+        """Fit another curve, undoably."""
         path, before = self.last_path, self.choice
         if path is None:
             raise RequestError("no run is analysed", "Analyse a run with readings first.")

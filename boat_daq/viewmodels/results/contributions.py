@@ -92,14 +92,7 @@ class Refusal(NamedTuple):
 
 
 class ContributionsModel:
-    """State of the form.
-
-    Parameters
-    ----------
-    units : the library of the unit: of simulated boards or of real ones.
-    undo : the window's history.
-    changed : is called after each change of the file.
-    """
+    """State of the form."""
 
     def __init__(self, units: UnitLibrary, unit: str, undo: UndoHistory, changed: Callable[[], None]) -> None:
         self.units, self.unit, self._undo, self._changed = units, unit, undo, changed
@@ -128,7 +121,6 @@ class ContributionsModel:
 
         Parameters
         ----------
-        name : its key, or its name as it was typed.
         new : whether none of that name may be stated.
         """
         if not key_of(name):

@@ -54,13 +54,7 @@ class FileColumn:
 
 
 class CsvImport:
-    """The file that is to be imported.
-
-    Parameters
-    ----------
-    preferences : keep the columns of each kind of file.
-    imported : is called with the new recording and what the importer noted.
-    """
+    """The file that is to be imported."""
 
     def __init__(
         self, folder: Path, jobs: JobRunner, preferences: Preferences, imported: Callable[[Path, Sequence[str]], None]

@@ -21,12 +21,7 @@ SUGGESTED = tuple(TypedTolerance(mm, "mm") for mm in (0.02, SETTLED_MM, 0.1))
 
 
 class DynamicsModel:
-    """State of the window of a run's dynamics.
-
-    Parameters
-    ----------
-    units : the units and their calibrations.
-    """
+    """State of the window of a run's dynamics."""
 
     def __init__(self, units: UnitLibrary, path: Path, jobs: JobRunner, services: Services) -> None:
         self.path, self._units, self._jobs, self._notices = path, units, jobs, services.notices

@@ -1,7 +1,7 @@
 """The form of the metadata of a recording, or of the next recordings of a unit.
 
-Rules: `protocol.recording.Metadata` alone refuses a value. An entry is added to the file and remembered for its unit; undo
-adds a newer one.
+Rules: `protocol.recording.Metadata` alone refuses a value. An entry is added to the file and remembered for its unit;
+undo adds a newer one.
 """
 
 from __future__ import annotations
@@ -44,9 +44,6 @@ class MetadataModel:
     Parameters
     ----------
     subject : name of the recording or unit, for the title.
-    read, write : the metadata, and their statement.
-    undo : the window's history.
-    changed : is called after each statement.
     """
 
     def __init__(
@@ -87,7 +84,6 @@ class MetadataModel:
         Parameters
         ----------
         units, unit : library and name of the unit that remembers them.
-        undo : the window's history.
         """
 
         def write(stated: Metadata) -> None:

@@ -31,12 +31,7 @@ NO_CYCLE = "A cycle goes from the highest pressure to the lowest and back."
 
 
 class RepeatabilityModel:
-    """State of the page.
-
-    Parameters
-    ----------
-    clock : seconds, monotonic.
-    """
+    """State of the page."""
 
     def __init__(self, jobs: JobRunner, clock: Callable[[], float] = monotonic) -> None:
         self.jobs, self._clock = jobs, clock

@@ -169,7 +169,6 @@ def analyse_run(
     Parameters
     ----------
     curve : choice of `chosen_curve`.
-    compare : whether every curve is tried, which takes longer than the rest.
     """
     from analysis.figures.uncertainty import curve_candidates_of
     from analysis.stopping.criterion import DRIFT, SPREAD, half_width

@@ -65,14 +65,7 @@ class RunActions:
 
 
 class RunsModel:
-    """State of the page.
-
-    Parameters
-    ----------
-    units : the units and their calibrations.
-    undo : takes new names and notes.
-    renamed : is called with the former and the new path of a recording.
-    """
+    """State of the page."""
 
     def __init__(
         self,
@@ -250,7 +243,6 @@ class RunsModel:
 
         Parameters
         ----------
-        paths, target : the recordings, and where the report is written.
         curve : choice of `chosen_curve`; empty for the curve of the accepted calibration.
         """
         if not paths:

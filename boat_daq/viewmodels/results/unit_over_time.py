@@ -35,12 +35,7 @@ def unit_rows(found: UnitOverTime) -> list[tuple[str, ...]]:
 
 
 class UnitOverTimeModel:
-    """State of the window of a unit.
-
-    Parameters
-    ----------
-    units : the library of the unit: of real or of simulated boards.
-    """
+    """State of the window of a unit."""
 
     def __init__(self, units: UnitLibrary, name: str, jobs: JobRunner, notices: Notices) -> None:
         self.units, self.name, self._jobs, self._notices = units, name, jobs, notices

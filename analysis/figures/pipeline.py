@@ -21,9 +21,9 @@ from analysis.calibration.type_b import SCALE
 from analysis.data.load import load_recording
 from analysis.data.recording import Recording
 from analysis.fidelity import fidelity
-from analysis.figures import sensor_figures as metrics
 from analysis.figures.across_breaks import compare_breaks, of_cycles, parts_of
 from analysis.figures.figure import Figure, LabFigure, Reason
+from analysis.figures.loop_figures import hysteresis, joint_hysteresis
 from analysis.figures.outliers import without_wrong_readings
 from analysis.figures.sensor_analysis import (
     AnalysedRun,
@@ -276,9 +276,9 @@ def _actuator_hysteresis(run: SegmentedRun, sensors: Sequence[SensorAnalysis]) -
     loop = actuator_loop(run, sensors)
     if loop is not None:
         low, high = loop.fit.predict(np.asarray(loop.fit.ends))
-        figure = metrics.joint_hysteresis(loop.estimate, width, abs(float(high - low)), run.loops.n_cycles, over="p")
+        figure = joint_hysteresis(loop.estimate, width, abs(float(high - low)), run.loops.n_cycles, over="p")
         return replace(figure, unit="%"), per_cycle
-    figure = metrics.hysteresis(width, span, run.loops.n_cycles, definition)
+    figure = hysteresis(width, span, run.loops.n_cycles, definition)
     per_mm = 100.0 / span if span > 0 else 0.0
     return limited_by_reading(replace(figure, unit="%"), run.reading_sd_mm, per_mm), per_cycle
 

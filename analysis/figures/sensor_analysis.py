@@ -1,7 +1,7 @@
 """One sensor of a run: its calibration, its posterior, its figures.
 
-Strategy: every figure is a function of its own in `analysis.figures.sensor_figures`; this file hands each what it
-needs, in the order in which one rests on another.
+Strategy: every figure is a function of its own in `curve_figures`, `loop_figures`, `noise_figures` or `cycle_figures`;
+this module hands each what it needs, in the order in which one rests on another.
 
 Rules: what cannot be computed is void with a reason and the rest is computed. Figures of the calibration rest on the
 plateaus whose elongation was read, the others on all plateaus or cycles that are used; above the limit of lost samples
@@ -36,10 +36,21 @@ from analysis.calibration.quantised_x import common_variance
 from analysis.calibration.type_b import TypeBContribution
 from analysis.data.recording import Recording
 from analysis.fidelity import Level, fidelity
-from analysis.figures import sensor_figures as metrics
 from analysis.figures.across_breaks import Break, of_cycles
+from analysis.figures.curve_figures import CURVE_POINTS, curve_figures, draw_joint, lack_of_fit, resample_fit
+from analysis.figures.cycle_figures import FiguresByCycle, drift, figures_by_cycle, repeatability
 from analysis.figures.figure import Figure, Reason, marked_implausible, not_driven
-from analysis.figures.repeatability import FiguresByCycle, figures_by_cycle
+from analysis.figures.intervals import combined_error, with_full_scale, with_shared_error
+from analysis.figures.loop_figures import (
+    hysteresis,
+    joint_hysteresis,
+    limited,
+    loop_made_by_noise,
+    pressure_full_scale,
+    pressure_nonlinearity,
+    sensor_loop_width,
+)
+from analysis.figures.noise_figures import continuous_noise, noise_and_snr, staircase_noise
 from analysis.progress import Progress, part_of
 from analysis.segmentation.ambient_light import ambient_in_means
 from analysis.segmentation.cycles import Cycles
@@ -297,25 +308,25 @@ def _drawn(
     if calibration is not None:
         figures = _curve_figures(run, calibration, adequacy, _cycle_of(run, points))
     else:
-        over_pressure = metrics.pressure_full_scale(run.loops, sensor, run.weights)
-        figures = {"fso_mv": metrics.with_shared_error(over_pressure, run.ambient_sd_mv(sensor))}
+        over_pressure = pressure_full_scale(run.loops, sensor, run.weights)
+        figures = {"fso_mv": with_shared_error(over_pressure, run.ambient_sd_mv(sensor))}
     fso = figures["fso_mv"].value
     system = loop_width(run.loops.pressure_kpa, run.loops.signal_mv[sensor], run.weights)
     own = None
     if run.loops.elongation_mm is not None:
-        own = metrics.sensor_loop_width(run.loops, sensor, calibration, run.weights)
+        own = sensor_loop_width(run.loops, sensor, calibration, run.weights)
     loops_figures = _loop_figures(run, sensor, calibration, fso, (system, own), _noise(run, sensor))
     joint = _joint_loop(adequacy)
     if own is not None and joint is not None:
         rng = np.random.default_rng((run.options.seed, 2))
         estimate = greatest_loop_width(joint, rng, max(WIDTH_DRAWS, run.weights.shape[0] // 4))
-        figure = metrics.joint_hysteresis(estimate, own, fso, run.loops.n_cycles)
+        figure = joint_hysteresis(estimate, own, fso, run.loops.n_cycles)
         loops_figures["sensor_hysteresis_percent_fso"] = figure
     if calibration is not None:  # else the full scale is of the same samples, and in their bootstrap already
-        loops_figures = {name: metrics.with_full_scale(f, figures["fso_mv"]) for name, f in loops_figures.items()}
+        loops_figures = {name: with_full_scale(f, figures["fso_mv"]) for name, f in loops_figures.items()}
     figures = loops_figures | figures
     chosen = "sensor_hysteresis_percent_fso" if calibration is not None else "system_hysteresis_percent_fso"
-    figures["combined_error_percent_fso"] = metrics.combined_error(
+    figures["combined_error_percent_fso"] = combined_error(
         [figures[name] for name in ("nonlinearity_percent_fso", chosen, "repeatability_percent_fso")]
     )
     return figures, system, own
@@ -392,13 +403,13 @@ def _curve_figures(
 ) -> dict[str, Figure]:
     rng = np.random.default_rng((run.options.seed, 1))
     if adequacy is None:
-        figures = metrics.curve_figures(metrics.resample_fit(calibration, cycle_of, run.weights, rng))
-        return {**figures, "lack_of_fit_percent_fso": metrics.lack_of_fit(None, calibration.n)}
+        figures = curve_figures(resample_fit(calibration, cycle_of, run.weights, rng))
+        return {**figures, "lack_of_fit_percent_fso": lack_of_fit(None, calibration.n)}
     fits = [adequacy.chosen] + ([adequacy.reference] if adequacy.reference is not adequacy.chosen else [])
     count, verdict = run.weights.shape[0], "" if adequacy.verdict is CurveVerdict.ADEQUATE else str(adequacy.verdict)
-    curves = [metrics.draw_joint(fit, calibration.x, run.loops.n_cycles, rng, count) for fit in fits]
-    figures = metrics.curve_figures(*curves, verdict=verdict)
-    return {**figures, "lack_of_fit_percent_fso": metrics.lack_of_fit(adequacy, calibration.n)}
+    curves = [draw_joint(fit, calibration.x, run.loops.n_cycles, rng, count) for fit in fits]
+    figures = curve_figures(*curves, verdict=verdict)
+    return {**figures, "lack_of_fit_percent_fso": lack_of_fit(adequacy, calibration.n)}
 
 
 def _checks(calibration: Calibration, cycle_of: FloatArray) -> dict[str, Any]:
@@ -408,8 +419,8 @@ def _checks(calibration: Calibration, cycle_of: FloatArray) -> dict[str, Any]:
 
 def _noise(run: SegmentedRun, sensor: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     if run.plateaus:
-        return metrics.staircase_noise(run.plateaus, sensor)
-    return metrics.continuous_noise(run.recording, run.cycles, sensor)
+        return staircase_noise(run.plateaus, sensor)
+    return continuous_noise(run.recording, run.cycles, sensor)
 
 
 def _percent(values: FloatArray, full_scale: float) -> tuple[float, ...]:
@@ -452,26 +463,26 @@ def _loop_figures(
     """Return the figures that rest on loops; `widths` are of the loops over pressure and over elongation."""
     loops, (system, own) = run.loops, widths
     definition = "max over {} of |loading - unloading| / FSO, mean loop"
-    figures = {"system_hysteresis_percent_fso": metrics.hysteresis(system, fso, loops.n_cycles, definition.format("p"))}
+    figures = {"system_hysteresis_percent_fso": hysteresis(system, fso, loops.n_cycles, definition.format("p"))}
     if own is not None and loops.elongation_mm is not None:
-        found = metrics.hysteresis(own, fso, loops.n_cycles, definition.format("x"))
+        found = hysteresis(own, fso, loops.n_cycles, definition.format("x"))
         per_mm = _percent_per_mm(calibration, loops.elongation_mm)
         figures["sensor_hysteresis_percent_fso"] = limited_by_reading(found, run.reading_sd_mm, per_mm)
     if fso > 0:
         shared = 100.0 / fso * run.ambient_sd_mv(sensor)
-        figures = {name: metrics.with_shared_error(figure, shared) for name, figure in figures.items()}
+        figures = {name: with_shared_error(figure, shared) for name, figure in figures.items()}
     usable = run.recording.signal_mv[run.recording.usable[:, sensor], sensor]
     rounding = 4.0 * float(np.spacing(np.abs(usable).max(initial=0.0)))
-    figures["noise_mv"], figures["snr_db"] = metrics.noise_and_snr(noise, loops.numbers, fso, run.weights, rounding)
-    by_noise = metrics.loop_made_by_noise(run.plateaus, loops, run.cycles, sensor, figures["noise_mv"].value)
+    figures["noise_mv"], figures["snr_db"] = noise_and_snr(noise, loops.numbers, fso, run.weights, rounding)
+    by_noise = loop_made_by_noise(run.plateaus, loops, run.cycles, sensor, figures["noise_mv"].value)
     if 0 < fso < by_noise and not figures["snr_db"].void:
         note = f"the full-scale output of {fso:.2g} mV is no more than noise alone makes ({by_noise:.2g} mV)"
         figures["snr_db"] = replace(figures["snr_db"], note=note, reason=Reason.FULL_SCALE_IS_NOISE)
     for name in [name for name in figures if "hysteresis" in name]:
-        figures[name] = metrics.limited(figures[name], 100.0 / fso * by_noise if fso > 0 else 0.0, "noise")
-    figures["nonlinearity_percent_fso"] = metrics.pressure_nonlinearity(loops, sensor, fso, run.weights)
-    figures |= metrics.repeatability(loops, sensor, fso, run.weights)
-    figures["drift_percent_fso_per_100_cycles"] = metrics.drift(loops, sensor, fso)
+        figures[name] = limited(figures[name], 100.0 / fso * by_noise if fso > 0 else 0.0, "noise")
+    figures["nonlinearity_percent_fso"] = pressure_nonlinearity(loops, sensor, fso, run.weights)
+    figures |= repeatability(loops, sensor, fso, run.weights)
+    figures["drift_percent_fso_per_100_cycles"] = drift(loops, sensor, fso)
     return figures
 
 
@@ -491,13 +502,13 @@ def limited_by_reading(figure: Figure, reading_sd_mm: float, percent_per_mm: flo
     floor = np.sqrt(12.0) * reading_sd_mm * percent_per_mm
     hidden = 2.0 * np.sqrt(2.0) * reading_sd_mm * percent_per_mm
     figure = replace(figure, high=float(figure.value + np.hypot(figure.high - figure.value, hidden)))
-    return metrics.limited(figure, float(floor), f"a reading error of {reading_sd_mm:.2f} mm", 0.5)
+    return limited(figure, float(floor), f"a reading error of {reading_sd_mm:.2f} mm", 0.5)
 
 
 def _percent_per_mm(calibration: Calibration | None, elongation_mm: FloatArray) -> float:
     """Return the steepest slope of the fit in % of its full scale; without one, of the straight line; 0 if flat."""
     if calibration is not None and calibration.full_scale > 0:
-        grid = np.linspace(*calibration.x_range, metrics.CURVE_POINTS)
+        grid = np.linspace(*calibration.x_range, CURVE_POINTS)
         return 100.0 / calibration.full_scale * float(np.abs(calibration.slope(grid)).max())
     span = float(np.nanmax(elongation_mm) - np.nanmin(elongation_mm)) if np.isfinite(elongation_mm).any() else 0.0
     return 100.0 / span if span > 0 else 0.0

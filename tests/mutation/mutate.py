@@ -49,9 +49,10 @@ MODULES: dict[str, tuple[str, ...]] = {  # the tests that reach most of a module
     "analysis/figures/acceptance.py": (f"{_FIGURES}/test_acceptance.py",),
     "analysis/calibration/inverse.py": (f"{_CALIBRATION}/test_inverse.py",),
     "analysis/figures/uncertainty.py": (f"{_FIGURES}/test_uncertainty.py",),
-    "analysis/figures/sensor_figures.py": tuple(
-        f"{_FIGURES}/test_{name}.py" for name in ("sensor_figures", "sensor_figures_by_hand", "repeatability")
-    ),
+    **{
+        f"analysis/figures/{name}.py": (f"{_FIGURES}/test_{name}.py",)
+        for name in ("intervals", "curve_figures", "loop_figures", "noise_figures", "cycle_figures")
+    },
     "boat_daq/engine/control/interlock.py": (f"{_CONTROL}/test_interlock.py",),
     "boat_daq/engine/control/sequencer.py": tuple(
         f"{_CONTROL}/test_{name}.py" for name in ("sequencer", "sequencer_by_hand", "segment_watch")

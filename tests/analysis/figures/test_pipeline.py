@@ -85,7 +85,7 @@ def test_intervals_hold_the_truth_at_their_stated_rate() -> None:
     truth = true_hysteresis(PAPER[0])[1] / 6.5
     x = Staircase().elongations()["elongation_mm"].to_numpy()
     from analysis.calibration.fit import fit_calibration
-    from analysis.figures.sensor_figures import resample_fit, sensitivities
+    from analysis.figures.curve_figures import resample_fit, sensitivities
 
     rng = np.random.default_rng(0)
     cycle = np.concatenate([[0], np.repeat(np.arange(5), 18)])

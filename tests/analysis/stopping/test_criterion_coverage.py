@@ -13,7 +13,7 @@ import pytest
 from scipy import special
 
 from analysis.calibration_export.run_record import elongation_reader
-from analysis.figures.sensor_figures import drift, repeatability
+from analysis.figures.cycle_figures import drift, repeatability
 from analysis.segmentation.cycle_effect import CycleEffect
 from analysis.segmentation.loops import Loops
 from analysis.statistics import resampling_weights

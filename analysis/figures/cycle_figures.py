@@ -1,21 +1,22 @@
-"""The figures of one sensor cycle by cycle, and how many of the first cycles are warm-up.
+"""Figures over the cycles of a run: repeatability (ISO 5725), drift (Theil-Sen), each cycle's own, and warm-up.
 
 A cycle is warm-up while the mean displacement of its levels from the second half of the run is beyond three robust
 standard deviations of that half and beyond a share of full scale that matters, from the first cycle on without a break.
-The warm-up is named, not removed.
-
-A cycle's hysteresis is the largest of many differences, which noise lifts; that of the mean loop is not lifted so. By
-how much follows from the scatter of the differences between the cycles.
+The warm-up is named, not removed. A cycle's hysteresis is the largest of many differences, which noise lifts; that of
+the mean loop is not lifted so. By how much follows from the scatter of the differences between the cycles.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.figures.figure import Figure, Reason
+from analysis.figures.intervals import bootstrap_figure, no_full_scale
+from analysis.segmentation.cycle_effect import CycleEffect
 from analysis.segmentation.loops import Loops, LoopWidth, branch_mean
-from analysis.statistics import robust_sd
+from analysis.statistics import robust_sd, theil_sen
 from protocol.base.arrays import FloatArray
 
 WARM_UP_SIGMA = 3.0
@@ -25,6 +26,83 @@ LEAST_LATER = 2
 """Cycles in the second half: one has no scatter to compare with."""
 DRAWS = 2_000
 """Of simulated cycles: their mean maximum is then known to a fortieth of its scatter."""
+POOLED = "pooled sd over cycles of all levels / FSO"
+WORST = "largest sd over cycles of a level / FSO"
+
+
+def repeatability(loops: Loops, sensor: int, full_scale_value: float, weights: FloatArray) -> dict[str, Figure]:
+    """ISO 5725 repeatability sd over cycles at each pressure and branch, % FSO: pooled and worst.
+
+    Parameters
+    ----------
+    sensor : counted from 0.
+    full_scale_value : full-scale output, mV.
+    weights : [resamples, cycles] of the bootstrap.
+    """
+    names = ("repeatability_percent_fso", "repeatability_worst_percent_fso")
+    values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
+    counts = np.isfinite(values).sum(axis=1)
+    enough = counts >= 2
+    if loops.n_cycles < 2 or not enough.any():
+        return {name: Figure.nothing("% FSO", Reason.FEW_CYCLES, "fewer than two complete cycles") for name in names}
+    if not full_scale_value > 0:
+        return {name: no_full_scale("% FSO") for name in names}
+    series = values.transpose(1, 0, 2)[:, enough]  # [cycles, level and branch]
+    scale = 100.0 / full_scale_value
+    pooled, worst = _pooled_and_worst(series, np.ones((1, loops.n_cycles)))
+    n = loops.n_cycles
+    # a resample's variance is (n - 1) / n of the sample's on average: without this the interval would sit too low
+    pooled_b, worst_b = (np.sqrt(n / (n - 1.0)) * part for part in _pooled_and_worst(series, weights))
+    figure = bootstrap_figure(
+        scale * pooled[0], scale * pooled_b, "% FSO", n, "pooled sd over cycles of all levels / FSO"
+    )
+    if figure.value > 0.0:  # resamples of few cycles that differ as a whole scatter less than the sd does
+        low, high = (scale * end for end in CycleEffect.of(loops, sensor).interval(float(pooled[0])))
+        figure = replace(figure, low=float(np.minimum(figure.low, low)), high=float(np.maximum(figure.high, high)))
+    return {
+        names[0]: figure,
+        names[1]: bootstrap_figure(
+            scale * worst[0], scale * worst_b, "% FSO", n, "largest sd over cycles of a level / FSO"
+        ),
+    }
+
+
+def drift(loops: Loops, sensor: int, full_scale_value: float) -> Figure:
+    """Drift over cycles, % FSO per 100 cycles: Theil-Sen slope of the mean displacement of all levels.
+
+    Parameters
+    ----------
+    sensor : counted from 0.
+    full_scale_value : full-scale output, mV.
+    """
+    definition, unit = "Theil-Sen slope over cycles of the mean displacement of all levels", "% FSO/100 cycles"
+    if loops.n_cycles < 3:
+        return Figure.nothing(unit, Reason.FEW_CYCLES, "fewer than three complete cycles", definition)
+    if not full_scale_value > 0:
+        return no_full_scale(unit, definition)
+    values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
+    whole = np.isfinite(values).all(axis=1)
+    if not whole.any():
+        return Figure.nothing(unit, Reason.NO_COMMON_LEVEL, "no level is known in every cycle", definition)
+    common = values.transpose(1, 0, 2)[:, whole].mean(axis=1)
+    number, scale = np.asarray(loops.numbers, dtype=np.float64), 100.0 * 100.0 / full_scale_value
+    slope, low, high = (scale * v for v in theil_sen(number, common))
+    return Figure(slope, unit, loops.n_cycles, low, high, definition=definition)
+
+
+def _pooled_and_worst(series: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Pooled and largest sd over cycles, for every row of weights; NaN in `series` [cycles, levels] is left out."""
+    known = np.isfinite(series)
+    filled = np.where(known, series - np.nanmean(series, axis=0), 0.0)
+    count = weights @ known
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = weights @ filled / count
+        squares = weights @ filled**2 - count * mean**2
+        distinct = (weights > 0).astype(float) @ known
+        dof = np.where(distinct >= 2, count - 1, np.nan)
+        variance = np.maximum(squares, 0.0) / dof
+        pooled = np.sqrt(np.nansum(variance * dof, axis=1) / np.nansum(dof, axis=1))
+    return pooled, np.sqrt(np.nanmax(np.where(np.isfinite(variance), variance, 0.0), axis=1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +142,7 @@ def figures_by_cycle(
     loops, sensor : the used cycles, and the sensor, counted from 0.
     full_scale_mv : full-scale output; where it is zero or NaN what is relative to it is NaN.
     width : of the sensor's loops over pressure.
-    noise : sums of squares, degrees of freedom and cycle, as `sensor_figures.staircase_noise` returns them.
+    noise : sums of squares, degrees of freedom and cycle, as `noise_figures.staircase_noise` returns them.
     """
     levels = branch_mean(loops.signal_mv[sensor])
     whole = np.isfinite(levels).all(axis=0) if loops.n_cycles else np.zeros(0, bool)

@@ -1,0 +1,166 @@
+"""Figures of a sensor's loops: hysteresis, and full scale and non-linearity over pressure (ISA-S37.1).
+
+Everything is computed from loops (`analysis.segmentation.loops`). A hysteresis that noise or the reading can make by
+itself is marked as an upper bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.calibration.fit import Calibration
+from analysis.calibration.joint_fit import LoopEstimate
+from analysis.figures.figure import Figure, Reason
+from analysis.figures.intervals import bootstrap_figure, no_full_scale
+from analysis.numbers import percent
+from analysis.segmentation.cycles import Cycles
+from analysis.segmentation.loops import Loops, LoopWidth, branch_mean, end_levels, loop_width
+from analysis.segmentation.plateaus import Plateau
+from protocol.base.arrays import FloatArray
+
+LEAST_SHARED = 0.85  # of the abscissa: below it a wider loop may be missed
+BOUND_SHARE = 0.25  # of a hysteresis: what else may make so much of it turns it into an upper bound
+
+
+def joint_hysteresis(
+    estimate: LoopEstimate, width: LoopWidth, full_scale_value: float, n: int, over: str = "x"
+) -> Figure:
+    """Hysteresis, % of full scale, of the loop of a joint fit.
+
+    Parameters
+    ----------
+    full_scale_value : what it is relative to, in its unit.
+    """
+    definition = f"max over {over} of |loading - unloading| / FSO, loop of the joint fit, less its variance"
+    plain = hysteresis(width, full_scale_value, n, definition)
+    if plain.void or not full_scale_value > 0:
+        return plain
+    scale = 100.0 / full_scale_value
+    value, low, high = (scale * v for v in (estimate.width, estimate.low, estimate.high))
+    keep = plain.reason is Reason.PART_OF_RANGE
+    return replace(
+        plain, value=value, low=low, high=high, note=plain.note if keep else "",
+        reason=plain.reason if keep else Reason.NONE,
+    )  # fmt: skip
+
+
+def sensor_loop_width(loops: Loops, sensor: int, calibration: Calibration | None, weights: FloatArray) -> LoopWidth:
+    """Measure the loop of a sensor's signal over elongation, mV; `weights` as `loop_width` takes them.
+
+    The actuator's loop sets the branches' points apart, and a chord between two points is off a curved sensor by
+    y'' d^2 / 8. So what the points leave of the calibration is interpolated: the curve is common to both branches and
+    drops out of their difference. Without a calibration the points themselves are.
+
+    Parameters
+    ----------
+    sensor : counted from 0.
+    calibration : subtracted from the signal; None where there is none.
+    weights : [resamples, cycles] of the bootstrap.
+    """
+    assert loops.elongation_mm is not None
+    x, signal = loops.elongation_mm, loops.signal_mv[sensor].copy()
+    if calibration is not None:
+        known = np.isfinite(x)
+        signal[known] -= calibration.predict(x[known])
+    return loop_width(x, signal, weights)
+
+
+def hysteresis(width: LoopWidth, full_scale_value: float, n: int, definition: str) -> Figure:
+    """Hysteresis, % of full scale, of the loop averaged over cycles.
+
+    Parameters
+    ----------
+    full_scale_value : what the width is relative to, in its unit.
+    """
+    if width.void:
+        return Figure.nothing("% FSO", Reason.NO_OVERLAP, width.void, definition)
+    if not full_scale_value > 0:
+        return no_full_scale("% FSO", definition)
+    scale = 100.0 / full_scale_value
+    figure = bootstrap_figure(scale * width.mean_loop, scale * width.replicates, "% FSO", n, definition)
+    if width.shared < LEAST_SHARED:
+        note = f"the branches share only {percent(width.shared)} of the range: a wider loop elsewhere is not seen"
+        figure = replace(figure, note=note, reason=Reason.PART_OF_RANGE)
+    return figure
+
+
+def loop_made_by_noise(
+    plateaus: tuple[Plateau, ...], loops: Loops, cycles: Cycles, sensor: int, noise_mv: float
+) -> float:
+    """Width, mV, that noise alone gives the mean loop: the greatest of many differences that are zero in truth.
+
+    sd sqrt(2 ln 2m) for m levels, sd that of the difference of two branch means; 0 where it is not known.
+
+    Parameters
+    ----------
+    sensor : counted from 0.
+    noise_mv : rms noise of a sample, mV.
+    """
+    if not loops.n_cycles or not np.isfinite(noise_mv):
+        return 0.0
+    if plateaus:
+        errors = np.asarray([p.signal_se_mv[sensor] for p in plateaus if p.branch and not p.void])
+        error = float(np.median(errors)) if errors.size and np.isfinite(errors).all() else 0.0
+    else:
+        samples = sum(c.last - c.first for c in cycles.used) / len(cycles.used)
+        error = noise_mv / np.sqrt(max(samples / (2 * loops.level_kpa.size), 1.0))
+    levels = max(loops.level_kpa.size, 2)
+    return float(error * np.sqrt(2.0 / loops.n_cycles) * np.sqrt(2.0 * np.log(2.0 * levels)))
+
+
+def limited(figure: Figure, floor: float, by: str, share: float = BOUND_SHARE) -> Figure:
+    """Mark a hysteresis as an upper bound where something else than a loop makes a share of it.
+
+    It lifts the maximum: the interval reaches down to the figure less the floor.
+
+    Parameters
+    ----------
+    floor : what else makes, in the unit of the figure.
+    by : the name of that cause.
+    """
+    figure = replace(figure, low=float(np.minimum(figure.low, np.maximum(figure.value - floor, 0.0))))
+    if not floor > share * figure.value:
+        return figure
+    note = f"only an upper bound: {by} alone accounts for up to about {floor:.2g} {figure.unit} of it"
+    return replace(figure, note=f"{note}; {figure.note}" if figure.note else note, reason=Reason.UPPER_BOUND)
+
+
+def pressure_full_scale(loops: Loops, sensor: int, weights: FloatArray) -> Figure:
+    """Full-scale output, mV, of a run without x: between the extreme pressures.
+
+    Parameters
+    ----------
+    sensor : counted from 0.
+    weights : [resamples, cycles] of the bootstrap.
+    """
+    low, high = (float(v[0]) for v in end_levels(loops, sensor))
+    if not np.isfinite(high - low):
+        return Figure.nothing("mV", Reason.NO_CYCLE, "no complete cycle")
+    lows, highs = end_levels(loops, sensor, weights)
+    return bootstrap_figure(
+        abs(high - low), np.abs(highs - lows), "mV", loops.n_cycles, "|y(p_max) - y(p_min)|, means over cycles"
+    )
+
+
+def pressure_nonlinearity(loops: Loops, sensor: int, full_scale_value: float, weights: FloatArray) -> Figure:
+    """The same against pressure, for runs without x: the middle of the mean loop and its straight line.
+
+    Parameters
+    ----------
+    sensor : counted from 0.
+    full_scale_value : full-scale output, mV.
+    weights : [resamples, cycles] of the bootstrap.
+    """
+    definition = "max |middle of the mean loop - line| / FSO against pressure"
+    middle = branch_mean(loops.signal_mv[sensor])
+    known = np.isfinite(middle).all(axis=0) & (loops.n_cycles > 0)
+    if known.sum() < 3 or not full_scale_value > 0:
+        return Figure.nothing("% FSO", Reason.NO_CYCLE, "no complete cycle, or no span", definition)
+    p = loops.level_kpa[known]
+    rows = np.vander(p, 2)
+    hat = rows @ np.linalg.pinv(rows)
+    curves = np.vstack([middle[:, known].mean(axis=0), weights @ middle[:, known] / weights.sum(axis=1, keepdims=True)])
+    apart = 100.0 / full_scale_value * np.abs(curves - curves @ hat.T).max(axis=1)
+    return bootstrap_figure(float(apart[0]), apart[1:], "% FSO", loops.n_cycles, definition)

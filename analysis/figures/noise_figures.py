@@ -1,0 +1,113 @@
+"""Noise and signal-to-noise ratio of a sensor, from plateaus or from the residuals of a local cubic."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import signal as sp_signal
+
+from analysis.data.recording import Recording
+from analysis.figures.figure import Figure, Reason
+from analysis.figures.intervals import at_least, bootstrap_figure, no_full_scale
+from analysis.segmentation.cycles import Cycles
+from analysis.segmentation.plateaus import Plateau
+from protocol.base.arrays import FloatArray
+
+
+def staircase_noise(plateaus: tuple[Plateau, ...], sensor: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Sum of squares about each plateau's mean, its degrees of freedom, and its cycle; plateaus that count only."""
+    usable = [p for p in plateaus if not p.void and p.branch and p.n[sensor] > 1]
+    dof = np.asarray([p.n[sensor] - 1 for p in usable], dtype=np.float64)
+    squares = np.asarray([p.signal_sd_mv[sensor] ** 2 for p in usable]) * dof
+    return squares, dof, np.asarray([p.cycle for p in usable], dtype=np.float64)
+
+
+def continuous_noise(recording: Recording, cycles: Cycles, sensor: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The same for a continuous run: about a local cubic (Savitzky-Golay), per cycle.
+
+    The residual of a point at the middle of the window has variance sigma^2 (1 - h), h the weight of the point in its
+    own fit: its share of the degrees of freedom. Samples near the turns of the pressure, where a cubic cannot follow
+    a corner, and those next to something not usable are left out.
+
+    Parameters
+    ----------
+    sensor : counted from 0.
+    """
+    used = cycles.used
+    period = float(np.median([c.last - c.first for c in used])) if used else 0.0
+    window = int(np.clip(period / 40, 7, 31)) | 1
+    if not used or recording.n < window:
+        return np.empty(0), np.empty(0), np.empty(0)
+    weights = sp_signal.savgol_coeffs(window, 3)
+    y, good = recording.signal_mv[:, sensor], recording.usable[:, sensor]
+    filled = y if good.all() else np.where(good, y, 0.0)
+    residual = filled - np.convolve(filled, weights[::-1], mode="same")
+    half = window // 2
+    bad = np.concatenate([[0], np.cumsum(~good)])
+    rows = np.arange(recording.n)
+    clear = bad[np.minimum(rows + half + 1, recording.n)] == bad[np.maximum(rows - half, 0)]
+    for gap in recording.gaps:
+        clear[max(gap.row - half, 0) : gap.row + half + 2] = False
+    turns = np.unique([row for c in used for row in (c.first, c.turn, c.last)])
+    for row in turns:
+        clear[max(row - window, 0) : row + window + 1] = False
+    squares, dof = [], []
+    for cycle in used:
+        part = residual[cycle.rows][clear[cycle.rows]]
+        squares.append(float(part @ part))
+        dof.append(part.size * (1.0 - float(weights[half])))
+    return np.asarray(squares), np.asarray(dof), np.asarray([c.number for c in used], dtype=np.float64)
+
+
+def noise_and_snr(
+    parts: tuple[FloatArray, FloatArray, FloatArray],
+    numbers: tuple[int, ...],
+    full_scale_value: float,
+    weights: FloatArray,
+    rounding_mv: float = 0.0,
+) -> tuple[Figure, Figure]:
+    """Return the noise rms (mV) and the SNR (dB) = 20 log10(FSO / noise), with intervals over cycles.
+
+    `rounding_mv` is what the rounding of doubles at the signal's level may make: less is no noise.
+
+    Parameters
+    ----------
+    parts : sums of squares, degrees of freedom and cycle, as `staircase_noise` returns them.
+    full_scale_value : full-scale output, mV.
+    weights : [resamples, cycles] of the bootstrap.
+    rounding_mv : what the rounding of doubles may make.
+    """
+    squares, dof, cycle_of = parts
+    if dof.sum() <= 0:
+        noise_figure, snr = (
+            Figure.nothing(unit, Reason.NO_SAMPLES, "no usable samples at rest or in a cycle") for unit in ("mV", "dB")
+        )
+        return noise_figure, snr
+    noise = float(np.sqrt(squares.sum() / dof.sum()))
+    by_cycle = np.asarray([[squares[cycle_of == k].sum(), dof[cycle_of == k].sum()] for k in numbers]).reshape(-1, 2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        totals = weights @ by_cycle if by_cycle.size else np.zeros((0, 2))
+        replicates = np.sqrt(totals[:, 0] / totals[:, 1])
+        snr_replicates = 20.0 * np.log10(full_scale_value / replicates)
+    noise_figure = bootstrap_figure(
+        noise, replicates, "mV", len(numbers), "rms about the plateau's mean or a local cubic"
+    )
+    # a few cycles may agree by chance: white noise of so many samples is known no better than this (chi-square)
+    least = 1.96 / np.sqrt(2.0 * dof.sum())
+    noise_figure = at_least(noise_figure, noise * least)
+    definition = "20 log10(FSO / noise rms)"
+    if not np.isfinite(full_scale_value):
+        return noise_figure, Figure.nothing("dB", Reason.NO_CYCLE, "the full-scale output is not known", definition)
+    if noise <= max(1e-10 * full_scale_value, rounding_mv):  # rounding of the arithmetic, not noise
+        if full_scale_value == 0:
+            value, reason, void = float("nan"), Reason.NO_FULL_SCALE, "the signal is flat"
+        else:
+            value, reason, void = float("inf"), Reason.NO_NOISE, "no noise was found: infinite"
+        return noise_figure, Figure(value, "dB", len(numbers), void=void, definition=definition, reason=reason)
+    if full_scale_value == 0:
+        none = replace(no_full_scale("dB", definition), value=float("-inf"), n=len(numbers))
+        return noise_figure, none
+    value = float(20.0 * np.log10(full_scale_value / noise))
+    snr = bootstrap_figure(value, snr_replicates, "dB", len(numbers), definition)
+    return noise_figure, at_least(snr, 20.0 * np.log10(1.0 + least))

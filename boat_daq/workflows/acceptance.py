@@ -69,7 +69,7 @@ class RunCalibration:
 
     Attributes
     ----------
-    plateaus, read : numbers of plateaus to be read, and of those that were.
+    plateaus, read : number of plateaus to be read, and of those that were read.
     stepped : whether the plateaus are steps of a plan, at which readings are typed.
     curve : the choice that was fitted.
     """
@@ -182,23 +182,13 @@ def accepted_record(run: RunCalibration, posterior: Sequence[Mapping[str, Any]] 
 
 
 def accept(units: UnitLibrary, record: CalibrationRecord, *, operator: str = "") -> CalibrationRecord:
-    """Put a calibration into force for its unit, and return it with the time of its acceptance.
-
-    Raises
-    ------
-    RequestError : the unit's file is refused. StorageError : it cannot be written.
-    """
+    """Put a calibration into force for its unit, and return it with the time of its acceptance."""
     unit = units.add_calibration(record.unit, record.as_json(), recording=record.recording, operator=operator)
     return record_of(unit, unit.history[-1])
 
 
 def withdraw(units: UnitLibrary, name: str, before: StoredCalibration | None) -> None:
-    """Put the calibration before the newest one into force again; none where there was none.
-
-    Raises
-    ------
-    RequestError : the unit's file is refused. StorageError : it cannot be written.
-    """
+    """Put the calibration before the newest one into force again; none where there was none."""
     if before is None:
         units.add_calibration(name, {"simulated": units.simulated}, accepted=False, note="acceptance undone")
     else:
@@ -206,17 +196,7 @@ def withdraw(units: UnitLibrary, name: str, before: StoredCalibration | None) ->
 
 
 def accept_run(path: Path, units: UnitLibrary, *, anyway: bool = False, operator: str = "") -> CalibrationRecord:
-    """Analyse a run, put its calibration into force for its unit, and return it.
-
-    Parameters
-    ----------
-    anyway : accept figures out of tolerance.
-
-    Raises
-    ------
-    RequestError : it cannot be accepted, or is out of tolerance. BoatDaqError : it cannot be read.
-    StorageError : the unit's file cannot be written.
-    """
+    """Analyse a run and put its calibration into force; one out of tolerance only with `anyway`."""
     run = run_calibration(analysed_run(path), path)
     obstacle, missed = obstacle_to(run), missed_bounds(run)
     if obstacle is not None or not run.unit:

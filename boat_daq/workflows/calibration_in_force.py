@@ -1,7 +1,7 @@
-"""What the file of a unit or of a rig states for an analysis: contributions, the curve, the calibration in force.
+"""What an analysis takes from the file of a unit or rig: contributions, the curve, the calibration in force.
 
-Rules: a rig's file has the same tables as a unit's, [type_b.scale] and so on, and counts before the unit's. A simulated
-run takes both from the library of simulated units.
+Rules: a rig's file has the same tables as a unit's, [type_b.scale] and so on, and takes precedence. Simulated runs use
+the library of simulated units.
 """
 
 from __future__ import annotations
@@ -24,16 +24,7 @@ if TYPE_CHECKING:
 
 
 def stated_contributions(recording: Recording, rig: Path | None = None) -> tuple[TypeBContribution, ...]:
-    """Return the type B contributions that a rig's file states, or else the unit's; none where neither states any.
-
-    Parameters
-    ----------
-    rig : file of the rig; None for none.
-
-    Raises
-    ------
-    RequestError : a file is refused. BoatDaqError : a contribution is refused, by name and key.
-    """
+    """Return the type B contributions of a rig's file, else of the unit's; none without either."""
     from analysis.calibration.type_b import contributions
 
     if rig is not None:
@@ -46,16 +37,7 @@ def stated_contributions(recording: Recording, rig: Path | None = None) -> tuple
 
 
 def chosen_curve(recording: Recording, choice: str = "") -> Degree:
-    """Return the curve of a calibration: as chosen, else as it was accepted with this recording, else the usual one.
-
-    Parameters
-    ----------
-    choice : as `degree_of` takes it; empty for none.
-
-    Raises
-    ------
-    RequestError : the unit's file is refused. BoatDaqError : there is no such curve.
-    """
+    """Return the curve of a calibration: the choice, else the one accepted with this recording, else the usual one."""
     from analysis.calibration.curve_choice import USUAL_DEGREE, degree_of
 
     unit = None if choice else _unit(recording)
@@ -78,23 +60,13 @@ def accepted_records(unit: Unit) -> list[CalibrationRecord]:
 
 
 def newest_calibration(units: UnitLibrary, name: str) -> CalibrationRecord | None:
-    """Return the calibration of a unit in force; None where it has none, or no unit is named.
-
-    Raises
-    ------
-    RequestError : its file is refused.
-    """
+    """Return the calibration of a unit in force; None where it has none, or no unit is named."""
     unit = units.load(name) if name else None
     return None if unit is None or unit.calibration is None else record_of(unit, unit.calibration)
 
 
 def in_force(units: UnitLibrary, name: str) -> CalibrationRecord:
-    """Return the calibration of a unit in force.
-
-    Raises
-    ------
-    RequestError : it has none, or its file is refused.
-    """
+    """Return the calibration of a unit in force."""
     found = newest_calibration(units, name)
     if found is None:
         kind = "simulated unit" if units.simulated else "unit"
@@ -104,12 +76,7 @@ def in_force(units: UnitLibrary, name: str) -> CalibrationRecord:
 
 
 def calibration_in_force(recording: Recording) -> CalibrationFile | None:
-    """Return the calibration that the unit of a recording was last accepted with; None where it has none.
-
-    Raises
-    ------
-    RequestError : the unit's file is refused. BoatDaqError : the points cannot be fitted.
-    """
+    """Return the calibration that the unit of a recording was last accepted with; None where it has none."""
     from analysis.calibration_export.calibration_file import CalibrationFile
 
     unit = _unit(recording)
@@ -121,17 +88,11 @@ def calibration_in_force(recording: Recording) -> CalibrationFile | None:
 def exported_elongation(
     recording: Recording, options: Options, elongation: Path | None = None
 ) -> tuple[ConvertedElongation | None, str]:
-    """Return the elongation of every sample of a recording, or None and why there is none.
-
-    It is that of the run's own calibration, else that of the calibration in force of its unit.
+    """Return the elongation of every sample by the run's own calibration, else by that of its unit; else None and why.
 
     Parameters
     ----------
-    recording, options, elongation : as `analysis.calibration_export.conversion.own_elongation` takes them.
-
-    Raises
-    ------
-    RequestError : the unit's file is refused.
+    elongation : CSV of elongations; None for the recording's own readings.
     """
     from analysis.calibration_export.conversion import convert_recording, own_elongation
     from protocol.base.errors import BoatDaqError

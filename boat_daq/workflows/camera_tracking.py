@@ -29,7 +29,7 @@ class CameraChoice:
 
     Attributes
     ----------
-    source : as `open_source` takes it.
+    source : argument of `open_source`.
     mark_mm : side of the marks' black square; 0 takes the millimetre grid in the picture.
     lens : file of the calibrated lens; None takes the unit's.
     unit : name of the unit, whose lens is taken; empty for none.
@@ -44,13 +44,7 @@ class CameraChoice:
     allow_remote: bool = False
 
     def tracker(self) -> MarkTracker:
-        """Return a tracker for it.
-
-        Raises
-        ------
-        RequestError : an impossible side of the marks.
-        FileError : the lens cannot be read.
-        """
+        """Return a tracker for it."""
         from analysis.tracking.lens import lens_of, read_lens
         from analysis.tracking.tracker import MarkTracker, Optics
 
@@ -76,12 +70,7 @@ class CameraChoice:
 
 
 def keep_lens(unit: str, lens: Lens) -> None:
-    """Store a lens with a unit.
-
-    Raises
-    ------
-    RequestError, StorageError : no usable name, or it cannot be written.
-    """
+    """Store a lens with a unit."""
     library = UnitLibrary()
     library.save(replace(library.load(unit), lens=lens.as_json()))
 
@@ -91,13 +80,7 @@ def open_channel(session: Session, choice: CameraChoice, *, video: Path | None =
 
     Parameters
     ----------
-    session : whose recording and plateaus get the readings.
-    choice : the camera and its marks.
     video : file for the pictures; None stores none.
-
-    Raises
-    ------
-    RequestError, DeviceError, FileError : as `open_source`, `CameraChoice.tracker` and `VideoStore`.
     """
     tracker = choice.tracker()
 
@@ -113,13 +96,7 @@ def open_channel(session: Session, choice: CameraChoice, *, video: Path | None =
 
 
 def track_video(choice: CameraChoice, progress: Progress | None = None) -> tuple[CameraRecord, dict[str, Any]]:
-    """Return the elongation at every frame of a video file, and what a recording keeps of the camera.
-
-    Raises
-    ------
-    RequestError : it is no video file.
-    DataError : the marks are not found in it, or contradict the grid.
-    """
+    """Return the elongation at every frame of a video file, and what a recording keeps of the camera."""
     from analysis.tracking.run import track
     from protocol.base.errors import DataError
 
@@ -152,12 +129,7 @@ def _no_elongation(record: CameraRecord) -> tuple[str, str]:
 
 
 def film(recording: Recording, choice: CameraChoice, progress: Progress | None = None) -> Recording:
-    """Return a recording with the elongations of a video of its run.
-
-    Raises
-    ------
-    RequestError, DataError : as `track_video`, or the video does not show this run.
-    """
+    """Return a recording with the elongations of a video of its run."""
     from analysis.tracking.run import with_video
 
     record, about = track_video(choice, progress)

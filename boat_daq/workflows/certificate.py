@@ -33,14 +33,13 @@ LABORATORY_FILE = "laboratory.toml"
 
 @dataclass(frozen=True, slots=True)
 class CertificateOrder:
-    """What is certified, and what is stated besides.
+    """The recordings of a certificate, and what it states besides.
 
     Attributes
     ----------
-    elongations : a file of readings for each, or one for all, or none: that beside the recording.
-    values : metadata by key, over those of the recordings.
-    customer, items, number, issued : as `analysis.certificates.certificate.Request`.
-    laboratory : its file; None for the stored one.
+    elongations : a file of readings for each run, or one for all; none for the files beside the recordings.
+    values : metadata by key, in place of those of the recordings.
+    laboratory : TOML file; None for the stored one.
     """
 
     runs: tuple[Path, ...]
@@ -62,11 +61,7 @@ def load_laboratory(path: Path | None = None, folder: Path | None = None) -> Lab
 
     Parameters
     ----------
-    folder : of the settings; the user's when None.
-
-    Raises
-    ------
-    RequestError : the file is refused, by key.
+    folder : folder of the settings; None for the user's.
     """
     stored = (folder or home()) / LABORATORY_FILE
     if path is None and not stored.exists():
@@ -79,28 +74,13 @@ def load_laboratory(path: Path | None = None, folder: Path | None = None) -> Lab
 
 
 def store_laboratory(laboratory: Laboratory, folder: Path | None = None) -> None:
-    """Store the laboratory for every certificate.
-
-    Raises
-    ------
-    StorageError : the folder cannot be written.
-    """
+    """Store the laboratory for every certificate."""
     stated = {key: value for key, value in dataclasses.asdict(laboratory).items() if value}
     write_stored((folder or home()) / LABORATORY_FILE, tomli_w.dumps(stated))
 
 
 def certificate_for(order: CertificateOrder, progress: Progress | None = None) -> Certificate:
-    """Analyse the recordings and return their certificate.
-
-    Parameters
-    ----------
-    progress : is called with what is done and the total.
-
-    Raises
-    ------
-    BoatDaqError : one cannot be certified, or what a certificate must state is missing. RequestError : a file is
-        refused.
-    """
+    """Analyse the recordings and return their certificate."""
     from analysis.certificates.certificate import certificate_of
 
     analyses, request = analyses_for(order, progress)
@@ -108,12 +88,7 @@ def certificate_for(order: CertificateOrder, progress: Progress | None = None) -
 
 
 def analyses_for(order: CertificateOrder, progress: Progress | None = None) -> tuple[list[Analysis], Request]:
-    """Return the analyses of the recordings, and what is stated besides.
-
-    Parameters
-    ----------
-    order, progress : as `certificate_for` takes them.
-    """
+    """Return the analyses of the recordings, and what the certificate states besides."""
     from analysis import Options, analyse, load_recording
     from analysis.certificates.certificate import Request
     from analysis.figures.batch import readings_beside
@@ -141,12 +116,7 @@ def _with_values(recording: Recording, values: Mapping[str, str]) -> Recording:
 
 
 def calibration_before(recording: Recording) -> CalibrationRecord | None:
-    """Return the newest accepted calibration of the unit by another recording; None without one.
-
-    Raises
-    ------
-    RequestError : the unit's file is refused.
-    """
+    """Return the newest accepted calibration of the unit by another recording; None without one."""
     library = UnitLibrary(simulated=recording.simulated)
     if recording.unit not in library.names():
         return None
@@ -155,16 +125,7 @@ def calibration_before(recording: Recording) -> CalibrationRecord | None:
 
 
 def write_certificates(order: CertificateOrder, targets: Sequence[Path], *, progress: Progress | None = None) -> str:
-    """Write a certificate in each form; return its number.
-
-    Parameters
-    ----------
-    targets : files that end in .pdf or .xml. progress : what is done and the total.
-
-    Raises
-    ------
-    BoatDaqError, RequestError : as `certificate_for`, or a file cannot be written.
-    """
+    """Write a certificate to files that end in .pdf or .xml; return its number."""
     from analysis.certificates.document import write_certificate
 
     certificate = certificate_for(order, progress)
@@ -174,12 +135,7 @@ def write_certificates(order: CertificateOrder, targets: Sequence[Path], *, prog
 
 
 def preview_certificate(order: CertificateOrder, *, progress: Progress | None = None) -> tuple[str, list[bytes]]:
-    """Return the number of a certificate and its pages as PNG images.
-
-    Parameters
-    ----------
-    order, progress : as `certificate_for` takes them.
-    """
+    """Return the number of a certificate and its pages as PNG images."""
     from analysis.certificates.document import certificate_pages
 
     certificate = certificate_for(order, progress)

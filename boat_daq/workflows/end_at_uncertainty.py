@@ -34,11 +34,11 @@ class EndUncertainty:
 
     Parameters
     ----------
-    asked, unit : what was asked for, mm of U (k = 2) or % FSO.
-    value : the largest of what was to become as small; None where it is not known.
-    cycles : that it is of; None where the recording could not be analysed.
-    reached : whether the run could end at it.
-    text : this in words, or why it is not known.
+    asked, unit : limit that was asked for, mm of U (k = 2) or % FSO.
+    value : largest uncertainty that the limit applies to; None where it is not known.
+    cycles : number of cycles analysed; None where the recording could not be analysed.
+    reached : whether the run could end.
+    text : the result as a sentence, or why it is not known.
     """
 
     asked: float
@@ -102,10 +102,6 @@ class EnoughCycles:
         Parameters
         ----------
         asked, unit : mm of U (k = 2), or % FSO.
-
-        Raises
-        ------
-        RequestError : it is no number above 0.
         """
         if asked is None:
             self.asked.pop(unit, None)

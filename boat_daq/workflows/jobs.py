@@ -101,8 +101,8 @@ class Job:
 
     Parameters
     ----------
-    label : what is being computed, in the operator's terms, e.g. "Computing uncertainty bands".
-    function : of a module; a parameter named `progress` is given a function of (done, total).
+    label : text for the operator, e.g. "Computing uncertainty bands".
+    function : function of a module; its parameter `progress`, if any, becomes a function of (done, total).
     """
 
     def __init__(self, label: str, function: Callable[P, object], /, *args: P.args, **kwargs: P.kwargs) -> None:

@@ -74,10 +74,6 @@ def prepare(record: CalibrationRecord, units: UnitLibrary | None = None) -> Conv
     Parameters
     ----------
     units : library of the unit, for the prediction of its signals; None for none.
-
-    Raises
-    ------
-    BoatDaqError : the curve has no inverse over its range.
     """
     fusion = record.fusion()
     conversion = Conversion(fusion, live_prediction_of(units, record.unit, fusion) if units is not None else None)

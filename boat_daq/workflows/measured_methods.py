@@ -41,12 +41,7 @@ def measure_methods(paint: Paint | None = None, *, progress: Progress | None = N
 
 
 def sweep_method(name: str, *, progress: Progress | None = None) -> dict[str, Any]:
-    """Sweep every failure map of a method; return what `boat-daq atlas --json` prints.
-
-    Raises
-    ------
-    RequestError : there is no such method.
-    """
+    """Sweep every failure map of a method; return what `boat-daq atlas --json` prints."""
     from analysis.studies.failure_maps.maps import atlas_json
     from analysis.studies.failure_maps.methods import chosen_studies
     from analysis.studies.failure_maps.sweep import sweep_all

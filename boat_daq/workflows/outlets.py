@@ -38,12 +38,7 @@ class NodeChoice:
 
     @property
     def host_and_port(self) -> tuple[str, int]:
-        """Return host and port.
-
-        Raises
-        ------
-        RequestError : not an address.
-        """
+        """Return host and port."""
         host, colon, port = self.address.rpartition(":")
         if self.address.endswith("]") or not colon:
             host, port = self.address, ADDRESS.rpartition(":")[2]
@@ -82,13 +77,8 @@ def open_streams(session: Session, *, network: bool, conversion: Conversion | No
 
     Parameters
     ----------
-    session : with its board's samples arriving.
     network : whether other computers may reach the streams.
-    conversion : to elongation; None without a calibration.
-
-    Raises
-    ------
-    RequestError : pylsl or its library is not installed. RequestError : as `LslOutlet`.
+    conversion : None without a calibration.
     """
     from analysis.optional import optional
     from boat_daq.engine.outlets.lsl import LslOutlet
@@ -114,14 +104,9 @@ def open_node(
 
     Parameters
     ----------
-    session : with its board's samples arriving.
     recordings : folder of the recordings that a client starts.
-    conversion : returns that in force, None without a calibration.
-    plans : returns what a client may arm, by name.
-
-    Raises
-    ------
-    RequestError : no address, one beyond this computer without a token, or it cannot be listened on.
+    conversion : returns the conversion in force; None without a calibration.
+    plans : returns the plans that a client may arm, by name.
     """
     from boat_daq.engine.outlets.secop_node import SecopNode
     from boat_daq.engine.outlets.secop_server import SecopServer, read_token

@@ -34,10 +34,6 @@ def analysed_run(
     ----------
     curve : choice of `chosen_curve`.
     mcmc : whether the posterior is sampled.
-
-    Raises
-    ------
-    BoatDaqError : the recording cannot be read. RequestError : the unit's file is refused.
     """
     from analysis import load_recording
     from analysis.figures.batch import readings_beside
@@ -51,7 +47,7 @@ def analysed_run(
 
 
 def count_plateaus(found: Analysis) -> tuple[int, int]:
-    """Return how many plateaus are to be read, and how many were, as the readings of the live page count them.
+    """Return the number of plateaus to be read, and of those that were.
 
     They are the steps of the run without the last; an interrupted one counts where it was read. Without steps they are
     the plateaus of the pressure.

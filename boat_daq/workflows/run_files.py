@@ -16,16 +16,7 @@ WRITING = 2  # duration of setting a report, in analyses of a run
 
 
 def export_run(path: Path, target: Path, *, progress: Progress | None = None) -> str:
-    """Write the samples of a recording in the form of the suffix of `target`, with elongation by a calibration.
-
-    Returns
-    -------
-    Why the file has no elongation; empty where it has.
-
-    Raises
-    ------
-    BoatDaqError : it cannot be read, or the target cannot be written.
-    """
+    """Write the samples in the form of the suffix of `target`; return why it has no elongation, else empty."""
     from analysis.data.export import SUFFIXES, export, require_library
     from analysis.data.load import load_recording
     from analysis.figures.sensor_analysis import Options
@@ -58,11 +49,6 @@ def export_calibration(
     Returns
     -------
     What a user of the values must know; empty where there is nothing.
-
-    Raises
-    ------
-    BoatDaqError : the run is no calibration, it gives no elongation, no table keeps to the bound, or the target cannot
-        be written.
     """
     from analysis.calibration_export.calibration_file import CalibrationFile
     from analysis.calibration_export.forms import FORMS, write_calibration
@@ -74,12 +60,7 @@ def export_calibration(
 
 
 def preview_table(path: Path, separator: str | None) -> dict[str, Any]:
-    """Return what the importer finds in a CSV file, and the units of measurement that each quantity may have.
-
-    Raises
-    ------
-    BoatDaqError : it is not a table of numbers.
-    """
+    """Return what the importer finds in a CSV file, and the units of measurement that each quantity may have."""
     from analysis.data.csv_import import preview, units_of
 
     roles = ("time_s", "pressure_kpa", "target_kpa", *(f"s{n}_mv" for n in range(1, 5)))
@@ -89,16 +70,7 @@ def preview_table(path: Path, separator: str | None) -> dict[str, Any]:
 def import_table(
     path: Path, target: Path, columns: Mapping[str, str], rate_hz: float | None, separator: str | None
 ) -> list[str]:
-    """Write a CSV file as a recording; return the notes of the importer.
-
-    Parameters
-    ----------
-    columns : column of each quantity, with its unit of measurement, as `import_csv` takes them.
-
-    Raises
-    ------
-    BoatDaqError : it cannot be imported, or the target cannot be written.
-    """
+    """Write a CSV file as a recording, with the columns of `import_csv`; return the notes of the importer."""
     from analysis.data.boat_writer import write_boat_file
     from analysis.data.csv_import import import_csv
 
@@ -116,16 +88,7 @@ def report_runs(
     units: ShownUnits = STORED_UNITS,
     progress: Progress | None = None,
 ) -> str:
-    """Write the report of one or several recordings; return its verdict.
-
-    Parameters
-    ----------
-    curve : choice of `chosen_curve`.
-
-    Raises
-    ------
-    BoatDaqError : one of them cannot be read, or the target cannot be written.
-    """
+    """Write the report of one or several recordings; return its verdict."""
     from analysis import write_report
 
     parts = len(paths) + WRITING

@@ -40,16 +40,7 @@ def shadow_of(
     *,
     progress: Callable[[float, float], None] | None = None,
 ) -> Shadow:
-    """Return the shadow at a level of precision; table and compiled code are loaded from the cache, or built.
-
-    Parameters
-    ----------
-    progress : called as (done, total) while a table is built.
-
-    Raises
-    ------
-    RequestError : there is no such level.
-    """
+    """Return the shadow at a level of precision; table and compiled code are loaded from the cache, or built."""
     from analysis.shadow.model.frames import Shadow, actuator, table_settings
     from analysis.shadow.model.table import load_table
 

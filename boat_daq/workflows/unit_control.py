@@ -32,22 +32,12 @@ SETTLED_MM = 0.05
 
 
 def fusion_of(units: UnitLibrary, name: str) -> Fusion:
-    """Return what turns the signals of a unit into elongation, by its calibration in force.
-
-    Raises
-    ------
-    RequestError : it has none, or its file is refused. BoatDaqError : the calibration gives no elongation.
-    """
+    """Return what turns the signals of a unit into elongation, by its calibration in force."""
     return in_force(units, name).fusion()
 
 
 def dynamics_of(units: UnitLibrary, path: Path, tolerance_mm: float = SETTLED_MM) -> DynamicCalibration:
-    """Return the dynamics of a recording, by its unit's calibration in force.
-
-    Raises
-    ------
-    RequestError : the unit has no calibration. BoatDaqError : the run has neither steps nor sines of elongation.
-    """
+    """Return the dynamics of a recording, by its unit's calibration in force."""
     from analysis import load_recording
     from analysis.elongation_control.dynamic_calibration import dynamic_calibration
 
@@ -59,24 +49,14 @@ def dynamics_of(units: UnitLibrary, path: Path, tolerance_mm: float = SETTLED_MM
 
 
 def report_dynamics(found: DynamicCalibration, target: Path) -> None:
-    """Write the report of a dynamic calibration, HTML or PDF.
-
-    Raises
-    ------
-    FileError : it cannot be written.
-    """
+    """Write the report of a dynamic calibration, HTML or PDF."""
     from analysis.reports.dynamics import write_dynamic_report
 
     write_dynamic_report(found, target)
 
 
 def held_elongation(units: UnitLibrary, recording: Recording, seconds: float) -> dict[str, float]:
-    """Return mean, U (k = 2), mean deviation and rms deviation of the last segment's elongation, mm.
-
-    Raises
-    ------
-    RequestError : the unit has no calibration. BoatDaqError : the run has no whole segment.
-    """
+    """Return mean, U (k = 2), mean deviation and rms deviation of the last segment's elongation, mm."""
     import numpy as np
 
     from analysis.elongation_control.run_response import recorded_segments, run_elongation
@@ -100,12 +80,7 @@ def twin_path(units: UnitLibrary, name: str) -> Path:
 
 
 def load_twin(units: UnitLibrary, name: str) -> TwinFile:
-    """Return the file of a unit under control.
-
-    Raises
-    ------
-    RequestError : it is not identified, or was with another calibration. BoatDaqError : the file is damaged.
-    """
+    """Return the file of a unit under control."""
     from analysis.elongation_control.unit_file import read_twin
 
     stored = in_force(units, name)
@@ -123,11 +98,6 @@ def identify_unit(recording: Recording, units: UnitLibrary) -> TwinFile:
     """Identify the hysteresis of a recording's unit by its calibration in force, and store it.
 
     Gains, and the actuator that its signals are predicted by, are kept.
-
-    Raises
-    ------
-    RequestError : the unit has no accepted calibration. BoatDaqError : the run shows no hysteresis.
-    StorageError : the file cannot be written.
     """
     from analysis.elongation_control.run_response import identify_run
     from analysis.elongation_control.unit_file import TwinFile, read_twin
@@ -144,12 +114,7 @@ def identify_unit(recording: Recording, units: UnitLibrary) -> TwinFile:
 
 
 def tune_unit(recording: Recording, units: UnitLibrary) -> TwinFile:
-    """Take the gains of a recording's unit from its step test, and store them.
-
-    Raises
-    ------
-    RequestError : as `load_twin`. BoatDaqError : the run is no step test. StorageError : the file cannot be written.
-    """
+    """Take the gains of a recording's unit from its step test, and store them."""
     from analysis.elongation_control.run_response import tune_run
 
     twin = load_twin(units, recording.unit)
@@ -159,12 +124,7 @@ def tune_unit(recording: Recording, units: UnitLibrary) -> TwinFile:
 
 
 def predicted_sensors(units: UnitLibrary, name: str, light: LightTable) -> tuple[SensorPrediction, ...]:
-    """Return the forward models of a unit's signals, fitted to the readings of its calibration in force.
-
-    Raises
-    ------
-    RequestError : it has none. BoatDaqError : too few readings.
-    """
+    """Return the forward models of a unit's signals, fitted to the readings of its calibration in force."""
     from analysis.signal_prediction.prediction import predict_sensors
 
     return predict_sensors([(one.elongation_mm, one.signal_mv) for one in in_force(units, name).sensors], light)
@@ -174,10 +134,6 @@ def live_prediction_of(units: UnitLibrary, name: str, fusion: Fusion) -> LivePre
     """Return what predicts a unit's live signals.
 
     None where the unit is not identified with its calibration in force, or the light of its actuator is not kept.
-
-    Raises
-    ------
-    RequestError : the unit has no accepted calibration. BoatDaqError : a file is damaged.
     """
     from analysis.elongation_control.unit_file import read_twin
     from analysis.signal_prediction.light_table import light_of
@@ -191,12 +147,7 @@ def live_prediction_of(units: UnitLibrary, name: str, fusion: Fusion) -> LivePre
 
 
 def prepare_control(path: Path, units: UnitLibrary) -> str:
-    """Identify a unit from a calibration run, or take its gains from a step test; return what was done.
-
-    Raises
-    ------
-    RequestError, BoatDaqError, StorageError : as `identify_unit` and `tune_unit`.
-    """
+    """Identify a unit from a calibration run, or take its gains from a step test; return what was done."""
     from analysis.data.load import load_recording
     from analysis.elongation_control.run_response import recorded_segments
 
@@ -216,12 +167,7 @@ def prepare_control(path: Path, units: UnitLibrary) -> str:
 
 
 def store_twin(units: UnitLibrary, twin: TwinFile) -> None:
-    """Write the file of a unit under control.
-
-    Raises
-    ------
-    StorageError : it cannot be written.
-    """
+    """Write the file of a unit under control."""
     path = twin_path(units, twin.unit)
     try:
         twin.write(path)
@@ -241,12 +187,8 @@ def regulator_of(
 
     Parameters
     ----------
-    step_mv : resolution of the board's converter.
+    step_mv : signal of one count of the board's converter.
     max_u_mm : U (k = 2) of the elongation that stops the control; None for the usual bound.
-
-    Raises
-    ------
-    BoatDaqError : as `load_twin` and `fusion_of`.
     """
     from analysis.elongation_control.controller import Bounds, ElongationController, Tuning
 
@@ -285,12 +227,7 @@ def as_regulator(controller: ElongationController) -> Regulator:
 
 
 def sensor_loops(units: UnitLibrary, name: str, fusion: Fusion) -> SensorLoops | None:
-    """Return the hysteresis loops of a unit's sensors, from the readings of its calibration in force; None without any.
-
-    Raises
-    ------
-    RequestError : it has no calibration in force.
-    """
+    """Return the hysteresis loops of a unit's sensors, from the readings of its calibration; None without any."""
     import numpy as np
 
     from analysis.elongation_control.sensor_loop import find_loops

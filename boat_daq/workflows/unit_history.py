@@ -91,12 +91,7 @@ def load_unit_over_time(units: UnitLibrary, name: str) -> UnitOverTime:
 
 
 def report_unit(units: UnitLibrary, name: str, target: Path) -> None:
-    """Write the report of a unit over time, HTML or PDF.
-
-    Raises
-    ------
-    RequestError : the unit has no calibration. BoatDaqError : the file cannot be written.
-    """
+    """Write the report of a unit over time, HTML or PDF."""
     from analysis.reports.unit import write_unit_report
 
     found = load_unit_over_time(units, name)

@@ -53,12 +53,7 @@ from protocol.base.units import ShownUnits
 
 
 class AppModel:
-    """The view models of one window.
-
-    Parameters
-    ----------
-    units : the units and their calibrations; the stored ones when None.
-    """
+    """The view models of one window, with the stored units unless others are given."""
 
     def __init__(self, session: Session, folder: Path, recordings: Path, units: UnitLibrary | None = None) -> None:
         self.session, self.folder, self.units = session, folder, units or UnitLibrary()

@@ -131,12 +131,7 @@ class SettingsModel:
         self._grown()
 
     def export(self, subject: str, path: Path) -> None:
-        """Write what is stored of a subject to a file.
-
-        Raises
-        ------
-        OSError, RequestError : it cannot be written, or is not stored.
-        """
+        """Write the values of a subject to a file; OSError where it cannot be written."""
         text = settings_text(load_settings(self._folder)) if subject == PROGRAM else self._units.text(subject)
         write_whole(path, text)
 

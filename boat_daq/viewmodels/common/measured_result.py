@@ -16,12 +16,7 @@ MAX_BYTES = 4_000_000  # a hundred times the largest
 
 
 class MeasuredResult(ABC):
-    """State of one kind of result.
-
-    Parameters
-    ----------
-    path : JSON file of the last result.
-    """
+    """State of one kind of result; the last one is kept in a JSON file."""
 
     name: str
     """The job's name in the runner."""

@@ -35,12 +35,7 @@ class OpenWindows:
         self.others: list[str] = []
 
     def join(self) -> None:
-        """Take part in VENT ALL.
-
-        Raises
-        ------
-        OSError : the user's folder cannot be written.
-        """
+        """Take part in VENT ALL; OSError where the user's folder cannot be written."""
         self._shared = SharedVent(self._session.vent, self._name, self._folder)
 
     def vent_all(self) -> None:

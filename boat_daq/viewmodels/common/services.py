@@ -73,7 +73,7 @@ class UndoHistory:
 
 @dataclass(slots=True)
 class Services:
-    """Services of the window."""
+    """Services of the window, which sets `show` and `open`."""
 
     notices: Notices
     preferences: Preferences

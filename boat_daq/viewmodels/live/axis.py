@@ -116,12 +116,7 @@ def clock_unit(low_s: float, high_s: float) -> str:
 
 
 def clock(time_s: float, step_s: float, unit: str = "min:s") -> str:
-    """Return a tick's label: `2.4`, `0:05`, `1:03:00`.
-
-    Parameters
-    ----------
-    step_s : between the ticks; decides the decimals of seconds.
-    """
+    """Return a tick's label: `2.4`, `0:05`, `1:03:00`; the distance of the ticks decides the decimals."""
     if unit == "s":
         return f"{time_s:.{max(1, -math.floor(math.log10(step_s)))}f}".replace("-", MINUS)
     text = duration(abs(time_s))

@@ -51,12 +51,7 @@ def meaning_choices() -> list[tuple[str, str]]:
 
 @dataclass(frozen=True, slots=True)
 class Preview:
-    """What the decoder makes of the newest bytes.
-
-    Parameters
-    ----------
-    remark : how many lines were good, or why there is no profile.
-    """
+    """The newest samples as decoded; `remark` counts the good lines, or gives the reason without a profile."""
 
     headings: tuple[str, ...] = ()
     rows: tuple[tuple[str, ...], ...] = ()
@@ -91,12 +86,7 @@ class BoardProfile:
         self._listener = PortListener(port.strip(), self._settings)
 
     def open(self, path: Path) -> None:
-        """Take a file with what a board printed.
-
-        Raises
-        ------
-        OSError : it cannot be read.
-        """
+        """Read a file of a board's output; OSError where it cannot be read."""
         self.stop()
         self._begin()
         with path.open("rb") as file:

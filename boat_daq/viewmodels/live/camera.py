@@ -20,12 +20,7 @@ LEARNING = "learning"
 
 @dataclass(frozen=True, slots=True)
 class CameraView:
-    """What the panel shows.
-
-    Attributes
-    ----------
-    warning : why there is no value, with the remedy; empty where there is one.
-    """
+    """What the panel shows; `warning` gives the reason and remedy where there is no value."""
 
     state: CameraState | None
     elongation: str = NOTHING

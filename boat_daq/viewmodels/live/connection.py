@@ -278,12 +278,7 @@ class ConnectionModel:
         return self.board.grid_mm() if self.board is not None else None
 
     def tick(self) -> None:
-        """Connect to the virtual board once it is ready.
-
-        Raises
-        ------
-        Exception : it did not start; as raised by `serve`.
-        """
+        """Connect to the virtual board once it is ready; raise the error of one that did not start."""
         if not self.starting or self.board is None:
             return
         if self.board.error is not None:

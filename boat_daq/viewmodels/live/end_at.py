@@ -101,12 +101,7 @@ class EndAt:
 
 
 class EndReport:
-    """Reports what a run had reached when it ended by its U, its plan or the operator's stop.
-
-    Attributes
-    ----------
-    text : the report, until the next plan is armed.
-    """
+    """Reports what a run had reached at its end; `text` is kept until the next plan is armed."""
 
     def __init__(self, enough: EnoughCycles, notices: Notices, clock: Callable[[], float] = monotonic) -> None:
         self._enough, self._notices, self._clock = enough, notices, clock

@@ -141,12 +141,7 @@ class Layout:
         return replace(self, rows=tuple(filter(None, rows)), hidden=(*self.hidden, quantity))
 
     def moved(self, quantity: str, below: int, quantities: Sequence[str]) -> Layout:
-        """Return the layout with the plot of a quantity moved among those that are shown.
-
-        Parameters
-        ----------
-        below : -1 to move it up by one plot, 1 down.
-        """
+        """Return the layout with the plot of a quantity moved by one place, up (-1) or down (1)."""
         shown = [at for at, row in enumerate(self.rows) if set(row) & set(quantities)]
         here = next(i for i, at in enumerate(shown) if quantity in self.rows[at])
         if not 0 <= here + below < len(shown):

@@ -119,9 +119,9 @@ def signals(columns: Mapping[str, FloatArray | float]) -> FloatArray:
 
 
 def with_holes(columns: Columns) -> Columns:
-    """Return the columns with a NaN in each hole of time, so that no line is drawn across it.
+    """Return the columns with a NaN in each gap of time, so that no line is drawn across it.
 
-    A hole is longer than a second and than five times the 90th percentile of the steps.
+    A gap is longer than a second and than five times the 90th percentile of the steps.
     """
     time_s = columns["time_s"]
     steps = np.diff(time_s)
@@ -276,10 +276,7 @@ class LiveModel:
         return self._picture(width, low, high, with_holes(points)) if points["time_s"].size else None
 
     def newest(self, frame: PlotFrame, width: int) -> PlotFrame | None:
-        """Return what was added after the end of `frame`; None where the plot has to move or to be drawn whole.
-
-        It moves by whole columns of pixels: in between only the last one changes.
-        """
+        """Return the columns of pixels added after `frame`; None where the plot has to be drawn whole."""
         ring, column_s = self.ring(), (frame.high_s - frame.low_s) / max(width, 1)
         if ring is None or width != frame.width:
             return None
@@ -318,12 +315,7 @@ class LiveModel:
         return str(self.prediction.disagreement(signals(means)[0], means[PRESSURE], n))
 
     def frame_interval_ms(self, width: int, cost_ms: float, *, connected: bool) -> int:
-        """Return the time between frames: none is drawn whose change is invisible, and all take a share of a core.
-
-        Parameters
-        ----------
-        cost_ms : processor time of a frame.
-        """
+        """Return the time between frames, ms: every change is visible, and drawing takes a fixed share of a core."""
         if not connected:
             return REST_MS
         low, high = self.span_s()
@@ -364,10 +356,7 @@ class LiveModel:
         return {name: float(values.mean()) for name, values in recent.items() if values.size}
 
     def values_at(self, time_s: float) -> dict[str, float]:
-        """Return the mean of each column about an instant, elongation too; empty where there are no data.
-
-        It is over as long as a value of the readouts, or of the nearest sample where fewer arrive.
-        """
+        """Return the mean of each column about an instant, or the nearest sample; empty where there are no data."""
         ring = self.ring()
         if ring is None:
             return {}
@@ -469,8 +458,11 @@ class LiveModel:
 def _span(name: str, unit: str, decimals: int, time_s: FloatArray, values: FloatArray, sign: float) -> Span:
     """Return the statistics of one column between the cursors; SNR is mean over standard deviation.
 
-    The difference is of the means next to the cursors, over `HEADLINE_S` or half of the span; `sign` is -1 where B is
-    before A.
+    The difference is that of the means next to the cursors, over `HEADLINE_S` or half of the span.
+
+    Parameters
+    ----------
+    sign : -1 where B is before A.
     """
     keep = np.isfinite(values)
     x, y = time_s[keep] - time_s[0], values[keep]

@@ -47,12 +47,7 @@ class Photograph:
         return replace(self, clicks=self.clicks[:3])
 
     def with_distance(self, distance_mm: float) -> Photograph:
-        """Return the state with another distance between the scale clicks.
-
-        Raises
-        ------
-        ValueError : not above 0.
-        """
+        """Return the state with another distance of the scale clicks; ValueError where it is not above 0."""
         if not distance_mm > 0:
             raise ValueError(distance_mm)
         return replace(self, distance_mm=distance_mm)

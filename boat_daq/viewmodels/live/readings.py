@@ -271,11 +271,10 @@ class ReadingsModel:
         self._undo.push(Change(text, partial(store, new), partial(store, old)))
 
     def paste(self, text: str, first_step_id: int | None = None) -> int:
-        """Enter a column copied from a spreadsheet, from a plateau on; return how many were entered.
+        """Enter a column copied from a spreadsheet, beginning at a plateau; return how many were entered.
 
-        Without a plateau, a column of all plateaus begins at the first, a shorter one at the first without a reading:
-        nothing is overwritten by default. Of several columns the last is taken. All values are checked before any is
-        stored.
+        Without a plateau, a column of all plateaus begins at the first, a shorter one at the first without a reading.
+        Of several columns the last is taken. All values are checked before any is stored.
         """
         values = column_of_lengths(text)
         first = self._first_for(len(values)) if first_step_id is None else first_step_id

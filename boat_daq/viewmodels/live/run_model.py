@@ -77,10 +77,7 @@ class CalibrationOffer:
 
 
 class ResumeRun:
-    """Offers to resume an interrupted run, and arms it.
-
-    The offer follows from the recording: it is made after every vent, and again after a vent while it is armed.
-    """
+    """Offers to resume an interrupted run after every vent, and arms it."""
 
     def __init__(self, session: Session, sequence: SequenceModel, read: ReadInterrupted, services: Services) -> None:
         self._session, self._sequence, self._read, self._services = session, sequence, read, services
@@ -192,12 +189,7 @@ class QuickTrial:
 
 @dataclass(slots=True)
 class RunModel:
-    """State of the run and what the operator can do with it.
-
-    Parameters
-    ----------
-    read_all : whether every plateau of a simulated unit is read from its grid.
-    """
+    """State of the run and the actions of the operator; `read_all` reads every plateau of a simulated unit."""
 
     session: Session
     connection: ConnectionModel
@@ -231,10 +223,7 @@ class RunModel:
         return self.snapshot.link is LinkState.UP
 
     def press(self, button: str) -> None:
-        """Press a button of the sequence; start begins a recording first, so that no run is lost.
-
-        Each run has its own recording: one that holds a run already is closed before the plan is armed again.
-        """
+        """Press a button of the sequence; start begins a recording first, a new one for each run."""
         self.services.notices.attempt(lambda: self._press(button))
 
     def _press(self, button: str) -> None:

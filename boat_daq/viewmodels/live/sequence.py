@@ -70,10 +70,7 @@ BRANCH_WORDS = {"start": "opening", "unloading": "unloading", "loading": "loadin
 
 @lru_cache(maxsize=4)
 def staircase(plan: Plan) -> tuple[FloatArray, FloatArray]:
-    """Return time (s) and pressure (kPa) of a plan: the begin, then the estimated end of ramp and end of each step.
-
-    Of a profile, points along its segments; of one in millimetres, elongations.
-    """
+    """Return time (s) and pressure (kPa) of a plan at the ends of ramps and steps; of a plan in mm the elongation."""
     if plan.kind == "profile":
         return _profile(plan)
     time_s, pressure = [0.0], [0.0]
@@ -148,12 +145,7 @@ def _extent(plan: Plan) -> tuple[int, float]:
 
 
 class SequenceModel:
-    """The plan and the current run.
-
-    Parameters
-    ----------
-    preferences : keep the plan between starts; a stored one that is invalid is ignored.
-    """
+    """The plan and the current run; the plan is kept in the preferences unless it is invalid."""
 
     def __init__(
         self,
@@ -223,10 +215,7 @@ class SequenceModel:
         write_whole(path, self.plan.to_toml())
 
     def edit(self, key: str, text: str) -> str:
-        """Set one field from text; return why it is invalid, or an empty string.
-
-        An entry that is invalid alone is tried again with the next one: highest and step often fit only together.
-        """
+        """Set one field from text; return why it is invalid, or "". The next entry tries an invalid one again."""
         entry = next(e for e in ENTRIES if e.key == key)
         try:
             value = plain_number(text)
@@ -344,12 +333,7 @@ def state_text(snapshot: SessionSnapshot) -> str:
 
 
 def progress_text(snapshot: SessionSnapshot, leave_out: int = 0) -> str:
-    """Return cycle, step and time left in a line; why a run was aborted; the control of a manual elongation.
-
-    Parameters
-    ----------
-    leave_out : 1 leaves out the phase, 2 the step too, for a narrow window.
-    """
+    """Return cycle, step and time left in a line; `leave_out` 1 leaves out the phase, 2 the step too."""
     progress = snapshot.progress
     ended = snapshot.run_ended
     if snapshot.state in (SessionState.FAULT, SessionState.ABORTED) and ended is not None and ended.aborted:

@@ -69,9 +69,9 @@ class ShadowPicture:
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """The current measurement: pressure (kPa), elongation and its expanded uncertainty, k = 2 (mm); NaN where unknown.
+    """The current measurement: pressure (kPa), elongation and U (k = 2, mm); NaN where unknown.
 
-    `calibrated`: whether a calibration is in use; `disagree`: whether the two sensors contradict each other.
+    `disagree` marks two sensors that contradict each other.
     """
 
     pressure: float = math.nan
@@ -229,10 +229,7 @@ class ShadowLive:
         )
 
     def _place(self, now: Moment) -> tuple[float, float] | None:
-        """Return pressure (kPa) and elongation (mm) of the state drawn; None outside the table, or without a model.
-
-        It is at rest until the first sample, and nominal where the elongation is not measured.
-        """
+        """Return pressure (kPa) and elongation (mm) of the state drawn; None outside the table, or without a model."""
         if self.model is None:
             return None
         if not math.isfinite(now.pressure):
@@ -333,10 +330,7 @@ class CycleMark:
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """A figure of every cycle as the page draws it; `value` reads it from a mark, `smallest` is the least span drawn.
-
-    `change` is for a figure with a level from hysteresis alone: its change from the first cycles is drawn.
-    """
+    """A figure of every cycle: `value` reads it, `smallest` is the least span drawn, `change` draws its change."""
 
     title: str
     axis: str

@@ -64,12 +64,7 @@ class UnitInUse:
         return f"{self._followed[0]} {self._record.calibrated_utc}" if self._record is not None else ""
 
     def follow(self, snapshot: SessionSnapshot, revision: int) -> None:
-        """Use the calibration in force of the unit on the bench: that of a simulated unit on a simulated board.
-
-        Parameters
-        ----------
-        revision : grows whenever a calibration in force changes.
-        """
+        """Use the calibration in force of the unit on the bench, again whenever `revision` grows."""
         name = self.name(snapshot)
         if (name, snapshot.simulated, revision) != self._followed:
             self._followed = (name, snapshot.simulated, revision)
@@ -82,12 +77,7 @@ class UnitInUse:
             self._live.prediction = ready.prediction
 
     def use(self, record: CalibrationRecord | None, units: UnitLibrary | None = None) -> None:
-        """Show elongation by this calibration from now on; none without one.
-
-        Parameters
-        ----------
-        units : library of the unit, for predicted signals; None for no prediction.
-        """
+        """Show elongation by this calibration, and with `units` predicted signals; none without a calibration."""
         self._record = record
         self._live.inverse = self.conversion = self._live.prediction = None
         self.preparation.pending.clear()  # of another calibration
@@ -95,12 +85,7 @@ class UnitInUse:
             self.preparation.call(prepare, record, units)
 
     def regulator(self, snapshot: SessionSnapshot, step_mv: float) -> Regulator:
-        """Return what controls the elongation of the unit on the bench.
-
-        Parameters
-        ----------
-        step_mv : signal of one count of the board's converter.
-        """
+        """Return the regulator of the unit on the bench; `step_mv` is the signal of one count."""
         fusion = self.conversion.fusion if self.conversion is not None else None
         units = self._units.of(simulated=snapshot.simulated)
         return regulator_of(units, self.name(snapshot), fusion=fusion, step_mv=step_mv)

@@ -84,7 +84,7 @@ class DesignResult:
 
     Parameters
     ----------
-    ndr_sd, error : its standard deviation and its stated error (k = 2), by the number of rays alone, [states].
+    ndr_sd, error : [states] standard deviation of `ndr`, and its error (k = 2) from the number of rays.
     """
 
     scenes: tuple[StateScene, ...]
@@ -98,15 +98,15 @@ class DesignResult:
 
 @dataclass(frozen=True, slots=True)
 class SweepSummary:
-    """A sweep.
+    """A sweep of designs.
 
     Parameters
     ----------
-    values : [n, 4] cavities, width, depth, spacing. merit, tied, front, ranks : of the designs, [n].
+    values : [n, 4] cavities, width, depth, spacing. merit, tied, front, ranks : [n].
     best, paper : index of the best design and of the paper's, -1 without it.
-    seconds, simulated, rays : taken by the sweep, its simulations, rays of each.
-    rank_text, winners, fans : ranks of the paper's optimum, and designs that win one of the turns of the fan.
-    power_text : errors of the power, where designs are ranked by it. error_text : stated errors of counts or powers.
+    seconds, simulated, rays : duration, number of simulations, rays of each.
+    rank_text, winners, fans : rank of the paper's optimum, and designs that win one of the turns of the fan.
+    power_text, error_text : errors of the power where it ranks the designs; errors of counts or powers.
     """
 
     values: FloatArray
@@ -126,12 +126,7 @@ class SweepSummary:
     error_text: str = ""
 
     def grid(self, cavities: int, width_mm: float, steps: tuple[float, ...]) -> FloatArray:
-        """Return P, best = 1, over [spacing, depth] for one number of cavities and one width; NaN where there is none.
-
-        Parameters
-        ----------
-        steps : depths and spacings, mm.
-        """
+        """Return P, best = 1, over [spacing, depth] (mm) for a number of cavities and a width; NaN where unknown."""
         out = np.full((len(steps), len(steps)), np.nan)
         chosen = (self.values[:, 0] == cavities) & np.isclose(self.values[:, 1], width_mm)
         depth, spacing = (np.abs(self.values[chosen, k, None] - np.array(steps)).argmin(axis=1) for k in (2, 3))
@@ -230,8 +225,7 @@ def trace_design(
     Parameters
     ----------
     values : cavities, width, depth, spacing (mm).
-    rays : released in each state, or the tolerance that chooses them: no state has a larger error.
-    curves : name of the states, see `curves_of`.
+    rays : number in each state, or the largest error of a state, which chooses it.
     """
     from analysis.optics.scene.curves import frames_of
     from analysis.optics.scene.parameters import Design, Waveguide
@@ -298,13 +292,7 @@ def sweep(
     *,
     progress: Progress | None = None,
 ) -> SweepSummary:
-    """Return the sweep of the paper's grid of designs.
-
-    Parameters
-    ----------
-    rays : released in each simulation, or the tolerance that chooses them.
-    curves : name of the states, see `curves_of`.
-    """
+    """Return the sweep of the paper's grid of designs with a number of rays, or as many as an error takes."""
     from analysis.optics.scene.parameters import PAPER_OPTIMUM
     from analysis.optics.sweep.fans import compare_fans, fans_of
     from analysis.optics.sweep.figure_of_merit import pareto
@@ -340,10 +328,9 @@ def search(
 
     Parameters
     ----------
-    curves : name of the states, see `curves_of`.
-    seconds : about how long to search.
-    tolerance : of the winners' power in the final evaluation, rays of 250, which chooses its rays; None for any error.
-    confidence : with which a race finds the best of the designs evaluated; None for no race.
+    seconds : approximate duration.
+    tolerance : largest error of the winners' power in the final evaluation, rays of 250; None for any.
+    confidence : probability that a race finds the best of the designs evaluated; None for no race.
     """
     from analysis.optics.scene.parameters import Waveguide
     from analysis.optics.sweep.optimise import optimise
@@ -570,12 +557,7 @@ class OpticsModel:
         )
 
     def pick(self, cavities: int, width_mm: float, column: float, row: float) -> None:
-        """Show the design of a cell of a map; the maps are of cavities in the outer face.
-
-        Parameters
-        ----------
-        column, row : coordinates in the map, in cells.
-        """
+        """Show the design of a cell of a map; the maps are of cavities in the outer face."""
         i, k = int(column), int(row)
         if 0 <= i < len(STEPS_MM) and 0 <= k < len(STEPS_MM):
             self.choose((cavities, width_mm, STEPS_MM[k], STEPS_MM[i]), MAPPED_FACE)

@@ -55,10 +55,9 @@ SHOWN = "tradeoff_shown"
 
 @dataclass(frozen=True, slots=True)
 class TradeoffPoint:
-    """One setting: processor time (s) with the range of its repeats, error with its range, and its marks.
+    """One setting: processor time (s) and error with the ranges of their repeats, and its marks.
 
-    Marks are the program's uses of it ("default", "chosen" by the rule, levels of precision other than the default
-    one), and "front" where it is on the Pareto front.
+    Marks are "default", "chosen" by the rule, levels of precision, and "front" on the Pareto front.
     """
 
     number: int

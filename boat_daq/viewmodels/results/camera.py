@@ -21,13 +21,13 @@ Row = tuple[tuple[str, str], ...]  # texts with their tooltips
 
 @dataclass(frozen=True, slots=True)
 class CameraResult:
-    """The continuous record of a run.
+    """The continuous record of a run, of each sensor.
 
     Attributes
     ----------
-    loops : of each sensor elongation and signal less curve, % FSO, of unloading, a NaN, then loading.
-    by_speed : of each sensor speed, mm/s, and distance of the signal from its branch, mV.
-    cycles, per_cycle : numbers, and of each sensor the hysteresis over elongation of each, % FSO.
+    loops : elongation and signal less curve, % FSO, of unloading, a NaN, then loading.
+    by_speed : speed, mm/s, and distance of the signal from its branch, mV.
+    per_cycle : hysteresis over elongation of each of `cycles`, % FSO.
     """
 
     text: str

@@ -58,12 +58,7 @@ class CertificateModel:
         return () if load_laboratory() is not None else LABORATORY_FIELDS
 
     def state(self, metadata: Mapping[str, str], laboratory: Mapping[str, str]) -> None:
-        """Store what was typed and make the pages.
-
-        Parameters
-        ----------
-        metadata, laboratory : texts by key; those that are empty stay missing.
-        """
+        """Store the texts that are not empty, by key, and make the pages."""
         stated = {key: text.strip() for key, text in laboratory.items() if text.strip()}
         if stated.get("name"):
             store_laboratory(Laboratory(**stated))

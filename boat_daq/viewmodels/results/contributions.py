@@ -117,12 +117,7 @@ class ContributionsModel:
         return traceability(contributions(self.tables()))
 
     def check(self, name: str, fields: ContributionFields, *, new: bool = False) -> TypeBContribution | Refusal:
-        """Return the contribution that fields state, or why they state none.
-
-        Parameters
-        ----------
-        new : whether none of that name may be stated.
-        """
+        """Return the contribution of the fields, or why there is none; a `new` one needs a new name."""
         if not key_of(name):
             return Refusal("name", "Give a name.")
         if new and key_of(name) in (*PRESETS, *self.tables()):

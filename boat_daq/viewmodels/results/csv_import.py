@@ -181,10 +181,7 @@ class CsvImport:
         return rate_hz if rate_hz > 0 else None
 
     def map(self) -> dict[str, str]:
-        """Return the map for the importer: what differs from its own, and what is not in the file.
-
-        Where a signal differs, that is all signals: to signals that are given the importer adds no others.
-        """
+        """Return the map for the importer: what differs from its own; with a changed signal, all signals."""
         changed = {role for role, source in self.sources.items() if source != self._found.get(role, NONE)}
         if changed & set(SIGNALS):
             changed |= {role for role in SIGNALS if self.sources[role].column}

@@ -31,8 +31,7 @@ def figure_text(figure: Figure | None, decimals: int, stated: LimitStatement | N
 
     Parameters
     ----------
-    figure : an en dash without one.
-    stated : its conformity with a limit, which marks the value.
+    stated : conformity with a limit, which marks the value.
     """
     if figure is None:
         return NOTHING, "not computed for this run"
@@ -145,10 +144,7 @@ def _conformity_text(conformity: Conformity) -> str:
 
 @dataclass(frozen=True, slots=True)
 class BreakResult:
-    """An interruption of a run that was resumed: between which cycles, as a sentence, and the tests across it.
-
-    A row has quantity, mean before, mean after, p of t, p of F, as text.
-    """
+    """An interruption of a resumed run; rows are quantity, mean before and after, p of t and F."""
 
     at_cycle: float
     sentence: str

@@ -39,12 +39,7 @@ ALL = tuple(key for key, _ in FIELDS)
 
 
 class MetadataModel:
-    """State of the form.
-
-    Parameters
-    ----------
-    subject : name of the recording or unit, for the title.
-    """
+    """State of the form of `subject`, a recording or unit."""
 
     def __init__(
         self,
@@ -62,12 +57,7 @@ class MetadataModel:
     def of_recording(
         cls, path: Path, units: UnitLibrary, unit: str, undo: UndoHistory, changed: Callable[[], None] = lambda: None
     ) -> MetadataModel:
-        """Return the form of a closed recording.
-
-        Parameters
-        ----------
-        units, unit : the library of its kind of board, and its unit; "" for none.
-        """
+        """Return the form of a closed recording; its unit remembers the entries."""
 
         def write(stated: Metadata) -> None:
             state_metadata(path, stated)
@@ -79,12 +69,7 @@ class MetadataModel:
     def of_session(
         cls, session: Session, path: Path, units: UnitLibrary, unit: str, undo: UndoHistory
     ) -> MetadataModel:
-        """Return the form of a session's recording, in progress or closed since.
-
-        Parameters
-        ----------
-        units, unit : library and name of the unit that remembers them.
-        """
+        """Return the form of a session's recording, in progress or closed since; its unit remembers the entries."""
 
         def write(stated: Metadata) -> None:
             session.state_metadata(path, stated)
@@ -107,11 +92,11 @@ class MetadataModel:
         return {key: "" if values[key] is None else _text(values[key]) for key in self.keys}
 
     def state(self, typed: Mapping[str, str], lines: str | None = None) -> Metadata:
-        """State what was typed, undoably; return all that is stated then.
+        """Add what was typed, undoably; return the metadata then.
 
         Parameters
         ----------
-        typed : texts by key. lines : free fields, `name = value` on each line; None leaves them.
+        lines : free fields, `name = value` on each line; None leaves them.
         """
         before = self.stated()
         free = {} if lines is None else dict.fromkeys(before.fields, "") | free_fields(lines)

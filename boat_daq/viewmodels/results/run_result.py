@@ -52,7 +52,6 @@ class LoopSet:
         Parameters
         ----------
         abscissa, ordinate : [2 branches, cycles, levels].
-        cycles : numbers along the second axis.
         """
         (down_x, up_x), (down_y, up_y) = abscissa[:, cycles], ordinate[:, cycles]
         gap = np.full((len(cycles), 1), np.nan)
@@ -98,12 +97,7 @@ class CurveBands:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorResult(SensorCalibration):
-    """One sensor: the points of its calibration and its curve; no curve where `void` gives the reason.
-
-    Attributes
-    ----------
-    loading : [points] whether the point is of the loading branch.
-    """
+    """One sensor: points of its calibration, `loading` or not, and its curve; none where `void` gives the reason."""
 
     cycles: CycleSeries
     loading: BoolArray
@@ -164,12 +158,7 @@ def analyse_run(
     compare: bool = False,
     progress: Progress | None = None,
 ) -> RunResult:
-    """Return all figures and curves of a recording, without the posterior.
-
-    Parameters
-    ----------
-    curve : choice of `chosen_curve`.
-    """
+    """Return all figures and curves of a recording, without the posterior; `compare` tries every curve."""
     from analysis.figures.uncertainty import curve_candidates_of
     from analysis.stopping.criterion import DRIFT, SPREAD, half_width
 

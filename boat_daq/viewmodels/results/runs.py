@@ -239,12 +239,7 @@ class RunsModel:
         return lines, "   ".join(f"{n}: {Path(run.path).stem}" for n, run in enumerate(runs, 1))
 
     def report(self, paths: list[Path], target: Path, *, curve: str = "") -> None:
-        """Write the report of one or several recordings, HTML or PDF, in the background.
-
-        Parameters
-        ----------
-        curve : choice of `chosen_curve`; empty for the curve of the accepted calibration.
-        """
+        """Write the report of one or several recordings, HTML or PDF, in the background."""
         if not paths:
             raise RequestError("no recording is chosen", "Choose one line or several.")
         job = Job(
@@ -254,12 +249,7 @@ class RunsModel:
         self.start("report", job, lambda _: self._notices.inform_saved(target))
 
     def start(self, name: str, job: Job, done: str | Callable[[Any], None]) -> None:
-        """Run a job, and report a failure.
-
-        Parameters
-        ----------
-        done : notice of its end, or is called with its result.
-        """
+        """Run a job; report a failure, or its end by a notice or a function of its result."""
 
         def ended(job: Job) -> None:
             if job.failure is not None:
@@ -275,7 +265,9 @@ class RunsModel:
     def _read_units(self, names: Mapping[str | None, str]) -> list[UnitLine]:
         """Return the units with each of their calibrations: unit, date, sensitivities, recording.
 
-        `names` are those of the files by the UUID of the recording: one that was renamed has another than was stored.
+        Parameters
+        ----------
+        names : present names of the recordings by UUID.
         """
         lines: list[UnitLine] = []
         for units in (self.units.of(simulated=simulated) for simulated in (False, True)):

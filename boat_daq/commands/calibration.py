@@ -221,7 +221,7 @@ def _converted_live(
     session = Session(dataclasses.replace(settings, allow_remote=settings.allow_remote or remote))
     waiting: deque[Any] = deque()
     try:
-        session.add_sink(waiting.append)
+        session.live.add_sink(waiting.append)
         session.connect(port, profile, rate_hz=rate_hz)
         seen = session.wait_connected()
         first_us: int | None = None

@@ -47,7 +47,7 @@ def lsl(rig: DrillRig) -> DrillResult:
     values: list[Any] = []
     times: list[float] = []
     with rig.board(speed=1.0) as board, rig.recording(board) as session:
-        session.wait(lambda _: session.ring is not None, WAIT_S)
+        session.wait(lambda _: session.live.ring is not None, WAIT_S)
         outlet = LslOutlet(session, pylsl)
         try:
             found = pylsl.resolve_byprop("source_id", f"{outlet.source_id} BOAT", timeout=WAIT_S)

@@ -86,7 +86,7 @@ def serve(
         "record_to": record,
     }
     with Session.open(port, **options) as session:
-        seen = session.wait(lambda s: session.ring is not None, 5.0)
+        seen = session.wait(lambda s: session.live.ring is not None, 5.0)
         if seen.simulated:
             notify("SIMULATED: this is the virtual board")
         conversion, calibration = _conversion(session, unit)

@@ -142,10 +142,11 @@ class SettingsModel:
             found = read_unit(path)
             if found.name in self._units.names():
                 before = self._units.load(found.name)
-                self._session.store_unit(_with_values(found, before))  # calibrations, metadata and contributions
-                self._change(found.name, _with_values(found, before), found)
+                stored = _with_values(found, before)  # calibrations, metadata and contributions
+                self._session.unit_under_test.store(stored)
+                self._change(found.name, stored, found)
             else:
-                self._session.store_unit(found)
+                self._session.unit_under_test.store(found)
             self._grown()
             return found.name
         self._change(PROGRAM, self.stored(PROGRAM), read_settings(text, path.name)[0])
@@ -162,7 +163,7 @@ class SettingsModel:
     def _store(self, subject: str, typed: Mapping[str, str]) -> None:
         after = with_typed(self.stored(subject), typed, _where(subject))
         if isinstance(after, Unit):
-            self._session.store_unit(after)
+            self._session.unit_under_test.store(after)
         else:
             save_settings(after, self._folder)
             self.refused = None

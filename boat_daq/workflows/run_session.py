@@ -179,7 +179,7 @@ def _connect(session: Session, request: SessionRequest, notify: Notify) -> Sessi
     DeviceError, RequestError, StorageError : as `Session.connect` and `Session.wait_connected`.
     """
     if request.derived is not None:
-        session.set_derived(request.derived)
+        session.live.set_derived(request.derived)
     session.connect(
         request.port,
         request.profile,

@@ -47,7 +47,7 @@ def window_on(qtbot, tmp_path, size):
     window.show()
     qtbot.waitExposed(window)
     window.refresh()
-    return window, session.ring
+    return window, session.live.ring
 
 
 def feed(ring, n, at_s):
@@ -156,7 +156,7 @@ def test_at_rest(qtbot, tmp_path, monkeypatch, capsys):
         qtbot, 8.0
     )  # the window as it is; below, each picture is painted once more, at once, to see when
     arrived_ns: list[int] = []
-    model.session.add_sink(lambda samples: arrived_ns.append(int(samples["host_ns"][-1])))
+    model.session.live.add_sink(lambda samples: arrived_ns.append(int(samples["host_ns"][-1])))
     taken, lags = 0, []
     window.frame_timer.timeout.disconnect()
 

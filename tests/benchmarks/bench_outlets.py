@@ -105,7 +105,7 @@ def test_cost_of_outlets_beside_window_and_recorder(
         board = opened.enter_context(serve(BoardSettings()))
         session.connect(board.url, rate_hz=RATE_HZ, record_to=path)
         session.wait_connected()
-        session.wait(lambda _: session.ring is not None, 10)
+        session.wait(lambda _: session.live.ring is not None, 10)
         lsl = opened.enter_context(closing(LslOutlet(session, pylsl))) if outlets in ("lsl", "both") else None
         clients, inlet = list[subprocess.Popen[str]](), None
         if outlets in ("secop", "both"):

@@ -81,7 +81,7 @@ def test_frame_of_the_moving_shadow(qtbot, app_model, capsys, quantity):
     for frame in range(FRAMES + 20):
         at = 10 + 37 * frame
         part = {name: values[at : at + 10] for name, values in whole.items()}
-        app_model.session.ring = type("Part", (), {"view": lambda self, since_s=None, last=None, p=part: p})()
+        app_model.session.live.ring = type("Part", (), {"view": lambda self, since_s=None, last=None, p=part: p})()
         with watch:
             pane.draw()
             pane.view.repaint()
@@ -113,7 +113,7 @@ def test_frame_under_strong_vacuum(qtbot, app_model, capsys):
         part = {"time_s": np.arange(10.0), "pressure_kpa": np.full(10, pressure)} | dict.fromkeys(
             ("target_kpa", "s1_mv", "s2_mv"), np.full(10, pressure)
         )
-        app_model.session.ring = type("Part", (), {"view": lambda self, since_s=None, last=None, p=part: p})()
+        app_model.session.live.ring = type("Part", (), {"view": lambda self, since_s=None, last=None, p=part: p})()
         found = LiveElongation(np.full(1, mm), np.full(1, 0.3), np.zeros(1, bool))
         app_model.live.inverse = lambda signal_mv, found=found: found
         with looked:

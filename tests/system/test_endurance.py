@@ -139,7 +139,7 @@ def test_consumer_blocked_for_ten_seconds_loses_no_sample(
                     once.set()
                     block(10.0)
 
-            session.add_sink(sink)
+            session.live.add_sink(sink)
             time.sleep(12.0)
         else:
             block(10.0)

@@ -320,7 +320,7 @@ def unplug(scenario: Scenario, carrier: str = "pty") -> None:
     scenario.choose_cycles(1)
     scenario.start_run()
     scenario.until(lambda: model.session.snapshot().last.pressure_kpa > 30, "pressure")
-    recorded_s, kept = model.session.snapshot().recorded_s, len(model.session.ring)
+    recorded_s, kept = model.session.snapshot().recorded_s, len(model.session.live.ring)
 
     board.kill()
     began = time.perf_counter()
@@ -334,9 +334,9 @@ def unplug(scenario: Scenario, carrier: str = "pty") -> None:
     began = time.perf_counter()
     scenario.until(lambda: window.header.link.text().endswith("SA1  connected"), "the board again", 15)
     back_s = time.perf_counter() - began
-    scenario.until(lambda: len(model.session.ring) > kept + 300, "samples again", 15)
+    scenario.until(lambda: len(model.session.live.ring) > kept + 300, "samples again", 15)
     scenario.keep("8-replugged")
-    at_rest = max(abs(float(p)) for p in model.session.ring.view(last=200)["pressure_kpa"])
+    at_rest = max(abs(float(p)) for p in model.session.live.ring.view(last=200)["pressure_kpa"])
     state, target = scenario.state(), model.session.snapshot().last.target_kpa
 
     scenario.click(window.live.sequence.buttons["clear"])

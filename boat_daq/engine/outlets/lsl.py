@@ -69,12 +69,12 @@ class LslOutlet:
         convert: Convert | None = None,
         calibration_id: str = "",
     ) -> None:
-        ring, seen = session.ring, session.snapshot()
+        ring, seen = session.live.ring, session.snapshot()
         if ring is None or seen.last is None:
             raise RequestError("no sample has arrived yet", "connect a board first")
         pylsl.set_config_content(NETWORK if network else LOCAL)
         self._session, self._lsl, self._convert = session, pylsl, convert
-        self.others = session.other_channels()
+        self.others = session.live.other_channels()
         self._columns = (len(seen.last.signal_mv), [channel.column for channel in self.others.channels])
         self._channels = _channels(len(seen.last.signal_mv), self.others)
         board_id = seen.hello.board_id if seen.hello else str(seen.port)
@@ -97,8 +97,8 @@ class LslOutlet:
             self._samples = self._open(STREAM, "BOAT", list(self._channels), float(rate_hz), "double64", about)
             self._markers = self._open(MARKERS, "Markers", ["marker"], 0.0, "string", about)
         self._told = _Told(session)
-        self._queue = SampleQueue(session.target_kpa, lambda: session.mv_per_count, session.other_channels)
-        self._remove = session.add_sink(self._queue)
+        self._queue = SampleQueue(session.live.target_kpa, lambda: session.mv_per_count, session.live.other_channels)
+        self._remove = session.live.add_sink(self._queue)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="LSL outlet", daemon=True)
         self._thread.start()

@@ -19,14 +19,16 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
-from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.file_names import path_in
 from boat_daq.engine.plan import Plan, built_in_plans
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from protocol.base.errors import BoatDaqError, DeviceError, StorageError
 from protocol.recording import BoardState, DerivedChannel, ExtraChannel
+
+if TYPE_CHECKING:
+    from boat_daq.engine.session.session import Session
 
 IDENT = "ISSE&SINE2020,SECoP,V2019-09-16,v1.0"
 MAX_LINE = 8192  # bytes of a request
@@ -44,25 +46,6 @@ class SecopError(Exception):
     def __init__(self, name: str, text: str) -> None:
         super().__init__(text)
         self.name = name
-
-
-class Driven(Protocol):
-    """What a node uses of `Session`."""
-
-    @property
-    def ring(self) -> RingBuffer | None: ...
-    def snapshot(self) -> SessionSnapshot: ...
-    def arm(self, plan: Plan, /) -> None: ...
-    def disarm(self) -> None: ...
-    def start(self) -> None: ...
-    def pause(self) -> None: ...
-    def resume(self) -> None: ...
-    def stop(self) -> None: ...
-    def vent(self) -> None: ...
-    def clear_fault(self, by: str = ..., /) -> None: ...
-    def set_pressure(self, target_kpa: float, ramp_kpa_per_s: float | None = ..., /) -> None: ...
-    def start_recording(self, path: Path, /) -> None: ...
-    def stop_recording(self) -> Path | None: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +111,7 @@ class SecopNode:
 
     def __init__(
         self,
-        session: Driven,
+        session: Session,
         recordings: Path,
         *,
         allow_control: bool = False,
@@ -140,7 +123,7 @@ class SecopNode:
         self._ramp_kpa_per_s = 5.0
         seen = session.snapshot()
         sensors = len(seen.last.signal_mv) if seen.last else 2
-        ring = session.ring
+        ring = session.live.ring
         others = ring.others.channels if ring is not None else ()
         self.modules = {f"s{n}": self._sensor(n) for n in range(1, sensors + 1)} | {
             "elongation": self._elongation_module(),
@@ -302,7 +285,7 @@ class SecopNode:
 
         def module(channel: ExtraChannel | DerivedChannel) -> _Module:
             def read(_: SessionSnapshot) -> float:
-                ring = self._session.ring
+                ring = self._session.live.ring
                 newest = ring.view(last=1).get(channel.column) if ring is not None else None
                 return float(newest[-1]) if newest is not None and newest.size else math.nan
 

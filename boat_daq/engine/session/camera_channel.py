@@ -82,7 +82,7 @@ class CameraChannel:
         self._warned: set[str] = set()
         self._video = VideoStore(video) if video is not None else None
         self._camera = Camera(source, track, self._take)
-        self._remove_sink = session.add_sink(self._samples)
+        self._remove_sink = session.live.add_sink(self._samples)
         self._camera.start()
 
     @property

@@ -70,8 +70,13 @@ class LiveSamples:
         target_kpa = self._control.controller.target_kpa
         return math.nan if target_kpa is None else target_kpa
 
+    def other_channels(self) -> OtherChannels:
+        """Return the extra and derived channels of the samples that come now."""
+        ring = self.ring  # another thread may take it away
+        return ring.others if ring is not None else OtherChannels()
+
     def add_sink(self, sink: SampleSink) -> Callable[[], None]:
-        """Pass every block of samples to `sink`; return the function that removes it."""
+        """Pass every block of samples to `sink` on the reading thread; return the function that removes it."""
         with self._control.lock:
             self._sinks = (*self._sinks, sink)
 
@@ -89,9 +94,12 @@ class LiveSamples:
             self._journal.tell(MessageKind.DERIVED, "warning", error.cause, error.remedy)
 
     def set_derived(self, channels: Sequence[DerivedChannel]) -> None:
-        """Use other derived channels from now on.
+        """Use other derived channels from now on; the plots begin anew.
 
-        Errors are those of `Session.set_derived`.
+        Raises
+        ------
+        RequestError : a recording is in progress: it states those of its beginning.
+        RecordingError : one is refused.
         """
         with self._control.lock:
             if self._journal.recorder is not None:

@@ -12,30 +12,28 @@ and journal: see `guarded_controller`.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Self
 
 from boat_daq.engine.control.controller import MANUAL_RAMP_KPA_PER_S, Controller
 from boat_daq.engine.control.elongation import Regulator
 from boat_daq.engine.control.preflight import Check
-from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.installation import shortcomings
 from boat_daq.engine.log import note
 from boat_daq.engine.plan import Plan, StepMark, load_plan
 from boat_daq.engine.plugins import Hooks
 from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.resumption import BrokenRun
-from boat_daq.engine.sample_columns import OtherChannels
 from boat_daq.engine.session.active_recording import ActiveRecording
 from boat_daq.engine.session.guarded_controller import GuardedController
 from boat_daq.engine.session.health_log import HealthLog, health_line
 from boat_daq.engine.session.journal import Journal
 from boat_daq.engine.session.link_supervisor import LinkSupervisor
-from boat_daq.engine.session.live_samples import LiveSamples, SampleSink
+from boat_daq.engine.session.live_samples import LiveSamples
 from boat_daq.engine.session.measured_blocks import MeasuredBlock, SampleQueue, blocks
 from boat_daq.engine.session.unit_under_test import UnitUnderTest
-from boat_daq.engine.settings import Settings, Unit, UnitLibrary, load_settings
+from boat_daq.engine.settings import Settings, UnitLibrary, load_settings
 from boat_daq.engine.snapshot import (
     CameraReading,
     LinkError,
@@ -48,7 +46,7 @@ from boat_daq.engine.snapshot import (
 )
 from boat_daq.engine.stored_file import take_warnings
 from protocol.base.errors import DeviceError, RequestError
-from protocol.recording import DerivedChannel, Metadata, RunEnd
+from protocol.recording import RunEnd
 
 VENTING_WAIT_S = 5.0
 POLL_S = 0.01
@@ -63,6 +61,12 @@ class Session:
     ----------
     settings : rate, tolerances, folders; the stored ones when None.
     units : where the units' limits are kept; the stored library when None.
+
+    Attributes
+    ----------
+    live : samples as they come: the ring of the screen, sinks, derived channels.
+    recording : metadata of the recording in progress, and of closed ones.
+    unit_under_test : stores a unit, whose limits then hold at once.
     """
 
     def __init__(self, settings: Settings | None = None, units: UnitLibrary | None = None) -> None:
@@ -71,25 +75,30 @@ class Session:
         self._journal = Journal()
         self._control = GuardedController(self._journal, lambda command, feeds: self._link.send(command, feeds=feeds))
         self._lock, self._acting = self._control.lock, self._control.acting
-        self._live = LiveSamples(self._control, self._journal, lambda: self._link.port)
-        self._unit = UnitUnderTest(self.units, self._control, self._journal)
+        self.live = LiveSamples(self._control, self._journal, lambda: self._link.port)
+        self.unit_under_test = UnitUnderTest(self.units, self._control, self._journal)
         self._link: LinkSupervisor = LinkSupervisor(
             lambda: self.settings,
             acting=self._acting,
             journal=self._journal,
-            show=self._live.show,
+            show=self.live.show,
             connected=self._remember_board,
             end_recording=self._end_recording,
         )
-        self._recording = ActiveRecording(
-            self._control, self._journal, self._link, lambda: self.settings, self._unit, self._live.derived_columns
+        self.recording = ActiveRecording(
+            self._control,
+            self._journal,
+            self._link,
+            lambda: self.settings,
+            self.unit_under_test,
+            self.live.derived_columns,
         )
         self._health_log = HealthLog(self._health_line)
         self._hooks = Hooks(self._plugin_failed)
         self._journal.warned = self._warned
         self._report_backups()
         self._report_shortcomings()
-        self._live.load_derived()
+        self.live.load_derived()
 
     # ---- from a script ---------------------------------------------------------------------------------------------
 
@@ -133,8 +142,8 @@ class Session:
         seconds : of board time; None for as long as the link is there.
         every_s : samples are collected for so long before they are yielded.
         """
-        queue = SampleQueue(self.target_kpa, lambda: self.mv_per_count, self.other_channels)
-        remove = self.add_sink(queue)
+        queue = SampleQueue(self.live.target_kpa, lambda: self.mv_per_count, self.live.other_channels)
+        remove = self.live.add_sink(queue)
 
         def stream() -> Iterator[MeasuredBlock]:
             try:
@@ -214,12 +223,12 @@ class Session:
             if for_plan is not None:
                 with self._acting() as board:
                     board.preflight.require_plan(for_plan)
-            self._recording.begin(path, metadata, resume_in)
+            self.recording.begin(path, metadata, resume_in)
 
         with self._lock:
             self._link.open(port, profile, greeted=None if path is None else greeted)
-            self._control.controller, self._live.ring = control, None
-            self._unit.mount(unit, stamp)
+            self._control.controller, self.live.ring = control, None
+            self.unit_under_test.mount(unit, stamp)
             control.hold_samples = path is not None
         given = "none" if profile is None else "given"
         note("info", f"connecting to {port}, profile {given}, {control.stream.rate_hz} Hz")
@@ -250,15 +259,6 @@ class Session:
         cause, remedy, command = seen.link_error or none
         raise DeviceError(cause, remedy, command=command)
 
-    def store_unit(self, unit: Unit) -> None:
-        """Store a unit; the limits of the one under test hold at once, and an armed plan is disarmed.
-
-        Raises
-        ------
-        RequestError : a run is in progress with it, or as `UnitLibrary.save`. StorageError : as there.
-        """
-        self._unit.store(unit)
-
     def disconnect(self) -> None:
         """Vent, stop the stream, close the recording and the port.
 
@@ -283,7 +283,7 @@ class Session:
         StorageError : the folder cannot be written.
         RequestError : a recording or a run is in progress, the name cannot be used, or nothing is connected.
         """
-        self._recording.begin(path, metadata, None)
+        self.recording.begin(path, metadata, None)
 
     def resume_recording(self, broken: BrokenRun, metadata: Mapping[str, Any] | None = None) -> None:
         """Resume the recording of a broken run, as a new segment.
@@ -299,25 +299,7 @@ class Session:
         ------
         RequestError : another board, unit or rate; or as `start_recording`. StorageError : it cannot be written.
         """
-        self._recording.begin(broken.path, metadata, broken)
-
-    def metadata(self, path: Path) -> Metadata:
-        """Return the metadata of a recording, in progress or closed.
-
-        Raises
-        ------
-        RecordingError : it cannot be read.
-        """
-        return self._recording.metadata(path)
-
-    def state_metadata(self, path: Path, metadata: Metadata) -> None:
-        """State metadata of a recording, in progress or closed; the newest count.
-
-        Raises
-        ------
-        RecordingError : not a recording. StorageError : it cannot be written.
-        """
-        self._recording.state(path, metadata)
+        self.recording.begin(broken.path, metadata, broken)
 
     def stop_recording(self) -> Path | None:
         """Close the recording properly and return its path.
@@ -372,11 +354,11 @@ class Session:
         ------
         RequestError : what the pre-flight found: link, limits, e-stop, zero of the pressure sensor, disk space.
         """
-        self._control.start(self._recording.check_space())
+        self._control.start(self.recording.check_space())
 
     def preflight(self) -> list[Check]:
         """Return the lines of the check before the first pressure, good and bad."""
-        space = self._recording.check_space()
+        space = self.recording.check_space()
         with self._lock:
             return [*self._control.controller.checks(), space]
 
@@ -461,8 +443,8 @@ class Session:
         BoatDaqError : outside the calibrated range.
         """
         with self._acting() as control:
-            if regulator is not None and self._unit.name and regulator.unit != self._unit.name:
-                cause = f"unit {self._unit.name} is mounted; the control is for unit {regulator.unit}"
+            if regulator is not None and self.unit_under_test.name and regulator.unit != self.unit_under_test.name:
+                cause = f"unit {self.unit_under_test.name} is mounted; the control is for unit {regulator.unit}"
                 raise RequestError(cause, "identify the unit that is mounted")
             control.control_elongation(mm, regulator, hold=hold)
 
@@ -536,9 +518,9 @@ class Session:
         ----------
         about : source, marks and scale, for the session's `camera`.
         """
-        if (ring := self.ring) is not None:
+        if (ring := self.live.ring) is not None:
             ring.add_camera(reading.host_ns, reading.elongation_mm, reading.u_mm, rest_mm)
-        self._recording.keep_camera(reading, about)
+        self.recording.keep_camera(reading, about)
 
     def warn_of_camera(self, cause: str, remedy: str = "") -> None:
         """Give a warning of the camera, and keep it with the recording."""
@@ -561,7 +543,7 @@ class Session:
             control, recorder, port = self._control.controller, self._journal.recorder, self._link.port
             latched, link = control.interlock.latched, self._link.state
             up = link is LinkState.UP
-            since_us = max(self._recording.since_us, control.first_us)
+            since_us = max(self.recording.since_us, control.first_us)
             return SessionSnapshot(
                 state=control.sequencer.state,
                 link=LinkState.SILENT if up and control.stream.silent else link,
@@ -584,45 +566,9 @@ class Session:
                 run_ended=control.sequencer.ended,
                 recording=recorder.path if recorder else None,
                 recorded_s=(control.board.board_us - since_us) / 1e6 if recorder else 0.0,
-                unit=self._unit.name,
+                unit=self.unit_under_test.name,
                 elongation=control.loop.state() if control.loop is not None else None,
             )
-
-    def add_sink(self, sink: SampleSink) -> Callable[[], None]:
-        """Pass every block of samples to `sink` on the reading thread.
-
-        Return the function that removes it.
-        """
-        return self._live.add_sink(sink)
-
-    def target_kpa(self) -> float:
-        """Return the pressure that is commanded now, NaN for none."""
-        return self._live.target_kpa()
-
-    def set_derived(self, channels: Sequence[DerivedChannel]) -> None:
-        """Use other derived channels from now on; the plots begin anew.
-
-        Raises
-        ------
-        RequestError : a recording is in progress: it states those of its beginning.
-        RecordingError : one is refused.
-        """
-        self._live.set_derived(channels)
-
-    @property
-    def derived(self) -> tuple[DerivedChannel, ...]:
-        """The derived channels that are wanted."""
-        return self._live.derived
-
-    @property
-    def ring(self) -> RingBuffer | None:
-        """The samples for the screen: None until the first sample, another one after `connect`."""
-        return self._live.ring
-
-    def other_channels(self) -> OtherChannels:
-        """Return the extra and derived channels of the samples that come now."""
-        ring = self.ring
-        return ring.others if ring is not None else OtherChannels()
 
     @property
     def mv_per_count(self) -> float:
@@ -630,7 +576,7 @@ class Session:
         return self._control.controller.mv_per_count
 
     def _health_line(self) -> str:
-        self._unit.follow()
+        self.unit_under_test.follow()
         with self._lock:
             recorder, state = self._journal.recorder, self._control.controller.sequencer.state
         return health_line(self._link.state, state, self._link.health_now(), recorder)
@@ -638,11 +584,11 @@ class Session:
     # ---- inside ----------------------------------------------------------------------------------------------------
 
     def _remember_board(self, usb_serial: str) -> None:
-        if self._unit.name and not self._link.simulated(self._control.controller.hello):
-            self._unit.remember_board(usb_serial)
+        if self.unit_under_test.name and not self._link.simulated(self._control.controller.hello):
+            self.unit_under_test.remember_board(usb_serial)
 
     def _end_recording(self, end: RunEnd) -> Path | None:
-        path = self._recording.end(end)
+        path = self.recording.end(end)
         if path is not None:
             self._hooks.emit("recording_closed", run=str(path))
         return path

@@ -31,9 +31,11 @@ class UnitUnderTest:
         self.name, self._stamp = name, stamp
 
     def store(self, unit: Unit) -> None:
-        """Store a unit; the limits of the one under test hold at once.
+        """Store a unit; the limits of the one under test hold at once, and an armed plan is disarmed.
 
-        Errors are those of `Session.store_unit`.
+        Raises
+        ------
+        RequestError : a run is in progress with it, or as `UnitLibrary.save`. StorageError : as there.
         """
         before = self.library.load(unit.name)
         limits, old = ((u.min_kpa, u.max_kpa) for u in (unit, before))

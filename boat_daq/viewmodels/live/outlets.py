@@ -135,7 +135,7 @@ class OutletsModel:
 
     def _source_of(self, snapshot: SessionSnapshot) -> tuple[object, ...] | None:
         """Return what distinguishes the present board and its channels; None without samples."""
-        ring = self._session.ring
+        ring = self._session.live.ring
         if snapshot.link not in _OPEN or snapshot.last is None or ring is None:
             return None
         board = snapshot.hello.board_id if snapshot.hello else ""

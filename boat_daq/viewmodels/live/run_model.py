@@ -318,12 +318,12 @@ class RunModel:
 
     def derived_text(self) -> str:
         """Return the definitions of the derived channels, one a line."""
-        return as_lines(self.session.derived)
+        return as_lines(self.session.live.derived)
 
     def set_derived(self, text: str) -> None:
         """Use the derived channels of some lines, and store them."""
         channels = parse_lines(text)
-        self.session.set_derived(channels)
+        self.session.live.set_derived(channels)
         save_derived(channels)
 
     def read_simulated(self, step_id: int) -> None:

@@ -72,10 +72,10 @@ class MetadataModel:
         """Return the form of a session's recording, in progress or closed since; its unit remembers the entries."""
 
         def write(stated: Metadata) -> None:
-            session.state_metadata(path, stated)
+            session.recording.state(path, stated)
             remember(units, unit, stated)
 
-        return cls(path.name, partial(session.metadata, path), write, undo)
+        return cls(path.name, partial(session.recording.metadata, path), write, undo)
 
     @classmethod
     def of_unit(cls, units: UnitLibrary, unit: str, undo: UndoHistory) -> MetadataModel:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from boat_daq.engine.snapshot import LastSample, Limits, LinkState, Reading, Ses
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Services, UndoHistory
-from protocol.recording import BoardState, DerivedChannel, DerivedColumns, ExtraChannel, SampleFlag, sample_dtype
+from protocol.recording import BoardState, DerivedColumns, ExtraChannel, SampleFlag, sample_dtype
 
 if TYPE_CHECKING:
     from boat_daq.gui.main_window import MainWindow
@@ -74,9 +75,8 @@ class RecordedSession:
     """Shows `shown` and `ring`; records the commands it receives."""
 
     def __init__(self, shown: SessionSnapshot, ring: RingBuffer | None = None) -> None:
-        self.shown, self.ring = shown, ring
+        self.shown, self.live = shown, SimpleNamespace(ring=ring, derived=())
         self.settings = Settings()
-        self.derived: tuple[DerivedChannel, ...] = ()
         self.calls: list[str] = []
         self.kept: list[Reading] = []
         self.marks: tuple[StepMark, ...] = ()

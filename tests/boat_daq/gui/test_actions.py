@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from collections import Counter
+from types import SimpleNamespace
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence
@@ -108,8 +109,7 @@ def test_metadata_are_stated_of_the_recording_in_progress(live, tmp_path):
     assert form.windowTitle() == "Metadata of SA1"
     form.close()
     form.deleteLater()
-    session.metadata = lambda of: stated.get(of, Metadata())
-    session.state_metadata = stated.__setitem__
+    session.recording = SimpleNamespace(metadata=lambda of: stated.get(of, Metadata()), state=stated.__setitem__)
     session.change(recording=path)
     live.refresh()
     run_shortcut(live, "Ctrl+Shift+E")

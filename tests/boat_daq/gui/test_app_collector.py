@@ -33,7 +33,7 @@ def test_a_closed_window_leaves_nothing_behind(qtbot, tmp_path):
     qtbot.wait(1)
     before = set(QApplication.allWidgets())
     session = RecordedSession(connected(), filled_ring(10.0))
-    ring, window = weakref.ref(session.ring), window_on(session, tmp_path)
+    ring, window = weakref.ref(session.live.ring), window_on(session, tmp_path)
     for name in Page:
         window.open_page(name)
     window.show()

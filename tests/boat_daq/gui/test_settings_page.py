@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
@@ -15,7 +17,7 @@ from tests.boat_daq.gui.windows import close_all
 def page(empty):
     """The page of a window whose session stores what it is given."""
     session, units = empty.model.session, empty.model.units
-    session.settings, session.store_unit = Settings(), units.save
+    session.settings, session.unit_under_test = Settings(), SimpleNamespace(store=units.save)
     empty.go(Page.SETTINGS)
     empty.refresh()
     return empty.pages[Page.SETTINGS]

@@ -42,10 +42,10 @@ def streaming(
     with board as served:
         session = Session(Settings(), UnitLibrary(tmp_path / "units"))
         try:
-            session.set_derived([parse_definition(text) for text in derived])
+            session.live.set_derived([parse_definition(text) for text in derived])
             session.connect(served.url, profile, rate_hz=rate_hz, record_to=tmp_path / "run.boat")
             session.wait_connected()
-            session.wait(lambda s: session.ring is not None, 5)
+            session.wait(lambda s: session.live.ring is not None, 5)
             outlet = lsl.LslOutlet(session, pylsl, **options)
             yield session, outlet
             outlet.close()

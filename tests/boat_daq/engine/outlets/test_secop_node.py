@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -34,10 +35,8 @@ TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=60)
 class RigSession:
     """A session on a rig without threads."""
 
-    ring: RingBuffer | None = None
-
     def __init__(self, rig: ControllerRig) -> None:
-        self.rig = rig
+        self.rig, self.live = rig, SimpleNamespace(ring=None)
         for name in ("disarm", "start", "pause", "resume", "stop", "vent", "clear_fault", "set_pressure"):
             setattr(self, name, getattr(rig.control, name))
 
@@ -122,13 +121,13 @@ def test_extra_and_derived_channels_are_modules_that_are_only_read() -> None:
     extra = channels_of([("temperature", "degC"), ("flow", "L/min")])
     definitions = [parse_definition(text) for text in ("kelvin [K] = temperature_degc + 273.15", "Vent = 2 * kelvin")]
     derived = DerivedColumns.of(definitions, channel_units(2, "counts", extra))
-    session.ring = RingBuffer(2, mv_per_count=1.0, others=OtherChannels(extra, derived))
+    session.live.ring = RingBuffer(2, mv_per_count=1.0, others=OtherChannels(extra, derived))
     node = SecopNode(session, Path("none"), allow_control=True)
     assert list(node.modules)[-4:] == ["temperature_degc", "flow_l_per_min", "kelvin", "channel_Vent"]
     assert next(node.answer("read kelvin")).startswith('error_read kelvin ["Impossible"')
     samples = np.zeros(2, sample_dtype(2, "counts", 2))
     samples["channel"] = [[20.0, 1.0], [21.5, np.nan]]
-    session.ring.append(samples)
+    session.live.ring.append(samples)
     for module, value, unit in (
         ("temperature_degc", 21.5, "degC"),
         ("kelvin", 294.65, "K"),

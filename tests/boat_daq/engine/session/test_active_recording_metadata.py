@@ -27,15 +27,15 @@ def test_metadata_are_stated_while_recording(monkeypatch, tmp_path):
         session.connect(board.url, unit="SA1")
         session.wait_connected()
         session.start_recording(path, {"operator": "Ada"})
-        assert session.metadata(path) == Metadata("Ada")
-        session.state_metadata(path, STATED)
-        assert session.metadata(path) == STATED
+        assert session.recording.metadata(path) == Metadata("Ada")
+        session.recording.state(path, STATED)
+        assert session.recording.metadata(path) == STATED
         with pytest.raises(StorageError, match="is being written by another program"):
             state_metadata(path, STATED.changed({"customer": "B"}))
         session.stop_recording()
         assert read_metadata(path) == STATED
         closed = STATED.changed({"customer": "B", "note": "dry"})
-        session.state_metadata(path, closed)
-        assert session.metadata(path) == read_metadata(path) == closed
+        session.recording.state(path, closed)
+        assert session.recording.metadata(path) == read_metadata(path) == closed
         session.close()
     assert verify_recording(path).identical

@@ -46,6 +46,7 @@ class FakeSession:
         self.marks: tuple[StepMark, ...] = ()
         self.waiting: int | None = None
         self.resumed = 0
+        self.live = self
 
     def add_sink(self, sink):
         self.sink = sink

@@ -402,7 +402,7 @@ def test_a_failing_disk_aborts_the_run(session: Session, tmp_path: Path) -> None
     """The recorder cannot write: the run is aborted and vented, with the reason."""
     with serve_in_thread(BoardSettings(speed=5.0)) as board:
         begin(session, board.url, tmp_path / "a.boat")
-        session._recording._storage_failed(StorageError("the disk is full", "free some space"))
+        session.recording._storage_failed(StorageError("the disk is full", "free some space"))
         seen = session.wait(lambda s: s.state is SessionState.ABORTED, 5)
         assert seen.run_ended == RunEnding(RunEnd.ABORTED, "the disk is full")
         assert any(m.cause == "the disk is full" and m.remedy for m in seen.messages)
@@ -423,19 +423,19 @@ def test_connect_and_disconnect_many_times(session: Session) -> None:
 def test_derived_channels_are_shown_stored_and_derived_again(session: Session, tmp_path: Path) -> None:
     """Live, in the recording and in the analysis: the same bits; one that the board does not allow is named."""
     definitions = ("ratio = s1_mv / s2_mv", "mix [1] = log(s1_lit) * s2_dark + sin(pressure_kpa)", "gone = s3_mv")
-    session.set_derived([parse_definition(text) for text in definitions])
+    session.live.set_derived([parse_definition(text) for text in definitions])
     with serve_in_thread(BoardSettings(speed=20.0)) as board:
         session.connect(board.url, record_to=tmp_path / "run.boat")
         session.wait_connected()
         with pytest.raises(RequestError, match="in progress"):
-            session.set_derived([])
+            session.live.set_derived([])
         session.wait(lambda s: s.recorded_s > 2.0, 10)
         assert [m.cause for m in session.snapshot().messages if m.kind is MessageKind.DERIVED] == [
             "derived channel gone: there is no channel 's3_mv'"
         ]
-        assert session.ring is not None
+        assert session.live.ring is not None
         session.stop_recording()
-        live = session.ring.view()
+        live = session.live.ring.view()
     assert meta(tmp_path / "run.boat")["derived"][0] == ["ratio", "1", "s1_mv / s2_mv"]
     recording = load_recording(tmp_path / "run.boat")
     frame = recording.to_frame()

@@ -41,7 +41,7 @@ class Pictures:
 def panel(live, monkeypatch):
     """Return the panel of a window on a board, its tab in front, and a function that opens a camera."""
     panel = live.live.camera
-    live.model.session.add_sink = lambda sink: lambda: None
+    live.model.session.live.add_sink = lambda sink: lambda: None
     live.model.session.resumed_after = lambda: 0
     live.live.pane.setCurrentWidget(panel)
 

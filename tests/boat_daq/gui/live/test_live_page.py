@@ -98,7 +98,7 @@ def test_frozen_plot_keeps_recording(live):
     live.live.model.toggle_freeze()
     before = live.model.live.span_s()
     ring = filled_ring(400.0)
-    live.model.session.ring = ring
+    live.model.session.live.ring = ring
     assert live.model.live.span_s() == before
     live.live.model.toggle_freeze()
     assert live.model.live.span_s()[1] == pytest.approx(399.99)

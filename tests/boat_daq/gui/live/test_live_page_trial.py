@@ -32,7 +32,7 @@ def trial(empty, monkeypatch):
     model.armed = armed
     QTest.mouseClick(empty.live.first_steps.trial, Qt.MouseButton.LeftButton)
     model.connection.board = Grid(1.5)
-    model.session.shown, model.session.ring = connected(), filled_ring(2.0)
+    model.session.shown, model.session.live.ring = connected(), filled_ring(2.0)
     empty.refresh()
     return empty
 

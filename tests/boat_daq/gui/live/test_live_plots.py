@@ -190,7 +190,7 @@ def test_both_signals_on_one_axis(live):
 
 def test_appended_frame_equals_the_frame_drawn_whole(live):
     """Samples added behind the lines' ends show the same pixels as a picture that is drawn anew with them."""
-    ring, plots = live.model.session.ring, live.live.plots
+    ring, plots = live.model.session.live.ring, live.live.plots
     live.frame_timer.stop()
     live.calm_timer.stop()
     newest_s, shown = float(ring.view(last=1)["time_s"][0]), []

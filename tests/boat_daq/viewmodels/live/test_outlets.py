@@ -73,7 +73,7 @@ def test_outlets_are_open_while_a_board_sends(tmp_path: Path, opened: list[Strea
     model.serve(True, HERE)
     model.follow(session.snapshot())
     assert (model.view().streams, model.view().node, model.view().badge) == ("Waits for a board",) * 2 + ("",)
-    session.ring = filled_ring(1.0)
+    session.live.ring = filled_ring(1.0)
     session.change(link=LinkState.UP)
     model.follow(session.snapshot())
     view = model.view()

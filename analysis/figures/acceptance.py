@@ -1,8 +1,8 @@
 """Figures against limits: those of the published sensors of this design, and those that the user set.
 
-Every limit is judged by one decision rule (`analysis.conformity`), with the half of a figure's 95 % interval that faces
-the limit as guard band. A figure that fails a published limit is out of tolerance, which refuses nothing: an operator
-who knows it may accept the calibration. The verdict of a report is against the limits that the user set.
+One decision rule (`analysis.conformity`) judges every limit; its guard band is the half of a figure's 95 % interval
+that faces the limit. A figure that fails a published limit is out of tolerance; the operator may accept it all the
+same. The verdict of a report is against the limits that the user set.
 """
 
 from __future__ import annotations
@@ -117,12 +117,7 @@ def against_published(sensor: SensorAnalysis) -> list[LimitStatement]:
 
 
 def out_of_tolerance(sensor: SensorAnalysis, reading_sd_mm: float) -> tuple[Warning, ...]:
-    """Return a warning for each figure of a sensor's calibration that is out of tolerance; its subject is the figure.
-
-    Parameters
-    ----------
-    sensor : analysed; without a calibration nothing is judged.
-    """
+    """Return a warning for each figure of a calibration that is out of tolerance; its subject is the figure."""
     if sensor.calibration is None:
         return ()
     found = []
@@ -181,9 +176,7 @@ ABSOLUTE_LIMITS = ("drift",)  # of a figure that has a sign
 def judge(sensors: Sequence[SensorAnalysis], limits: Mapping[str, float]) -> list[LimitStatement]:
     """State the conformity of the figures of every sensor with limits that the user set.
 
-    Raises
-    ------
-    RequestError : a limit for something that has none.
+    Raises RequestError if a limit names no figure.
     """
     unknown = next((name for name in limits if name not in LIMITS), None)
     if unknown is not None:

@@ -1,9 +1,7 @@
-"""A run compared with the digital shadow: the elongation of its samples, cycle by cycle, beside that of the ideal one.
+"""A run compared with the digital shadow: measured and ideal elongation, cycle by cycle.
 
-Strategy: this file has the recording and the calibration, the shadow compares arrays; the samples become elongation by
-the run's own inverse (each sensor alone), and each cycle goes through the monitor that also watches live.
-
-Rules: a run without a calibration that has an inverse is not compared, with the reason; nothing is extrapolated.
+The samples become elongation by the run's own inverse, each sensor alone, and each cycle goes through the monitor that
+also watches live. A run whose calibration has no inverse is not compared; nothing is extrapolated.
 """
 
 from __future__ import annotations
@@ -29,14 +27,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class AgainstShadow:
-    """A run beside the shadow, or why not.
+    """A run beside the shadow; `result` is None where `void` gives the reason.
 
-    Attributes
-    ----------
-    result : the comparison; None where `void` gives the reason.
-    numbers : [cycles] of the cycles compared.
-    level_mm, band_mm : [cycles] mean deviation of each cycle, and the mean of its band from E, standard uncertainty.
-    residual_kpa : [cycles] rms of measured pressure less the pressure that the elongation corresponds to.
+    Per compared cycle: `numbers`, mean deviation `level_mm`, standard uncertainty `band_mm` of the band from E, and
+    `residual_kpa`, rms of measured pressure less the pressure that the elongation corresponds to.
     """
 
     result: Replay | None
@@ -58,12 +52,7 @@ class AgainstShadow:
 
 
 def against_shadow(analysis: Analysis, *, progress: Progress | None = None) -> AgainstShadow:
-    """Compare a calibrated run with the shadow of the nominal actuator.
-
-    Parameters
-    ----------
-    progress : of building the shadow's table, where none is stored.
-    """
+    """Compare a calibrated run with the shadow of the nominal actuator."""
     from analysis.shadow.model.table import load_table
     from analysis.shadow.monitoring.replay import replay  # compiled code, imported only where it is used
 
@@ -92,19 +81,9 @@ def against_shadow(analysis: Analysis, *, progress: Progress | None = None) -> A
 def readings_against_shadow(
     analysis: Analysis, level: Level = "normal", *, progress: Progress | None = None
 ) -> dict[str, float]:
-    """Compare the readings of a run with the nominal elongation at the same pressures.
+    """Return number, mean and largest absolute deviation (mm) of a run's readings from the nominal elongation.
 
-    Parameters
-    ----------
-    level : of the shadow's mesh and table.
-
-    Returns
-    -------
-    Number of plateaus, mean deviation and largest absolute deviation in mm.
-
-    Raises
-    ------
-    DataError : the run has no readings.
+    Raises DataError if the run has no readings.
     """
     from analysis.shadow.model.frames import shadow_at
 
@@ -123,11 +102,9 @@ def readings_against_shadow(
 
 
 def measured_elongation(recording: Recording, sensors: Sequence[SensorAnalysis]) -> FloatArray:
-    """Return the elongation by each sensor's calibration, shape (n, sensors); NaN outside its range.
+    """Return the elongation by each sensor's calibration, [n, sensors]; NaN outside its range.
 
-    Raises
-    ------
-    DataError : a sensor is not calibrated, or their number differs.
+    Raises DataError if a sensor is not calibrated, or their number differs.
     """
     if len(sensors) != recording.n_sensors:
         raise DataError(

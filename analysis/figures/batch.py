@@ -1,10 +1,7 @@
-"""A folder of runs into one table, over all cores or on a cluster.
+"""A folder of runs into one table, over all cores or on a Dask cluster.
 
-Strategy: one run is one task, `summarise_run`, which returns plain rows; the pool or the cluster only maps it. Results
-come in the order of the names, so that the table is the same wherever it was made.
-
-Rules: a run that cannot be analysed is a row with its reason, never the end of the batch. Readings are in the
-recording, or beside it in NAME.elongation.csv.
+One run is one task, `summarise_run`, which returns plain rows in the order of the names. A run that cannot be analysed
+is a row with its reason. Readings are in the recording, or beside it in NAME.elongation.csv.
 """
 
 from __future__ import annotations
@@ -70,19 +67,13 @@ def batch(
     allow_remote: bool = False,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
-    """Analyse many runs.
+    """Analyse many runs; raises FileError or RequestError for a missing folder, no run in it, or missing Dask.
 
     Parameters
     ----------
-    seed, mcmc : as `analyse` takes them.
-    workers : processes; one for each core by default, 1 for none.
-    scheduler : address of a Dask scheduler; then the runs must be readable from its workers.
-    allow_remote : whether the scheduler may be on another computer; see `analysis.cluster`.
-    progress : called as progress(done, total); raising from it cancels.
-
-    Raises
-    ------
-    FileError : the folder does not exist. RequestError : no run in it, or Dask is not installed.
+    workers : number of processes; by default one for each core.
+    scheduler : address of a Dask scheduler, whose workers can read the runs.
+    allow_remote : allow a scheduler on another computer, see `analysis.cluster`.
     """
     if scheduler is not None:
         check_scheduler(scheduler, allow_remote=allow_remote)
@@ -99,12 +90,7 @@ def batch(
 
 
 def write_table(table: pd.DataFrame, path: str | Path) -> None:
-    """Write a batch's table as CSV, its text cells neutralised.
-
-    Raises
-    ------
-    FileError : it cannot be written.
-    """
+    """Write a batch's table as CSV, its text cells neutralised; raises FileError if it cannot be written."""
     safe = table.copy()
     for name in safe:
         if not (pd.api.types.is_numeric_dtype(safe[name]) or pd.api.types.is_bool_dtype(safe[name])):
@@ -122,12 +108,7 @@ def readings_beside(run: Path) -> Path | None:
 
 
 def runs_in(runs: str | Path | Sequence[str | Path]) -> list[Path]:
-    """Return the runs of a folder in order of their names, or the files given.
-
-    Raises
-    ------
-    FileError : the folder does not exist. RequestError : no run in it.
-    """
+    """Return the runs of a folder in the order of their names, or the files given; RequestError if there is none."""
     if not isinstance(runs, str | Path):
         return [Path(run) for run in runs]
     folder = Path(runs)

@@ -1,10 +1,9 @@
 """Several runs: within-run and between-run spread kept apart (ISO 5725-2), units compared.
 
-Strategy: for each pressure level and branch the cycles of every run are one-way groups. The repeatability variance
-s_r^2 is the pooled variance within runs, the between-run variance s_L^2 = (MS_between - s_r^2) / n0 (floored at zero),
-the reproducibility variance s_R^2 = s_r^2 + s_L^2; n0 allows for runs of unequal length (ISO 5725-2:2019, 7.4).
-
-Rules: spread between runs is given for runs of one unit only; different units are compared figure by figure.
+For each pressure level and branch the cycles of every run are one-way groups. The repeatability variance s_r^2 is the
+pooled variance within runs, the between-run variance s_L^2 = (MS_between - s_r^2) / n0 (floored at zero), the
+reproducibility variance s_R^2 = s_r^2 + s_L^2; n0 allows for runs of unequal length (ISO 5725-2:2019, 7.4). Spread
+between runs is given for runs of one unit only; different units are compared figure by figure.
 """
 
 from __future__ import annotations
@@ -46,13 +45,10 @@ class SensorSpread:
 
 @dataclass(frozen=True, slots=True)
 class UnitComparison:
-    """Several runs of one unit.
+    """Several runs of one unit; `unit` is "" for runs without a name, which are taken to be of one unit.
 
-    Attributes
-    ----------
-    unit, runs : its name, and how many runs; "" where the runs name none and are taken to be of one.
-    spreads, spread_void : of each sensor's levels, or why there are none.
-    budgets : of the latest calibration of two or more, the reproducibility included; else None.
+    `spreads` of each sensor's levels, or `spread_void`; `budgets` of the latest of two calibrations or more include the
+    reproducibility.
     """
 
     unit: str
@@ -77,11 +73,9 @@ class RunComparison:
 
 
 def compare_runs(analyses: Sequence[Analysis]) -> RunComparison:
-    """Compare runs: unit by unit, the spread of their levels, the history of their calibrations, their budget.
+    """Compare runs unit by unit: spread of their levels, history of their calibrations, budget.
 
-    Raises
-    ------
-    RequestError : simulated and real runs are among them.
+    Raises RequestError for a mixture of simulated and real runs.
     """
     refuse_mixture(analysis.recording.simulated for analysis in analyses)
     by_unit: dict[str, list[Analysis]] = {}
@@ -110,12 +104,7 @@ def _compare_unit(unit: str, analyses: Sequence[Analysis]) -> UnitComparison:
 
 
 def one_way(groups: Sequence[FloatArray]) -> Spread:
-    """Separate within-group and between-group spread.
-
-    Raises
-    ------
-    RequestError : fewer than two groups, or none with two values.
-    """
+    """Separate within-group and between-group spread; RequestError below two groups, or without replicates."""
     known = [g[np.isfinite(g)] for g in groups]
     known = [g for g in known if g.size]
     if len(known) < 2 or max(g.size for g in known) < 2:
@@ -135,9 +124,7 @@ def one_way(groups: Sequence[FloatArray]) -> Spread:
 def sensor_spread(analyses: Sequence[Analysis], sensor: int) -> SensorSpread:
     """Return the spread of one sensor's levels over runs of one unit.
 
-    Raises
-    ------
-    RequestError : the runs share no pressure level, or are too few.
+    Raises RequestError if the runs share no pressure level, or are too few.
     """
     spreads = []
     for pressure in analyses[0].loops.level_kpa:

@@ -1,14 +1,13 @@
-"""When a calibration is due again: an interval proposed from its drift, as ILAC-G24 proposes from control charts.
+"""The interval to the next calibration, proposed from the drift, as ILAC-G24 proposes from control charts.
 
-Strategy: the check point's error over time, y(x0) of each calibration less that of the first, as elongation, is fitted
-by a line with weights 1/u^2. The interval ends where the drift since the last calibration, with its expanded
-uncertainty (k = 2: that of the last calibration and that of the slope), would reach the permissible drift. Unless
-another is given, that is U of an elongation at the check point: a reading's own uncertainty then still holds it.
+The check point's error over time, y(x0) of each calibration less that of the first, as elongation, is fitted by a line
+with weights 1/u^2. The interval ends where the drift since the last calibration, with its expanded uncertainty (k = 2:
+that of the last calibration and that of the slope), would reach the permissible drift, by default U of an elongation
+at the check point.
 
-Rules: scatter between calibrations widens the slope's uncertainty where it exceeds their own (Birge). No interval is
-longer than twice the time that the calibrations cover: drift is known over that time only. One calibration shows no
-drift and gives no interval. Sources: ILAC-G24 / OIML D 10:2022, method 2 (control chart); R. T. Birge, Phys. Rev. 40
-(1932) 207.
+Scatter between calibrations widens the slope's uncertainty where it exceeds their own (Birge). No interval is longer
+than twice the time that the calibrations cover; one calibration gives none. Sources: ILAC-G24 / OIML D 10:2022,
+method 2 (control chart); R. T. Birge, Phys. Rev. 40 (1932) 207.
 """
 
 from __future__ import annotations
@@ -31,13 +30,9 @@ COVERAGE_FACTOR = 2.0
 
 @dataclass(frozen=True, slots=True)
 class CalibrationInterval:
-    """A proposed interval.
+    """A proposed interval; `days` is NaN where `void` gives the reason, `due_utc` an ISO 8601 date or "".
 
-    Attributes
-    ----------
-    days : NaN where `void` gives the reason.
-    due_utc : date of the next calibration, ISO 8601; "" without one.
-    extrapolated : whether the interval is cut at twice the time that the calibrations cover.
+    `extrapolated` : the interval is cut at twice the time that the calibrations cover.
     """
 
     days: float
@@ -73,13 +68,7 @@ class CalibrationInterval:
 def proposed_interval(
     when: Sequence[datetime.datetime | None], error_mm: FloatArray, u_mm: FloatArray, limit_mm: float
 ) -> CalibrationInterval:
-    """Propose the interval to the next calibration.
-
-    Parameters
-    ----------
-    when : [n] of each calibration, in order; None where it is not known.
-    error_mm, u_mm : [n] of the check point, and its standard uncertainty.
-    """
+    """Propose the interval to the next calibration, from [n] dates in order, errors of the check point and their u."""
     known = [time for time in when if time is not None]
     days = np.asarray([(time - known[0]).total_seconds() / 86_400.0 for time in known])
     void = ""

@@ -51,10 +51,9 @@ class CurveDraws:
 
     Attributes
     ----------
-    x : [n] the readings.
-    coefficients : [draws, coefficients]; NaN rows where a resample cannot carry the degree.
-    ends : [draws, 2] the range of each draw.
-    dof : degrees of freedom of the errors drawn; NaN where the draws are a bootstrap over the cycles.
+    x : [n] readings.
+    coefficients, ends : [draws, coefficients], NaN where a resample cannot carry the degree; [draws, 2] range of each.
+    dof : degrees of freedom of the errors; NaN for a bootstrap over the cycles.
     """
 
     fit: FittedCurve
@@ -87,12 +86,9 @@ class CurveDraws:
     def figure(
         self, value: float, replicates: FloatArray, unit: str, definition: str, *, either_way: bool = False
     ) -> Figure:
-        """Return a figure of the curve, its interval from what the draws make of it.
+        """Return a figure with its interval from the values of the draws, `replicates` [draws].
 
-        Parameters
-        ----------
-        value, replicates : of the curve and of the draws, [draws].
-        either_way : the wider, at each end, of the draws' percentiles and their reflection.
+        `either_way` takes the wider, at each end, of the percentiles and their reflection.
         """
         if np.isnan(self.dof):
             return bootstrap_figure(value, replicates, unit, self.n_cycles, definition)
@@ -110,12 +106,7 @@ class CurveDraws:
 
 
 def draw_joint(joint: JointFit, x: FloatArray, n_cycles: int, rng: np.random.Generator, count: int) -> CurveDraws:
-    """Draw the curves that the errors of the position means allow.
-
-    Parameters
-    ----------
-    x : [n] the readings.
-    """
+    """Draw the curves that the errors of the position means allow."""
     coefficients, ends = joint.draws(rng, count)
     return CurveDraws(joint, x, joint.ends, coefficients, ends, n_cycles, joint.effective_dof)
 
@@ -125,15 +116,13 @@ def resample_fit(
 ) -> CurveDraws:
     """Refit a calibration through points to every bootstrap resample of the cycles.
 
+    The normal equations are formed cycle by cycle in the orthogonal basis, where they are well conditioned, and added
+    with the weights: all resamples are solved at once.
+
     Parameters
     ----------
     cycle_of : [n] position (0, 1, ...) of the cycle of each point of the calibration.
     weights : [resamples, cycles] how often each cycle was drawn.
-
-    Notes
-    -----
-    The normal equations are formed cycle by cycle in the orthogonal basis, where they are well conditioned, and added
-    with the weights: all resamples are solved at once.
     """
     design = calibration.fit.basis.design(calibration.x)
     cycles = weights.shape[1]
@@ -192,12 +181,7 @@ def sensitivities(curves: CurveDraws) -> dict[str, Figure]:
 
 
 def curve_figures(curves: CurveDraws, other: CurveDraws | None = None, *, verdict: str = "") -> dict[str, Figure]:
-    """Return the figures of a calibration's curve.
-
-    Parameters
-    ----------
-    other : the curve that it may deviate from: the intervals hold the figures of either.
-    """
+    """Return the figures of a curve; their intervals also hold those of an `other` that it may deviate from."""
     figures = {"fso_mv": full_scale(curves), **sensitivities(curves), "nonlinearity_percent_fso": nonlinearity(curves)}
     for key, of_other in (curve_figures(other) if other is not None else {}).items():
         own = figures[key]

@@ -1,9 +1,9 @@
 """Figures over the cycles of a run: repeatability (ISO 5725), drift (Theil-Sen), each cycle's own, and warm-up.
 
-A cycle is warm-up while the mean displacement of its levels from the second half of the run is beyond three robust
-standard deviations of that half and beyond a share of full scale that matters, from the first cycle on without a break.
-The warm-up is named, not removed. A cycle's hysteresis is the largest of many differences, which noise lifts; that of
-the mean loop is not lifted so. By how much follows from the scatter of the differences between the cycles.
+Warm-up are the first cycles, without a break, whose mean displacement from the second half of the run is beyond three
+robust standard deviations of that half and beyond a share of full scale that matters. It is named, not removed. Noise
+lifts the hysteresis of one cycle, the largest of many differences, more than that of the mean loop; the lift follows
+from the scatter of the differences between the cycles. `weights` are [resamples, cycles] of the bootstrap.
 """
 
 from __future__ import annotations
@@ -31,14 +31,7 @@ WORST = "largest sd over cycles of a level / FSO"
 
 
 def repeatability(loops: Loops, sensor: int, full_scale_value: float, weights: FloatArray) -> dict[str, Figure]:
-    """ISO 5725 repeatability sd over cycles at each pressure and branch, % FSO: pooled and worst.
-
-    Parameters
-    ----------
-    sensor : counted from 0.
-    full_scale_value : full-scale output, mV.
-    weights : [resamples, cycles] of the bootstrap.
-    """
+    """ISO 5725 repeatability sd over cycles at each pressure and branch, % FSO: pooled and worst; full scale in mV."""
     names = ("repeatability_percent_fso", "repeatability_worst_percent_fso")
     values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
     counts = np.isfinite(values).sum(axis=1)
@@ -68,13 +61,7 @@ def repeatability(loops: Loops, sensor: int, full_scale_value: float, weights: F
 
 
 def drift(loops: Loops, sensor: int, full_scale_value: float) -> Figure:
-    """Drift over cycles, % FSO per 100 cycles: Theil-Sen slope of the mean displacement of all levels.
-
-    Parameters
-    ----------
-    sensor : counted from 0.
-    full_scale_value : full-scale output, mV.
-    """
+    """Drift, % FSO per 100 cycles: Theil-Sen slope of the mean displacement of all levels; full scale in mV."""
     definition, unit = "Theil-Sen slope over cycles of the mean displacement of all levels", "% FSO/100 cycles"
     if loops.n_cycles < 3:
         return Figure.nothing(unit, Reason.FEW_CYCLES, "fewer than three complete cycles", definition)
@@ -115,8 +102,8 @@ class FiguresByCycle:
     displacement_percent_fso : [cycles] mean of the levels less their median over the second half of the run.
     level_displacement_percent_fso : [cycles, levels] each level, mean of both branches, less its mean over the cycles.
     branch_displacement_percent_fso : [2, cycles, levels] the same of each branch alone.
-    hysteresis_lift_percent_fso : how much noise lifts the hysteresis of a cycle on average; NaN below two cycles.
-    sensitivity, sensitivity_unit : [cycles] end to end, mV/mm, or mV/kPa where x was not read in every cycle.
+    hysteresis_lift_percent_fso : mean lift of the hysteresis of a cycle by noise; NaN below two cycles.
+    sensitivity, sensitivity_unit : [cycles] end to end, mV/mm, or mV/kPa if x was not read in every cycle.
     """
 
     numbers: tuple[int, ...]
@@ -135,13 +122,10 @@ class FiguresByCycle:
 def figures_by_cycle(
     loops: Loops, sensor: int, full_scale_mv: float, width: LoopWidth, noise: tuple[FloatArray, FloatArray, FloatArray]
 ) -> FiguresByCycle:
-    """Return the figures of one sensor cycle by cycle.
+    """Return the figures of one sensor cycle by cycle; those relative to a full scale of zero or NaN are NaN.
 
     Parameters
     ----------
-    loops, sensor : the used cycles, and the sensor, counted from 0.
-    full_scale_mv : full-scale output; where it is zero or NaN what is relative to it is NaN.
-    width : of the sensor's loops over pressure.
     noise : sums of squares, degrees of freedom and cycle, as `noise_figures.staircase_noise` returns them.
     """
     levels = branch_mean(loops.signal_mv[sensor])
@@ -167,15 +151,8 @@ def figures_by_cycle(
 def lift_of_maximum(signal: FloatArray) -> float:
     """Return how much scatter lifts the widest distance of the branches of one cycle above that of the mean loop.
 
-    The distances of simulated cycles have the mean and the sd of those of the cycles at each level.
-
-    Parameters
-    ----------
-    signal : [2, cycles, levels] of a sensor on its branches.
-
-    Returns
-    -------
-    In the unit of the signal; NaN below two cycles.
+    `signal` is [2, cycles, levels]; NaN below two cycles. The distances of simulated cycles have the mean and the sd of
+    those of the cycles at each level.
     """
     apart = signal[1] - signal[0]
     known = np.isfinite(apart).sum(axis=0) >= 2
@@ -190,7 +167,7 @@ def cycle_sensitivities(loops: Loops, sensor: int) -> tuple[FloatArray, str]:
     """Return the end-to-end sensitivity of each cycle, [cycles], and its unit.
 
     Span of the signal between the outermost levels that every cycle has, over the span of the elongation there (mV/mm)
-    where it was read in every cycle; else over that of the pressure (mV/kPa), as in a continuous run.
+    if it was read in every cycle; else over that of the pressure (mV/kPa), as in a continuous run.
     """
     x, unit = loops.elongation_mm, "mV/mm"
     if x is None or not (np.isfinite(branch_mean(x)).sum(axis=1) > 1).all():

@@ -98,16 +98,14 @@ class Reason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One figure of a report: value, unit, how many it rests on, 95 % interval, or why there is none.
+    """One figure of a report: value, unit, number of independent items, 95 % interval, or why there is none.
 
     Attributes
     ----------
-    value : NaN or infinite where `void` gives the reason.
-    n : number of independent items behind it (cycles, plateaus or points, see `definition`).
-    low, high : 95 % confidence interval; NaN where none can be given.
-    void : why the figure is not to be used, or "".
-    note : why the interval is missing or wide, or "".
-    window : what was lost or left out of the samples that it rests on; None where it rests on none directly.
+    value, low, high : NaN or infinite where `void` gives the reason; the limits NaN where none can be given.
+    n : number of cycles, plateaus or points, see `definition`.
+    void, note : why the figure is not to be used; why the interval is missing or wide.
+    window : what was lost or left out of its samples; None where it rests on none directly.
     reason : the code of `void` or `note`; programs decide by it.
     """
 
@@ -124,12 +122,7 @@ class Figure:
 
     @classmethod
     def nothing(cls, unit: str, reason: Reason, void: str, definition: str = "") -> Figure:
-        """Return a figure that cannot be given.
-
-        Parameters
-        ----------
-        reason, void : why, as a code and as text.
-        """
+        """Return a figure that cannot be given, with the reason as code and text."""
         return cls(float("nan"), unit, 0, void=void, definition=definition, reason=reason)
 
     def as_json(self) -> dict[str, Any]:
@@ -169,12 +162,7 @@ def _marked(hysteresis: Figure) -> Figure:
 
 
 def void_sentences(sensors: Sequence[tuple[str, Mapping[str, Figure]]]) -> list[str]:
-    """Return a sentence for each reason why figures are void.
-
-    Parameters
-    ----------
-    sensors : name and figures of each; system figures may be among them under the name "system".
-    """
+    """Return a sentence for each reason why figures are void, of each sensor by name, and of "system"."""
     by_reason: dict[str, dict[str, list[str]]] = {}
     for name, figures in sensors:
         for key, definition in (SENSOR_FIGURES | SYSTEM_FIGURES).items():

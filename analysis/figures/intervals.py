@@ -37,12 +37,7 @@ def at_least(figure: Figure, reach: float) -> Figure:
 
 
 def with_shared_error(figure: Figure, shared: float) -> Figure:
-    """Widen the interval of a distance by an error of the means at its ends that the cycles share.
-
-    Parameters
-    ----------
-    shared : sd of the error of each, in the unit of the figure.
-    """
+    """Widen the interval of a distance by an error of the means at its ends, sd `shared`, that the cycles share."""
     if not shared > 0 or not np.isfinite([figure.value, figure.low, figure.high]).all():
         return figure
     reach = 1.96 * np.sqrt(2.0) * shared

@@ -1,7 +1,7 @@
 """Figures of a sensor's loops: hysteresis, and full scale and non-linearity over pressure (ISA-S37.1).
 
-Everything is computed from loops (`analysis.segmentation.loops`). A hysteresis that noise or the reading can make by
-itself is marked as an upper bound.
+A hysteresis that noise or the reading can make by itself is marked as an upper bound. A full scale has the unit of the
+loop's width; `weights` are [resamples, cycles] of the bootstrap.
 """
 
 from __future__ import annotations
@@ -27,12 +27,7 @@ BOUND_SHARE = 0.25  # of a hysteresis: what else may make so much of it turns it
 def joint_hysteresis(
     estimate: LoopEstimate, width: LoopWidth, full_scale_value: float, n: int, over: str = "x"
 ) -> Figure:
-    """Hysteresis, % of full scale, of the loop of a joint fit.
-
-    Parameters
-    ----------
-    full_scale_value : what it is relative to, in its unit.
-    """
+    """Hysteresis, % of full scale, of the loop of a joint fit."""
     definition = f"max over {over} of |loading - unloading| / FSO, loop of the joint fit, less its variance"
     plain = hysteresis(width, full_scale_value, n, definition)
     if plain.void or not full_scale_value > 0:
@@ -47,17 +42,11 @@ def joint_hysteresis(
 
 
 def sensor_loop_width(loops: Loops, sensor: int, calibration: Calibration | None, weights: FloatArray) -> LoopWidth:
-    """Measure the loop of a sensor's signal over elongation, mV; `weights` as `loop_width` takes them.
+    """Measure the loop of a sensor's signal over elongation, mV.
 
-    The actuator's loop sets the branches' points apart, and a chord between two points is off a curved sensor by
-    y'' d^2 / 8. So what the points leave of the calibration is interpolated: the curve is common to both branches and
-    drops out of their difference. Without a calibration the points themselves are.
-
-    Parameters
-    ----------
-    sensor : counted from 0.
-    calibration : subtracted from the signal; None where there is none.
-    weights : [resamples, cycles] of the bootstrap.
+    The actuator's loop sets the branches' points apart, and a chord between two points is off a curved sensor by y''
+    d^2 / 8. Therefore the calibration is subtracted first: the curve is common to both branches and drops out of their
+    difference. Without a calibration the points themselves are interpolated.
     """
     assert loops.elongation_mm is not None
     x, signal = loops.elongation_mm, loops.signal_mv[sensor].copy()
@@ -68,12 +57,7 @@ def sensor_loop_width(loops: Loops, sensor: int, calibration: Calibration | None
 
 
 def hysteresis(width: LoopWidth, full_scale_value: float, n: int, definition: str) -> Figure:
-    """Hysteresis, % of full scale, of the loop averaged over cycles.
-
-    Parameters
-    ----------
-    full_scale_value : what the width is relative to, in its unit.
-    """
+    """Hysteresis, % of full scale, of the loop averaged over cycles."""
     if width.void:
         return Figure.nothing("% FSO", Reason.NO_OVERLAP, width.void, definition)
     if not full_scale_value > 0:
@@ -92,11 +76,6 @@ def loop_made_by_noise(
     """Width, mV, that noise alone gives the mean loop: the greatest of many differences that are zero in truth.
 
     sd sqrt(2 ln 2m) for m levels, sd that of the difference of two branch means; 0 where it is not known.
-
-    Parameters
-    ----------
-    sensor : counted from 0.
-    noise_mv : rms noise of a sample, mV.
     """
     if not loops.n_cycles or not np.isfinite(noise_mv):
         return 0.0
@@ -111,14 +90,9 @@ def loop_made_by_noise(
 
 
 def limited(figure: Figure, floor: float, by: str, share: float = BOUND_SHARE) -> Figure:
-    """Mark a hysteresis as an upper bound where something else than a loop makes a share of it.
+    """Mark a hysteresis as an upper bound if a cause `by` other than a loop makes a share of it, `floor` in its unit.
 
     It lifts the maximum: the interval reaches down to the figure less the floor.
-
-    Parameters
-    ----------
-    floor : what else makes, in the unit of the figure.
-    by : the name of that cause.
     """
     figure = replace(figure, low=float(np.minimum(figure.low, np.maximum(figure.value - floor, 0.0))))
     if not floor > share * figure.value:
@@ -128,13 +102,7 @@ def limited(figure: Figure, floor: float, by: str, share: float = BOUND_SHARE) -
 
 
 def pressure_full_scale(loops: Loops, sensor: int, weights: FloatArray) -> Figure:
-    """Full-scale output, mV, of a run without x: between the extreme pressures.
-
-    Parameters
-    ----------
-    sensor : counted from 0.
-    weights : [resamples, cycles] of the bootstrap.
-    """
+    """Full-scale output, mV, of a run without x: between the extreme pressures."""
     low, high = (float(v[0]) for v in end_levels(loops, sensor))
     if not np.isfinite(high - low):
         return Figure.nothing("mV", Reason.NO_CYCLE, "no complete cycle")
@@ -145,14 +113,7 @@ def pressure_full_scale(loops: Loops, sensor: int, weights: FloatArray) -> Figur
 
 
 def pressure_nonlinearity(loops: Loops, sensor: int, full_scale_value: float, weights: FloatArray) -> Figure:
-    """The same against pressure, for runs without x: the middle of the mean loop and its straight line.
-
-    Parameters
-    ----------
-    sensor : counted from 0.
-    full_scale_value : full-scale output, mV.
-    weights : [resamples, cycles] of the bootstrap.
-    """
+    """Non-linearity against pressure, for runs without x: the middle of the mean loop and its straight line."""
     definition = "max |middle of the mean loop - line| / FSO against pressure"
     middle = branch_mean(loops.signal_mv[sensor])
     known = np.isfinite(middle).all(axis=0) & (loops.n_cycles > 0)

@@ -24,15 +24,11 @@ def staircase_noise(plateaus: tuple[Plateau, ...], sensor: int) -> tuple[FloatAr
 
 
 def continuous_noise(recording: Recording, cycles: Cycles, sensor: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The same for a continuous run: about a local cubic (Savitzky-Golay), per cycle.
+    """Return the same for a continuous run: about a local cubic (Savitzky-Golay), per cycle.
 
     The residual of a point at the middle of the window has variance sigma^2 (1 - h), h the weight of the point in its
-    own fit: its share of the degrees of freedom. Samples near the turns of the pressure, where a cubic cannot follow
-    a corner, and those next to something not usable are left out.
-
-    Parameters
-    ----------
-    sensor : counted from 0.
+    own fit: its share of the degrees of freedom. Samples near the turns of the pressure, where a cubic cannot follow a
+    corner, and those next to something not usable are left out.
     """
     used = cycles.used
     period = float(np.median([c.last - c.first for c in used])) if used else 0.0
@@ -69,14 +65,11 @@ def noise_and_snr(
 ) -> tuple[Figure, Figure]:
     """Return the noise rms (mV) and the SNR (dB) = 20 log10(FSO / noise), with intervals over cycles.
 
-    `rounding_mv` is what the rounding of doubles at the signal's level may make: less is no noise.
-
     Parameters
     ----------
     parts : sums of squares, degrees of freedom and cycle, as `staircase_noise` returns them.
-    full_scale_value : full-scale output, mV.
     weights : [resamples, cycles] of the bootstrap.
-    rounding_mv : what the rounding of doubles may make.
+    rounding_mv : noise that the rounding of doubles at the signal's level may make; less counts as none.
     """
     squares, dof, cycle_of = parts
     if dof.sum() <= 0:

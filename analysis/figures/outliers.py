@@ -25,25 +25,11 @@ MAD_TO_SD = 1.4826  # of a normal distribution
 
 
 def outlying(pressure_kpa: FloatArray, loading: BoolArray, elongation_mm: FloatArray) -> FloatArray:
-    """Return each reading's distance from the fit where it is an outlier, else NaN.
+    """Return the distance (mm) of each outlying reading [n] from the fit; NaN for others and below `LEAST_READINGS`.
 
     The fit is a cubic in pressure with an offset between the branches; the farthest reading is dropped, and the rest
-    fitted again, until none is far: one bad reading must not hide itself.
-
-    Parameters
-    ----------
-    pressure_kpa : [n] targets of the plateaus, kPa.
-    loading : [n] whether each was reached on the loading branch.
-    elongation_mm : [n] readings, mm.
-
-    Returns
-    -------
-    [n] mm; all NaN below `LEAST_READINGS`.
-
-    Notes
-    -----
-    The scale is the median absolute deviation of the readings kept (Rousseeuw and Croux, 1993), but not below
-    `FLOOR_MM` / `SIGMAS`.
+    fitted again, until none is far: one bad reading must not hide itself. The scale is the median absolute deviation of
+    the readings kept (Rousseeuw and Croux, 1993), at least `FLOOR_MM` / `SIGMAS`.
     """
     n = elongation_mm.size
     if n < LEAST_READINGS:

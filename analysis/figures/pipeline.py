@@ -1,11 +1,8 @@
 """From a run to its figures, in one call.
 
-Strategy: load, cycles, plateaus, elongations, loops, then each sensor (`analysis.figures.sensor_analysis`). Every step
-is a function of its own elsewhere; this file hands the result of one to the next, collects the warnings, and writes the
-JSON that `analyze --json` promises.
-
-Rules: what cannot be computed is void with a reason and the rest is computed; the same run, options and seed give the
-same numbers, bit for bit.
+Load, cycles, plateaus, elongations, loops, then each sensor (`analysis.figures.sensor_analysis`): this module hands the
+result of one step to the next, collects the warnings, and writes the JSON of `analyze --json`. What cannot be computed
+is void with a reason and the rest is computed; the same run, options and seed give the same numbers, bit for bit.
 """
 
 from __future__ import annotations
@@ -68,9 +65,8 @@ class Analysis(AnalysedRun):
     ----------
     budgets : of an elongation in the middle of the calibrated range; None without a calibration.
     u_elongation : of each sensor [points, 2], x and U of an elongation there, mm, NaN where it is not known.
-    parts : of a run whose parts differ over a break; `sensors` are those of the largest.
-    camera : what the camera adds; None without one.
-    lab_figures : of the lab's plugins, which are not computed here.
+    parts : parts that differ over a break; `sensors` are those of the largest.
+    lab_figures : of the lab's plugins, computed elsewhere.
     """
 
     system_sensitivity: Figure
@@ -162,18 +158,13 @@ def analyse(
 ) -> Analysis:
     """Compute every figure of a run.
 
+    A run that is incomplete or damaged is no error: its figures are void, with reasons. Raises FileError or DataError
+    if the run or the elongations cannot be read, or do not fit each other.
+
     Parameters
     ----------
-    recording : a loaded run, or its file.
-    elongation : CSV of elongations; without one the recording's own readings are used.
-    seed, mcmc : shorthands for the options of the same name.
-    options : all settings; overrides the shorthands.
-    progress : called as progress(done, total); raising from it cancels.
-
-    Raises
-    ------
-    FileError, DataError : the run or the elongations cannot be read, or do not fit each other. A run that is merely
-        incomplete or damaged is no error: its figures are void, with reasons.
+    elongation : CSV of elongations; by default the recording's own readings.
+    seed, mcmc : shorthands for the options of the same name; `options` overrides them.
     """
     options = options or Options(seed=seed, mcmc=mcmc)
     if not isinstance(recording, Recording):
@@ -216,11 +207,6 @@ def _segmented(
     """Return a run in cycles, plateaus and loops, its loops between breaks, and a warning for each reading left out.
 
     Parts that differ over a break are never pooled: the run's loops are those of the largest, the later one of two.
-
-    Parameters
-    ----------
-    recording, elongation, options : as `analyse` takes them.
-    film : the recording with its camera; None without one.
     """
     cycles = find_cycles(recording, options.plateau.tolerance_kpa)
     recording = mask_faulty_signals(recording, cycles.smooth_kpa)

@@ -1,11 +1,8 @@
 """One sensor of a run: its calibration, its posterior, its figures.
 
-Strategy: every figure is a function of its own in `curve_figures`, `loop_figures`, `noise_figures` or `cycle_figures`;
-this module hands each what it needs, in the order in which one rests on another.
-
-Rules: what cannot be computed is void with a reason and the rest is computed. Figures of the calibration rest on the
-plateaus whose elongation was read, the others on all plateaus or cycles that are used; above the limit of lost samples
-a figure is void, whatever could still be computed.
+Every figure is a function of its own in `curve_figures`, `loop_figures`, `noise_figures` or `cycle_figures`; this
+module hands each what it needs. Figures of the calibration rest on the plateaus whose elongation was read, the others
+on all plateaus or cycles that are used; above the limit of lost samples a figure is void.
 """
 
 from __future__ import annotations
@@ -86,14 +83,12 @@ class Options:
 
     Attributes
     ----------
-    degree : of the calibration, or spline; auto takes the curve that predicts best, see `calibration.adequacy`.
+    degree : of the polynomial, spline, or auto for the curve that predicts best, see `calibration.adequacy`.
     x_resolution_mm : grid of the readings; None takes that of the recording, else 0.5 mm.
     monotone : only monotone curves in the posterior.
-    fidelity : how fine bootstrap and sampler are, see `analysis.fidelity`.
     resamples, posterior_samples : in place of the precision's.
     leave_out : leave out readings whose points are off the curve, each with a warning.
-    type_b : contributions to the uncertainty of an elongation that no run shows, see `analysis.calibration.type_b`.
-    derived : derived channels besides those that the recording states, see `protocol.recording.derived`.
+    type_b, derived : contributions that no run shows; derived channels besides those of the recording.
     """
 
     degree: Degree = USUAL_DEGREE
@@ -116,16 +111,11 @@ class SensorAnalysis:
 
     Attributes
     ----------
-    calibration, calibration_void : the fit, or None and why there is none.
-    posterior : of the calibration; None where it was not sampled.
-    figures : by key.
+    calibration_void : why there is no calibration.
     sensor_hysteresis_per_cycle, system_hysteresis_per_cycle : [cycles] % FSO over elongation, and over pressure.
     point_plateau : [points] plateau of each point of the calibration, counted from 0.
-    system_loop, sensor_loop : the mean loop over pressure, and over elongation where x was read.
-    by_cycle : the figures of each cycle.
-    checks : of the calibration, see `analysis.calibration.checks.fit_checks`.
+    system_loop, sensor_loop : the mean loop over pressure, and over elongation if x was read.
     joint_loop : the fit whose loop is that of the sensor; None where the loop is read from the points.
-    influences : what each extra channel of the run explains.
     """
 
     name: str
@@ -176,10 +166,8 @@ class SensorAnalysis:
 class SegmentedRun:
     """A run cut into cycles, plateaus and loops: what every figure is computed from.
 
-    Attributes
-    ----------
-    weights : [resamples, cycles] of the bootstrap over the cycles of `loops`.
-    ambient_mv : [sensors, plateaus] error by ambient light in every cycle alike, see `segmentation.ambient_light`.
+    `weights` are [resamples, cycles] of the bootstrap, `ambient_mv` [sensors, plateaus] the error by ambient light in
+    every cycle alike (`segmentation.ambient_light`).
     """
 
     recording: Recording
@@ -339,13 +327,7 @@ def _usable(run: SegmentedRun, sensor: int, figures: Mapping[str, Figure]) -> di
 def with_curve(run: AnalysedRun, sensor: int, degree: Degree) -> AnalysedRun:
     """Return the run with another curve of a sensor; its figures stay those of the curve before.
 
-    Parameters
-    ----------
-    sensor : counted from 0.
-
-    Raises
-    ------
-    DataError : the points do not carry it.
+    Raises DataError if the points do not carry it.
     """
     run, before = replace(run, options=replace(run.options, degree=degree)), run.sensors[sensor]
     calibration = _calibrate(run, sensor, before.point_plateau.astype(np.int64))
@@ -369,8 +351,8 @@ class ActuatorLoop:
 def actuator_loop(run: SegmentedRun, sensors: Sequence[SensorAnalysis]) -> ActuatorLoop | None:
     """Fit the actuator's loop, x over p, to the means of the positions that a calibration rests on.
 
-    The polygon through the plateaus misses the maximum between two of them; the loop of the fit does not. None where
-    no calibration has a joint fit, or the positions do not carry the loop.
+    The polygon through the plateaus misses the maximum between two of them; the loop of the fit does not. None if no
+    calibration has a joint fit, or the positions do not carry the loop.
     """
     fitted = next((s for s in sensors if s.calibration is not None and s.calibration.joint is not None), None)
     if fitted is None:
@@ -487,17 +469,11 @@ def _loop_figures(
 
 
 def limited_by_reading(figure: Figure, reading_sd_mm: float, percent_per_mm: float) -> Figure:
-    """Widen the interval of a loop by the reading error of x, and mark an upper bound where that makes most of it.
+    """Widen the interval of a loop, %, by the reading error of x, and mark an upper bound if that makes most of it.
 
-    `percent_per_mm` is what a millimetre makes at the steepest place. The largest of many differences of two readings
-    comes near the grid's whole step (sqrt(12) sd) and lifts the maximum; the one at the loop's widest place may
-    also hide it, within two sigma.
-
-    Parameters
-    ----------
-    figure : a hysteresis, in %.
-    reading_sd_mm : sd of a reading of x, mm.
-    percent_per_mm : what a millimetre makes at the steepest place.
+    `percent_per_mm` is the slope at the steepest place. The largest of many differences of two readings comes near the
+    grid's whole step (sqrt(12) sd) and lifts the maximum; the one at the loop's widest place may also hide it, within
+    two sigma.
     """
     floor = np.sqrt(12.0) * reading_sd_mm * percent_per_mm
     hidden = 2.0 * np.sqrt(2.0) * reading_sd_mm * percent_per_mm
@@ -515,13 +491,7 @@ def _percent_per_mm(calibration: Calibration | None, elongation_mm: FloatArray) 
 
 
 def with_losses(run: SegmentedRun, sensor: int, figures: Mapping[str, Figure]) -> dict[str, Figure]:
-    """Return the figures with what their windows lost; void above the limit, or where nothing is left.
-
-    Parameters
-    ----------
-    sensor : counted from 0.
-    figures : by key.
-    """
+    """Return the figures with the losses of their windows; void above the limit, or where nothing is left."""
     counter, chosen = LossCounter.of(run.recording, sensor), set(run.loops.numbers)
     if run.plateaus:
         holds = [p for p in run.plateaus if p.cycle in chosen and p.branch]

@@ -1,7 +1,7 @@
 """Results kept in the recording they came from, so that a report can be traced and a figure reproduced.
 
-Rules: a result carries its parameters, its seed and the program's version; the same result is kept once. A run that is
-no `.boat` file, or cannot be written, keeps nothing, and returns why.
+A result carries its parameters, its seed and the program's version; the same result is kept once. A run that is no
+`.boat` file, or cannot be written, keeps nothing, and returns why.
 """
 
 from __future__ import annotations
@@ -28,17 +28,7 @@ _COMPUTING = (".", "data", "segmentation", "calibration", "tracking", "figures")
 
 
 def store_analysis(run: str | Path, analysis: Analysis, elongation: str | Path | None = None) -> str:
-    """Keep an analysis in its recording.
-
-    Parameters
-    ----------
-    run : the file that was analysed.
-    elongation : the file of elongations that was used; None without one.
-
-    Returns
-    -------
-    "", or why nothing was kept.
-    """
+    """Keep an analysis, and name and hash of its file of elongations, in its recording; return why not, or ""."""
     run = Path(run)
     if not is_boat_file(run):
         return ""
@@ -59,8 +49,8 @@ def store_analysis(run: str | Path, analysis: Analysis, elongation: str | Path |
 def code_state() -> str:
     """Return a hash of all code that figures rest on, to distinguish states of the program with the same version.
 
-    It covers the packages that figures are computed by (not the reports, which compute nothing), the recording's
-    schema, and the versions of the numerical libraries.
+    It covers the packages that figures are computed by, the recording's schema, and the versions of the numerical
+    libraries.
     """
     analysis = Path(__file__).parents[1]
     sources = [file for package in _COMPUTING for file in sorted((analysis / package).glob("*.py"))]
@@ -74,16 +64,9 @@ def code_state() -> str:
 
 
 def reproduce(run: str | Path, parameters: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Compute a stored analysis again, with the options that it was made with.
+    """Return the content of a stored analysis, computed again; None if it used a file of elongations.
 
-    Returns
-    -------
-    Its content as `store_analysis` would keep it; None where it rests on more than the recording holds (a file of
-    elongations).
-
-    Raises
-    ------
-    FileError : the parameters are not those of an analysis.
+    Raises FileError if the parameters are not those of an analysis.
     """
     if "elongation" in parameters:
         return None

@@ -1,13 +1,10 @@
 """Uncertainty budgets after the GUM (JCGM 100:2008).
 
-Strategy: a budget is a list of components, each a standard uncertainty with a sensitivity and degrees of freedom; they
-are combined by the law of propagation (GUM 5.1.2, 5.2.2), the effective degrees of freedom by Welch-Satterthwaite
-(G.4.1). The budget of an elongation is filled from the analysis of a run: every component is measured, or its source
-states that it was not.
-
-Rules: nothing is counted twice: what one component already holds is taken out of the next. A component that could not
-be assessed has no value, as its source states; it is not zero. The expanded uncertainty uses k = 2, and states whether
-it is traceable (`analysis.calibration.type_b`).
+A budget is a list of components, each a standard uncertainty with a sensitivity and degrees of freedom, combined by the
+law of propagation (GUM 5.1.2, 5.2.2), the effective degrees of freedom by Welch-Satterthwaite (G.4.1). Nothing is
+counted twice: what one component holds is taken out of the next. A component that could not be assessed has no value
+and is not zero. The expanded uncertainty uses k = 2, with a statement of its traceability
+(`analysis.calibration.type_b`).
 """
 
 from __future__ import annotations
@@ -39,10 +36,7 @@ KNOWN_COURSE = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """One line of a budget: standard uncertainty `u`, in a unit that `sensitivity` turns into the result's.
-
-    `u` is NaN where it was not assessed.
-    """
+    """One line of a budget; `sensitivity` turns `u`, NaN if not assessed, into the unit of the result."""
 
     name: str
     u: float
@@ -193,13 +187,8 @@ def signal_parts(analysis: AnalysedRun, sensor: int) -> SignalParts:
 def elongation_budget(analysis: AnalysedRun, x_mm: float, *, runs: Sequence[AnalysedRun] = ()) -> tuple[Budget, ...]:
     """Return the budget of one reading of elongation at `x_mm`, for each sensor.
 
-    Parameters
-    ----------
-    runs : calibrations of the same unit, this one among them; with two or more reproducibility is assessed.
-
-    Raises
-    ------
-    DataError : a sensor is not calibrated, or its curve has no inverse. RequestError : as `between_calibrations_mm`.
+    `runs` are calibrations of the same unit, this one among them; two or more give the reproducibility. Raises
+    DataError if a sensor is not calibrated or its curve has no inverse, RequestError as `between_calibrations_mm`.
     """
     of_sensors = [BudgetOfSensor.of(analysis, i, runs) for i in range(len(analysis.sensors))]
     for of_sensor in of_sensors:
@@ -208,16 +197,10 @@ def elongation_budget(analysis: AnalysedRun, x_mm: float, *, runs: Sequence[Anal
 
 
 def elongation_uncertainty(analysis: AnalysedRun, sensor: int) -> tuple[FloatArray, str]:
-    """Return U of an elongation over the calibrated range, and why it is not given everywhere in it.
+    """Return x and U (mm) over the calibrated range, [points, 2], and why U is not given everywhere in it.
 
-    Parameters
-    ----------
-    sensor : counted from 0.
-
-    Returns
-    -------
-    [points, 2] x and U, mm, and a reason. A curve that turns inside its range gives U on either side of the turn;
-    nearer to it than U the side is not known, and U is NaN. No points where the curve gives no elongation at all.
+    A curve that turns inside its range gives U on either side of the turn; nearer to it than U the side is not known,
+    and U is NaN. No points if the curve gives no elongation at all.
     """
     try:
         of_sensor = BudgetOfSensor.of(analysis, sensor)
@@ -250,12 +233,7 @@ class ElongationBudgets:
 
 
 def middle_budgets(analysis: AnalysedRun, runs: Sequence[AnalysedRun] = ()) -> ElongationBudgets | None:
-    """Return the budgets in the middle of the calibrated range; None without a calibration.
-
-    Parameters
-    ----------
-    runs : calibrations of the same unit, as `elongation_budget` takes them.
-    """
+    """Return the budgets in the middle of the range, with `runs` as `elongation_budget`; None if not calibrated."""
     ranges = [sensor.calibration.x_range for sensor in analysis.sensors if sensor.calibration is not None]
     if not ranges:
         return None
@@ -267,13 +245,7 @@ def middle_budgets(analysis: AnalysedRun, runs: Sequence[AnalysedRun] = ()) -> E
 
 
 def curve_candidates_of(analysis: AnalysedRun, sensor: int, x_mm: float) -> tuple[CurveCandidate, ...]:
-    """Return what each curve would be for a sensor: its verdict, its error of prediction, U of an elongation.
-
-    Parameters
-    ----------
-    sensor : counted from 0; without a calibration it has no candidates.
-    x_mm : the elongation that U is of.
-    """
+    """Return verdict, error of prediction, and U of an elongation at `x_mm` of each curve that a sensor could have."""
     if analysis.sensors[sensor].calibration is None:
         return ()
     return tuple(_candidate(analysis, sensor, name, x_mm) for name in CURVES)
@@ -306,17 +278,7 @@ class BudgetOfSensor:
 
     @classmethod
     def of(cls, analysis: AnalysedRun, sensor: int, runs: Sequence[AnalysedRun] = ()) -> BudgetOfSensor:
-        """Prepare the budgets of a sensor.
-
-        Parameters
-        ----------
-        sensor : counted from 0.
-        runs : calibrations of the same unit, as `elongation_budget` takes them.
-
-        Raises
-        ------
-        DataError : the sensor is not calibrated.
-        """
+        """Prepare the budgets of a sensor, with `runs` as `elongation_budget`; DataError if it is not calibrated."""
         found = [run.sensors[sensor].calibration for run in runs if sensor < len(run.sensors)]
         calibrations = tuple(c for c in found if c is not None) if len(runs) > 1 else ()
         counted = analysis.recording.lit is not None
@@ -419,11 +381,11 @@ def _resolution(analysis: AnalysedRun) -> float:
 
 
 def _ambient(analysis: AnalysedRun, sensor: int) -> float:
-    """What is left of ambient light in the signal, mV: its slope on the light, times the light's sd.
+    """Return the ambient light left in the signal, mV: the signal's slope on the light, times the light's sd.
 
     Dark readings are the light plus noise of their own, and that noise is in the signal too (signal = lit - dark). The
     reading one sample later shares the light but not the noise: slope = cov(y_t, d_t+1) / cov(d_t, d_t+1), an
-    instrument in the sense of Carroll et al. (2006), 6. Zero where either covariance is not above its own scatter.
+    instrument in the sense of Carroll et al. (2006), 6. Zero if either covariance is not above its own scatter.
     """
     recording = analysis.recording
     if recording.dark is None:

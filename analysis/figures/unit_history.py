@@ -1,11 +1,9 @@
 """A unit's calibrations over time: curves, coefficients, a control chart of a check point, En, and when one is due.
 
-Definitions: the check point is y(x0) of each calibration. Control limits are the mean plus and minus three times the
-mean moving range / 1.128 (ISO 7870-2, individuals). The En score of a calibration against the one before is
-(y - y') / sqrt(U^2 + U'^2), U expanded with k = 2; |En| <= 1 is agreement (ISO 13528).
-
-Rules: a calibration is taken at its UTC; the same recording counts once. Simulated and real runs are never compared,
-because a virtual SA1 and the SA1 on the bench share nothing but the name.
+The check point is y(x0) of each calibration. Control limits are the mean plus and minus three times the mean moving
+range / 1.128 (ISO 7870-2, individuals). The En score of a calibration against the one before is
+(y - y') / sqrt(U^2 + U'^2), U expanded with k = 2; |En| <= 1 is agreement (ISO 13528). The same recording counts once;
+simulated and real runs are never compared.
 """
 
 from __future__ import annotations
@@ -47,10 +45,9 @@ class UnitHistory:
     ----------
     when : [n] UTC, ISO 8601.
     coefficients, std_errors : [n, degree + 1], the reading of x included; NaN beyond a curve's degree, and of a spline.
-    check_point_mm : x0. value_mv, expanded_mv : [n] y(x0) and its U (k = 2).
+    value_mv, expanded_mv, expanded_mm : [n] y(x0), its U (k = 2), and U of an elongation there.
     centre_mv, lower_mv, upper_mv : of the control chart; NaN below two calibrations.
     en : [n] En score against the calibration before; NaN for the first.
-    expanded_mm : [n] U of an elongation at x0, k = 2; NaN where the curve gives none there.
     curves : of each, [points, 2] x and y over its range.
     """
 
@@ -119,12 +116,7 @@ class Calibrations:
 
 
 def refuse_mixture(simulated: Iterable[bool]) -> None:
-    """Refuse to compare simulated with real runs.
-
-    Raises
-    ------
-    RequestError : there are both.
-    """
+    """Raise RequestError if there are both simulated and real runs."""
     if len(set(simulated)) > 1:
         cause = "simulated and real runs are not compared: they share nothing but the name of the unit"
         raise RequestError(cause, "Choose runs of the virtual board only, or none of them.")
@@ -133,17 +125,10 @@ def refuse_mixture(simulated: Iterable[bool]) -> None:
 def calibrations_in(
     folder: str | Path, unit: str, *, simulated: bool | None = None, seed: int = 0, progress: Progress | None = None
 ) -> Calibrations:
-    """Analyse the runs of a folder and keep the calibrations of one unit.
+    """Analyse the runs of a folder and keep the calibrations of one unit; raises BoatDaqError if there are none.
 
-    Parameters
-    ----------
-    simulated : whether those of simulated boards are kept, or those of real ones; None for the real ones where there
-        are any, else the simulated ones.
-    progress : called as progress(done, total); raising from it cancels.
-
-    Raises
-    ------
-    FileError, RequestError : no folder, or no run in it. DataError : no calibration of that unit among them.
+    `simulated` selects simulated or real boards; None takes the real ones, or the simulated ones if there are no
+    others.
     """
     if not unit.strip():
         raise RequestError("a unit without a name has no history: its runs may be of several units", "Name the unit.")
@@ -183,18 +168,9 @@ def calibrations_in(
 def unit_history(
     analyses: Sequence[Analysis], sensor: int, *, check_point_mm: float = 0.0, limit_mm: float | None = None
 ) -> UnitHistory:
-    """Arrange the calibrations of one sensor over time.
+    """Arrange the calibrations of one sensor over time; raises BoatDaqError as `history_of`, or for mixed runs.
 
-    Parameters
-    ----------
-    sensor : counted from 0.
-    check_point_mm : elongation of the control chart.
-    limit_mm : permissible drift; None for U of an elongation at the check point.
-
-    Raises
-    ------
-    DataError : no calibration among the runs, or the check point lies outside one of them. RequestError : simulated
-        and real runs are among them.
+    `limit_mm` is the permissible drift, by default U of an elongation at the check point.
     """
     refuse_mixture(analysis.recording.simulated for analysis in analyses)
     found: dict[str, DatedCalibration] = {}
@@ -212,17 +188,7 @@ def unit_history(
 def history_of(
     calibrations: Sequence[DatedCalibration], sensor: str, *, check_point_mm: float = 0.0, limit_mm: float | None = None
 ) -> UnitHistory:
-    """Arrange calibrations of one sensor over time.
-
-    Parameters
-    ----------
-    calibrations : one or more, in any order.
-    check_point_mm, limit_mm : as `unit_history` takes them.
-
-    Raises
-    ------
-    DataError : the check point lies outside one of them.
-    """
+    """Arrange calibrations of one sensor over time; raises DataError if one does not hold the check point."""
     ordered = sorted(calibrations, key=lambda one: _instant(one.when))
     for one in ordered:
         if not one.calibration.x_range[0] <= check_point_mm <= one.calibration.x_range[1]:

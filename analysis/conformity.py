@@ -20,7 +20,7 @@ from scipy import stats
 GUARD_FACTOR = 1.0
 """The guard band in expanded uncertainties: w = U, of which a false acceptance is at most 2.5 % probable."""
 RULE = "ILAC-G8:09/2019, 4.2.3: guard band w = U (95 %)"
-COVERAGE = 0.975
+_ONE_SIDED = 0.975
 """Share of a distribution below the upper end of a two-sided 95 % interval."""
 
 
@@ -92,7 +92,7 @@ def conformity_statement(
     if not all(math.isfinite(half) for half in facing):
         within = Conformity.CONDITIONAL_PASS if min(inside) >= 0 else Conformity.CONDITIONAL_FAIL
         return ConformityStatement(within, math.nan, math.nan)
-    coverage = float(stats.t.ppf(COVERAGE, dof)) if math.isfinite(dof) else float(stats.norm.ppf(COVERAGE))
+    coverage = float(stats.t.ppf(_ONE_SIDED, dof)) if math.isfinite(dof) else float(stats.norm.ppf(_ONE_SIDED))
     beyond = sum(_beyond(side, half / coverage, dof) for side, half in zip(inside, facing, strict=True))
     # the limit that decides is the one that is nearest less its guard band
     sides = [(side, guard_factor * half) for side, half in zip(inside, facing, strict=True)]

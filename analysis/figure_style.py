@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 Arguments = ParamSpec("Arguments")
 Drawn = TypeVar("Drawn")
 
-SENSORS = ("#0072B2", "#D55E00", "#882255", "#44AA99")
-PRESSURE = "#009E73"
-ELONGATION = "#CC79A7"
+SENSOR_COLOURS = ("#0072B2", "#D55E00", "#882255", "#44AA99")
+PRESSURE_COLOUR = "#009E73"
+ELONGATION_COLOUR = "#CC79A7"
 INK = "#1A1A1A"
 SOFT = "#5F6670"
 LINE = "#C9CED6"
-PAPER = "#FFFFFF"
+PAPER_COLOUR = "#FFFFFF"
 PANEL = "#F4F6F8"
 WARNING = "#8A4B00"
 BAND_ALPHA = 0.22
@@ -75,7 +75,7 @@ RC: Any = {  # matplotlib types the keys of rc_context one by one
 
 def sensor_colour(number: int) -> str:
     """Return the colour of a sensor, counted from 0."""
-    return SENSORS[number % len(SENSORS)]
+    return SENSOR_COLOURS[number % len(SENSOR_COLOURS)]
 
 
 def save_picture(figure: Figure, path: Path, **options: Any) -> None:

@@ -11,7 +11,7 @@ from scipy import stats
 
 from protocol.base.arrays import FloatArray
 
-MAD_TO_SD = 1.482602218505602  # 1 / Phi^-1(3/4): median absolute deviation of a normal variable to its sd
+_MAD_TO_SD = 1.482602218505602  # 1 / Phi^-1(3/4): median absolute deviation of a normal variable to its sd
 BATCHES = 16  # of draws; the sd over so many is known to 18 %
 PERCENTILES = (2.5, 97.5)
 """Of the resamples, which a 95 % interval rests on."""
@@ -58,7 +58,7 @@ def robust_sd(values: FloatArray) -> float:
     """Return the standard deviation from the median absolute deviation; NaN for no values."""
     if not values.size:
         return float("nan")
-    return float(MAD_TO_SD * np.median(np.abs(values - np.median(values))))
+    return float(_MAD_TO_SD * np.median(np.abs(values - np.median(values))))
 
 
 def white_noise_sd(values: FloatArray) -> float:

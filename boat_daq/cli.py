@@ -53,7 +53,7 @@ def start(
         demo.gui()
 
 
-COMMANDS = (  # in the order of --help; each is a function in the module named, or of its own name
+_COMMANDS = (  # in the order of --help; each is a function in the module named, or of its own name
     (
         "demo.gui",
         "demo",
@@ -70,12 +70,12 @@ COMMANDS = (  # in the order of --help; each is a function in the module named, 
     ("folders.batch", "folders.history", "analyze.strokes", "methods.tradeoff", "methods.atlas"),
     ("examples", "importing.export", "calibration", "calibration.convert", "fit", "qualify", "bugreport"),
 )
-for command in chain.from_iterable(COMMANDS):
+for command in chain.from_iterable(_COMMANDS):
     module, _, function = command.rpartition(".")
     name = "import" if function == "importing" else function
     imported = import_module(f"boat_daq.commands.{module or function}")
     app.command(name, cls=getattr(imported, "COMMAND_CLASS", None))(getattr(imported, function))
-GROUPS = (
+_GROUPS = (
     ("camera", camera.app),
     ("config", configuration.config),
     ("unit", configuration.unit),
@@ -84,7 +84,7 @@ GROUPS = (
     ("twin", twin.app),
     ("reproduce", reproduce.app),
 )
-for name, group in GROUPS:
+for name, group in _GROUPS:
     app.add_typer(group, name=name)
 
 

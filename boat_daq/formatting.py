@@ -13,7 +13,7 @@ from protocol.base.units import ShownUnits, as_text
 MINUS = "\u2212"
 NOTHING = "\u2013"
 THIN = "\u2009"  # between thousands and before units
-SI = ((1.0, "s"), (1e-3, "ms"), (1e-6, "\u00b5s"), (1e-9, "ns"))
+_SI = ((1.0, "s"), (1e-3, "ms"), (1e-6, "\u00b5s"), (1e-9, "ns"))
 TYPED = str.maketrans({MINUS: "-", "\u2013": "-", ",": ".", THIN: ""})
 SUBSCRIPT = str.maketrans("0123456789", "\u2080\u2081\u2082\u2083\u2084\u2085\u2086\u2087\u2088\u2089")
 SUPERSCRIPT = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
@@ -86,7 +86,7 @@ def duration_text(seconds: float, digits: int = 3) -> str:
     """Return a short time with its unit, e.g. `12.3 \u00b5s`."""
     if not math.isfinite(seconds):
         return NOTHING
-    scale, unit = next(((s, u) for s, u in SI if abs(seconds) >= s * 0.9995), SI[-1])
+    scale, unit = next(((s, u) for s, u in _SI if abs(seconds) >= s * 0.9995), _SI[-1])
     return f"{float(f'{seconds / scale:.{digits}g}'):g}{THIN}{unit}"
 
 

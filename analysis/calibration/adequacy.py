@@ -36,13 +36,13 @@ from analysis.calibration.joint_fit import (
 from analysis.calibration.monotone_spline import MonotoneSplineBasis
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError
+from protocol.base.uncertainty import COVERAGE_FACTOR
 
 DOUBTFUL, INADEQUATE = 0.01, 0.001  # chances of such a lack of fit for the right curve
 NOTICED_PERCENT = 0.25  # of full scale: a smaller remainder leaves a curve doubtful, however certain it is
 REFUSED_PERCENT = 5.0  # of full scale: the bound of the published hysteresis; above it no elongation is given
-COVERAGE_FACTOR = 2.0
-CURVE_POINTS = 101
-BISECTIONS = 60
+_CURVE_POINTS = 101
+_BISECTIONS = 60
 FINE_POINTS, SAME = 2001, 1e-6  # of the full scale: signals that differ by less are one
 
 
@@ -215,7 +215,7 @@ def judge_curve(chosen: JointFit) -> Adequacy:
     richest = max((c.fit for c in candidates if c.name != SPLINE), key=lambda fit: fit.basis.complexity)
     p_value = lack_of_fit_p(chosen, preferred.fit if richer else richest)
     low, high = chosen.ends
-    at = np.linspace(low, high, CURVE_POINTS)
+    at = np.linspace(low, high, _CURVE_POINTS)
     apart = chosen.predict(at) - preferred.fit.predict(at)
     remainder = float(np.sqrt(np.mean(apart**2))) if richer else chosen.misfit_sd
     full_scale = abs(float(preferred.fit.predict(high) - preferred.fit.predict(low)))
@@ -293,7 +293,7 @@ def expanded(
     branches = np.stack([away - half, farthest]) / safe
     low, high = np.full(away.shape, factor), branches[1] + factor  # in units of u
     found = np.sqrt(factor**2 + branches[1] ** 2)
-    for _ in range(BISECTIONS):  # Newton's, or half the bracket where that leaves it
+    for _ in range(_BISECTIONS):  # Newton's, or half the bracket where that leaves it
         ends = np.stack([found - branches, -found - branches])
         inside = special.ndtr(ends)
         excess = 0.5 * (inside[0] - inside[1]).sum(axis=0) - share

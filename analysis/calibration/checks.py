@@ -21,11 +21,11 @@ from analysis.warning import Warning, WarningCode
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError
 
-DEGREES = (1, 2, 3, 4)
+_DEGREES = (1, 2, 3, 4)
 MONOMIAL_ROUNDING = 1e-6  # of the span of y: more is seen in a figure
 OUTLIER_CHANCE = 0.02  # that a sound calibration has a point named as an outlier
 NEAR_TURN = 0.07  # of the range: a turning point this near to an end puts what lies twice as far beyond back inside
-EXACT = 1e-9  # of the largest y: what the rounding of an exact fit may leave
+_EXACT = 1e-9  # of the largest y: what the rounding of an exact fit may leave
 HIGHEST_LEVERAGE = 0.85  # beyond it a point's own error goes into the curve, not into its residual
 
 
@@ -104,7 +104,7 @@ def compare_degrees(x: FloatArray, y: FloatArray, group: FloatArray | None = Non
     For each degree that the points carry: degree, aicc, prediction_rms in the unit of y.
     """
     rows = []
-    for degree in DEGREES:
+    for degree in _DEGREES:
         try:
             calibration = fit_calibration(x, y, degree)
         except BoatDaqError:
@@ -219,7 +219,7 @@ def _suspect_points(
         studentised = np.sqrt(own / rest)
     worst = int(np.argmax(studentised))
     if calibration.n * 2.0 * float(stats.t.sf(studentised[worst], dof - 1)) < OUTLIER_CHANCE:
-        exact = np.sqrt(rest[worst]) <= EXACT * np.abs(calibration.y).max()
+        exact = np.sqrt(rest[worst]) <= _EXACT * np.abs(calibration.y).max()
         far = " on which all others lie" if exact else f", {studentised[worst]:.1f} of its standard deviations"
         name = point(worst) if point else f"the point at x = {x[worst]:.4g}, y = {y[worst]:.6g}"
         yield WarningCode.OUTLIER, f"{name} is {abs(fit.residuals[worst]):.3g}{y_unit} off the curve{far}"

@@ -18,12 +18,12 @@ import numpy as np
 
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError, RequestError
+from protocol.base.uncertainty import COVERAGE_FACTOR
 
 if TYPE_CHECKING:  # the window imports this module, and none of the fit's libraries
     from analysis.calibration.fit import Calibration
 
-COVERAGE = 2.0
-POINTS = 161
+_POINTS = 161
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class Coefficient:
     @property
     def e_n(self) -> float:
         """The difference over its expanded uncertainty; NaN without standard errors."""
-        expanded = COVERAGE * float(np.hypot(self.std_error, self.std_error_before))
+        expanded = COVERAGE_FACTOR * float(np.hypot(self.std_error, self.std_error_before))
         return (self.value - self.value_before) / expanded if expanded > 0 else float("nan")
 
 
@@ -93,7 +93,7 @@ def compare_fits(new: Mapping[str, Any], before: Mapping[str, Any]) -> Agreement
         raise DataError("the two calibrations share no range of elongation", "Compare runs of one plan.")
     if not all(fit["coefficients"] for fit in (new, before)):
         raise DataError("a spline has no coefficients to compare", "Compare two polynomials, of degree 1 to 6.")
-    grid = np.linspace(low, high, POINTS)
+    grid = np.linspace(low, high, _POINTS)
     y, sd = _curve(new, grid)
     y_before, sd_before = _curve(before, grid)
     slope = np.polynomial.polynomial.polyval(
@@ -101,7 +101,7 @@ def compare_fits(new: Mapping[str, Any], before: Mapping[str, Any]) -> Agreement
     )
     difference = y - y_before
     with np.errstate(divide="ignore", invalid="ignore"):
-        e_n = difference / (COVERAGE * np.hypot(sd, sd_before))
+        e_n = difference / (COVERAGE_FACTOR * np.hypot(sd, sd_before))
         mm = np.where(slope != 0, difference / slope, np.nan)
     e_n = np.where(np.isfinite(e_n), e_n, np.where(difference == 0, 0.0, np.nan))
     return Agreement(grid, y_before, difference, mm, e_n, _coefficients(new, before))

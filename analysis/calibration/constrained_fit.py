@@ -24,7 +24,7 @@ from protocol.base.errors import DataError
 
 SLOPES = 401
 """Number of x over the range at which the slope is constrained."""
-LEAST_SLOPE = 1e-4
+_LEAST_SLOPE = 1e-4
 """Of the mean slope: enough that the curve does not turn between two of these x."""
 
 
@@ -75,7 +75,7 @@ def _one_sided(calibration: Calibration, sign: float) -> Calibration | None:
     grid = np.linspace(*calibration.x_range, SLOPES)
     rows = sign * fit.basis.slope_design(grid) @ free @ linalg.solve_triangular(r, np.eye(r.shape[0]))
     low, high = calibration.x_range
-    least = LEAST_SLOPE * float(np.ptp(calibration.y)) / (high - low)
+    least = _LEAST_SLOPE * float(np.ptp(calibration.y)) / (high - low)
     needed = least - sign * fit.basis.slope_design(grid) @ free @ best
     # least distance: the smallest z with rows z >= needed; the curve is best + R^-1 z
     dual = np.vstack([rows.T, needed[None, :]])

@@ -23,17 +23,18 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import legendre, polynomial
 
-from analysis.calibration.adequacy import COVERAGE_FACTOR, expanded
+from analysis.calibration.adequacy import expanded
 from analysis.calibration.fit import Calibration
 from analysis.calibration.type_b import TypeBContribution, reference_terms
 from analysis.compiled import compiled
 from protocol.base.arrays import BoolArray, FloatArray
 from protocol.base.errors import DataError, RequestError
+from protocol.base.uncertainty import COVERAGE_FACTOR
 
 NODES = 257
 U_NODES = 129
 DISAGREEMENT_SIGMA = 4.0
-LEVEL = 1e-100  # mV/mm; a curve may be level at its very end
+_LEVEL = 1e-100  # mV/mm; a curve may be level at its very end
 BEYOND_SIGMA = 2.0  # standard uncertainties beyond an end of the range, as it was read, that a value is given for
 
 
@@ -242,7 +243,7 @@ def _uncertainty(
     x : mm.
     noise_sd, model_sd : as `Inverse.of` takes them. half_loop : at x, mV.
     """
-    per_mv = 1.0 / np.maximum(np.abs(calibration.slope(x)), LEVEL)
+    per_mv = 1.0 / np.maximum(np.abs(calibration.slope(x)), _LEVEL)
     by_fit, by_reading = calibration.curve_parts(x)
     noise, shared = noise_sd * per_mv, np.sqrt(model_sd**2 + by_fit**2 + by_reading**2) * per_mv
     away = calibration.deviation_in_x(x)

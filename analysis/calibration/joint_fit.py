@@ -30,11 +30,11 @@ from protocol.base.arrays import BoolArray, FloatArray
 from protocol.base.errors import DataError
 
 ITERATIONS = 8
-LEAST_SLOPE = 0.07  # of the steepest: an error of x acts by no less, or a turn of the curve has no error
-LOOP_TERMS, MORE_LOOP_TERMS = 2, 5
+_LEAST_SLOPE = 0.07  # of the steepest: an error of x acts by no less, or a turn of the curve has no error
+_LOOP_TERMS, MORE_LOOP_TERMS = 2, 5
 OTHER_SHAPE = 0.001  # chance of such a gain by more terms for a loop of the model's shape
 SUSPECTED = 0.2  # chance of such means for the right curve: no evidence yet, but a misfit may hide in it
-EXACT = 1e-10  # of the largest |y|: less is the rounding of the arithmetic
+_EXACT = 1e-10  # of the largest |y|: less is the rounding of the arithmetic
 WIDTH_POINTS = 101
 WIDTH_DRAWS = 512
 
@@ -94,7 +94,7 @@ class PositionMeans:
 
     def loop_terms(self) -> int:
         """Return how many terms of the loop are fitted: each takes an inner position on either branch."""
-        return min(self.inner_pairs, LOOP_TERMS)
+        return min(self.inner_pairs, _LOOP_TERMS)
 
 
 def position_means(
@@ -347,7 +347,7 @@ def joint_fit(means: PositionMeans, basis: CurveBasis, loop_terms: int | None = 
     centre, half = (low + high) / 2, (high - low) / 2
     constrained = basis.constrained(terms)
     x, y = means.x, means.y
-    floor = (EXACT * float(np.abs(y).max(initial=1e-300))) ** 2
+    floor = (_EXACT * float(np.abs(y).max(initial=1e-300))) ** 2
     adjusted, misfit = x.copy(), 0.0
     slope = np.full(size, float(np.polyfit(x, y, 1)[0]))
     for step in range(ITERATIONS):
@@ -367,12 +367,12 @@ def joint_fit(means: PositionMeans, basis: CurveBasis, loop_terms: int | None = 
         residuals = target - design @ solution
         squares, spread = left**2 / variance[:, None], float((left**2 / variance[:, None]).sum())
         excess = float((residuals**2 / variance).sum() - (squares @ known).sum())
-        misfit = max(excess / spread, 0.0) if spread > EXACT and size > int(free.sum()) else 0.0
+        misfit = max(excess / spread, 0.0) if spread > _EXACT and size > int(free.sum()) else 0.0
         rows = np.column_stack([basis.slope_design(z), _loop_slope_design(z, means.branch, terms)])
         if step < ITERATIONS - 1:
             adjusted = x + means.x_variance * slope / variance * residuals
             slope = rows @ solution / half
-            least = LEAST_SLOPE * np.abs(slope).max()
+            least = _LEAST_SLOPE * np.abs(slope).max()
             slope = np.where(np.abs(slope) < least, np.copysign(least, slope), slope)
     if np.linalg.matrix_rank(design[:, free] * root[:, None]) < int(free.sum()):
         raise DataError(

@@ -17,7 +17,7 @@ from analysis.calibration.fit import Calibration, fit_calibration
 from protocol.base.arrays import BoolArray, FloatArray
 from protocol.base.errors import BoatDaqError
 
-CHANCE = 0.02  # that a sound set of points loses one
+_CHANCE = 0.02  # that a sound set of points loses one
 MOST_LEFT_OUT = 4  # one point in so many
 
 
@@ -53,7 +53,7 @@ def leave_out(calibration: Calibration, refit: Callable[[Calibration], Calibrati
             break
         worst = int(np.nanargmax(studentised))
         chance = rows.size * 2.0 * float(stats.t.sf(studentised[worst], found.dof - 1))
-        if not chance < CHANCE:
+        if not chance < _CHANCE:
             break
         row = int(rows[worst])
         after = kept.copy()

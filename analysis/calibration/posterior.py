@@ -37,13 +37,13 @@ from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError
 
 WALKERS, ENOUGH_SAMPLES = fidelity().walkers, fidelity().posterior_samples
-CHUNK = 200
+_CHUNK = 200
 MAX_STEPS = 10_000
 REQUIRED_TAUS = 50.0
 PROPOSAL_DOF = 5.0
 SIGMA_FLOOR = 1e-6  # of the residual sd: where the noise could be zero its logarithm has no lower end
 MONOTONE_POINTS = 41
-BAND_POINTS = 31  # where the error of a band is looked for
+_BAND_POINTS = 31  # where the error of a band is looked for
 KEPT_SAMPLES = 8000
 WIDEST_NOISE = 3.0  # sd of the logarithm of the noise at the start: its prior ends at 10
 MISREAD, MISREAD_GRIDS = 1e-5, 2.0  # chance that a position is off its cell altogether, and by how many marks (sd)
@@ -105,7 +105,7 @@ class Posterior:
 
     def band_error(self) -> float:
         """Return the Monte-Carlo error (k = 2) of the worst limit of the curve's 95 % band, in the unit of y."""
-        return limit_error(self.curves(np.linspace(*self.calibration.x_range, BAND_POINTS)))
+        return limit_error(self.curves(np.linspace(*self.calibration.x_range, _BAND_POINTS)))
 
     def as_json(self) -> dict[str, Any]:
         """Return the posterior as `analyze --json` reports it."""
@@ -191,7 +191,7 @@ def sample_posterior(
     state = emcee.State(start, random_state=np.random.RandomState(seed % 2**32).get_state())
     steps, burn, tau = 0, 0, float("inf")
     while steps < max_steps:
-        count = min(CHUNK, max_steps - steps)
+        count = min(_CHUNK, max_steps - steps)
         state = sampler.run_mcmc(state, count, skip_initial_state_check=True)
         steps += count
         burn = steps // 5

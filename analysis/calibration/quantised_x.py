@@ -31,7 +31,7 @@ from protocol.base.errors import DataError
 SHARPEST_READER = 0.005  # of the grid: the resolution of a reader at the middle between two marks
 FINE, TAIL = 400, 2e-3  # points that L_p is computed on, and what is cut off at either end of it
 MOST_CELLS, FEWEST_CELLS, ALL_CELLS = 12, 4, 800
-SIGNIFICANT = 2.0  # standard errors: less movement of the actuator counts as none
+_SIGNIFICANT = 2.0  # standard errors: less movement of the actuator counts as none
 REFUTED = 0.01  # chance of such signals at which readings of one value are not believed to err independently
 CLOSE = 0.1  # of even spacing, and the chance of a smaller gap
 
@@ -202,7 +202,7 @@ def _movement(
     steep = np.abs(slope) > 0.05 * np.abs(slope).max(initial=0.0)
     dz = np.where(steep, dy / np.where(steep, slope, 1.0), 0.0)
     together, of_signal, of_reading = float(dz @ dx), float(dz @ dz), float(dx @ dx)
-    if together < SIGNIFICANT * np.sqrt(of_signal * of_reading / dof) or together <= 0.0:
+    if together < _SIGNIFICANT * np.sqrt(of_signal * of_reading / dof) or together <= 0.0:
         return np.zeros(dx.size), variance
     share = together / of_signal
     unsure = np.sqrt(max(of_reading - share * together, 0.0) / (of_signal * dof))

@@ -19,7 +19,7 @@ from analysis.numbers import percent
 from analysis.warning import Warning, WarningCode
 from protocol.base.arrays import FloatArray
 
-LEVEL = 0.05
+_LEVEL = 0.05
 """Two-sided level of the test of a stated uncertainty, as ISO/TS 28038 has it on each side."""
 WEAK_R2 = 0.9
 """Of the variance of y: a curve that explains less is no calibration."""
@@ -60,7 +60,7 @@ def chi_squared(calibration: Calibration, u: FloatArray) -> ChiSquared | None:
     if dof < 1:
         return None
     statistic = float(((calibration.residuals / u) ** 2).sum())
-    low, high = (float(stats.chi2.ppf(share, dof)) for share in (LEVEL / 2, 1 - LEVEL / 2))
+    low, high = (float(stats.chi2.ppf(share, dof)) for share in (_LEVEL / 2, 1 - _LEVEL / 2))
     verdict = StatedUncertainty.CONSISTENT
     if statistic > high:
         verdict = StatedUncertainty.TOO_SMALL
@@ -103,7 +103,7 @@ def _texts(calibration: Calibration, stated: ChiSquared | None) -> Iterator[tupl
             cause = "it is too large, or holds a part that all points share"
         yield WarningCode.STATED_UNCERTAINTY, f"{found}: {cause}"
     explained = explanation(calibration)
-    if explained is not None and explained.p > LEVEL:
+    if explained is not None and explained.p > _LEVEL:
         unrelated = f"no relation is evident: R² {calibration.r2:.2f}, p {explained.p:.2g} against a constant"
         yield WarningCode.NOTHING_EXPLAINED, unrelated
     elif explained is not None and calibration.r2 < WEAK_R2:

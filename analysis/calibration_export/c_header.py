@@ -19,7 +19,7 @@ from analysis.calibration.inverse import BEYOND_SIGMA, DISAGREEMENT_SIGMA, NODES
 from analysis.calibration_export.calibration_file import CalibrationFile
 from analysis.calibration_export.signal_table import signal_table
 
-START_NODES, STEPS = 33, 60
+START_NODES, _STEPS = 33, 60
 PER_ROW = 6
 
 
@@ -54,7 +54,7 @@ def c_header(calibration: CalibrationFile, table_error_mm: float | None = None) 
         per_row=PER_ROW,
         nodes=START_NODES,
         bisections=(START_NODES - 1).bit_length() - 1,
-        steps=STEPS,
+        steps=_STEPS,
         u_nodes=U_NODES,
         rounding=1e-6 if single else 1e-13,
         beyond=BEYOND_SIGMA,

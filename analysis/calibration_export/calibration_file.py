@@ -29,9 +29,9 @@ from analysis.warning import Warning
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError, DataError, FileError
 from protocol.base.regular_file import read_regular
+from protocol.base.uncertainty import COVERAGE_FACTOR
 
-FORMAT, VERSION = "boat-daq calibration", 1
-COVERAGE_FACTOR = 2.0
+_FORMAT, VERSION = "boat-daq calibration", 1
 MOST_BYTES = 4_000_000
 MOST_SENSORS, MOST_PIECES, MOST_POWERS = 16, 64, 11
 _HEAD = (
@@ -139,7 +139,7 @@ class CalibrationFile:
             sensors.append({**sensor, "inverse": inverse})
         constant, relative = fusion.inverses[0].reference if fusion is not None else (0.0, 0.0)
         return {
-            "format": FORMAT,
+            "format": _FORMAT,
             "version": VERSION,
             **self.head,
             "units": {"signal": "mV", "elongation": "mm", "noise_mm, shared_mm": "mm, standard uncertainty (k = 1)"},
@@ -187,7 +187,7 @@ def read_calibration(path: str | Path) -> CalibrationFile:
         raise FileError(f"{path.name} cannot be read: {error.strerror}", "Check the file.") from error
     except (ValueError, RecursionError):
         content = None
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
+    if not isinstance(content, dict) or content.get("format") != _FORMAT:
         raise FileError(
             f"{path.name} is not a calibration of boat-daq", "Give the JSON file of an exported calibration."
         )

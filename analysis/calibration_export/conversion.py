@@ -13,13 +13,14 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from analysis.calibration_export.calibration_file import COVERAGE_FACTOR, CalibrationFile
+from analysis.calibration_export.calibration_file import CalibrationFile
 from analysis.data.export import ConvertedElongation
 from analysis.data.recording import Recording
 from analysis.figures.pipeline import analyse
 from analysis.figures.sensor_analysis import Options
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError, RequestError
+from protocol.base.uncertainty import COVERAGE_FACTOR
 from protocol.recording import NOT_FOR_FIGURES, SampleFlag
 
 

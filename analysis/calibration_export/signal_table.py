@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from analysis.calibration.inverse import Inverse
-from analysis.calibration_export.calibration_file import COVERAGE_FACTOR, CalibrationFile
+from analysis.calibration_export.calibration_file import CalibrationFile
 from analysis.numbers import rounded_up
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import RequestError
+from protocol.base.uncertainty import COVERAGE_FACTOR
 
-FEWEST, MOST = 5, 4097
-BETWEEN = 8  # signals between two nodes at which the error is computed
+_FEWEST, _MOST = 5, 4097
+_BETWEEN = 8  # signals between two nodes at which the error is computed
 SHARE = 0.9  # of the bound: the rest is for signals between those
 USUAL_ERROR_MM = 0.001
 
@@ -36,8 +37,8 @@ def signal_table(inverse: Inverse, error_mm: float, *, single: bool = False) -> 
             f"an error of {error_mm:g} mm is no bound for a table", "Give a length above 0, such as 0.001."
         )
     low, high = sorted(map(float, inverse.nodes[[0, -1]]))
-    count, least = FEWEST, math.inf
-    while count <= MOST:
+    count, least = _FEWEST, math.inf
+    while count <= _MOST:
         signal = np.linspace(low, high, count)
         x = inverse(signal, clamp=True)
         least = min(least, _error(inverse, signal, x, single=single))
@@ -45,12 +46,12 @@ def signal_table(inverse: Inverse, error_mm: float, *, single: bool = False) -> 
             return signal, x
         count = 2 * count - 1
     remedy = f"Allow {rounded_up(least / SHARE):g} mm or more, or take the form without a table."
-    raise RequestError(f"no table of {FEWEST} to {MOST} nodes keeps to {error_mm:g} mm", remedy)
+    raise RequestError(f"no table of {_FEWEST} to {_MOST} nodes keeps to {error_mm:g} mm", remedy)
 
 
 def _error(inverse: Inverse, signal: FloatArray, x: FloatArray, *, single: bool) -> float:
     """Return the greatest error of the elongation between the nodes."""
-    at = np.linspace(signal[0], signal[-1], (signal.size - 1) * BETWEEN + 1)
+    at = np.linspace(signal[0], signal[-1], (signal.size - 1) * _BETWEEN + 1)
     kind: Any = np.float32 if single else np.float64
     per_mv = kind((signal.size - 1) / (signal[-1] - signal[0]))
     position = (at.astype(kind) - kind(signal[0])) * per_mv

@@ -33,11 +33,12 @@ from analysis.conformity import RULE
 from analysis.figures.acceptance import LimitStatement, judge
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
-from analysis.figures.uncertainty import COVERAGE_FACTOR, BudgetOfSensor
+from analysis.figures.uncertainty import BudgetOfSensor
 from analysis.figures.unit_history import refuse_mixture
 from analysis.numbers import finite
 from analysis.version import program_version
 from protocol.base.errors import BoatDaqError, DataError, RequestError
+from protocol.base.uncertainty import COVERAGE_FACTOR
 from protocol.recording import Metadata
 
 SIMULATED = "SIMULATED"
@@ -57,7 +58,7 @@ METHOD = (
     "function is fitted to the means of the positions, loading and unloading jointly (analysis/METHODS.md of boat-daq)."
 )
 ADJUSTMENT = "No adjustment or repair was made: the results apply to the item as found and as left."
-FIGURES = ("sensitivity_mv_per_mm", "fso_mv", "sensor_hysteresis_percent_fso", "repeatability_percent_fso", "snr_db")
+_FIGURES = ("sensitivity_mv_per_mm", "fso_mv", "sensor_hysteresis_percent_fso", "repeatability_percent_fso", "snr_db")
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +108,7 @@ class CalibratedSensor:
 
     Attributes
     ----------
-    figures : value by name, of `FIGURES`.
+    figures : value by name, of `_FIGURES`.
     statements : conformity with the limits of the customer.
     as_found : the curve that was in force before against this one; None where there was none to compare.
     """
@@ -374,7 +375,7 @@ def _sensor(analysis: Analysis, index: int, before: Mapping[str, Any], limits: M
             found = compare_fits(calibration.as_json(), before)
         except (BoatDaqError, KeyError):
             found = None  # another range or a spline: nothing to compare
-    values = {key: sensor.figures[key].value for key in FIGURES if key in sensor.figures}
+    values = {key: sensor.figures[key].value for key in _FIGURES if key in sensor.figures}
     return CalibratedSensor(
         sensor.name, "", calibration, _levels(analysis, index), values, tuple(judge([sensor], limits)), found
     )

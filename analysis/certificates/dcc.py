@@ -37,15 +37,15 @@ from analysis.certificates.certificate import (
 from analysis.certificates.laboratory import Laboratory
 from analysis.conformity import RULE, Conformity
 from analysis.figures.figure import SENSOR_FIGURES
-from analysis.figures.uncertainty import COVERAGE_FACTOR
 from analysis.version import program_version
 from protocol.base.arrays import FloatArray
+from protocol.base.uncertainty import COVERAGE_FACTOR
 
-SCHEMA_VERSION = "3.2.1"
-DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
+_SCHEMA_VERSION = "3.2.1"
+DCC, _SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
 MIME_TYPE = "application/xml"
-CURVE_POINTS = 41  # of a spline, which has no coefficients
-MM, MV, KPA, ONE = r"\milli\metre", r"\milli\volt", r"\kilo\pascal", r"\one"
+_CURVE_POINTS = 41  # of a spline, which has no coefficients
+MM, MV, KPA, _ONE = r"\milli\metre", r"\milli\volt", r"\kilo\pascal", r"\one"
 _UNITS = {"mV/mm": rf"{MV}\per{MM}", "mV": MV, "% FSO": r"\percent", "dB": r"\decibel"}
 _CONFORMITY = {
     Conformity.PASS: "pass",
@@ -55,14 +55,14 @@ _CONFORMITY = {
 }
 _FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
-for _prefix, _uri in (("dcc", DCC), ("si", SI), ("xsi", XSI)):
+for _prefix, _uri in (("dcc", DCC), ("si", _SI), ("xsi", XSI)):
     ET.register_namespace(_prefix, _uri)
 
 
 def dcc_xml(certificate: Certificate) -> str:
     """Return the certificate as XML."""
-    root = ET.Element(f"{{{DCC}}}digitalCalibrationCertificate", {"schemaVersion": SCHEMA_VERSION})
-    root.set(f"{{{XSI}}}schemaLocation", f"{DCC} {DCC}/v{SCHEMA_VERSION}/dcc.xsd")
+    root = ET.Element(f"{{{DCC}}}digitalCalibrationCertificate", {"schemaVersion": _SCHEMA_VERSION})
+    root.set(f"{{{XSI}}}schemaLocation", f"{DCC} {DCC}/v{_SCHEMA_VERSION}/dcc.xsd")
     _administrative(_add(root, "administrativeData"), certificate)
     results = _add(root, "measurementResults")
     for number, item in enumerate(certificate.items, 1):
@@ -282,7 +282,7 @@ def _function(data: ET.Element, calibration: Calibration) -> None:
     _list(data, "Range", [low, high], MM)
     if calibration.spline is not None:
         _name(data, "A monotone cubic spline; points of it.", "text")
-        x = np.linspace(low, high, CURVE_POINTS)
+        x = np.linspace(low, high, _CURVE_POINTS)
         _list(data, "Elongation", x, MM)
         _list(data, "Signal", calibration.predict(x), MV)
         return
@@ -320,9 +320,9 @@ def _conformity(result: ET.Element, sensor: CalibratedSensor, name: str) -> None
 def _real(parent: ET.Element, name: str, value: float, unit: str) -> ET.Element:
     quantity = _add(parent, "quantity")
     _name(quantity, name)
-    real = _add(quantity, "real", space=SI)
-    _add(real, "value", _text(value), space=SI)
-    _add(real, "unit", unit, space=SI)
+    real = _add(quantity, "real", space=_SI)
+    _add(real, "value", _text(value), space=_SI)
+    _add(real, "unit", unit, space=_SI)
     return quantity
 
 
@@ -345,14 +345,14 @@ def _list(
     """
     quantity = _add(parent, "quantity", **({"refType": ref_type} if ref_type else {}))
     _name(quantity, name)
-    numbers = _add(quantity, "realListXMLList", space=SI)
-    _add(numbers, "valueXMLList", _texts(values), space=SI)
-    _add(numbers, "unitXMLList", units if isinstance(units, str) else " ".join(units), space=SI)
+    numbers = _add(quantity, "realListXMLList", space=_SI)
+    _add(numbers, "valueXMLList", _texts(values), space=_SI)
+    _add(numbers, "unitXMLList", units if isinstance(units, str) else " ".join(units), space=_SI)
     if expanded is not None:
-        stated = _add(numbers, "expandedUncXMLList", space=SI)
-        _add(stated, "uncertaintyXMLList", _texts(expanded[0]), space=SI)
-        _add(stated, "coverageFactorXMLList", _texts([COVERAGE_FACTOR]), space=SI)
-        _add(stated, "coverageProbabilityXMLList", _texts(expanded[1]), space=SI)
+        stated = _add(numbers, "expandedUncXMLList", space=_SI)
+        _add(stated, "uncertaintyXMLList", _texts(expanded[0]), space=_SI)
+        _add(stated, "coverageFactorXMLList", _texts([COVERAGE_FACTOR]), space=_SI)
+        _add(stated, "coverageProbabilityXMLList", _texts(expanded[1]), space=_SI)
 
 
 def _texts(values: Sequence[float] | FloatArray) -> str:

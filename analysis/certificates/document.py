@@ -32,7 +32,6 @@ from analysis.certificates.certificate import (
 from analysis.certificates.dcc import MIME_TYPE, dcc_xml
 from analysis.conformity import RULE
 from analysis.figures.figure import SENSOR_FIGURES
-from analysis.figures.uncertainty import COVERAGE_FACTOR
 from analysis.numbers import NOTHING, percent, rounded, with_uncertainty
 from analysis.reports.document import (
     Attachment,
@@ -45,9 +44,10 @@ from analysis.reports.document import (
 )
 from analysis.reports.pdf import render_pages, write_pdf
 from protocol.base.errors import RequestError, writing
+from protocol.base.uncertainty import COVERAGE_FACTOR
 from protocol.base.whole_file import write_whole
 
-CURVE_POINTS = 101
+_CURVE_POINTS = 101
 PREVIEW_PPI = 96.0
 
 
@@ -190,11 +190,11 @@ def _function(calibration: Calibration) -> tuple[SectionPart, ...]:
 
 
 def _curve(sensor: CalibratedSensor, ax: Axes) -> None:
-    calibration, colour = sensor.calibration, style.SENSORS[0]
+    calibration, colour = sensor.calibration, style.SENSOR_COLOURS[0]
     assert calibration is not None
-    grid = np.linspace(*calibration.x_range, CURVE_POINTS)
+    grid = np.linspace(*calibration.x_range, _CURVE_POINTS)
     ax.plot(grid, calibration.predict(grid), color=colour, label="calibration function")
-    for name, fill in (("loading", colour), ("unloading", style.PAPER), ("end", style.SOFT)):
+    for name, fill in (("loading", colour), ("unloading", style.PAPER_COLOUR), ("end", style.SOFT)):
         own = [level for level in sensor.levels if level.branch == name]
         x, y, u = ([getattr(one, key) for one in own] for key in ("elongation_mm", "signal_mv", "expanded_mm"))
         ax.errorbar(x, y, xerr=u, fmt="o", color=colour, mfc=fill, mew=0.7, ms=3.2, elinewidth=0.6, label=name)

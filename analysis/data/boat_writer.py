@@ -30,9 +30,9 @@ from protocol.recording import schema
 from protocol.recording.checks import check_session
 
 CHUNK_BYTES = 1 << 20
-CHUNK = "id, host_ns, direction, raw, crc32"
-BLOCK = "segment, last_chunk, n, first_time_us, last_time_us, samples, crc32"
-OVERVIEW = (
+_CHUNK = "id, host_ns, direction, raw, crc32"
+_BLOCK = "segment, last_chunk, n, first_time_us, last_time_us, samples, crc32"
+_OVERVIEW = (
     "segment, first_block, last_block, n, first_time_us, last_time_us, pressure_min_kpa, pressure_max_kpa, "
     "signal_min_mv, signal_max_mv, flags"
 )
@@ -148,7 +148,7 @@ def _keep_original(db: sqlite3.Connection, original: Path) -> int:
     with original.open("rb") as file:
         while raw := file.read(CHUNK_BYTES):
             number += 1
-            _insert(db, "chunk", CHUNK, (number, 0, 0, raw, zlib.crc32(raw)))
+            _insert(db, "chunk", _CHUNK, (number, 0, 0, raw, zlib.crc32(raw)))
     return number
 
 
@@ -160,9 +160,9 @@ def _write_blocks(
         part = samples[first : first + BLOCK_ROWS]
         times = (int(part["time_us"][0]), int(part["time_us"][-1]))
         raw = part.tobytes()
-        block = _insert(db, "block", BLOCK, (segment, last_chunk, part.size, *times, raw, zlib.crc32(raw)))
+        block = _insert(db, "block", _BLOCK, (segment, last_chunk, part.size, *times, raw, zlib.crc32(raw)))
         extremes = schema.overview_extremes(part, scale_mv)
-        _insert(db, "overview", OVERVIEW, (segment, block, block, part.size, *times, *extremes))
+        _insert(db, "overview", _OVERVIEW, (segment, block, block, part.size, *times, *extremes))
 
 
 def _insert(db: sqlite3.Connection, table: str, columns: str, values: tuple[Any, ...]) -> int | None:

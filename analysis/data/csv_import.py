@@ -29,14 +29,14 @@ from protocol.base.units import KPA_PER_UNIT, find_unit
 from protocol.base.whole_file import write_whole
 from protocol.recording import CHANNELS_MAX, RESERVED, ExtraChannel, SampleFlag, channels_of
 
-UNITS: dict[str, dict[str, float]] = {
+_UNITS: dict[str, dict[str, float]] = {
     "time_s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0},
     "pressure_kpa": KPA_PER_UNIT,
     "target_kpa": KPA_PER_UNIT,
     "signal": {"mv": 1.0, "v": 1e3, "uv": 1e-3, "µv": 1e-3, "μv": 1e-3},
     "elongation_mm": {"mm": 1.0, "m": 1e3, "cm": 10.0, "um": 1e-3, "µm": 1e-3},
 }  # fmt: skip
-ALL_UNITS = frozenset().union(*UNITS.values())
+ALL_UNITS = frozenset().union(*_UNITS.values())
 WORDS = {
     "time_s": ("time", "t", "tijd", "zeit", "temps", "tempo", "timestamp", "elapsed", "seconds", "millis", "micros"),
     "pressure_kpa": ("pressure", "p", "druk", "druck", "pression", "pressione", "press", "gauge"),
@@ -44,8 +44,8 @@ WORDS = {
 }
 SENSOR = re.compile(r"^(?:s|sensor|signal|ch|channel|sig|y)[\s_]*([1-9])(?:[\s_]*(?:mv|v|uv|signal|voltage))?$")
 SIGNAL_WORDS = ("signal", "voltage", "sensor", "mv", "v", "output", "light")
-COUNTS = re.compile(r"^s([1-9])_(lit|dark)$")
-PLAIN = ("index", "state", "flags", "segment")
+_COUNTS = re.compile(r"^s([1-9])_(lit|dark)$")
+_PLAIN = ("index", "state", "flags", "segment")
 MAX_PROFILE_BYTES = 1_000_000
 MOST_LISTED = 20
 USUAL_UNITS = {"time_s": "ms", "pressure_kpa": "bar", "s1_mv": "V"}
@@ -187,7 +187,7 @@ def load_profile(path: str | Path) -> dict[str, str]:
 
 def is_signal(name: str) -> bool:
     """Return whether a column of our name holds a sensor's signal or counts."""
-    return name.endswith("_mv") or COUNTS.match(name) is not None
+    return name.endswith("_mv") or _COUNTS.match(name) is not None
 
 
 def _our_name(name: str) -> str:
@@ -196,7 +196,7 @@ def _our_name(name: str) -> str:
     if sensor:
         return f"s{sensor[1]}_mv"
     short = {"time": "time_s", "pressure": "pressure_kpa", "target": "target_kpa", "signal": "s1_mv"}.get(name, name)
-    if short in UNITS or short in PLAIN or COUNTS.match(short) or short == "s1_mv":
+    if short in _UNITS or short in _PLAIN or _COUNTS.match(short) or short == "s1_mv":
         return short
     raise RequestError(
         f"{name!r} is not a name that a column can be mapped to",
@@ -210,7 +210,7 @@ def _kind(name: str) -> str:
 
 def units_of(name: str) -> tuple[str, ...]:
     """Return the units that a column mapped to `name` may have, one spelling of each."""
-    return tuple({factor: unit for unit, factor in reversed(UNITS[_kind(name)].items())}.values())[::-1]
+    return tuple({factor: unit for unit, factor in reversed(_UNITS[_kind(name)].items())}.values())[::-1]
 
 
 def _mapped(table: Table, name: str, text: str) -> Column:
@@ -222,7 +222,7 @@ def _mapped(table: Table, name: str, text: str) -> Column:
             raise
         position, unit = table.position(text), ""  # a colon that belongs to the column's name
     unit = unit or table.units[position] or _unit_of_name(table.names[position])
-    known = UNITS.get(_kind(name), {})
+    known = _UNITS.get(_kind(name), {})
     if not unit or not known:
         return Column(position, "", 1.0)
     if unit.lower() not in known:
@@ -236,7 +236,7 @@ def recognised(title: str) -> str | None:
     """Return our name of a column by its title; None where it is not recognised."""
     plain = " ".join(re.sub(r"[_,;]", " ", title.lower()).split())
     exact = plain.replace(" ", "_")
-    if exact in PLAIN or (exact in UNITS and exact != "signal") or COUNTS.match(exact):
+    if exact in _PLAIN or (exact in _UNITS and exact != "signal") or _COUNTS.match(exact):
         return exact
     words = plain.split()
     if len(words) > 1 and words[-1] in ALL_UNITS:
@@ -257,7 +257,7 @@ def _unit_of_name(title: str) -> str:
 
 
 def _with_unit(table: Table, name: str, position: int, unit: str, warnings: list[Warning]) -> Column:
-    known = UNITS.get(_kind(name))
+    known = _UNITS.get(_kind(name))
     if known is None:
         return Column(position, "", 1.0)
     if unit.lower() in known:
@@ -521,7 +521,7 @@ def _counts_scale(meta: Mapping[str, Any]) -> float | None:
 
 def _whole_numbers(values: Mapping[str, FloatArray], meta: dict[str, Any]) -> dict[str, IntArray]:
     """Index, state, flags and segment; a row whose cell is no such number is flagged and follows the one before."""
-    columns = {name: values[name] for name in PLAIN if name in values}
+    columns = {name: values[name] for name in _PLAIN if name in values}
     good = {name: np.abs(column) <= WHOLE_MAX for name, column in columns.items()}  # False for NaN
     gone = [name for name, rows in good.items() if not rows.any() or (name == "index" and not rows.all())]
     invalid = np.zeros(values["time_s"].size, dtype=bool)

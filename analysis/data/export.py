@@ -33,7 +33,7 @@ SUFFIXES: Mapping[str, Format] = {".csv": "csv", ".parquet": "parquet", ".h5": "
 
 BAGS: Mapping[str, str] = {"rosbag": "mcap", "rosbag-sqlite3": "sqlite3"}  # storage of each
 
-ROWS_AT_ONCE = 100_000
+_ROWS_AT_ONCE = 100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,11 +143,11 @@ def _write_csv(
                 file.write(_comment(f"{key}: {json.dumps(recording.meta[key], ensure_ascii=False)}"))
         for channel in recording.channels:
             file.write(_comment(f"channel {channel.column}: {channel.quantity}"))
-        for first in range(0, recording.n, ROWS_AT_ONCE):
-            part = samples_frame(recording, slice(first, first + ROWS_AT_ONCE), converted)
+        for first in range(0, recording.n, _ROWS_AT_ONCE):
+            part = samples_frame(recording, slice(first, first + _ROWS_AT_ONCE), converted)
             part.to_csv(file, index=False, header=first == 0, lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
             if progress is not None:
-                progress(min(first + ROWS_AT_ONCE, recording.n), recording.n)
+                progress(min(first + _ROWS_AT_ONCE, recording.n), recording.n)
 
 
 def _comment(text: str) -> str:

@@ -26,7 +26,7 @@ from analysis.progress import Progress
 from protocol.base.errors import FileError
 
 NOT_TOPICS = ("index", "time_s", "pressure_kpa", "segment", "lit", "dark")
-FRAME = b"boat\0"
+_FRAME = b"boat\0"
 _LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 _FLOAT64 = np.dtype([("head", "V4"), ("data", "<f8")])
 _PRESSURE = np.dtype(  # stamp, frame_id (length, text, padding to 8), pressure, variance
@@ -108,7 +108,7 @@ def _pressures(pascals: npt.NDArray[np.float64], stamps_ns: npt.NDArray[np.int64
     found = np.zeros(len(pascals), _PRESSURE)
     found["head"] = np.void(_LITTLE_ENDIAN)
     found["sec"], found["nanosec"] = stamps_ns // 1_000_000_000, stamps_ns % 1_000_000_000
-    found["length"], found["frame"] = len(FRAME), np.void(FRAME)
+    found["length"], found["frame"] = len(_FRAME), np.void(_FRAME)
     found["fluid_pressure"] = pascals
     return found
 

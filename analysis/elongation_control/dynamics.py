@@ -26,10 +26,10 @@ from scipy.stats import t as student
 from analysis.elongation_control.dynamic_figures import BodePoint, DynamicFigure, StepFigures
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError
+from protocol.base.uncertainty import COVERAGE_FACTOR
 
 STEP_S = 0.01  # of the integration of a response
-LEAST_R2 = 0.9
-COVERAGE_FACTOR = 2.0
+_LEAST_R2 = 0.9
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,9 +103,9 @@ def fit_lag(time_s: FloatArray, command_mm: FloatArray, elongation_mm: FloatArra
     fit = min(fits, key=lambda one: one.cost)
     rest = fit.fun
     r2 = 1.0 - float(rest @ rest) / max(float(((x - x.mean()) ** 2).sum()), 1e-30)
-    if r2 < LEAST_R2:
+    if r2 < _LEAST_R2:
         raise DataError(
-            f"the elongation does not follow the step (R² {r2:.2f}, at least {LEAST_R2:g} is needed)",
+            f"the elongation does not follow the step (R² {r2:.2f}, at least {_LEAST_R2:g} is needed)",
             "Repeat the step test with a larger step, and check pump and sensors.",
         )
     delay, omega, damping = float(fit.x[0]), math.exp(fit.x[1]), math.exp(fit.x[2])

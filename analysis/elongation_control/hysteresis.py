@@ -26,11 +26,11 @@ from scipy.optimize import minimize, nnls
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError
 
-PLAYS = 10
+_PLAYS = 10
 LEAST_SPAN_KPA = 20.0
-LEAST_POINTS = 40
+_LEAST_POINTS = 40
 MOST_POINTS = 4000
-LEAST_R2 = 0.98
+_LEAST_R2 = 0.98
 _STEEPEST = 0.8  # of the curvature at which an envelope would turn inside the identified pressures
 
 
@@ -102,7 +102,7 @@ class HysteresisModel:
         return low, pressure_kpa + self.down_curvature * square + self.radii
 
 
-def identify(pressure_kpa: FloatArray, elongation_mm: FloatArray, plays: int = PLAYS) -> HysteresisModel:
+def identify(pressure_kpa: FloatArray, elongation_mm: FloatArray, plays: int = _PLAYS) -> HysteresisModel:
     """Return the hysteresis of a run by least squares.
 
     Parameters
@@ -117,7 +117,7 @@ def identify(pressure_kpa: FloatArray, elongation_mm: FloatArray, plays: int = P
     known = np.isfinite(pressure_kpa) & np.isfinite(elongation_mm)
     share = max(1, int(known.sum()) // MOST_POINTS)
     pressure, elongation = (_means(values[known], share) for values in (pressure_kpa, elongation_mm))
-    if len(pressure) < LEAST_POINTS:
+    if len(pressure) < _LEAST_POINTS:
         raise DataError(f"only {len(pressure)} points of elongation and pressure", "Give a calibration run.")
     low, high = float(pressure.min()), float(pressure.max())
     if high - low < LEAST_SPAN_KPA:
@@ -149,9 +149,9 @@ def identify(pressure_kpa: FloatArray, elongation_mm: FloatArray, plays: int = P
     weights, offset, rms = solved(best)
     scatter = float(elongation[first:].std())
     r2 = 1.0 - (rms / scatter) ** 2 if scatter > 0 else -math.inf
-    if r2 < LEAST_R2 or not weights.sum() > 0:
+    if r2 < _LEAST_R2 or not weights.sum() > 0:
         raise DataError(
-            f"elongation does not follow pressure (R² {r2:.3f}, at least {LEAST_R2:g} is needed)",
+            f"elongation does not follow pressure (R² {r2:.3f}, at least {_LEAST_R2:g} is needed)",
             "Give a run whose pressure rises and falls over the whole range, without a leak or a disturbance.",
         )
     half = abs(float(best[1]))

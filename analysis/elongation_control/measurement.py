@@ -14,11 +14,11 @@ import numpy as np
 from analysis.calibration.inverse import DISAGREEMENT_SIGMA, Fusion
 from analysis.elongation_control.sensor_loop import SensorLoops
 from protocol.base.arrays import FloatArray
+from protocol.base.uncertainty import COVERAGE_FACTOR
 
 FROZEN_SAMPLES = 30
 ALONE_S = 0.12
 LOST_SHARE = 0.5  # of the full-scale output: a signal farther beyond its calibrated range is that of no sensor
-COVERAGE_FACTOR = 2.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,9 +17,9 @@ import numpy as np
 
 from protocol.base.arrays import FloatArray
 
-PLAYS = 8
-SIGNIFICANT = 3.0
-LEAST_POINTS = 12
+_PLAYS = 8
+_SIGNIFICANT = 3.0
+_LEAST_POINTS = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +33,11 @@ class SensorLoops:
     def radii(self) -> FloatArray:
         """Radii of the plays [m], mm."""
         half = (self.range_mm[1] - self.range_mm[0]) / 2
-        return np.asarray(half * (np.arange(PLAYS) + 0.5) / PLAYS)
+        return np.asarray(half * (np.arange(_PLAYS) + 0.5) / _PLAYS)
 
     def rest(self, elongation_mm: float) -> FloatArray:
         """Return a memory [m] on the curve itself: the true one is not known."""
-        return np.full(PLAYS, elongation_mm - sum(self.range_mm) / 2)
+        return np.full(_PLAYS, elongation_mm - sum(self.range_mm) / 2)
 
     def after(self, memory: FloatArray, elongation_mm: float) -> FloatArray:
         """Return the memory [m] after the elongation has moved."""
@@ -65,7 +65,7 @@ def find_loops(elongation_mm: FloatArray, residual_mv: Sequence[FloatArray]) -> 
     residual_mv : of each sensor, signals less the curve [n].
     """
     known = np.isfinite(elongation_mm)
-    if known.sum() < LEAST_POINTS:
+    if known.sum() < _LEAST_POINTS:
         return None
     x = elongation_mm[known]
     loops = SensorLoops((float(x.min()), float(x.max())), np.zeros(len(residual_mv)))
@@ -80,5 +80,5 @@ def find_loops(elongation_mm: FloatArray, residual_mv: Sequence[FloatArray]) -> 
         half = float(away @ y) / power if power > 0 else 0.0
         rest = y - half * away
         error = float(np.sqrt(rest @ rest / (len(x) - 2) / power)) if power > 0 else np.inf
-        found.append(half if abs(half) > SIGNIFICANT * error else 0.0)
+        found.append(half if abs(half) > _SIGNIFICANT * error else 0.0)
     return SensorLoops(loops.range_mm, np.asarray(found)) if any(found) else None

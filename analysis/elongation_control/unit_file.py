@@ -23,8 +23,8 @@ from protocol.base.errors import FileError, RequestError
 from protocol.base.regular_file import read_regular
 from protocol.base.whole_file import write_whole
 
-FORMAT, VERSION = "boat-daq twin", 1
-MOST_BYTES = 1_000_000
+_FORMAT, VERSION = "boat-daq twin", 1
+_MOST_BYTES = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class TwinFile:
         tuning = self.tuning.as_json() if self.tuning is not None else None
         head = {"unit": self.unit, "simulated": self.simulated, "calibration_utc": self.calibration_utc}
         return {
-            "format": FORMAT, "version": VERSION, **head, "recording": self.recording, "hysteresis": model,
+            "format": _FORMAT, "version": VERSION, **head, "recording": self.recording, "hysteresis": model,
             "tuning": tuning, "actuator": asdict(self.actuator), "face": self.face,
         }  # fmt: skip
 
@@ -76,14 +76,14 @@ def read_twin(path: Path) -> TwinFile | None:
     FileError : it is damaged, or of a newer version.
     """
     try:
-        content = json.loads(read_regular(path, MOST_BYTES))
+        content = json.loads(read_regular(path, _MOST_BYTES))
     except FileNotFoundError:
         return None
     except OSError as error:
         raise FileError(f"{path.name} cannot be read: {error.strerror}", "Check the file.") from error
     except (ValueError, RecursionError):
         content = None
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
+    if not isinstance(content, dict) or content.get("format") != _FORMAT:
         raise FileError(f"{path.name} is damaged", "Identify the unit again.")
     if content.get("version") != VERSION:
         raise FileError(f"{path.name} has version {content.get('version')!r:.20}", "Update boat-daq.")

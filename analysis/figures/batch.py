@@ -21,8 +21,8 @@ from analysis.numbers import neutral
 from analysis.progress import Progress
 from protocol.base.errors import BoatDaqError, FileError, RequestError
 
-SUFFIXES = (".boat", ".csv")
-ELONGATION = ".elongation.csv"
+_SUFFIXES = (".boat", ".csv")
+_ELONGATION = ".elongation.csv"
 LEADING = ("run", "unit", "started_utc", "simulated", "kind", "cycles", "partial", "lost_samples", "sensor", "error")
 
 
@@ -103,7 +103,7 @@ def write_table(table: pd.DataFrame, path: str | Path) -> None:
 
 def readings_beside(run: Path) -> Path | None:
     """Return the elongations beside a run in NAME.elongation.csv, None where there are none."""
-    readings = run.with_name(run.stem + ELONGATION)
+    readings = run.with_name(run.stem + _ELONGATION)
     return readings if readings.is_file() else None
 
 
@@ -114,9 +114,9 @@ def runs_in(runs: str | Path | Sequence[str | Path]) -> list[Path]:
     folder = Path(runs)
     if not folder.is_dir():
         raise FileError(f"{folder} is not a folder", "Give the folder that holds the runs.")
-    found = [f for f in sorted(folder.iterdir()) if f.suffix in SUFFIXES and not f.name.endswith(ELONGATION)]
+    found = [f for f in sorted(folder.iterdir()) if f.suffix in _SUFFIXES and not f.name.endswith(_ELONGATION)]
     if not found:
-        raise RequestError(f"{folder} holds no runs ({' or '.join(SUFFIXES)})", "Choose another folder.")
+        raise RequestError(f"{folder} holds no runs ({' or '.join(_SUFFIXES)})", "Choose another folder.")
     return found
 
 

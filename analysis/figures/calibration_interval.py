@@ -22,10 +22,10 @@ import numpy as np
 
 from analysis.numbers import with_uncertainty
 from protocol.base.arrays import FloatArray
+from protocol.base.uncertainty import COVERAGE_FACTOR
 
 DAYS_PER_YEAR = 365.25
 LONGEST_RATIO = 2.0
-COVERAGE_FACTOR = 2.0
 
 
 @dataclass(frozen=True, slots=True)

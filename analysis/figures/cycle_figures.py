@@ -24,7 +24,7 @@ WARM_UP_PERCENT = 0.1
 """Of full-scale output: a fiftieth of the published hysteresis, below what any reader of a report acts upon."""
 LEAST_LATER = 2
 """Cycles in the second half: one has no scatter to compare with."""
-DRAWS = 2_000
+_DRAWS = 2_000
 """Of simulated cycles: their mean maximum is then known to a fortieth of its scatter."""
 POOLED = "pooled sd over cycles of all levels / FSO"
 WORST = "largest sd over cycles of a level / FSO"
@@ -159,7 +159,7 @@ def lift_of_maximum(signal: FloatArray) -> float:
     if not known.any():
         return float("nan")
     mean, sd = np.nanmean(apart[:, known], axis=0), np.nanstd(apart[:, known], axis=0, ddof=1)
-    drawn = mean + sd * np.random.default_rng(0).standard_normal((DRAWS, mean.size))
+    drawn = mean + sd * np.random.default_rng(0).standard_normal((_DRAWS, mean.size))
     return float(np.abs(drawn).max(axis=1).mean() - np.abs(mean).max())
 
 

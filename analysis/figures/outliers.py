@@ -21,7 +21,7 @@ SIGMAS = 4.0
 FLOOR_MM = 0.35  # on a half-millimetre grid a reading may be so far off without being wrong
 LEAST_READINGS = 8  # before a fit means anything
 MOST_DROPPED = 4  # at most one reading in so many
-MAD_TO_SD = 1.4826  # of a normal distribution
+_MAD_TO_SD = 1.4826  # of a normal distribution
 
 
 def outlying(pressure_kpa: FloatArray, loading: BoolArray, elongation_mm: FloatArray) -> FloatArray:
@@ -40,7 +40,7 @@ def outlying(pressure_kpa: FloatArray, loading: BoolArray, elongation_mm: FloatA
     residual = np.zeros(n)
     for _ in range(n // MOST_DROPPED + 1):
         residual = elongation_mm - design @ np.linalg.lstsq(design[kept], elongation_mm[kept], rcond=None)[0]
-        sd = max(MAD_TO_SD * float(np.median(np.abs(residual[kept]))), FLOOR_MM / SIGMAS)
+        sd = max(_MAD_TO_SD * float(np.median(np.abs(residual[kept]))), FLOOR_MM / SIGMAS)
         worst = int(np.argmax(np.where(kept, np.abs(residual), -1.0)))
         if abs(residual[worst]) <= SIGMAS * sd or (~kept).sum() >= n // MOST_DROPPED:
             break

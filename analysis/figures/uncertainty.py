@@ -27,9 +27,9 @@ from analysis.numbers import percent
 from analysis.segmentation.cycle_effect import CycleEffect
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError, DataError
+from protocol.base.uncertainty import COVERAGE_FACTOR
 
-COVERAGE_FACTOR = 2.0
-CURVE_POINTS = 41
+_CURVE_POINTS = 41
 KNOWN_COURSE = 4.0
 """Times the square of the error of a loop's width: below it the mean square of the loop tells nothing of its course."""
 
@@ -208,7 +208,7 @@ def elongation_uncertainty(analysis: AnalysedRun, sensor: int) -> tuple[FloatArr
     except BoatDaqError as error:
         return np.empty((0, 2)), error.cause
     calibration = of_sensor.calibration
-    x, turns = np.linspace(*calibration.x_range, CURVE_POINTS), np.asarray(calibration.turns_inside)
+    x, turns = np.linspace(*calibration.x_range, _CURVE_POINTS), np.asarray(calibration.turns_inside)
     level = calibration.slope(x) == 0.0
     u = np.asarray([np.nan if flat else of_sensor.at(float(at)).expanded for at, flat in zip(x, level, strict=True)])
     if not turns.size:
@@ -358,12 +358,12 @@ def _half_loop(analysis: AnalysedRun, sensor: int) -> FloatArray:
     calibration, width = analysis.sensors[sensor].calibration, analysis.sensors[sensor].sensor_loop
     joint = analysis.sensors[sensor].joint_loop
     if joint is not None:
-        grid = np.linspace(*joint.ends, CURVE_POINTS)
+        grid = np.linspace(*joint.ends, _CURVE_POINTS)
         squares, by_reading = joint.loop_width(grid) ** 2 / 4.0, joint.loop_width_u(grid) ** 2 / 4.0
     elif calibration is None or width is None or width.void:
         return np.zeros(1)
     else:
-        grid = np.linspace(*calibration.x_range, CURVE_POINTS)
+        grid = np.linspace(*calibration.x_range, _CURVE_POINTS)
         squares = np.interp(grid, width.grid, 0.5 * (width.loading - width.unloading)) ** 2
         by_reading = 0.5 * (analysis.reading_sd_mm * calibration.slope(grid)) ** 2  # half a difference of two readings
     own = squares - by_reading

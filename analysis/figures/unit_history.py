@@ -25,7 +25,7 @@ from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError, DataError, RequestError
 
 MOVING_RANGE_TO_SD = 1.128
-CURVE_POINTS = 81
+_CURVE_POINTS = 81
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +211,7 @@ def history_of(
         error_mm, u_mm = (values - values[0]) / slope, 0.5 * expanded / abs(slope)
     limit = float(expanded_mm[-1]) if limit_mm is None else limit_mm
     times = [time_of(one.when) for one in ordered]
-    grids = [np.linspace(*fit.x_range, CURVE_POINTS) for fit in fits]
+    grids = [np.linspace(*fit.x_range, _CURVE_POINTS) for fit in fits]
     return UnitHistory(
         sensor, tuple(one.when for one in ordered), coefficients, errors, check_point_mm, values, expanded, centre,
         centre - reach, centre + reach, en_scores(values, expanded), expanded_mm,

@@ -85,11 +85,13 @@ def _table(analysis: Analysis, camera: CameraFigures) -> ReportTable:
 def _trace(analysis: Analysis, camera: CameraFigures, ax: Axes) -> None:
     record = camera.film.record
     time, low, high = envelope(record.time_s, record.elongation_mm, TRACE_POINTS // 2)
-    ax.fill_between(time, low, high, color=style.ELONGATION, lw=0.6, edgecolor=style.ELONGATION, label="frames")
+    ax.fill_between(
+        time, low, high, color=style.ELONGATION_COLOUR, lw=0.6, edgecolor=style.ELONGATION_COLOUR, label="frames"
+    )
     if analysis.elongations is not None:
         at = [analysis.recording.time_s[(p.settled_first + p.last - 1) // 2] for p in analysis.plateaus]
         x = analysis.elongations.elongation_mm
-        ax.plot(at, x, "o", color=style.INK, mfc=style.PAPER, mew=0.7, ms=3.2, label="plateaus")
+        ax.plot(at, x, "o", color=style.INK, mfc=style.PAPER_COLOUR, mew=0.7, ms=3.2, label="plateaus")
     ax.set(xlabel="time, s", ylabel="elongation, mm", title="Elongation by the camera")
     ax.margins(x=0)
     legend(ax, ncols=2, loc="upper right")

@@ -16,7 +16,7 @@ from analysis.numbers import NOTHING, rounded
 Draw = Callable[[Axes], None]
 _NUMBER = r"[+-]?[0-9]+(?:\.[0-9]+)?"
 PAIR = re.compile(rf"^({_NUMBER})(?:( ± )({_NUMBER}))?$")
-NUMBERS = re.compile(rf"^[<>±] ?{_NUMBER}|^{_NUMBER}|^[+-]?∞")
+_NUMBERS = re.compile(rf"^[<>±] ?{_NUMBER}|^{_NUMBER}|^[+-]?∞")
 MINUS = "\u2212"
 _HYPHEN = re.compile(r"(?<![\w.)\-/])(?<!:\d\d )-(?=[0-9])")
 DIGIT_SPACE, POINT_SPACE = "\u2007", "\u2008"  # as wide as a digit, as a point
@@ -91,7 +91,7 @@ class Report:
 def right_aligned(table: ReportTable) -> tuple[bool, ...]:
     """Return which columns are right-aligned: those of numbers, in a table of numbers; the first names the row."""
     columns = list(zip(*table.rows, strict=True)) if table.rows else [()] * len(table.header)
-    numbers = [[bool(NUMBERS.match(cell)) for cell in column if cell not in ("", NOTHING)] for column in columns]
+    numbers = [[bool(_NUMBERS.match(cell)) for cell in column if cell not in ("", NOTHING)] for column in columns]
     return tuple(table.numeric and at > 0 and 2 * sum(one) >= len(one) for at, one in enumerate(numbers))
 
 

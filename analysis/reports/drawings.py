@@ -131,11 +131,11 @@ def actuator_loop(analysis: Analysis, ax: Axes) -> None:
     """Elongation against pressure, every cycle."""
     loops = analysis.loops
     assert loops.elongation_mm is not None
-    for b, fill in ((0, style.PAPER), (1, style.ELONGATION)):
+    for b, fill in ((0, style.PAPER_COLOUR), (1, style.ELONGATION_COLOUR)):
         for k in range(loops.n_cycles):
             label = ("unloading", "loading")[b] if k == 0 else None
             p, x = loops.pressure_kpa[b, k], loops.elongation_mm[b, k]
-            ax.plot(p, x, color=style.ELONGATION, lw=0.6, marker="o", mfc=fill, mew=0.6, label=label)
+            ax.plot(p, x, color=style.ELONGATION_COLOUR, lw=0.6, marker="o", mfc=fill, mew=0.6, label=label)
     ax.set(xlabel="pressure, kPa", ylabel="elongation, mm", title="Actuator: elongation over pressure")
     legend(ax, loc="upper left")
 
@@ -184,7 +184,7 @@ def distribution(analysis: Analysis, sensor: int, ax: Axes) -> None:
     """
     loops, moved = analysis.loops, analysis.sensors[sensor].by_cycle.branch_displacement_percent_fso
     step, line = max(1, -(-loops.level_kpa.size // 10)), {"color": style.SOFT, "lw": 0.6}
-    for b, shift, fill in ((0, -0.18, style.PAPER), (1, 0.18, style.sensor_colour(sensor))):
+    for b, shift, fill in ((0, -0.18, style.PAPER_COLOUR), (1, 0.18, style.sensor_colour(sensor))):
         levels = [level[np.isfinite(level)] for level in moved[b, :, ::step].T]
         boxes = {k + shift: level for k, level in enumerate(levels) if level.size > 1}
         if boxes:
@@ -268,7 +268,7 @@ def trace(analysis: Analysis, ax: Axes) -> None:
     """Pressure over time, thinned to its extremes, complete cycles shaded in turn."""
     recording = analysis.recording
     time, low, high = envelope(recording.time_s, recording.pressure_kpa, TRACE_POINTS // 2)
-    ax.fill_between(time, low, high, color=style.PRESSURE, linewidth=0.6, edgecolor=style.PRESSURE)
+    ax.fill_between(time, low, high, color=style.PRESSURE_COLOUR, linewidth=0.6, edgecolor=style.PRESSURE_COLOUR)
     shaded = ((analysis.cycles.used[::2], style.LINE, 0.35), (analysis.cycles.partial, style.WARNING, 0.15))
     for stretches, colour, alpha in shaded:
         for stretch in stretches:
@@ -315,12 +315,12 @@ def _branch_points(ax: Axes, analysis: Analysis, sensor: int, x: FloatArray, y: 
     places = analysis.sensors[sensor].point_plateau.astype(int)
     loading = np.asarray([analysis.plateaus[i].branch == "loading" for i in places])
     colour = style.sensor_colour(sensor)
-    for chosen, fill, label in ((loading, colour, "loading"), (~loading, style.PAPER, "unloading")):
+    for chosen, fill, label in ((loading, colour, "loading"), (~loading, style.PAPER_COLOUR, "unloading")):
         ax.plot(x[chosen], y[chosen], "o", color=colour, mfc=fill, mew=0.7, ms=3.2, label=label)
 
 
 AXES_TOP, AXES_BOTTOM, AXES_RIGHT = 0.26, 0.42, 0.12
-BETWEEN = 0.1  # stacked axes
+_BETWEEN = 0.1  # stacked axes
 LEGEND_ROW, LEGEND_ENTRY = 0.15, 1.08  # height of a row of a legend, width of an entry
 
 
@@ -367,10 +367,10 @@ def _boxes(drawing: ReportDrawing, x: float, y: float, width: float) -> list[tup
         cell, high = width / count, drawing.height - AXES_TOP - AXES_BOTTOM
         return [(x + at * cell + drawing.left, top, cell - drawing.left - AXES_RIGHT, high) for at in range(count)]
     shares = np.asarray(drawing.ratios) / sum(drawing.ratios)
-    usable = drawing.height - AXES_TOP - AXES_BOTTOM - BETWEEN * (count - 1)
+    usable = drawing.height - AXES_TOP - AXES_BOTTOM - _BETWEEN * (count - 1)
     wide = width - drawing.left - AXES_RIGHT
     return [
-        (x + drawing.left, top + usable * float(shares[:at].sum()) + BETWEEN * at, wide, usable * float(shares[at]))
+        (x + drawing.left, top + usable * float(shares[:at].sum()) + _BETWEEN * at, wide, usable * float(shares[at]))
         for at in range(count)
     ]
 

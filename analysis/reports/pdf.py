@@ -31,7 +31,7 @@ SHORT = 44  # characters of a fact that leaves place for another beside it
 SHORT_WORD = 28
 HEAD = 120  # characters of a running head
 STANDARDS = ["a-3a", "ua-1"]  # archived, and read aloud
-SIMULATED = "SIMULATED"
+_SIMULATED = "SIMULATED"
 NO_BREAK = "\u00a0"
 
 
@@ -82,7 +82,7 @@ def _data(report: Report, progress: Progress | None) -> dict[str, Any]:
         sections.append({"title": printable(section.title), "parts": [_part(part) for part in section.parts]})
         if progress is not None:
             progress(number, len(report.sections))
-    mark = " \u00b7 ".join([*([SIMULATED] if report.simulated else []), *report.marks])
+    mark = " \u00b7 ".join([*([_SIMULATED] if report.simulated else []), *report.marks])
     facts = [(label, printable(value)) for label, value in report.facts]
     head = f"{report.title}   {report.subject}"
     return {
@@ -100,7 +100,8 @@ def _data(report: Report, progress: Progress | None) -> dict[str, Any]:
         "attachments": [dataclasses.asdict(file) for file in report.attachments],
         "style": {
             "fonts": fonts(), "ink": style.INK, "soft": style.SOFT, "line": style.LINE, "warning": style.WARNING,
-            "accent": style.SENSORS[0], "margin": style.MARGIN_INCH, "width": WIDTH, "height": HEIGHT, "pad": PAD_INCH,
+            "accent": style.SENSOR_COLOURS[0],
+            "margin": style.MARGIN_INCH, "width": WIDTH, "height": HEIGHT, "pad": PAD_INCH,
         },
     }  # fmt: skip
 

@@ -20,7 +20,7 @@ from analysis.reports.drawings import TRACE_POINTS, envelope, over_cycles
 if TYPE_CHECKING:
     from analysis.shadow.monitoring.replay import Replay
 
-TITLE = "Comparison with the digital shadow"
+_TITLE = "Comparison with the digital shadow"
 MOST_ROWS = 12  # cycles in the table; more are read from the drawing
 
 
@@ -28,7 +28,7 @@ def shadow_section(compared: AgainstShadow) -> Section:
     """Deviation with its band over time and over cycles, pressure residual, alarms."""
     result = compared.result
     if result is None:
-        return Section(TITLE, (f"Not compared: {compared.void}.",))
+        return Section(_TITLE, (f"Not compared: {compared.void}.",))
     band = "Measured minus nominal elongation; the band is that of the modulus, k = 2."
     residual = "the rms of measured pressure minus the pressure that the measured elongation corresponds to"
     per_cycle = (partial(_levels, compared), partial(_residuals, compared))
@@ -42,7 +42,7 @@ def shadow_section(compared: AgainstShadow) -> Section:
     none = "No alarm: neither leak, softening, stiffening, drift nor disagreement of the sensors was found."
     parts.append(ReportTable(("Alarm in cycle", "Text"), alarms, numeric=False) if alarms else none)
     parts += [f"Left out of the alarms: {'; '.join(result.left_out)}."] if result.left_out else []
-    return Section(TITLE, tuple(parts))
+    return Section(_TITLE, tuple(parts))
 
 
 def _summary(result: Replay) -> str:
@@ -59,8 +59,10 @@ def _deviation(result: Replay, ax: Axes) -> None:
     time, low, high = envelope(result.time_s, result.deviation_mm, TRACE_POINTS // 2)
     step = max(1, result.time_s.size // TRACE_POINTS)
     band = 2.0 * result.band_mm[::step]
-    ax.fill_between(result.time_s[::step], -band, band, color=style.ELONGATION, alpha=0.25, lw=0, label="band")
-    ax.fill_between(time, low, high, color=style.SENSORS[0], lw=0.6, edgecolor=style.SENSORS[0], label="deviation")
+    ax.fill_between(result.time_s[::step], -band, band, color=style.ELONGATION_COLOUR, alpha=0.25, lw=0, label="band")
+    ax.fill_between(
+        time, low, high, color=style.SENSOR_COLOURS[0], lw=0.6, edgecolor=style.SENSOR_COLOURS[0], label="deviation"
+    )
     ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
     for alarm in result.alarms:
         ax.axvline(float(result.cycle_start_s[alarm.cycle - 1]), color=style.WARNING, lw=0.9)
@@ -72,14 +74,14 @@ def _deviation(result: Replay, ax: Axes) -> None:
 def _levels(compared: AgainstShadow, ax: Axes) -> None:
     band = 2.0 * compared.band_mm
     numbers = compared.numbers
-    ax.fill_between(numbers, -band, band, color=style.ELONGATION, alpha=0.25, lw=0)
-    ax.plot(numbers, compared.level_mm, "o-", color=style.SENSORS[0], markersize=2.5, lw=0.8)
+    ax.fill_between(numbers, -band, band, color=style.ELONGATION_COLOUR, alpha=0.25, lw=0)
+    ax.plot(numbers, compared.level_mm, "o-", color=style.SENSOR_COLOURS[0], markersize=2.5, lw=0.8)
     ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
     over_cycles(ax, "mean deviation, mm", "Deviation per cycle")
 
 
 def _residuals(compared: AgainstShadow, ax: Axes) -> None:
-    ax.plot(compared.numbers, compared.residual_kpa, "o-", color=style.PRESSURE, markersize=2.5, lw=0.8)
+    ax.plot(compared.numbers, compared.residual_kpa, "o-", color=style.PRESSURE_COLOUR, markersize=2.5, lw=0.8)
     ax.set_ylim(0.0, 1.15 * float(np.nanmax(np.append(compared.residual_kpa, 1e-3))))
     over_cycles(ax, "residual rms, kPa", "Pressure residual per cycle")
 

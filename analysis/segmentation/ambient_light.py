@@ -21,7 +21,7 @@ from analysis.data.recording import Recording
 from analysis.segmentation.plateaus import Plateau
 from protocol.base.arrays import FloatArray, IntArray
 
-PARTS = 4  # of a hold
+_PARTS = 4  # of a hold
 CHANGE_S = 2.0  # over which the change of the light is taken: less is lost in the noise of the dark readings
 BY_CHANCE = 1e-3  # of such light by that noise alone
 
@@ -84,7 +84,7 @@ def _means_of_parts(recording: Recording, sensor: int, holds: list[Plateau]) -> 
     window = max(round(CHANGE_S / recording.interval_s), 1)
     columns = np.column_stack([dark - dark.mean(), _change(dark - dark.mean(), window), signal - signal.mean()])
     sums = np.concatenate([np.zeros((1, 3)), np.cumsum(columns, axis=0)])
-    edges = np.asarray([np.linspace(hold.settled_first, hold.last + 1, PARTS + 1) for hold in holds]).astype(np.int64)
+    edges = np.asarray([np.linspace(hold.settled_first, hold.last + 1, _PARTS + 1) for hold in holds]).astype(np.int64)
     length = np.maximum(np.diff(edges, axis=1), 1)
     white = float((np.diff(dark, 2) ** 2).mean()) / 6.0 if dark.size > 2 else 0.0  # a median of counts is coarse
     noise = float(np.sqrt(white / length.mean()))

@@ -29,7 +29,7 @@ SWING_SHARE = 0.5  # a reversal of at least this share of the span is an extreme
 LOW = 0.25  # what is this far from an extreme has left it
 EXTREME_SHARE = 0.02  # rows this near to an extreme belong to it
 TRUNCATED_SHARE = 0.10  # an end extreme this much short of its neighbour was cut off
-VENTED_KPA = 3.0  # a run that begins or ends this near to zero (or 5 % of its span) was vented there, not cut off
+_VENTED_KPA = 3.0  # a run that begins or ends this near to zero (or 5 % of its span) was vented there, not cut off
 LEAD = 0.4  # of the branches' time a kPa: the way from or to the vented state is a ramp, a branch has holds
 EXCURSION_SHARE = 0.10  # smaller reversals are not listed
 DROP_OUT_SHARE, MAX_DROP_OUT = 0.25, 50  # of the span in one sample, and back within so many
@@ -340,7 +340,7 @@ def _edge(smooth: FloatArray) -> float:
 
 
 def _is_vented(pressure_kpa: float, span: float) -> bool:
-    return abs(pressure_kpa) < max(VENTED_KPA, 0.05 * span)
+    return abs(pressure_kpa) < max(_VENTED_KPA, 0.05 * span)
 
 
 def _stretch(smooth: FloatArray, first: int, last: int, reason: str) -> Excursion:

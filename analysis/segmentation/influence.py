@@ -27,7 +27,7 @@ from protocol.base.arrays import FloatArray, IntArray
 
 CYCLES_LEAST = 3
 ALIKE = 0.9  # correlation with time from which the effect of a channel cannot be distinguished from drift
-CONFIDENCE = 0.95
+_CONFIDENCE = 0.95
 LEAST_PERCENT = 0.5  # of the full-scale output, over the channel's range: less is within what repeats
 
 
@@ -169,7 +169,7 @@ def _influence(
     free = max(r.size - np.unique(position[keep]).size - 1, 1)
     se = np.sqrt(max(by_cycle, float(rest @ rest) / free / spread))
     freedom = max(float(spread**2 / (squares @ squares)) - 1.0, 1.0)  # of cycles as far as the channel differs in them
-    expanded = float(stats.t.ppf(0.5 + CONFIDENCE / 2, freedom) * se)
+    expanded = float(stats.t.ppf(0.5 + _CONFIDENCE / 2, freedom) * se)
     return ChannelInfluence(
         *head,
         correlation=_correlation(r, z),

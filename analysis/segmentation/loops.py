@@ -22,7 +22,7 @@ from analysis.segmentation.plateaus import Plateau, branch_members
 from analysis.statistics import interpolate
 from protocol.base.arrays import BoolArray, FloatArray
 
-BINS, MIN_BINS = 45, 6
+_BINS, MIN_BINS = 45, 6
 MIN_PER_BIN = 3
 MAX_DAMAGED_CYCLE = 0.05  # share of a continuous cycle's samples that may be lost or left out
 
@@ -100,7 +100,7 @@ def staircase_loops(
 def continuous_loops(recording: Recording, cycles: Cycles) -> Loops:
     """Average the samples of every branch of the used cycles in equal bins of pressure, as many as they fill."""
     lengths = [min(c.turn - c.first, c.last - c.turn) for c in cycles.used]
-    bins = int(np.clip(np.median(lengths) / (2 * MIN_PER_BIN), MIN_BINS, BINS)) if lengths else BINS
+    bins = int(np.clip(np.median(lengths) / (2 * MIN_PER_BIN), MIN_BINS, _BINS)) if lengths else _BINS
     counters = [LossCounter.of(recording, sensor) for sensor in range(recording.n_sensors)]
     used, void, whole = [], [], []
     for cycle in cycles.used:

@@ -25,11 +25,11 @@ from analysis.segmentation.losses import LossCounter, Losses
 from analysis.statistics import mean, standard_error
 from protocol.base.arrays import FloatArray, IntArray
 
-SETTLING_S = 0.5
+_SETTLING_S = 0.5
 MAX_DAMAGED = 0.20  # share of a window's samples that may be lost or left out
-MIN_SAMPLES = 5
+_MIN_SAMPLES = 5
 NEAR_TARGET_KPA = 3.0  # a hold farther from a step's target is not that step's
-WINDOWS_S = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
+_WINDOWS_S = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
 NEAR_SHARE, MIN_NEAR = 0.05, 0.6  # of the span; share of a hold's rows that are so near its level
 MIN_COVERED = 0.15  # share of the run in which a staircase holds its pressure
 MIN_PASSED = 0.3  # share of its holds that lie between a lower and a higher one
@@ -43,7 +43,7 @@ class PlateauSettings:
     """What counts as settled: within `tolerance_kpa` for `settling_s`; void above `max_damaged` lost or left out."""
 
     tolerance_kpa: float = TOLERANCE_KPA
-    settling_s: float = SETTLING_S
+    settling_s: float = _SETTLING_S
     max_damaged: float = MAX_DAMAGED
 
 
@@ -135,7 +135,7 @@ def _best_holds(recording: Recording, cycles: Cycles, settings: PlateauSettings)
     sums = np.concatenate([[0.0], np.cumsum(pressure - pressure.mean())])
     speed = _usual_speed(cycles, recording.n)
     found = []
-    for seconds in WINDOWS_S:
+    for seconds in _WINDOWS_S:
         window = max(3, round(seconds / recording.interval_s))
         if 4 * window > recording.n:
             break
@@ -178,7 +178,7 @@ def _holds(sums: FloatArray, window: int, noise: float, tolerance: float, interv
     flat = np.abs(step) < max(tolerance, 5.0 * np.sqrt(2.0) * noise_mean)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flat.view(np.int8), [0]])))
     found = []
-    shortest = max(MIN_SAMPLES, round(0.3 / interval_s))
+    shortest = max(_MIN_SAMPLES, round(0.3 / interval_s))
     for first, last in zip(edges[::2] + window, edges[1::2] + window - 1, strict=True):
         # the windows reach over the edge at either end: inside them the hold continues
         first = 0 if first == window else first
@@ -211,10 +211,10 @@ def _split_at_breaks(hold: tuple[int, int], recording: Recording) -> list[tuple[
     targets_kpa = recording.steps["target_kpa"].to_numpy(dtype=float)
     same_level = np.abs(np.diff(targets_kpa, prepend=np.nan)) <= 2 * TOLERANCE_KPA
     starts = np.searchsorted(recording.time_s, recording.steps["started_s"].to_numpy(dtype=float)[same_level])
-    margin = max(MIN_SAMPLES, round(SETTLING_S / recording.interval_s))
+    margin = max(_MIN_SAMPLES, round(_SETTLING_S / recording.interval_s))
     cuts += [int(s) for s in starts if first + margin < s < last - margin]
     edges = [first, *sorted(set(cuts)), last + 1]
-    return [(a, b - 1) for a, b in itertools.pairwise(edges) if b - a >= MIN_SAMPLES]
+    return [(a, b - 1) for a, b in itertools.pairwise(edges) if b - a >= _MIN_SAMPLES]
 
 
 def _distinct(levels: FloatArray, apart: float) -> int:
@@ -274,7 +274,7 @@ def _before_the_ramp(smooth_kpa: FloatArray, tolerance: float) -> int:
 
 
 def _void_reason(usable: int, losses: Losses, settings: PlateauSettings) -> str:
-    if usable < MIN_SAMPLES:
+    if usable < _MIN_SAMPLES:
         return f"only {usable} usable samples after settling" if usable else "no usable samples after settling"
     return losses.void(settings.max_damaged)
 

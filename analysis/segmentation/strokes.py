@@ -21,7 +21,7 @@ from protocol.base.arrays import BoolArray, FloatArray, IntArray
 from protocol.base.errors import DataError
 
 LOW, HIGH = 0.25, 0.75
-AWAY, NEAR, CHANCE, BINS = 0.1, 0.015, 4.0, 200
+AWAY, NEAR, _CHANCE, _BINS = 0.1, 0.015, 4.0, 200
 """How far thresholds may move, and how near (sd) a hold disturbs, of the span; they move where more samples are near
 than elsewhere, by so many standard deviations of their numbers; bins in which samples are counted."""
 MIDDLE = (0.30, 0.70)  # share of the stroke where the half width is taken
@@ -138,14 +138,14 @@ def thresholds(x: FloatArray) -> tuple[float, float]:
     A drive that is held at a threshold passes it whenever noise has it.
     """
     low, high = (float(v) for v in np.percentile(x, [1, 99]))
-    samples, _ = np.histogram(x, bins=BINS, range=(low, high))
-    shares = (np.arange(samples.size) + 0.5) / BINS
+    samples, _ = np.histogram(x, bins=_BINS, range=(low, high))
+    shares = (np.arange(samples.size) + 0.5) / _BINS
 
     def passed(usual: float) -> float:
-        levels = usual + np.linspace(-AWAY, AWAY, round(AWAY * BINS) + 1)
+        levels = usual + np.linspace(-AWAY, AWAY, round(AWAY * _BINS) + 1)
         near = np.exp(-0.5 * ((levels[:, None] - shares) / NEAR) ** 2) @ samples
         here, least = near[levels.size // 2], near.min()
-        held = here - least > CHANCE * np.sqrt(here + least)
+        held = here - least > _CHANCE * np.sqrt(here + least)
         level = float(levels[np.argmin(near)]) if held else usual
         return low + level * (high - low)
 

@@ -37,17 +37,17 @@ from protocol.base.errors import RequestError
 
 LOSSES_DB_PER_CM = (0.0, 0.5, 1.0)
 """Bounds and nodes of the guide's loss: clear printed resins have 0.1 to 1 dB/cm in the near infrared."""
-PRESSURES_KPA = (-40.0, 50.0)
-SHAPES = 91  # solved, over the pressures
+_PRESSURES_KPA = (-40.0, 50.0)
+_SHAPES = 91  # solved, over the pressures
 FIRST = 105  # elongations, before the refinement
-STATES = 15  # of one sweep
-MOST = 1500
-TOLERANCE = (
+_STATES = 15  # of one sweep
+_MOST = 1500
+_TOLERANCE = (
     1e-3  # of the light's range, in the middle of an interval; one that fails it is split, as are its neighbours
 )
 LEAST_RAYS = 5.0  # that the middle must be off by: fewer are the chance of a fan
 NARROWEST_MM = 5e-4
-RAYS = 100_000
+_RAYS = 100_000
 _ARRAYS = ("losses_db_per_cm", "elongation_mm", "light_percent")
 _PART = ("loss_db_per_cm", "elongation_mm", "light_percent")
 
@@ -118,7 +118,7 @@ def light_of(
 def _digest(actuator: ActuatorParameters, face: Face) -> str:
     """Return the hash of all that a table depends on."""
     design = asdict(replace(PAPER_OPTIMUM, face=face))
-    content = [asdict(actuator), design, PRESSURES_KPA, SHAPES, FIRST, TOLERANCE, RAYS, program_version()]
+    content = [asdict(actuator), design, _PRESSURES_KPA, _SHAPES, FIRST, _TOLERANCE, _RAYS, program_version()]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
 
 
@@ -130,9 +130,9 @@ class GuideShapes:
     RequestError : the actuator has no states at these pressures, or does not lengthen with them.
     """
 
-    def __init__(self, actuator: ActuatorParameters, shapes: int = SHAPES) -> None:
+    def __init__(self, actuator: ActuatorParameters, shapes: int = _SHAPES) -> None:
         full, solved = FullModel(actuator), list[Solution]()
-        for kpa in np.linspace(*PRESSURES_KPA, shapes).tolist():
+        for kpa in np.linspace(*_PRESSURES_KPA, shapes).tolist():
             solved.append(full.solve(pressure_kpa=kpa, start=solved[-1] if solved else None))
         curves = [both_guides(full.guides.tracked.positions(one.displacement_mm)) for one in solved]
         x = np.asarray([one.elongation_mm for one in solved])
@@ -145,15 +145,15 @@ class GuideShapes:
 
 
 def traced_light(
-    shapes: GuideShapes, elongation_mm: FloatArray, loss_db_per_cm: float, face: Face = "outer", rays: int = RAYS
+    shapes: GuideShapes, elongation_mm: FloatArray, loss_db_per_cm: float, face: Face = "outer", rays: int = _RAYS
 ) -> FloatArray:
     """Return the light of the paper's pattern [n], percent of the emitted.
 
     Parameters
     ----------
-    elongation_mm : [n], at most `STATES`.
+    elongation_mm : [n], at most `_STATES`.
     """
-    at = np.concatenate([elongation_mm, np.repeat(elongation_mm[-1:], STATES - len(elongation_mm))])
+    at = np.concatenate([elongation_mm, np.repeat(elongation_mm[-1:], _STATES - len(elongation_mm))])
     design, guide = replace(PAPER_OPTIMUM, face=face), Waveguide(attenuation_db_per_cm=loss_db_per_cm)
     request = SweepRequest((design,), guide, light_by("power", rays), np.asarray(shapes.at(at)), "power")
     return np.asarray(100.0 * run_sweep(request).power[0, : len(elongation_mm)])
@@ -163,9 +163,9 @@ def build_light(
     shapes: GuideShapes,
     face: Face = "outer",
     *,
-    rays: int = RAYS,
+    rays: int = _RAYS,
     first: int = FIRST,
-    tolerance: float = TOLERANCE,
+    tolerance: float = _TOLERANCE,
     progress: Progress | None = None,
     part: Path | None = None,
 ) -> LightTable:
@@ -186,8 +186,8 @@ def build_light(
         """Return the light, traced where it is not known; `more` is left to trace after it."""
         wanted = elongation_mm.tolist()
         todo = np.asarray([mm for mm in wanted if (loss, mm) not in known])
-        for at in range(0, len(todo), STATES):
-            some = todo[at : at + STATES]
+        for at in range(0, len(todo), _STATES):
+            some = todo[at : at + _STATES]
             traced = traced_light(shapes, some, loss, face, rays)
             known.update({(loss, mm): light for mm, light in zip(some.tolist(), traced.tolist(), strict=True)})
             if part is not None:
@@ -202,7 +202,7 @@ def build_light(
     suspect = np.ones(first - 1, dtype=bool)
     while True:
         light = light_at(x, more=(2 * others + 1) * len(x))
-        if not suspect.any() or len(x) >= MOST:
+        if not suspect.any() or len(x) >= _MOST:
             break
         off_percent = max(tolerance * float(np.ptp(light)), 100.0 * LEAST_RAYS / rays)
         middle = 0.5 * (x[:-1] + x[1:])[suspect]

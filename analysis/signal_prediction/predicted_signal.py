@@ -24,7 +24,7 @@ from analysis.signal_prediction.light_table import LOSSES_DB_PER_CM, LightTable,
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError
 
-LEAST_POINTS = 6
+_LEAST_POINTS = 6
 SHIFT_SIGMA = 4.0
 
 
@@ -91,8 +91,8 @@ def fit_signal_model(
     known = np.isfinite(elongation_mm) & np.isfinite(signal_mv)
     known &= (elongation_mm >= ends[0]) & (elongation_mm <= ends[1])
     x, y = elongation_mm[known], signal_mv[known]
-    if len(x) < LEAST_POINTS or np.ptp(x) == 0.0:
-        remedy = f"Give a calibration run with {LEAST_POINTS} readings or more."
+    if len(x) < _LEAST_POINTS or np.ptp(x) == 0.0:
+        remedy = f"Give a calibration run with {_LEAST_POINTS} readings or more."
         raise DataError(f"only {len(x)} readings lie inside the chain's table", remedy)
 
     def solved(loss: float) -> tuple[FloatArray, FloatArray]:

@@ -32,14 +32,15 @@ from analysis.calibration.quantised_x import Positions, common_variance
 from analysis.calibration_export.run_record import elongation_reader
 from analysis.figures.pipeline import Analysis, analyse
 from analysis.figures.sensor_analysis import AnalysedRun, Options, SensorAnalysis
-from analysis.figures.uncertainty import COVERAGE_FACTOR, Budget
+from analysis.figures.uncertainty import Budget
 from analysis.segmentation.cycle_effect import CycleEffect
 from protocol.base.arrays import FloatArray
+from protocol.base.uncertainty import COVERAGE_FACTOR
 
 FEWEST_CYCLES = 2
 FEWEST_REPEATS = 10
 """Cycles of a repeatability run before it may end: fewer leave the widths of the intervals themselves uncertain."""
-CONFIDENCE = 0.9
+_CONFIDENCE = 0.9
 """One-sided, of the limit of what the cycles may differ by in U that ends a run: by its coverage."""
 DRIFT, SPREAD = "drift_percent_fso_per_100_cycles", "repeatability_percent_fso"
 HELD_SHARE = 0.45
@@ -237,7 +238,7 @@ def u_at_most(u_mm: float, effect: CycleEffect, mm_per_mv: float) -> float:
     ----------
     u_mm : U as the budget states it.
     """
-    wider = max(effect.upper_mv(CONFIDENCE) ** 2 - effect.mean_variance, 0.0)
+    wider = max(effect.upper_mv(_CONFIDENCE) ** 2 - effect.mean_variance, 0.0)
     return math.hypot(u_mm, COVERAGE_FACTOR * mm_per_mv * math.sqrt(wider))
 
 

@@ -6,7 +6,7 @@ import math
 
 from protocol.base.errors import RequestError
 
-UNITS = {"staircase": "mm", "continuous": "% FSO"}
+UNIT_OF_REQUIREMENT = {"staircase": "mm", "continuous": "% FSO"}
 """Units of the uncertainty at which a run ends, by the kind of its plan: plans of other kinds have none."""
 EXAMPLES = {"mm": "0.08", "% FSO": "0.5"}
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Study = TypeVar("Study")
 Result = TypeVar("Result")
 Suffix = Literal["png", "svg"]
-DPI = 110
+_DPI = 110
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Picture:
 
     name: str
     draw: Callable[[], Figure]
-    dpi: int = DPI
+    dpi: int = _DPI
 
 
 def chosen(studies: Sequence[Study], names: Iterable[str], names_of: Callable[[Study], Collection[str]]) -> list[Study]:

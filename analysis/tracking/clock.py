@@ -30,8 +30,8 @@ STEPS_S = (0.02, 0.004)
 HOLD_S, BRANCH_S = 1.5, 2.0  # of a hold, and of a branch at a turn, in a window
 RAMPS_MOST, RAMP_S = 5, 3.0  # of one direction in a window; a longer ramp counts as several
 DEGREE_MOST = 4  # of signal over elongation
-MOVING = 0.2  # of the high speed of the run
-FEWEST_FRAMES = 12  # of a window
+_MOVING = 0.2  # of the high speed of the run
+_FEWEST_FRAMES = 12  # of a window
 LONGEST_GAP = 4.5  # intervals of frames inside a window
 TURN_S = 0.8  # the elongation turns this near to the signal
 WINDOWS_MAX = 200
@@ -122,7 +122,7 @@ def find_delay(
     """
     seen, good = np.isfinite(elongation_mm), np.isfinite(signals).all(axis=1)
     t, x = frame_s[seen], elongation_mm[seen]
-    if t.size < FEWEST_FRAMES or good.sum() < FEWEST_FRAMES or not np.ptp(x) > 0:
+    if t.size < _FEWEST_FRAMES or good.sum() < _FEWEST_FRAMES or not np.ptp(x) > 0:
         return None
     time_s, signals = time_s[good], signals[good]
     noise = np.array([white_noise_sd(column) for column in signals.T])
@@ -192,7 +192,7 @@ def _windows(time_s: FloatArray, signal_mv: FloatArray) -> list[_Window]:
     width = max(3, round(0.3 / interval_s))
     speed = np.gradient(uniform_filter1d(signal_mv, width), time_s)
     speed = uniform_filter1d(speed, width)
-    limit = MOVING * float(np.quantile(abs(speed), 0.97))
+    limit = _MOVING * float(np.quantile(abs(speed), 0.97))
     state = np.where(speed > limit, 1, np.where(speed < -limit, -1, 0))
     edges = [0, *(np.flatnonzero(np.diff(state)) + 1).tolist(), state.size]
     runs: list[tuple[int, float, float]] = []
@@ -233,7 +233,7 @@ def _of_window(
     """
     near = slice(*np.searchsorted(t, [time_s[0] + expected_s - REACH_S - 0.1, time_s[-1] + expected_s + REACH_S + 0.1]))
     t, x = t[near], x[near]
-    if t.size < FEWEST_FRAMES or t[0] > time_s[0] + expected_s - REACH_S or t[-1] < time_s[-1] + expected_s + REACH_S:
+    if t.size < _FEWEST_FRAMES or t[0] > time_s[0] + expected_s - REACH_S or t[-1] < time_s[-1] + expected_s + REACH_S:
         return None
     if float(np.diff(t).max()) > LONGEST_GAP * float(np.median(np.diff(t))):
         return None

@@ -28,9 +28,9 @@ from protocol.base.arrays import BoolArray, FloatArray
 from protocol.base.errors import BoatDaqError
 
 SOURCE = "camera"
-BINS = 40
+_BINS = 40
 FEWEST_PER_BIN = 3
-LOOP_TERMS = 3  # of the polynomial that shapes a loop
+_LOOP_TERMS = 3  # of the polynomial that shapes a loop
 SPEED_BINS = 8  # of each direction of motion
 LEAST_SPEED = 0.05  # mm/s, of a sample that moves
 FEWEST_MOVING = 30  # samples of a direction
@@ -186,11 +186,11 @@ def _continuous(
     for cycle in cycles:
         inside[cycle.rows] = True
     inside &= usable
-    if inside.sum() < 10 * BINS:
+    if inside.sum() < 10 * _BINS:
         return ContinuousCalibration(None, "too few samples of complete cycles have an elongation of the camera")
     low_mm, high_mm = np.quantile(x[inside], [0.001, 0.999]).tolist()
-    edges = np.linspace(low_mm, high_mm, BINS + 1)
-    abscissa, ordinate = (np.full((2, len(cycles), BINS), np.nan) for _ in range(2))
+    edges = np.linspace(low_mm, high_mm, _BINS + 1)
+    abscissa, ordinate = (np.full((2, len(cycles), _BINS), np.nan) for _ in range(2))
     for k, cycle in enumerate(cycles):
         for b, rows in enumerate((cycle.unloading, cycle.loading)):
             abscissa[b, k], ordinate[b, k] = _bin_means(x[rows], y[rows], usable[rows], edges)
@@ -233,12 +233,12 @@ def _continuous(
 def _bin_means(x: FloatArray, y: FloatArray, usable: BoolArray, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return mean abscissa and ordinate of one branch in bins of x; NaN where a bin has too few samples."""
     cell = np.digitize(np.where(usable, x, np.nan), edges) - 1
-    good = usable & (cell >= 0) & (cell < BINS)
-    count = np.bincount(cell[good], minlength=BINS).astype(float)
+    good = usable & (cell >= 0) & (cell < _BINS)
+    count = np.bincount(cell[good], minlength=_BINS).astype(float)
     count[count < FEWEST_PER_BIN] = np.nan
     return (
-        np.bincount(cell[good], x[good], minlength=BINS) / count,
-        np.bincount(cell[good], y[good], minlength=BINS) / count,
+        np.bincount(cell[good], x[good], minlength=_BINS) / count,
+        np.bincount(cell[good], y[good], minlength=_BINS) / count,
     )
 
 
@@ -261,13 +261,13 @@ def _loop_width(x: FloatArray, y: FloatArray, calibration: Calibration) -> float
     """
     apart = np.diff(y - calibration.predict(x), axis=0)[0]
     known = np.isfinite(apart)
-    if known.sum() < 2 * LOOP_TERMS:
+    if known.sum() < 2 * _LOOP_TERMS:
         return math.nan
     low, high = calibration.x_range
     half = 0.5 * (high - low)
     z = (x.mean(axis=0)[known] - low) / half - 1.0
     grid = np.linspace(-1.0, 1.0, 101)
-    terms, shape = (np.vander(at, LOOP_TERMS) * (1.0 - at**2)[:, None] for at in (z, grid))
+    terms, shape = (np.vander(at, _LOOP_TERMS) * (1.0 - at**2)[:, None] for at in (z, grid))
     found = np.linalg.lstsq(terms, apart[known], rcond=None)[0]
     return float(np.abs(shape @ found).max())
 

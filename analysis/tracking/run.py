@@ -25,12 +25,12 @@ from analysis.warning import Warning, WarningCode
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError
 
-REST_S = 1.5
+_REST_S = 1.5
 DRIVEN_KPA = 1.0
 LONGEST_DELAY_S = 3.0
 LARGEST_U_S = 0.05  # of a delay that is used
 UNSTEADY_U_S = 0.012  # a third of a frame; more where a busy computer stamps frames late
-LEAST_R2 = 0.8  # of elongation over pressure: hysteresis and creep leave more
+_LEAST_R2 = 0.8  # of elongation over pressure: hysteresis and creep leave more
 NO_REST = "no_rest"  # fault of a frame whose tracker did not see the unit at rest
 INDEPENDENT_MM = 0.0005  # least standard uncertainty of a frame's own
 
@@ -191,7 +191,7 @@ def _follows_pressure(recording: Recording, record: CameraRecord) -> bool:
     slope = np.polynomial.Polynomial.fit(p, x, 3)
     left = x - slope(p)
     rises = float(slope(p.max()) - slope(p.min())) > 0
-    return rises and float(left.var()) <= (1.0 - LEAST_R2) * float(x.var())
+    return rises and float(left.var()) <= (1.0 - _LEAST_R2) * float(x.var())
 
 
 def _from_rest(recording: Recording, record: CameraRecord) -> tuple[CameraRecord, float, list[str]]:
@@ -233,6 +233,6 @@ def _rest(recording: Recording, record: CameraRecord, since_s: float) -> float:
         end_s = float(recording.time_s[driven[0]]) - 0.2
     else:
         return math.nan
-    begin_s = max(end_s - REST_S, since_s or -math.inf)
+    begin_s = max(end_s - _REST_S, since_s or -math.inf)
     inside = record.valid & (record.time_s > begin_s) & (record.time_s < end_s)
     return float(record.elongation_mm[inside].mean()) if inside.sum() >= 3 else math.nan

@@ -31,16 +31,16 @@ if TYPE_CHECKING:
     from analysis.calibration_export.calibration_file import CalibrationFile
     from boat_daq.engine.snapshot import SessionSnapshot
 
-POLL_S = 0.02
+_POLL_S = 0.02
 MOST_WAITING = 100_000  # blocks of samples that the output is behind
-ROWS_AT_ONCE = 100_000
-FORMATS = ("json", "c", "h", "matlab", "csv")
+_ROWS_AT_ONCE = 100_000
+_FORMATS = ("json", "c", "h", "matlab", "csv")
 
 
 def calibration(
     run: RunArgument,
     format: Annotated[
-        str, typer.Option(callback=one_of(*FORMATS), help="json, c (or h: a C99 header), matlab (Octave too) or csv.")
+        str, typer.Option(callback=one_of(*_FORMATS), help="json, c (or h: a C99 header), matlab (Octave too) or csv.")
     ],
     to: Annotated[
         Path | None, typer.Option("--out", metavar="PATH", help="File to write; default standard output.")
@@ -193,8 +193,8 @@ def _converted_file(
     for warning in other_unit(found, recording.unit):
         notify(warning)
     rows = converted_rows(recording.time_s, recording.signal_mv, convert_recording(recording, found))
-    for first in range(0, len(rows), ROWS_AT_ONCE):
-        yield rows.iloc[first : first + ROWS_AT_ONCE]
+    for first in range(0, len(rows), _ROWS_AT_ONCE):
+        yield rows.iloc[first : first + _ROWS_AT_ONCE]
 
 
 def _converted_live(
@@ -245,7 +245,7 @@ def _converted_live(
                     return
             if ended:
                 return
-            time.sleep(POLL_S)
+            time.sleep(_POLL_S)
             seen = session.snapshot()
     finally:
         session.close()

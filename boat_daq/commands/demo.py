@@ -185,7 +185,7 @@ def write_reports(analysis: Analysis, run: Path) -> list[Path]:
 
 
 TERM_UNITS = ("mV", "mV/mm", "mV/mm²", "mV/mm³")
-LABELS = {  # of the figures that `SensorTruth` has too
+_LABELS = {  # of the figures that `SensorTruth` has too
     "sensitivity_mv_per_mm": "sensitivity",
     "fso_mv": "full-scale output",
     "sensor_hysteresis_percent_fso": "sensor hysteresis",
@@ -227,7 +227,7 @@ def comparison(analysis: Analysis, truth: Truth) -> list[dict[str, Any]]:
             for k, (unit, b, error, b_true) in enumerate(terms):
                 rows.append((f"s{number} b{k}", unit, float(b), (float(b - 2 * error), float(b + 2 * error)), b_true))
             rows.append((f"s{number} R²", "", fit.r2, None, None))
-        for key, label in LABELS.items():
+        for key, label in _LABELS.items():
             add_figure(f"s{number} {label}", sensor.figures[key], getattr(true, key))
     add_figure("system sensitivity", analysis.system_sensitivity, truth.system_sensitivity_mv_per_mm)
     add_figure("actuator hysteresis", analysis.actuator_hysteresis, truth.actuator_hysteresis_percent, interval=False)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from analysis.fidelity import Level
     from protocol.base.arrays import BoolArray, FloatArray
 
-BAND_POINTS = 101
+_BAND_POINTS = 101
 
 
 class _Points(NamedTuple):
@@ -198,7 +198,7 @@ def _readings(file: Path, x: str, y: str, u: str | None, position: str | None) -
 def _bands(calibration: Calibration, posterior: Posterior | None) -> dict[str, Any]:
     import numpy as np
 
-    grid = np.linspace(*calibration.x_range, BAND_POINTS)
+    grid = np.linspace(*calibration.x_range, _BAND_POINTS)
     method = "posterior" if posterior else "Student t"
     content: dict[str, Any] = {"x": grid, "y": calibration.predict(grid), "method": method}
     for level in (0.68, 0.95):

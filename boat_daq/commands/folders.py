@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from analysis.figures.unit_history import UnitHistory
 
 
-COLUMNS = ("run", "unit", "sensor", "cycles", "sensitivity_mv_per_mm", "snr_db", "error")
+_COLUMNS = ("run", "unit", "sensor", "cycles", "sensitivity_mv_per_mm", "snr_db", "error")
 
 
 def batch(
@@ -49,7 +49,7 @@ def batch(
         notify(f"wrote {to}")
     failed = int((table["error"] != "").sum()) if "error" in table else 0
     content = {"runs": table["run"].nunique(), "failed": failed, "rows": table.to_dict(orient="records")}
-    shown = table[[name for name in COLUMNS if name in table]].copy()
+    shown = table[[name for name in _COLUMNS if name in table]].copy()
     if "simulated" in table:
         shown.loc[table["simulated"].eq(True), "unit"] += "  SIMULATED"
     present(content, shown.to_string(index=False), as_json=as_json)

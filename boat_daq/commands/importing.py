@@ -21,7 +21,7 @@ from boat_daq.commands.options import (
 if TYPE_CHECKING:
     from analysis.data.export import ConvertedElongation, Format
 
-FORMATS: tuple[Format, ...] = ("csv", "parquet", "hdf5", "mat", "rosbag", "rosbag-sqlite3")
+_FORMATS: tuple[Format, ...] = ("csv", "parquet", "hdf5", "mat", "rosbag", "rosbag-sqlite3")
 
 
 def importing(
@@ -106,7 +106,7 @@ def _show(content: dict[str, Any]) -> None:
 def export(
     run: RunArgument,
     format: Annotated[
-        str, typer.Option(callback=one_of(*FORMATS), help="csv, parquet, hdf5, mat, rosbag or rosbag-sqlite3.")
+        str, typer.Option(callback=one_of(*_FORMATS), help="csv, parquet, hdf5, mat, rosbag or rosbag-sqlite3.")
     ],
     to: Annotated[Path, typer.Option("--out", metavar="PATH", help="File to write.")],
     calibration: Annotated[
@@ -149,7 +149,7 @@ def export(
         if void:
             notify(f"without elongation: {void}; --calibration FILE.json gives one")
     with progress_bar("Exporting") as advance:
-        kind = next(known for known in FORMATS if known == format)
+        kind = next(known for known in _FORMATS if known == format)
         files = write(with_camera_placed(recording), to, kind, converted=converted, progress=advance)
     if as_json:
         source = None if converted is None else converted.calibration

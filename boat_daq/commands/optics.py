@@ -154,14 +154,14 @@ def curves_of(path: Path | None) -> FloatArray:
 
 def _frame(curves: FloatArray, state: int | None, guide: Waveguide) -> tuple[SceneFrame, int]:
     """Return the frame of a state and its number; a file of one state has only that one."""
-    from analysis.optics.scene.curves import REST, frame_of
+    from analysis.optics.scene.curves import REST_STATE, frame_of
     from protocol.base.errors import RequestError
 
     if len(curves) == 1:
         if state:
             notify(f"the file holds only one state; it is used for state {state}")
         return frame_of(curves, 0, guide), state or 0
-    number = REST if state is None else state
+    number = REST_STATE if state is None else state
     if not 0 <= number < len(curves):
         remedy = f"choose 0 (most compressed) to {len(curves) - 1} (most elongated)"
         raise RequestError(f"there is no state {number}", remedy)
@@ -444,13 +444,13 @@ def _race(
     scheduler: str | None, *, allow_remote: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Run the race of a sweep, write its files and print its result; parameters are those of the command."""
-    from analysis.optics.sweep.race import MOST_RAYS, race_sweep
+    from analysis.optics.sweep.race import RACE_MOST_RAYS, race_sweep
     from analysis.optics.sweep.race_report import race_json, race_text
     from analysis.optics.sweep.report import write_race
 
     with progress_bar("race") as advance:
         found = race_sweep(
-            request, confidence, most_rays=most_rays or MOST_RAYS, seed=seed, seconds=seconds, folder=out,
+            request, confidence, most_rays=most_rays or RACE_MOST_RAYS, seed=seed, seconds=seconds, folder=out,
             scheduler=scheduler, allow_remote=allow_remote, progress=advance,
         )  # fmt: skip
     for path in write_race(found, request.by, out) if out is not None else ():

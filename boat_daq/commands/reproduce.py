@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from analysis import Analysis
 
 app = typer.Typer(invoke_without_command=True, no_args_is_help=True)
-CYCLES = 100
+_CYCLES = 100
 
 
 @app.callback()
@@ -52,7 +52,7 @@ def paper(
         out.mkdir(parents=True, exist_ok=True)
     parts = [
         calibration_part(_run(out, "calibration", 5, seed=seed, speed=speed)),
-        repeatability_part(_run(out, "repeatability", CYCLES, seed=seed, speed=speed)),
+        repeatability_part(_run(out, "repeatability", _CYCLES, seed=seed, speed=speed)),
     ]
     with progress_bar("sweeping the paper's designs") as advance:
         parts.append(optics_part(advance))

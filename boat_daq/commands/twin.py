@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from analysis.elongation_control.unit_file import TwinFile
     from analysis.signal_prediction.light_table import LightTable
 
-UNITS = {"s": "s", "percent": "%", "hz": "Hz", "deg": "°"}  # by the last part of a figure's key
+_UNITS = {"s": "s", "percent": "%", "hz": "Hz", "deg": "°"}  # by the last part of a figure's key
 
 app = typer.Typer(no_args_is_help=True, help="Control the elongation of a unit, and find its dynamics.")
 
@@ -271,7 +271,7 @@ def _present(twin: TwinFile, *lines: str, as_json: bool) -> None:
 def _show_figures(groups: dict[str, dict[str, DynamicFigure]]) -> None:
     """Print figures with their intervals, a row each."""
     rows = [
-        (group, name.replace("_", " "), UNITS[unit], f"{figure.value:.3g}", f"{figure.low:.3g} .. {figure.high:.3g}")
+        (group, name.replace("_", " "), _UNITS[unit], f"{figure.value:.3g}", f"{figure.low:.3g} .. {figure.high:.3g}")
         for group, figures in groups.items()
         for (name, _, unit), figure in ((key.rpartition("_"), value) for key, value in figures.items())
     ]  # fmt: skip

@@ -9,7 +9,7 @@ from boat_daq.engine.settings import home
 from boat_daq.engine.stored_file import read_stored, write_stored
 from protocol.recording import DerivedChannel, parse_definition
 
-FILE = "derived.txt"
+_FILE = "derived.txt"
 _HEAD = "# Derived channels, one a line: NAME [UNIT] = EXPRESSION\n"
 
 
@@ -36,7 +36,7 @@ def load_derived(folder: Path | None = None) -> tuple[DerivedChannel, ...]:
     ------
     RequestError : the file cannot be read. RecordingError : a line is refused.
     """
-    return parse_lines(read_stored((folder or home()) / FILE) or "")
+    return parse_lines(read_stored((folder or home()) / _FILE) or "")
 
 
 def save_derived(channels: Sequence[DerivedChannel], folder: Path | None = None) -> None:
@@ -46,4 +46,4 @@ def save_derived(channels: Sequence[DerivedChannel], folder: Path | None = None)
     ------
     StorageError : the folder cannot be written.
     """
-    write_stored((folder or home()) / FILE, _HEAD + as_lines(channels))
+    write_stored((folder or home()) / _FILE, _HEAD + as_lines(channels))

@@ -48,7 +48,7 @@ def path_in(folder: Path, name: str) -> Path:
     return folder / name
 
 
-FIELDS = ("unit", "operator", "plan", "date", "time", "number")
+_FIELDS = ("unit", "operator", "plan", "date", "time", "number")
 
 
 def named(template: str, folder: Path, now: datetime, **values: str) -> Path:
@@ -65,14 +65,14 @@ def named(template: str, folder: Path, now: datetime, **values: str) -> Path:
     RequestError : another field, or the result is no name of a file.
     """
     given = {"date": f"{now:%Y-%m-%d}", "time": f"{now:%H%M%S}"} | values
-    unknown = sorted(set(re.findall(r"\{([^{}]*)\}", template)) - set(FIELDS))
+    unknown = sorted(set(re.findall(r"\{([^{}]*)\}", template)) - set(_FIELDS))
     if unknown or template.count("{") != template.count("}"):
-        named_fields = ", ".join(f"{{{field}}}" for field in FIELDS)
+        named_fields = ", ".join(f"{{{field}}}" for field in _FIELDS)
         raise RequestError(f"the template {template!r:.60} has another field", f"use {named_fields}")
 
     def name_of(number: int) -> str:
         plain = {key: re.sub(r'[<>:"/\\|?*\x00-\x1f]', "-", value) for key, value in given.items()}
-        fields = dict.fromkeys(FIELDS, "") | plain | {"number": f"{number:03}"}
+        fields = dict.fromkeys(_FIELDS, "") | plain | {"number": f"{number:03}"}
         name = re.sub(r"\{(\w+)\}", lambda found: fields[found[1]], template)
         stem = name.strip(" _-").removesuffix(".boat")
         if not stem:

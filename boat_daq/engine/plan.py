@@ -33,7 +33,7 @@ from protocol.recording import SEGMENT_KINDS, Segment
 
 KINDS = ("staircase", "continuous", "profile")
 QUANTITIES = ("kPa", "mm")
-MAX_STEPS = 100_000
+_MAX_STEPS = 100_000
 
 Branch = Literal["start", "unloading", "loading", "end"]
 
@@ -292,8 +292,8 @@ def _check_loops(plan: Plan, where: str) -> float:
         if not 1 <= loop.first <= loop.last <= len(plan.segments):
             why = f"is {loop.last}: the loop must be of segments 1 to {len(plan.segments)}, 'first' not after 'last'"
             raise BadValue(here, "last", why)
-        if not 2 <= loop.times <= MAX_STEPS:
-            raise BadValue(here, "times", f"must be 2 to {MAX_STEPS}, not {loop.times}")
+        if not 2 <= loop.times <= _MAX_STEPS:
+            raise BadValue(here, "times", f"must be 2 to {_MAX_STEPS}, not {loop.times}")
         for other in plan.loops[: number - 1]:
             apart = loop.last < other.first or other.last < loop.first
             inside = other.first <= loop.first <= loop.last <= other.last
@@ -376,8 +376,8 @@ def _check_staircase(plan: Plan, where: str) -> None:
     if plan.kind == "staircase" and plan.step_kpa <= 2 * plan.tolerance_kpa:
         raise BadValue(where, "step_kpa", "must be more than twice 'tolerance_kpa', to distinguish the plateaus")
     per_cycle = {"continuous": 2.0, "profile": _check_loops(plan, where)}.get(plan.kind, 2 * steps)
-    if plan.cycles < 1 or plan.cycles * per_cycle > MAX_STEPS:
-        why = f"must be at least 1 and make no more than {MAX_STEPS} steps, not {plan.cycles}"
+    if plan.cycles < 1 or plan.cycles * per_cycle > _MAX_STEPS:
+        why = f"must be at least 1 and make no more than {_MAX_STEPS} steps, not {plan.cycles}"
         raise BadValue(where, "cycles", why)
 
 

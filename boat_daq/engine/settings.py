@@ -48,7 +48,7 @@ from protocol.base.errors import RequestError, StorageError
 
 VERSION = 1
 HOME_VARIABLE = "BOAT_DAQ_HOME"
-SIMULATED = "simulated"  # folder of the calibrations of simulated boards
+_SIMULATED = "simulated"  # folder of the calibrations of simulated boards
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,39}")
 
 
@@ -288,7 +288,7 @@ class UnitLibrary:
     def __init__(self, folder: Path | None = None, *, simulated: bool = False) -> None:
         self._units = folder or home("data") / "units"
         self.simulated = simulated
-        self.folder = self._units / SIMULATED if simulated else self._units
+        self.folder = self._units / _SIMULATED if simulated else self._units
 
     def of(self, *, simulated: bool) -> UnitLibrary:
         """Return the library of simulated boards, or that of real ones."""

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from boat_daq.engine.toml_values import MAX_BYTES, read_text
+from boat_daq.engine.toml_values import TOML_MAX_BYTES, read_text
 from protocol.base.errors import RequestError, StorageError
 from protocol.base.regular_file import read_regular
 from protocol.base.whole_file import write_whole, written_whole
@@ -85,7 +85,7 @@ def is_destroyed(path: Path) -> bool:
     Nothing at all, NUL bytes, or no UTF-8.
     """
     try:
-        content = read_regular(path, MAX_BYTES)
+        content = read_regular(path, TOML_MAX_BYTES)
         return not content.strip() or b"\0" in content or not content.decode("utf-8-sig").strip()
     except (FileNotFoundError, UnicodeDecodeError):
         return True

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-MAX_BYTES = 1_000_000  # a plan or a settings file has a few kilobytes
+TOML_MAX_BYTES = 1_000_000  # a plan or a settings file has a few kilobytes
 
 
 class BadValue(RequestError):
@@ -52,7 +52,7 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
         raise RequestError(f"{where} is not a readable TOML file: {error}", "correct that line") from error
 
 
-def read_text(path: Path, most_bytes: int = MAX_BYTES) -> str:
+def read_text(path: Path, most_bytes: int = TOML_MAX_BYTES) -> str:
     """Return a small text file's content, in bounded memory.
 
     Raises
@@ -67,7 +67,7 @@ def read_text(path: Path, most_bytes: int = MAX_BYTES) -> str:
         raise RequestError(f"{path} is not a text file in UTF-8", "save it as UTF-8") from error
 
 
-def read_json(path: Path, most_bytes: int = MAX_BYTES) -> Any:
+def read_json(path: Path, most_bytes: int = TOML_MAX_BYTES) -> Any:
     """Return the content of a JSON file, in bounded memory.
 
     Raises

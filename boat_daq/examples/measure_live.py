@@ -13,10 +13,10 @@ import pandas as pd
 from analysis import load_recording
 from boat_daq.measure import Plan, Session
 
-PLAN = Plan("two plateaus", "staircase", cycles=1, high_kpa=20.0, low_kpa=0.0, step_kpa=20.0, ramp_kpa_per_s=20.0)
+_PLAN = Plan("two plateaus", "staircase", cycles=1, high_kpa=20.0, low_kpa=0.0, step_kpa=20.0, ramp_kpa_per_s=20.0)
 
 
-def main(port: str, path: str, plan: Plan = PLAN) -> pd.DataFrame:
+def main(port: str, path: str, plan: Plan = _PLAN) -> pd.DataFrame:
     """Print the mean signals of two seconds, run the plan, and return the samples of its recording."""
     with Session.open(port, record_to=Path(path)) as session:
         for block in session.samples(seconds=2.0, every_s=0.5):

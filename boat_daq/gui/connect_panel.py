@@ -15,8 +15,8 @@ from boat_daq.viewmodels.common.notices import Notice
 from boat_daq.viewmodels.common.services import Panel, Services
 from boat_daq.viewmodels.live.connection import VIRTUAL_SENSORS, VIRTUAL_UNITS, ConnectionModel
 
-SPEEDS = [("real time", 1.0), ("5 times faster", 5.0), ("20 times faster", 20.0)]
-SENSORS = [(f"{n} sensor{'s' * (n != '1')}", ending) for n, ending in VIRTUAL_SENSORS.items()]
+_SPEEDS = [("real time", 1.0), ("5 times faster", 5.0), ("20 times faster", 20.0)]
+_SENSORS = [(f"{n} sensor{'s' * (n != '1')}", ending) for n, ending in VIRTUAL_SENSORS.items()]
 PROFILE_HINT = (
     "Empty for a BOAT board. Otherwise paste an RX8 line of Bridge Control Panel, or a profile: its TOML text, or the "
     "path of its file."
@@ -45,8 +45,8 @@ class ConnectPanel(QDialog):
         self.profile.setAccessibleName("Profile of another firmware")
         self.profile.setProperty("role", "paste")  # its height is set in the style sheet
         self.virtual_unit = widgets.choice("Unit of the virtual board", [(u, u) for u in VIRTUAL_UNITS])
-        self.sensors = widgets.choice("Number of sensors of the virtual board", SENSORS)
-        self.speed = widgets.choice("Speed of the virtual board", SPEEDS)
+        self.sensors = widgets.choice("Number of sensors of the virtual board", _SENSORS)
+        self.speed = widgets.choice("Speed of the virtual board", _SPEEDS)
         self.setLayout(widgets.column(self._board(), self._virtual(), spacing=style.CARD_PADDING))
 
     def _board(self) -> QWidget:

@@ -26,7 +26,7 @@ from boat_daq.viewmodels.live.recording_status import RecordingStatus
 from boat_daq.viewmodels.live.unit_in_use import UnitInUse
 from boat_daq.workflows.jobs import JobRunner
 
-FIGURES = 4
+_FIGURES = 4
 SEPARATOR = "  \u00b7  "
 CHOOSE = "Choose the port (Ctrl+K)"
 
@@ -59,7 +59,7 @@ class Header(QWidget):
         self.setFixedHeight(style.HEADER_HEIGHT)
         self.simulated = widgets.label("SIMULATED", "simulated", name="This board is simulated")
         self.link = widgets.button("", partial(services.show, Panel.CONNECT), name="Connection", tip=CHOOSE)
-        self.figures = [widgets.label("", "muted") for _ in range(FIGURES)]
+        self.figures = [widgets.label("", "muted") for _ in range(_FIGURES)]
         self.unit = widgets.button("", partial(services.show, Page.RUNS), name="Unit and calibration")
         show_outlets = partial(services.show, Panel.OUTLETS)
         self.outlets = widgets.button("", show_outlets, "outlets", name="Streams and remote control")

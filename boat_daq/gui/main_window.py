@@ -49,10 +49,10 @@ from boat_daq.viewmodels.common.services import Page, Panel
 from boat_daq.viewmodels.live.recording_status import RecordingStatus
 from boat_daq.viewmodels.live.run_model import UNDER_WAY
 
-CALM_MS = 150
+_CALM_MS = 150
 FRAMES_MEAN = 0.1  # weight of the newest frame in their mean cost
-LEAVE_S = 10.0  # two requests to close within it stop a run
-FRAME = 48  # of the system around a window, at most
+_LEAVE_S = 10.0  # two requests to close within it stop a run
+_FRAME = 48  # of the system around a window, at most
 MODEL_PAGES = (Page.OPTICS, Page.SHADOW, Page.TRADE_OFF)
 THEMES = {"system": None, "light": style.LIGHT, "dark": style.DARK}
 
@@ -142,7 +142,7 @@ class MainWindow(QMainWindow):
         self.frame_timer, self.calm_timer = QTimer(self, timerType=Qt.TimerType.PreciseTimer), QTimer(self)
         for timer, work in ((self.frame_timer, self.draw), (self.calm_timer, self.refresh)):
             timer.timeout.connect(work)
-            timer.start(CALM_MS)
+            timer.start(_CALM_MS)
         self.refresh()
 
     # ---- the two timers ------------------------------------------------------------------------------------------
@@ -338,7 +338,7 @@ class MainWindow(QMainWindow):
         """
         available = self.screen().availableSize()
         stored = bool(self.model.preferences.get("geometry", ""))
-        wanted = self.size() if stored else QSize(style.WINDOW_SIZE[0] + FRAME, style.WINDOW_SIZE[1] + FRAME)
+        wanted = self.size() if stored else QSize(style.WINDOW_SIZE[0] + _FRAME, style.WINDOW_SIZE[1] + _FRAME)
         if available.width() < wanted.width() or available.height() < wanted.height():
             self.setWindowState(Qt.WindowState.WindowMaximized)
 
@@ -367,8 +367,8 @@ class MainWindow(QMainWindow):
         again = monotonic() < self._leave_until
         if again or self.model.snapshot.state not in UNDER_WAY:
             return True
-        self._leave_until = monotonic() + LEAVE_S
-        remedy = f"Press Close again within {LEAVE_S:.0f} s to stop it, vent and save."
+        self._leave_until = monotonic() + _LEAVE_S
+        remedy = f"Press Close again within {_LEAVE_S:.0f} s to stop it, vent and save."
         self.model.notices.add(Severity.WARNING, "a run is in progress", remedy)
         return False
 

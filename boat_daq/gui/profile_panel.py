@@ -16,13 +16,13 @@ from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.board_profile import COMMAND_LABELS, DEVICE, BoardProfile, escaped, meaning_choices
 
-UNITS = ("", "s", "ms", "us", "kPa", "Pa", "mbar", "bar", "psi", "counts", "mV", "V", "degC")
-EXPLANATION = "Choose the port of the board, or a file with what it printed. Nothing is sent to the port."
+_UNITS = ("", "s", "ms", "us", "kPa", "Pa", "mbar", "bar", "psi", "counts", "mV", "V", "degC")
+_EXPLANATION = "Choose the port of the board, or a file with what it printed. Nothing is sent to the port."
 COMMANDS_HINT = (
     "Text that the firmware understands, with fields such as {kpa:.1f}; \\n is a line end. Without limits, a vent and "
     "a pressure command, the program records and commands no pressure. The dry run shows the bytes, and sends none."
 )
-HINTS = {"set_pressure": "P{kpa:.1f}\\n", "vent": "V\\n", "start": "R{rate_hz}\\n", "heartbeat": "H\\n"}
+_HINTS = {"set_pressure": "P{kpa:.1f}\\n", "vent": "V\\n", "start": "R{rate_hz}\\n", "heartbeat": "H\\n"}
 PREVIEW_HEIGHT = 6 * style.CONTROL_HEIGHT
 LIMITS_TIP = "The pressure is never commanded beyond these limits; without both, none is commanded."
 
@@ -75,7 +75,7 @@ class ProfilePanel(QDialog):
         self.listen_button = widgets.button("Listen", self._listen)
         file = widgets.button("Open a file …", self._open)
         line = widgets.row(widgets.label("Port"), (self.port, 1), self.listen_button, file)
-        return widgets.holder(widgets.column(widgets.label(EXPLANATION, "muted", wrap=True), line))
+        return widgets.holder(widgets.column(widgets.label(_EXPLANATION, "muted", wrap=True), line))
 
     def _raw_area(self) -> QScrollArea:
         area = QScrollArea()
@@ -122,7 +122,7 @@ class ProfilePanel(QDialog):
         return field
 
     def _command_field(self, key: str) -> Any:
-        field = widgets.field(f"Template: {COMMAND_LABELS[key]}", placeholder=HINTS.get(key, ""))
+        field = widgets.field(f"Template: {COMMAND_LABELS[key]}", placeholder=_HINTS.get(key, ""))
         field.setFixedWidth(6 * style.CONTROL_HEIGHT)
         field.textEdited.connect(lambda text: self._attempt(partial(self.model.set_command, key, text)))
         return field
@@ -182,7 +182,7 @@ class ProfilePanel(QDialog):
         for i, field in enumerate(fields):
             label = field.label or f"field {i + 1}"
             meaning = _editable(f"Meaning of {label}", meaning_choices(), field.name, partial(self._set, i, "name"))
-            unit = _editable(f"Unit of {label}", [(u, u) for u in UNITS], field.unit, partial(self._set, i, "unit"))
+            unit = _editable(f"Unit of {label}", [(u, u) for u in _UNITS], field.unit, partial(self._set, i, "unit"))
             scale = widgets.field(f"Scale of {label}", f"{field.scale:g}", width=2 * style.CONTROL_HEIGHT)
             scale.editingFinished.connect(partial(self._scale, i, scale))
             guess = widgets.label("\u25b2 guess" if field.guessed else "", "small")

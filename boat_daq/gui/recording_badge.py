@@ -10,7 +10,7 @@ from boat_daq.gui.widgets.file_dialogs import open_folder
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.recording_status import RecordingStatus, RecordingText
 
-KEY = "Ctrl+R"
+_KEY = "Ctrl+R"
 
 
 class RecordingBadge:
@@ -30,7 +30,7 @@ class RecordingBadge:
         self.badge.setAccessibleName(f"Recording: {found.text or 'none'}")
         self.badge.setVisible(bool(found.text))
         widgets.set_text(self.button, found.button)
-        self.button.setToolTip(widgets.as_words(f"{found.button} ({KEY})" if found.text else f"{found.tip} ({KEY})"))
+        self.button.setToolTip(widgets.as_words(f"{found.button} ({_KEY})" if found.text else f"{found.tip} ({_KEY})"))
         self.button.setAccessibleName("Stop recording" if found.text else "Record")
         self.button.setVisible(bool(found.button))
 

@@ -26,7 +26,7 @@ from boat_daq.gui.widgets.controls import as_words
 from boat_daq.viewmodels.common.notices import Notices, Severity
 
 ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
-MOVING = (
+_MOVING = (
     Qt.Key.Key_Tab, Qt.Key.Key_Backtab, Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_Up, Qt.Key.Key_Down
 )  # fmt: skip
 POINTED = (QEvent.Type.MouseButtonPress, QEvent.Type.TouchBegin)
@@ -138,7 +138,7 @@ class WindowKeys(QObject):
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Return whether the event was handled here."""
-        if event.type() in POINTED or (isinstance(event, QKeyEvent) and event.key() in MOVING):
+        if event.type() in POINTED or (isinstance(event, QKeyEvent) and event.key() in _MOVING):
             self._moving = True
             QTimer.singleShot(0, self._moved)
         if not isinstance(event, QKeyEvent):

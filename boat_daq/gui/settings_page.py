@@ -22,14 +22,14 @@ from boat_daq.gui.widgets.layouts import Leaves, ReflowingPage
 from boat_daq.viewmodels.common.notices import sentence
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.unit_in_use import UnitInUse
-from boat_daq.viewmodels.settings_model import CALIBRATION, PROGRAM, SettingsModel, StoredValues, note, refusal
+from boat_daq.viewmodels.settings_model import CALIBRATION_CHANGED, PROGRAM, SettingsModel, StoredValues, note, refusal
 from protocol.base.errors import RequestError
 
-EXPLANATION = "A value is stored when you leave its field. Undo: Ctrl+Z."
-LIMITS = "A plan outside these limits is refused, on virtual boards, too."
+_EXPLANATION = "A value is stored when you leave its field. Undo: Ctrl+Z."
+_LIMITS = "A plan outside these limits is refused, on virtual boards, too."
 NO_CHANGE = "None yet"
-EMPTY = "empty"
-TABLES = {"type_b": "Type B", "metadata": "Metadata"}
+_EMPTY = "empty"
+_TABLES = {"type_b": "Type B", "metadata": "Metadata"}
 NO_LIMIT = 16_777_215  # of Qt
 ON_OFF = [("off", "off"), ("on", "on")]
 SUBJECT_ROLE = Qt.ItemDataRole.UserRole
@@ -212,7 +212,7 @@ class SettingsPage(ReflowingPage):
         """Show the values of the chosen subject; where its file is refused, why."""
         is_unit = self.subject != PROGRAM
         self.title.setText(f"Unit {self.subject}" if is_unit else "This program")
-        self.explanation.setText(f"{LIMITS} {EXPLANATION}" if is_unit else EXPLANATION)
+        self.explanation.setText(f"{_LIMITS} {_EXPLANATION}" if is_unit else _EXPLANATION)
         self.path.setText(str(self.model.file(self.subject)))
         for part in (self.metadata, self.contributions, self.calibrations):
             part.setVisible(is_unit)
@@ -237,11 +237,11 @@ class SettingsPage(ReflowingPage):
     @staticmethod
     def _change_cells(change: StoredChange, rows: Mapping[str, ValueRow]) -> tuple[str, str, str]:
         when = change.utc[5:16].replace("T", " ")
-        if change.key == CALIBRATION:
-            return when, CALIBRATION, change.after
+        if change.key == CALIBRATION_CHANGED:
+            return when, CALIBRATION_CHANGED, change.after
         table, _, key = change.key.partition(".")
-        label = rows[table].about.label if table in rows else f"{TABLES.get(table, table)}: {key}".rstrip(": ")
-        return when, label, f"{change.before or EMPTY} \u2192 {change.after or EMPTY}"
+        label = rows[table].about.label if table in rows else f"{_TABLES.get(table, table)}: {key}".rstrip(": ")
+        return when, label, f"{change.before or _EMPTY} \u2192 {change.after or _EMPTY}"
 
     def _store(self, key: str, text: str) -> None:
         self._attempt(lambda: self.model.enter(self.subject, {key: text}))

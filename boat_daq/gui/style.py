@@ -137,7 +137,7 @@ _OUTCOMES = {
 }  # fmt: skip
 HATCH_ALPHA = 90
 
-BAND_ALPHA = 56  # of 255: a band lets the grid and the curve through
+BAND_OPACITY = 56  # of 255: a band lets the grid and the curve through
 BAND_ALPHA_WIDE = 30
 RAY_ALPHA = 90
 STALE_OPACITY = 0.35  # of data that have ended

@@ -45,7 +45,7 @@ from protocol.base.errors import RequestError
 from protocol.base.whole_file import write_whole
 
 PROGRAM = ""  # in place of the name of a unit
-CALIBRATION = "Calibration"  # in place of a key, for what changed
+CALIBRATION_CHANGED = "Calibration"  # in place of a key, for what changed
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +85,9 @@ class SettingsModel:
             return StoredValues(texts_of(settings), changes[::-1])
         unit = self._units.load(subject)
         calibrations = (
-            StoredChange(entry.utc, CALIBRATION, "", entry.recording or "accepted" if entry.accepted else "withdrawn")
+            StoredChange(
+                entry.utc, CALIBRATION_CHANGED, "", entry.recording or "accepted" if entry.accepted else "withdrawn"
+            )
             for entry in unit.history
         )
         changes = tuple(sorted((*unit.changes, *calibrations), key=lambda change: change.utc))[::-1]

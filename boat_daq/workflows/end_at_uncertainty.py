@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from analysis.stopping.requirement import UNITS, check_asked
+from analysis.stopping.requirement import UNIT_OF_REQUIREMENT, check_asked
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
@@ -25,7 +25,7 @@ from protocol.base.errors import BoatDaqError, RequestError
 if TYPE_CHECKING:
     from analysis.stopping.criterion import StopAssessment
 
-ENOUGH = "Assessing the uncertainty"  # what the process of an assessment does
+ASSESSING = "Assessing the uncertainty"  # what the process of an assessment does
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ def assess_end(recording: Path, asked: float, unit: str, cycles: int) -> EndUnce
     from analysis.stopping.criterion import assess_run
 
     try:
-        found = assess_run(recording, asked, cycles, repeats=unit == UNITS["continuous"])
+        found = assess_run(recording, asked, cycles, repeats=unit == UNIT_OF_REQUIREMENT["continuous"])
     except BoatDaqError as error:
         text = f"the uncertainty is not known at the end of the run, {asked:g} {unit} asked: {error.cause}"
         return EndUncertainty(asked, unit, None, None, reached=False, text=text)
@@ -112,7 +112,7 @@ class EnoughCycles:
 
     def asked_of(self, plan: Plan | None) -> tuple[float, str] | None:
         """Return the uncertainty at which a run of a plan ends, and its unit; None where it runs all cycles."""
-        unit = UNITS.get(plan.kind, "") if plan is not None else ""
+        unit = UNIT_OF_REQUIREMENT.get(plan.kind, "") if plan is not None else ""
         return (self.asked[unit], unit) if unit in self.asked else None
 
     def close(self) -> None:
@@ -150,7 +150,9 @@ class EnoughCycles:
             self._not_known(error.cause)
             return
         plan = snapshot.plan
-        self._job = Job(ENOUGH, assess_run, snapshot.recording, asked, plan.cycles, repeats=plan.kind == "continuous")
+        self._job = Job(
+            ASSESSING, assess_run, snapshot.recording, asked, plan.cycles, repeats=plan.kind == "continuous"
+        )
 
     def _take(self, job: Job, complete_cycles: int) -> None:
         """Report an assessment, and end the run where it is enough."""

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from analysis.progress import Progress
-from analysis.stopping.requirement import UNITS, check_asked
+from analysis.stopping.requirement import UNIT_OF_REQUIREMENT, check_asked
 from boat_daq.engine.control.elongation import Regulator
 from boat_daq.engine.log import start_log
 from boat_daq.engine.plan import Plan
@@ -32,12 +32,12 @@ from boat_daq.workflows.unit_control import regulator_of
 from protocol.base.errors import BoatDaqError, DeviceError
 from protocol.recording import BoardState, DerivedChannel
 
-POLL_S = 0.1
-LASTING_S = 6.0  # a rate is that of the last 5 s; a start or a single loss within them is no lasting warning
+_POLL_S = 0.1
+_LASTING_S = 6.0  # a rate is that of the last 5 s; a start or a single loss within them is no lasting warning
 CLEARING_S = 3.0
-VENTING_S = 20.0
+_VENTING_S = 20.0
 MARKS_S = 10.0  # longest wait for the marks in the picture
-ENDED = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
+_ENDED = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
 
 Notify = Callable[[str], object]
 ProgressBar = Callable[[str], AbstractContextManager[Progress]]  # of a label
@@ -122,7 +122,7 @@ def run_session(
     DeviceError, RequestError, StorageError : nothing could be recorded. A run that fails midway is not an error
         here: the recording holds the samples until then.
     """
-    unit = UNITS.get(request.plan.kind, "mm") if request.plan is not None else "mm"
+    unit = UNIT_OF_REQUIREMENT.get(request.plan.kind, "mm") if request.plan is not None else "mm"
     if request.uncertainty is not None:
         check_asked(request.uncertainty, unit)
     start_log("record")
@@ -222,7 +222,7 @@ def _wait_for_marks(channel: CameraChannel, notify: Notify) -> None:
             fault = state.reading.fault if state.reading is not None else ""
             cause, remedy = FAULT_TEXTS.get(fault, ("it gives no picture", "check its cable"))
             raise DeviceError(f"the camera gives no elongation: {cause}", remedy)
-        time.sleep(POLL_S)
+        time.sleep(_POLL_S)
     notify(
         f"camera: {channel.state.rate_hz or 0:.0f} frames/s, {1e3 * (channel.about['mm_per_px'] or 0):.1f} µm a pixel"
     )
@@ -255,7 +255,7 @@ def vent_residual_pressure(session: Session, notify: Notify) -> None:
         return
     notify(f"warning: the unit was under pressure ({last.pressure_kpa:.1f} kPa); it is vented before the run")
     session.vent()
-    session.wait(lambda _: all(check.ok for check in session.preflight() if check.name == "zero"), VENTING_S)
+    session.wait(lambda _: all(check.ok for check in session.preflight() if check.name == "zero"), _VENTING_S)
 
 
 def _arm(session: Session, request: SessionRequest, plan: Plan) -> None:
@@ -282,7 +282,7 @@ def _follow(
             if seen.progress is not None:
                 advance(seen.progress.elapsed_s, max(seen.progress.elapsed_s + seen.progress.time_left_s, 1e-9))
             enough.follow(seen)
-            if seen.state in ENDED or seen.link in (LinkState.LOST, LinkState.FAILED, LinkState.CLOSED):
+            if seen.state in _ENDED or seen.link in (LinkState.LOST, LinkState.FAILED, LinkState.CLOSED):
                 return
 
 
@@ -304,7 +304,7 @@ def _snapshots(session: Session, print_new: MessagePrinter) -> Iterator[SessionS
         seen = session.snapshot()
         print_new(seen)
         yield seen
-        time.sleep(POLL_S)
+        time.sleep(_POLL_S)
 
 
 class MessagePrinter:
@@ -328,7 +328,7 @@ class MessagePrinter:
         warnings.pop(LinkWarningCode.SILENT, None)  # has a message of its own
         self._since = {code: self._since.get(code, seen.recorded_s) for code in warnings}
         for code, since in self._since.items():
-            if seen.recorded_s - since >= LASTING_S and code not in self._printed:
+            if seen.recorded_s - since >= _LASTING_S and code not in self._printed:
                 self._notify(f"warning: {warnings[code]}")
                 self._printed.add(code)
 

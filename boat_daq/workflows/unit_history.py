@@ -22,7 +22,7 @@ from protocol.base.errors import RequestError
 if TYPE_CHECKING:
     from analysis.figures.unit_history import DatedCalibration, UnitHistory
 
-CURVE_POINTS = 41
+_CURVE_POINTS = 41
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,7 @@ def _dated(record: CalibrationRecord, sensor: int) -> DatedCalibration:
 
     inverse = record.sensors[sensor].inverse()
     assert inverse.calibration is not None
-    x = np.linspace(*inverse.x_range, CURVE_POINTS)
+    x = np.linspace(*inverse.x_range, _CURVE_POINTS)
     u_mm = np.column_stack([x, 2.0 * inverse.standard_uncertainty(x)])
     return DatedCalibration(record.calibrated_utc, inverse.calibration, u_mm)
 

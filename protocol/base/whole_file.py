@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-SUFFIX = ".part"
+_SUFFIX = ".part"
 STEM_BYTES = 220
 _number = itertools.count(1)
 
@@ -38,7 +38,7 @@ def written_whole(path: Path) -> Iterator[Path]:
         return
     if replaced and not os.access(path, os.W_OK):  # a name can be exchanged that may not be written
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
-    part = path.with_name(f"{_stem(path)}.{os.getpid()}-{next(_number)}{SUFFIX}")
+    part = path.with_name(f"{_stem(path)}.{os.getpid()}-{next(_number)}{_SUFFIX}")
     try:
         yield part
         if replaced:
@@ -68,7 +68,7 @@ def remove_unfinished(path: Path) -> None:
     path = Path(os.path.realpath(path))
     with suppress(OSError):  # a folder that is none, or is not to be written
         for part in path.parent.iterdir():
-            if part.name.startswith(f"{_stem(path)}.") and part.suffix == SUFFIX:
+            if part.name.startswith(f"{_stem(path)}.") and part.suffix == _SUFFIX:
                 part.unlink(missing_ok=True)
 
 

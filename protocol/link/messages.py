@@ -23,7 +23,7 @@ from protocol.recording import CHANNELS_MAX, ExtraChannel, channels_of
 
 PROTOCOL_VERSION = 1
 SENSORS_MAX = 4
-SIMULATED = "SIMULATED-"  # begins the identity of every virtual board, and of no other
+SIMULATED_PREFIX = "SIMULATED-"  # begins the identity of every virtual board, and of no other
 
 
 class MessageType(enum.IntEnum):
@@ -102,7 +102,7 @@ class Hello:
     @property
     def simulated(self) -> bool:
         """Whether the board is a virtual one."""
-        return self.board_id.startswith(SIMULATED)
+        return self.board_id.startswith(SIMULATED_PREFIX)
 
 
 @dataclass(frozen=True, slots=True)

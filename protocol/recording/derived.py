@@ -5,8 +5,8 @@ are never stored, because they are a function of the samples of one instant alon
 piece, the same operations on the same numbers give the same bits.
 
 Strategy: an expression is data from a file or a person, so it is never given to Python. It is read by precedence
-climbing into a program of at most `MAX_STEPS` numpy operations, from a closed list, on float64 columns; time and memory
-are linear in the samples. Nothing in the language loops, allocates, names an attribute or reaches outside.
+climbing into a program of at most `_MAX_STEPS` numpy operations, from a closed list, on float64 columns; time and
+memory are linear in the samples. Nothing in the language loops, allocates, names an attribute or reaches outside.
 
 Units are carried along: those of a product are multiplied, those of a sum must agree; a unit that is stated is used as
 it is.
@@ -29,8 +29,8 @@ from protocol.recording.channels import ExtraChannel
 Column: TypeAlias = NDArray[np.float64]
 Powers: TypeAlias = Mapping[str, float]  # symbol of a unit: its exponent; empty for a number
 
-MAX_LETTERS, MAX_STEPS, MAX_DEPTH, MAX_CHANNELS = 400, 120, 24, 16
-ROWS_AT_ONCE = 1 << 16  # memory is bounded by the steps times this
+MAX_LETTERS, _MAX_STEPS, MAX_DEPTH, MAX_CHANNELS = 400, 120, 24, 16
+_ROWS_AT_ONCE = 1 << 16  # memory is bounded by the steps times this
 
 _DEFINITION = re.compile(
     r"\s*([A-Za-z][A-Za-z0-9_]{0,31})\s*(?:\[\s*([^\[\]=;:\"\x00-\x1f]{0,24}?)\s*\])?\s*=(.*)", re.S
@@ -177,8 +177,8 @@ class _Reader:
 
     def _add(self, step: _Step) -> None:
         self.steps.append(step)
-        if len(self.steps) > MAX_STEPS:
-            raise ExpressionError(f"the expression has more than {MAX_STEPS} operations", "Divide it in two.")
+        if len(self.steps) > _MAX_STEPS:
+            raise ExpressionError(f"the expression has more than {_MAX_STEPS} operations", "Divide it in two.")
 
     def _level(self, lowest: int, depth: int) -> None:
         """Read operators that bind at least as `lowest`."""
@@ -290,8 +290,8 @@ class Expression:
         n = max((len(column) for column in columns.values()), default=0)
         result = np.empty(n)
         with np.errstate(all="ignore"):
-            for first in range(0, n, ROWS_AT_ONCE):
-                rows = slice(first, first + ROWS_AT_ONCE)
+            for first in range(0, n, _ROWS_AT_ONCE):
+                rows = slice(first, first + _ROWS_AT_ONCE)
                 known = {name: np.ascontiguousarray(columns[name][rows], dtype=np.float64) for name in self.channels}
                 result[rows] = self._rows(known, len(result[rows]))
         return result

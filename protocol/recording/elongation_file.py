@@ -20,7 +20,7 @@ from pathlib import Path
 from protocol.base.errors import RequestError
 from protocol.base.regular_file import read_regular
 
-MAX_BYTES = 4_000_000
+_MAX_BYTES = 4_000_000
 _SEPARATORS = ";\t|,"
 _BRANCHES = (None, "start", "unloading", "loading")
 _HEADER = "the first line must be: pressure_kpa,elongation_mm"
@@ -62,7 +62,7 @@ def read_elongation_rows(path: Path) -> tuple[ElongationRow, ...]:
 
 def _text(path: Path) -> str:
     try:
-        content = read_regular(path, MAX_BYTES)
+        content = read_regular(path, _MAX_BYTES)
     except OSError as error:
         raise RequestError(f"{path} cannot be read: {error.strerror}", "choose the file of elongations") from error
     text = _decoded(content)

@@ -19,7 +19,7 @@ from protocol.recording.schema import note_of
 
 METADATA_EVENT = "metadata"  # `event.kind` of metadata, as JSON; the newest counts
 MOST = 20_000  # letters of one text
-TEXTS = ("operator", "customer", "item", "serial_number", "note")
+_TEXTS = ("operator", "customer", "item", "serial_number", "note")
 RANGES = {"ambient_temperature_c": (-90.0, 200.0), "ambient_humidity_percent": (0.0, 100.0)}
 OF_A_UNIT = ("operator", "customer", "item", "serial_number")
 """The keys that stay the same from recording to recording of a unit; its free fields do, too."""
@@ -51,7 +51,7 @@ class Metadata:
         ------
         ValueError : a value is of another type or outside its range; names it.
         """
-        texts: dict[str, Any] = {key: values.get(key) or "" for key in TEXTS}
+        texts: dict[str, Any] = {key: values.get(key) or "" for key in _TEXTS}
         numbers: dict[str, Any] = {key: values.get(key) for key in RANGES}
         fields = values.get("fields") or {}
         for key, text in texts.items():
@@ -84,7 +84,7 @@ class Metadata:
         for key, text in values.items():
             if key in RANGES:
                 known[key] = _number(key, text.strip())
-            elif key in TEXTS:
+            elif key in _TEXTS:
                 known[key] = text.strip()
             elif key.strip():
                 fields[key.strip()] = text.strip()

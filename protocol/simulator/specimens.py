@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from protocol.base.errors import RequestError
-from protocol.link.messages import SIMULATED
+from protocol.link.messages import SIMULATED_PREFIX
 from protocol.simulator.hysteresis import PlaySum
 
 FALLING = "-falling"
@@ -64,7 +64,7 @@ class Specimen:
     @property
     def board_id(self) -> str:
         """The identity in HELLO, at most 16 characters; it names the board as simulated."""
-        return SIMULATED + self.name.removesuffix(FALLING) + ("-F" if self.name.endswith(FALLING) else "")
+        return SIMULATED_PREFIX + self.name.removesuffix(FALLING) + ("-F" if self.name.endswith(FALLING) else "")
 
 
 def _actuator(elastic: float, hysteretic: float, curvature: float) -> SpecimenActuator:

@@ -21,7 +21,7 @@ from protocol.simulator.plant import TICK_S, Body, Pneumatics, Sensors, cubic
 from protocol.simulator.specimens import find_specimen
 
 CONTINUOUS = (50.0, -40.0, 50.0)
-SETTLED_S = 1.0  # after the end of a ramp, as in `analysis`
+_SETTLED_S = 1.0  # after the end of a ramp, as in `analysis`
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +111,7 @@ def truth_figures(
     ----------
     unit : the specimen's name, as in `SPECIMEN_NAMES`.
     cycle_kpa : targets of one cycle, first and last the same; more than the three of `CONTINUOUS` are a staircase, read
-        from `SETTLED_S` after each arrival.
+        from `_SETTLED_S` after each arrival.
     ramp_kpa_per_s, dwell_s : rate between the targets, and time at each.
 
     Raises
@@ -125,7 +125,7 @@ def truth_figures(
     p, x, y = run.pressure_kpa[third], run.elongation_mm[third], run.signal_mv[third]
     staircase = len(cycle_kpa) > len(CONTINUOUS)
     if staircase:
-        p, x, y = (held[-len(cycle_kpa) :] for held in run.holds(min(SETTLED_S, 0.5 * dwell_s), dwell_s))
+        p, x, y = (held[-len(cycle_kpa) :] for held in run.holds(min(_SETTLED_S, 0.5 * dwell_s), dwell_s))
     low, high = float(x.min()), float(x.max())
     sensors = []
     for number, sensor in enumerate(model.sensors, 1):

@@ -21,7 +21,7 @@ from protocol.base.errors import ProfileError
 from protocol.base.units import find_unit
 from protocol.text.readers import CHECKSUMS, LINE_MAX, checked, hexadecimal, json_values
 
-LINES_MAX = 2000  # of the text, the first ones
+_LINES_MAX = 2000  # of the text, the first ones
 PACKET_LENGTHS = range(4, 41)  # bytes
 PACKETS_FEWEST = 8
 PACKET_BYTES_MAX = 20_000
@@ -29,11 +29,11 @@ CONSTANT = 0.98  # of the packets have the same byte there
 ENOUGH = 0.8  # of the lines, that a syntax must fit
 LONG_STEP = 5  # medians: a longer step of time is a gap
 NEARLY_ALL = 0.95  # of the texts of a column
-FEWEST = 3  # lines from which a syntax can be told
+_FEWEST = 3  # lines from which a syntax can be told
 DELIMITERS = (",", ";", "\t", "|", " ")
 SENSORS_MAX = 4
-ADC_BITS = (10, 12, 14, 16)
-VREF_MV = {10: 5000}  # of an Arduino; others have 3.3 V
+_ADC_BITS = (10, 12, 14, 16)
+_VREF_MV = {10: 5000}  # of an Arduino; others have 3.3 V
 VREF_USUAL_MV = 3300
 SIGNAL_UNITS = ("mV", "V", "uV", "counts")
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
@@ -186,10 +186,10 @@ def propose(data: bytes, seconds: float = 0.0) -> Proposal:
     """
     line_end = "\n" if 2 * data.count(b"\n") >= data.count(b"\r") else "\r"
     pieces = data.decode("latin-1").split(line_end)
-    raw = [line.strip() for line in pieces[1:-1] if line.strip() and len(line) <= LINE_MAX][:LINES_MAX]
+    raw = [line.strip() for line in pieces[1:-1] if line.strip() and len(line) <= LINE_MAX][:_LINES_MAX]
     comments = _comment_prefixes(raw)
     lines = [line for line in raw if not line.startswith(tuple(comments))] if comments else raw
-    if len(lines) < FEWEST:
+    if len(lines) < _FEWEST:
         cause = f"there are only {len(lines)} whole lines of text"
         raise ProfileError(cause, "wait for more, or check the baud rate; packets of bytes are an RX8 format")
     seen, (checksum, lines) = len(lines), _checksum(lines)
@@ -505,9 +505,9 @@ def _with_device(proposal: Proposal, values: Sequence[np.ndarray[Any, Any] | Non
             rate_hz = 1 / (float(steps.mean()) * TIME_UNITS[field.unit]) if steps.size else rate_hz
         if field.unit == "counts" or field.name.endswith(("_lit", "_dark")):
             counts = max(counts, float(column.max()))
-    bits = next((n for n in ADC_BITS if counts < 1 << n), ADC_BITS[-1]) if counts else 0
+    bits = next((n for n in _ADC_BITS if counts < 1 << n), _ADC_BITS[-1]) if counts else 0
     rate_hz = min(max(float(f"{rate_hz:.3g}"), 0.01), 65_535.0)
-    return replace(proposal, rate_hz=rate_hz, adc_bits=bits, vref_mv=VREF_MV.get(bits, VREF_USUAL_MV) if bits else 0)
+    return replace(proposal, rate_hz=rate_hz, adc_bits=bits, vref_mv=_VREF_MV.get(bits, VREF_USUAL_MV) if bits else 0)
 
 
 def propose_packets(data: bytes, seconds: float = 0.0) -> Proposal:

@@ -128,11 +128,11 @@ def test_frame_under_strong_vacuum(qtbot, app_model, capsys):
 def test_step_of_the_optics_slider(qtbot, app_model, capsys):
     """From one state to the next: four polylines of some thousand points drawn and painted."""
     from boat_daq.gui.models.optics_page import OpticsPage
-    from boat_daq.viewmodels.models.optics import PAPER, trace_design
+    from boat_daq.viewmodels.models.optics import PAPER_DESIGN, trace_design
 
     page = OpticsPage(app_model.optics, app_model.rays, app_model.confidence, app_model.services)
     qtbot.addWidget(page)
-    app_model.optics.result = trace_design(PAPER, 250)
+    app_model.optics.result = trace_design(PAPER_DESIGN, 250)
     page.resize(1150, 660)
     page.show()
     qtbot.waitExposed(page)

@@ -20,9 +20,9 @@ from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError
 
 STATES = 15
-REST = 7
+REST_STATE = 7
 POINTS = 7
-LENGTH_MM = 75.0
+_LENGTH_MM = 75.0
 """Six unit cells of 12.5 mm (paper)."""
 COMPRESSION_MM, ELONGATION_MM = -2.70, 3.80
 """Elongation at -40 and +50 kPa, derived from the paper's figures."""
@@ -52,7 +52,9 @@ def elongations() -> FloatArray:
 
 def parametric_elongations() -> FloatArray:
     """Return the elongations of the parametric states, mm: 7 even steps of compression, rest, 7 of elongation."""
-    return np.concatenate([np.linspace(COMPRESSION_MM, 0.0, REST + 1), np.linspace(0.0, ELONGATION_MM, REST + 1)[1:]])
+    return np.concatenate(
+        [np.linspace(COMPRESSION_MM, 0.0, REST_STATE + 1), np.linspace(0.0, ELONGATION_MM, REST_STATE + 1)[1:]]
+    )
 
 
 def parametric_curves(states: FloatArray | None = None) -> FloatArray:
@@ -68,7 +70,7 @@ def parametric_curves(states: FloatArray | None = None) -> FloatArray:
     """
     e = parametric_elongations() if states is None else np.asarray(states, dtype=float)
     part = np.linspace(0.0, 1.0, POINTS)
-    z = (LENGTH_MM + e)[:, None] * part
+    z = (_LENGTH_MM + e)[:, None] * part
     x = (BOW_MM + BOW_PER_ELONGATION * e)[:, None] * np.sin(np.pi * part)
     x[:, [0, -1]] = 0.0
     return np.stack([np.stack([-x, z], axis=2), np.stack([x, z], axis=2)], axis=1)

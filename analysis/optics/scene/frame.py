@@ -22,7 +22,7 @@ from analysis.optics.scene.parameters import Design, Waveguide
 from protocol.base.arrays import FloatArray, IntArray
 from protocol.base.errors import DataError, RequestError
 
-NOTHING, INTERFACE, RECEIVER = 0, 1, 2
+NO_SURFACE, INTERFACE, RECEIVER = 0, 1, 2
 CORNER_A, CORNER_B, FREE = 1, 2, 4
 JUNCTION_START, JUNCTION_END, NO_CELL = -1, -2, -3
 _SAMPLES = 1500

@@ -20,7 +20,7 @@ import numpy as np
 from analysis.compiled import compiled
 from analysis.optics.scene import frame as surface
 from analysis.optics.scene.bvh import build_bvh
-from analysis.optics.scene.frame import INTERFACE, NO_CELL, NOTHING, SceneFrame, check_design
+from analysis.optics.scene.frame import INTERFACE, NO_CELL, NO_SURFACE, SceneFrame, check_design
 from analysis.optics.scene.parameters import FACES, Design
 from protocol.base.arrays import FloatArray, IntArray
 
@@ -29,9 +29,9 @@ from protocol.base.arrays import FloatArray, IntArray
 C_LEVEL_L, C_LEVEL_R, C_START, C_END, C_LEFT, C_RIGHT, C_INVERSE_L, CELL_COLUMNS = 5, 6, 7, 11, 15, 16, 17, 19
 SURFACE_COLUMNS = 16
 # where cavities are cut: numbers of `parameters.FACES`, 0 and 1 being replaced by the side
-LEFT, RIGHT, BOTH, MIDLINE = range(4)
+_LEFT, _RIGHT, BOTH, MIDLINE = range(4)
 # what bounds a cell before and after: nothing, a wall on one side, a void between this cell and the next two, two walls
-OPEN, WALL, FORK, WALLS = range(4)
+OPEN, _WALL, FORK, WALLS = range(4)
 # columns of a cell's links: cell before, cell after, what bounds it before and after, arc it lies on
 BEFORE, AFTER, WALL_BEFORE, WALL_AFTER, ARC, LINK_COLUMNS = range(6)
 # columns of a cavity: its first and last cell, its side (0 left, 1 right), 1 if its mouth is free
@@ -131,8 +131,8 @@ def _cut_guide(
             stop = min(stop, walls[wall])
         if stop - s > _SLIVER:
             inside = wall % 2 == 1
-            left = half - deep if inside and side in (LEFT, BOTH) else half
-            right = -half + deep if inside and side in (RIGHT, BOTH) else -half
+            left = half - deep if inside and side in (_LEFT, BOTH) else half
+            right = -half + deep if inside and side in (_RIGHT, BOTH) else -half
             void = inside and side == MIDLINE
             _write_cell(cells[c], nodes[arc], curvature[arc], left, deep / 2 if void else right)
             g.links[c, ARC] = arc
@@ -177,7 +177,7 @@ def _wall(g: Geometry, cell: int, at_end: bool, low: float, high: float, kind: i
     row[8], row[9], row[10], row[11] = x - low * ty, y + low * tx, -ty, tx
     row[12], row[13], row[14], row[15] = x - high * ty, y + high * tx, -ty, tx
     g.kinds[number], g.corners[number] = kind, surface.CORNER_A | surface.CORNER_B
-    g.links[cell, WALL_AFTER if at_end else WALL_BEFORE] = WALL
+    g.links[cell, WALL_AFTER if at_end else WALL_BEFORE] = _WALL
 
 
 @compiled
@@ -336,11 +336,11 @@ def _write_order(g: Geometry, first: IntArray) -> int:
         for side in range(2):
             for c in range(first[guide], first[guide + 1]):
                 for number in (4 * c + side, 4 * c + 2 + side):
-                    if g.kinds[number] != NOTHING:
+                    if g.kinds[number] != NO_SURFACE:
                         g.bvh_order[n] = number
                         n += 1
     for number in range(4 * len(g.cells), len(g.kinds)):
-        if g.kinds[number] != NOTHING:
+        if g.kinds[number] != NO_SURFACE:
             g.bvh_order[n] = number
             n += 1
     return n
@@ -398,14 +398,14 @@ def build(g: Geometry, frame: SceneFrame, pattern: FloatArray) -> None:
     pattern : cavities, width, depth, spacing (mm), number of the face in `parameters.FACES`.
     """
     guides, n, face = len(frame.nodes), int(pattern[0]), int(pattern[4])
-    g.kinds[:], g.corners[:], g.owners[:] = NOTHING, 0, NO_CAVITY
+    g.kinds[:], g.corners[:], g.owners[:] = NO_SURFACE, 0, NO_CAVITY
     g.links[:, WALL_BEFORE], g.links[:, WALL_AFTER] = 0, 0
     g.emitter[:], g.receiver_direction[:] = frame.emitter, frame.receiver_direction
     walls, first = np.empty(2 * n), np.zeros(guides + 1, dtype=np.int64)
     for i in range(guides):
         nodes, curvature, ends = frame.nodes[i], frame.curvature[i], frame.ends[i]
         _place_walls(walls, nodes[-1, 4] / 2, pattern)
-        side = face if face >= BOTH else LEFT if (frame.outer[i] > 0) == (face == 0) else RIGHT
+        side = face if face >= BOTH else _LEFT if (frame.outer[i] > 0) == (face == 0) else _RIGHT
         start = first[i]
         after = _cut_guide(g, start, nodes, curvature, ends, walls, frame.half_mm, pattern[2], side)
         _link(g, i, start, after, len(frame.surfaces) > 0, side)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.optics.scene.frame import NOTHING, RECEIVER, SceneFrame
+from analysis.optics.scene.frame import NO_SURFACE, RECEIVER, SceneFrame
 from analysis.optics.scene.geometry import geometry_of
 from analysis.optics.scene.parameters import Design
 from protocol.base.arrays import FloatArray
@@ -78,7 +78,7 @@ def outline(frame: SceneFrame, design: Design) -> Outline:
     RequestError : the cavities do not fit the guide.
     """
     g = geometry_of(frame, design)
-    kept = (g.kinds != NOTHING) & (g.kinds != RECEIVER)
+    kept = (g.kinds != NO_SURFACE) & (g.kinds != RECEIVER)
     receivers = g.surfaces[g.kinds == RECEIVER]
     receiver = np.stack([receivers[0, 8:10], receivers[0, 12:14]]) if len(receivers) else np.full((2, 2), np.nan)
     contours = sorted(_chained(g.surfaces[kept]), key=lambda contour: -abs(contour.area))

@@ -17,7 +17,7 @@ from protocol.base.arrays import BoolArray, FloatArray, IntArray
 from protocol.base.errors import DataError
 
 DEGREE = 3
-DRAWS = 500
+_DRAWS = 500
 _TIE = 0.025
 _LARGE = 1e3
 """Noncentral chi-square above which its root is normal with sd 1, to 0.015 on the safe side."""
@@ -116,7 +116,7 @@ class Uncertainty:
     tied: FloatArray
 
 
-def uncertainty(ndr: FloatArray, sd: FloatArray, floor: float, *, draws: int = DRAWS, seed: int = 0) -> Uncertainty:
+def uncertainty(ndr: FloatArray, sd: FloatArray, floor: float, *, draws: int = _DRAWS, seed: int = 0) -> Uncertainty:
     """Return the uncertainty of P from draws of NDR about its value with its standard deviation.
 
     Parameters

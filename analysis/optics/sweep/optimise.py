@@ -30,7 +30,7 @@ from analysis.optics.scene.geometry import pattern_of
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, By, Design, Face, Light, Waveguide, light_by
 from analysis.optics.sweep.fans import light_within, turned
 from analysis.optics.sweep.figure_of_merit import FLOOR, merit
-from analysis.optics.sweep.race import MOST_RAYS, Race, first_rays_of
+from analysis.optics.sweep.race import RACE_MOST_RAYS, Race, first_rays_of
 from analysis.optics.sweep.sweep import (
     SweepRequest,
     SweepResult,
@@ -181,7 +181,7 @@ def optimise(
     by: By = "power",
     seed: int = 0,
     confidence: float | None = None,
-    most_rays: int = MOST_RAYS,
+    most_rays: int = RACE_MOST_RAYS,
     race_seconds: float = np.inf,
     tolerance: float | None = None,
     progress: Progress | None = None,

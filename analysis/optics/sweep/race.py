@@ -34,7 +34,7 @@ FIRST_RAYS, RELATED_RAYS = 1_000, 4_000
 """Up to the latter neighbouring rays become related, and twice the rays leave less than half of the error."""
 FIRST_RAYS_OF_POWER = 2_000
 """Rays of the first round by power: 1,000 leave half of the designs, which costs what it saves."""
-MOST_RAYS = 256_000
+RACE_MOST_RAYS = 256_000
 """Rays of the best design unless stated otherwise."""
 LEADERS, CHALLENGERS = 2, 16
 """Designs that a round traces again: those with the largest P, and of the others with the fewest rays those with the
@@ -89,7 +89,7 @@ class Race:
     designs: tuple[Design, ...]
     light: Light
     confidence: float
-    most_rays: int = MOST_RAYS
+    most_rays: int = RACE_MOST_RAYS
     seed: int = 0
     first_rays: int = FIRST_RAYS
     history: list[tuple[int, int]] = field(default_factory=list)
@@ -208,7 +208,7 @@ def race_sweep(
     request: SweepRequest,
     confidence: float,
     *,
-    most_rays: int = MOST_RAYS,
+    most_rays: int = RACE_MOST_RAYS,
     seed: int = 0,
     seconds: float = np.inf,
     folder: Path | None = None,

@@ -37,16 +37,16 @@ from protocol.base.arrays import FloatArray
 from protocol.base.errors import FileError, writing
 from protocol.base.whole_file import write_whole, written_whole
 
-BLUE, VERMILLION = style.SENSORS[:2]
-RESIN, GREEN = "#E3EDF5", style.PRESSURE
-RING: Any = {"markerfacecolor": "none", "markeredgewidth": 1.6}
-DPI = 160
+BLUE, VERMILLION = style.SENSOR_COLOURS[:2]
+RESIN, GREEN = "#E3EDF5", style.PRESSURE_COLOUR
+_RING: Any = {"markerfacecolor": "none", "markeredgewidth": 1.6}
+_DPI = 160
 _FAINT, _STRONG = 0.01, 0.22
 _MOST_DRAWN = 400
 _SHOWN = 3
 SEVERAL = {"count": "counts", "power": "powers"}
-UNITS = {"count": "rays of 250", "power": "power of 250 rays"}
-GROUPS = {"all": "designs", "same_cavities": "with as many cavities", "paper_map": "in its map"}
+_UNITS = {"count": "rays of 250", "power": "power of 250 rays"}
+_GROUPS = {"all": "designs", "same_cavities": "with as many cavities", "paper_map": "in its map"}
 
 
 def save(figure: Figure, path: Path) -> None:
@@ -58,7 +58,7 @@ def save(figure: Figure, path: Path) -> None:
     """
     try:
         with writing(path, "choose another folder"):
-            style.save_picture(figure, path, dpi=DPI)
+            style.save_picture(figure, path, dpi=_DPI)
     except ValueError as error:
         raise FileError(f"{path}: its suffix names no picture", "name a file ending in .png, .svg or .pdf") from error
 
@@ -99,7 +99,7 @@ def draw_scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light
             axes.add_collection(LineCollection(lines, colors=colour, linewidths=0.4, alpha=strength))
     if np.isfinite(shape.receiver[0, 0]):
         axes.plot(*laid(frame, shape.receiver).T, color=GREEN, linewidth=3.0, solid_capstyle="butt", label="receiver")
-    axes.plot([0], [0], "o", color=style.ELONGATION, markersize=4, label="emitter")
+    axes.plot([0], [0], "o", color=style.ELONGATION_COLOUR, markersize=4, label="emitter")
     axes.plot([], [], color=BLUE, linewidth=1, label="released")
     axes.plot([], [], color=VERMILLION, linewidth=1, label="secondary")
     axes.set_aspect("equal")
@@ -137,7 +137,7 @@ def draw_response(result: SweepResult, chosen: Sequence[Design]) -> Figure:
         axes.plot(states, merit.andr[i], color=colour, label=name)
     axes.set(
         xlabel=f"state: 0 most compressed to {len(states) - 1} most elongated",
-        ylabel=f"detected {UNITS[result.request.by]}",
+        ylabel=f"detected {_UNITS[result.request.by]}",
     )
     axes.legend()
     return figure
@@ -169,7 +169,7 @@ def draw_maps(result: SweepResult, cavities: int) -> Figure:
         for design, mark in ((best, "*"), (PAPER_OPTIMUM, "o")):
             if (design.cavities, design.width_mm) == (cavities, width):
                 place = STEPS_MM.index(design.spacing_mm), STEPS_MM.index(design.depth_mm)
-                axes.plot(*place, mark, markersize=11, markeredgecolor="white", **RING)
+                axes.plot(*place, mark, markersize=11, markeredgecolor="white", **_RING)
     if image is not None:
         figure.colorbar(image, ax=grid, shrink=0.8).set_label("P / largest P of the sweep")
     figure.supxlabel("spacing, mm")
@@ -190,9 +190,9 @@ def draw_pareto(result: SweepResult) -> Figure:
     axes.scatter(merit.rmse[front], merit.delta[front], s=46, label="Pareto-optimal", **rings)
     for i, name, colour in ((int(np.argmax(merit.p)), "our best", BLUE), (result.find(), "paper's", VERMILLION)):
         if i is not None:
-            axes.plot(merit.rmse[i], merit.delta[i], "D", markersize=8, markeredgecolor=colour, label=name, **RING)
+            axes.plot(merit.rmse[i], merit.delta[i], "D", markersize=8, markeredgecolor=colour, label=name, **_RING)
     figure.colorbar(dots).set_label("n_sign: steps in which NDR rises")
-    unit = UNITS[result.request.by]
+    unit = _UNITS[result.request.by]
     axes.set(xlabel=f"RMSE about aNDR, {unit}", ylabel=f"Delta, {unit}")
     axes.legend()
     return figure
@@ -202,7 +202,7 @@ OF_SEARCH = (
     "gain", "paper_p", "evaluations", "seconds", "rays", "checked_rays", "finished", "by", "error",
     "work_rays",
 )  # fmt: skip
-TABLE = (
+_TABLE = (
     "rank", "tied", "p", "p_low", "p_high", "p_printed", "delta", "n_sign", "rmse", "monotone", "rmse_floored",
 )  # fmt: skip
 
@@ -319,7 +319,7 @@ def rank_text(fans: FanResult) -> str:
     parts = []
     for name, rank in fans.paper_ranks().items():
         turns = f" ({rank.low} to {rank.high})" if len(fans.p) > 1 else ""
-        parts.append(f"{rank.rank} of {rank.of} {GROUPS[name]}{turns}")
+        parts.append(f"{rank.rank} of {rank.of} {_GROUPS[name]}{turns}")
     return ", ".join(parts)
 
 
@@ -348,7 +348,7 @@ def _write_table(result: SweepResult, path: Path) -> None:
     columns = _columns(result)
     columns["p_low"], columns["p_high"] = columns["p_ci"].T
     states = {f"{name}_{s}": column for name in ("ndr", "power") for s, column in enumerate(columns[name].T)}
-    shown = {name: columns[name] for name in TABLE} | states
+    shown = {name: columns[name] for name in _TABLE} | states
     with written_whole(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         parameters = json.dumps(result.request.described(), sort_keys=True)
         file.write(f"# boat-daq {program_version()}, ranked by {result.request.by}, parameters {parameters}\n")
@@ -430,7 +430,7 @@ def optimum_text(found: Optimum) -> str:
         f"gain {found.gain:.2f} times at {found.checked_rays} rays; {found.evaluations} designs in "
         f"{found.seconds:.1f} s; the paper's optimum has P {found.paper_p:.3f} here"
     )
-    lines.append(f"{UNITS[found.by]} of both within {found.error:.2g} in every state, at k = 2")
+    lines.append(f"{_UNITS[found.by]} of both within {found.error:.2g} in every state, at k = 2")
     if found.by == "power":
         sd = 100 * float(np.max(found.best.power_sd))
         lines.append(

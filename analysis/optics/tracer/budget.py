@@ -27,9 +27,9 @@ from analysis.optics.tracer.rays import Ray
 from analysis.optics.tracer.tally import E_CUT, REFUSED, Tally
 from protocol.base.arrays import FloatArray, IntArray
 
-NUMBERS, LABELS = 8, 6
+_NUMBERS, _LABELS = 8, 6
 _KEY, _ROOT, _BIRTH = 7, 3, 5
-_N, LEFT, _NEXT, _HEAP, _TOUCHED, STATES = range(6)
+_N, _LEFT, _NEXT, _HEAP, _TOUCHED, _STATES = range(6)
 _BIRTHS_A_RAY, _NO_LIMIT = 1 << 20, 1 << 62
 MOST_WAITING = 100_000
 
@@ -61,10 +61,10 @@ def new_queue(budget: int, faintest: float) -> Queue:
     if budget == ALL:
         slots = int(min(1.0 / max(faintest, 1.0 / MOST_WAITING), MOST_WAITING)) + 1
     return Queue(
-        np.empty((slots, NUMBERS)),
-        np.empty((slots, LABELS), dtype=np.int64),
+        np.empty((slots, _NUMBERS)),
+        np.empty((slots, _LABELS), dtype=np.int64),
         np.empty(slots, dtype=np.int64),
-        np.zeros(STATES, dtype=np.int64),
+        np.zeros(_STATES, dtype=np.int64),
         np.empty(2),
         slots,
     )
@@ -74,7 +74,7 @@ def new_queue(budget: int, faintest: float) -> Queue:
 def open_queue(q: Queue, budget: int, first: int) -> None:
     """Empty the queue for a block that begins with released ray `first`."""
     q.state[_N], q.state[_NEXT] = 0, first * _BIRTHS_A_RAY
-    q.state[LEFT] = budget if budget != ALL else _NO_LIMIT
+    q.state[_LEFT] = budget if budget != ALL else _NO_LIMIT
     q.state[_HEAP], q.state[_TOUCHED] = 0, 0
     q.limit[0], q.limit[1] = math.inf, math.inf
 
@@ -82,10 +82,10 @@ def open_queue(q: Queue, budget: int, first: int) -> None:
 @inner
 def _before(q: Queue, a: int, b: int) -> bool:
     """Return whether the secondary in slot a ranks before that in slot b."""
-    key, other = q.numbers[NUMBERS * a + _KEY], q.numbers[NUMBERS * b + _KEY]
+    key, other = q.numbers[_NUMBERS * a + _KEY], q.numbers[_NUMBERS * b + _KEY]
     if key != other:
         return bool(key < other)
-    i, j = LABELS * a, LABELS * b
+    i, j = _LABELS * a, _LABELS * b
     if q.labels[i + _ROOT] != q.labels[j + _ROOT]:
         return bool(q.labels[i + _ROOT] < q.labels[j + _ROOT])
     return bool(q.labels[i + _BIRTH] < q.labels[j + _BIRTH])
@@ -144,20 +144,20 @@ def _first(q: Queue, k: int) -> None:
 @compiled
 def prune(q: Queue, tally: Tally) -> None:
     """Refuse what is beyond the budget."""
-    n, k = q.state[_N], q.state[LEFT]
+    n, k = q.state[_N], q.state[_LEFT]
     if n <= k:
         return
     if k > 0:
         _first(q, k)
     for i in range(k, n):
         tally.counts[REFUSED] += 1
-        tally.energy[E_CUT] += q.numbers[NUMBERS * q.rank[i] + 4]
+        tally.energy[E_CUT] += q.numbers[_NUMBERS * q.rank[i] + 4]
     last = q.rank[0]
     for i in range(1, k):
         if _before(q, last, q.rank[i]):
             last = q.rank[i]
-    q.limit[0] = q.numbers[NUMBERS * last + _KEY] if k > 0 else -math.inf
-    q.limit[1] = q.labels[LABELS * last + _ROOT]
+    q.limit[0] = q.numbers[_NUMBERS * last + _KEY] if k > 0 else -math.inf
+    q.limit[1] = q.labels[_LABELS * last + _ROOT]
     q.state[_N] = k
 
 
@@ -182,7 +182,7 @@ def _put(q: Queue, ray: Ray, key: float, birth: int, tally: Tally) -> None:
     if n == q.state[_TOUCHED]:
         q.rank[n], q.state[_TOUCHED] = n, n + 1
     slot = q.rank[n]
-    v, w, i, j = q.numbers, q.labels, slot * NUMBERS, slot * LABELS
+    v, w, i, j = q.numbers, q.labels, slot * _NUMBERS, slot * _LABELS
     v[i], v[i + 1], v[i + 2], v[i + 3], v[i + 4] = ray.x, ray.y, ray.dx, ray.dy, ray.power
     v[i + 5], v[i + 6], v[i + 7] = ray.path_mm, ray.optical_path_mm, key
     w[j], w[j + 1], w[j + 2], w[j + 3] = ray.medium, ray.last, ray.cell, ray.root
@@ -200,7 +200,7 @@ def offer(q: Queue, ray: Ray, key: float, birth: int, tally: Tally) -> None:
     ----------
     key : first criterion of its rank. birth : last one; -1 for the next.
     """
-    if key > q.limit[0] or (key == q.limit[0] and ray.root >= q.limit[1]) or q.state[LEFT] == 0:
+    if key > q.limit[0] or (key == q.limit[0] and ray.root >= q.limit[1]) or q.state[_LEFT] == 0:
         tally.counts[REFUSED] += 1
         tally.energy[E_CUT] += ray.power
         return
@@ -212,7 +212,7 @@ def offer(q: Queue, ray: Ray, key: float, birth: int, tally: Tally) -> None:
 
 @compiled
 def _read(q: Queue, slot: int) -> Ray:
-    v, w, i, j = q.numbers, q.labels, slot * NUMBERS, slot * LABELS
+    v, w, i, j = q.numbers, q.labels, slot * _NUMBERS, slot * _LABELS
     x, y, dx, dy, power, path, optical = v[i], v[i + 1], v[i + 2], v[i + 3], v[i + 4], v[i + 5], v[i + 6]
     return Ray(x, y, dx, dy, power, path, optical, w[j], w[j + 1], w[j + 2], w[j + 3], w[j + 4])
 
@@ -222,8 +222,8 @@ def merge(q: Queue, later: Queue, tally: Tally) -> None:
     """Offer a later block's secondaries to the first block's queue."""
     for i in range(later.state[_N]):
         slot = later.rank[i]
-        birth = later.labels[LABELS * slot + _BIRTH]
-        offer(q, _read(later, slot), later.numbers[NUMBERS * slot + _KEY], birth, tally)
+        birth = later.labels[_LABELS * slot + _BIRTH]
+        offer(q, _read(later, slot), later.numbers[_NUMBERS * slot + _KEY], birth, tally)
 
 
 @compiled
@@ -237,7 +237,7 @@ def begin_secondaries(q: Queue, rays: int, tally: Tally) -> None:
 @compiled
 def has_secondary(q: Queue) -> bool:
     """Return whether a secondary is waiting and within the budget."""
-    return bool(q.state[_N] > 0 and q.state[LEFT] > 0)
+    return bool(q.state[_N] > 0 and q.state[_LEFT] > 0)
 
 
 @compiled
@@ -247,7 +247,7 @@ def next_secondary(q: Queue) -> Ray:
     ray = _read(q, slot)
     q.rank[0], q.rank[n] = q.rank[n], slot
     q.state[_N] = n
-    q.state[LEFT] -= 1
+    q.state[_LEFT] -= 1
     _sink(q, 0)
     return ray
 

@@ -21,8 +21,8 @@ from analysis.optics.tracer.simulation import TraceResult, sd_of_sum, trace
 from analysis.progress import Progress
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import RequestError
+from protocol.base.uncertainty import COVERAGE_FACTOR
 
-COVERAGE = 2.0
 """Standard deviations of a stated error: about 95 %."""
 PILOT_RAYS, FEWEST_RAYS = 100, 50
 SPARE, MORE, TRIES = 1.15, 1.2, 8
@@ -81,14 +81,14 @@ def rays_for(light: Light, sd: float, tolerance: float, thickness_mm: float, mir
     RequestError : even the most rays have a larger error.
     """
     check_tolerance(tolerance, "rays")
-    allowed, symmetric = tolerance / COVERAGE / SPARE, np.array(mirrored)
+    allowed, symmetric = tolerance / COVERAGE_FACTOR / SPARE, np.array(mirrored)
     now = sd_of_sum(light, thickness_mm, symmetric)
 
     def predicted(rays: int) -> float:
         return float(sd * sd_of_sum(replace(light, rays=rays), thickness_mm, symmetric) / now)
 
     if predicted(MOST_RAYS) > allowed:
-        best = rounded_up(COVERAGE * SPARE * FOUND * predicted(MOST_RAYS))
+        best = rounded_up(COVERAGE_FACTOR * SPARE * FOUND * predicted(MOST_RAYS))
         raise RequestError(
             f"an error of {tolerance:g} rays takes more than {MOST_RAYS:,} rays".replace(",", " "),
             f"allow {best:g} rays or more",
@@ -148,7 +148,7 @@ def finer(light: Light, error: float, tolerance: float, thickness_mm: float, *, 
     ------
     RequestError : even the most rays have a larger error.
     """
-    needed = rays_for(light, error / COVERAGE, tolerance, thickness_mm, mirrored)
+    needed = rays_for(light, error / COVERAGE_FACTOR, tolerance, thickness_mm, mirrored)
     return light.with_rays(max(needed, round(MORE * light.rays)))
 
 
@@ -165,4 +165,4 @@ def unmet(rays: int, error: float) -> RequestError:
 
 def stated_error(sd: npt.ArrayLike, rays: int) -> FloatArray:
     """Return the errors of counts with standard deviations (...), no smaller than rounding to whole rays leaves."""
-    return np.asarray(COVERAGE * np.hypot(sd, PAPER_RAYS / rays / np.sqrt(12.0)))
+    return np.asarray(COVERAGE_FACTOR * np.hypot(sd, PAPER_RAYS / rays / np.sqrt(12.0)))

@@ -31,7 +31,7 @@ from protocol.base.arrays import FloatArray, IntArray
 from protocol.base.errors import FileError, RequestError, writing
 from protocol.base.whole_file import written_whole
 
-MAX_BYTES = 32 << 20  # a hundred thousand elements take 20 MB
+_MAX_BYTES = 32 << 20  # a hundred thousand elements take 20 MB
 MAX_EXPANDED_BYTES = 128 << 20  # of compressed arrays, which may shrink to a thousandth
 MOST_BLOCKS = 100_000  # entities, blocks and names of a Gmsh file, each read on its own: 4 s
 PARTS = {"lattice": 1, "wall": 2, "cavity": 3, "base": 4, "tip": 5}
@@ -110,8 +110,8 @@ def read_mesh(path: Path) -> Mesh:
     refusal = FileError(f"{path} is not a mesh that can be read here", "give a .vtu or .msh file")
     if kind is None or not path.is_file():  # a pipe would be waited for
         raise refusal
-    if path.stat().st_size > MAX_BYTES:
-        raise FileError(f"{path} is larger than {MAX_BYTES >> 20} MB", "give a coarser mesh")
+    if path.stat().st_size > _MAX_BYTES:
+        raise FileError(f"{path} is larger than {_MAX_BYTES >> 20} MB", "give a coarser mesh")
     try:
         blocks = _stated_blocks(path.read_bytes()) if kind == "gmsh" else 0
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # meshio prints, and exits

@@ -130,7 +130,7 @@ def check_number(name: str, value: float, *, whole: bool = False) -> None:
         raise RequestError(f"{name} = {value} is not positive", f"give {name} above zero")
 
 
-MAX_BYTES = 10_000  # some thirty values; `tomllib` takes memory with the square of a long key's length
+_MAX_BYTES = 10_000  # some thirty values; `tomllib` takes memory with the square of a long key's length
 
 
 def read_parameters(path: Path) -> ActuatorParameters:
@@ -146,8 +146,8 @@ def read_parameters(path: Path) -> ActuatorParameters:
     try:
         if path.exists() and not path.is_file():  # a pipe would be waited for, a device never ends
             raise FileError(f"{path} is not a regular file", "choose the file with the parameters")
-        if path.stat().st_size > MAX_BYTES:
-            raise FileError(f"{path} is larger than {MAX_BYTES // 1000} kB", "choose the file with the parameters")
+        if path.stat().st_size > _MAX_BYTES:
+            raise FileError(f"{path} is larger than {_MAX_BYTES // 1000} kB", "choose the file with the parameters")
         values = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}", "choose the file with the parameters") from error

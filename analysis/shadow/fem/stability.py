@@ -24,7 +24,7 @@ from protocol.base.errors import ConvergenceError
 WAVE_NUMBERS = (0, 1, 2, 3, 4, 5, 6)
 STEP_SHARE = 1.0 / 50.0
 LONGEST_WALK_SHARE = 0.2
-BISECTIONS = 12
+_BISECTIONS = 12
 """Step and length of the walk as shares of the actuator's length, and how often the last step is halved."""
 EIGENVALUE_STEP = 1e-5
 REFERENCE_POISSON = 0.4
@@ -143,7 +143,7 @@ def find_limit(solver: Solver, stability: Stability, length_mm: float, direction
     step = direction * STEP_SHARE * length_mm
     last, mode = solver.rest(), -1
     halvings = 0
-    while abs(last.elongation_mm) < LONGEST_WALK_SHARE * length_mm and halvings < BISECTIONS:
+    while abs(last.elongation_mm) < LONGEST_WALK_SHARE * length_mm and halvings < _BISECTIONS:
         try:
             then = solver.solve(elongation_mm=last.elongation_mm + step, start=last)
             found = 0 if direction * (then.pressure_kpa - last.pressure_kpa) < 0 else stability.unstable_mode(then)

@@ -75,7 +75,7 @@ def headline(state: ShadowState) -> str:
 
 def draw_guides(axes: Axes, state: ShadowState) -> None:
     """Draw both centrelines with their tracked points."""
-    for i, colour in enumerate(style.SENSORS[:2]):
+    for i, colour in enumerate(style.SENSOR_COLOURS[:2]):
         line, dots = state.centrelines_mm[i], state.tracked_points_mm[i]
         axes.plot(line[:, 1], line[:, 0], color="white", lw=3.4)
         axes.plot(line[:, 1], line[:, 0], color=colour, lw=1.8, label=f"guide {i + 1}")
@@ -86,7 +86,7 @@ def draw_tips(axes: Axes, state: ShadowState, topology: ShadowTopology) -> None:
     """Draw the measured tip plate as a line and the nominal one with its band (k = 2)."""
     top = 1.08 * float(state.nodes_mm[:, 0].max())
     measured = topology.length_mm + state.elongation_mm
-    axes.plot([measured, measured], [-top, top], color=style.ELONGATION, lw=2.0, label="measured tip")
+    axes.plot([measured, measured], [-top, top], color=style.ELONGATION_COLOUR, lw=2.0, label="measured tip")
     if np.isfinite(state.nominal_elongation_mm):
         nominal, half = topology.length_mm + state.nominal_elongation_mm, 2 * state.nominal_sd_mm
         axes.plot([nominal, nominal], [-top, top], color=style.INK, lw=1.0, ls="--", label="nominal tip")
@@ -99,13 +99,13 @@ def table_errors_figure(parameters: ActuatorParameters) -> Figure:
     figure = Figure(figsize=(7.0, 4.4), layout="constrained")
     axes = figure.subplots()
     default = TableSettings()
-    for side, colour in zip((3, 5, 7), ("#56B4E9", style.PRESSURE, style.SENSORS[0]), strict=True):
+    for side, colour in zip((3, 5, 7), ("#56B4E9", style.PRESSURE_COLOUR, style.SENSOR_COLOURS[0]), strict=True):
         table = build_table(parameters, replace(default, pressures=side, elongations=side, modes=12))
         modes = np.arange(1, len(table.errors_mm) + 1)
         axes.semilogy(modes, table.errors_mm, "o-", color=colour, ms=4, lw=1, label=f"{side} x {side} solutions")
         if side == default.pressures:
             error = table.errors_mm[default.modes - 1]
-            axes.semilogy(default.modes, error, "o", color=style.SENSORS[1], ms=9, label="default")
+            axes.semilogy(default.modes, error, "o", color=style.SENSOR_COLOURS[1], ms=9, label="default")
     axes.axhline(SCREEN_TOLERANCE_MM, color=style.SOFT, lw=1, ls="--", label="visible on the screen")
     axes.set(xlabel="number of shapes", ylabel="greatest error of a tracked point, mm")
     axes.set_title("Reduced model: shapes against error on held-out states")

@@ -27,7 +27,7 @@ from protocol.base.errors import DataError, RequestError
 VACUUM_KPA = -101.325
 FINE_ENOUGH = (8, 1, 2)
 """Least elements along a cell, across the wall and across the lattice for points within 0.05 mm (METHODS.md)."""
-WORST_CONDITION = 1e9
+_WORST_CONDITION = 1e9
 """Of the scaled tangent at rest: Newton's method met its tolerance at 4e8 and no longer at 3e9."""
 HIDDEN_SHARE = 1e-3
 """Rounding of the forces, as a share of the force of 1 kPa, that still leaves a result."""
@@ -90,10 +90,10 @@ def check_condition(problem: Problem) -> None:
             return root * factor.solve(root * x.ravel())
 
         found = float(onenormest(LinearOperator((problem.size, problem.size), scaled, scaled)))
-    if not found <= WORST_CONDITION:
+    if not found <= _WORST_CONDITION:
         raise RequestError(
             f"the actuator is ill-conditioned: its greatest and least stiffness differ by a factor of {found:.0e}, "
-            f"and double precision resolves {WORST_CONDITION:.0e}",
+            f"and double precision resolves {_WORST_CONDITION:.0e}",
             "make the moduli and the sizes of the elements more alike",
         )
 

@@ -27,7 +27,7 @@ FEWEST_POINTS = 5
 CONTACT_SHARE = 0.01
 STRAIGHT_R2 = 0.95
 FORCE_N = {"n": 1.0, "mn": 1e-3, "kn": 1e3}
-LENGTH_MM = {"mm": 1.0, "m": 1e3, "um": 1e-3, "µm": 1e-3, "cm": 10.0}
+_LENGTH_MM = {"mm": 1.0, "m": 1e3, "um": 1e-3, "µm": 1e-3, "cm": 10.0}
 FORCE_NAMES = ("force_n", "force", "load", "load_n", "f", "standard force", "load_cell")
 DISPLACEMENT_NAMES = (
     "displacement_mm", "displacement", "extension", "deformation", "travel", "compression_mm", "compression", "disp",
@@ -96,7 +96,7 @@ def read_compression_test(
     table = read_table(path)
     force, force_unit = find_column(table, FORCE_NAMES, path, force_column)
     travel, travel_unit = find_column(table, DISPLACEMENT_NAMES, path, displacement_column)
-    force_n, travel_mm = force * factor(FORCE_N, force_unit, path), travel * factor(LENGTH_MM, travel_unit, path)
+    force_n, travel_mm = force * factor(FORCE_N, force_unit, path), travel * factor(_LENGTH_MM, travel_unit, path)
     return CompressionTest(path.stem, force_n, travel_mm, height_mm, area_mm2)
 
 

@@ -27,9 +27,9 @@ from protocol.base.arrays import FloatArray
 from protocol.base.errors import RequestError, writing
 from protocol.base.whole_file import write_whole
 
-FORMAT = 1
-STEPS = 7
-LOWEST_KPA = -40.0
+_FORMAT = 1
+_STEPS = 7
+_LOWEST_KPA = -40.0
 _ARRAYS = ("curves_mm", "pressure_kpa", "elongation_mm")
 PAPER_LOWEST_KPA = -50.0
 STIFFER_WALL = ActuatorParameters(wall_mm=2.4, wall_modulus_kpa=1276.584, neck_radius_mm=4.04791)
@@ -76,7 +76,7 @@ class GuideStates:
 def guide_states(
     model: FullModel | None = None,
     *,
-    lowest_kpa: float = LOWEST_KPA,
+    lowest_kpa: float = _LOWEST_KPA,
     highest_kpa: float = 50.0,
     every_half_mm: bool = False,
 ) -> GuideStates:
@@ -99,7 +99,9 @@ def guide_states(
             "give a lowest pressure below zero and a highest above",
         )
     full = model or FullModel()
-    pressures = np.concatenate([np.linspace(lowest_kpa, 0.0, STEPS + 1), np.linspace(0.0, highest_kpa, STEPS + 1)[1:]])
+    pressures = np.concatenate(
+        [np.linspace(lowest_kpa, 0.0, _STEPS + 1), np.linspace(0.0, highest_kpa, _STEPS + 1)[1:]]
+    )
     carried = full.guides.centreline if every_half_mm else full.guides.tracked
     curves, elongations = [], []
     state: Solution | None = None
@@ -111,7 +113,7 @@ def guide_states(
 
 
 def kept_states(
-    parameters: ActuatorParameters | None = None, *, lowest_kpa: float = LOWEST_KPA, folder: Path | None = None
+    parameters: ActuatorParameters | None = None, *, lowest_kpa: float = _LOWEST_KPA, folder: Path | None = None
 ) -> GuideStates:
     """Return the fifteen states of an actuator from the cache, or solve and keep them there.
 
@@ -122,11 +124,11 @@ def kept_states(
     folder : where states are kept; the user's cache folder by default.
     """
     chosen = parameters or ActuatorParameters()
-    reach = "" if lowest_kpa == LOWEST_KPA else f" {lowest_kpa:g}"
-    name = hashlib.sha256(f"{chosen.digest} {FORMAT} {program_version()}{reach}".encode()).hexdigest()[:20]
+    reach = "" if lowest_kpa == _LOWEST_KPA else f" {lowest_kpa:g}"
+    name = hashlib.sha256(f"{chosen.digest} {_FORMAT} {program_version()}{reach}".encode()).hexdigest()[:20]
     path = (folder or cache_folder()) / f"states_{name}.npz"
     kept = load_arrays(path, _ARRAYS)
-    if kept and kept["curves_mm"].shape == (2 * STEPS + 1, 2, 7, 2) and np.isfinite(kept["curves_mm"]).all():
+    if kept and kept["curves_mm"].shape == (2 * _STEPS + 1, 2, 7, 2) and np.isfinite(kept["curves_mm"]).all():
         return GuideStates(**kept, parameters=chosen.digest)
     states = guide_states(FullModel(chosen), lowest_kpa=lowest_kpa)
     keep_arrays(path, states.arrays)

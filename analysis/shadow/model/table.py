@@ -61,9 +61,9 @@ def write_arrays(path: Path, arrays: dict[str, Any]) -> None:
         np.savez(file, **arrays)
 
 
-FORMAT = 1
+_FORMAT = 1
 CRITICAL_SHARE = 0.96
-LOWEST_KPA = -90.0
+_LOWEST_KPA = -90.0
 NOMINAL_POINTS = 16
 """The lower side is this share of the critical pressure, never below the second; points of the nominal curve."""
 _ARRAYS = tuple(field.name for field in fields(ReducedModel))
@@ -98,7 +98,7 @@ def build_table(
     chosen = settings or TableSettings()
     model = FullModel(parameters)
     count = _counter(chosen.pressures * chosen.elongations + chosen.held_out + 3 * NOMINAL_POINTS, progress)
-    low = max(CRITICAL_SHARE * model.vacuum_limit.pressure_kpa, LOWEST_KPA)
+    low = max(CRITICAL_SHARE * model.vacuum_limit.pressure_kpa, _LOWEST_KPA)
     pressures = np.array([low, min(chosen.highest_pressure_kpa, 0.95 * model.inflation_limit.pressure_kpa)])
     ends = [model.solve(pressure_kpa=float(p)).elongation_mm for p in pressures]
     reach = np.array([ends[0] - chosen.margin_mm, ends[1] + chosen.margin_mm])
@@ -186,7 +186,7 @@ def _held_out_errors(model: FullModel, table: ReducedModel, number: int, count: 
 
 def table_digest(parameters: ActuatorParameters, settings: TableSettings) -> str:
     """Return the name of a table: a hash of parameters, settings and format."""
-    text = json.dumps([parameters.digest, asdict(settings), FORMAT], sort_keys=True)
+    text = json.dumps([parameters.digest, asdict(settings), _FORMAT], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 

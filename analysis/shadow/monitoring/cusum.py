@@ -19,7 +19,7 @@ from protocol.base.arrays import BoolArray, FloatArray
 
 REFERENCE = 0.5
 CLIP = 4.0
-FEWEST = 3
+_FEWEST = 3
 """k in standard deviations; the greatest |z|; healthy values before the first test."""
 SPENT = 8
 """Cycles of history that a self-starting sum loses to its own scatter, found by simulation (map alarms-shift)."""
@@ -90,7 +90,7 @@ class SelfStartingCusum:
         """
         seen = np.isfinite(values)
         x = np.where(seen, values, self.mean)
-        z = np.where(seen & (self.count >= FEWEST), self._normal_score(x), 0.0)
+        z = np.where(seen & (self.count >= _FEWEST), self._normal_score(x), 0.0)
         steps = np.stack([z, -z], axis=-1) - REFERENCE
         sums = np.where(seen[..., None], np.maximum(0.0, self.sums + steps), self.sums)
         running = sums > 0.0
@@ -98,7 +98,7 @@ class SelfStartingCusum:
         new = np.where(running, self.shift + ((x - self.mean)[..., None] - self.shift) / np.maximum(length, 1.0), 0.0)
         self.shift = np.where(seen[..., None], new, self.shift)
         self.sums, self.length = sums, length
-        tested = seen & (self.count >= FEWEST)
+        tested = seen & (self.count >= _FEWEST)
         moments = np.stack([np.ones_like(z), z, z * z, z * self.last], axis=-1)
         self.tested = self.tested + np.where(tested[..., None], moments, 0.0)
         self.last = np.where(tested, z, self.last)

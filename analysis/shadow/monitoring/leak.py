@@ -33,10 +33,10 @@ import numpy as np
 
 from protocol.base.arrays import BoolArray, FloatArray
 
-LOWEST, HIGHEST, OVERSAMPLING = 0.4, 3.0, 4.0
+LOWEST, _HIGHEST, OVERSAMPLING = 0.4, 3.0, 4.0
 """Frequencies searched, per cycle of the actuator; steps of them in 1 over the whole time."""
 BY_CHANCE = 1e-3
-FEWEST_CYCLES = 3.0
+_FEWEST_CYCLES = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,12 +63,12 @@ def find_interference(time_s: FloatArray, values: FloatArray, columns: FloatArra
     period_s : of the actuator's cycle.
     """
     span = float(time_s[-1] - time_s[0])
-    if span < 0.9 * FEWEST_CYCLES * period_s:
+    if span < 0.9 * _FEWEST_CYCLES * period_s:
         return Interference()
     base, size, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
     base = base[:, size > 1e-8 * size[0]]
     rest = values - base @ (base.T @ values)
-    grid = np.arange(LOWEST / period_s, HIGHEST / period_s, 1.0 / (OVERSAMPLING * span))
+    grid = np.arange(LOWEST / period_s, _HIGHEST / period_s, 1.0 / (OVERSAMPLING * span))
     orders = grid * period_s
     grid = grid[np.abs(orders - np.rint(orders)) * span > period_s]
     best, found, power = Interference(), 0.0, float(rest @ rest)
@@ -85,13 +85,13 @@ def find_interference(time_s: FloatArray, values: FloatArray, columns: FloatArra
     return best if found > 2.0 * variance * np.log(len(grid) / BY_CHANCE) else Interference()
 
 
-STEPS = 48
+_STEPS = 48
 KNOWN_SHARE = 0.97
 """Equal steps of pressure a branch of the loop; a step known by less than this share is left out."""
 LEARNING_S, MEMORY_S, BLOCK_S = 80.0, 400.0, 0.5
 """Time over which the loop is learnt, the interference is searched, and samples are averaged for the search."""
 FEWEST_SAMPLES = 10
-WORST_CONDITION = 1e4
+_WORST_CONDITION = 1e4
 
 
 def second_branch(pressure_kpa: FloatArray) -> BoolArray:
@@ -124,12 +124,12 @@ class HealthyLoop:
         span = float(np.ptp(p)) if len(p) else 0.0
         if not span > 0.0 or not np.isfinite(r).any():
             return None
-        low, step = float(p.min()), span / STEPS
-        place = np.minimum(((p - low) / step).astype(int), STEPS - 1)
-        r = np.where(_throughout(place + STEPS * later, np.isfinite(r)), r, np.nan)
+        low, step = float(p.min()), span / _STEPS
+        place = np.minimum(((p - low) / step).astype(int), _STEPS - 1)
+        r = np.where(_throughout(place + _STEPS * later, np.isfinite(r)), r, np.nan)
         means = []
         for branch in (~later, later):
-            inside = [branch & (place == k) for k in range(STEPS)]
+            inside = [branch & (place == k) for k in range(_STEPS)]
             means.append([(p[i].mean(), known_mean(r[i])) for i in inside if i.any()])
         down, up = (np.array(rows).reshape(-1, 2) for rows in means)
         return cls(low, step, (down[:, 0], up[:, 0]), (down[:, 1], up[:, 1]))
@@ -141,7 +141,7 @@ class HealthyLoop:
         for branch, p, r in zip((~later, later), self.pressure_kpa, self.residual_kpa, strict=True):
             if len(p):
                 out[branch] = residual_kpa[branch] - np.interp(pressure_kpa[branch], p, r)
-        place = np.clip((pressure_kpa - self.low_kpa) / self.step_kpa, 0, STEPS - 1).astype(int) + STEPS * later
+        place = np.clip((pressure_kpa - self.low_kpa) / self.step_kpa, 0, _STEPS - 1).astype(int) + _STEPS * later
         return np.where(_throughout(place, np.isfinite(residual_kpa)), out, np.nan)
 
 
@@ -172,7 +172,7 @@ def loss_percent_per_min(
         filled = filled - filled[-1] / t[-1] * t
     design = np.stack([np.ones_like(p), p, filled], axis=1)[known]
     size = np.linalg.norm(design, axis=0)
-    if not (size > 0.0).all() or np.linalg.cond(design / size) > WORST_CONDITION:
+    if not (size > 0.0).all() or np.linalg.cond(design / size) > _WORST_CONDITION:
         return np.nan
     return 6000.0 * float(np.linalg.lstsq(design / size, e[known], rcond=None)[0][2] / size[2])
 
@@ -264,8 +264,8 @@ class LeakWatch:
 
 def _throughout(place: np.ndarray, known: BoolArray) -> BoolArray:
     """Return which rows are known, in a step that is known by `KNOWN_SHARE` or more."""
-    rows = np.bincount(place, minlength=2 * STEPS)
-    share = np.bincount(place, known, 2 * STEPS) / np.maximum(rows, 1)
+    rows = np.bincount(place, minlength=2 * _STEPS)
+    share = np.bincount(place, known, 2 * _STEPS) / np.maximum(rows, 1)
     return np.asarray(known & (share[place] >= KNOWN_SHARE))
 
 

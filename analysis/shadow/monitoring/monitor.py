@@ -35,7 +35,7 @@ from protocol.base.errors import DataError, RequestError
 ActuatorFault = Literal["leak", "softening", "stiffening", "drift", "sensor disagreement"]
 HEALTHY_CYCLES_BETWEEN_ALARMS = 1000.0
 RUN_IN_CYCLES = 2
-STEADY_KPA, SHORTEST_HOLD_S, SETTLING_S, LEAST_PRESSURE_KPA = 0.75, 2.0, 0.7, 15.0
+STEADY_KPA, SHORTEST_HOLD_S, _SETTLING_S, LEAST_PRESSURE_KPA = 0.75, 2.0, 0.7, 15.0
 """A hold: pressure slower than this (kPa/s) for so long; its beginning and low pressures are left out."""
 PRESSURE_STEPS, FEWEST_STEPS = 24, 6
 """Gain, offset and differences are fitted through means over so many steps of pressure a branch; fewer give NaN."""
@@ -161,7 +161,7 @@ def find_holds(time_s: FloatArray, pressure_kpa: FloatArray) -> list[slice]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]]).astype(int)))
     holds = []
     for first, last in zip(edges[::2], edges[1::2], strict=True):
-        begin = int(np.searchsorted(time_s, time_s[first] + SETTLING_S))
+        begin = int(np.searchsorted(time_s, time_s[first] + _SETTLING_S))
         if last - begin >= 3 and time_s[last - 1] - time_s[begin] >= SHORTEST_HOLD_S:
             holds.append(slice(begin, int(last)))
     return holds

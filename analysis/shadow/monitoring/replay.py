@@ -146,16 +146,16 @@ def replay_figure(result: Replay) -> Figure:
     above, below = figure.subplots(2, height_ratios=(3, 2))
     step = max(1, len(result.time_s) // 20_000)
     time, band = result.time_s[::step], 2.0 * result.band_mm[::step]
-    above.fill_between(time, -band, band, color=style.ELONGATION, alpha=0.25, lw=0, label="band from E, k = 2")
-    above.plot(time, result.deviation_mm[::step], color=style.SENSORS[0], lw=0.6, label="measured minus nominal")
+    above.fill_between(time, -band, band, color=style.ELONGATION_COLOUR, alpha=0.25, lw=0, label="band from E, k = 2")
+    above.plot(time, result.deviation_mm[::step], color=style.SENSOR_COLOURS[0], lw=0.6, label="measured minus nominal")
     above.set(xlabel="time, s", ylabel="deviation, mm")
     above.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     below.xaxis.set_major_locator(MaxNLocator(integer=True))
     gain = np.array([astuple(f)[2] for f in result.figures])
-    below.plot(np.arange(1, len(gain) + 1), 100.0 * (gain - 1.0), "o-", color=style.SENSORS[0], ms=3, lw=0.8)
-    look: Any = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "color": style.SENSORS[1]}
+    below.plot(np.arange(1, len(gain) + 1), 100.0 * (gain - 1.0), "o-", color=style.SENSOR_COLOURS[0], ms=3, lw=0.8)
+    look: Any = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "color": style.SENSOR_COLOURS[1]}
     for i, alarm in enumerate(result.alarms):
-        below.axvline(alarm.cycle, color=style.SENSORS[1], lw=0.8)
+        below.axvline(alarm.cycle, color=style.SENSOR_COLOURS[1], lw=0.8)
         below.annotate(alarm.fault, (alarm.cycle, 1.0 - 0.14 * (i % 6)), xytext=(3, -9), fontsize=8, **look)
     below.set(xlabel="cycle", ylabel="elongation against\nnominal, % off")
     return figure

@@ -14,8 +14,8 @@ from protocol.base.arrays import FloatArray
 
 SUMS = 10
 """One-sided sums that share the stated rate of false alarms."""
-RUNS, CYCLES = 800, 250
-SHIFTED_RUNS, AFTER = 200, 300
+RUNS, _CYCLES = 800, 250
+SHIFTED_RUNS, _AFTER = 200, 300
 NORMAL = 1e9
 """Degrees of freedom of Student's t that make it normal."""
 
@@ -43,14 +43,14 @@ def false_alarms(correlation: float, degrees: float) -> StudyResult:
     threshold = threshold_for(HEALTHY_CYCLES_BETWEEN_ALARMS, SUMS)
     cusum, up = SelfStartingCusum(np.full(RUNS, 1e-9)), np.zeros((RUNS, 2), dtype=bool)
     unwarned, warned = 0, 0
-    for row in healthy(degrees, correlation, CYCLES, RUNS):
+    for row in healthy(degrees, correlation, _CYCLES, RUNS):
         sums = cusum.update(row)
         fresh = (sums > threshold) & ~up
         up = (up | fresh) & (sums > 0)
         dependent = cusum.dependent()
         unwarned += int((fresh & ~dependent).sum())
         warned += int((fresh & dependent).sum())
-    per_thousand = 1000.0 * SUMS / 2.0 / (RUNS * CYCLES)
+    per_thousand = 1000.0 * SUMS / 2.0 / (RUNS * _CYCLES)
     return StudyResult(per_thousand * unwarned, NOT_INDEPENDENT if warned > unwarned else "")
 
 
@@ -61,7 +61,7 @@ def shift(size: float, history: float) -> StudyResult:
     if not np.isfinite(smallest):
         return StudyResult(float("nan"), "the history is too short to find any shift")
     cusum, found = SelfStartingCusum(np.full(SHIFTED_RUNS, 1e-9)), np.zeros(SHIFTED_RUNS, dtype=bool)
-    rows = np.random.default_rng(1).standard_normal((n + AFTER, SHIFTED_RUNS))
+    rows = np.random.default_rng(1).standard_normal((n + _AFTER, SHIFTED_RUNS))
     rows[n:] += size
     for k, row in enumerate(rows):
         found |= (cusum.update(row)[:, 0] > threshold) & (k >= n)
@@ -69,7 +69,7 @@ def shift(size: float, history: float) -> StudyResult:
     return StudyResult(float(1.0 - found.mean()), warning)
 
 
-STUDIES = (
+ALARM_STUDIES = (
     Study(
         "alarms-false", "alarms", "Heavy tails, and correlated cycles", "simulated healthy figures",
         "unqualified false alarms in 1,000 cycles", 2.0,

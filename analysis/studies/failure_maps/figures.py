@@ -20,16 +20,16 @@ from analysis.data.recording import Recording
 from analysis.figures.figure import Figure
 from analysis.figures.pipeline import Analysis, analyse
 from analysis.figures.sensor_analysis import Options
-from analysis.studies.failure_maps.fit import NOISE_MV, cubic
+from analysis.studies.failure_maps.fit import SENSOR_NOISE_MV, cubic
 from analysis.studies.failure_maps.sweep import Axis, Study, StudyResult, joined
 from protocol.base.arrays import BoolArray, FloatArray, IntArray
 
-MIDDLE_KPA, SPAN_KPA, STEPS = 5.0, 90.0, 9
+MIDDLE_KPA, SPAN_KPA, _STEPS = 5.0, 90.0, 9
 MM_PER_KPA = 6.5 / SPAN_KPA
 LOOP_SHARE = 0.08
 """Half the loop's width in the middle, as a share of the span of x, times 1/2: 4 % of full scale in the signal."""
-EXACT = Options(mcmc=False, x_resolution_mm=0.0)
-EXPECTED = ("simulated", "no_calibration", "hysteresis_is_a_bound")
+_EXACT = Options(mcmc=False, x_resolution_mm=0.0)
+_EXPECTED = ("simulated", "no_calibration", "hysteresis_is_a_bound")
 """Warnings that do not concern a number's truth: a missing calibration has its own reason, a bound its own note."""
 
 
@@ -49,7 +49,7 @@ class Stairs:
     rate_hz: float = 100.0
     ramp_kpa_per_s: float = 20.0
     pressure_noise_kpa: float = 0.05
-    noise_mv: float = NOISE_MV
+    noise_mv: float = SENSOR_NOISE_MV
     scale: float = 1.0
     bulge_percent: float = 0.0
     bulge_at: float = 0.5
@@ -58,7 +58,7 @@ class Stairs:
     @cached_property
     def levels_kpa(self) -> FloatArray:
         """Return the levels from the upper end to the lower."""
-        return MIDDLE_KPA + self.span_kpa * np.linspace(0.5, -0.5, STEPS + 1)
+        return MIDDLE_KPA + self.span_kpa * np.linspace(0.5, -0.5, _STEPS + 1)
 
     def elongation(self, pressure_kpa: FloatArray, loading: FloatArray) -> FloatArray:
         """Return x of a pressure on the loading (1) or unloading (0) branch, mm."""
@@ -84,7 +84,7 @@ class Stairs:
         """Return level and branch (1 loading) of every hold."""
         down, up = self.levels_kpa[1:], self.levels_kpa[-2::-1]
         levels = np.concatenate([self.levels_kpa[:1], *[down, up] * self.cycles])
-        branch = np.concatenate([[0.0], *[np.zeros(STEPS), np.ones(STEPS)] * self.cycles])
+        branch = np.concatenate([[0.0], *[np.zeros(_STEPS), np.ones(_STEPS)] * self.cycles])
         return levels, branch
 
     @cached_property
@@ -92,7 +92,7 @@ class Stairs:
         """Return pressure and branch of every sample."""
         levels, branch = self.holds
         hold = max(1, round(self.dwell_s * self.rate_hz))
-        ramp = max(1, round(self.span_kpa / STEPS / self.ramp_kpa_per_s * self.rate_hz))
+        ramp = max(1, round(self.span_kpa / _STEPS / self.ramp_kpa_per_s * self.rate_hz))
         part = np.arange(ramp) / ramp
         pressure = [np.full(hold, levels[0])]
         for before, level in itertools.pairwise(levels):
@@ -115,8 +115,8 @@ class Stairs:
         """Return full scale (mV), sensitivity (mV/mm) and system hysteresis (% FSO) from the formula."""
         ends = self.elongation(self.levels_kpa[[0, -1]], np.zeros(2))
         full = abs(float(np.diff(self.signal(ends))[0]))
-        apart = self.signal(self.elongation(self.levels_kpa, np.ones(STEPS + 1)))
-        apart = apart - self.signal(self.elongation(self.levels_kpa, np.zeros(STEPS + 1)))
+        apart = self.signal(self.elongation(self.levels_kpa, np.ones(_STEPS + 1)))
+        apart = apart - self.signal(self.elongation(self.levels_kpa, np.zeros(_STEPS + 1)))
         wide = 100.0 * float(np.abs(apart).max()) / full if full > 0 else float("nan")
         return {
             "fso_mv": full,
@@ -140,14 +140,14 @@ def analysed(run: Stairs, recording: Recording | None = None, *, readings: bool 
     """
     recording = recording or run.recording()
     if not readings:
-        return analyse(recording, options=EXACT)
+        return analyse(recording, options=_EXACT)
     levels, branch = run.holds
     rows = zip(levels, run.elongation(levels, branch), strict=True)
     text = "pressure_kpa,elongation_mm\n" + "".join(f"{p:.6f},{x:.9f}\n" for p, x in rows)
     return analysed_with(recording, text)
 
 
-def analysed_with(recording: Recording, text: str, options: Options = EXACT) -> Analysis:
+def analysed_with(recording: Recording, text: str, options: Options = _EXACT) -> Analysis:
     """Analyse a run with the text of a file of elongations."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "elongation.csv")
@@ -157,7 +157,7 @@ def analysed_with(recording: Recording, text: str, options: Options = EXACT) -> 
 
 def warnings_of(found: Analysis) -> str:
     """Return the analysis' warnings about its own numbers."""
-    return joined([warning.sentence for warning in found.warnings if warning.code not in EXPECTED])
+    return joined([warning.sentence for warning in found.warnings if warning.code not in _EXPECTED])
 
 
 def compared_with_truth(run: Stairs, recording: Recording | None = None, *, readings: bool = True) -> StudyResult:
@@ -187,7 +187,7 @@ def off_percent(figure: Figure | None, name: str, truth: float) -> float:
 
 
 TRUTH = "full scale, sensitivity and hysteresis of the formula that made the run"
-TOLERANCE = 0.5
+_TOLERANCE = 0.5
 """% FSO; a tenth of the hysteresis that is measured."""
 
 
@@ -246,7 +246,7 @@ _HOLES = Axis("samples in a hole", "", (1.0, 3.0, 10.0, 30.0, 100.0, 300.0))
 
 
 FULL_MV = 255.5
-BULGE_PERCENT = 5.0
+_BULGE_PERCENT = 5.0
 
 
 def snr(span_mv: float, noise_mv: float) -> StudyResult:
@@ -265,38 +265,38 @@ def snr(span_mv: float, noise_mv: float) -> StudyResult:
 
 def overlap(read_percent: float, bulge_at: float) -> StudyResult:
     """Return the sensor's loop over x where only the first part of each branch was read."""
-    run = Stairs(bulge_percent=BULGE_PERCENT, bulge_at=bulge_at)
-    kept = round(read_percent / 100.0 * STEPS)
+    run = Stairs(bulge_percent=_BULGE_PERCENT, bulge_at=bulge_at)
+    kept = round(read_percent / 100.0 * _STEPS)
     levels, branch = run.holds
     text = "cycle,branch,pressure_kpa,elongation_mm\n"
     for hold, (p, up, x) in enumerate(zip(levels, branch, run.elongation(levels, branch), strict=True)):
-        cycle, step = divmod(hold - 1, 2 * STEPS)
+        cycle, step = divmod(hold - 1, 2 * _STEPS)
         if hold == 0:
             text += f"1,start,{p:.6f},{x:.9f}\n"
-        elif step % STEPS < kept:
+        elif step % _STEPS < kept:
             text += f"{cycle + 1},{'loading' if up else 'unloading'},{p:.6f},{x:.9f}\n"
     found = analysed_with(run.recording(), text)
     figure = found.sensors[0].figures["sensor_hysteresis_percent_fso"]
-    truth = BULGE_PERCENT * run.truth["fso_mv"] / found.sensors[0].figures["fso_mv"].value
+    truth = _BULGE_PERCENT * run.truth["fso_mv"] / found.sensors[0].figures["fso_mv"].value
     message = joined([figure.void, figure.note, warnings_of(found)])
     return StudyResult(off_percent(figure, "percent_fso", truth), message)
 
 
-STUDIES = (
+FIGURE_STUDIES = (
     Study(
-        "segmentation-noise", "segmentation", "Noise and short holds, with readings", TRUTH, "% FSO", TOLERANCE,
+        "segmentation-noise", "segmentation", "Noise and short holds, with readings", TRUTH, "% FSO", _TOLERANCE,
         _NOISE, _DWELL, partial(noisy, readings=True),
     ),
     Study(
-        "segmentation-alone", "segmentation", "Noise and short holds, no readings", TRUTH, "% FSO", TOLERANCE,
+        "segmentation-alone", "segmentation", "Noise and short holds, no readings", TRUTH, "% FSO", _TOLERANCE,
         _NOISE, _DWELL, partial(noisy, readings=False),
     ),
     Study(
-        "segmentation-lost", "segmentation", "Lost samples", TRUTH, "% FSO", TOLERANCE,
+        "segmentation-lost", "segmentation", "Lost samples", TRUTH, "% FSO", _TOLERANCE,
         Axis("samples lost", "%", (0.0, 0.1, 1.0, 5.0, 10.0, 20.0, 40.0, 70.0)), _HOLES, lost,
     ),
     Study(
-        "segmentation-wire", "segmentation", "A loose wire: pressure reads zero", TRUTH, "% FSO", TOLERANCE,
+        "segmentation-wire", "segmentation", "A loose wire: pressure reads zero", TRUTH, "% FSO", _TOLERANCE,
         Axis("samples at zero", "%", (0.0, 0.1, 1.0, 3.0, 5.0, 10.0, 20.0, 40.0)), _HOLES, loose_wire,
     ),
     Study(
@@ -305,7 +305,7 @@ STUDIES = (
         Axis("noise of the pressure, sd", "kPa", (0.0, 0.05, 0.2, 0.5, 1.0, 2.0)), small,
     ),
     Study(
-        "segmentation-start", "segmentation", "A recording that begins inside a ramp", TRUTH, "% FSO", TOLERANCE,
+        "segmentation-start", "segmentation", "A recording that begins inside a ramp", TRUTH, "% FSO", _TOLERANCE,
         Axis("pressure of the first sample", "kPa", (49.0, 40.0, 20.0, 8.0, 5.0, 2.0, 0.0, -5.0, -20.0, -35.0, -39.0)),
         Axis("length of a hold", "s", (0.3, 0.5, 0.8, 1.0, 2.0, 5.0)), started,
     ),

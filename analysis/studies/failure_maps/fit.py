@@ -22,13 +22,13 @@ from analysis.published import RANGE_MM, SENSORS
 from analysis.studies.failure_maps.sweep import Axis, Study, StudyResult, joined
 from protocol.base.arrays import FloatArray
 
-CUBIC = SENSORS[0].coefficients
-TURNING_MM = float(np.polynomial.Polynomial(CUBIC).deriv().roots().max())
-NOISE_MV = PUBLISHED_NOISE_MV[0]
+_CUBIC = SENSORS[0].coefficients
+TURNING_MM = float(np.polynomial.Polynomial(_CUBIC).deriv().roots().max())
+SENSOR_NOISE_MV = PUBLISHED_NOISE_MV[0]
 SURE = 0.999
-DRAWS = 21
+_DRAWS = 21
 READINGS = 1000
-ROUNDING = 1e-6
+_ROUNDING = 1e-6
 """Relative to the span of y: what the fit may lose without a warning."""
 
 
@@ -39,7 +39,7 @@ def warned(fit: Calibration) -> list[str]:
 
 def cubic(x: FloatArray) -> FloatArray:
     """Return the sensor's signal without noise, mV; the rounding of doubles is far below its noise."""
-    return np.asarray(np.polynomial.polynomial.polyval(x, CUBIC), dtype=np.float64)
+    return np.asarray(np.polynomial.polynomial.polyval(x, _CUBIC), dtype=np.float64)
 
 
 def exact(x: FloatArray, coefficients: tuple[float, ...]) -> FloatArray:
@@ -93,9 +93,9 @@ def over_draws(x: FloatArray, off: FloatArray, degree: int) -> StudyResult:
     x : (n,) mm. off : (n,) errors put in, sd of the noise.
     """
     fits = []
-    for seed in range(DRAWS):
+    for seed in range(_DRAWS):
         noise = np.random.default_rng(seed).standard_normal(x.size)
-        fits.append(fit_calibration(x, cubic(x) + NOISE_MV * (noise + off), degree))
+        fits.append(fit_calibration(x, cubic(x) + SENSOR_NOISE_MV * (noise + off), degree))
     return most([_in_band(fit) for fit in fits])
 
 
@@ -125,10 +125,10 @@ def turning(gap_mm: float, place: float) -> StudyResult:
     low, high = RANGE_MM[0], TURNING_MM - gap_mm
     x = np.tile(np.linspace(low, high, 14), 7)
     rng = np.random.default_rng(1)
-    fit = fit_calibration(x, cubic(x) + NOISE_MV * rng.standard_normal(x.size), 3)
+    fit = fit_calibration(x, cubic(x) + SENSOR_NOISE_MV * rng.standard_normal(x.size), 3)
     truth = low + place * (high - low)
-    signal = cubic(np.array([truth])) + NOISE_MV * rng.standard_normal(READINGS)
-    found = Inverse.of(fit, noise_sd=NOISE_MV).evaluate(signal)
+    signal = cubic(np.array([truth])) + SENSOR_NOISE_MV * rng.standard_normal(READINGS)
+    found = Inverse.of(fit, noise_sd=SENSOR_NOISE_MV).evaluate(signal)
     given = ~found.outside
     beyond = np.abs(found.elongation_mm - truth)[given] > 2.0 * found.standard_uncertainty_mm[given]
     error = float(beyond.mean()) if given.mean() > 0.01 else float("nan")
@@ -139,9 +139,9 @@ def turning(gap_mm: float, place: float) -> StudyResult:
 _DEGREES = tuple(float(d) for d in range(1, 11))
 
 
-LEVELS, CYCLES = 10, 5
-STEP_MM = (RANGE_MM[1] - RANGE_MM[0]) / (LEVELS - 1)
-POSITIONS = np.tile(np.linspace(*RANGE_MM, LEVELS), CYCLES)
+_LEVELS, _CYCLES = 10, 5
+STEP_MM = (RANGE_MM[1] - RANGE_MM[0]) / (_LEVELS - 1)
+POSITIONS = np.tile(np.linspace(*RANGE_MM, _LEVELS), _CYCLES)
 
 
 def messages_of(posterior: Posterior) -> str:
@@ -151,7 +151,7 @@ def messages_of(posterior: Posterior) -> str:
 
 def start(ball: float, steps: float) -> StudyResult:
     """Sample from walkers that start in a ball of any size; return the worst relative error of an sd."""
-    y = cubic(POSITIONS) + NOISE_MV * np.random.default_rng(2).standard_normal(POSITIONS.size)
+    y = cubic(POSITIONS) + SENSOR_NOISE_MV * np.random.default_rng(2).standard_normal(POSITIONS.size)
     found = sample_posterior(POSITIONS, y, start_sd=ball, max_steps=int(steps), seed=1)
     fit = found.calibration
     closed = fit.std_errors * np.sqrt(fit.dof / (fit.dof - 2))
@@ -173,16 +173,16 @@ def rounded(grid_steps: float, noise_mv: float) -> StudyResult:
     return StudyResult(float(np.max(np.abs(curves.mean(axis=0) - cubic(at)) / curves.std(axis=0))), messages_of(found))
 
 
-STUDIES = (
+FIT_STUDIES = (
     Study(
         "fit-clusters", "fit", "Points in two clusters at the ends",
-        "the polynomial that the points lie on, in rational arithmetic", "of the span", ROUNDING,
+        "the polynomial that the points lie on, in rational arithmetic", "of the span", _ROUNDING,
         Axis("width of a cluster, share of the range", "", (1e-7, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.5)),
         Axis("degree", "", _DEGREES), clusters,
     ),
     Study(
         "fit-offset", "fit", "The range lies far from zero",
-        "the polynomial that the points lie on, in rational arithmetic", "of the span", ROUNDING,
+        "the polynomial that the points lie on, in rational arithmetic", "of the span", _ROUNDING,
         Axis("x at the middle of the range", "mm", (0.0, *(10.0**k for k in range(1, 10)))),
         Axis("degree", "", _DEGREES[:6]), offset,
     ),

@@ -37,8 +37,8 @@ def draw_map(axes: Axes, drawn: StudyMap) -> None:
     for j, row in enumerate(drawn.cells):
         for i, cell in enumerate(row):
             colour, hatch, letter, _ = LOOK[cell.outcome]
-            ink = style.PAPER if cell.outcome is CellOutcome.WRONG_UNWARNED else style.SOFT
-            axes.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, fc=colour, ec=style.PAPER, hatch=hatch, lw=0.8))
+            ink = style.PAPER_COLOUR if cell.outcome is CellOutcome.WRONG_UNWARNED else style.SOFT
+            axes.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, fc=colour, ec=style.PAPER_COLOUR, hatch=hatch, lw=0.8))
             if letter:
                 axes.text(i, j, letter, ha="center", va="center", fontsize=7, color=ink)
     axes.set(xlim=(-0.5, len(study.x.values) - 0.5), ylim=(-0.5, len(study.y.values) - 0.5), title=study.title)

@@ -8,8 +8,15 @@ from analysis.studies.failure_maps import alarms, figures, fit, sessions, shadow
 from analysis.studies.failure_maps.sweep import Study
 from analysis.studies.harness import chosen
 
-_MODULES = (fit, sessions, figures, tracer, shadow, alarms)
-STUDIES: dict[str, Study] = {study.name: study for module in _MODULES for study in module.STUDIES}
+_STUDIES = (
+    fit.FIT_STUDIES,
+    sessions.SESSION_STUDIES,
+    figures.FIGURE_STUDIES,
+    tracer.TRACER_STUDIES,
+    shadow.SHADOW_STUDIES,
+    alarms.ALARM_STUDIES,
+)
+STUDIES: dict[str, Study] = {study.name: study for studies in _STUDIES for study in studies}
 METHOD_TITLES = {
     "fit": "Calibration: the polynomial fit",
     "inverse": "Inverse: mV to mm",

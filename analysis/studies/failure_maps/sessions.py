@@ -15,12 +15,12 @@ from analysis.calibration.adequacy import CurveVerdict
 from analysis.calibration.fit import Calibration, fit_by_branch
 from analysis.calibration.joint_fit import greatest_loop_width, loop_is_represented
 from analysis.published import RANGE_MM
-from analysis.studies.failure_maps.fit import NOISE_MV, cubic
+from analysis.studies.failure_maps.fit import SENSOR_NOISE_MV, cubic
 from analysis.studies.failure_maps.sweep import Axis, Study, StudyResult, joined
 from protocol.base.arrays import FloatArray
 
 SEEDS = 12
-LEVELS, CYCLES = 10, 5
+_LEVELS, _CYCLES = 10, 5
 SAMPLES_PER_HOLD = 100
 READER_SHARE = 0.3  # of the grid: sd of a reader who finds the mark to a third
 ACTUATOR_MM = 0.25
@@ -38,9 +38,9 @@ class ReadSession:
     wave_mv: float = 0.0
     loop_mv: float = 0.0
     seed: int = 0
-    levels: int = LEVELS
-    cycles: int = CYCLES
-    noise_mv: float = NOISE_MV
+    levels: int = _LEVELS
+    cycles: int = _CYCLES
+    noise_mv: float = SENSOR_NOISE_MV
     actuator_mm: float = ACTUATOR_MM
 
     def signal(self, x: FloatArray) -> FloatArray:
@@ -99,7 +99,7 @@ def loop(loop_mv: float, grid_mm: float) -> StudyResult:
 
 
 _GRIDS = Axis("grid of the readings", "mm", (0.0, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0))
-STUDIES = (
+SESSION_STUDIES = (
     Study(
         "fit-adequacy", "fit", "A cubic through what is no cubic", "the curve that the readings were made from",
         "share of the range outside U", 0.15,

@@ -21,18 +21,18 @@ from analysis.studies.failure_maps.sweep import Axis, Study, StudyResult, joined
 from protocol.base.arrays import FloatArray
 
 INNER_MM, OUTER_MM, MODULUS_KPA, LOAD_KPA = 3.0, 9.0, 1000.0, 0.1
-SIDE = 4
+_SIDE = 4
 """Elements across and along the cylinder's wall."""
 
 
 def cylinder_mesh(distortion: float) -> Mesh:
     """Mesh a slice of a thick cylinder, its inner corners moved at random by a share of an element."""
-    steps = np.linspace(0.0, 1.0, SIDE + 1)
+    steps = np.linspace(0.0, 1.0, _SIDE + 1)
     r, z = np.meshgrid(INNER_MM * (OUTER_MM / INNER_MM) ** steps, 6.0 * steps)
-    moved = distortion * np.random.default_rng(4).uniform(-1.0, 1.0, (2, SIDE - 1, SIDE - 1))
+    moved = distortion * np.random.default_rng(4).uniform(-1.0, 1.0, (2, _SIDE - 1, _SIDE - 1))
     r[1:-1, 1:-1] += moved[0] * np.diff(r, axis=1)[1:-1, :-1]
-    z[1:-1, 1:-1] += moved[1] * 6.0 / SIDE
-    quads, used, column = structured_quads(SIDE, SIDE)
+    z[1:-1, 1:-1] += moved[1] * 6.0 / _SIDE
+    quads, used, column = structured_quads(_SIDE, _SIDE)
     places = np.full((*used.shape, 2), np.nan)
     places[::2, ::2] = np.stack([r, z], axis=2)
     places[::2, 1::2] = (places[::2, :-1:2] + places[::2, 2::2]) / 2
@@ -95,7 +95,7 @@ def edge(pressure_kpa: float, elongation_mm: float) -> StudyResult:
     return StudyResult(float(error), fell_back)
 
 
-STUDIES = (
+SHADOW_STUDIES = (
     Study(
         "fem-incompressible", "full-fem", "Nearly incompressible, on a distorted mesh", "Lame's thick cylinder",
         "of the inner radius' growth", 5e-3,

@@ -18,11 +18,11 @@ from analysis.optics.tracer.simulation import TraceResult, trace
 from analysis.polynomial import LongArray
 from analysis.studies.failure_maps.sweep import Axis, Study, StudyResult, joined
 
-LENGTH_MM, HALF_MM = 60.0, 1.0
-PLAIN = Design(cavities=0)
-ONE = Light(rays=1, cone_deg=0.001, secondary=0, path_cap_mm=1e6)
+_LENGTH_MM, HALF_MM = 60.0, 1.0
+_PLAIN = Design(cavities=0)
+_ONE = Light(rays=1, cone_deg=0.001, secondary=0, path_cap_mm=1e6)
 GIVEN_UP = ("trapped", "cut", "corner", "dropped")
-RAYS, CAP_MM = 250, 1000.0
+_RAYS, CAP_MM = 250, 1000.0
 
 
 def given_up(out: TraceResult, names: tuple[str, ...] = GIVEN_UP) -> str:
@@ -38,7 +38,7 @@ def grazing(angle: float, excess: float) -> StudyResult:
     """
     guide = Waveguide(index=1.0 + excess)
     start = np.array([0.1, HALF_MM - 20.0 * math.tan(angle), math.cos(angle), math.sin(angle)])
-    out = trace(one_strip(straight((0, 0), (LENGTH_MM, 0)), guide, start), PLAIN, guide, ONE, threads=1)
+    out = trace(one_strip(straight((0, 0), (_LENGTH_MM, 0)), guide, start), _PLAIN, guide, _ONE, threads=1)
     n = 1.0 + excess
     guided = n - 1.0 > 2.0 * n * math.sin(angle / 2.0) ** 2
     return StudyResult(float(abs(out.ledger["detected"] - guided)), given_up(out))
@@ -58,7 +58,7 @@ def whispering(depth_mm: float, radius_mm: float) -> StudyResult:
     rest = math.pi / 2 - b - 2.0 * b * chords  # from the last hit to the end face
     path_mm = outer * (math.sin(b) * (2.0 + 2.0 * chords) + math.cos(b) * math.tan(rest - b))
     guide = Waveguide(attenuation_db_per_cm=100.0 / math.log(10.0) / path_mm)
-    out = trace(one_strip(ring(radius_mm, math.pi / 2, 5), guide, start), PLAIN, guide, ONE, threads=1)
+    out = trace(one_strip(ring(radius_mm, math.pi / 2, 5), guide, start), _PLAIN, guide, _ONE, threads=1)
     return StudyResult(abs(out.power / math.exp(-1.0) - 1.0), given_up(out))
 
 
@@ -67,9 +67,9 @@ def corner(beside_mm: float, angle_deg: float) -> StudyResult:
     design, guide = Design(1, 1.0, 0.5, 0.9), Waveguide()
     angle = math.radians(angle_deg)
     direction = np.array([math.cos(angle), math.sin(angle)])
-    aim = np.array([LENGTH_MM / 2 - 0.5, HALF_MM - 0.5]) + beside_mm * np.array([direction[1], -direction[0]])
+    aim = np.array([_LENGTH_MM / 2 - 0.5, HALF_MM - 0.5]) + beside_mm * np.array([direction[1], -direction[0]])
     start = np.concatenate([aim - 0.8 * direction, direction])
-    out = trace(one_strip(straight((0, 0), (LENGTH_MM, 0)), guide, start), design, guide, ONE, threads=1)
+    out = trace(one_strip(straight((0, 0), (_LENGTH_MM, 0)), guide, start), design, guide, _ONE, threads=1)
     ends, _ = second_tracer(segments(design), start[None, :2], start[None, 2:], 1.5, 1e6)
     return StudyResult(float(abs(out.ledger["detected"] - int((ends == 1).sum()))), given_up(out))
 
@@ -77,10 +77,10 @@ def corner(beside_mm: float, angle_deg: float) -> StudyResult:
 def cavity(width_mm: float, depth_mm: float) -> StudyResult:
     """Return by how many rays of 250 two tracers differ on a row of five cavities."""
     design, guide = Design(5, width_mm, depth_mm, 0.9), Waveguide()
-    light = Light(rays=RAYS, secondary=0, path_cap_mm=CAP_MM)
-    out = trace(one_strip(straight((0, 0), (LENGTH_MM, 0)), guide), design, guide, light, threads=1)
-    angle = math.radians(light.cone_deg) * ((np.arange(RAYS) + 0.5) / RAYS - 0.5)
-    start = np.tile([guide.backing_mm, 0.0], (RAYS, 1))
+    light = Light(rays=_RAYS, secondary=0, path_cap_mm=CAP_MM)
+    out = trace(one_strip(straight((0, 0), (_LENGTH_MM, 0)), guide), design, guide, light, threads=1)
+    angle = math.radians(light.cone_deg) * ((np.arange(_RAYS) + 0.5) / _RAYS - 0.5)
+    start = np.tile([guide.backing_mm, 0.0], (_RAYS, 1))
     ends, _ = second_tracer(segments(design), start, np.stack([np.cos(angle), np.sin(angle)], axis=1), 1.5, CAP_MM)
     ours = out.ledger["escaped"], out.ledger["detected"], out.ledger["trapped"] + out.ledger["cut"]
     apart = max(abs(count - int((ends == end).sum())) for end, count in enumerate(ours))
@@ -93,10 +93,10 @@ def segments(design: Design) -> LongArray:
     top, bottom = HALF_MM, HALF_MM - design.depth_mm
     path = [(0.0, top)]
     for i in range(design.cavities):
-        a = LENGTH_MM / 2 + (i - (design.cavities - 1) / 2) * pitch - design.width_mm / 2
+        a = _LENGTH_MM / 2 + (i - (design.cavities - 1) / 2) * pitch - design.width_mm / 2
         b = a + design.width_mm
         path += [(a, top), (a, bottom), (b, bottom), (b, top)]
-    path += [(LENGTH_MM, top), (LENGTH_MM, -HALF_MM), (0.0, -HALF_MM), (0.0, top)]
+    path += [(_LENGTH_MM, top), (_LENGTH_MM, -HALF_MM), (0.0, -HALF_MM), (0.0, top)]
     points = np.array(path, dtype=np.longdouble)
     rows = np.stack([points[:-1], points[1:]], axis=1)
     receiver = len(path) - 4
@@ -163,7 +163,7 @@ def _turn(d: LongArray, resin: npt.NDArray[np.bool_], live: npt.NDArray[np.int64
     resin[live] ^= passes
 
 
-STUDIES = (
+TRACER_STUDIES = (
     Study(
         "tracer-grazing", "tracer", "One ray grazes a straight wall", "Snell's law in closed form", "rays", 0.0,
         Axis("angle to the wall", "rad", (1e-12, 1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 0.01, 0.1, 0.3, 0.8)),

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from analysis.figure_style import INK, PRESSURE, sensor_colour, styled
+from analysis.figure_style import INK, PRESSURE_COLOUR, sensor_colour, styled
 from analysis.figures.pipeline import Analysis
 from analysis.published import RANGE_MM, SENSORS
 from analysis.reports.drawings import envelope
@@ -51,7 +51,7 @@ def draw_signals(found: Analysis) -> Figure:
     """Draw pressure and signals of a run over time, as the paper's figures 4A and 4C."""
     recording = found.recording
     figure, (above, below) = _axes("time, s", "pressure, kPa", "signal, mV (SIMULATED)")
-    rows: list[tuple[Any, FloatArray, str, str]] = [(above, recording.pressure_kpa, PRESSURE, "")]
+    rows: list[tuple[Any, FloatArray, str, str]] = [(above, recording.pressure_kpa, PRESSURE_COLOUR, "")]
     rows += [
         (below, recording.signal_mv[:, i], sensor_colour(i), f"sensor {i + 1}") for i in range(recording.n_sensors)
     ]

@@ -41,9 +41,9 @@ from protocol.base.whole_file import write_whole
 THICKNESSES_MM = (2.0, 1.5)
 EMISSIONS: tuple[Emission, ...] = ("uniform", "lambertian")
 FANS, CONVERGED_RAYS = 3, 1_000
-FILE_NAME = "optics.json"
+_FILE_NAME = "optics.json"
 AXES = ("face", "thickness_mm", "states", "emission")
-GROUPS = {"all": "all designs", "same_cavities": "designs with five cavities", "paper_map": "the paper's own map"}
+_GROUPS = {"all": "all designs", "same_cavities": "designs with five cavities", "paper_map": "the paper's own map"}
 DECIDED_BY = {
     "face": "where the cavities are: a section of the guide, or the geometry of figure 3A",
     "thickness_mm": "the thickness of the simulated guide",
@@ -170,7 +170,7 @@ def reproduce(
     if fans < 1:
         raise RequestError(f"{fans} turns of the fan", "compare one or more")
     todo = plan(list(curves), fans, rays, alike=alike)
-    file = None if folder is None else folder / FILE_NAME
+    file = None if folder is None else folder / _FILE_NAME
     kept = {} if file is None else _kept(file)
     total, done, out = sum(sampling.cost for _, sampling in todo), 0.0, []
     for reading, sampling in todo:
@@ -315,7 +315,7 @@ def readings_text(outcomes: Sequence[Outcome]) -> str:
     for sampling in dict.fromkeys(o.sampling for o in outcomes):
         chosen = [o for o in outcomes if o.sampling == sampling]
         lines.append(f"{_sampled(sampling)}, {len(chosen)} readings:")
-        for name, words in GROUPS.items():
+        for name, words in _GROUPS.items():
             ranks = [rank for o in chosen for rank in o.ranks[name]]
             always = sum(o.won(name) == 1.0 for o in chosen)
             some = sum(0.0 < o.won(name) < 1.0 for o in chosen)

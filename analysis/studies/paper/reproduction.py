@@ -28,7 +28,7 @@ from protocol.base.whole_file import write_whole
 
 TABLE = "reproduction.md"
 FRAMES = 200  # of the shadow, timed
-DPI = 150
+_DPI = 150
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +128,7 @@ def write_reproduction(parts: Sequence[PaperPart], folder: Path) -> dict[str, An
     """Write the drawings and the page; return what `reproduce --json` prints."""
     rows = [row for part in parts for row in part.rows]
     drawn = [drawing for part in parts for drawing in part.drawings]
-    files = write_pictures((Picture(d.name, d.draw, DPI) for d in drawn), folder, ("png",))
+    files = write_pictures((Picture(d.name, d.draw, _DPI) for d in drawn), folder, ("png",))
     lines = [
         "# The paper, computed again", "",
         "SIMULATED: rows of sensors are measured on the virtual board, whose truth has the paper's figures.", "",

@@ -28,11 +28,11 @@ from analysis.studies.harness import Picture, write_json, write_pictures
 from analysis.studies.tradeoff.measure import MARGIN, CostPoint, Measured, part_of_tolerance
 from protocol.base.whole_file import written_whole
 
-DATA, DEFAULT, CHOSEN, REFUSED = style.SENSORS[0], style.SENSORS[1], style.PRESSURE, style.SOFT
-COLUMNS = 3
+DATA, _DEFAULT, CHOSEN, _REFUSED = style.SENSOR_COLOURS[0], style.SENSOR_COLOURS[1], style.PRESSURE_COLOUR, style.SOFT
+_COLUMNS = 3
 DOT_PT, CROSS_PT, RING_PT, SQUARE_PT = 5.0, 6.0, 12.0, 16.0
 OVERVIEW_DPI = 88
-FRONT, CHOICE = "front: least error for the time", "the rule's choice"
+_FRONT, CHOICE = "front: least error for the time", "the rule's choice"
 Place = tuple[float, float]
 FEW_DECADES = 2.0
 DECADES_BELOW = 4.5
@@ -54,9 +54,9 @@ def method_chart(measured: Measured, where: str) -> Figure:
 
 def overview_chart(results: Sequence[Measured], where: str) -> Figure:
     """Draw all methods, one small chart each."""
-    rows = math.ceil(len(results) / COLUMNS)
-    figure = Figure(figsize=(4.0 * COLUMNS, 3.1 * rows + 0.5), layout="constrained")
-    grid = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
+    rows = math.ceil(len(results) / _COLUMNS)
+    figure = Figure(figsize=(4.0 * _COLUMNS, 3.1 * rows + 0.5), layout="constrained")
+    grid = figure.subplots(rows, _COLUMNS, squeeze=False).ravel()
     for axes, measured in zip(grid, results, strict=False):
         _draw(axes, measured, margin=0.14)
     for axes in grid[len(results) :]:
@@ -87,7 +87,7 @@ def _draw(axes: Axes, measured: Measured, *, margin: float) -> dict[str, Place]:
         axes.plot(*zip(*at.values(), strict=True), "o", color=DATA, ms=DOT_PT, ls="", label="setting")
     refused = {name: (p.cpu_seconds, top) for name, p in points.items() if name not in answered}
     if refused:
-        axes.plot(*zip(*refused.values(), strict=True), "x", color=REFUSED, ms=CROSS_PT, ls="", label="no result")
+        axes.plot(*zip(*refused.values(), strict=True), "x", color=_REFUSED, ms=CROSS_PT, ls="", label="no result")
     front = [at[name] for name in measured.front if name in at]
     # in steps: no setting is on a straight line between two
     axes.plot(
@@ -96,10 +96,10 @@ def _draw(axes: Axes, measured: Measured, *, margin: float) -> dict[str, Place]:
         color=DATA,
         lw=1.2,
         drawstyle="steps-post",
-        label=FRONT,
+        label=_FRONT,
     )
     if method.default in at:
-        axes.plot(*at[method.default], "o", ms=RING_PT, mfc="none", mec=DEFAULT, mew=1.8, ls="", label="default")
+        axes.plot(*at[method.default], "o", ms=RING_PT, mfc="none", mec=_DEFAULT, mew=1.8, ls="", label="default")
     if measured.chosen in at:
         axes.plot(*at[measured.chosen], "s", ms=SQUARE_PT, mfc="none", mec=CHOSEN, mew=1.5, ls="", label=CHOICE)
     axes.set_xscale("log")

@@ -16,7 +16,7 @@ from analysis.studies.tradeoff.measure import Method, Setting
 from protocol.base.arrays import FloatArray
 
 WIDTH_PX, HEIGHT_PX = 1000, 300
-RATE_HZ, MINUTES = 100.0, 60
+_RATE_HZ, MINUTES = 100.0, 60
 SPANS = tuple(4.0 ** (-k / 7) for k in (0, 3, 5, 1, 4, 2, 6))
 """Of the hour: the widths that are kept are a factor of 4 apart."""
 FULL_SPAN = 1.2  # of the signal's own span: the axis has a margin above and below
@@ -47,7 +47,7 @@ def _settings(quick: bool, store: Callable[[FloatArray], Curve], paint: Paint | 
 
     Each repeat shows another span, since how well the stored widths fit the requested one depends on it.
     """
-    time_s = np.arange(round(MINUTES * 60 * RATE_HZ)) / RATE_HZ
+    time_s = np.arange(round(MINUTES * 60 * _RATE_HZ)) / _RATE_HZ
     signal = 1650.0 + 110.0 * np.sin(time_s / 25.0) + 1.49 * np.random.default_rng(3).standard_normal(time_s.size)
     signal[[time_s.size // 13, time_s.size // 8 + 17]] += (60.0, -60.0)
     fetch = store(np.stack([time_s, signal]))

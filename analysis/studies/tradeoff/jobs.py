@@ -33,15 +33,15 @@ from analysis.studies.tradeoff.references import load
 from protocol.base.arrays import FloatArray
 
 GRID_MM = 0.5
-BULGE_PERCENT = 2.0
-SENSORS = (Stairs(cycles=5, bulge_percent=BULGE_PERCENT), Stairs(cycles=5, bulge_percent=-BULGE_PERCENT, seed=1))
-BAND_POINTS = 31
+_BULGE_PERCENT = 2.0
+_SENSORS = (Stairs(cycles=5, bulge_percent=_BULGE_PERCENT), Stairs(cycles=5, bulge_percent=-_BULGE_PERCENT, seed=1))
+_BAND_POINTS = 31
 PAPER_DESIGNS = 648
 
 
 def calibrated(options: Options) -> Analysis:
     """Analyse a simulated run of five cycles and two sensors, with elongations read on a grid of 0.5 mm."""
-    run = SENSORS[0]
+    run = _SENSORS[0]
     levels, branch = run.holds
     read = GRID_MM * np.round(run.elongation(levels, branch) / GRID_MM)
     rows = "".join(f"{p:.6f},{x:.1f}\n" for p, x in zip(levels, read, strict=True))
@@ -50,7 +50,7 @@ def calibrated(options: Options) -> Analysis:
 
 @cache
 def _five_cycles() -> Recording:
-    (time_s, pressure, _), signals = SENSORS[0].columns, np.stack([s.columns[2] for s in SENSORS], axis=1)
+    (time_s, pressure, _), signals = _SENSORS[0].columns, np.stack([s.columns[2] for s in _SENSORS], axis=1)
     return Recording.from_arrays(time_s, pressure, signals, source="trade-off")
 
 
@@ -59,7 +59,7 @@ def widths(analysis: Analysis) -> FloatArray:
     found: list[float] = []
     for sensor in analysis.sensors:
         if sensor.posterior is not None and sensor.calibration is not None:
-            low, high = sensor.posterior.curve_band(np.linspace(*sensor.calibration.x_range, BAND_POINTS))
+            low, high = sensor.posterior.curve_band(np.linspace(*sensor.calibration.x_range, _BAND_POINTS))
             found.append(float(np.mean(high - low)))
         found += [f.high - f.low for f in sensor.figures.values() if np.isfinite(f.high - f.low)]
     return np.array(found)

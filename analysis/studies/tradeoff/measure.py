@@ -27,9 +27,9 @@ TIE = 1.3
 """Costs within this factor are the same: repeats on a busy machine differ by as much."""
 SHORTEST_S = 2e-3
 """A call shorter than this is repeated until it is as long, and the time divided."""
-REPEATS, QUICK_REPEATS, FEWEST = 7, 2, 3
+REPEATS, QUICK_REPEATS, _FEWEST = 7, 2, 3
 LONGEST_S = 20.0
-"""Repeats end here once there are `FEWEST`."""
+"""Repeats end here once there are `_FEWEST`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,7 +237,7 @@ def measure_setting(setting: Setting, repeats: int, progress: Progress | None = 
         busy.append(cpu / calls / setting.work)
         error = abs(float(setting.error(result)))
         errors.append(error if math.isfinite(error) else math.inf)
-        if len(clock) >= FEWEST and sum(clock) * calls * setting.work > LONGEST_S:
+        if len(clock) >= _FEWEST and sum(clock) * calls * setting.work > LONGEST_S:
             break
     report(1, 1)
     rms, times = math.sqrt(sum(e * e for e in errors) / len(errors)), (_range(clock), median(busy))

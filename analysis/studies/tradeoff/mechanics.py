@@ -27,7 +27,7 @@ MESHES: tuple[Elements, ...] = (
 )  # fmt: skip
 QUICK_MESHES = ((4, 1, 2), (6, 2, 3), (8, 2, 4), (12, 3, 6))
 FULL_INTEGRATION: Elements = (8, 2, 4)
-STATES = 256
+_STATES = 256
 QUICK_HELD_OUT = 16
 
 
@@ -128,7 +128,7 @@ def basis_settings(quick: bool) -> list[Setting]:
     sides, modes = ((5, 7), (1, 2, 4, 8)) if quick else ((3, 5, 7, 9), (1, 2, 3, 4, 6, 8))
     made = {(side, k): cache(partial(_truncated, side, k)) for side in sides for k in modes}
     return [
-        Setting(_basis_name(*size), _batch(table), partial(_farthest, table, count), work=STATES)
+        Setting(_basis_name(*size), _batch(table), partial(_farthest, table, count), work=_STATES)
         for size, table in made.items()
     ]
 
@@ -141,7 +141,7 @@ def _batch(made: Callable[[], ReducedModel]) -> Callable[[int], ReducedModel]:
     @cache
     def states() -> tuple[FloatArray, FloatArray]:
         rng, table = np.random.default_rng(1), made()
-        return _between(rng, table.pressure_range_kpa, STATES), _between(rng, table.elongation_range_mm, STATES)
+        return _between(rng, table.pressure_range_kpa, _STATES), _between(rng, table.elongation_range_mm, _STATES)
 
     def call(_: int) -> ReducedModel:
         made().tracked(*states())

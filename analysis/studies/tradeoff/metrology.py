@@ -21,18 +21,18 @@ from analysis.statistics import bootstrap_interval, resampling_weights
 from analysis.studies.tradeoff.measure import Method, Setting
 from protocol.base.arrays import FloatArray
 
-CUBIC, NOISE_MV = Polynomial(SENSORS[0].coefficients), published.NOISE_MV[0]
+_CUBIC, _NOISE_MV = Polynomial(SENSORS[0].coefficients), published.NOISE_MV[0]
 ROUND_TRIP_MM = 1e-10
 """Guaranteed for mV -> mm, so that replay and export return what was measured."""
 NEWTON = "Newton"
-CYCLES = 8
-SIGNALS = 20_000
-RATE_HZ, DWELL_S, RAMP_KPA_PER_S = 100.0, 5.0, 20.0
+_CYCLES = 8
+_SIGNALS = 20_000
+_RATE_HZ, DWELL_S, RAMP_KPA_PER_S = 100.0, 5.0, 20.0
 
 
 def _calibration(degree: int) -> Calibration:
     x = np.tile(np.linspace(*RANGE_MM, 10), 9)
-    return fit_calibration(x, CUBIC(x) + NOISE_MV * np.random.default_rng(0).standard_normal(x.size), degree)
+    return fit_calibration(x, _CUBIC(x) + _NOISE_MV * np.random.default_rng(0).standard_normal(x.size), degree)
 
 
 def inverse_settings(quick: bool) -> list[Setting]:
@@ -41,11 +41,11 @@ def inverse_settings(quick: bool) -> list[Setting]:
     One call inverts a cubic and a quintic, since calibrations of either degree are fitted; the error is the greatest.
     """
     fits = (_calibration(3), _calibration(5))
-    x = np.random.default_rng(1).uniform(*RANGE_MM, SIGNALS)
+    x = np.random.default_rng(1).uniform(*RANGE_MM, _SIGNALS)
     signals = [_signals(fit, x) for fit in fits]
     inverses = [Inverse.of(fit) for fit in fits]
 
-    def setting(name: str, solve: Callable[[int, FloatArray], FloatArray], count: int = SIGNALS) -> Setting:
+    def setting(name: str, solve: Callable[[int, FloatArray], FloatArray], count: int = _SIGNALS) -> Setting:
         def call(_: int) -> list[FloatArray]:
             return [solve(i, y[:count]) for i, y in enumerate(signals)]
 
@@ -59,7 +59,7 @@ def inverse_settings(quick: bool) -> list[Setting]:
         setting(NEWTON, lambda i, y: inverses[i](y)),
         setting("closed form (Viete), cubics only", lambda i, y: closed_form(fits[i], y)),
         *(setting(f"table of {n}", _table(fits, n)) for n in sizes),
-        setting("companion matrices", lambda i, y: _roots(fits[i], y), SIGNALS // 40),
+        setting("companion matrices", lambda i, y: _roots(fits[i], y), _SIGNALS // 40),
     ]
 
 
@@ -106,10 +106,10 @@ def segmentation_settings(quick: bool) -> list[Setting]:
     levels, pressure = _staircase()
     x = np.interp(pressure, (-40.0, 50.0), RANGE_MM)
     rng = np.random.default_rng(2)
-    time_s = np.arange(pressure.size) / RATE_HZ
-    truth = CUBIC(np.interp(levels, (-40.0, 50.0), RANGE_MM))
+    time_s = np.arange(pressure.size) / _RATE_HZ
+    truth = _CUBIC(np.interp(levels, (-40.0, 50.0), RANGE_MM))
     runs = [
-        (pressure + 0.05 * rng.standard_normal(x.size), CUBIC(x) + NOISE_MV * rng.standard_normal(x.size))
+        (pressure + 0.05 * rng.standard_normal(x.size), _CUBIC(x) + _NOISE_MV * rng.standard_normal(x.size))
         for _ in range(7)
     ]
 
@@ -134,16 +134,16 @@ def _staircase() -> tuple[FloatArray, FloatArray]:
     """Return the level of each hold, and the pressure of each sample, kPa."""
     down = np.arange(50.0, -41.0, -10.0)
     levels = np.concatenate([down[:1], *[np.concatenate([down[1:], down[-2::-1]])] * 5])
-    ramp = np.arange(round(10.0 / RAMP_KPA_PER_S * RATE_HZ)) / round(10.0 / RAMP_KPA_PER_S * RATE_HZ)
-    parts = [np.full(round(DWELL_S * RATE_HZ), levels[0])]
+    ramp = np.arange(round(10.0 / RAMP_KPA_PER_S * _RATE_HZ)) / round(10.0 / RAMP_KPA_PER_S * _RATE_HZ)
+    parts = [np.full(round(DWELL_S * _RATE_HZ), levels[0])]
     for before, level in itertools.pairwise(levels):
-        parts += [before + (level - before) * ramp, np.full(round(DWELL_S * RATE_HZ), level)]
+        parts += [before + (level - before) * ramp, np.full(round(DWELL_S * _RATE_HZ), level)]
     return levels, np.concatenate(parts)
 
 
 def bootstrap_settings(quick: bool) -> list[Setting]:
     """Return numbers of resamples: the interval of a mean over cycles against that of all possible resamples."""
-    values = np.random.default_rng(6).standard_normal(CYCLES)
+    values = np.random.default_rng(6).standard_normal(_CYCLES)
     estimate = float(values.mean())
 
     @cache
@@ -153,8 +153,8 @@ def bootstrap_settings(quick: bool) -> list[Setting]:
     def intervals(resamples: int, many: int) -> Callable[[int], FloatArray]:
         def call(repeat: int) -> FloatArray:
             rng = np.random.default_rng(repeat)
-            draws = (resampling_weights(CYCLES, rng, resamples) @ values / CYCLES for _ in range(many))
-            return np.array([bootstrap_interval(estimate, means, CYCLES) for means in draws])
+            draws = (resampling_weights(_CYCLES, rng, resamples) @ values / _CYCLES for _ in range(many))
+            return np.array([bootstrap_interval(estimate, means, _CYCLES) for means in draws])
 
         return call
 
@@ -197,7 +197,7 @@ INVERSE = Method(
 )  # fmt: skip
 SEGMENTATION = Method(
     "segmentation", "Segmentation: samples used", "the noise-free signal at each level of the staircase", True,
-    "the calibration's points: a tenth of the noise", NOISE_MV / 10, "mV", "a run of 5 cycles",
+    "the calibration's points: a tenth of the noise", _NOISE_MV / 10, "mV", "a run of 5 cycles",
     lambda level: _every(1), segmentation_settings,
 )  # fmt: skip
 BOOTSTRAP = Method(

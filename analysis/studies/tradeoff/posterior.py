@@ -12,21 +12,22 @@ from functools import cache
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from analysis import published
 from analysis.calibration.fit import fit_calibration
 from analysis.calibration.posterior import ENOUGH_SAMPLES, MAX_STEPS, WALKERS, sample_posterior
 from analysis.fidelity import Fidelity
+from analysis.published import NOISE_MV as PUBLISHED_NOISE_MV
 from analysis.published import SENSORS
 from analysis.studies.tradeoff.measure import Method, Setting
 from analysis.studies.tradeoff.references import load
 from protocol.base.arrays import FloatArray
 
-CUBIC, NOISE_MV = Polynomial(SENSORS[0].coefficients), published.NOISE_MV[0]
+_CUBIC = Polynomial(SENSORS[0].coefficients)
+SENSOR_NOISE_MV = PUBLISHED_NOISE_MV[0]
 GRID_MM = 0.5
-READING_MM = GRID_MM / 12**0.5
+GRID_U_MM = GRID_MM / 12**0.5
 RANGE_OF_READINGS_MM = (-2.5, 3.5)
 AT_MM = np.linspace(*RANGE_OF_READINGS_MM, 61)
-CYCLES = 5
+_CYCLES = 5
 CLOSED = "closed form, reading error left out"
 SIZES = ((32, 2_000), (64, 4_000), (128, 8_000), (128, 32_000))
 """Walkers and effective samples; a converged chain is 60 autocorrelation times of each walker, so that fewer samples
@@ -42,7 +43,7 @@ def readings() -> tuple[FloatArray, FloatArray]:
     Every reading has an error of its own, anywhere in its cell.
     """
     levels = np.arange(RANGE_OF_READINGS_MM[0], RANGE_OF_READINGS_MM[1] + 0.01, GRID_MM)
-    return _read(np.repeat(levels, 2 * CYCLES), 4)
+    return _read(np.repeat(levels, 2 * _CYCLES), 4)
 
 
 @cache
@@ -54,7 +55,7 @@ def few_readings() -> tuple[FloatArray, FloatArray]:
 def _read(x: FloatArray, seed: int) -> tuple[FloatArray, FloatArray]:
     rng = np.random.default_rng(seed)
     true = x + GRID_MM * rng.uniform(-0.5, 0.5, x.size)
-    return x, CUBIC(true) + NOISE_MV * rng.standard_normal(x.size)
+    return x, _CUBIC(true) + SENSOR_NOISE_MV * rng.standard_normal(x.size)
 
 
 def posterior_settings(quick: bool) -> list[Setting]:
@@ -84,7 +85,7 @@ def _sampler(walkers: int, samples: int, steps: int = MAX_STEPS) -> Callable[[in
             sample_posterior(
                 x,
                 y,
-                reading_sd=READING_MM,
+                reading_sd=GRID_U_MM,
                 positions=np.arange(x.size),
                 seed=repeat,
                 walkers=walkers,

@@ -22,7 +22,7 @@ MARK_MM = 8.0
 WIDTHS_PX = (160, 320, 640, 1280)
 USED = "edges, 640 px"
 TRAVEL_MM = (*np.linspace(0.0, 1.8, 31).tolist(), *np.linspace(1.74, 0.06, 29).tolist())  # as fast as a ramp moves it
-RATE_HZ = 30.0
+_RATE_HZ = 30.0
 Render = Callable[[int, Sequence[float]], Sequence[Picture]]
 Read = Callable[[Picture], float]
 Begin = Callable[[Sequence[Picture]], Read]
@@ -66,7 +66,7 @@ def _setting(name: str, begin: Begin, render: Render, width: int) -> Setting:
 
 
 def _times() -> Iterator[float]:
-    return (number / RATE_HZ for number in count())
+    return (number / _RATE_HZ for number in count())
 
 
 def _edges(first: Sequence[Picture]) -> Read:

@@ -28,7 +28,7 @@ from protocol.base.errors import DeviceError, RequestError
 
 Picture = npt.NDArray[np.uint8]
 
-ANSWER_S = 5.0  # longest wait for an address
+_ANSWER_S = 5.0  # longest wait for an address
 JPEG_BYTES_MAX = 32 * 2**20
 PIXELS_MAX = 40_000_000
 _HEADER_LINES = 40
@@ -152,7 +152,7 @@ def _open_camera(number: int) -> Any:
 
 def _open_rtsp(name: str) -> Any:
     with _quiet() as cv:
-        wait_ms = int(1000 * ANSWER_S)
+        wait_ms = int(1000 * _ANSWER_S)
         limits = [cv.CAP_PROP_OPEN_TIMEOUT_MSEC, wait_ms, cv.CAP_PROP_READ_TIMEOUT_MSEC, wait_ms]
         capture = cv.VideoCapture(name, cv.CAP_FFMPEG, limits)
         if not capture.isOpened():
@@ -238,7 +238,7 @@ class MjpegAddress:
     def __init__(self, name: str, parts: SplitResult) -> None:
         self.name = name
         self._closed = False
-        self._connection = http.client.HTTPConnection(parts.hostname or "", parts.port or 80, timeout=ANSWER_S)
+        self._connection = http.client.HTTPConnection(parts.hostname or "", parts.port or 80, timeout=_ANSWER_S)
         path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
         try:
             self._connection.request("GET", path)

@@ -18,8 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-K = 2.0  # about 95 % of a normal distribution
-MIN_SAMPLES = 8
+from protocol.base.uncertainty import COVERAGE_FACTOR
+
+_MIN_SAMPLES = 8
 MIN_EFFECTIVE = 3.0
 
 
@@ -40,7 +41,7 @@ class Drift:
 
     def within(self, tolerance: float) -> bool:
         """Whether no drift faster than `tolerance` (unit per second) is credible."""
-        return abs(self.slope) + K * self.std_error <= tolerance
+        return abs(self.slope) + COVERAGE_FACTOR * self.std_error <= tolerance
 
 
 def drift(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> Drift:
@@ -51,7 +52,7 @@ def drift(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> Drift:
     n = len(values)
     t = time_s - time_s.mean() if n else time_s
     s_tt = float(t @ t)
-    if n < MIN_SAMPLES or s_tt == 0 or not np.isfinite(values).all():
+    if n < _MIN_SAMPLES or s_tt == 0 or not np.isfinite(values).all():
         return Drift(0.0, math.inf, math.inf, 0.0)
     slope = float(t @ (values - values.mean()) / s_tt)
     residuals = values - values.mean() - slope * t

@@ -28,7 +28,7 @@ from protocol.recording import DerivedChannel, ExtraChannel, SampleFlag
 Columns2D = NDArray[np.float64]  # [column, entry]; column 0 never falls
 
 FACTOR = 4
-LEVELS = 8  # 4**8 samples an entry: 8,192 of them are two months at 100 Hz
+_LEVELS = 8  # 4**8 samples an entry: 8,192 of them are two months at 100 Hz
 CAPACITY_MIN = 8_192
 
 
@@ -89,7 +89,7 @@ class MinMaxPyramid:
 
     def __init__(self, columns: int, capacity: int) -> None:
         self.base = ColumnRing(columns, capacity)
-        sizes = [max(CAPACITY_MIN, capacity // FACTOR**level) for level in range(1, LEVELS + 1)]
+        sizes = [max(CAPACITY_MIN, capacity // FACTOR**level) for level in range(1, _LEVELS + 1)]
         self._levels = [self.base, *(ColumnRing(2 * columns, size) for size in sizes)]
         self._carry = [np.empty((2 * columns, 0)) for _ in sizes]
 
@@ -116,14 +116,14 @@ class MinMaxPyramid:
         from_s, to_s : the span, both ends included; infinite for all there is.
         max_points : at least 64, of which the newest stretches take up to 48.
         """
-        points_left = max_points - 6 * LEVELS  # of which the entry that begins before the span takes two
+        points_left = max_points - 6 * _LEVELS  # of which the entry that begins before the span takes two
         for at, level in enumerate(self._levels):
             start, stop = level.find(from_s), level.find(to_s, after=True)
             reaches_back = start > level.oldest or level.oldest == 0
             points = stop - start if at == 0 else 2 * (stop - start + 1)
             if reaches_back and points <= points_left:
                 return self._draw_from(at, start if at == 0 else max(level.oldest, start - 1), to_s)
-        return self._draw_from(LEVELS, max(start, stop - points_left // 2), to_s)
+        return self._draw_from(_LEVELS, max(start, stop - points_left // 2), to_s)
 
     def _draw_from(self, at: int, start: int, to_s: float) -> Columns2D:
         """Return a level from an entry on, then what finer levels have behind its newest."""
@@ -181,7 +181,7 @@ DEFAULT_CAPACITY = 360_000  # an hour at 100 Hz
 LATER_US = 1_000_000
 CAMERA_CAPACITY = 108_000  # an hour at 30 frames/s
 CAMERA_GAP_S, CAMERA_GAP = 0.2, 3.5  # no elongation is interpolated over a longer time, and over more intervals
-CAMERA = ExtraChannel("camera", "mm")
+_CAMERA = ExtraChannel("camera", "mm")
 CAMERA_U = "camera_u_mm"
 ARRIVALS_KEPT = 64  # blocks, of which the least delayed relates the host's clock to the board's
 _IMPLAUSIBLE = int(SampleFlag.IMPLAUSIBLE)
@@ -301,7 +301,7 @@ class RingBuffer:
     @property
     def channels(self) -> tuple[ExtraChannel | DerivedChannel, ...]:
         """The columns beyond pressures and signals: those of `others`, then the camera's elongation."""
-        return (*self.others.channels, *([CAMERA] if self._camera is not None else []))
+        return (*self.others.channels, *([_CAMERA] if self._camera is not None else []))
 
     def add_camera(self, host_ns: int, elongation_mm: float | None, u_mm: float | None, rest_mm: float) -> None:
         """Take a frame of a camera, on the camera's thread.
@@ -364,7 +364,7 @@ class RingBuffer:
     def _named(self, entries: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         columns = dict(zip(self.names, entries, strict=True))
         if self._camera is not None:
-            columns[CAMERA.column], columns[CAMERA_U] = self._camera.at(columns["time_s"])
+            columns[_CAMERA.column], columns[CAMERA_U] = self._camera.at(columns["time_s"])
         return columns
 
     def _offset(self, time_us: NDArray[np.int64], host_ns: NDArray[np.int64]) -> int:

@@ -171,7 +171,7 @@ def listen(url: str, seconds: float, settings: Settings | None = None) -> tuple[
     return listener.heard()
 
 
-ANSWER_S = 1.0
+_ANSWER_S = 1.0
 NOT_QUERIED = "not queried"
 
 
@@ -192,7 +192,7 @@ class PortIdentity:
     queried: bool = True
 
 
-def identify_port(url: str, description: str = "", *, timeout_s: float = ANSWER_S) -> PortIdentity:
+def identify_port(url: str, description: str = "", *, timeout_s: float = _ANSWER_S) -> PortIdentity:
     """Open a port, identify the board there, and close it.
 
     Never raises for what the port does.

@@ -36,12 +36,12 @@ from boat_daq.engine.session.measured_blocks import MeasuredBlock, SampleQueue
 from boat_daq.engine.session.session import Session
 from protocol.base.errors import RequestError
 
-EVERY_S = 0.02
+_EVERY_S = 0.02
 BUFFER_S = 60  # kept for an inlet that does not read
 CLOCK_EVERY_S = 60.0
 STREAM, MARKERS = "boat-daq samples", "boat-daq markers"
 LOCAL = "[multicast]\nResolveScope = machine\n[ports]\nIPv6 = disable\n[log]\nlevel = -2\n"
-NETWORK = "[log]\nlevel = -2\n"
+_NETWORK = "[log]\nlevel = -2\n"
 
 Convert = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 
@@ -72,7 +72,7 @@ class LslOutlet:
         ring, seen = session.live.ring, session.snapshot()
         if ring is None or seen.last is None:
             raise RequestError("no sample has arrived yet", "connect a board first")
-        pylsl.set_config_content(NETWORK if network else LOCAL)
+        pylsl.set_config_content(_NETWORK if network else LOCAL)
         self._session, self._lsl, self._convert = session, pylsl, convert
         self.others = session.live.other_channels()
         self._columns = (len(seen.last.signal_mv), [channel.column for channel in self.others.channels])
@@ -142,7 +142,7 @@ class LslOutlet:
         return self._lsl.StreamOutlet(info, max_buffered=BUFFER_S)
 
     def _run(self) -> None:
-        while not self._stop.wait(EVERY_S):
+        while not self._stop.wait(_EVERY_S):
             try:
                 self._push_waiting()
                 self._push_markers()

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 IDENT = "ISSE&SINE2020,SECoP,V2019-09-16,v1.0"
 MAX_LINE = 8192  # bytes of a request
-IDLE, BUSY, ERROR = 100, 300, 400
-_CODES = {"IDLE": IDLE, "BUSY": BUSY, "ERROR": ERROR}
+_IDLE, _BUSY, ERROR = 100, 300, 400
+_CODES = {"IDLE": _IDLE, "BUSY": _BUSY, "ERROR": ERROR}
 _STATUS = {"type": "tuple", "members": [{"type": "enum", "members": _CODES}, {"type": "string"}]}
 _STATES = {str(state): number for number, state in enumerate(SessionState)}
 _REQUEST = re.compile(r"([a-z*][A-Za-z?_]{0,31})(?: (\S*)(?: (.*))?)?", re.DOTALL)
@@ -413,7 +413,7 @@ def is_vent(where: str) -> bool:
 
 def _link_status(seen: SessionSnapshot) -> list[Any]:
     if seen.link is LinkState.UP:
-        return [ERROR, seen.latched] if seen.latched else [IDLE, "SIMULATED" if seen.simulated else ""]
+        return [ERROR, seen.latched] if seen.latched else [_IDLE, "SIMULATED" if seen.simulated else ""]
     return [ERROR, str(seen.link)]
 
 
@@ -421,7 +421,7 @@ def _pressure_status(seen: SessionSnapshot) -> list[Any]:
     if seen.link is not LinkState.UP or seen.latched:
         return _link_status(seen)
     ramping = seen.last is not None and seen.last.state is BoardState.RAMPING
-    return [BUSY, "ramping"] if ramping else [IDLE, str(seen.last.state.name).lower() if seen.last else ""]
+    return [_BUSY, "ramping"] if ramping else [_IDLE, str(seen.last.state.name).lower() if seen.last else ""]
 
 
 def _target_kpa(seen: SessionSnapshot) -> float:
@@ -432,7 +432,7 @@ def _target_kpa(seen: SessionSnapshot) -> float:
 def _run_status(seen: SessionSnapshot) -> list[Any]:
     if seen.state in (SessionState.FAULT, SessionState.ABORTED):
         return [ERROR, seen.latched or (seen.run_ended.text if seen.run_ended else str(seen.state))]
-    return [BUSY if seen.state in (SessionState.RUNNING, SessionState.FINISHING) else IDLE, str(seen.state)]
+    return [_BUSY if seen.state in (SessionState.RUNNING, SessionState.FINISHING) else _IDLE, str(seen.state)]
 
 
 def _json(value: Any) -> str:

@@ -23,7 +23,7 @@ from boat_daq.engine.outlets.secop_node import MAX_LINE, SecopNode, is_vent
 from protocol.base.errors import RequestError
 from protocol.base.regular_file import read_regular
 
-PORT = 10767
+_PORT = 10767
 CLIENTS = 8
 MOST_A_SECOND = 200
 UPDATE_S = 0.1
@@ -61,7 +61,7 @@ class SecopServer:
     RequestError : an address beyond loopback without a token, or it cannot be listened on.
     """
 
-    def __init__(self, node: SecopNode, address: tuple[str, int] = ("127.0.0.1", PORT), *, token: str = "") -> None:
+    def __init__(self, node: SecopNode, address: tuple[str, int] = ("127.0.0.1", _PORT), *, token: str = "") -> None:
         if not token and not is_loopback(address[0]):
             raise RequestError(f"{address[0]} can be reached from other computers", "give a token file")
         self._node, self._token = node, token.encode()

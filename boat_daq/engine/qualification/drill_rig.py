@@ -31,12 +31,12 @@ from boat_daq.own_packages import start_module
 from protocol.base.errors import DeviceError
 from protocol.recording import dtype_from_description, open_recording, read_session
 
-PORT = "pty" if hasattr(os, "openpty") else "127.0.0.1:0"
+_PORT = "pty" if hasattr(os, "openpty") else "127.0.0.1:0"
 SPEED = 8.0
 VENTED_KPA = 2.0
 WRONG_MV, WRONG_KPA = 15.0, 3.0  # ten times the noise of a sample
 WAIT_S = 40.0
-VENTING_S = 5.0
+_VENTING_S = 5.0
 _ENDED = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
 
 
@@ -84,7 +84,7 @@ class DrillRig:
     @contextmanager
     def board(self, *faults: str, speed: float = SPEED) -> Iterator[ServedBoard]:
         """Serve a board with these faults."""
-        settings = BoardSettings(port=PORT, speed=speed, faults=faults, truth=str(self.truth))
+        settings = BoardSettings(port=_PORT, speed=speed, faults=faults, truth=str(self.truth))
         self.served.append(settings)
         with serve(settings) as board:
             yield board
@@ -109,7 +109,7 @@ class DrillRig:
             seen = session.wait(lambda s: s.state in _ENDED, WAIT_S)
         if seen.state not in _ENDED:
             raise DeviceError(f"the run was still {seen.state} after {WAIT_S:g} s")
-        session.wait(lambda s: s.last is not None and abs(s.last.pressure_kpa) < VENTED_KPA / 2, VENTING_S)
+        session.wait(lambda s: s.last is not None and abs(s.last.pressure_kpa) < VENTED_KPA / 2, _VENTING_S)
 
 
 @dataclass(frozen=True, slots=True)

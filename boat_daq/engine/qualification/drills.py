@@ -38,7 +38,7 @@ from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from protocol.base.errors import RecordingError
 
 ACKNOWLEDGED_S = 0.2  # of wall time: what a kill may cost
-PLAN = Plan(
+_PLAN = Plan(
     name="drill", kind="continuous", cycles=2, ramp_kpa_per_s=20.0, settling_s=0.0, window_s=0.5, min_dwell_s=0.5,
 )  # fmt: skip
 STAIRS = Plan(
@@ -71,7 +71,7 @@ def flips(rig: DrillRig) -> DrillResult:
 def unplug(rig: DrillRig) -> DrillResult:
     """The cable is pulled under pressure and put in again."""
     with rig.board("unplug@14:20") as board, rig.recording(board) as session:
-        rig.run_plan(session, dataclasses.replace(PLAN, cycles=20))
+        rig.run_plan(session, dataclasses.replace(_PLAN, cycles=20))
         ended = session.snapshot()
         again = session.wait(lambda s: s.link is LinkState.UP and s.last is not None and s.last.time_s > 38, WAIT_S)
     found = compare(rig)
@@ -92,7 +92,7 @@ def unplug(rig: DrillRig) -> DrillResult:
 def pump_stall(rig: DrillRig) -> DrillResult:
     """Pumps that get no further than 30 kPa."""
     with rig.board("stall@0:30") as board, rig.recording(board) as session:
-        rig.run_plan(session, PLAN)
+        rig.run_plan(session, _PLAN)
         ended = session.snapshot()
     found = compare(rig)
     aborted = ended.state in (SessionState.ABORTED, SessionState.FAULT)
@@ -147,7 +147,7 @@ def ambient_flash(rig: DrillRig) -> DrillResult:
 def estop(rig: DrillRig) -> DrillResult:
     """The e-stop is pressed in a run."""
     with rig.board("estop@12:30") as board, rig.recording(board) as session:
-        rig.run_plan(session, dataclasses.replace(PLAN, cycles=20))
+        rig.run_plan(session, dataclasses.replace(_PLAN, cycles=20))
         ended = session.snapshot()
         session.wait(lambda s: s.last is not None and s.last.time_s > 20, WAIT_S)
     found = compare(rig)

@@ -16,13 +16,13 @@ from boat_daq.engine.recording.writer_lock import WriterLock
 from protocol.base.errors import RequestError
 from protocol.recording import NOTE_EVENT, open_recording, read_session
 
-BESIDE = (".elongation.csv",)  # what NAME.boat has beside it, after NAME
+_BESIDE = (".elongation.csv",)  # what NAME.boat has beside it, after NAME
 NOTE_MOST = 2000  # letters
 
 
 def companions(path: Path) -> tuple[Path, ...]:
     """Return the names of the files that belong to a recording, whether they exist or not."""
-    return tuple(path.with_name(path.stem + ending) for ending in BESIDE)
+    return tuple(path.with_name(path.stem + ending) for ending in _BESIDE)
 
 
 def rename(path: Path, name: str) -> Path:

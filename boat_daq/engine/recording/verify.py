@@ -34,7 +34,7 @@ from protocol.recording.checks import DAMAGE
 
 Progress = Callable[[float, float], None]
 _PIECE = 20_000  # samples compared at once
-ROUNDING = 1e-9  # relative, of a result; 1e-11 was seen between processors with AVX2 and with AVX-512
+_ROUNDING = 1e-9  # relative, of a result; 1e-11 was seen between processors with AVX2 and with AVX-512
 # A result of less than the whole run, or from before a reading was corrected or a video was stored, cannot be derived
 # from the file. Compared as instants, to the millisecond: readings are in local time with its offset, results in UTC.
 _STANDING_RESULTS = """
@@ -286,7 +286,7 @@ def _in_terms_of(kept: Any, again: Any) -> Any:
 
 def _same(kept: Any, again: Any) -> bool:
     if type(kept) is float and type(again) is float:
-        return math.isclose(kept, again, rel_tol=ROUNDING)
+        return math.isclose(kept, again, rel_tol=_ROUNDING)
     return json.dumps(kept, sort_keys=True) == json.dumps(again, sort_keys=True)
 
 

@@ -28,10 +28,10 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import CameraReading
 from protocol.base.errors import BoatDaqError, RequestError
 
-SOURCE = "camera"
-FEWEST_FRAMES = 5
+_SOURCE = "camera"
+_FEWEST_FRAMES = 5
 REST_S = 1.0
-LASTING_S = 1.0  # a fault shorter than this gives no message
+_LASTING_S = 1.0  # a fault shorter than this gives no message
 FRAMES_KEPT = 20_000  # eleven minutes
 FAULT_TEXTS = {  # code -> cause, remedy
     "lost": ("a mark is not in the picture, or is covered", "show both marks to the camera"),
@@ -144,7 +144,7 @@ class CameraChannel:
             self._warned.clear()
             return
         self._bad_since_ns = self._bad_since_ns or reading.host_ns
-        lasting = reading.host_ns - self._bad_since_ns >= LASTING_S * 1e9
+        lasting = reading.host_ns - self._bad_since_ns >= _LASTING_S * 1e9
         if lasting and reading.fault in FAULT_TEXTS and reading.fault not in self._warned:
             self._warned.add(reading.fault)
             cause, remedy = FAULT_TEXTS[reading.fault]
@@ -216,11 +216,11 @@ class CameraChannel:
         first_us, last_us : board times of its settled part.
         complain : whether too few frames are worth a warning.
         """
-        if any(r.step_id == step.number and r.source != SOURCE for r in self._session.readings()):
+        if any(r.step_id == step.number and r.source != _SOURCE for r in self._session.readings()):
             return True  # the operator's own
         frames = self._between(first_us, last_us)
         good = [(x, u) for _, x, u, _ in frames if math.isfinite(x)]
-        if len(good) < FEWEST_FRAMES:
+        if len(good) < _FEWEST_FRAMES:
             if complain:
                 faults = Counter(fault for *_, fault in frames if fault)
                 why = FAULT_TEXTS.get(faults.most_common(1)[0][0], ("",))[0] if faults else ""
@@ -234,9 +234,9 @@ class CameraChannel:
             self._session.add_reading(
                 step.number,
                 round(x_mm - self.rest_mm, 5),
-                SOURCE,
+                _SOURCE,
                 resolution_mm=u_mm * math.sqrt(12.0),
-                reader=SOURCE,
+                reader=_SOURCE,
                 note=f"{len(good)} of {len(frames)} frames",
             )
         except BoatDaqError as error:

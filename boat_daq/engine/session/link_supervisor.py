@@ -33,13 +33,13 @@ from protocol.link.events import HelloReceived, WrongProtocol
 from protocol.link.messages import Command, Heartbeat, Hello
 from protocol.recording import RunEnd
 
-TICK_S = 0.03
+SUPERVISION_S = 0.03
 HELLO_S = 2.5  # for a HELLO, the board's boot after opening the port included; refused within 3 s
 SAMPLES_S = 3.0  # then, for samples and their pace
 REFUSED_S = 1.0  # for a stream that runs already, where the board refuses to start one
 SEEK_S = 1.0
 VENT_S = 5.0
-LEAVE_S = 1.0
+_LEAVE_S = 1.0
 
 _BUSY = (LinkState.OPENING, LinkState.UP, LinkState.LOST)
 
@@ -153,7 +153,7 @@ class LinkSupervisor:
 
     def _run(self) -> None:
         while not self._ending or self.state in _BUSY:
-            self._wake.wait(TICK_S if self.state in _BUSY else None)
+            self._wake.wait(SUPERVISION_S if self.state in _BUSY else None)
             self._wake.clear()
             self._turn()
 
@@ -362,7 +362,7 @@ class LinkSupervisor:
         """Vent, disarm the board's watchdog and stop the samples, as far as it answers."""
         with self._acting() as control:
             control.leave()
-        self._wait(lambda: not (control.board.venting or control.board.stopping), LEAVE_S)
+        self._wait(lambda: not (control.board.venting or control.board.stopping), _LEAVE_S)
 
     def _wait(self, condition: Callable[[], bool], timeout_s: float) -> None:
         """Let time pass until the condition holds, the port is gone, or the time is over."""

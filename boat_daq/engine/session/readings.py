@@ -29,7 +29,7 @@ from protocol.recording.elongation_file import read_elongation_rows
 if TYPE_CHECKING:
     from boat_daq.engine.session.session import Session
 
-SIMULATED = "simulated"
+SIMULATED_SOURCE = "simulated"
 SIMULATED_RESOLUTION_MM = 0.02  # a pixel, where a photograph shows 80 mm of the grid on 4,000
 READER_SD_MM = 0.005  # of the one who finds the tip in it, before rounding
 NEAR_KPA = 3.0  # a row names its plateau by its target; no closer than this, or a third of the smallest step
@@ -233,5 +233,5 @@ def enter_simulated_readings(
     truth = truth_at_plateaus(truth_csv, session.steps())
     for step_id, truth_mm in truth.items():
         seen_mm = simulated_reading(truth_mm, rng, resolution_mm=resolution_mm, reader_sd_mm=reader_sd_mm)
-        _add_once(session, step_id, seen_mm, SIMULATED, resolution_mm=resolution_mm, reader="virtual reader")
+        _add_once(session, step_id, seen_mm, SIMULATED_SOURCE, resolution_mm=resolution_mm, reader="virtual reader")
     return len(truth)

@@ -49,7 +49,7 @@ from protocol.base.errors import DeviceError, RequestError
 from protocol.recording import RunEnd
 
 VENTING_WAIT_S = 5.0
-POLL_S = 0.01
+_POLL_S = 0.01
 _NO_LINK = (LinkState.CLOSED, LinkState.FAILED)
 _RUN_OVER = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
 
@@ -241,7 +241,7 @@ class Session:
             seen = self.snapshot()
             if condition(seen) or (deadline is not None and time.monotonic() >= deadline):
                 return seen
-            time.sleep(POLL_S)
+            time.sleep(_POLL_S)
 
     def wait_connected(self, timeout_s: float = 8.0) -> SessionSnapshot:
         """Block until the link is UP, or was.

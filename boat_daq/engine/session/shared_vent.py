@@ -28,7 +28,7 @@ from protocol.base.errors import RequestError
 
 FOLDER = "open sessions"
 ANSWER_S = 1.0
-VENT, NAME = "vent", "name"
+VENT, _NAME = "vent", "name"
 _LINE_MAX = 400  # bytes of a request or an answer
 _FILES_MAX = 50
 
@@ -72,7 +72,7 @@ class SharedVent:
 
     def others(self) -> list[str]:
         """Return the names of the other sessions that answer; files of processes that ended are removed."""
-        return [answer.name for answer in self._ask(NAME)]
+        return [answer.name for answer in self._ask(_NAME)]
 
     def vent_others(self) -> list[VentAnswer]:
         """Vent every other session; return what each answered, those that did not among them."""

@@ -23,7 +23,7 @@ from protocol.base.arrays import FloatArray
 
 Picture = npt.NDArray[np.uint8]
 
-POINTS = 3  # per pixel and direction
+_POINTS = 3  # per pixel and direction
 _TEXELS = 24  # per module of a mark
 _FOCUS = 1.4  # focal length over the picture's width
 _PAPER, _BODY, _WHITE, _BLACK, _LINE = 190.0, 120.0, 215.0, 35.0, 160.0
@@ -157,7 +157,7 @@ class Renderer:
 
     def _exposed(self, points: npt.NDArray[np.float32], blur_px: float) -> npt.NDArray[np.float32]:
         """Return the mean of the points of each pixel, blurred by the lens."""
-        size = (points.shape[1] // POINTS, points.shape[0] // POINTS)
+        size = (points.shape[1] // _POINTS, points.shape[0] // _POINTS)
         picture = self._cv.resize(points, size, interpolation=self._cv.INTER_AREA)
         return np.asarray(self._cv.GaussianBlur(picture, (0, 0), blur_px), np.float32)
 
@@ -202,7 +202,7 @@ class Renderer:
         cv, per_mm = self._cv, _TEXELS * 6 / self.scene.mark_mm
         card, alpha = self._cards[number], np.ones_like(self._cards[number])
         # a point stands for a third of a pixel: its mean, not its middle
-        wide, smear = (max(1, round(mm * per_mm)) for mm in (1 / self.scene.px_per_mm / POINTS, smear_mm))
+        wide, smear = (max(1, round(mm * per_mm)) for mm in (1 / self.scene.px_per_mm / _POINTS, smear_mm))
         margin = 2 * wide + smear
         card, alpha = (cv.copyMakeBorder(a, *[margin] * 4, cv.BORDER_CONSTANT, value=0) for a in (card, alpha))
         card, alpha = (cv.blur(cv.blur(a, (wide, wide)), (smear, 1)) for a in (card, alpha))
@@ -227,7 +227,7 @@ class Renderer:
 
     def _window(self, x_mm: float, half_mm: float, y_mm: float = 0.0) -> Window:
         """Return rows and columns of the pixels within a square of the plane, with some more."""
-        middle = self._plane[1 :: 3 * POINTS, 1 :: 3 * POINTS]
+        middle = self._plane[1 :: 3 * _POINTS, 1 :: 3 * _POINTS]
         inside = np.maximum(abs(middle[..., 0] - x_mm), abs(middle[..., 1] - y_mm)) <= half_mm
         found = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
         rows, columns = (
@@ -247,15 +247,15 @@ class Renderer:
 
 def _of_points(window: Window) -> Window:
     """Return rows and columns of the points of some pixels."""
-    rows, columns = (slice(POINTS * part.start, POINTS * part.stop) for part in window)
+    rows, columns = (slice(_POINTS * part.start, _POINTS * part.stop) for part in window)
     return rows, columns
 
 
 def _plane_of_points(scene: CameraScene) -> npt.NDArray[np.float32]:
     """Return where the camera's rays through the points of all pixels meet the plane, mm [rows, columns, 2]."""
     matrix = scene.matrix
-    u = (np.arange(POINTS * scene.width) + 0.5) / POINTS - 0.5
-    v = (np.arange(POINTS * scene.height) + 0.5) / POINTS - 0.5
+    u = (np.arange(_POINTS * scene.width) + 0.5) / _POINTS - 0.5
+    v = (np.arange(_POINTS * scene.height) + 0.5) / _POINTS - 0.5
     seen = np.stack(np.meshgrid((u - matrix[0, 2]) / matrix[0, 0], (v - matrix[1, 2]) / matrix[1, 1]), axis=-1)
     rays = seen.copy()
     for _ in range(12 if scene.distortion else 0):  # the model gives the distorted ray of an ideal one
@@ -277,7 +277,7 @@ def checkerboard(
     row = np.floor(plane[..., 1] / pitch_mm + squares[1] / 2)
     inside = (column >= 0) & (column < squares[0]) & (row >= 0) & (row < squares[1])
     grey = np.where(inside & ((column + row) % 2 == 0), _BLACK, _WHITE)
-    picture = grey.reshape(scene.height, POINTS, scene.width, POINTS).mean(axis=(1, 3))
+    picture = grey.reshape(scene.height, _POINTS, scene.width, _POINTS).mean(axis=(1, 3))
     rng = np.random.default_rng((scene.seed, 3, round(100 * tilt_deg) % 36_000))
     noise = scene.noise_grey * rng.standard_normal(picture.shape)
     blurred: FloatArray = opencv().GaussianBlur(picture, (0, 0), scene.blur_px)

@@ -231,7 +231,7 @@ class TcpCarrier:
 Carrier: TypeAlias = PtyCarrier | TcpCarrier
 
 
-SPEEDS = (1.0, 1000.0)
+_SPEEDS = (1.0, 1000.0)
 _STEP_S = 0.005
 _FAST_STEP_S = 0.002  # from 20x on, where the host waits for more board time in each step
 _LONGEST_STEP_S = 0.02
@@ -283,7 +283,7 @@ class BoardServer:
         RequestError : no such unit or fault.
         RequestError, DeviceError : a speed, port or file that cannot be.
         """
-        if not SPEEDS[0] <= settings.speed <= SPEEDS[1]:
+        if not _SPEEDS[0] <= settings.speed <= _SPEEDS[1]:
             raise RequestError(f"a speed of {settings.speed:g} is not possible", "use 1 to 1000")
         self._speed = settings.speed
         self._buffer_bytes = settings.buffer_bytes

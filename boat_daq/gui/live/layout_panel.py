@@ -17,7 +17,7 @@ from protocol.base.units import as_text
 
 OWN, HIDDEN = "", "hidden"  # places besides the plot of another quantity
 AGAINST = {PRESSURE: "Pressure", ELONGATION: "Elongation", CAMERA: "Camera"}
-EXPLANATION = (
+_EXPLANATION = (
     "Kept for this unit. Drag the border between two plots to change their heights; a double click on it makes them "
     "equal. Undo: Ctrl+Z."
 )
@@ -48,7 +48,7 @@ class LayoutPanel(QDialog):
         usual = widgets.button("Usual layout", lambda: self._change(Layout()))
         self.setLayout(
             widgets.column(
-                widgets.label(EXPLANATION, "muted", wrap=True),
+                widgets.label(_EXPLANATION, "muted", wrap=True),
                 widgets.row(self.saved, (self.name, 1), save, self.remove),
                 self.grid,
                 widgets.row(widgets.label("Signals against"), *self.against.values(), None),

@@ -30,7 +30,7 @@ from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.live.camera import CameraModel
 from boat_daq.viewmodels.live.connection import age_text
 from boat_daq.viewmodels.live.layout import Layouts
-from boat_daq.viewmodels.live.live_model import HEADINGS, HEADINGS_SHORT, WINDOWS_S, OverlayModel, Span
+from boat_daq.viewmodels.live.live_model import HEADINGS_SHORT, STATISTICS_HEADINGS, WINDOWS_S, OverlayModel, Span
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.shadow_live import ShadowLive
 from protocol.base.units import as_text
@@ -38,7 +38,7 @@ from protocol.base.units import as_text
 SPACING = 6  # between the parts of a value
 ELONGATION_NOTES = (("\u00b18.88 (k = 2)", "\u25b2 out of range"), ("\u00b18.88", "\u25b2 differ"))
 TARGET_NOTES = ((), ("\u2192 +88.8",))
-SENSORS, BESIDE = 4, 2  # of a board at most; of those at most whose values are beside the others
+_SENSORS, _BESIDE = 4, 2  # of a board at most; of those at most whose values are beside the others
 BAND = (
     "Expanded uncertainty, k = 2. Out of range: no elongation of the calibration gives these signals. Disagree: "
     "each sensor gives another elongation, so the band does not hold. End: within 2 u beyond the calibrated range."
@@ -47,7 +47,7 @@ TRIAL = (
     "One cycle of a simulated unit at 20 times real time, each plateau read automatically: a calibration in half a "
     "minute."
 )
-STEPS = {
+_STEPS = {
     "Connect": "Plug in the board and choose its port, or start the virtual board: a simulated unit like SA1, for "
     "practice.",
     "Run the plan": "Arm checks the limits, Start records and runs the cycles. At each plateau, type the elongation on "
@@ -58,7 +58,7 @@ STEPS = {
 
 
 Notes = tuple[Sequence[str], Sequence[str]]
-SHOWN = {  # value -> its stored unit, its widest text, the decimals of it
+_SHOWN = {  # value -> its stored unit, its widest text, the decimals of it
     "s": ("mV", "8 888.8", 1),
     "mm": ("mm", "+88.88", 2),
     "kpa": ("kPa", "+88.8", 1),
@@ -147,7 +147,7 @@ class FirstSteps(QScrollArea):
         self.plan = widgets.button("Show the plan", partial(services.show, Panel.PLAN))
         self.first = widgets.card(widgets.row((widgets.label(TRIAL, "muted", wrap=True), 1), self.trial))[0]
         buttons = ((self.virtual, self.board), (self.plan,), ())
-        rows = zip(STEPS.items(), buttons, strict=True)
+        rows = zip(_STEPS.items(), buttons, strict=True)
         steps = [self._step(str(i), title, text, *each) for i, ((title, text), each) in enumerate(rows, 1)]
         frame, inside = widgets.card(widgets.label("From a board to a calibration", "title"), self.first, *steps)
         frame.setMaximumWidth(style.FORM_WIDTH + style.PANE_WIDTH)
@@ -214,7 +214,7 @@ class LivePage(QWidget):
         for leaf in (self.first_steps, self.over_time, self.overlay):
             self.middle.addWidget(leaf)
         self.overlaid = self.narrow = self.low = False
-        self.sensors = BESIDE
+        self.sensors = _BESIDE
         self.photograph = PhotographPanel(self, run, services)
         self.plan_editor = PlanEditorPanel(self, run.sequence, services)
         self.layout_panel = LayoutPanel(self, layouts, self.model, services)
@@ -230,17 +230,17 @@ class LivePage(QWidget):
         self.page.addWidget(self.sides)
 
     def _figures(self) -> dict[str, ValueDisplay]:
-        figures = {f"s{n}": ValueDisplay(f"Sensor {n}", *SHOWN["s"][:2]) for n in range(1, SENSORS + 1)} | {
-            "mm": ValueDisplay("Elongation", *SHOWN["mm"][:2], ELONGATION_NOTES),
-            "kpa": ValueDisplay("Pressure", *SHOWN["kpa"][:2], TARGET_NOTES),
-            "target": ValueDisplay("Target", *SHOWN["target"][:2]),
+        figures = {f"s{n}": ValueDisplay(f"Sensor {n}", *_SHOWN["s"][:2]) for n in range(1, _SENSORS + 1)} | {
+            "mm": ValueDisplay("Elongation", *_SHOWN["mm"][:2], ELONGATION_NOTES),
+            "kpa": ValueDisplay("Pressure", *_SHOWN["kpa"][:2], TARGET_NOTES),
+            "target": ValueDisplay("Target", *_SHOWN["target"][:2]),
         }
         figures["mm"].note.explain(BAND)
         return figures
 
     def _head(self) -> QFrame:
         values = list(self.figures.values())
-        self.figure_rows = [widgets.row(*part) for part in (values[:SENSORS], values[SENSORS:])]
+        self.figure_rows = [widgets.row(*part) for part in (values[:_SENSORS], values[_SENSORS:])]
         self.figure_line = widgets.row(*self.figure_rows)
         for part in self.figure_rows:
             self.figure_line.setAlignment(part, Qt.AlignmentFlag.AlignLeft)
@@ -414,12 +414,12 @@ class LivePage(QWidget):
     def _show_values(self, snapshot: SessionSnapshot) -> None:
         """Show the values, those of data that have ended grey with their age."""
         head, age, figures = self.model.headline(snapshot), age_text(snapshot), self.figures
-        sensors = self.model.sensors() or BESIDE
+        sensors = self.model.sensors() or _BESIDE
         if sensors != self.sensors:
             self.sensors = sensors
             self._fit_figures()
-        signals = (*head.signals, *[formatting.NOTHING] * (SENSORS - len(head.signals)))
-        for name, signal in zip(list(figures)[:SENSORS], signals, strict=True):
+        signals = (*head.signals, *[formatting.NOTHING] * (_SENSORS - len(head.signals)))
+        for name, signal in zip(list(figures)[:_SENSORS], signals, strict=True):
             figures[name].set(signal, age=age)
         figures["mm"].set(head.elongation, age or (head.band_short if self.narrow else head.band), age)
         figures["kpa"].set(head.pressure, f"\u2192 {head.target}" if self.narrow else "", age)
@@ -438,7 +438,7 @@ class LivePage(QWidget):
 
     def _show_spans(self, spans: list[Span]) -> None:
         """Show the statistics between the cursors under the plots; in a small window in a tab beside them."""
-        rows = [(self.model.difference(), *HEADINGS[1:]), *(span.cells for span in spans)]
+        rows = [(self.model.difference(), *STATISTICS_HEADINGS[1:]), *(span.cells for span in spans)]
         beside = self.narrow or self.low
         self.spans.setVisible(bool(spans) and not beside)
         self.spans.setText(table(rows, 4 * style.STEP) if self.spans.isVisible() else "")
@@ -461,7 +461,7 @@ class LivePage(QWidget):
     def paint_theme(self, theme: Theme) -> None:
         """Take the colours and the units of `theme`."""
         for name, figure in self.figures.items():
-            stored, example, decimals = SHOWN[name.rstrip("1234")]
+            stored, example, decimals = _SHOWN[name.rstrip("1234")]
             shown = theme.units.shown(stored)
             if shown.symbol != stored:
                 widest = shown.value(float(example.replace(" ", "")))
@@ -500,10 +500,10 @@ class LivePage(QWidget):
         elif self.narrow:
             pane, figure = style.PANE_WIDTH_NARROW, style.FONT_MEASURED_NARROW
         self.sides.prefer(pane)
-        for n, name in enumerate(list(self.figures)[:SENSORS], 1):
+        for n, name in enumerate(list(self.figures)[:_SENSORS], 1):
             self.figures[name].setVisible(n <= self.sensors)
         self.figures["target"].setVisible(not self.narrow)  # else it is shown beside the pressure
-        apart = self.sensors > BESIDE
+        apart = self.sensors > _BESIDE
         way = QBoxLayout.Direction.TopToBottom if apart else QBoxLayout.Direction.LeftToRight
         self.figure_line.setDirection(way)
         space = style.STEP if self.narrow else 5 * style.STEP
@@ -524,6 +524,8 @@ class LivePage(QWidget):
 
     def _figures_width(self) -> int:
         space, values = self.figure_rows[0].spacing(), list(self.figures.values())
-        shown = [[v.minimumWidth() for v in part if not v.isHidden()] for part in (values[:SENSORS], values[SENSORS:])]
+        shown = [
+            [v.minimumWidth() for v in part if not v.isHidden()] for part in (values[:_SENSORS], values[_SENSORS:])
+        ]
         widths = [sum(part) + space * (len(part) - 1) for part in shown]
-        return max(widths) if self.sensors > BESIDE else sum(widths) + space
+        return max(widths) if self.sensors > _BESIDE else sum(widths) + space

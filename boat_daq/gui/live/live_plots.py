@@ -120,7 +120,7 @@ class LivePlots(PlotCard):
         """Add the plot of a sensor."""
         quantity = f"s{sensor}_mv"
         plot = self._own(quantity)
-        band = plot.band("Predicted, 95 %", lambda t: t.muted, alpha=style.BAND_ALPHA // 2)
+        band = plot.band("Predicted, 95 %", lambda t: t.muted, alpha=style.BAND_OPACITY // 2)
         predicted = plot.curve("Predicted", lambda t: t.muted, gaps=True, pen_style=Qt.PenStyle.DashLine)
         curve = plot.curve(f"Sensor {sensor}", sensor_colour(sensor), gaps=True)
         self.curves[quantity], self.predicted[quantity] = curve, (predicted, band)

@@ -15,8 +15,8 @@ from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.outlets import OutletsModel
 
-EXPLANATION = "Other programs read what the board sends while it measures. They never delay the recording."
-NETWORK = "LSL has no access control: anyone on the network can then read."
+_EXPLANATION = "Other programs read what the board sends while it measures. They never delay the recording."
+_NETWORK = "LSL has no access control: anyone on the network can then read."
 CONTROL = (
     "Clients may set pressures, run plans and record, within the limits and the interlock that hold here. Without it "
     "they read, and may vent. Control ends with this window."
@@ -48,7 +48,7 @@ class OutletsPanel(QDialog):
             self.streaming,
             self.streams_state,
             self.network,
-            widgets.label(NETWORK, "small", wrap=True),
+            widgets.label(_NETWORK, "small", wrap=True),
         )
         token = widgets.row(widgets.label("Token file"), (self.token, 1), self.choose, self.forget)
         node, _ = widgets.card(
@@ -61,7 +61,7 @@ class OutletsPanel(QDialog):
             widgets.label(TOKEN, "small", wrap=True),
         )
         close = widgets.button("Close", self.close)
-        words = widgets.label(EXPLANATION, "muted", wrap=True)
+        words = widgets.label(_EXPLANATION, "muted", wrap=True)
         self.setLayout(widgets.column(words, streams, node, None, widgets.row(None, close), spacing=style.GAP))
         self.refresh()
 

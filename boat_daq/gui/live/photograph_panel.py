@@ -34,11 +34,11 @@ from boat_daq.viewmodels.live.photograph import Photograph
 from boat_daq.viewmodels.live.run_model import RunModel
 from protocol.base.errors import RequestError
 
-KINDS: Final = ("png", "jpg", "jpeg", "bmp", "tif", "tiff")
+_KINDS: Final = ("png", "jpg", "jpeg", "bmp", "tif", "tiff")
 FILE_BYTES_MAX: Final = 200_000_000
 REMEDY: Final = "Copy or choose a PNG or JPEG of the millimetre grid."
 NO_PLATEAU = "Measured. No plateau needs a reading now: take it at the next one, or type it."
-MARKS = ("scale 1", "scale 2", "rest", "tip")
+_MARKS = ("scale 1", "scale 2", "rest", "tip")
 
 
 def read_picture(path: Path) -> QPixmap:
@@ -50,7 +50,7 @@ def read_picture(path: Path) -> QPixmap:
     reader = QImageReader(str(path))
     reader.setDecideFormatFromContent(True)
     reader.setAutoTransform(True)
-    if reader.format().toStdString() not in KINDS:
+    if reader.format().toStdString() not in _KINDS:
         raise RequestError(f"{path.name} is a picture of an unsupported format", REMEDY)
     image = reader.read()
     if image.isNull():
@@ -113,7 +113,7 @@ class PictureView(QGraphicsView):
         """Draw a labelled cross at every click, of one size on the screen."""
         painter.resetTransform()
         arm, ground = style.POINT_SIZE, style.colour(style.LIGHT.surface)
-        for (x, y), word in zip(self.marks, MARKS, strict=False):
+        for (x, y), word in zip(self.marks, _MARKS, strict=False):
             at = self.mapFromScene(QPointF(x, y))
             for colour, width in ((ground, 4), (self.colour, 2)):  # light around dark, for any picture
                 painter.setPen(QPen(colour, width))
@@ -146,7 +146,7 @@ class PhotographPanel(QDialog):
         self.take.setDefault(True)
         self.take.setEnabled(False)
         head = widgets.row(
-            widgets.button("Load …", lambda: ask_open(self, services, "Open a picture", " ".join(KINDS), self.load)),
+            widgets.button("Load …", lambda: ask_open(self, services, "Open a picture", " ".join(_KINDS), self.load)),
             widgets.button("Paste", self.paste), widgets.label("Distance between scale marks:", "muted"), self.distance,
             widgets.label("mm", "muted"), None, self.value, widgets.button("Back", self.back), self.take,
         )  # fmt: skip

@@ -19,7 +19,7 @@ from boat_daq.gui.widgets.data_table import dress
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Panel, Services
-from boat_daq.viewmodels.live.readings import HEADINGS, SOON_S, ReadingsModel, Row
+from boat_daq.viewmodels.live.readings import READING_HEADINGS, SOON_S, ReadingsModel, Row
 from boat_daq.viewmodels.live.run_model import RunModel
 from protocol.base.errors import RequestError
 
@@ -172,7 +172,7 @@ class ReadingsTableModel(QAbstractTableModel):
             self.endInsertRows()
         self.rows = rows
         if rows:
-            self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(HEADINGS) - 1))
+            self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(READING_HEADINGS) - 1))
 
     def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
         """Return the number of plateaus."""
@@ -180,7 +180,7 @@ class ReadingsTableModel(QAbstractTableModel):
 
     def columnCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
         """Return the number of columns."""
-        return 0 if parent.isValid() else len(HEADINGS)
+        return 0 if parent.isValid() else len(READING_HEADINGS)
 
     def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         """Return a heading."""
@@ -188,7 +188,7 @@ class ReadingsTableModel(QAbstractTableModel):
             return None
         if role == Qt.ItemDataRole.TextAlignmentRole:
             return side(section)
-        return HEADINGS[section] if role == Qt.ItemDataRole.DisplayRole else None
+        return READING_HEADINGS[section] if role == Qt.ItemDataRole.DisplayRole else None
 
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         """Return a cell's text, place and weight."""

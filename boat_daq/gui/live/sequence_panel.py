@@ -19,7 +19,7 @@ from boat_daq.viewmodels.common.services import Panel, Services
 from boat_daq.viewmodels.live.end_at import EndAt
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.sequence import (
-    ENTRIES,
+    PLAN_ENTRIES,
     SequenceModel,
     StaircaseDrawing,
     elongation_text,
@@ -226,7 +226,7 @@ class PlanForm(QScrollArea):
     def _plan_card(self) -> QFrame:
         sequence = self.sequence
         self.choice = widgets.choice("Plan", [(name, name) for name in sequence.plans], sequence.choose)
-        self.fields = {entry.key: self._field(entry.key, entry.label, entry.help) for entry in ENTRIES}
+        self.fields = {entry.key: self._field(entry.key, entry.label, entry.help) for entry in PLAN_ENTRIES}
         self.refused = widgets.label("", wrap=True, name="Why the entry is invalid")
         show = partial(self.services.show, Panel.SEGMENTS)
         self.segments = widgets.button("Segments …", show, tip="Steps, ramps, sines, loops, readings (Ctrl+Shift+G)")
@@ -240,10 +240,10 @@ class PlanForm(QScrollArea):
         self.asked = widgets.field("", width=FIELD_WIDTH, placeholder="off")
         self.asked.editingFinished.connect(self._ask)
         self.asked_label, self.asked_unit = widgets.label(), widgets.label("", "muted")
-        entries = widgets.form((entry.label, self.fields[entry.key], entry.unit) for entry in ENTRIES)
+        entries = widgets.form((entry.label, self.fields[entry.key], entry.unit) for entry in PLAN_ENTRIES)
         entries.setHorizontalSpacing(style.STEP)
         for k, widget in enumerate((self.asked_label, self.asked, self.asked_unit)):
-            entries.addWidget(widget, len(ENTRIES), k)
+            entries.addWidget(widget, len(PLAN_ENTRIES), k)
         self._show_asked()
         plan, _ = widgets.card(
             widgets.row(widgets.label("Plan", "subtitle"), None, self.choice),

@@ -14,11 +14,11 @@ from boat_daq.viewmodels.common.preferences import UnitChoice
 from boat_daq.viewmodels.common.services import Services
 from protocol.base.units import CHOICES, STORED_UNITS, ShownUnits, as_text
 
-EXPLANATION = (
+_EXPLANATION = (
     "Axes, values, cursors and tables of this window. Recordings, plans, readings that are typed and exported files "
     "keep kPa, mV and mm."
 )
-NAMES = {"pressure": "Pressure", "voltage": "Signal", "length": "Elongation", "temperature": "Temperature"}
+_NAMES = {"pressure": "Pressure", "voltage": "Signal", "length": "Elongation", "temperature": "Temperature"}
 
 
 class UnitsPanel(QDialog):
@@ -33,7 +33,7 @@ class UnitsPanel(QDialog):
         self.grid = QGridLayout()
         self.grid.setColumnStretch(1, 1)
         self.units: dict[str, QComboBox] = {}
-        for row, (quantity, name) in enumerate(NAMES.items()):
+        for row, (quantity, name) in enumerate(_NAMES.items()):
             entries = [
                 (as_text(unit) if unit != "%" else "% of the length at rest", unit) for unit in CHOICES[quantity]
             ]
@@ -42,10 +42,10 @@ class UnitsPanel(QDialog):
             self.grid.addWidget(self.units[quantity], row, 1)
         self.length = widgets.field("Length at rest, mm", on_enter=self._set_length)
         self.length.editingFinished.connect(self._set_length)
-        self.grid.addWidget(widgets.label("Length at rest, mm"), len(NAMES), 0)
-        self.grid.addWidget(self.length, len(NAMES), 1)
+        self.grid.addWidget(widgets.label("Length at rest, mm"), len(_NAMES), 0)
+        self.grid.addWidget(self.length, len(_NAMES), 1)
         usual = widgets.button("Stored units", partial(self._use, STORED_UNITS))
-        words = widgets.label(EXPLANATION, "muted", wrap=True)
+        words = widgets.label(_EXPLANATION, "muted", wrap=True)
         close = widgets.button("Close", self.close)
         self.setLayout(widgets.column(words, self.grid, widgets.row(usual, None, close)))
         self.refresh()

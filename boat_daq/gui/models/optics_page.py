@@ -28,8 +28,8 @@ from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.common.tolerance import TypedText
 from boat_daq.viewmodels.models.optics import (
     CAVITIES,
-    CURVES,
-    FACES,
+    CURVE_NAMES,
+    FACE_NAMES,
     MAPPED_FACE,
     RANKINGS,
     STATES,
@@ -39,7 +39,7 @@ from boat_daq.viewmodels.models.optics import (
 )
 from protocol.base.arrays import FloatArray
 
-COLUMNS = 3  # of maps
+_COLUMNS = 3  # of maps
 SHADES = 64
 SCALE_WIDTH = 68
 ON_GRID_MM = 1e-6
@@ -71,12 +71,12 @@ MERIT = (
     "P = range / (rises \u00d7 roughness) of each design, relative to the best: the signal of a good design changes "
     "strongly, steadily and smoothly over the stroke. Click a cell to show its design."
 )
-FRONT = (
+_FRONT = (
     "Each point is a design: up is a larger range, left is smoother. Filled points are Pareto-optimal: no other design "
     "is better in range, roughness and rises at once. Click a point to show its design."
 )
 FROM_FILE = "file"
-WHAT_COMES = (
+_WHAT_COMES = (
     "\u201cSweep all designs\u201d simulates 648 designs in 15 states each and maps their merit; "
     "\u201cOptimise\u201d searches between and beyond them."
 )
@@ -150,7 +150,7 @@ class MeritMap:
 
     def __init__(self, card: MapsCard, place: int, model: OpticsModel) -> None:
         self.model, self.width_mm = model, STEPS_MM[place]
-        self.row, self.column = divmod(place, COLUMNS)
+        self.row, self.column = divmod(place, _COLUMNS)
         self.item = fixed_plot()
         card.view.addItem(self.item, row=self.row, col=self.column)
         self.image = pg.ImageItem(lut=card.shades)
@@ -190,7 +190,7 @@ class MeritMap:
     def paint_theme(self, theme: Theme) -> None:
         """Use the colours of `theme`."""
         paint_axis(self.item, "left", theme, "Depth (mm)" if self.column == 0 else "")
-        lowest = self.row == (len(STEPS_MM) - 1) // COLUMNS
+        lowest = self.row == (len(STEPS_MM) - 1) // _COLUMNS
         paint_axis(self.item, "bottom", theme, "Spacing (mm)" if lowest else "")
         self.item.setTitle(f"width {self.width_mm:g} mm", color=theme.muted, size=f"{style.FONT_SMALL}px")
 
@@ -214,7 +214,7 @@ class MapsCard(PlotCard):
     def _scale(self) -> Any:
         """Return the scale of P, from 0 to 1, beside the maps."""
         item = fixed_plot()
-        self.view.addItem(item, row=0, col=COLUMNS, rowspan=2)
+        self.view.addItem(item, row=0, col=_COLUMNS, rowspan=2)
         item.showAxes((False, False, True, False), showValues=(False, False, True, False))
         item.setMaximumWidth(SCALE_WIDTH)
         item.setRange(xRange=(0, 1), yRange=(0, 1), padding=0)
@@ -266,7 +266,7 @@ class ParetoCard(PlotCard):
     """Delta against RMSE of all designs; the front is filled and labelled with n_sign, a click shows a design."""
 
     def __init__(self, model: OpticsModel) -> None:
-        super().__init__("Range against roughness", FRONT)
+        super().__init__("Range against roughness", _FRONT)
         self.model = model
         self.plot = self.add("Range, \u0394", "rays", x_title="Roughness, RMSE", x_unit="rays")
         self.all = self.plot.points("Designs", lambda t: t.target, filled=False, size=5)
@@ -344,10 +344,10 @@ class OpticsPage(ReflowingPage):
         self.fields = {"cavities": widgets.choice("Number of cavities", counts, self._choose)}
         for name in ("width", "depth", "spacing"):
             self.fields[name] = widgets.choice(f"{name.capitalize()} in mm", steps, self._choose)
-        faces = [(words, face) for face, words in FACES.items()]
+        faces = [(words, face) for face, words in FACE_NAMES.items()]
         tip = "The wall of the light guide with the cavities, or voids on its midline"
         self.face = widgets.choice("Face with the cavities", faces, self._choose, tip=tip)
-        curves = [*((words, name) for name, words in CURVES.items()), ("From a file \u2026", FROM_FILE)]
+        curves = [*((words, name) for name, words in CURVE_NAMES.items()), ("From a file \u2026", FROM_FILE)]
         tip = "Shape of the actuator's wall in each state: computed, by a formula, or measured"
         self.curves = widgets.choice("Deformation curves", curves, self._choose_curves, tip=tip)
         attempt = self.services.notices.attempt
@@ -397,7 +397,7 @@ class OpticsPage(ReflowingPage):
         for field, value in zip(self.fields.values(), self.model.values, strict=True):
             select(field, value, f"{value:.3g}")
         select(self.face, self.model.face, self.model.face)
-        select(self.curves, self.model.curves, CURVES.get(self.model.curves) or Path(self.model.curves).name)
+        select(self.curves, self.model.curves, CURVE_NAMES.get(self.model.curves) or Path(self.model.curves).name)
         self.by.setCurrentIndex(self.by.findData(self.model.by))
 
     def refresh(self, snapshot: SessionSnapshot | None = None) -> None:
@@ -415,7 +415,7 @@ class OpticsPage(ReflowingPage):
             return
         self._revision = model.revision
         self._show_choices()
-        self.outcome.setText(model.outcome_text() or WHAT_COMES)
+        self.outcome.setText(model.outcome_text() or _WHAT_COMES)
         self.show_button.setVisible(model.optimum is not None)
         self.scene.show_state(model)
         self.scene.plot.fit()

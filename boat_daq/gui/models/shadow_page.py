@@ -20,11 +20,11 @@ from boat_daq.viewmodels.live.shadow_live import PRESSURES_KPA, SERIES, ShadowLi
 
 FRAME_MS = 16
 ALARM_SIZE, ALARM_LINES = 16, 4
-MARGIN = 0.1  # of the span of a figure, for the marks at its ends
+_MARGIN = 0.1  # of the span of a figure, for the marks at its ends
 ALARM_HEADINGS = ("What", "Since", "Found", "False alarm once in", "Seen in")
 
 NO_CYCLES = "Start a plan: each cycle is shown here as a point. The unit needs an accepted calibration."
-CYCLES = "One figure of each cycle of the run; a drift shows a change of the actuator."
+_CYCLES = "One figure of each cycle of the run; a drift shows a change of the actuator."
 NOMINAL = (
     "Nominal: a healthy actuator of this design, computed by the shadow (a finite-element model); its band includes "
     "about 95 % of them (k = 2) and their hysteresis. Measured: this unit in the last minute, by its calibration."
@@ -68,7 +68,7 @@ class CyclesCard(PlotCard):
     """One figure of every cycle, with the alarms marked."""
 
     def __init__(self, monitor: ShadowMonitor) -> None:
-        super().__init__("Cycle by cycle", CYCLES)
+        super().__init__("Cycle by cycle", _CYCLES)
         self.monitor = monitor
         figures = [(s.title, name) for name, s in SERIES.items()]
         self.figure = widgets.choice("Figure of each cycle", figures, lambda _: self.show_cycles())
@@ -93,7 +93,7 @@ class CyclesCard(PlotCard):
         self.show_empty("" if x.size else NO_CYCLES)
         if x.size:
             self.plot.x_range(0.0, max(10.0, float(x.max()) + 1.0))
-            low, high = axis.padded(float(y.min()), float(y.max()), MARGIN)
+            low, high = axis.padded(float(y.min()), float(y.max()), _MARGIN)
             self.plot.y_range(*axis.framed(low, high, smallest=SERIES[name].smallest))
 
 

@@ -24,15 +24,15 @@ from protocol.base.arrays import FloatArray
 
 MARGIN_DECADES = 0.25
 LEAST_DECADES = 1.0  # so that timing noise looks small
-RING, SQUARE, MARK_WIDTH = 18, 26, 2
+_RING, SQUARE, MARK_WIDTH = 18, 26, 2
 LABEL_SHARE = 0.99  # of the width, where a text about a line ends: the settings there are few
 NUMBER_ANCHOR = (-0.15, 1.0)  # right of the point and above it
-GAP = (math.nan, math.nan)  # between two strokes
-KEY = (
+_GAP = (math.nan, math.nan)  # between two strokes
+_KEY = (
     "Lower: more exact; further left: faster. Blue steps: front, the least error for the time.  "
     f"\u25cb default  \u25a1 {CHOICE}"
 )
-EXPLANATION = (
+_EXPLANATION = (
     "Each point is a setting of the method, numbered as in the table. Time is processor time on the computer that is "
     "named below the table; bars are the range over the repeats."
 )
@@ -71,16 +71,16 @@ class TradeoffCard(PlotCard):
     """The chart of one method."""
 
     def __init__(self) -> None:
-        super().__init__("Time against error", EXPLANATION)
+        super().__init__("Time against error", _EXPLANATION)
         self.plot = log_card(self, "Error", "", "Processor time")
         self.spread = self.plot.curve("Spread of the repeats", lambda t: t.muted, gaps=True)
         self.front = self.plot.curve("Front", sensor_colour(1))
         self.chosen = self.plot.points("Chosen", lambda t: t.pressure, filled=False, symbol="s", size=SQUARE)
-        self.default = self.plot.points("Default", sensor_colour(2), filled=False, size=RING)
+        self.default = self.plot.points("Default", sensor_colour(2), filled=False, size=_RING)
         self.settings = self.plot.points("Settings", sensor_colour(1))
         self.notices, self.sufficient = limit_lines(self.plot)
         self.numbers = self.plot.labels(NUMBER_ANCHOR)
-        self.key = widgets.label(KEY, "small", wrap=True, name="Key of the chart")
+        self.key = widgets.label(_KEY, "small", wrap=True, name="Key of the chart")
         self.inside.addWidget(self.key)
         self.shown: MethodChart | None = None
 
@@ -143,7 +143,7 @@ def spread_bars(points: Sequence[TradeoffPoint], floor: float) -> tuple[FloatArr
     for p in points:
         t, e = p.seconds, max(p.error, floor)
         (left, right), (low, high) = _about(t, p.spread_s), _about(e, p.error_spread)
-        rows += [(left, e), (right, e), GAP, (t, low), (t, high), GAP]
+        rows += [(left, e), (right, e), _GAP, (t, low), (t, high), _GAP]
     x, y = _columns_of(rows)
     return np.log10(x), np.log10(y)
 

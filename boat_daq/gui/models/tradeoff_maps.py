@@ -26,10 +26,10 @@ HATCHING = {
 }
 CELL_GAP = 1.0  # pixels between cells
 LETTER_LEAST = 12.0  # pixels: a smaller cell has no letter, only colour and hatching
-LABELS = (10, 7, 5, 4)  # along each of one, two, three, four maps beside each other
+_LABELS = (10, 7, 5, 4)  # along each of one, two, three, four maps beside each other
 LEAST_HEIGHT = 300
 NO_LIMIT, EMPTY_HEIGHT = 16_777_215, 96
-WHAT_COMES = "\u201cMap\u201d tests this method over many synthetic cases: where it works, warns, or refuses."
+_WHAT_COMES = "\u201cMap\u201d tests this method over many synthetic cases: where it works, warns, or refuses."
 POINT_AT = "Point at a cell to read its case and its result."
 
 
@@ -93,13 +93,13 @@ class AtlasCard(PlotCard):
         self.view.clear()
         self.items = []
         maps = self.model.maps.get(method, [])
-        most = LABELS[min(len(maps), len(LABELS)) - 1]
+        most = _LABELS[min(len(maps), len(_LABELS)) - 1]
         for column, shown in enumerate(maps):
             self._add(column, shown, most)
         self.view.setVisible(bool(maps))
         self.legend.setVisible(bool(maps))
         no_map = self.model.no_map(method)
-        self.words.setText(maps[0].summary if len(maps) == 1 else POINT_AT if maps else no_map or WHAT_COMES)
+        self.words.setText(maps[0].summary if len(maps) == 1 else POINT_AT if maps else no_map or _WHAT_COMES)
         self.setMinimumHeight(LEAST_HEIGHT if maps else 0)
         self.setMaximumHeight(NO_LIMIT if maps else EMPTY_HEIGHT)
         self.paint_theme(self.theme)
@@ -115,7 +115,7 @@ class AtlasCard(PlotCard):
         item.addItem(cells)
         self.view.addItem(item, row=0, col=column)
         item.setRange(cells.boundingRect(), padding=0)
-        for side, axis, limit in zip(SIDES, shown.axes, (most, LABELS[0]), strict=True):
+        for side, axis, limit in zip(SIDES, shown.axes, (most, _LABELS[0]), strict=True):
             step = -(-len(axis.ticks) // limit)
             item.getAxis(side).setTicks([[(i + 0.5, t) for i, t in enumerate(axis.ticks) if i % step == 0]])
         self.items.append((item, cells))

@@ -19,18 +19,18 @@ from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.wrapped_table import WrappedTable
 from boat_daq.viewmodels.common import tables
-from boat_daq.viewmodels.models.tradeoff import JOBS, METHODS, OVERVIEW, ROWS, TradeoffModel
+from boat_daq.viewmodels.models.tradeoff import JOB_NAMES, METHOD_NAMES, OVERVIEW, ROWS, TradeoffModel
 
-REACH = 40.0  # pixels from a point within which a click is meant for it
-HEADINGS = ("No.", "Method", "Default", "Time", "Error", "Share")
+_REACH = 40.0  # pixels from a point within which a click is meant for it
+_HEADINGS = ("No.", "Method", "Default", "Time", "Error", "Share")
 SHARE_TIP = "The error in percent of the least that is noticeable; the rule accepts a setting up to 50 %"
 LEAST_SHARE = 0.05
 """Smaller errors are drawn here, so that the others are apart."""
-KEY = (
+_KEY = (
     "\u25cf a method  \u25a0 a whole job, numbered as in the table.  Lower is more exact, further left is faster; "
     "errors below 5 % are at 5 %. Click one to see its settings."
 )
-NUMBERS = {name: number for number, name in enumerate(METHODS, 1)}
+_NUMBERS = {name: number for number, name in enumerate(METHOD_NAMES, 1)}
 
 
 class OverviewCard(PlotCard):
@@ -48,7 +48,7 @@ class OverviewCard(PlotCard):
         self.noticed.setValue(math.log10(100.0))
         accepted.setValue(math.log10(100.0 / MARGIN))
         self.numbers = self.plot.labels(NUMBER_ANCHOR)
-        self.inside.addWidget(widgets.label(KEY, "small", wrap=True, name="Key of the overview"))
+        self.inside.addWidget(widgets.label(_KEY, "small", wrap=True, name="Key of the overview"))
         self.view.setCursor(Qt.CursorShape.PointingHandCursor)
         self.view.scene().sigMouseClicked.connect(lambda event: self.click(event.scenePos()))
         self._at: dict[str, tuple[float, float]] = {}
@@ -61,12 +61,12 @@ class OverviewCard(PlotCard):
             if d.point is not None
         }
         for job, layer in self.points.items():
-            places = [at for name, at in self._at.items() if (name in JOBS) is job]
+            places = [at for name, at in self._at.items() if (name in JOB_NAMES) is job]
             layer.set(np.array([x for x, _ in places]), np.array([y for _, y in places]))
         x, y = np.array(list(self._at.values())).reshape(-1, 2).T
         self.plot.x_range(*framed(x))
         self.plot.y_range(*framed(np.append(y, self.noticed.value())))
-        self.numbers.set([(*at, str(NUMBERS[name])) for name, at in self._at.items()])
+        self.numbers.set([(*at, str(_NUMBERS[name])) for name, at in self._at.items()])
         self.paint_theme(self.theme)
 
     def click(self, at: QPointF) -> None:
@@ -74,13 +74,13 @@ class OverviewCard(PlotCard):
         box = self.plot.item.getViewBox()
         far = {name: (box.mapViewToScene(QPointF(*place)) - at).manhattanLength() for name, place in self._at.items()}
         name = min(far, key=lambda n: far[n], default="")
-        if name and far[name] <= REACH:
+        if name and far[name] <= _REACH:
             self.model.show(name)
 
     def columns(self) -> Columns:
         """Return each default with its time and error."""
         rows = [
-            (METHODS[d.name], d.point.setting, d.point.seconds, d.chart.per, d.point.error, d.chart.unit, d.share)
+            (METHOD_NAMES[d.name], d.point.setting, d.point.seconds, d.chart.per, d.point.error, d.chart.unit, d.share)
             for d in self.model.defaults
             if d.chart is not None and d.point is not None
         ]
@@ -93,8 +93,8 @@ class DefaultsTable(WrappedTable):
 
     def __init__(self, model: TradeoffModel) -> None:
         name = "Default of each method; Enter shows the method"
-        super().__init__(name, HEADINGS, stretched=(1, 2, 3, 4), right=(0, 5))
-        self.explain({HEADINGS.index("Share"): SHARE_TIP})
+        super().__init__(name, _HEADINGS, stretched=(1, 2, 3, 4), right=(0, 5))
+        self.explain({_HEADINGS.index("Share"): SHARE_TIP})
         self.tradeoff = model
         self.cellClicked.connect(self._chosen)
         self.cellActivated.connect(self._chosen)
@@ -103,7 +103,7 @@ class DefaultsTable(WrappedTable):
         """Show what was measured."""
         rows: list[tuple[str, ...]] = []
         for name, chart, point in self.tradeoff.defaults:
-            first = (str(NUMBERS[name]), METHODS[name])
+            first = (str(_NUMBERS[name]), METHOD_NAMES[name])
             if chart is None or point is None:
                 rows.append((*first, self.tradeoff.entry(name), "", "", ""))
                 continue

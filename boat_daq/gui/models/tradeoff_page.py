@@ -23,7 +23,7 @@ from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.models.failure_maps import AtlasModel
 from boat_daq.viewmodels.models.tradeoff import (
     CHOICE,
-    METHODS,
+    METHOD_NAMES,
     OVERVIEW,
     ROWS,
     MethodChart,
@@ -36,7 +36,7 @@ PRECISIONS = {
     "normal": "Normal (sufficient)",
     "reference": "Reference: slow, exact",
 }
-HEADINGS = ("No.", "Setting", "Time", "Error", "Use")
+_HEADINGS = ("No.", "Setting", "Time", "Error", "Use")
 USES = f"\u25cb default   \u25a1 {CHOICE}   D used at Draft   R used at Reference"
 MEASURE = "Measure this computer"
 MEASURE_TIP = "Some minutes in a helper process; `boat-daq tradeoff` measures more settings of each method"
@@ -66,8 +66,8 @@ class SettingsTable(WrappedTable):
     """Every setting of a method, cheapest first."""
 
     def __init__(self) -> None:
-        super().__init__("Settings of the method, cheapest first", HEADINGS, stretched=(1,), right=(0, 2, 3))
-        self.explain({HEADINGS.index("Use"): USES})
+        super().__init__("Settings of the method, cheapest first", _HEADINGS, stretched=(1,), right=(0, 2, 3))
+        self.explain({_HEADINGS.index("Use"): USES})
 
     def show_chart(self, chart: MethodChart | None) -> None:
         """Show another method's settings."""
@@ -163,5 +163,5 @@ class TradeoffPage(ReflowingPage):
         self.chart.show_chart(chart)
         self.table.show_chart(chart)
         self.atlas.show_method(self.model.shown)
-        self.upper.setVisible(self.model.shown in METHODS)
+        self.upper.setVisible(self.model.shown in METHOD_NAMES)
         self.explanation.setText(chart.explanation if chart else NOT_MEASURED)

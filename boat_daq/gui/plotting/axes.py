@@ -25,11 +25,11 @@ from boat_daq.viewmodels.live import axis
 from protocol.base.units import Shown, as_text
 
 CACHED_LABELS = 500
-OVER = 0.1  # of a label's height, which may be outside the axis above and below it, as in pyqtgraph
+_OVER = 0.1  # of a label's height, which may be outside the axis above and below it, as in pyqtgraph
 ON_TICK = 1e-9  # of a step
 LOG_LABELS = 7
 GRID_BEYOND, GRID_LONGEST = 2.0, 50.0  # of what is shown: lines of the grid are longer on either side; at most so long
-CORNER = 2  # pixels between the axis and a title in the corner of the plot
+_CORNER = 2  # pixels between the axis and a title in the corner of the plot
 LOG_DIGITS = (1, 2, 5)
 FEW_DECADES = 2.0  # over fewer, the 2 and the 5 between are labelled too
 
@@ -84,14 +84,14 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         super().resizeEvent(ev)
         if not fits:
             left = self.orientation == "left"
-            self.label.setPos(self.size().width() + CORNER if left else -along.width() - CORNER, 1)
+            self.label.setPos(self.size().width() + _CORNER if left else -along.width() - _CORNER, 1)
         self._lay_grid()
 
     @property
     def covered(self) -> float:
         """Share of the plot's height under a title in its corner."""
         height, title = self.size().height(), self.label.boundingRect()
-        return min(0.5, (title.height() + CORNER) / height) if 0 < height < title.width() else 0.0
+        return min(0.5, (title.height() + _CORNER) / height) if 0 < height < title.width() else 0.0
 
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
         """Return one level of ticks: the multiples of its step in the range, ends included; the step as it is shown."""
@@ -221,7 +221,7 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
             width, height = label.size().width(), label.size().height()
             if self.orientation != "bottom":
                 x = area.right() - across - width if self.orientation == "left" else area.left() + across
-                y, margin = area.bottom() - place - height / 2, OVER * height
+                y, margin = area.bottom() - place - height / 2, _OVER * height
                 inside = around.top() <= y + margin and y + height - margin <= around.bottom()
             else:
                 x, y = area.left() + place - width / 2, area.top() + along
@@ -246,7 +246,7 @@ class LogAxis(TickAxis):
     def covered(self) -> float:
         """Share of the plot's height under a title in its corner."""
         height, title = self.size().height(), self.label.boundingRect()
-        return min(0.5, (title.height() + CORNER) / height) if 0 < height < title.width() else 0.0
+        return min(0.5, (title.height() + _CORNER) / height) if 0 < height < title.width() else 0.0
 
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
         """Return the one level of ticks, as logarithms."""

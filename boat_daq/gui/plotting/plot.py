@@ -25,7 +25,7 @@ from protocol.base.arrays import FloatArray
 
 ThemeColour = Callable[[Theme], str]
 L = TypeVar("L", bound="Layer")
-EMPTY: FloatArray = np.zeros(0)
+_EMPTY: FloatArray = np.zeros(0)
 COSMETIC = 0.0  # a pen of this width is one pixel at any zoom and adds nothing to the bounds
 
 pg.setConfigOptions(antialias=False, useOpenGL=False, segmentedLineMode="off")
@@ -93,8 +93,8 @@ class Layer:
 
     def __init__(self, name: str, item: Any, colour: ThemeColour, paint: Callable[[Any, str], None]) -> None:
         self.name, self.item, self.colour, self._paint = name, item, colour, paint
-        self.x: FloatArray = EMPTY
-        self.y: FloatArray = EMPTY
+        self.x: FloatArray = _EMPTY
+        self.y: FloatArray = _EMPTY
 
     def set(self, x: FloatArray, y: FloatArray) -> None:
         """Draw `y` over `x` (same length)."""
@@ -106,7 +106,7 @@ class Layer:
 
     def clear(self) -> None:
         """Remove all data."""
-        self.set(EMPTY, EMPTY)
+        self.set(_EMPTY, _EMPTY)
 
     def show(self, visible: bool) -> None:
         """Show or hide."""
@@ -131,7 +131,7 @@ class Curve(Layer):
 class Band(Layer):
     """The surface between two curves."""
 
-    low: FloatArray = EMPTY
+    low: FloatArray = _EMPTY
 
     def fill(self, x: FloatArray, low: FloatArray, high: FloatArray) -> None:
         """Fill between `low` and `high` over `x` (same length, finite)."""
@@ -141,7 +141,7 @@ class Band(Layer):
 
     def clear(self) -> None:
         """Remove all data."""
-        self.fill(EMPTY, EMPTY, EMPTY)
+        self.fill(_EMPTY, _EMPTY, _EMPTY)
 
 
 class Points(Layer):
@@ -259,7 +259,7 @@ class Plot:
         layer.gaps = gaps
         return self._add(layer)
 
-    def band(self, name: str, colour: ThemeColour, *, alpha: int = style.BAND_ALPHA) -> Band:
+    def band(self, name: str, colour: ThemeColour, *, alpha: int = style.BAND_OPACITY) -> Band:
         """Add a translucent fill between two curves, behind the rest."""
         item = PathItem()
         item.setZValue(-10)

@@ -19,7 +19,7 @@ from PySide6.QtWidgets import QFrame, QGraphicsItem, QGraphicsView, QMenu, QTool
 
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Plot, make_item
-from boat_daq.gui.plotting.row_borders import UNIT, RowBorders
+from boat_daq.gui.plotting.row_borders import USUAL_SHARE, RowBorders
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common import tables
@@ -119,7 +119,7 @@ class PlotCard(QFrame):
         plot = Plot(item, title, unit, x_title=x_title, x_unit=x_unit)
         self.plots.append(plot)
         if not beside:
-            self.borders.usual[len(self.plots) - 1] = UNIT * stretch
+            self.borders.usual[len(self.plots) - 1] = USUAL_SHARE * stretch
         self.borders.apply()
         return plot
 

@@ -16,8 +16,8 @@ from PySide6.QtGui import QMouseEvent
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Plot
 
-REACH = style.STEP  # pixels on either side of a border
-UNIT = 1000  # share of a plot with the stretch 1
+_REACH = style.STEP  # pixels on either side of a border
+USUAL_SHARE = 1000  # share of a plot with the stretch 1
 CORRECTIONS = 3
 
 
@@ -43,7 +43,7 @@ class RowBorders(QObject):
     def apply(self) -> None:
         """Share the height among the plots that are shown."""
         for row, at in enumerate(self._rows()):
-            share = self.shares.get(at, self.usual.get(at, UNIT))
+            share = self.shares.get(at, self.usual.get(at, USUAL_SHARE))
             self._view.ci.layout.setRowStretchFactor(row, share)
 
     def _rows(self) -> list[int]:
@@ -58,7 +58,7 @@ class RowBorders(QObject):
         for above, below in pairwise(self._rows()):
             bottom = self._plots[above].item.sceneBoundingRect().bottom()
             top = self._plots[below].item.sceneBoundingRect().top()
-            if bottom - REACH <= y <= top + REACH:
+            if bottom - _REACH <= y <= top + _REACH:
                 return above, below
         return None
 
@@ -96,7 +96,7 @@ class RowBorders(QObject):
             return
         y = min(max(y, top + style.ROW_LEAST), bottom - style.ROW_LEAST)
         heights = {at: box.height() for at, box in boxes.items()} | {above: y - top, below: bottom - y}
-        total = sum(self.shares.get(at, self.usual.get(at, UNIT)) for at in heights)
+        total = sum(self.shares.get(at, self.usual.get(at, USUAL_SHARE)) for at in heights)
         share = {at: total * height / sum(heights.values()) for at, height in heights.items()}
         for _ in range(CORRECTIONS):  # a plot with an axis below is higher than its share
             self.shares |= {at: max(1, round(part)) for at, part in share.items()}

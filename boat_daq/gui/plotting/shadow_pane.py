@@ -31,7 +31,7 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.connection import age_text
-from boat_daq.viewmodels.live.shadow_live import LEVELS, SCALES, ShadowLive, ShadowPicture
+from boat_daq.viewmodels.live.shadow_live import COLOUR_LEVELS, SCALES, ShadowLive, ShadowPicture
 from protocol.base.errors import RequestError
 
 VIEW_MM = QRectF(-31.0, -15.0, 62.0, 108.0)  # of (x, z)
@@ -40,7 +40,7 @@ DOT = 7
 LEGEND_LINE, LEGEND_MARK = 16, 12
 GUIDE, HALO = 1.5, 4.5  # pixels: a guide is visible on dark and on bright elements
 REST_LENGTH_MM = 75.0
-RING = np.array([1, 1, 1, 1, 0], dtype=np.int32)  # joins the five points of a closed element, but not to the next one
+_RING = np.array([1, 1, 1, 1, 0], dtype=np.int32)  # joins the five points of a closed element, but not to the next one
 
 
 class ShadowView(QWidget):
@@ -71,7 +71,7 @@ class ShadowView(QWidget):
     def paint_theme(self, theme: Theme) -> None:
         """Use the colours of `theme`."""
         self.theme = theme
-        self.steps = [QColor(style.sequential(i, LEVELS)) for i in range(LEVELS)]
+        self.steps = [QColor(style.sequential(i, COLOUR_LEVELS)) for i in range(COLOUR_LEVELS)]
         self.small = style.small_font()
         self.update()
 
@@ -155,7 +155,7 @@ class ShadowView(QWidget):
         for level in np.unique(picture.levels):
             chosen: NDArray[np.float64] = picture.corners[picture.levels == level]
             closed = np.concatenate([chosen, chosen[:, :1]], axis=1).reshape(-1, 2)
-            path = pg.functions.arrayToQPath(closed[:, 0], closed[:, 1], np.tile(RING, len(chosen)))
+            path = pg.functions.arrayToQPath(closed[:, 0], closed[:, 1], np.tile(_RING, len(chosen)))
             painter.fillPath(path, self.steps[level])
 
     def _tip(self, painter: QPainter, elongation_mm: float, colour: str, pen: Qt.PenStyle) -> None:
@@ -175,7 +175,7 @@ class ShadowView(QWidget):
         """Draw the colour scale with its ends."""
         area = QRectF(self.rect()).adjusted(2 * style.STEP, 0, -2 * style.STEP, 0)
         bar = QRectF(area.left(), area.bottom() - 6 * style.STEP, area.width(), style.GAP)
-        step = bar.width() / LEVELS
+        step = bar.width() / COLOUR_LEVELS
         for i, colour in enumerate(self.steps):
             painter.fillRect(QRectF(bar.left() + i * step, bar.top(), step + 1, bar.height()), colour)
         painter.setPen(QColor(self.theme.muted))

@@ -28,7 +28,7 @@ from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.results.calibration import (
     ACCEPT,
     ANYWAY,
-    CHOICES,
+    CURVE_CHOICES,
     CURVE_HEADINGS,
     CalibrationModel,
 )
@@ -36,7 +36,7 @@ from boat_daq.viewmodels.results.calibration_texts import NextStep, missing, war
 from boat_daq.viewmodels.results.run_result import CurveBands, LoopSet, RunResult, SensorResult
 from protocol.base.arrays import FloatArray
 
-BESIDE = 2  # curves in a row
+_BESIDE = 2  # curves in a row
 VERDICT_EXAMPLE = "\u25cf Sensor 1: R\u00b2 = 0.99999   Sensor 2: R\u00b2 = 0.99999"
 BANDS = "Uncertainty bands"
 BANDS_TIP = (
@@ -56,9 +56,9 @@ TABLE_ERROR_TIP = (
 )
 ACCEPT_TIP = "Store it with the unit and use it live"
 ANYWAY_TIP = "Store it with the unit, marked as out of tolerance, and use it live"
-NO_CYCLE = "A loop needs one complete cycle."
+_NO_CYCLE = "A loop needs one complete cycle."
 NO_READINGS = "Elongation over pressure needs the readings of a complete cycle."
-BRANCHES = (("Loading", "Residual, loading", True), ("Unloading", "Residual, unloading", False))
+_BRANCHES = (("Loading", "Residual, loading", True), ("Unloading", "Residual, unloading", False))
 CONTRIBUTIONS_TIP = "State what grid, parallax, pressure gauge and temperature add to the uncertainty"
 CERTIFICATE_TIP = "Certificate of this calibration as PDF and XML: requests what is missing, and shows the pages"
 CHOICE_TIP = "The curve of all sensors; cross-validation takes for each the simplest that predicts best"
@@ -92,7 +92,7 @@ class CurveCard(PlotCard):
         self.bottom.line(lambda t: t.muted, style_=Qt.PenStyle.SolidLine)
         self.branches = [
             (self.top.points(name, colour, filled=filled), self.bottom.points(residual, colour, filled=filled, size=6))
-            for name, residual, filled in BRANCHES
+            for name, residual, filled in _BRANCHES
         ]
 
     def show_sensor(self, sensor: SensorResult, shown: CurveBands, previous: Agreement | None) -> None:
@@ -211,9 +211,9 @@ class CalibrationPage(QWidget):
         self.curves: list[CurveCard] = []
         self.curve_grid = QGridLayout()
         self.curve_grid.setSpacing(style.GAP)
-        self._add_cards(BESIDE)
+        self._add_cards(_BESIDE)
         self.loops = LoopCard(
-            "Loops over pressure", NO_CYCLE, lambda n: (f"Signal {n}", "mV", f"Sensor {n}", sensor_colour(n))
+            "Loops over pressure", _NO_CYCLE, lambda n: (f"Signal {n}", "mV", f"Sensor {n}", sensor_colour(n))
         )
         elongation = ("Elongation", "mm", "Elongation", lambda t: t.elongation)
         self.actuator = LoopCard("Actuator hysteresis", NO_READINGS, lambda _: elongation)
@@ -238,9 +238,9 @@ class CalibrationPage(QWidget):
         """Add the cards that are missing, two in a row; a later one is copied and saved like the first."""
         for i in range(len(self.curves), sensors):
             card = CurveCard(i + 1)
-            self.curve_grid.addWidget(card, i // BESIDE, i % BESIDE)
+            self.curve_grid.addWidget(card, i // _BESIDE, i % _BESIDE)
             self.curves.append(card)
-            if i >= BESIDE:
+            if i >= _BESIDE:
                 card.paint_theme(self.curves[0].theme)
                 card.copy_wanted.connect(self.curves[0].copy_wanted)
                 card.save_wanted.connect(self.curves[0].save_wanted)
@@ -348,7 +348,7 @@ class CalibrationPage(QWidget):
         return widgets.card((self.tabs, 1), self.texts)[0]
 
     def _curve_tab(self) -> QWidget:
-        self.choice = widgets.choice("Curve of the calibration", CHOICES, self._choose_curve, tip=CHOICE_TIP)
+        self.choice = widgets.choice("Curve of the calibration", CURVE_CHOICES, self._choose_curve, tip=CHOICE_TIP)
         self.candidates = DataTable("Curves compared", CURVE_HEADINGS, stretched=0, right=(2, 3))
         self.candidates.explain(CURVE_TIPS)
         self.export = widgets.button("Export calibration \u2026", self.ask_export, tip=EXPORT_TIP)

@@ -12,8 +12,8 @@ from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.certificates import CertificateModel
 
-REFRESH_MS = 250
-MISSING = "Not stated yet; what stays empty is named in the certificate as not stated. It is kept for the next one."
+_REFRESH_MS = 250
+_MISSING = "Not stated yet; what stays empty is named in the certificate as not stated. It is kept for the next one."
 COMPLETE = "Everything that the certificate states is known."
 MAKING = "The pages are being made \u2026"
 PAGE_SCALE = 0.85  # of the screen's height that the panel takes at most
@@ -34,7 +34,7 @@ class CertificatePanel(QDialog):
         self.laboratory = {key: widgets.field(label, on_enter=self._show) for key, label in laboratory}
         labels = {**dict(laboratory), **dict(missing)}
         fields: dict[str, QLineEdit] = {**self.laboratory, **self.metadata}
-        self.words = widgets.label(MISSING if fields else COMPLETE, "muted", wrap=True)
+        self.words = widgets.label(_MISSING if fields else COMPLETE, "muted", wrap=True)
         self.outcome = widgets.label("", wrap=True, name="State of the certificate")
         self.stack = QVBoxLayout()
         self.area = QScrollArea()
@@ -58,7 +58,7 @@ class CertificatePanel(QDialog):
         self.resize(min(style.CERTIFICATE_WIDTH, screen.width()), int(PAGE_SCALE * screen.height()))
         services.notices.attempt(model.show)
         self._follow()
-        self.startTimer(REFRESH_MS)
+        self.startTimer(_REFRESH_MS)
 
     def timerEvent(self, event: QTimerEvent) -> None:
         """Show the pages once they are made."""

@@ -15,8 +15,8 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.live.readings import ReadingsModel
 
-REFRESH_MS = 250
-IDLE = SessionSnapshot(SessionState.IDLE, LinkState.CLOSED)
+_REFRESH_MS = 250
+_IDLE = SessionSnapshot(SessionState.IDLE, LinkState.CLOSED)
 
 
 class ClosedReadings(QDialog):
@@ -41,11 +41,11 @@ class ClosedReadings(QDialog):
         layout.addWidget(self.table, 1)
         layout.addLayout(widgets.row(None, widgets.button("Close", self.close), self.calibrate))
         self.timerEvent()
-        self.startTimer(REFRESH_MS)  # undo is a key of the window, not of this panel
+        self.startTimer(_REFRESH_MS)  # undo is a key of the window, not of this panel
 
     def timerEvent(self, event: QTimerEvent | None = None) -> None:
         """Show the readings as they are now, whatever page the window shows."""
-        self.table.refresh(IDLE)
+        self.table.refresh(_IDLE)
 
     def _calibrate(self) -> None:
         if self.services.notices.attempt(lambda: self.analyse(self.path)):

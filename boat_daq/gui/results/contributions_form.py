@@ -14,9 +14,9 @@ from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.contributions import (
     DISTRIBUTIONS,
+    MEASURES,
     OF_PRESSURE_OR_TEMPERATURE,
     STATED,
-    UNITS,
     ContributionFields,
     ContributionsModel,
     Refusal,
@@ -24,13 +24,13 @@ from boat_daq.viewmodels.results.contributions import (
     traceability_text,
 )
 
-REFRESH_MS = 250
-EXPLANATION = (
+_REFRESH_MS = 250
+_EXPLANATION = (
     "What a run does not show: state it from a certificate or a data sheet. What is not stated is not assessed; zero "
     "is a statement. Undo: Ctrl+Z."
 )
 ANOTHER = "Another \u2026"
-HINTS = {
+_HINTS = {
     "dof": "empty: certain", "certificate": "number and date", "source": "", "k": "",
     "sensitivity": "0 where the elongation does not depend on it",
 }  # fmt: skip
@@ -55,18 +55,18 @@ class ContributionsForm(QDialog):
         self.withdraw = widgets.button("Not assessed", self._withdraw, tip="Remove the statement from the unit's file")
         self.store = widgets.button("Store", self._state, "primary", tip="Store it in the unit's file")
         buttons = widgets.row(widgets.button("Close", self.close), None, self.withdraw, self.store)
-        explanation = widgets.label(EXPLANATION, "muted", wrap=True)
+        explanation = widgets.label(_EXPLANATION, "muted", wrap=True)
         parts = (explanation, (self.list, 1), self.traced, self._form(), self.outcome, buttons)
         self.setLayout(widgets.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
         self.show_stated()
         self.list.selectRow(0)
-        self.startTimer(REFRESH_MS)  # undo is a key of the window, not of this panel
+        self.startTimer(_REFRESH_MS)  # undo is a key of the window, not of this panel
 
     def _form(self) -> QGridLayout:
-        fields = {key: widgets.field(key, placeholder=hint) for key, hint in HINTS.items()}
+        fields = {key: widgets.field(key, placeholder=hint) for key, hint in _HINTS.items()}
         self.name, self.value = widgets.field("name", placeholder="e.g. lens distortion"), widgets.field("value")
         self.stated = widgets.choice("How it is stated", STATED, self._check)
-        self.unit = widgets.choice("Unit", UNITS, self._check)
+        self.unit = widgets.choice("Unit", MEASURES, self._check)
         self.distribution = widgets.choice("Distribution", DISTRIBUTIONS, self._check)
         self.texts: dict[str, QLineEdit] = {"name": self.name, "value": self.value, **fields}
         self.choices: dict[str, QComboBox] = {

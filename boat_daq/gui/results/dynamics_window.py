@@ -20,8 +20,8 @@ from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.dynamics import DynamicsModel
 
-REFRESH_MS = 200
-SIZE = (1060, 720)
+_REFRESH_MS = 200
+_SIZE = (1060, 720)
 LEAST_DB, LEAST_DEG = 1.0, 10.0  # heights of the plots: less is not spread over them
 EDGE_DB = -3.0
 STEP_COLOURS: tuple[ThemeColour, ...] = (  # told apart in either theme
@@ -29,7 +29,7 @@ STEP_COLOURS: tuple[ThemeColour, ...] = (  # told apart in either theme
 )  # fmt: skip
 SHOWN_ROWS = 4  # of a table, before it is scrolled
 SETTLED_TIP = "Distance from its end within which a step counts as settled, any number of mm. Automatic: 0.05 mm"
-STEPS = "Mean response to the steps of each size"
+_STEPS = "Mean response to the steps of each size"
 BODE = "Measured elongation over its setpoint; surface: U, k = 2"
 
 
@@ -97,8 +97,8 @@ class DynamicsWindow(QDialog):
         self.setModal(False)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         available = self.screen().availableSize()
-        self.resize(min(SIZE[0], available.width()), min(SIZE[1], available.height()))
-        self.steps, self.bode = PlotCard("Step response", STEPS), BodeCard()
+        self.resize(min(_SIZE[0], available.width()), min(_SIZE[1], available.height()))
+        self.steps, self.bode = PlotCard("Step response", _STEPS), BodeCard()
         plot = self.steps.add("Elongation", "% of the step", x_title="Since the setpoint changed", x_unit="s")
         plot.line(lambda t: t.muted, at=100.0)
         self.legend = widgets.label("", "small", wrap=True, name="Legend of the steps")
@@ -124,7 +124,7 @@ class DynamicsWindow(QDialog):
         buttons = widgets.row(widgets.button("Close", self.close), None, self.save)
         parts = (head, (plots, 2), (tables, 1), buttons)
         self.setLayout(widgets.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
-        self.startTimer(REFRESH_MS)
+        self.startTimer(_REFRESH_MS)
 
     def timerEvent(self, event: QTimerEvent | None = None) -> None:
         """Show the dynamics once they are computed."""

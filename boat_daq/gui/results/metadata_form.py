@@ -12,7 +12,7 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.metadata import FIELDS, MetadataModel, free_lines
 
-EXPLANATION = (
+_EXPLANATION = (
     "Reports, exports and certificates show it. All but note and ambient conditions is remembered for the unit's next "
     "recording. Undo: Ctrl+Z."
 )
@@ -47,7 +47,7 @@ class MetadataForm(QDialog):
         form = widgets.form([*rows, ("Fields of your own", self.free, "")])
         buttons = widgets.row(widgets.button("Close", self.close), None, widgets.button("Store", self._save, "primary"))
         templates = widgets.row(self.template, (self.name, 1), keep)
-        parts = (widgets.label(EXPLANATION, "muted", wrap=True), form, templates, buttons)
+        parts = (widgets.label(_EXPLANATION, "muted", wrap=True), form, templates, buttons)
         self.setLayout(widgets.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
 
     def typed(self) -> dict[str, str]:

@@ -22,7 +22,7 @@ from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel
 from boat_daq.viewmodels.results.run_result import RunResult
 
 SYMBOLS = ("o", "s", "t1", "d")  # by sensor, up to four
-FILLED, OPEN = "\u25cf\u25a0\u25b2\u25c6", "\u25cb\u25a1\u25b3\u25c7"  # the same as text
+FILLED, _OPEN = "\u25cf\u25a0\u25b2\u25c6", "\u25cb\u25a1\u25b3\u25c7"  # the same as text
 NO_FIGURE = "No cycle has this figure; the tooltip in the table gives the reason."
 BREAK_HEADINGS = ("", "before", "after", "p (t)", "p (F)")
 BREAK_TIPS = {
@@ -96,7 +96,7 @@ class DriftCard(CycleFigureCard):
 
     def explain_symbols(self, sensors: int) -> None:
         """Name the symbols of the two levels; the colours are those of the other cards."""
-        self.readout.setText(f"{FILLED[:sensors]} high  {OPEN[:sensors]} low")
+        self.readout.setText(f"{FILLED[:sensors]} high  {_OPEN[:sensors]} low")
 
 
 class RepeatPage(QWidget):

@@ -44,14 +44,14 @@ from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save, open_folder
 from boat_daq.gui.widgets.layouts import EmptyState, Leaves, Shares
 from boat_daq.gui.widgets.text_dialog import TextDialog
-from boat_daq.viewmodels.common.files import TABLES
+from boat_daq.viewmodels.common.files import TABLE_SUFFIXES
 from boat_daq.viewmodels.common.services import Page, Services
-from boat_daq.viewmodels.results.run_entry import HEADINGS, MOST_COMPARED, RunEntry, obstacle, selection_text
+from boat_daq.viewmodels.results.run_entry import MOST_COMPARED, RUN_HEADINGS, RunEntry, obstacle, selection_text
 from boat_daq.viewmodels.results.runs import RunActions, RunsModel
 from protocol.base.arrays import FloatArray
 
 Index = QModelIndex | QPersistentModelIndex
-SPEEDS = (1, 5, 20, 100)
+_SPEEDS = (1, 5, 20, 100)
 EXPORTS = {"CSV": "csv", "Parquet": "parquet", "HDF5": "h5", "MATLAB": "mat"}  # in the menu, and the suffix
 LEAST_LINES = 3  # of the list; a lower window scrolls the page
 LEAST_SPAN_MV = 0.1  # of a comparison, so that noise looks small
@@ -80,7 +80,7 @@ class Thumbnail(QStyledItemDelegate):
         area: QRect = option.rect.adjusted(style.GAP, style.STEP + 2, -style.GAP, -style.STEP - 2)
         painter.save()
         painter.setPen(QPen(style.colour(self.theme.pressure), 1))
-        painter.setBrush(style.colour(self.theme.pressure, style.BAND_ALPHA))
+        painter.setBrush(style.colour(self.theme.pressure, style.BAND_OPACITY))
 
         upper = [QPointF(x, high) for x, _, high in run.outline]
         lower = [QPointF(x, low) for x, low, _ in reversed(run.outline)]
@@ -102,7 +102,7 @@ class RunsPage(QWidget):
         self._revision = -1
         self._compared: object = None
         self._untouched = True  # until then the newest recording is chosen
-        self.list = DataTable("Recordings", HEADINGS)  # a long file name is cut, not scrolled
+        self.list = DataTable("Recordings", RUN_HEADINGS)  # a long file name is cut, not scrolled
         self.list.verticalHeader().setDefaultSectionSize(style.THUMBNAIL[1])
         self.list.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Fixed)
         self.thumbnail = Thumbnail(self.list)
@@ -171,7 +171,7 @@ class RunsPage(QWidget):
             ),
         }
         for key, entries in (
-            ("replay", [(f"{speed} times real time", partial(self._replay, speed)) for speed in SPEEDS]),
+            ("replay", [(f"{speed} times real time", partial(self._replay, speed)) for speed in _SPEEDS]),
             ("export", [(f"{k} …", partial(self._ask_save, v, self.model.export)) for k, v in EXPORTS.items()]),
         ):
             menu = QMenu(buttons[key])
@@ -192,7 +192,7 @@ class RunsPage(QWidget):
         self.details = widgets.label("", "small", name="Details of the chosen recordings", wrap=True)
         lines = 2 * QFontMetrics(style.small_font()).lineSpacing()
         self.details.setMinimumHeight(lines)  # a splitter gives a card no height for what wraps in it
-        kinds = " ".join(ending[1:] for ending in TABLES)
+        kinds = " ".join(ending[1:] for ending in TABLE_SUFFIXES)
         ask = partial(ask_open, self, self.services, "Import a table", kinds, self.services.open)
         self.import_ = widgets.button("Import CSV …", ask, tip="A table of another program, as a recording")
         find = widgets.row((self.search, 1), (where, 1), self.folder, self.import_)
@@ -230,13 +230,13 @@ class RunsPage(QWidget):
 
     def _share_columns(self) -> None:
         """Hide columns until the name of the file fits: their content is also under the list, for the chosen line."""
-        header, last = self.list.horizontalHeader(), len(HEADINGS) - 1
+        header, last = self.list.horizontalHeader(), len(RUN_HEADINGS) - 1
         for heading in OPTIONAL:
-            self.list.setColumnHidden(HEADINGS.index(heading), False)  # a hidden column has no width
+            self.list.setColumnHidden(RUN_HEADINGS.index(heading), False)  # a hidden column has no width
         needed = {k: max(self.list.sizeHintForColumn(k), header.sectionSizeHint(k)) for k in range(1, last)}
         file_width = style.text_width(self.list.font(), USUAL_NAME) + 2 * style.STEP  # in whichever font there is
         available = self.list.viewport().width() - self.list.columnWidth(0) - file_width
-        for column in map(HEADINGS.index, OPTIONAL):
+        for column in map(RUN_HEADINGS.index, OPTIONAL):
             hidden = sum(needed.values()) > available
             self.list.setColumnHidden(column, hidden)
             if hidden:

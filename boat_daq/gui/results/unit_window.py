@@ -13,23 +13,23 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.results.unit_over_time import HEADINGS, UnitOverTimeModel, unit_rows
+from boat_daq.viewmodels.results.unit_over_time import HISTORY_HEADINGS, UnitOverTimeModel, unit_rows
 from boat_daq.workflows.unit_history import UnitOverTime
 from protocol.base.arrays import FloatArray
 
-REFRESH_MS = 200
-SIZE = (1000, 720)
+_REFRESH_MS = 200
+_SIZE = (1000, 720)
 LEAST_SHARE = 0.05  # of the values: less is not spread over the whole height
 FINDING = 5  # column that takes the remaining width
-CURVES = "Calibration curves"
+CURVES_TITLE = "Calibration curves"
 DIFFERENCES = "Difference from the first"
 COEFFICIENT = "Coefficient b\u2081"
-UNCERTAINTY = "Uncertainty of an elongation"
+UNCERTAINTY_TITLE = "Uncertainty of an elongation"
 EXPLANATIONS = {
-    CURVES: "The curve of each accepted calibration; the newest is the lightest",
+    CURVES_TITLE: "The curve of each accepted calibration; the newest is the lightest",
     DIFFERENCES: "Each curve less the first one, where both are",
     COEFFICIENT: "Slope of the curve at 0 mm; surface: its expanded uncertainty, k = 2",
-    UNCERTAINTY: "U of one reading at the check point, k = 2",
+    UNCERTAINTY_TITLE: "U of one reading at the check point, k = 2",
 }
 
 
@@ -49,14 +49,14 @@ class UnitWindow(QDialog):
         self.setModal(False)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         available = self.screen().availableSize()
-        self.resize(min(SIZE[0], available.width()), min(SIZE[1], available.height()))
+        self.resize(min(_SIZE[0], available.width()), min(_SIZE[1], available.height()))
         self.cards = {title: PlotCard(title, text) for title, text in EXPLANATIONS.items()}
-        for title, unit in ((CURVES, "mV"), (DIFFERENCES, "mV")):
+        for title, unit in ((CURVES_TITLE, "mV"), (DIFFERENCES, "mV")):
             self.cards[title].add(
-                "Signal" if title == CURVES else "Difference", unit, x_title="Elongation", x_unit="mm"
+                "Signal" if title == CURVES_TITLE else "Difference", unit, x_title="Elongation", x_unit="mm"
             )
         self.cards[COEFFICIENT].add("b\u2081", "mV/mm", x_title="Since the first", x_unit="d")
-        self.cards[UNCERTAINTY].add("U, k = 2", "\u00b5m", x_title="Since the first", x_unit="d")
+        self.cards[UNCERTAINTY_TITLE].add("U, k = 2", "\u00b5m", x_title="Since the first", x_unit="d")
         grid = QGridLayout()
         grid.setSpacing(style.GAP)
         for place, card in enumerate(self.cards.values()):
@@ -66,7 +66,7 @@ class UnitWindow(QDialog):
             grid.addWidget(card, place // 2, place % 2)
         self.due = widgets.label("Reading the calibrations \u2026", "subtitle", wrap=True, name="When it is due again")
         self.sensor = widgets.choice("Sensor of the curves", (("Sensor 1", 0),), self._draw_curves)
-        self.table = DataTable("Calibrations of the unit", HEADINGS, stretched=FINDING, right=(2, 3, 4))
+        self.table = DataTable("Calibrations of the unit", HISTORY_HEADINGS, stretched=FINDING, right=(2, 3, 4))
         self.save = widgets.button("Report \u2026", self._report, tip="Save it as PDF or HTML")
         self.save.setEnabled(False)
         buttons = widgets.row(widgets.button("Close", self.close), None, self.save)
@@ -75,7 +75,7 @@ class UnitWindow(QDialog):
         head = widgets.row(self.simulated, (self.due, 1), self.sensor)
         parts = (head, (widgets.holder(grid), 3), (self.table, 1), buttons)
         self.setLayout(widgets.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
-        self.startTimer(REFRESH_MS)
+        self.startTimer(_REFRESH_MS)
 
     def timerEvent(self, event: QTimerEvent | None = None) -> None:
         """Show the calibrations once they are read."""
@@ -106,7 +106,7 @@ class UnitWindow(QDialog):
         if self._shown is None or sensor is None or not 0 <= sensor < len(self._shown.histories):
             return
         curves = self._shown.histories[sensor].curves
-        for title in (CURVES, DIFFERENCES):
+        for title in (CURVES_TITLE, DIFFERENCES):
             card, plot = self.cards[title], self.cards[title].plots[0]
             plot.clear()
             lines = [layer for layer in plot.layers if isinstance(layer, Curve)]
@@ -114,13 +114,13 @@ class UnitWindow(QDialog):
                 lines.append(plot.curve(f"Calibration {k + 1}", ramp_colour(k, len(curves))))
                 lines[-1].paint(card.theme)
             for line, curve in zip(lines, curves, strict=False):
-                line.set(*(curve.T if title == CURVES else _less(curve, curves[0])))
+                line.set(*(curve.T if title == CURVES_TITLE else _less(curve, curves[0])))
             plot.fit()
 
     def _draw_times(self) -> None:
         """Draw b1 and U of every sensor over the days since its first calibration."""
         assert self._shown is not None
-        slope, spread = self.cards[COEFFICIENT].plots[0], self.cards[UNCERTAINTY].plots[0]
+        slope, spread = self.cards[COEFFICIENT].plots[0], self.cards[UNCERTAINTY_TITLE].plots[0]
         for sensor, history in enumerate(self._shown.histories):
             days, colour, name = self._shown.days(sensor), sensor_colour(sensor + 1), f"Sensor {sensor + 1}"
             if history.coefficients.shape[1] > 1:

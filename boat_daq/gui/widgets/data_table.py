@@ -13,8 +13,8 @@ from boat_daq.gui.widgets.controls import as_words
 
 Cell = str | tuple[str, str]
 """A text, or a text with its tooltip."""
-LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
-RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+_LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
+_RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 
 
 class DataTable(QTableWidget):
@@ -34,7 +34,7 @@ class DataTable(QTableWidget):
         self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.setTabKeyNavigation(False)  # Tab goes to the next control, the arrows through the rows
         self.setWordWrap(False)
-        self.horizontalHeader().setDefaultAlignment(LEFT)
+        self.horizontalHeader().setDefaultAlignment(_LEFT)
         self.set_headings(headings, stretched=stretched, right=right)
 
     def set_headings(self, headings: Sequence[str], *, stretched: int = -1, right: Sequence[int] = ()) -> None:
@@ -43,7 +43,7 @@ class DataTable(QTableWidget):
         self.setHorizontalHeaderLabels(list(headings))
         self._right = frozenset(right)
         for column in right:
-            self._set_header(column, RIGHT, Qt.ItemDataRole.TextAlignmentRole)
+            self._set_header(column, _RIGHT, Qt.ItemDataRole.TextAlignmentRole)
         header = self.horizontalHeader()
         header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         if headings:
@@ -71,7 +71,7 @@ class DataTable(QTableWidget):
                 text, tip = (cell, tips[i] if tips else "") if isinstance(cell, str) else cell
                 item = QTableWidgetItem(text)
                 item.setToolTip(as_words(tip))
-                item.setTextAlignment(RIGHT if k in self._right else LEFT)
+                item.setTextAlignment(_RIGHT if k in self._right else _LEFT)
                 self.setItem(i, k, item)
 
 

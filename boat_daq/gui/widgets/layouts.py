@@ -12,7 +12,7 @@ from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.preferences import Preferences
 
-NONE = (0, 0, 0, 0)
+_NONE = (0, 0, 0, 0)
 
 
 class PageScroll(QScrollArea):
@@ -73,7 +73,7 @@ class Leaves(QWidget):
     def __init__(self, *leaves: QWidget) -> None:
         super().__init__()
         self._leaves: list[QWidget] = []
-        self._inside = widgets.column(margins=NONE)
+        self._inside = widgets.column(margins=_NONE)
         self.setLayout(self._inside)
         for leaf in leaves:
             self.addWidget(leaf)
@@ -271,7 +271,7 @@ class EmptyState(QWidget):
         frame.setFixedWidth(style.FORM_WIDTH)
         inside.setContentsMargins(*(6 * style.STEP,) * 4)
         inside.setSpacing(style.CARD_PADDING)
-        layout = widgets.column(frame, margins=NONE)
+        layout = widgets.column(frame, margins=_NONE)
         layout.setAlignment(frame, Qt.AlignmentFlag.AlignCenter)
         self.setLayout(layout)
         self.button.setVisible(bool(action))

@@ -11,7 +11,7 @@ from boat_daq.gui import style
 from boat_daq.gui.widgets.data_table import Cell, DataTable
 
 CELL_MARGIN = 2 * style.GAP  # of both sides
-HIGHEST = 1000
+_HIGHEST = 1000
 
 
 class WrappedTable(DataTable):
@@ -41,6 +41,6 @@ class WrappedTable(DataTable):
             self.setRowHeight(row, max(self._height(row, column) for column in self._stretched) + style.GAP)
 
     def _height(self, row: int, column: int) -> int:
-        item, around = self.item(row, column), QRect(0, 0, self.columnWidth(column) - CELL_MARGIN, HIGHEST)
+        item, around = self.item(row, column), QRect(0, 0, self.columnWidth(column) - CELL_MARGIN, _HIGHEST)
         text = item.text() if item is not None else ""
         return self.fontMetrics().boundingRect(around, Qt.TextFlag.TextWordWrap, text or " ").height()

@@ -10,7 +10,7 @@ from boat_daq.engine.toml_values import parse_toml, read_text
 from protocol.base.errors import RequestError
 from protocol.recording import SUFFIX
 
-TABLES = (".csv", ".tsv", ".txt", ".dat")
+TABLE_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
 OPENED = "Open a recording (.boat), a table (.csv), or a plan or a profile (.toml)."
 
 
@@ -30,7 +30,7 @@ def kind_of(path: Path) -> FileKind:
     suffix = path.suffix.lower()
     if suffix == SUFFIX:
         return FileKind.RECORDING
-    if suffix in TABLES:
+    if suffix in TABLE_SUFFIXES:
         return FileKind.TABLE
     if suffix == ".toml":
         content = parse_toml(read_text(path), path.name)

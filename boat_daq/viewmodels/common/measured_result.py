@@ -12,7 +12,7 @@ from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from protocol.base.errors import RequestError
 from protocol.base.whole_file import write_whole
 
-MAX_BYTES = 4_000_000  # a hundred times the largest
+RESULT_MAX_BYTES = 4_000_000  # a hundred times the largest
 
 
 class MeasuredResult(ABC):
@@ -32,7 +32,7 @@ class MeasuredResult(ABC):
         self.revision = 0
         try:
             if path.exists():
-                self.take(read_json(path, MAX_BYTES))
+                self.take(read_json(path, RESULT_MAX_BYTES))
         except RequestError:
             self.problem = f"the last {self.noun} could not be read; {self.again}"
 

@@ -23,7 +23,7 @@ from protocol.base.errors import cause_and_remedy
 Offer = tuple[str, Callable[[], None]]
 """Label and function of a button."""
 INFORMATION_S, SAVED_S = 6.0, 30.0
-KEPT = 200
+_KEPT = 200
 
 
 class Severity(IntEnum):
@@ -35,7 +35,7 @@ class Severity(IntEnum):
 
 
 DOWN = (LinkState.OPENING, LinkState.FAILED, LinkState.SILENT, LinkState.LOST)
-LEVELS = {"info": Severity.INFORMATION, "warning": Severity.WARNING, "error": Severity.FAULT}
+_LEVELS = {"info": Severity.INFORMATION, "warning": Severity.WARNING, "error": Severity.FAULT}
 TITLES = ("\u25cf  Note", "\u25b2  Attention", "\u25a0  Fault")  # by severity
 
 
@@ -97,7 +97,7 @@ class Notices:
         time = datetime.now().astimezone().strftime("%H:%M:%S")
         notice = Notice(severity, cause, remedy, details, action_text, run, self._clock(), time, saved)
         self._open = [*(other for other in self._open if other.cause != cause), notice]
-        self.history = [*self.history[-KEPT + 1 :], notice]
+        self.history = [*self.history[-_KEPT + 1 :], notice]
         return notice
 
     def inform(self, cause: str) -> None:
@@ -167,7 +167,7 @@ class SessionMessages:
                 continue
             self._last = message.number
             over = message.kind is MessageKind.SILENT and connected  # data arrive again
-            level = Severity.INFORMATION if over else LEVELS.get(message.level, Severity.WARNING)
+            level = Severity.INFORMATION if over else _LEVELS.get(message.level, Severity.WARNING)
             notice = self._notices.add(level, message.cause, "" if over else message.remedy)
             if snapshot.link in DOWN:
                 self._of_link.append(notice)

@@ -20,15 +20,15 @@ from protocol.base.units import CHOICES, STORED_UNITS, ShownUnits
 from protocol.base.whole_file import write_whole
 
 LENGTHS_MM = (1.0, 10_000.0)  # of an actuator at rest
-NAME = "window.json"
-DEFAULT: Level = "normal"
+_NAME = "window.json"
+_DEFAULT: Level = "normal"
 
 
 class Preferences:
     """Values by key."""
 
     def __init__(self, folder: Path, report: Callable[[str, str], object] = lambda cause, remedy: None) -> None:
-        self.path = folder / NAME
+        self.path = folder / _NAME
         self._report: Callable[[str, str], object] | None = report
         self._values: dict[str, Any] = self._load()
         self._unsaved: set[str] = set()
@@ -119,8 +119,8 @@ class Precision:
     @property
     def level(self) -> Level:
         """Return the level in use."""
-        kept = self._preferences.get("fidelity", DEFAULT)
-        return next((level for level in LEVELS if level == kept), DEFAULT)
+        kept = self._preferences.get("fidelity", _DEFAULT)
+        return next((level for level in LEVELS if level == kept), _DEFAULT)
 
     def choose(self, level: Level) -> None:
         """Compute at `level` from now on; results shown stay until they are computed again."""

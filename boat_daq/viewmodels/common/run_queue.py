@@ -21,7 +21,7 @@ from boat_daq.viewmodels.common.services import Services
 from protocol.base.errors import RequestError
 from protocol.recording import RunEnd
 
-OVER = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
+_OVER = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
 
 
 class Runner(Protocol):
@@ -77,7 +77,7 @@ class RunQueue:
         seen = self._run.snapshot
         if self.active:
             raise RequestError("a queue is in progress", "Stop it first.")
-        if seen.link is not LinkState.UP or seen.state not in OVER:
+        if seen.link is not LinkState.UP or seen.state not in _OVER:
             raise RequestError("a queue begins with a connected board and no run", "Connect a board, or stop the run.")
         self._runs, self._next = list(runs), 0
         self._await()
@@ -92,9 +92,9 @@ class RunQueue:
         if not self.active:
             return
         if self._under_way:
-            if snapshot.state in OVER and snapshot.run_ended is not None:
+            if snapshot.state in _OVER and snapshot.run_ended is not None:
                 self._finished(snapshot)
-        elif self._clock() >= self._due_s and snapshot.link is LinkState.UP and snapshot.state in OVER:
+        elif self._clock() >= self._due_s and snapshot.link is LinkState.UP and snapshot.state in _OVER:
             self._begin(snapshot)
 
     def _begin(self, snapshot: SessionSnapshot) -> None:

@@ -28,10 +28,10 @@ from protocol.text.proposal import ENOUGH, Proposal, ProposedField, propose_any
 RAW_LINES, RAW_BYTES, RAW_MAX = 10, 16, 200  # lines shown; bytes and characters of one
 PREVIEW_BYTES = 60_000  # the newest, that the preview decodes
 PREVIEW_ROWS = 4
-SETTLED_S = 4.0  # of listening, after which the proposal stays: the operator reads it
+_SETTLED_S = 4.0  # of listening, after which the proposal stays: the operator reads it
 AGAIN_BYTES = 300  # more than before, for another proposal of a board that has only begun to print
 MEANINGS = ("time", "index", "pressure")
-PARTS = {"signal": "Sensor {n}", "lit": "Sensor {n}, lit", "dark": "Sensor {n}, dark"}
+_PARTS = {"signal": "Sensor {n}", "lit": "Sensor {n}, lit", "dark": "Sensor {n}, dark"}
 LEFT_OUT = "_"
 COMMAND_LABELS = {
     "set_pressure": "Set the pressure", "vent": "Vent", "start": "Start sampling", "stop": "Stop sampling",
@@ -45,7 +45,7 @@ DEVICE = {  # key -> label, unit
 
 def meaning_choices() -> list[tuple[str, str]]:
     """Return the meanings of a field as (text, name in the profile); any other text names an extra channel."""
-    sensors = [(text.format(n=n), f"s{n}_{part}") for n in range(1, 5) for part, text in PARTS.items()]
+    sensors = [(text.format(n=n), f"s{n}_{part}") for n in range(1, 5) for part, text in _PARTS.items()]
     return [*((name.capitalize(), name) for name in MEANINGS), *sensors, ("left out", LEFT_OUT)]
 
 
@@ -113,7 +113,7 @@ class BoardProfile:
             raise error
         self._data, self._seconds = self._listener.heard()
         new = len(self._data) - self._proposed_from
-        settled = self.proposal is not None and self._seconds > SETTLED_S
+        settled = self.proposal is not None and self._seconds > _SETTLED_S
         if not (self._edited or settled) and new > max(AGAIN_BYTES, 0.2 * self._proposed_from):
             self._propose()
 

@@ -14,7 +14,7 @@ from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.workflows.camera_tracking import CameraChoice, open_channel
 from protocol.base.errors import RequestError
 
-SOURCE, MARK = "camera_source", "camera_mark_mm"
+_SOURCE, MARK = "camera_source", "camera_mark_mm"
 LEARNING = "learning"
 
 
@@ -39,7 +39,7 @@ class CameraModel:
     @property
     def source(self) -> str:
         """The source last used."""
-        return str(self._preferences.get(SOURCE, "0"))
+        return str(self._preferences.get(_SOURCE, "0"))
 
     @property
     def mark(self) -> str:
@@ -61,7 +61,7 @@ class CameraModel:
         choice = CameraChoice(source.strip(), mark_mm, unit=unit)
         self.close()
         self.channel = open_channel(self._session, choice)
-        self._preferences.set(SOURCE, source.strip())
+        self._preferences.set(_SOURCE, source.strip())
         self._preferences.set(MARK, mark.strip())
 
     def save_marks(self, path: Path, mark: str) -> None:

@@ -11,13 +11,13 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from analysis.stopping.requirement import EXAMPLES, UNITS, check_asked
+from analysis.stopping.requirement import EXAMPLES, UNIT_OF_REQUIREMENT, check_asked
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.formatting import duration, plain_number
 from boat_daq.viewmodels.common.notices import Notices, sentence
 from boat_daq.viewmodels.common.services import Change, Services
-from boat_daq.workflows.end_at_uncertainty import ENOUGH, EnoughCycles, assess_end
+from boat_daq.workflows.end_at_uncertainty import ASSESSING, EnoughCycles, assess_end
 from boat_daq.workflows.jobs import Job, JobState
 from protocol.base.errors import RequestError
 
@@ -60,7 +60,7 @@ class EndAt:
         self._preferences, self._undo = services.preferences, services.undo
         self.revision = 0
         kept = self._preferences.get(KEY, {})
-        for unit in UNITS.values():
+        for unit in UNIT_OF_REQUIREMENT.values():
             value = kept.get(unit)
             if isinstance(value, int | float) and 0.0 < value < math.inf:
                 enough.ask(float(value), unit)
@@ -68,7 +68,7 @@ class EndAt:
     @property
     def unit(self) -> str:
         """Return the unit for the chosen plan; empty where its kind runs all cycles."""
-        return UNITS.get(self._sequence.plan.kind, "")
+        return UNIT_OF_REQUIREMENT.get(self._sequence.plan.kind, "")
 
     @property
     def text(self) -> str:
@@ -155,7 +155,7 @@ class EndReport:
         if asked is None:
             return
         self.close()
-        self._job, self._name = Job(ENOUGH, assess_end, recording, *asked, plan.cycles), recording.name
+        self._job, self._name = Job(ASSESSING, assess_end, recording, *asked, plan.cycles), recording.name
         self.text = "Assessing the uncertainty of all cycles \u2026" if shown else ""
 
     def _take(self, job: Job, *, shown: bool) -> None:

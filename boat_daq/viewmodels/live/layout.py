@@ -18,9 +18,9 @@ from protocol.base.errors import RequestError
 from protocol.base.units import find_unit
 
 ELONGATION, PRESSURE, CAMERA = "elongation_mm", "pressure_kpa", "camera_mm"
-UNIT = {ELONGATION: "mm", PRESSURE: "kPa", CAMERA: "mm"}
+_UNIT = {ELONGATION: "mm", PRESSURE: "kPa", CAMERA: "mm"}
 NAME_MOST = 40  # characters of the name of a layout
-KEY = "layouts"  # of the preferences: unit -> name -> layout; the one in use has an empty name
+_KEY = "layouts"  # of the preferences: unit -> name -> layout; the one in use has an empty name
 
 Rows = tuple[tuple[str, ...], ...]
 
@@ -44,7 +44,7 @@ def title(quantity: str) -> str:
     """Return the name of a quantity as the plots show it; of an extra channel its column."""
     if is_difference(quantity):
         return f"Sensor {quantity[1]} less predicted"
-    if quantity in UNIT:
+    if quantity in _UNIT:
         return quantity.rpartition("_")[0].capitalize()
     return f"Sensor {quantity[1:-3]}" if is_signal(quantity) else quantity
 
@@ -54,7 +54,7 @@ def unit(quantity: str) -> str:
     tail = quantity.rpartition("_")[2]
     if is_signal(quantity) or is_difference(quantity):
         return "mV"
-    return UNIT.get(quantity) or (tail if find_unit(tail) else quantity)
+    return _UNIT.get(quantity) or (tail if find_unit(tail) else quantity)
 
 
 def titles(quantities: Sequence[str], name: Callable[[str], str] = title) -> str:
@@ -227,7 +227,7 @@ class Layouts:
     def names(self) -> list[tuple[str, tuple[str, str]]]:
         """Return the saved layouts as (text, (unit, name)): those of this unit first, others with their unit."""
         here = self._unit()
-        units = sorted(self._preferences.get(KEY, {}), key=lambda unit: (unit != here, unit))
+        units = sorted(self._preferences.get(_KEY, {}), key=lambda unit: (unit != here, unit))
         found = ((unit, name) for unit in units for name in sorted(self._stored(unit)) if name)
         return [(name if unit == here else f"{unit}: {name}", (unit, name)) for unit, name in found]
 
@@ -254,7 +254,7 @@ class Layouts:
         self._write(unit, name, None)
 
     def _stored(self, unit: str) -> dict[str, Layout]:
-        kept = self._preferences.get(KEY, {}).get(unit, {})
+        kept = self._preferences.get(_KEY, {}).get(unit, {})
         read = {name: layout_of(stored) for name, stored in kept.items()} if isinstance(kept, dict) else {}
         return {name: layout for name, layout in read.items() if layout is not None}
 
@@ -265,4 +265,4 @@ class Layouts:
             rest = {other: one for other, one in mine.items() if other != name} if isinstance(mine, dict) else {}
             return {**kept, unit: rest if layout is None else {**rest, name: asdict(layout)}}
 
-        self._preferences.change(KEY, changed)
+        self._preferences.change(_KEY, changed)

@@ -35,12 +35,12 @@ WINDOWS_S = (10.0, 30.0, 60.0, 120.0, 300.0, 900.0, 3600.0, math.inf)
 HEADLINE_S = 0.2  # a value is the mean over this time, so that it is legible
 HOLE_S = 1.0  # without a sample: a disconnected board, not a lost frame
 PIXELS_A_FRAME = 0.6  # a smaller motion need not be drawn
-FASTEST_MS, CALM_MS, REST_MS = 16, 40, 250
+FASTEST_MS, _CALM_MS, REST_MS = 16, 40, 250
 FRAMES_SHARE = 0.2  # of a core, that frames may take: where each costs more, fewer are drawn
 CYCLES_KEPT, CYCLE_POINTS = 5, 1200  # of the overlay
 RECENT = 200  # samples among which a channel has a value, or is taken for text
 CHANNEL_DECIMALS = 2
-CURVE_POINTS = 2000  # of a signal against pressure, at most
+_CURVE_POINTS = 2000  # of a signal against pressure, at most
 
 
 Inverse = Callable[[FloatArray], LiveElongation]  # [n, sensors] mV -> elongation
@@ -92,7 +92,7 @@ class Span:
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """Return the row as text, in the order of `HEADINGS`."""
+        """Return the row as text, in the order of `STATISTICS_HEADINGS`."""
         d = self.decimals
         return (
             f"{self.name} ({self.unit})", number(self.mean, d), number(self.sd, d + 1), number(self.low, d),
@@ -102,7 +102,7 @@ class Span:
 
 
 HEADINGS_SHORT = ("mean", "sd", "min", "max", "B \u2212 A", "slope/s", "SNR, dB")
-HEADINGS = ("", "mean", "sd", "min", "max", "B \u2212 A", "slope per s", "SNR (mean / sd)")
+STATISTICS_HEADINGS = ("", "mean", "sd", "min", "max", "B \u2212 A", "slope per s", "SNR (mean / sd)")
 
 
 _SIGNAL = re.compile(r"s\d_mv")
@@ -216,7 +216,7 @@ class LiveModel:
         ring = self.ring()
         if ring is None or not self.has_data():
             return {}
-        points = ring.draw(*self.span_s(), max_points=2 * CURVE_POINTS)
+        points = ring.draw(*self.span_s(), max_points=2 * _CURVE_POINTS)
         pairs = points["time_s"].size // 2
         # minima and maxima take turns: their mean belongs to the stretch, the two of one column do not
         columns = {name: 0.5 * (v[: 2 * pairs : 2] + v[1 : 2 * pairs : 2]) for name, v in points.items()}
@@ -320,7 +320,7 @@ class LiveModel:
             return REST_MS
         low, high = self.span_s()
         moves_ms = 1000 * PIXELS_A_FRAME * (high - low) / max(width, 1)
-        return int(min(CALM_MS, max(FASTEST_MS, moves_ms, cost_ms / FRAMES_SHARE)))
+        return int(min(_CALM_MS, max(FASTEST_MS, moves_ms, cost_ms / FRAMES_SHARE)))
 
     def ranges(self, frame: PlotFrame, now_s: float) -> dict[str, tuple[float, float]]:
         """Return the vertical range of each column; constant while the data stay inside."""

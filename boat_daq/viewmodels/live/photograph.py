@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, replace
 
 Point = tuple[float, float]
-STEPS = (
+_STEPS = (
     "Click a line of the grid near the base.",
     "Click a second line further along, towards the tip.",
     "Click the tip where it was at rest (0 kPa).",
@@ -55,7 +55,7 @@ class Photograph:
     @property
     def instruction(self) -> str:
         """Return what to click next."""
-        return STEPS[len(self.clicks)]
+        return _STEPS[len(self.clicks)]
 
     @property
     def mm_per_pixel(self) -> float | None:

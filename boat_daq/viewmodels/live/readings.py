@@ -96,7 +96,7 @@ class Row:
         )
 
 
-HEADINGS = ("Cycle", "Branch", "kPa", "mm", "Remark")
+READING_HEADINGS = ("Cycle", "Branch", "kPa", "mm", "Remark")
 
 
 def place(at: StepMark | ReadingRequest | Progress) -> str:

@@ -13,7 +13,7 @@ from boat_daq.formatting import duration, size_text
 from boat_daq.viewmodels.live.run_model import UNDER_WAY, RunModel
 from protocol.base.errors import BoatDaqError
 
-LOOK_S = 1.0
+_LOOK_S = 1.0
 LITTLE_SPACE = 1e9  # bytes
 RECORD, STOP = "Record", "Stop"
 
@@ -73,7 +73,7 @@ class RecordingStatus:
         """Return the name that a recording begun now would have, where the settings have a template of it."""
         if not self._run.session.settings.file_name:
             return ""
-        if self._clock() - self._named[1] >= LOOK_S:
+        if self._clock() - self._named[1] >= _LOOK_S:
             try:
                 name = self._run.next_recording().name
             except BoatDaqError as error:
@@ -84,7 +84,7 @@ class RecordingStatus:
     def _look(self, path: Path) -> None:
         """Look at size and disk where it is due."""
         before, at_s = self._looked
-        if path == before and self._clock() - at_s < LOOK_S:
+        if path == before and self._clock() - at_s < _LOOK_S:
             return
         self._looked = (path, self._clock())
         files = (path, path.with_name(f"{path.name}-wal"))

@@ -38,8 +38,8 @@ class Entry:
     help: str
 
 
-WHOLE = ("cycles",)  # entries that are whole numbers
-ENTRIES = (
+_WHOLE = ("cycles",)  # entries that are whole numbers
+PLAN_ENTRIES = (
     Entry("cycles", "Cycles", "", "Complete cycles, each from the highest pressure to the lowest and back."),
     Entry("high_kpa", "Highest", "kPa", "Pressure at which every cycle begins and ends."),
     Entry("low_kpa", "Lowest", "kPa", "Pressure at which every cycle turns."),
@@ -52,7 +52,7 @@ ENTRIES = (
 )
 
 S = SessionState
-STATES = {  # shape, text, buttons
+STATE_TEXTS = {  # shape, text, buttons
     S.IDLE: ("\u25cb", "Idle", ("arm",)),
     S.ARMED: ("\u25d4", "Armed", ("start", "disarm")),
     S.RUNNING: ("\u25b6", "Running", ("pause", "stop")),
@@ -216,18 +216,18 @@ class SequenceModel:
 
     def edit(self, key: str, text: str) -> str:
         """Set one field from text; return why it is invalid, or "". The next entry tries an invalid one again."""
-        entry = next(e for e in ENTRIES if e.key == key)
+        entry = next(e for e in PLAN_ENTRIES if e.key == key)
         try:
             value = plain_number(text)
         except ValueError:
             return self._refuse(key, f"{entry.label}: {text!r} is not a number")
-        if key in WHOLE and value != int(value):
+        if key in _WHOLE and value != int(value):
             return self._refuse(key, f"{entry.label}: a whole number is required")
         self.refused.pop(key, None)
         self._typed.pop(key, None)
         if value == getattr(self.plan, key):
             return ""
-        number_typed = int(value) if key in WHOLE else value
+        number_typed = int(value) if key in _WHOLE else value
         alone = {key: number_typed}
         for changed in (self._typed | alone, alone):
             try:
@@ -260,7 +260,7 @@ class SequenceModel:
 
     def allowed(self, snapshot: SessionSnapshot) -> tuple[str, ...]:
         """Return the buttons that may be pressed."""
-        return STATES[snapshot.state][2] if snapshot.can_command else ()
+        return STATE_TEXTS[snapshot.state][2] if snapshot.can_command else ()
 
     def needs_readings(self, snapshot: SessionSnapshot) -> bool:
         """Return whether the current run waits for readings at its plateaus."""
@@ -321,7 +321,7 @@ def elongation_text(snapshot: SessionSnapshot) -> str:
 
 def _in_terms_of_form(text: str) -> str:
     """Return an error of the plan with the labels of the form for its keys, as a sentence."""
-    for entry in ENTRIES:
+    for entry in PLAN_ENTRIES:
         text = text.replace(f"'{entry.key}'", entry.label).replace(entry.key, entry.label)
     text = text.replace("'window_s'", "the steadiness window").replace("window_s", "the steadiness window")
     return text[:1].upper() + text[1:]
@@ -329,7 +329,7 @@ def _in_terms_of_form(text: str) -> str:
 
 def state_text(snapshot: SessionSnapshot) -> str:
     """Return the run's state with its shape, e.g. `Running`."""
-    return " ".join(STATES[snapshot.state][:2])
+    return " ".join(STATE_TEXTS[snapshot.state][:2])
 
 
 def progress_text(snapshot: SessionSnapshot, leave_out: int = 0) -> str:

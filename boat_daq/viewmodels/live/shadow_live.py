@@ -34,12 +34,12 @@ if TYPE_CHECKING:
 THINNED_TO = 4000  # samples suffice for the figures of a cycle
 LEAST_SAMPLES = 10  # of a cycle
 FIRST_CYCLES = 5
-MISSING = object()
-LEVELS = 24  # of colour
+_MISSING = object()
+COLOUR_LEVELS = 24  # of colour
 SCALES = {"displacement": (4.0, "mm", 1.0), "strain": (20.0, "%", 100.0)}  # full scale, unit, factor
-LENGTH_MM, RADIUS_MM = 75.0, 25.0
+_LENGTH_MM, RADIUS_MM = 75.0, 25.0
 PRESSURES_KPA = (-45.0, 55.0)
-TRACE_S, TRACE_POINTS = 60.0, 1200
+TRACE_S, _TRACE_POINTS = 60.0, 1200
 SEEN_KPA, SEEN_MM = 0.1, 0.02  # visible steps of pressure and elongation
 CANCELLED = "not prepared: cancelled. Open the Shadow page again to prepare it."
 
@@ -86,7 +86,7 @@ class Moment:
         return _step(self.pressure, SEEN_KPA), _step(self.measured, SEEN_MM)
 
 
-REST = np.array([[-RADIUS_MM, 0.0], [RADIUS_MM, 0.0], [RADIUS_MM, LENGTH_MM], [-RADIUS_MM, LENGTH_MM]])
+REST_OUTLINE = np.array([[-RADIUS_MM, 0.0], [RADIUS_MM, 0.0], [RADIUS_MM, _LENGTH_MM], [-RADIUS_MM, _LENGTH_MM]])
 NOTHING_DRAWN = (np.zeros((0, 4, 2)), np.zeros(0, np.int64), np.zeros((0, 0, 2)), np.zeros((0, 2)))
 
 
@@ -188,7 +188,7 @@ class ShadowLive:
         columns = ring.view(self._live.now_s() - TRACE_S)
         pressure, mm = columns["pressure_kpa"], inverse(signals(columns)).mm
         # block means: the extremes that time plots draw are not simultaneous
-        size = max(1, mm.size // TRACE_POINTS)
+        size = max(1, mm.size // _TRACE_POINTS)
         whole = mm.size // size * size
         return pressure[:whole].reshape(-1, size).mean(axis=1), mm[:whole].reshape(-1, size).mean(axis=1)
 
@@ -216,10 +216,10 @@ class ShadowLive:
     def _draw(self, now: Moment) -> ShadowPicture:
         place = self._place(now)
         if place is None or self.model is None:
-            return ShadowPicture(REST, *NOTHING_DRAWN, math.nan, now.measured)
+            return ShadowPicture(REST_OUTLINE, *NOTHING_DRAWN, math.nan, now.measured)
         state = self.model.state(pressure_kpa=place[0], elongation_mm=place[1])
         return ShadowPicture(
-            REST,
+            REST_OUTLINE,
             *self._elements(state),
             state.centrelines_mm,
             state.tracked_points_mm.reshape(-1, 2),
@@ -270,7 +270,7 @@ class ShadowLive:
         full, _, factor = SCALES[self.quantity]
         nodal = state.displacement_mm if self.quantity == "displacement" else state.strain
         values = nodal[quads].mean(axis=1) * factor
-        levels = np.clip((values / full * LEVELS).astype(np.int64), 0, LEVELS - 1)
+        levels = np.clip((values / full * COLOUR_LEVELS).astype(np.int64), 0, COLOUR_LEVELS - 1)
         return np.concatenate([half, half * [-1.0, 1.0]]), np.concatenate([levels, levels])
 
     def lines(self) -> tuple[tuple[str, str, str], ...]:
@@ -356,7 +356,7 @@ class ShadowMonitor:
         self._reducing: Background[tuple[CycleMark, list[Alarm], dict[str, float]]] = Background("monitor")
         self._monitor: Any = None
         self._taken: set[int] = set()
-        self._run: object = MISSING
+        self._run: object = _MISSING
         self.marks: list[CycleMark] = []
         self.alarms: list[Alarm] = []
         self._sight: dict[str, float] = {}  # least lasting shift of each figure that would raise an alarm

@@ -18,9 +18,9 @@ from boat_daq.workflows.jobs import Background
 from boat_daq.workflows.live_conversion import Conversion, prepare
 from boat_daq.workflows.unit_control import regulator_of
 
-LASTING_S = 3.0
-EVERY_S = 0.5
-NONE = "none"
+_LASTING_S = 3.0
+_EVERY_S = 0.5
+_NONE = "none"
 TEXTS = {  # cause and remedy
     "mechanics": (
         "the elongation does not fit the pressure: both sensors agree on another one",
@@ -101,18 +101,18 @@ class DisagreementWatch:
     def __init__(self, live: LiveModel) -> None:
         self._live = live
         self._next_s = 0.0
-        self._word, self._since_s, self._reported = NONE, 0.0, NONE
+        self._word, self._since_s, self._reported = _NONE, 0.0, _NONE
 
     def follow(self, *, connected: bool) -> tuple[str, str] | None:
         """Return cause and remedy where something has begun to disagree for good; None otherwise."""
         now_s = monotonic()
         if now_s < self._next_s or self._live.prediction is None or not connected:
             return None
-        self._next_s = now_s + EVERY_S
+        self._next_s = now_s + _EVERY_S
         word = self._live.disagreement()
         if word != self._word:
             self._word, self._since_s = word, now_s
-        if now_s - self._since_s < LASTING_S or word == self._reported:
+        if now_s - self._since_s < _LASTING_S or word == self._reported:
             return None
         self._reported = word
         return TEXTS.get(word)

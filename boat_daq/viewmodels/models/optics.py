@@ -35,10 +35,10 @@ if TYPE_CHECKING:
 
 Values = tuple[int, float, float, float]
 """Cavities, width, depth, spacing (mm) of a design."""
-GAP = np.full((1, 2), np.nan)
+_GAP = np.full((1, 2), np.nan)
 STEPS_MM = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 CAVITIES = (3, 5, 7)
-PAPER: Values = (5, 1.0, 0.5, 0.9)
+PAPER_DESIGN: Values = (5, 1.0, 0.5, 0.9)
 STATES = 15
 BY_FIDELITY = 0
 
@@ -55,18 +55,18 @@ AUTOMATIC_RAYS = "Rays: automatic"
 NO_RACE = "Race: none"
 SUGGESTED_CONFIDENCES = (None, 0.9, 0.95, 0.99)
 RAYS_OR_ERROR = re.compile(r"(?:error)?(\u00b1|\+-)?([^r]+)(rays)?")
-FACES = {"outer": "Outer face", "inner": "Inner face", "both": "Both faces", "midline": "Voids inside"}
-MAPPED_FACE = next(iter(FACES))
+FACE_NAMES = {"outer": "Outer face", "inner": "Inner face", "both": "Both faces", "midline": "Voids inside"}
+MAPPED_FACE = next(iter(FACE_NAMES))
 """Face of the designs that a sweep maps."""
 RANKINGS: dict[By, str] = {"count": "By detected rays", "power": "By detected power"}
-CURVES = {"default": "Shape from the shadow", "parametric": "Shape by formula"}
+CURVE_NAMES = {"default": "Shape from the shadow", "parametric": "Shape by formula"}
 SEARCH_S = 50.0
 RACE_S = 300.0  # after the search; the designs that are left then have the best among them all the same
-KEPT = 12
+_KEPT = 12
 DRAWN_RAYS = 250
 """Most rays that are drawn of a state; more of them only blacken the picture."""
 STOPPED = "The tracing was stopped. Choose the design again to trace it."
-BEFORE = "the design before is shown"
+_BEFORE = "the design before is shown"
 
 
 class StateScene(NamedTuple):
@@ -192,12 +192,12 @@ def curves_of(name: str) -> FloatArray:
 
 def elongations_of(name: str, curves: FloatArray) -> FloatArray:
     """Return the states' elongation, mm: as the set gives it, else the change of the guides' length end to end."""
-    from analysis.optics.scene.curves import REST, elongations
+    from analysis.optics.scene.curves import REST_STATE, elongations
 
     if name == "default":
         return np.asarray(elongations())
     apart = np.linalg.norm(curves[:, :, -1] - curves[:, :, 0], axis=-1).mean(axis=1)
-    return np.asarray(apart - apart[REST])
+    return np.asarray(apart - apart[REST_STATE])
 
 
 def light_for(rays: int | Within, designs: tuple[Design, ...], curves: FloatArray, by: By) -> Light:
@@ -275,13 +275,13 @@ def _scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light) ->
     drawn = ray_paths(frame, design, guide, light, released_rays=DRAWN_RAYS)
     paths = [(p.secondary, laid(frame, p.points)) for p in drawn]
     released, secondary = (_joined([line for second, line in paths if second is kind]) for kind in (False, True))
-    receiver = laid(frame, shape.receiver) if np.isfinite(shape.receiver[0, 0]) else GAP
+    receiver = laid(frame, shape.receiver) if np.isfinite(shape.receiver[0, 0]) else _GAP
     return StateScene(_joined([np.concatenate([r, r[:1]]) for r in rings]), released, secondary, receiver)
 
 
 def _joined(lines: Sequence[FloatArray]) -> FloatArray:
     """Return polylines as one, a NaN between them."""
-    return np.concatenate([part for line in lines for part in (line, GAP)]) if lines else GAP
+    return np.concatenate([part for line in lines for part in (line, _GAP)]) if lines else _GAP
 
 
 def sweep(
@@ -346,9 +346,9 @@ class OpticsModel:
 
     def __init__(self, jobs: JobRunner, notices: Notices) -> None:
         self.jobs, self.notices = jobs, notices
-        self.values: Values = PAPER
+        self.values: Values = PAPER_DESIGN
         self.face = MAPPED_FACE
-        self.curves = next(iter(CURVES))
+        self.curves = next(iter(CURVE_NAMES))
         self.state = STATES // 2
         self.rays: int | Within = BY_FIDELITY
         self.confidence: float | None = None  # of the race of the next search; None for no race
@@ -395,7 +395,7 @@ class OpticsModel:
         self.revision += 1
         if job.state is JobState.DONE:
             self._kept[key] = job.result
-            while len(self._kept) > KEPT:
+            while len(self._kept) > _KEPT:
                 del self._kept[next(iter(self._kept))]
         if key != self._key():
             return
@@ -446,7 +446,7 @@ class OpticsModel:
             self.choose(self.values)
 
     def set_curves(self, name: str) -> None:
-        """Use other deformation curves: a key of `CURVES`, or the path of a file."""
+        """Use other deformation curves: a key of `CURVE_NAMES`, or the path of a file."""
         self.curves = name
         self.choose(self.values)
 
@@ -480,7 +480,7 @@ class OpticsModel:
 
     def design_text(self) -> str:
         """Return the design's figures in a line, or why they are not there yet."""
-        r, before = self.result, f"   {BEFORE}" if self.outdated else ""
+        r, before = self.result, f"   {_BEFORE}" if self.outdated else ""
         if self.problem:
             return f"\u25b2 {self.problem}{before}"
         if r is None or self.outdated:

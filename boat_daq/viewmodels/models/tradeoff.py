@@ -23,8 +23,8 @@ from protocol.base.errors import RequestError
 
 FRONT = "front"
 CHOICE = "the rule's choice"
-SYMBOLS = {"default": "\u25cb", "chosen": "\u25a1"}
-METHODS = {
+_SYMBOLS = {"default": "\u25cb", "chosen": "\u25a1"}
+METHOD_NAMES = {
     "tracer": "Ray tracer",
     "ranking": "Ranking of the designs",
     "full-fem": "Full model of actuator",
@@ -41,16 +41,16 @@ METHODS = {
     "shadow": "Job: digital shadow",
 }
 """Every method that can be measured, by its name in the command; a test compares it with the command's list."""
-JOBS = ("calibration", "report", "sweep", "shadow")
+JOB_NAMES = ("calibration", "report", "sweep", "shadow")
 """Methods that are whole jobs, from the input to the result."""
 MAPPED = {"fit": "Fit of the calibration", "figures": "SNR and hysteresis", "alarms": "Alarms of the shadow"}
 """Methods that have a map of where they fail, but no chart of time against error."""
-ENTRIES = METHODS | MAPPED
+ENTRIES = METHOD_NAMES | MAPPED
 OVERVIEW = "overview"
 ROWS = {OVERVIEW: "All methods"} | ENTRIES
 """Entries of the page's list, by name."""
-FILE = "tradeoff.json"
-SHOWN = "tradeoff_shown"
+_FILE = "tradeoff.json"
+_SHOWN = "tradeoff_shown"
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ class TradeoffPoint:
     @property
     def symbols(self) -> str:
         """Its uses as in the chart."""
-        return " ".join(SYMBOLS.get(mark, mark[0].upper()) for mark in self.marks if mark != FRONT)
+        return " ".join(_SYMBOLS.get(mark, mark[0].upper()) for mark in self.marks if mark != FRONT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +182,7 @@ class TradeoffModel(MeasuredResult):
             measured_methods.measure_methods
         )  # the window has one that paints, too
         self.charts: dict[str, MethodChart] = {}
-        super().__init__(jobs, folder / FILE)
+        super().__init__(jobs, folder / _FILE)
         self.own = self.content is not None
         if not self.own:
             problem = self.problem
@@ -192,12 +192,12 @@ class TradeoffModel(MeasuredResult):
     @property
     def shown(self) -> str:
         """Name of the method that is shown, or `OVERVIEW`."""
-        name = str(self.preferences.get(SHOWN, ""))
+        name = str(self.preferences.get(_SHOWN, ""))
         return name if name in ROWS else OVERVIEW
 
     def show(self, name: str) -> None:
         """Show a method, or all of them."""
-        self.preferences.set(SHOWN, name)
+        self.preferences.set(_SHOWN, name)
         self.revision += 1
 
     @property
@@ -208,7 +208,7 @@ class TradeoffModel(MeasuredResult):
     @property
     def defaults(self) -> list[DefaultPoint]:
         """The default of each method, for the overview."""
-        charts = {name: self.charts.get(name) for name in METHODS}
+        charts = {name: self.charts.get(name) for name in METHOD_NAMES}
         return [DefaultPoint(name, chart, chart.default_point if chart else None) for name, chart in charts.items()]
 
     @property

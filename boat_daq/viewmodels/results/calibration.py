@@ -42,7 +42,7 @@ ACCEPT, ANYWAY = "Accept", "Accept anyway"
 Action = Callable[[], None]
 EXPORTED_TABLE_ERRORS = tuple(TypedTolerance(mm, "mm") for mm in (0.01, 0.001, 0.0001))
 BUSY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
-CHOICES = (
+CURVE_CHOICES = (
     *((f"Degree {name}", name) for name in CURVES if name != SPLINE),
     ("Monotone spline", SPLINE),
     ("By cross-validation", AUTO),

@@ -28,7 +28,7 @@ from protocol.base.errors import RequestError
 
 NOT_ASSESSED = "not assessed"
 STATED = (("Half width", "half_width"), ("Expanded uncertainty", "expanded"), ("Standard uncertainty", "u"))
-UNITS = (("mm", "mm"), ("% of elongation", "percent"), ("kPa", "kpa"), ("K", "k"))
+MEASURES = (("mm", "mm"), ("% of elongation", "percent"), ("kPa", "kpa"), ("K", "k"))
 DISTRIBUTIONS = tuple((str(one).capitalize(), str(one)) for one in Distribution)
 OF_PRESSURE_OR_TEMPERATURE = ("kpa", "k")
 REMEDIES = {

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 Cell = tuple[str, str]
 """A text of a table with its tooltip."""
-SHAPES = {"pass": "\u25cf", "conditional_pass": "\u25d0", "conditional_fail": "\u25b3", "fail": "\u25b2"}
+_SHAPES = {"pass": "\u25cf", "conditional_pass": "\u25d0", "conditional_fail": "\u25b3", "fail": "\u25b2"}
 """Marks of a statement of conformity beside a value; one that is undetermined has none."""
-MARKS = ", ".join(f"{shape} {statement.replace('_', ' ')}" for statement, shape in SHAPES.items())
+_MARKS = ", ".join(f"{shape} {statement.replace('_', ' ')}" for statement, shape in _SHAPES.items())
 
 
 def figure_text(figure: Figure | None, decimals: int, stated: LimitStatement | None = None) -> Cell:
@@ -37,7 +37,7 @@ def figure_text(figure: Figure | None, decimals: int, stated: LimitStatement | N
         return NOTHING, "not computed for this run"
     text, lines = number(figure.value, decimals), [figure.definition] if figure.definition else []
     if stated is not None:
-        text = f"{SHAPES.get(stated.conformity, '')} {text}".strip()
+        text = f"{_SHAPES.get(stated.conformity, '')} {text}".strip()
         lines.append(f"{stated.conformity.label}: {stated.text}")
     if math.isfinite(figure.low) and math.isfinite(figure.high):
         text += f"\n{number(figure.low, decimals)} to {number(figure.high, decimals)}"
@@ -62,7 +62,10 @@ def figure_rows(sensors: Sequence[SensorAnalysis]) -> tuple[tuple[Cell, ...], ..
             limit, tip = limits.get(d.key), f"{d.label_with_unit}\n{cells[0][1]}"
             below = d.unit
             if limit is not None:
-                below, tip = f"{d.unit}, limit {limit.symbol} {limit.limit:g}", f"{tip}\nlimit: {limit.source}; {MARKS}"
+                below, tip = (
+                    f"{d.unit}, limit {limit.symbol} {limit.limit:g}",
+                    f"{tip}\nlimit: {limit.source}; {_MARKS}",
+                )
             rows.append(((f"{d.label}\n{below}", tip), *cells))
     return tuple(rows)
 
@@ -139,7 +142,7 @@ def _limit_rows(found: Analysis) -> list[tuple[Cell, ...]]:
 def _conformity_text(conformity: Conformity) -> str:
     """Return a statement with its mark, a condition in a second line: two of them leave names their width."""
     condition, _, stated = conformity.label.rpartition(" ")
-    return f"{SHAPES.get(conformity, '')} {stated}\n{condition}".strip()
+    return f"{_SHAPES.get(conformity, '')} {stated}\n{condition}".strip()
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,7 +35,7 @@ FIELDS = (
     ("note", "Note"),
 )
 """Key and label of each field, in the order of the form."""
-ALL = tuple(key for key, _ in FIELDS)
+_ALL = tuple(key for key, _ in FIELDS)
 
 
 class MetadataModel:
@@ -47,7 +47,7 @@ class MetadataModel:
         read: Callable[[], Metadata],
         write: Callable[[Metadata], None],
         undo: UndoHistory,
-        keys: tuple[str, ...] = ALL,
+        keys: tuple[str, ...] = _ALL,
         changed: Callable[[], None] = lambda: None,
     ) -> None:
         self.subject, self.keys = subject, keys

@@ -27,7 +27,7 @@ GROUPS = 12
 WARM_UP_FROM = 6  # cycles, so that warm-up can be distinguished
 HOW = "Choose the plan 'repeatability' and start it: this page is updated during the run. Or open a recording on Runs."
 NO_RUN = f"You will see the loops of every cycle, the drift of their ends, and hysteresis, sensitivity and SNR. {HOW}"
-NO_CYCLE = "A cycle goes from the highest pressure to the lowest and back."
+_NO_CYCLE = "A cycle goes from the highest pressure to the lowest and back."
 
 
 class RepeatabilityModel:
@@ -106,7 +106,7 @@ class RepeatabilityModel:
         if not self.result.cycles:
             partial = self.result.partial
             found = f" This run has {count(partial, 'partial cycle')}." if partial else ""
-            return f"{Path(self.result.path).name} has no complete cycle", f"{NO_CYCLE}{found} {HOW}"
+            return f"{Path(self.result.path).name} has no complete cycle", f"{_NO_CYCLE}{found} {HOW}"
         return "", ""
 
     def groups(self) -> list[IntArray]:

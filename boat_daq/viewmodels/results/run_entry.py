@@ -15,15 +15,15 @@ from boat_daq.formatting import NOTHING, count, duration
 from protocol.base.errors import BoatDaqError, DamagedRecordingError
 from protocol.recording import RunEnd
 
-HEADINGS = ("", "Unit", "Recorded", "Length", "Cycles", "Readings", "State", "File")
-POINTS = 160  # of a thumbnail
+RUN_HEADINGS = ("", "Unit", "Recorded", "Length", "Cycles", "Readings", "State", "File")
+_POINTS = 160  # of a thumbnail
 MOST_COMPARED = 4
-STATES = {
+_STATES = {
     "closed": "\u25cf complete", "recovered": "\u25cf recovered", "recording": "\u25b6 recording",
     "interrupted": "\u25b2 interrupted",
 }  # fmt: skip
 CHOOSE_ONE, CHOOSE_SOME = "Choose a recording in the list.", "Choose one or more recordings in the list."
-CHANGES = ("readings", "rename", "note", "metadata")  # of a recording
+_CHANGES = ("readings", "rename", "note", "metadata")  # of a recording
 NONE_CHOSEN = "Choose a recording to calibrate, replay or export it, or two to four to compare them."
 
 
@@ -85,7 +85,7 @@ class RunEntry:
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """The line as texts, in the order of `HEADINGS`."""
+        """The line as texts, in the order of `RUN_HEADINGS`."""
         s = self.summary
         if s is None:
             return ("", *(NOTHING,) * 5, "\u25a0 cannot be read", self.path.name)
@@ -102,13 +102,13 @@ def _state(s: Summary) -> str:
         return "\u25b2 aborted"
     if s.status == "closed" and s.run_end is RunEnd.STOPPED:
         return "\u25a0 stopped early"
-    return STATES.get(s.status, s.status)
+    return _STATES.get(s.status, s.status)
 
 
 def read_run(path: Path) -> RunEntry:
     """Return one line of the list; a file that cannot be read is a line with its problem."""
     try:
-        return RunEntry(path, summarise(path), outline=pressure_outline(path, POINTS))
+        return RunEntry(path, summarise(path), outline=pressure_outline(path, _POINTS))
     except BoatDaqError as error:
         return RunEntry(path, None, error.cause, isinstance(error, DamagedRecordingError))
     except (OSError, sqlite3.Error, KeyError, ValueError) as error:
@@ -143,7 +143,7 @@ def obstacle(button: str, chosen: Sequence[RunEntry]) -> str:
         and len({run.summary.simulated for run in chosen if run.summary is not None}) > 1
     ):
         return "Simulated and real recordings are chosen; they are not compared."
-    if button in CHANGES and chosen[0].summary is not None and not chosen[0].closed:
+    if button in _CHANGES and chosen[0].summary is not None and not chosen[0].closed:
         later = "It can be changed once the recording is closed or recovered."
         return f"{later} While it is recorded: Session, Metadata (Ctrl+Shift+E)." if button == "metadata" else later
     return next((f"{run.path.name}: {run.problem}." for run in chosen if run.summary is None), "")

@@ -14,11 +14,11 @@ from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from boat_daq.workflows.unit_history import UnitOverTime, load_unit_over_time, report_unit
 
-HEADINGS = ("Accepted", "Sensor", "b\u2081 \u00b1 U, mV/mm", "U of x, \u00b5m", "E\u2099", "Finding")
+HISTORY_HEADINGS = ("Accepted", "Sensor", "b\u2081 \u00b1 U, mV/mm", "U of x, \u00b5m", "E\u2099", "Finding")
 
 
 def unit_rows(found: UnitOverTime) -> list[tuple[str, ...]]:
-    """Return the calibrations as lines of a table, in the order of `HEADINGS`, the newest first."""
+    """Return the calibrations as lines of a table, in the order of `HISTORY_HEADINGS`, the newest first."""
     rows = []
     for place, history in enumerate(found.histories, 1):
         for k, when in enumerate(history.when):

@@ -15,7 +15,7 @@ from analysis.stopping.criterion import StopAssessment, assess_calibration
 from boat_daq.engine.control.sequencer import GoTo, Sequencer, StepChanged, VentNow
 from boat_daq.engine.plan import Plan, StepMark
 from boat_daq.engine.sample_columns import Columns
-from boat_daq.engine.session.readings import READER_SD_MM, SIMULATED, SIMULATED_RESOLUTION_MM, simulated_reading
+from boat_daq.engine.session.readings import READER_SD_MM, SIMULATED_RESOLUTION_MM, SIMULATED_SOURCE, simulated_reading
 from protocol.base.arrays import FloatArray
 from protocol.simulator.plant import TICK_US, Body, Pneumatics, Sensors
 from protocol.simulator.sampler import ADC_BITS, LSB_MV, PRESSURE_NOISE_PA, VREF_MV, FrontEnd
@@ -126,7 +126,7 @@ class SimulatedRun:
                 float(x[inside].mean()), rng, resolution_mm=self.resolution_mm, reader_sd_mm=READER_SD_MM
             )
             readings.append({"id": len(readings) + 1, "step": mark.number, "elongation_mm": seen,
-                             "resolution_mm": self.resolution_mm, "source": SIMULATED})  # fmt: skip
+                             "resolution_mm": self.resolution_mm, "source": SIMULATED_SOURCE})  # fmt: skip
         return Recording.from_arrays(
             time_us / 1e6, pressure, mv, lit=lit, dark=dark, steps=pd.DataFrame(steps, columns=list(STEP_COLUMNS)),
             readings=pd.DataFrame(readings), meta={"simulated": True, "vref_mv": VREF_MV, "adc_bits": ADC_BITS},

@@ -20,7 +20,7 @@ from analysis.studies.tradeoff.charts import MAY_BE_INFINITE
 from analysis.studies.tradeoff.measure import CostPoint, Measured, Method, measure
 from analysis.studies.tradeoff.methods import JOBS, METHODS, STEPS
 from boat_daq.cli import app
-from boat_daq.viewmodels.models.tradeoff import METHODS as ON_THE_PAGE
+from boat_daq.viewmodels.models.tradeoff import METHOD_NAMES as ON_THE_PAGE
 from boat_daq.workflows.measured_methods import camera_tracker, live_plot
 from protocol.base.errors import RequestError, StorageError
 

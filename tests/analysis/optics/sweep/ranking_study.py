@@ -119,7 +119,7 @@ def draw_convergence(cases: Sequence[Case]) -> Figure:
         ("rank of the paper's optimum", [c.paper_rank for c in chosen]),
     )
     figure = Figure(figsize=(9.0, 3.0), layout="constrained")
-    for axes, (label, values), colour in zip(figure.subplots(1, 3), shown, style.SENSORS, strict=False):
+    for axes, (label, values), colour in zip(figure.subplots(1, 3), shown, style.SENSOR_COLOURS, strict=False):
         axes.plot(rays, values, "o-", color=colour)
         axes.set(xscale="log", xlabel="rays", ylabel=label)
     return figure

@@ -18,7 +18,7 @@ from numpy.polynomial import polynomial
 from scipy import special
 from scipy.stats import qmc
 
-from analysis.studies.tradeoff.posterior import AT_MM, NOISE_MV, READING_MM, readings
+from analysis.studies.tradeoff.posterior import AT_MM, GRID_U_MM, SENSOR_NOISE_MV, readings
 
 DRAWS, PARTS, DOF, ROUNDS = 2**17, 12, 5.0, 6
 CHUNK = 256
@@ -27,7 +27,7 @@ CHUNK = 256
 def log_density(state: np.ndarray, x: np.ndarray, y: np.ndarray, t: float) -> np.ndarray:
     """Return the log posterior density of states (m, 5): b0..b3 and ln sigma."""
     b, sigma = state[:, :4, None, None], np.exp(state[:, 4, None, None])
-    at = x[:, None] + np.sqrt(3.0) * READING_MM * np.linspace(-1.0, 1.0, PARTS + 1)
+    at = x[:, None] + np.sqrt(3.0) * GRID_U_MM * np.linspace(-1.0, 1.0, PARTS + 1)
     curve = ((b[:, 3] * at + b[:, 2]) * at + b[:, 1]) * at + b[:, 0]
     below = special.ndtr((curve - y[:, None]) / sigma)
     one = np.log(np.maximum((np.diff(below) / np.diff(curve)).mean(axis=-1), 1e-300))
@@ -49,13 +49,13 @@ def made(draws: int = DRAWS) -> dict[str, object]:
     x, y = readings()
     least = polynomial.polyfit(x, y, 3)
     slope = polynomial.polyval(x, polynomial.polyder(least))
-    t = READING_MM * float(np.sqrt(np.mean(slope**2)))
+    t = GRID_U_MM * float(np.sqrt(np.mean(slope**2)))
     design = np.vander(x, 4, increasing=True)
-    variance = NOISE_MV**2 + (READING_MM * slope) ** 2
+    variance = SENSOR_NOISE_MV**2 + (GRID_U_MM * slope) ** 2
     root = np.zeros((5, 5))
     root[:4, :4] = np.linalg.cholesky(np.linalg.inv(design.T @ (design / variance[:, None])))
     root[4, 4] = 0.7
-    mean = np.append(least, np.log(NOISE_MV))
+    mean = np.append(least, np.log(SENSOR_NOISE_MV))
     for number in range(ROUNDS + 1):  # each round draws from what the one before found; the last one counts
         last = number == ROUNDS
         uniform = qmc.Sobol(6, seed=number).random(draws if last else 2**12)

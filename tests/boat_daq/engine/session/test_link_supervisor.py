@@ -9,7 +9,7 @@ from contextlib import closing, contextmanager
 
 import pytest
 
-from boat_daq.engine.session.link_supervisor import TICK_S
+from boat_daq.engine.session.link_supervisor import SUPERVISION_S
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings
@@ -74,7 +74,7 @@ def test_what_is_no_board_is_refused_within_three_seconds(
             time.sleep(0.02)
             link._turn()
         while link.state is LinkState.OPENING and clock.now_s < 100.0 + 2 * ASKED_S:
-            clock.now_s += TICK_S
+            clock.now_s += SUPERVISION_S
             link._turn()
         assert link.state is LinkState.FAILED
         assert clock.now_s - 100.0 <= ASKED_S - 0.4

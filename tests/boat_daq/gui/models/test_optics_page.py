@@ -19,7 +19,7 @@ from boat_daq.gui import style
 from boat_daq.gui.models.optics_page import select
 from boat_daq.viewmodels.models import optics
 from boat_daq.viewmodels.models.optics import (
-    PAPER,
+    PAPER_DESIGN,
     DesignResult,
     OpticsModel,
     StateScene,
@@ -68,7 +68,7 @@ def traced(rays=250, error=4.6):
 
 def swept(rays=250):
     """A sweep of two designs, the second the paper's."""
-    values = np.array([[5, 0.7, 0.6, 0.8], [*PAPER]])
+    values = np.array([[5, 0.7, 0.6, 0.8], [*PAPER_DESIGN]])
     p, flags = np.array([1.0, 0.25]), np.array([True, False])
     found = Merit(p, np.array([40.0, 10.0]), np.array([2, 7]), np.array([3.0, 6.0]), p, p, ~flags, ~flags)
     return SweepSummary(values, found, flags, flags, 0, 1, np.array([1, 2]), 1.0, 30, rays)
@@ -118,7 +118,7 @@ def test_search_starts_stops_and_reports_its_gain(page):
     update(page)
     assert (page.fields["width"].currentText(), page.fields["width"].count()) == ("1.23", 7)
     assert page.face.currentData() == "inner"
-    page.model.choose(PAPER, "outer")
+    page.model.choose(PAPER_DESIGN, "outer")
     update(page)
     assert (page.fields["width"].currentText(), page.fields["width"].count()) == ("1", 6)
 
@@ -156,7 +156,7 @@ def test_late_trace_is_not_shown_for_another_design(page):
     page.model.choose((3, 0.5, 0.5, 0.5))
     late = FakeJob.made[-1]
     late.bring(traced())
-    page.model.values = PAPER
+    page.model.values = PAPER_DESIGN
     page.model.result = None
     page.model.jobs.poll()
     assert page.model.result is None
@@ -187,7 +187,7 @@ def test_click_on_map_or_front_shows_the_design(page):
             return QPointF(6.0, 10.0)
 
     page.pareto._clicked(None, [Spot()])
-    assert page.model.values == PAPER
+    assert page.model.values == PAPER_DESIGN
     assert page.pareto.columns()["on the front"].tolist() == [1, 0]
 
 
@@ -267,7 +267,7 @@ def test_cancelled_trace_is_not_started_again(page):
     assert len(FakeJob.made) == made
     assert page.response.readout.text().startswith("\u25b2 The tracing was stopped. Choose the design again")
     assert page.scene.plot.item.opacity() == style.STALE_OPACITY
-    page.model.choose(PAPER)
+    page.model.choose(PAPER_DESIGN)
     update(page)
     assert page.scene.plot.item.opacity() == 1.0
     assert "range" in page.response.readout.text()

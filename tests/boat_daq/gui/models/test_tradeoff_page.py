@@ -223,7 +223,7 @@ def shown_at(page, app_model, name, width):
     page.refresh(app_model.snapshot)
 
 
-@pytest.mark.parametrize("name", tradeoff.METHODS)
+@pytest.mark.parametrize("name", tradeoff.METHOD_NAMES)
 def test_default_of_every_method_has_its_ring_in_sight(page, app_model, name):
     """On the shipped measurement."""
     shown_at(page, app_model, name, 1156)
@@ -240,8 +240,8 @@ def test_overview_shows_each_default_and_leads_to_its_method(page, app_model):
     card, table = page.overview, page.defaults
     assert page.all.isVisible()
     assert not page.one.isVisible()
-    assert table.rowCount() == len(tradeoff.METHODS)
-    row = list(tradeoff.METHODS).index("tracer")
+    assert table.rowCount() == len(tradeoff.METHOD_NAMES)
+    row = list(tradeoff.METHOD_NAMES).index("tracer")
     assert [table.item(row, k).text() for k in (0, 2, 5)] == ["1", "250 rays", "31 %"]
     assert card.columns()["default"][row] == "250 rays"
     QApplication.processEvents()

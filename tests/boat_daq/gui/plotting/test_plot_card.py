@@ -16,7 +16,7 @@ from boat_daq.engine.plan import StepMark
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
-from boat_daq.viewmodels.live.shadow_live import REST, ShadowPicture
+from boat_daq.viewmodels.live.shadow_live import REST_OUTLINE, ShadowPicture
 from tests.boat_daq.gui.models.test_optics_page import swept, traced
 from tests.boat_daq.gui.models.test_shadow_page import mark
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
@@ -76,7 +76,9 @@ def loaded(make, monkeypatch, tmp_path, request):
     monkeypatch.setattr("boat_daq.gui.main_window.ask_save", answer)
     monkeypatch.setattr("boat_daq.gui.plotting.shadow_pane.ask_save", answer)
     window.resize(1280, 800)
-    drawn = ShadowPicture(REST, REST[None], np.zeros(1, np.int64), np.zeros((0, 2, 2)), REST, 0.5, 0.4)
+    drawn = ShadowPicture(
+        REST_OUTLINE, REST_OUTLINE[None], np.zeros(1, np.int64), np.zeros((0, 2, 2)), REST_OUTLINE, 0.5, 0.4
+    )
     window.model.shadow.picture = lambda: drawn
     fill(window, request.param)
     window.go(request.param)

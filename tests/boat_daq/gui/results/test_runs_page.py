@@ -22,7 +22,7 @@ from analysis import load_recording
 from boat_daq.gui.style import THUMBNAIL
 from boat_daq.gui.widgets.text_dialog import TextDialog
 from boat_daq.viewmodels.results import runs as runs_model
-from boat_daq.viewmodels.results.run_entry import HEADINGS, read_run
+from boat_daq.viewmodels.results.run_entry import RUN_HEADINGS, read_run
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import NARROW, PATIENCE_MS, SAMPLE, run_shortcut
 from tests.boat_daq.viewmodels.helpers import DirectJob
@@ -253,7 +253,7 @@ def test_narrow_list_does_not_scroll_sideways(live, qtbot):
         table = live.pages["Runs"].list
         assert table.columnWidth(0) == thumbnail
         assert table.horizontalScrollBar().maximum() == 0
-        assert table.columnWidth(len(HEADINGS) - 1) >= THUMBNAIL[0] // 4
+        assert table.columnWidth(len(RUN_HEADINGS) - 1) >= THUMBNAIL[0] // 4
 
 
 @pytest.mark.parametrize(
@@ -271,7 +271,7 @@ def test_list_shows_how_each_run_ended(tmp_path, status, reason, words):
     with closing(sqlite3.connect(tmp_path / "a.boat")) as db, db:
         for key, value in (("status", status), ("stop_reason", reason)):
             db.execute("UPDATE session SET value = ? WHERE key = ?", (json.dumps(value), key))
-    assert read_run(tmp_path / "a.boat").cells[HEADINGS.index("State")] == words
+    assert read_run(tmp_path / "a.boat").cells[RUN_HEADINGS.index("State")] == words
 
 
 def listed(window, names):
@@ -298,10 +298,10 @@ def test_narrow_list_reports_the_columns_left_out(live):
         table = page.list
         assert live.scrolls["Runs"].horizontalScrollBar().maximum() == 0
         assert table.horizontalScrollBar().maximum() == 0
-        assert table.columnWidth(HEADINGS.index("File")) >= table.fontMetrics().horizontalAdvance(
+        assert table.columnWidth(RUN_HEADINGS.index("File")) >= table.fontMetrics().horizontalAdvance(
             "20261121-221530_SA1.boat"
         )
-        assert table.isColumnHidden(HEADINGS.index("Readings")) is (width < 1000)
+        assert table.isColumnHidden(RUN_HEADINGS.index("Readings")) is (width < 1000)
         assert all(page.buttons[key].isVisible() for key in ("resume", "recover"))
         assert "37 readings" in page.details.text()
         choose(page, 1)
@@ -311,7 +311,7 @@ def test_narrow_list_reports_the_columns_left_out(live):
 def test_search_lists_what_matches(runs, monkeypatch):
     """By any words of line or tooltip; what is no longer listed is no longer chosen, nor acted on."""
     window, page = runs
-    files = HEADINGS.index("File")
+    files = RUN_HEADINGS.index("File")
 
     def listed() -> list[str]:
         return sorted(page.list.item(row, files).text() for row in range(page.list.rowCount()))

@@ -8,7 +8,7 @@ import pytest
 
 from boat_daq.engine.settings import Unit
 from boat_daq.gui.plotting.plot import Curve
-from boat_daq.gui.results.unit_window import CURVES, DIFFERENCES, UNCERTAINTY, UnitWindow
+from boat_daq.gui.results.unit_window import CURVES_TITLE, DIFFERENCES, UNCERTAINTY_TITLE, UnitWindow
 from boat_daq.workflows.unit_history import unit_over_time
 from tests.boat_daq.viewmodels.results.units import unit
 
@@ -29,11 +29,11 @@ def test_unit_is_shown_over_time(live):
     """Three calibrations of two sensors: a curve each, 2 and 4 mV off the first, dates, six lines, a proposal."""
     window = window_of(live, unit_over_time(unit(0.0, 2.0, 4.0)))
     assert window.windowTitle() == "SA1  SIMULATED over time"
-    drawn = [layer for layer in window.cards[CURVES].plots[0].layers if isinstance(layer, Curve)]
+    drawn = [layer for layer in window.cards[CURVES_TITLE].plots[0].layers if isinstance(layer, Curve)]
     assert len(drawn) == 3
     apart = [layer.y.mean() for layer in window.cards[DIFFERENCES].plots[0].layers if isinstance(layer, Curve)]
     assert apart == pytest.approx([0.0, 2.0, 4.0], abs=1e-6)
-    assert window.cards[UNCERTAINTY].plots[0].layers[0].x.tolist() == [0.0, 60.0, 120.0]
+    assert window.cards[UNCERTAINTY_TITLE].plots[0].layers[0].x.tolist() == [0.0, 60.0, 120.0]
     assert window.table.rowCount() == 6
     assert not window.simulated.isHidden()
     assert window.due.text().startswith("Due again 2026")

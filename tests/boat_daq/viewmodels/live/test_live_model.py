@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from boat_daq.viewmodels.live.live_model import HEADINGS, HEADINGS_SHORT, LiveModel, with_holes
+from boat_daq.viewmodels.live.live_model import HEADINGS_SHORT, STATISTICS_HEADINGS, LiveModel, with_holes
 from boat_daq.workflows.live_conversion import LiveElongation
 from protocol.recording import DerivedColumns, channel_units, parse_definition, sample_dtype
 from tests.boat_daq.gui.recorded_session import connected, filled_ring, idle
@@ -137,7 +137,7 @@ def test_statistics_between_the_cursors_agree_with_numpy(ring):
     t, y = columns["time_s"], columns["s1_mv"]
     from_a, to_b = y[(t >= 30.0) & (t <= 30.2)].mean(), y[(t >= 39.8) & (t <= 40.0)].mean()
     assert model.statistics()[0].difference == pytest.approx(to_b - from_a, rel=0.02)
-    assert all(len(span.cells) == len(HEADINGS) == len(HEADINGS_SHORT) + 1 for span in model.statistics())
+    assert all(len(span.cells) == len(STATISTICS_HEADINGS) == len(HEADINGS_SHORT) + 1 for span in model.statistics())
 
 
 def test_elongation_outside_the_range_is_not_shown(ring):

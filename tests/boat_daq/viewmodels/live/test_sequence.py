@@ -13,7 +13,7 @@ import pytest
 from boat_daq.engine.snapshot import ElongationControl, Phase, Progress, SessionState
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import UndoHistory
-from boat_daq.viewmodels.live.sequence import STATES, SequenceModel, drawing, staircase
+from boat_daq.viewmodels.live.sequence import STATE_TEXTS, SequenceModel, drawing, staircase
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, idle
 from tests.boat_daq.viewmodels.helpers import PLAN
 
@@ -63,10 +63,10 @@ def test_done_part_ends_at_the_current_time():
 
 def test_every_state_has_its_buttons(tmp_path):
     """No state of a session is without a line in the table, and every button does something."""
-    assert set(STATES) == set(SessionState)
+    assert set(STATE_TEXTS) == set(SessionState)
     session = RecordedSession(connected())
     model = sequence(tmp_path, session)
-    for button in {b for _, _, buttons in STATES.values() for b in buttons}:
+    for button in {b for _, _, buttons in STATE_TEXTS.values() for b in buttons}:
         model.press(button)
     assert sorted(session.calls) == sorted(["arm", "start", "disarm", "pause", "resume", "stop", "clear_fault"])
 

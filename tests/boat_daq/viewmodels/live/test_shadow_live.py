@@ -11,7 +11,7 @@ from boat_daq.formatting import number
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.live import shadow_live
 from boat_daq.viewmodels.live.live_model import LiveModel
-from boat_daq.viewmodels.live.shadow_live import CANCELLED, LEVELS, Moment, ShadowLive
+from boat_daq.viewmodels.live.shadow_live import CANCELLED, COLOUR_LEVELS, Moment, ShadowLive
 from boat_daq.workflows.jobs import JobFailure, JobRunner, JobState
 from boat_daq.workflows.live_conversion import LiveElongation
 from boat_daq.workflows.shadow_jobs import unstable_held_states, unstable_places
@@ -42,7 +42,7 @@ def test_state_is_at_the_measured_elongation(ring, model):
     assert picture.corners[..., 1].max() == pytest.approx(75.0 + measured, abs=1e-4)  # the reduced model's own error
     assert picture.corners[..., 0].min() == pytest.approx(-picture.corners[..., 0].max())
     assert picture.levels.min() >= 0
-    assert picture.levels.max() < LEVELS
+    assert picture.levels.max() < COLOUR_LEVELS
     assert picture.tracked.shape == (14, 2)
     assert expanded == pytest.approx(0.3)
     nominal = float(model.table.nominal_elongation(np.array(pressure))[0])

@@ -8,14 +8,14 @@ import pytest
 from analysis.optics.scene.curves import parametric_elongations
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.models import optics
-from boat_daq.viewmodels.models.optics import PAPER, OpticsModel
+from boat_daq.viewmodels.models.optics import PAPER_DESIGN, OpticsModel
 from boat_daq.workflows.jobs import JobRunner
 from protocol.base.errors import BoatDaqError
 
 
 def test_design_is_traced_in_all_states():
     """Fifteen scenes, one NDR each; the rays of a scene lie between emitter and receiver."""
-    found = optics.trace_design(PAPER, 60)
+    found = optics.trace_design(PAPER_DESIGN, 60)
     assert len(found.scenes) == found.ndr.size == 15
     assert np.all((found.ndr >= 0) & (found.ndr <= 350))
     rays = found.scenes[7].released
@@ -29,7 +29,7 @@ def test_design_is_traced_in_all_states():
 
 def test_tolerance_is_met_in_every_state_or_refused_with_the_best():
     """The stated errors are within it with the rays that are stated; no more than 250 of them are drawn."""
-    found = optics.trace_design(PAPER, optics.Within(1.0))
+    found = optics.trace_design(PAPER_DESIGN, optics.Within(1.0))
     assert found.rays > optics.DRAWN_RAYS
     assert np.all(found.error <= 1.0)
     assert np.all(found.error >= 2 * found.ndr_sd)
@@ -37,7 +37,7 @@ def test_tolerance_is_met_in_every_state_or_refused_with_the_best():
         assert np.sum(np.isnan(scene.released[:, 0])) <= optics.DRAWN_RAYS
         assert np.sum(np.isnan(scene.secondary[:, 0])) <= 100
     with pytest.raises(BoatDaqError) as refused:
-        optics.trace_design(PAPER, optics.Within(1e-7))
+        optics.trace_design(PAPER_DESIGN, optics.Within(1e-7))
     assert "rays or more" in refused.value.remedy
 
 

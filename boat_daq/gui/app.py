@@ -37,7 +37,7 @@ class Collector(QObject):
 
     Parameters
     ----------
-    parent : is destroyed with the window; collection is then automatic again.
+    parent : object destroyed with the window; collection is then automatic again.
     """
 
     def __init__(self, parent: QObject, page_made: SignalInstance) -> None:

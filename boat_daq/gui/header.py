@@ -228,7 +228,7 @@ class Navigation(QWidget):
 
     Parameters
     ----------
-    pages : in order; their shortcuts are Ctrl+1 and so on.
+    pages : names in the order of the shortcuts Ctrl+1, Ctrl+2, ...
     """
 
     def __init__(self, pages: Sequence[Page], go: Callable[[Page], None], show_keys: Callable[[], None]) -> None:

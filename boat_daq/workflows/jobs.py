@@ -168,7 +168,7 @@ class JobRunner:
 
         Parameters
         ----------
-        then : is called with the job, from `poll`, once it has ended.
+        then : function of the ended job, called by `poll`.
         """
         self.cancel(name)
         self._running[name] = (job, then)

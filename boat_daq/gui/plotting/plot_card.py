@@ -35,7 +35,7 @@ class PlotCard(QFrame):
 
     Parameters
     ----------
-    title : what the card shows; also its accessible name and the stem of saved files.
+    title : title, accessible name and stem of saved files.
     """
 
     copy_wanted = Signal(object)  # the card; the window copies and confirms
@@ -260,7 +260,7 @@ def export_button(title: str, tip: str, copy: Callable[[], object], save: Callab
 
     Parameters
     ----------
-    save : takes the suffix: png, svg or csv.
+    save : function of the suffix: png, svg or csv.
     """
     tool = QToolButton()
     tool.setText("\u22ef")

@@ -22,7 +22,7 @@ class DataTable(QTableWidget):
 
     Parameters
     ----------
-    name : what the table holds, for a screen reader.
+    name : accessible name.
     stretched : the column that takes the remaining width.
     """
 

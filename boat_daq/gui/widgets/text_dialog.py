@@ -17,8 +17,8 @@ class TextDialog(QDialog):
 
     Parameters
     ----------
-    text : what it is now, selected.
-    then : takes the text; returns whether it was accepted, else the panel stays open.
+    text : present text, which is selected.
+    then : function of the text that returns whether it was accepted; else the panel stays open.
     lines : height of a text of several lines; 1 for one that Enter accepts.
     """
 

@@ -121,8 +121,8 @@ class RunResult(RunCalibration):
     Attributes
     ----------
     partial : number of partial cycles, which are left out.
-    u_elongation : of each sensor, [points, 2] x and U, mm; none where the curve gives no elongation.
-    u_elongation_void : of each sensor, why U is not given everywhere.
+    u_elongation : [points, 2] x and U, mm, of each sensor; none where the curve gives no elongation.
+    u_elongation_void : reason of each sensor for which U is not given everywhere.
     candidates : the curves of each sensor; none where they were not compared.
     drift_half, spread_half : half widths of the 95 % intervals of drift (% FSO per 100 cycles) and repeatability
         (% FSO), of the worse sensor.

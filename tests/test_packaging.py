@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import ast
+import functools
 import json
 import re
 import sys
 import tomllib
 from collections import defaultdict
+from collections.abc import Mapping
 from configparser import ConfigParser
 from importlib import metadata
 from pathlib import Path
@@ -60,9 +62,15 @@ def imported() -> dict[str, set[str]]:
     return found
 
 
+@functools.cache
+def distributions_by_module() -> Mapping[str, list[str]]:
+    """Return what reads the lists of files of everything that is installed: seconds."""
+    return metadata.packages_distributions()
+
+
 def distributions(module: str) -> set[str]:
     """Return the names of the distributions that bring a module."""
-    return {canonical(name) for name in metadata.packages_distributions()[module]}
+    return {canonical(name) for name in distributions_by_module()[module]}
 
 
 def test_every_import_is_declared(imported: dict[str, set[str]]) -> None:

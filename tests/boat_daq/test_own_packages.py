@@ -86,17 +86,26 @@ def distribution(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("program", "kind"),
-    [("boat-daq", "files"), ("python -m boat_daq", "packages"), ("python -m boat_daq", "folders")],
+    ("program", "kind", "on_path"),
+    [
+        ("boat-daq", "packages", "distribution"),
+        ("python -m boat_daq", "folders", "tools"),
+        pytest.param("boat-daq", "files", "tools", marks=pytest.mark.nightly),
+        pytest.param("python -m boat_daq", "packages", "distribution", marks=pytest.mark.nightly),
+    ],
 )
-def test_program_imports_nothing_from_working_folder(tmp_path: Path, program: str, kind: str) -> None:
-    """Neither `protocol` nor `analysis`."""
+def test_program_imports_own_packages(tmp_path: Path, program: str, kind: str, on_path: str) -> None:
+    """Neither those of the working folder nor those on PYTHONPATH: a folder of the user's, another distribution's."""
     KINDS[kind](tmp_path, ALARM)
-    done = run([*PROGRAMS[program], "info", str(RECORDING)], tmp_path)
+    (tmp_path / "tools").mkdir()
+    as_files(tmp_path / "tools", ALARM)
+    place = distribution(tmp_path) if on_path == "distribution" else tmp_path / "tools"
+    done = run([*PROGRAMS[program], "info", str(RECORDING)], tmp_path, PYTHONPATH=str(place))
     assert done.returncode == 0, done.stderr
     assert "SIMULATED" in done.stdout
 
 
+@pytest.mark.nightly
 def test_program_imports_nothing_later_from_working_folder(tmp_path: Path) -> None:
     """Nor a name of the standard library that the program imports when its command runs."""
     as_files(tmp_path, ALARM)
@@ -107,24 +116,7 @@ def test_program_imports_nothing_later_from_working_folder(tmp_path: Path) -> No
     assert (tmp_path / "run.csv").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("program", PROGRAMS)
-def test_program_prefers_own_packages_to_user_path(tmp_path: Path, program: str) -> None:
-    """A folder on PYTHONPATH with files of these names comes behind the program's; its other modules are there."""
-    (tmp_path / "tools").mkdir()
-    as_files(tmp_path / "tools", ALARM)
-    done = run([*PROGRAMS[program], "info", str(RECORDING)], tmp_path, PYTHONPATH=str(tmp_path / "tools"))
-    assert done.returncode == 0, done.stderr
-    assert "SIMULATED" in done.stdout
-
-
-def test_program_prefers_own_packages_to_another_distribution(tmp_path: Path) -> None:
-    """One that ships `protocol/`, found before the program's."""
-    place = distribution(tmp_path)
-    done = run([*PROGRAMS["boat-daq"], "info", str(RECORDING)], tmp_path, PYTHONPATH=str(place))
-    assert done.returncode == 0, done.stderr
-    assert "SIMULATED" in done.stdout
-
-
+@pytest.mark.nightly
 def test_program_runs_in_its_own_checkout() -> None:
     """The working folder that holds the program itself stays on the path."""
     done = run([sys.executable, "-m", "boat_daq", "info", str(RECORDING)], ROOT)
@@ -145,14 +137,13 @@ def test_helper_processes_import_own_packages(tmp_path: Path) -> None:
 # ---- scripts ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", ["files", "packages"])
 @pytest.mark.parametrize(
-    ("statement", "name"),
+    ("statement", "name", "kind"),
     [
-        ("from analysis import load_recording; load_recording", "protocol"),
-        ("from boat_daq.engine.session.session import Session", "protocol"),
-        ("from boat_daq.viewmodels.app_model import PAGES", "analysis"),
-        ("from boat_daq.cli import main", "analysis"),
+        ("from analysis import load_recording; load_recording", "protocol", "files"),
+        ("from boat_daq.engine.session.session import Session", "protocol", "packages"),
+        ("from boat_daq.viewmodels.app_model import PAGES", "analysis", "files"),
+        ("from boat_daq.cli import main", "analysis", "packages"),
     ],
 )
 def test_script_is_refused_with_cause_and_remedy(tmp_path: Path, kind: str, statement: str, name: str) -> None:
@@ -166,10 +157,12 @@ def test_script_is_refused_with_cause_and_remedy(tmp_path: Path, kind: str, stat
     assert last.startswith(f"ImportError: {found} would be imported in place of boat-daq's package '{name}'. Rename it")
 
 
-def test_script_runs_beside_bare_folders(tmp_path: Path) -> None:
-    """A folder of tables called `analysis` hides no package."""
+def test_script_runs_beside_bare_folders_and_before_another_distribution(tmp_path: Path) -> None:
+    """A folder of tables called `analysis` hides no package, nor does what lies behind ours on the path."""
     as_folders(tmp_path, "")
-    done = script(tmp_path, f"from analysis import load_recording; print(load_recording({str(RECORDING)!r}).n)")
+    place = distribution(tmp_path)
+    text = f"import sys; sys.path.append({str(place)!r}); from analysis import load_recording; import boat_daq.engine"
+    done = script(tmp_path, f"{text}; print(load_recording({str(RECORDING)!r}).n)")
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) > 1000
 
@@ -190,12 +183,3 @@ def test_script_with_another_distribution_before_ours_is_refused(tmp_path: Path,
     last = done.stderr.splitlines()[-1]
     assert last.startswith(f"ImportError: {tmp_path}/site-packages/protocol/__init__.py would be imported in place of")
     assert "environment without" in last
-
-
-def test_script_runs_with_another_distribution_behind_ours(tmp_path: Path) -> None:
-    """Ours is found first."""
-    place = distribution(tmp_path)
-    text = f"import sys; sys.path.append({str(place)!r}); from analysis import load_recording; import boat_daq.engine"
-    done = script(tmp_path, f"{text}; print(load_recording({str(RECORDING)!r}).n)")
-    assert done.returncode == 0, done.stderr
-    assert int(done.stdout) > 1000

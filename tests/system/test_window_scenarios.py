@@ -62,8 +62,9 @@ def run_scenario(screen, tmp_path):
     return go
 
 
+@pytest.mark.nightly
 @pytest.mark.timeout(240)
-@pytest.mark.parametrize("name", ["first_session", pytest.param("first_session:sampled", marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("name", ["first_session", "first_session:sampled"])
 def test_first_start_to_accepted_calibration_and_report(run_scenario, capsys, name):
     """Connect the virtual board, run a cycle, type every reading, accept, show millimetres, make a report."""
     seen = run_scenario(name)
@@ -88,7 +89,8 @@ def test_killed_session_is_offered_and_recovered(run_scenario, capsys):
     assert (seen["same_file"], seen["target"]) == (True, False)  # no target before Start
 
 
-@pytest.mark.parametrize("carrier", ["pty", pytest.param("tcp", marks=pytest.mark.nightly)])
+@pytest.mark.nightly
+@pytest.mark.parametrize("carrier", ["pty", "tcp"])
 def test_unplugged_board_is_reported_and_found_again(run_scenario, capsys, carrier):
     """The loss is reported and no sample lost; the board's return is shown, and no pressure until requested."""
     seen = run_scenario(f"unplug:{carrier}")

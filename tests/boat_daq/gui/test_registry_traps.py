@@ -78,17 +78,21 @@ def run(window):
 
 
 @pytest.mark.parametrize("state", RUN_KEYS)
-def test_no_key_commands_the_board_but_the_documented_one(front, state):
+@pytest.mark.parametrize("everywhere", [False, pytest.param(True, marks=pytest.mark.nightly)])
+def test_no_key_commands_the_board_but_the_documented_one(front, state, everywhere):
     """Press every key with the focus nowhere and on the plots, and Space after each: none acts by where focus fell.
 
-    Printed keys are pressed on the live page and each on one of the others.
+    Keys are pressed on the live page and each on one of the others; at night those with a name on all of them.
     """
     if state == "running":
         run(front)
     calls, documented = front.model.session.calls, RUN_KEYS[state]
     wrong = []
-    others = {page: PRINTED[i :: len(Page) - 1] for i, page in enumerate(p for p in Page if p is not Page.LIVE)}
-    pressed = [(page, key) for page in Page for key in (*others.get(page, PRINTED), *NAMED)]
+    keys, rest = [*PRINTED, *NAMED], [page for page in Page if page is not Page.LIVE]
+    pressed = [(Page.LIVE, key) for key in keys]
+    for i, page in enumerate(rest):
+        once = keys[i :: len(rest)]
+        pressed += [(page, key) for key in dict.fromkeys([*once, *(NAMED if everywhere else [])])]
     for (page, key), clicked in product(pressed, (False, True)):
         if clicked and page is not Page.LIVE:
             continue

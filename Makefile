@@ -5,6 +5,7 @@ BIN    := $(VENV)/bin
 # Tests wait for boards in real time for a third of it: three at once keep two cores busy.
 JOBS   ?= 3
 DAILY   = QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -m "not nightly and not benchmark_run"
+CORE    = tests/protocol tests/boat_daq/engine/control tests/analysis/calibration tests/analysis/figures
 OUT    ?= out/demo
 ADVERSARY = tests/verification/test_adversary.py::test_no_scene_exceeds_its_stated_error
 
@@ -30,7 +31,7 @@ SECONDS ?= 600
 # Bytecode is kept: programs that tests start, and each of the tests' workers, would compile the same sources again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: delivered bundle sbom lock demo test check nightly adversary chip bench docs pictures fuzz mutation faults audit setup setup-test system system-test compiled collected clean help
+.PHONY: delivered bundle sbom lock demo quick test check nightly adversary chip bench docs pictures fuzz mutation faults audit setup setup-test system system-test compiled collected pages clean help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -38,10 +39,14 @@ help:            ## this list
 demo: setup      ## set up, then a whole calibration session on the virtual board
 	$(BIN)/boat-daq demo --out $(OUT)
 
-test: setup-test  ## set up, then linters, types, import directions, documentation and the tests
-	@$(MAKE) --no-print-directory -j 2 check compiled collected docs
-	@$(DAILY) -n $(JOBS) --dist worksteal || { status=$$?; test $$status -eq 1 || exit $$status; \
-	echo "Failed tests once more, with nothing beside them:"; $(DAILY) --last-failed --last-failed-no-failures none; }
+quick: setup-test  ## half a minute: linters of what is not committed, types, the tests of the core
+	@changed=$$(git diff --name-only --diff-filter=d HEAD -- '*.py'; git ls-files --others --exclude-standard -- '*.py'); \
+	test -z "$$changed" || { $(BIN)/ruff check -q $$changed && $(BIN)/ruff format -q --check $$changed && $(BIN)/mypy; }
+	@$(DAILY) -q -n 2 $(CORE)
+
+test: setup-test  ## five minutes: set up, then linters, types, import directions, documentation and the daily tests
+	@$(MAKE) --no-print-directory -j 2 check compiled collected pages
+	@$(DAILY) -n $(JOBS) --dist worksteal; $(BIN)/python -m tests.repeat_failed $$?
 
 check: setup-test
 	$(BIN)/ruff check .
@@ -55,9 +60,10 @@ compiled: setup-test  # what numba compiles, once and not in each of the tests' 
 collected: setup-test  # rewritten asserts, once and not in each of the workers; what fails here fails there, with its message
 	-@QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest --collect-only -qq >/dev/null
 
-nightly: setup-test  ## the tests that take minutes, then `adversary`: a night
+nightly: setup-test  ## the tests that take minutes, many examples of each property, then `adversary`: a night
 	@$(call debian_install,$(NIGHTLY_PACKAGES) $(CHIP_PACKAGES))
-	QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -m nightly --timeout 3600 --deselect $(ADVERSARY)
+	QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -m "nightly or hypothesis" --hypothesis-profile nightly \
+	  --timeout 3600 --deselect $(ADVERSARY)
 	@$(MAKE) --no-print-directory adversary
 
 adversary: setup-test  ## search scenes whose true error exceeds the stated one: an hour a method, two at a time
@@ -77,6 +83,9 @@ fuzz: setup-test  ## coverage-guided fuzzing of every decoder (Linux); SECONDS=3
 mutation: setup-test  ## small faults in the modules that others rest on: which does no test notice? (Linux, an hour)
 	$(BIN)/python -m pip install -q --disable-pip-version-check --group mutation
 	QT_QPA_PLATFORM=offscreen $(BIN)/python -m tests.mutation.mutate
+
+pages: setup-test  # the documentation read and its links resolved; warnings are errors
+	$(BIN)/python -m sphinx -q -W --keep-going -b dummy -c docs -d out/doctrees . out/pages
 
 docs: setup-test  ## the documentation, into out/docs/index.html; warnings are errors
 	$(BIN)/python -m sphinx -q -W --keep-going -j 2 -c docs -d out/doctrees . out/docs

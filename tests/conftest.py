@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import settings
 
 import boat_daq  # noqa: F401  before numpy: it gives the BLAS one thread, as the program does
 
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
     from protocol.base.arrays import FloatArray
 
 ROOT = Path(__file__).resolve().parents[1]
+
+settings.register_profile("daily", max_examples=25, deadline=None)
+settings.register_profile("nightly", max_examples=1000, deadline=None)
+settings.load_profile("daily")
 
 gc.disable()  # while tests are collected: what is imported stays
 

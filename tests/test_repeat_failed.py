@@ -61,7 +61,7 @@ def test_listed_test_that_fails_alone_fails_the_run(outcome):
 def test_three_flaky_tests_fail_the_run(outcome):
     """In one run or in successive ones."""
     names = [f"t{i}" for i in range(MOST)]
-    assert outcome(FAILED, names[:-1], **dict.fromkeys(names, []))[0] == PASSED
+    assert outcome(FAILED, names[:-1], **{name: [] for name in names})[0] == PASSED
     assert outcome(FAILED, names[-1:]) == (FAILED, {"t0": 1, "t1": 1, "t2": 0})
 
 

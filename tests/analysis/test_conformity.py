@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, stats
 
@@ -95,6 +95,7 @@ def test_simple_acceptance_shares_the_risk() -> None:
     assert conformity_statement(9.99, (1.0, 1.0), (-math.inf, 10.0), guard_factor=0.0).conformity is Conformity.PASS
 
 
+@settings(max_examples=100)
 @given(
     st.floats(-50, 50), st.floats(0.01, 5), st.floats(0.01, 5), st.floats(-20, 0), st.floats(0.1, 20),
 )  # fmt: skip

@@ -152,7 +152,7 @@ def test_file_of_another_kind_is_refused(tmp_path: Path, name: str) -> None:
     else:
         with closing(sqlite3.connect(path)) as db:
             db.execute("CREATE TABLE chunk (id INTEGER)")
-    with pytest.raises((RecordingError, *REFUSALS)):
+    with pytest.raises((RecordingError, REFUSALS)):
         load_recording(path)
 
 
@@ -213,7 +213,7 @@ def test_link_beside_a_recording_is_not_followed_by_writes(
     other.write_text("precious", encoding="utf-8")
     path.with_name(path.name + suffix).symlink_to(other)
     for read in READERS.values():
-        with suppress(*REFUSALS):
+        with suppress(REFUSALS):
             found = read(path)  # type: ignore[operator]
             if isinstance(found, RecordingFile):
                 found.close()

@@ -40,9 +40,10 @@ def check_against_truth(content: dict[str, Any]) -> None:
     assert sum(name.partition(" ")[2] in (*BOUNDS, "sensitivity", "R²") for name in rows) == 13
 
 
-def test_demo_agrees_with_the_truth_and_writes_reports(tmp_path: Path) -> None:
+@pytest.mark.parametrize("fidelity", ["draft", pytest.param("normal", marks=pytest.mark.nightly)])
+def test_demo_agrees_with_the_truth_and_writes_reports(fidelity: str, tmp_path: Path) -> None:
     """One seed: no sample lost, five cycles, every figure within its bound, reports marked SIMULATED."""
-    content = demo(tmp_path, "--seed", "11")
+    content = demo(tmp_path, "--seed", "11", "--fidelity", fidelity)
     assert content["simulated"] is True
     assert content["lost_samples"] == 0
     assert content["cycles"] == {"complete": 5, "partial": 0, "with_gap": 0}

@@ -100,6 +100,7 @@ def test_every_sample_sent_at_50x_is_in_the_file(fast: tuple[str, Session]) -> N
     check_every_sample(fast[1])
 
 
+@pytest.mark.nightly
 def test_every_sample_sent_at_1x_is_in_the_file(tmp_path: Path) -> None:
     """The same in real time, with a plan from a file."""
     plan = tmp_path / "short.toml"

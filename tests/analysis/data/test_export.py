@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.io import loadmat
 
@@ -25,7 +25,6 @@ from protocol.base.errors import RequestError
 from tests.analysis.boat_builder import Plant, triangle, write_boat
 
 
-@settings(deadline=None, max_examples=25)
 @given(st.lists(st.floats(-1e6, 1e6), min_size=5, max_size=20))
 def test_numbers_survive_export_and_import(tmp_path_factory: pytest.TempPathFactory, values: list[float]) -> None:
     """Every exported number is read again to the last bit."""

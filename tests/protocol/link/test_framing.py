@@ -6,7 +6,7 @@ import random
 import zlib
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from protocol.base.errors import RequestError
@@ -83,7 +83,6 @@ def test_garbage_and_boot_text_hold_no_frame() -> None:
 
 
 @given(st.integers(COLLECT_MAX - 3, COLLECT_MAX + 300), st.integers(1, 80))
-@settings(max_examples=60)
 def test_a_long_run_is_one_oversize_however_it_is_cut(length: int, chunk: int) -> None:
     """More than 210 bytes without a 00 count once, up to 210 as malformed; memory stays bounded meanwhile."""
     reader = FrameReader()

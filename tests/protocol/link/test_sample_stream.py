@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from protocol import Connection, SampleFlag, Samples
@@ -83,7 +83,6 @@ def test_a_repeated_answer_to_start_changes_nothing() -> None:
     assert rows_of(events)["index"].tolist() == [0, 1, 2]
 
 
-@settings(max_examples=150)
 @given(
     indexed=st.booleans(),
     orders=st.lists(st.integers(0, 255), min_size=1, max_size=40),

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from protocol.base.errors import RequestError
@@ -320,7 +320,6 @@ def play(board: VirtualBoard, script: list, steps: itertools.cycle) -> bytes:
     return bytes(out + board.advance(0))
 
 
-@settings(max_examples=30, deadline=None)
 @given(SCRIPTS, FAULT_SETS, st.integers(0, 5), st.lists(st.integers(3_000, 400_000), min_size=1, max_size=4))
 def test_same_seed_and_bytes_give_the_same_bytes(script, faults, seed, steps):
     """However board time is cut up, and whatever goes wrong: the stream is the same, byte for byte."""
@@ -342,7 +341,6 @@ def test_other_seed_other_noise():
     assert elongations == [0.0, 0.0]
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.binary(max_size=600))
 def test_received_garbage_changes_nothing(data):
     """Random bytes from the host raise nothing and pressurise nothing."""
@@ -352,7 +350,6 @@ def test_received_garbage_changes_nothing(data):
     assert host.board.pressure_kpa == 0.0
 
 
-@settings(max_examples=20, deadline=None)
 @given(SCRIPTS)
 def test_pressure_never_leaves_the_limits_on_command(script):
     """Whatever order of commands: the pressure stays within the hard limits and their 2 kPa."""

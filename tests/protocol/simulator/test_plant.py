@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from protocol.simulator.plant import PUMP_KPA_PER_S, TICK_S, Body, Pneumatics, Sensors, cubic
@@ -86,7 +86,6 @@ def test_creep_comes_late_and_in_full():
     assert (np.diff(elongation) >= 0.0).all()
 
 
-@settings(max_examples=30)
 @given(st.lists(st.floats(-45.0, 55.0), min_size=1, max_size=80), st.lists(st.integers(0, 80), max_size=5))
 def test_body_and_sensors_do_not_depend_on_the_cut(pressure, cuts):
     """The same pressures in other blocks give the same elongation and signal bit for bit."""

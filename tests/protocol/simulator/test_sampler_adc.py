@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from protocol.simulator.sampler import AMBIENT_MV, FULL_SCALE, LSB_MV, FrontEnd, SampleNoise
@@ -61,7 +61,6 @@ def test_saturation_disagreement_freezing():
     assert np.unique(frozen[:, 0, 0]).size > 3
 
 
-@settings(max_examples=40)
 @given(st.integers(0, 5000), st.lists(st.integers(1, 3000), min_size=1, max_size=4))
 def test_noise_belongs_to_the_number(first, lengths):
     """The noise of a sample is the same for any slices and any order of calls."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from protocol import (
@@ -98,7 +98,6 @@ def test_own_start_is_not_a_restart() -> None:
 
 
 @given(st.lists(st.integers(0, 5_000), max_size=10), st.sampled_from([LINES, RX8]))
-@settings(max_examples=40, deadline=None)
 def test_division_into_chunks_changes_nothing(places: list[int], profile: Path) -> None:
     """Samples, gaps and counters are those of one call; a link made of the state continues like the first."""
     make = line if profile is LINES else packet

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import cholesky_banded
 
@@ -21,7 +21,6 @@ def random_band(size: int, bandwidth: int, seed: int) -> np.ndarray:
     return band
 
 
-@settings(deadline=None)
 @given(st.integers(1, 40), st.integers(0, 12), st.integers(0, 99))
 def test_factor_and_solution(size: int, bandwidth: int, seed: int) -> None:
     """The factor is LAPACK's, the solution numpy's, whatever the size is a multiple of."""
@@ -34,7 +33,6 @@ def test_factor_and_solution(size: int, bandwidth: int, seed: int) -> None:
     np.testing.assert_allclose(backward(factor, forward(factor, right)), np.linalg.solve(full, right), atol=1e-12)
 
 
-@settings(deadline=None)
 @given(st.integers(1, 30), st.integers(0, 6), st.data())
 def test_factorisation_stops_where_definiteness_ends(size: int, bandwidth: int, data: st.DataObject) -> None:
     """The count returned is the size of the greatest leading block that is positive definite."""

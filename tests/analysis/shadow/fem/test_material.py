@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from analysis.shadow.fem import material
@@ -20,7 +20,6 @@ def stress(f: np.ndarray, c10: float, d1: float) -> np.ndarray:
     return p
 
 
-@settings(deadline=None)
 @given(entries)
 def test_stress_is_the_derivative_of_energy(f: np.ndarray) -> None:
     """P = dW/dF by central differences."""
@@ -32,7 +31,6 @@ def test_stress_is_the_derivative_of_energy(f: np.ndarray) -> None:
     np.testing.assert_allclose(stress(f, 0.7, 0.3), slope, rtol=0, atol=2e-8)
 
 
-@settings(deadline=None)
 @given(entries)
 def test_tangent_is_the_derivative_of_stress_and_symmetric(f: np.ndarray) -> None:
     """dP/dF by central differences; a potential's second derivative is symmetric."""
@@ -43,7 +41,6 @@ def test_tangent_is_the_derivative_of_stress_and_symmetric(f: np.ndarray) -> Non
     np.testing.assert_array_equal(c, c.T)
 
 
-@settings(deadline=None)
 @given(entries, st.floats(-3, 3))
 def test_a_rotation_stores_no_energy(f: np.ndarray, angle: float) -> None:
     """W(QF) = W(F) for a rotation Q in the half plane."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from analysis.shadow.fem.mesh import WALL, Mesh, bladder_radius, build_mesh, check_quality, scaled_jacobian
@@ -33,7 +33,6 @@ def test_default_mesh_is_sound() -> None:
     assert (edges.max(axis=1) / edges.min(axis=1)).max() < 6.0
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.fixed_dictionaries(
         {

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from analysis.shadow.model.modulus import CompressionTest, effective_modulus, read_compression_test, specimen_modulus
@@ -24,7 +24,6 @@ def specimen(modulus_kpa: float, *, toe_mm: float = 0.4, noise_n: float = 0.0, s
     )
 
 
-@settings(deadline=None)
 @given(st.floats(0.5, 5000.0), st.floats(0.0, 1.0), st.sampled_from([-1.0, 1.0]), st.sampled_from([-1.0, 1.0]))
 def test_slope_is_the_modulus_whatever_toe_and_signs(modulus: float, toe: float, way: float, force: float) -> None:
     """A linear specimen gives its modulus, with a toe and with compression recorded negative or positive."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from boat_daq.engine.control.interlock import FlatLine, Interlock
@@ -45,6 +45,7 @@ def test_the_tightest_limits_and_whose_they_are() -> None:
     assert (limits.min_kpa, limits.min_source, limits.max_kpa, limits.max_source) == (-40, "plan", 55, "unit")
 
 
+@settings(max_examples=100)
 @given(st.floats(allow_nan=True, allow_infinity=True))
 def test_a_pressure_is_authorised_inside_the_limits_only(target: float) -> None:
     """Whatever is requested, a command leaves only for a target inside the tightest limits."""

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from boat_daq.engine.display.ring_buffer import ColumnRing, MinMaxPyramid, RingBuffer, fold_columns
@@ -55,7 +55,6 @@ def test_a_time_is_found_where_a_search_of_everything_finds_it(n, capacity, time
         assert ring.find(time_s, after=after) == expected
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(1, 30_000), st.lists(st.integers(1, 3_000), max_size=20), st.integers(64, 4_000), st.data())
 def test_a_drawing_has_the_extremes_of_its_span_and_few_points(n, cuts, max_points, data):
     """Never more points than requested, times in order, newest sample there, and no peak lost."""

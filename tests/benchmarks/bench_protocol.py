@@ -1,4 +1,4 @@
-"""How many SAMPLE frames a second one core decodes: streaming, in bulk, by a plain decoder, and pymavlink its own."""
+"""How many SAMPLE frames a second one core decodes: streaming, in bulk, and by a plain decoder."""
 
 from __future__ import annotations
 
@@ -78,21 +78,3 @@ def test_bulk(data: bytes) -> None:
         rate = frames_per_second(lambda chunks=chunks: len(decode_samples(chunks, Connection()).samples))
         print(f"bulk, recorded in {size:6} bytes:      {rate:12,.0f} frames/s, {rate / plain:5.2f} of the plain loop")
         assert rate > 0
-
-
-def test_pymavlink(data: bytes) -> None:
-    """pymavlink decoding its own SCALED_IMU messages (22 bytes of payload, as a SAMPLE of two sensors)."""
-    mavlink = pytest.importorskip("pymavlink.dialects.v20.common")
-    sender = mavlink.MAVLink(None)
-    imu = b"".join(sender.scaled_imu_encode(index, 1, 2, 3, 4, 5, 6, 7, 8, 9).pack(sender) for index in range(N // 10))
-    ours = frames_per_second(lambda: streamed(data, 4096))
-
-    def theirs() -> int:
-        receiver = mavlink.MAVLink(None)
-        return sum(len(receiver.parse_buffer(piece) or ()) for piece in pieces(imu, 4096))
-
-    rate = frames_per_second(theirs)
-    assert theirs() == N // 10
-    print(
-        f"\npymavlink, chunks of 4096 bytes:    {rate:12,.0f} messages/s; ours decodes {ours / rate:.0f} times as many"
-    )

@@ -77,7 +77,6 @@ NOT_WHOLE = {  # function: why it writes on its own
     "_keep": "a copy under a name that nothing had, flushed there",
     "analysed_with": "in a temporary folder",
     "first_difference": "in a temporary folder",
-    "recorded": "in a temporary folder",
     "_write_csv": "into the part that `export` gives it",
     "as_svg": "in memory",
 }

@@ -61,17 +61,7 @@ _MARKED = re.compile(rf"({MessageKind.MARK}): .*")
 
 
 def write_bug_report(out: Path, *, personal: bool = False, recording: Path | None = None) -> Path:
-    """Pack a report.
-
-    Parameters
-    ----------
-    personal : leave names, notes and paths as they are.
-    recording : whose summary goes in; the last one in the log when None.
-
-    Raises
-    ------
-    RequestError : a file of that name exists. StorageError : it cannot be written.
-    """
+    """Pack a report. `recording`: whose summary goes in; the last one in the log when None."""
     if out.exists():
         raise RequestError(f"{out} exists already", "choose another name")
     texts = collect(recording)
@@ -112,12 +102,7 @@ def collect(recording: Path | None = None) -> dict[str, str]:
 
 
 class Redaction:
-    """Removes personal data from texts.
-
-    Parameters
-    ----------
-    texts : all of the report: names under a personal key of one are removed from every one.
-    """
+    """Removes personal data from texts."""
 
     def __init__(self, texts: Mapping[str, str]) -> None:
         placeholders = {_user(): "[user]", platform.node(): "[computer]", platform.node().split(".")[0]: "[computer]"}

@@ -14,12 +14,7 @@ _HEAD = "# Derived channels, one a line: NAME [UNIT] = EXPRESSION\n"
 
 
 def parse_lines(text: str) -> tuple[DerivedChannel, ...]:
-    """Return the definitions of some lines; empty ones and those that begin with # are left out.
-
-    Raises
-    ------
-    RecordingError : a line is refused.
-    """
+    """Return the definitions of some lines; empty ones and those that begin with # are left out."""
     lines = (line.strip() for line in text.splitlines())
     return tuple(parse_definition(line) for line in lines if line and not line.startswith("#"))
 
@@ -30,20 +25,10 @@ def as_lines(channels: Sequence[DerivedChannel]) -> str:
 
 
 def load_derived(folder: Path | None = None) -> tuple[DerivedChannel, ...]:
-    """Return the stored definitions.
-
-    Raises
-    ------
-    RequestError : the file cannot be read. RecordingError : a line is refused.
-    """
+    """Return the stored definitions."""
     return parse_lines(read_stored((folder or home()) / _FILE) or "")
 
 
 def save_derived(channels: Sequence[DerivedChannel], folder: Path | None = None) -> None:
-    """Store definitions.
-
-    Raises
-    ------
-    StorageError : the folder cannot be written.
-    """
+    """Store definitions. StorageError: the folder cannot be written."""
     write_stored((folder or home()) / _FILE, _HEAD + as_lines(channels))

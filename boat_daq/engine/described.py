@@ -45,8 +45,6 @@ class Described:
     ----------
     key, label, meaning : its name in the file, in a form, and what it is.
     lowest, highest : of a number; `above` the lowest itself is refused.
-    choices : values and their texts, where there are no others.
-    applies : when a new value takes effect.
     """
 
     key: str
@@ -57,8 +55,8 @@ class Described:
     lowest: float = -math.inf
     highest: float = math.inf
     above: bool = False
-    choices: tuple[tuple[int | str, str], ...] = ()
-    applies: Applies = Applies.CONNECTION
+    choices: tuple[tuple[int | str, str], ...] = ()  # values and their texts, where there are no others
+    applies: Applies = Applies.CONNECTION  # when a new value takes effect
 
     @property
     def range_text(self) -> str:
@@ -75,12 +73,7 @@ class Described:
         return f"{_number(self.lowest)} to {_number(self.highest)}{unit}"
 
     def check(self, value: object, where: str) -> None:
-        """Refuse a value outside its range.
-
-        Raises
-        ------
-        BadValue : names the key.
-        """
+        """Refuse a value outside its range. BadValue: names the key."""
         if self.choices:
             good = any(value == choice for choice, _ in self.choices)
         elif isinstance(value, int | float) and not isinstance(value, bool):
@@ -93,12 +86,7 @@ class Described:
             raise BadValue(where, self.key, f"must have at most {LONGEST} letters, not {len(value)}")
 
     def value_of(self, text: str, where: str) -> int | float | bool | str:
-        """Return the value that was typed.
-
-        Raises
-        ------
-        BadValue : names the key.
-        """
+        """Return the value that was typed. BadValue: names the key."""
         text = text.strip()
         if isinstance(self.default, str):
             return text
@@ -117,12 +105,7 @@ class Described:
 
 
 def stated(default: Any, label: str, meaning: str, unit: str = "", **more: Any) -> Any:
-    """Return a described field of a dataclass.
-
-    Parameters
-    ----------
-    default, label, meaning, unit : as in `Described`.
-    """
+    """Return a described field of a dataclass. `default`, `label`, `meaning`, `unit`: as in `Described`."""
     described = Described("", label, meaning, default, unit, **more)
     return dataclasses.field(default=default, metadata={_KEY: described})
 
@@ -134,23 +117,13 @@ def described(cls: Any) -> dict[str, Described]:
 
 
 def check_ranges(values: object, where: str) -> None:
-    """Refuse a value outside its described range.
-
-    Raises
-    ------
-    BadValue : the first one; names its key.
-    """
+    """Refuse a value outside its described range. BadValue: the first one; names its key."""
     for key, about in described(values).items():
         about.check(getattr(values, key), where)
 
 
 def with_typed(values: D, typed: Mapping[str, str], where: str) -> D:
-    """Return the dataclass with values that were typed, by key.
-
-    Raises
-    ------
-    BadValue : an unknown key, or a value that it cannot have.
-    """
+    """Return the dataclass with values that were typed, by key."""
     known = described(values)
     for key in typed:
         if key not in known:
@@ -160,24 +133,14 @@ def with_typed(values: D, typed: Mapping[str, str], where: str) -> D:
 
 
 def with_defaults(values: D, keys: Iterable[str], where: str) -> D:
-    """Return the dataclass with the defaults of some keys; of all where none is given.
-
-    Raises
-    ------
-    BadValue : an unknown key.
-    """
+    """Return the dataclass with the defaults of some keys; of all where none is given. BadValue: an unknown key."""
     known = described(values)
     typed = {key: text_of(known[key].default) if key in known else "" for key in list(keys) or known}
     return with_typed(values, typed, where)
 
 
 def with_undone(values: D, changes: Sequence[StoredChange], where: str) -> D:
-    """Return the dataclass with the newest changes taken back: those of one moment.
-
-    Raises
-    ------
-    RequestError : nothing was changed.
-    """
+    """Return the dataclass with the newest changes taken back: those of one moment."""
     known = [change for change in changes if change.key in described(values)]
     if not known:
         raise RequestError(f"{where}: nothing was changed", "Values are changed one by one, by key.")
@@ -214,12 +177,7 @@ class StoredChange:
 
 
 def take_changes(table: dict[str, Any], where: str) -> tuple[StoredChange, ...]:
-    """Take the changes out of a file's table, oldest first.
-
-    Raises
-    ------
-    BadValue : they are no list of changes.
-    """
+    """Take the changes out of a file's table, oldest first. BadValue: they are no list of changes."""
     rows = table.pop(CHANGES, [])
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise BadValue(where, CHANGES, "must be a list of tables")
@@ -229,12 +187,7 @@ def take_changes(table: dict[str, Any], where: str) -> tuple[StoredChange, ...]:
 def with_changes(
     stored: tuple[StoredChange, ...], before: Mapping[str, str], after: Mapping[str, str]
 ) -> list[dict[str, str]]:
-    """Return the changes to store in a file: those it has, and what differs now.
-
-    Parameters
-    ----------
-    before, after : texts by key (`texts_of`).
-    """
+    """Return the changes to store in a file: those it has, and what differs now."""
     utc = datetime.now(UTC).isoformat(timespec="milliseconds")  # also the name of one step, for undo
     pairs = ((key, before.get(key, ""), after.get(key, "")) for key in dict.fromkeys((*before, *after)))
     new = [StoredChange(utc, key, old, text) for key, old, text in pairs if old != text]

@@ -23,12 +23,7 @@ def is_device_name(name: str) -> bool:
 
 
 def check_file_name(name: str) -> None:
-    """Refuse a file name that some system of the lab cannot hold, or that is a path.
-
-    Raises
-    ------
-    RequestError : empty, "." or "..", reserved, too long, or with characters that Windows refuses, separators first.
-    """
+    """Refuse a file name that some system of the lab cannot hold, or that is a path."""
     if name.strip(" .") == "":
         raise RequestError(f"{name!r} is not the name of a file", "Choose another name.")
     if is_device_name(name):
@@ -40,10 +35,7 @@ def check_file_name(name: str) -> None:
 
 
 def path_in(folder: Path, name: str) -> Path:
-    """Return the path of a file in `folder`.
-
-    See `check_file_name` for the names that are refused.
-    """
+    """Return the path of a file in `folder`. See `check_file_name` for the names that are refused."""
     check_file_name(name)
     return folder / name
 
@@ -55,14 +47,6 @@ def named(template: str, folder: Path, now: datetime, **values: str) -> Path:
     """Return the path that a template gives, such as ``{unit}_{plan}_{number}``.
 
     `{number}` counts from 1 to the first name that is free. What a value has that no name can hold becomes a hyphen.
-
-    Parameters
-    ----------
-    values : unit, operator and plan; those not given are empty.
-
-    Raises
-    ------
-    RequestError : another field, or the result is no name of a file.
     """
     given = {"date": f"{now:%Y-%m-%d}", "time": f"{now:%H%M%S}"} | values
     unknown = sorted(set(re.findall(r"\{([^{}]*)\}", template)) - set(_FIELDS))

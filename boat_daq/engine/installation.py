@@ -16,13 +16,7 @@ from protocol.link.framing import is_compiled
 
 @dataclass(frozen=True, slots=True)
 class Shortcoming:
-    """Something of this installation that is slower than it could be.
-
-    Parameters
-    ----------
-    cause, remedy : sentences without their full stop.
-    command : the remedy on the command line, which the window does not show.
-    """
+    """Something of this installation that is slower than it could be."""
 
     cause: str
     remedy: str

@@ -157,10 +157,7 @@ def _prune(folder: Path) -> None:
 
 
 def memory_mb() -> float | None:
-    """Return the resident memory of this process, MB.
-
-    Its peak where only that is known; None where neither is.
-    """
+    """Return the resident memory of this process, MB. Its peak where only that is known; None where neither is."""
     pages = Path("/proc/self/statm")
     if pages.exists():
         return int(pages.read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6

@@ -66,10 +66,7 @@ class PlannedStep:
 
 @dataclass(frozen=True, slots=True)
 class StepMark:
-    """One step of a run as the recording's table `step` keeps it.
-
-    `number` is its `step_id`. Times are board time.
-    """
+    """One step of a run as the recording's table `step` keeps it. `number` is its `step_id`. Times are board time."""
 
     number: int
     cycle: int
@@ -95,10 +92,8 @@ class Plan:
 
     Parameters
     ----------
-    name : its name in lists and recordings.
     high_kpa, low_kpa : the two ends; a cycle starts at `high_kpa`.
     step_kpa : distance of the staircase's plateaus; divides the span.
-    ramp_kpa_per_s : rate of change towards each target.
     min_kpa, max_kpa : the plan's own limits; the pressure never goes 2 kPa beyond them.
     tolerance_kpa : the pressure has arrived while it is this close to its target.
     settling_s : it has settled once it stayed so close for this long.
@@ -108,10 +103,6 @@ class Plan:
     arrival_timeout_s : time allowed beyond the ramp's own until the pressure has arrived.
     reading_timeout_s : longest wait at a plateau for its reading, where readings are waited for.
     quantity : of a profile's values, "kPa" or "mm".
-
-    Raises
-    ------
-    RequestError : a value that makes no plan, by key.
     """
 
     name: str
@@ -205,10 +196,7 @@ class Plan:
         return 0.0 if first.kind == "ramp" else first.target
 
     def step_duration_s(self, from_kpa: float, to_kpa: float) -> float:
-        """Estimate one step's time.
-
-        Its ramp, its arrival within tolerance, and its shortest hold.
-        """
+        """Estimate one step's time. Its ramp, its arrival within tolerance, and its shortest hold."""
         hold = self.min_dwell_s
         if self.kind == "staircase":
             hold = max(hold, self.settling_s + self.window_s)
@@ -229,10 +217,7 @@ class Plan:
         return opening_s + self.cycles * self.cycle_duration_s
 
     def with_dwell(self, dwell_s: float) -> Plan:
-        """Return the plan with this shortest hold.
-
-        One too short for settling and window shortens both to fit.
-        """
+        """Return the plan with this shortest hold. One too short for settling and window shortens both to fit."""
         return dataclasses.replace(
             self,
             min_dwell_s=dwell_s,
@@ -252,14 +237,7 @@ class Plan:
 
 
 def resume_point(plan: Plan, marks: list[StepMark]) -> tuple[int, int]:
-    """Return (first cycle, complete cycles) with which a broken run resumes.
-
-    The next number that was never begun.
-
-    Parameters
-    ----------
-    marks : steps of the broken run, in order.
-    """
+    """Return (first cycle, complete cycles) with which a broken run resumes. The next number that was never begun."""
     per_cycle = len(plan.targets_kpa)
     reached: dict[int, int] = {}
     for mark in marks:
@@ -382,22 +360,12 @@ def _check_staircase(plan: Plan, where: str) -> None:
 
 
 def plan_from_toml(text: str, where: str = "the plan") -> Plan:
-    """Return the plan that `text` describes.
-
-    Raises
-    ------
-    RequestError : not TOML, or refused by key.
-    """
+    """Return the plan that `text` describes. RequestError: not TOML, or refused by key."""
     return plan_from_table(parse_toml(text, where), where)
 
 
 def plan_from_table(table: Mapping[str, Any], where: str) -> Plan:
-    """Return the plan of a table, as `dataclasses.asdict` gives it.
-
-    Raises
-    ------
-    RequestError : refused by key.
-    """
+    """Return the plan of a table, as `dataclasses.asdict` gives it. RequestError: refused by key."""
     found: dict[str, tuple[Any, ...]] = {}
     for key, kind in (("segments", Segment), ("loops", Loop)):
         entries = table.get(key, [])
@@ -418,12 +386,7 @@ def built_in_plans() -> Mapping[str, Plan]:
 
 
 def load_plan(name_or_path: str) -> Plan:
-    """Return a built-in plan by name, or the one in a file.
-
-    Raises
-    ------
-    RequestError : neither a built-in name nor a readable plan.
-    """
+    """Return a built-in plan by name, or the one in a file."""
     built_in = built_in_plans()
     if name_or_path in built_in:
         return built_in[name_or_path]
@@ -435,12 +398,7 @@ def load_plan(name_or_path: str) -> Plan:
 
 
 def plans_in(folder: Path) -> Mapping[str, Plan]:
-    """Return the built-in plans and those in the TOML files of a folder, by name.
-
-    Raises
-    ------
-    RequestError : no folder, a file that is no readable plan, or two plans of one name.
-    """
+    """Return the built-in plans and those in the TOML files of a folder, by name."""
     found = dict(built_in_plans())
     if not folder.is_dir():
         raise RequestError(f"{folder} is no folder", "choose the folder with the files of your plans")

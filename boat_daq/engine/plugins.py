@@ -41,8 +41,6 @@ def call(group: str, name: str, function: str, arguments: Mapping[str, Any], tim
 
     Parameters
     ----------
-    function : attribute of what the entry point names; "" for that itself.
-    arguments : passed by keyword, as JSON.
     timeout_s : after which its process, and all that it started, is killed.
 
     Returns
@@ -76,12 +74,7 @@ def call(group: str, name: str, function: str, arguments: Mapping[str, Any], tim
 
 
 def run_hooks(event: str, arguments: Mapping[str, Any], warn: Warn) -> None:
-    """Call every hook with an event, one after the other; each that fails is named.
-
-    Parameters
-    ----------
-    event : recording_closed, analysis_done or warning_raised: the name of the function.
-    """
+    """Call every hook with an event, one after the other; each that fails is named."""
     for name in installed(HOOKS):
         _, failure = call(HOOKS, name, event, arguments, HOOK_S)
         if failure:
@@ -89,12 +82,7 @@ def run_hooks(event: str, arguments: Mapping[str, Any], warn: Warn) -> None:
 
 
 class Hooks:
-    """Calls hooks from a thread of its own; without hooks there is no thread.
-
-    Parameters
-    ----------
-    warn : takes cause and remedy of a hook that failed.
-    """
+    """Calls hooks from a thread of its own; without hooks there is no thread."""
 
     def __init__(self, warn: Warn) -> None:
         self._warn = warn
@@ -126,13 +114,7 @@ class Hooks:
 
 
 def lab_figures(run: str, analysis: Mapping[str, Any], warn: Warn) -> list[dict[str, Any]]:
-    """Return the figures of the lab's plugins: label, unit, a value for each sensor or one, and the plugin's name.
-
-    Parameters
-    ----------
-    analysis : the object of `analyze --json`.
-    warn : takes cause and remedy of a plugin that failed.
-    """
+    """Return the figures of the lab's plugins: label, unit, a value for each sensor or one, and the plugin's name."""
     found = []
     for name in installed(FIGURES):
         returned, failure = call(FIGURES, name, "", {"run": run, "analysis": analysis}, FIGURE_S)

@@ -25,24 +25,14 @@ PAUSE_MAX_S = 7 * 86_400.0
 
 @dataclass(frozen=True, slots=True)
 class QueuedRun:
-    """One run of a queue.
+    """One run of a queue."""
 
-    Attributes
-    ----------
-    plan : name of a built-in plan, or its TOML file, relative to that of the queue.
-    unit : name of the unit; empty for none.
-    cycles : in place of the plan's; 0 for those.
-    pause_s : before this run, s.
-    wait : what the operator confirms before this run; empty to begin without.
-    name : template of the recording's name; empty for that of the settings.
-    """
-
-    plan: str
-    unit: str = ""
-    cycles: int = 0
-    pause_s: float = 0.0
-    wait: str = ""
-    name: str = ""
+    plan: str  # name of a built-in plan, or its TOML file, relative to that of the queue
+    unit: str = ""  # name of the unit; empty for none
+    cycles: int = 0  # in place of the plan's; 0 for those
+    pause_s: float = 0.0  # before this run, s
+    wait: str = ""  # what the operator confirms before this run; empty to begin without
+    name: str = ""  # template of the recording's name; empty for that of the settings
     note: str = ""
 
     def __post_init__(self) -> None:
@@ -52,24 +42,14 @@ class QueuedRun:
             raise BadValue("queue", "cycles", f"must not be negative, not {self.cycles}")
 
     def loaded(self, folder: Path) -> Plan:
-        """Return its plan.
-
-        Raises
-        ------
-        RequestError : there is none of this name, or its file is refused.
-        """
+        """Return its plan. RequestError: there is none of this name, or its file is refused."""
         beside = folder / self.plan
         plan = load_plan(str(beside) if beside.is_file() else self.plan)
         return plan.changed(cycles=self.cycles) if self.cycles else plan
 
 
 def load_queue(path: Path) -> tuple[QueuedRun, ...]:
-    """Return the runs of a file, each with a plan that can be read.
-
-    Raises
-    ------
-    RequestError : the file is refused, by key.
-    """
+    """Return the runs of a file, each with a plan that can be read. RequestError: the file is refused, by key."""
     table = parse_toml(read_text(path), str(path))
     entries = table.pop("run", None)
     if table:

@@ -30,22 +30,15 @@ _PRESSURE_UNKNOWN = int(SampleFlag.PRESSURE_INVALID)
 class Columns:
     """n samples in order of board time.
 
-    Attributes
-    ----------
-    time_us : board time, int64 [n].
-    pressure_kpa : gauge pressure [n].
-    signal_mv : (lit - dark) in mV [n, sensors].
-    raw : converter reading with the emitter on, counts; the signal where a board sends no counts [n, sensors].
-    state : `BoardState` [n].
-    flags : `SampleFlag` [n].
+    `raw`: converter reading with the emitter on, counts; the signal where a board sends no counts [n, sensors].
     """
 
-    time_us: NDArray[np.int64]
-    pressure_kpa: NDArray[np.float64]
-    signal_mv: NDArray[np.float64]
+    time_us: NDArray[np.int64]  # board time, int64 [n]
+    pressure_kpa: NDArray[np.float64]  # gauge pressure [n]
+    signal_mv: NDArray[np.float64]  # (lit - dark) in mV [n, sensors]
     raw: NDArray[np.float64]
-    state: NDArray[np.uint8]
-    flags: NDArray[np.uint16]
+    state: NDArray[np.uint8]  # `BoardState` [n]
+    flags: NDArray[np.uint16]  # `SampleFlag` [n]
 
     def __len__(self) -> int:
         return len(self.time_us)
@@ -68,10 +61,7 @@ class Columns:
 
 
 def mv_per_count(meta: Mapping[str, Any]) -> float:
-    """Return mV of signal for one count, from a recording's `session`.
-
-    1 where the samples are signals in mV.
-    """
+    """Return mV of signal for one count, from a recording's `session`. 1 where the samples are signals in mV."""
     if meta["sample_kind"] != "counts" or not meta.get("vref_mv") or not meta.get("adc_bits"):
         return 1.0
     return float(meta["vref_mv"]) / (1 << int(meta["adc_bits"]))

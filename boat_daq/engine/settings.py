@@ -113,10 +113,7 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class StoredCalibration:
-    """One entry of a unit's history.
-
-    `content` is what the analysis made, as plain JSON values.
-    """
+    """One entry of a unit's history. `content` is what the analysis made, as plain JSON values."""
 
     utc: str
     accepted: bool
@@ -129,9 +126,7 @@ class StoredCalibration:
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A sensorized actuator.
-
-    Its limits, how its stage is wired, and its calibrations, oldest first.
+    """A sensorized actuator: its limits, how its stage is wired, and its calibrations, oldest first.
 
     `type_b` are tables of contributions to the uncertainty of an elongation, as `analysis.calibration.type_b` reads
     them. `lens` is that of its camera (`analysis.tracking.lens`). `metadata` are those that its next recording states,
@@ -208,45 +203,25 @@ def recordings_folder(settings: Settings) -> Path:
 
 
 def load_settings(folder: Path | None = None) -> Settings:
-    """Return the stored settings, the defaults where nothing was stored yet.
-
-    Raises
-    ------
-    RequestError : the file is refused, by key.
-    """
+    """Return the stored settings, the defaults where nothing was stored yet."""
     return stored_settings(folder)[0]
 
 
 def stored_settings(folder: Path | None = None) -> tuple[Settings, tuple[StoredChange, ...]]:
-    """Return the stored settings and what changed when, oldest first.
-
-    Raises
-    ------
-    RequestError : the file is refused, by key.
-    """
+    """Return the stored settings and what changed when, oldest first. RequestError: the file is refused, by key."""
     path = settings_path(folder)
     return read_whole(path, lambda text: read_settings(text, str(path))) or (Settings(), ())
 
 
 def read_settings(text: str, where: str) -> tuple[Settings, tuple[StoredChange, ...]]:
-    """Return the settings in a file's text, and their changes.
-
-    Raises
-    ------
-    RequestError : the text is refused, by key.
-    """
+    """Return the settings in a file's text, and their changes. RequestError: the text is refused, by key."""
     table = parse_toml(text, where)
     changes = take_changes(table, where)
     return build(Settings, table, where), changes
 
 
 def save_settings(settings: Settings, folder: Path | None = None) -> None:
-    """Store the settings, and what has changed; a file that is refused is kept beside.
-
-    Raises
-    ------
-    StorageError : the folder cannot be written.
-    """
+    """Store the settings, and what has changed; a file that is refused is kept beside."""
     path = settings_path(folder)
     try:
         before, changes = stored_settings(folder)
@@ -277,13 +252,7 @@ def settings_path(folder: Path | None = None) -> Path:
 
 
 class UnitLibrary:
-    """The stored units, one file each.
-
-    Parameters
-    ----------
-    folder : of the units; the stored ones when None.
-    simulated : whether the calibrations are those of simulated boards.
-    """
+    """The stored units, one file each."""
 
     def __init__(self, folder: Path | None = None, *, simulated: bool = False) -> None:
         self._units = folder or home("data") / "units"
@@ -308,12 +277,7 @@ class UnitLibrary:
         return sorted({name.removesuffix(".toml") for name in files if name.endswith(".toml")})
 
     def load(self, name: str) -> Unit:
-        """Return a unit; one never stored has the default limits and no calibration.
-
-        Raises
-        ------
-        RequestError : no usable name, or the file is refused, by key.
-        """
+        """Return a unit; one never stored has the default limits and no calibration."""
         unit = Unit(name)
         unit = self._read(self._units, name) or unit
         history = _of_kind(unit.history, simulated=self.simulated, first=False)
@@ -348,12 +312,7 @@ class UnitLibrary:
         return found
 
     def stored(self, name: str) -> Unit:
-        """Return a unit that is stored.
-
-        Raises
-        ------
-        RequestError : it is not, or as `load`.
-        """
+        """Return a unit that is stored. RequestError: it is not, or as `load`."""
         if name not in self.names():
             known = ", ".join(self.names()) or "none"
             cause = f"no unit {name!r:.60} is stored (stored: {known})"
@@ -361,23 +320,12 @@ class UnitLibrary:
         return self.load(name)
 
     def text(self, name: str) -> str:
-        """Return the text of a stored unit's file.
-
-        Raises
-        ------
-        RequestError : it is not stored, or its file is refused.
-        """
+        """Return the text of a stored unit's file. RequestError: it is not stored, or its file is refused."""
         self.stored(name)
         return read_stored(path_in(self.folder, f"{name}.toml")) or ""
 
     def save(self, unit: Unit) -> None:
-        """Store a unit.
-
-        Raises
-        ------
-        RequestError : entries of its history would be lost.
-        StorageError : the folder cannot be written.
-        """
+        """Store a unit."""
         stored = self.load(unit.name)
         if unit.history[: len(stored.history)] != stored.history:
             remedy = "keep the entries of the stored history and add to them"
@@ -392,17 +340,7 @@ class UnitLibrary:
         write_stored(path_in(self.folder, f"{unit.name}.toml"), tomli_w.dumps(table))
 
     def add_calibration(self, name: str, content: Mapping[str, Any], *, accepted: bool = True, **more: str) -> Unit:
-        """Add a calibration to a unit's history, store it, and return the unit.
-
-        Parameters
-        ----------
-        content : plain JSON values; it is read back as it was.
-        accepted : False for the withdrawal of the one before.
-
-        Raises
-        ------
-        RequestError : its content is of the other kind of board, or as `load` and `save`. StorageError : as `save`.
-        """
+        """Add a calibration to a unit's history, store it, and return the unit."""
         if bool(content.get("simulated", self.simulated)) is not self.simulated:
             kinds = ("a simulated board", "a real board")
             made, stored = kinds if not self.simulated else kinds[::-1]
@@ -424,22 +362,12 @@ def _stated_texts(unit: Unit) -> dict[str, str]:
 
 
 def read_unit(path: Path) -> Unit:
-    """Return the unit of an exported file.
-
-    Raises
-    ------
-    RequestError : the file is refused, by key.
-    """
+    """Return the unit of an exported file. RequestError: the file is refused, by key."""
     return parse_unit(read_text(path), path)
 
 
 def parse_unit(text: str, path: Path) -> Unit:
-    """Return the unit of a file's text, with every entry of it.
-
-    Raises
-    ------
-    RequestError : the text is refused, by key.
-    """
+    """Return the unit of a file's text, with every entry of it. RequestError: the text is refused, by key."""
     table = parse_toml(text, str(path))
     entries = table.pop("history", [])
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
@@ -460,12 +388,7 @@ def parse_unit(text: str, path: Path) -> Unit:
 
 
 def _of_kind(history: tuple[StoredCalibration, ...], *, simulated: bool, first: bool) -> tuple[StoredCalibration, ...]:
-    """Return the entries of one kind of board.
-
-    Parameters
-    ----------
-    first : the kind of an accepted entry that does not name it.
-    """
+    """Return the entries of one kind of board."""
     found, kind = [], first
     for entry in history:
         kind = bool(entry.content.get("simulated", first if entry.accepted else kind))

@@ -122,10 +122,7 @@ class MessageKind(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One line for the operator.
-
-    `number` increases by one, so that a reader can find what is new.
-    """
+    """One line for the operator. `number` increases by one, so that a reader can find what is new."""
 
     number: int
     kind: MessageKind
@@ -158,10 +155,7 @@ class RunEnding:
 
     @property
     def text(self) -> str:
-        """The ending as `session.stop_reason` keeps it for people.
-
-        "finished", "stopped", "aborted: CAUSE".
-        """
+        """The ending as `session.stop_reason` keeps it for people. "finished", "stopped", "aborted: CAUSE"."""
         return f"{RunEnd.ABORTED}: {self.cause}" if self.aborted else str(self.end)
 
 
@@ -194,10 +188,7 @@ class LastSample:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One reading of the elongation at a plateau.
-
-    A correction is a newer one for the same step.
-    """
+    """One reading of the elongation at a plateau. A correction is a newer one for the same step."""
 
     step_id: int
     elongation_mm: float | None  # None withdraws the reading
@@ -210,21 +201,13 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class CameraReading:
-    """The elongation of one frame.
+    """The elongation of one frame. `elongation_mm`, `u_mm`: None where there is no value."""
 
-    Attributes
-    ----------
-    host_ns : host monotonic clock at the frame's arrival.
-    elongation_mm, u_mm : None where there is no value.
-    fault : why there is none; empty where there is one.
-    dropped : frames missing before this one.
-    """
-
-    host_ns: int
+    host_ns: int  # host monotonic clock at the frame's arrival
     elongation_mm: float | None
     u_mm: float | None
-    fault: str = ""
-    dropped: int = 0
+    fault: str = ""  # why there is none; empty where there is one
+    dropped: int = 0  # frames missing before this one
 
 
 @dataclass(frozen=True, slots=True)

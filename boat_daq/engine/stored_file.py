@@ -31,14 +31,7 @@ def take_warnings() -> list[tuple[str, str]]:
 
 
 def read_stored(path: Path) -> str | None:
-    """Return the text of a stored file, or of its backup where a disk destroyed it.
-
-    None where nothing was stored.
-
-    Raises
-    ------
-    RequestError : neither can be read.
-    """
+    """Return the text of a stored file, or of its backup where a disk destroyed it. None where nothing was stored."""
     backup = path.with_name(path.name + BACKUP)
     if not is_destroyed(path) or not backup.exists():
         return read_text(path) if path.exists() else None
@@ -52,12 +45,7 @@ def read_stored(path: Path) -> str | None:
 
 
 def read_whole(path: Path, parse: Callable[[str], T]) -> T | None:
-    """Return what is stored in a file; None where nothing is.
-
-    Raises
-    ------
-    RequestError : the file is refused; the remedy names its backup, where that one would be taken.
-    """
+    """Return what is stored in a file; None where nothing is."""
     text = read_stored(path)
     if text is None:
         return None
@@ -80,10 +68,7 @@ def _is_good(path: Path, parse: Callable[[str], object]) -> bool:
 
 
 def is_destroyed(path: Path) -> bool:
-    """Whether a file is gone or holds what no editor leaves.
-
-    Nothing at all, NUL bytes, or no UTF-8.
-    """
+    """Whether a file is gone or holds what no editor leaves. Nothing at all, NUL bytes, or no UTF-8."""
     try:
         content = read_regular(path, TOML_MAX_BYTES)
         return not content.strip() or b"\0" in content or not content.decode("utf-8-sig").strip()
@@ -94,12 +79,7 @@ def is_destroyed(path: Path) -> bool:
 
 
 def write_stored(path: Path, text: str) -> None:
-    """Replace a file at once, the one before kept as `.bak`.
-
-    Raises
-    ------
-    StorageError : the folder or the file cannot be written.
-    """
+    """Replace a file at once, the one before kept as `.bak`. StorageError: the folder or the file cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if not is_destroyed(path):  # else the backup is the better one

@@ -25,14 +25,7 @@ TOML_MAX_BYTES = 1_000_000  # a plan or a settings file has a few kilobytes
 
 
 class BadValue(RequestError):
-    """A value that its key cannot have.
-
-    Parameters
-    ----------
-    where : the file, or what it describes.
-    key, why : for a form that names its keys otherwise.
-    remedy : what to do about it; may be empty.
-    """
+    """A value that its key cannot have."""
 
     def __init__(self, where: str, key: str, why: str, remedy: str = "") -> None:
         super().__init__(f"{where}: '{key:.60}' {why}", remedy)
@@ -40,12 +33,7 @@ class BadValue(RequestError):
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
-    """Return the table in `text`.
-
-    Raises
-    ------
-    RequestError : not TOML; names the line.
-    """
+    """Return the table in `text`. RequestError: not TOML; names the line."""
     try:
         return read_toml(text)
     except ValueError as error:
@@ -53,12 +41,7 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
 
 
 def read_text(path: Path, most_bytes: int = TOML_MAX_BYTES) -> str:
-    """Return a small text file's content, in bounded memory.
-
-    Raises
-    ------
-    RequestError : missing, unreadable, too large, or not UTF-8.
-    """
+    """Return a small text file's content, in bounded memory."""
     try:
         return read_regular(path, most_bytes).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except OSError as error:
@@ -68,12 +51,7 @@ def read_text(path: Path, most_bytes: int = TOML_MAX_BYTES) -> str:
 
 
 def read_json(path: Path, most_bytes: int = TOML_MAX_BYTES) -> Any:
-    """Return the content of a JSON file, in bounded memory.
-
-    Raises
-    ------
-    RequestError : as `read_text`, or not JSON.
-    """
+    """Return the content of a JSON file, in bounded memory."""
     try:
         return json.loads(read_text(path, most_bytes))
     except (ValueError, RecursionError) as error:
@@ -92,18 +70,7 @@ def _plain(value: Any, kind: type, where: str, key: str) -> Any:
 
 
 def build(cls: type[T], table: Mapping[str, Any], where: str, **converted: Any) -> T:
-    """Return a dataclass filled from a table.
-
-    Parameters
-    ----------
-    cls : its fields in `table` are str, int, float or bool.
-    table : values by key.
-    converted : values of other fields, ready to use.
-
-    Raises
-    ------
-    RequestError : unknown key, missing key, wrong type, not finite; each by key.
-    """
+    """Return a dataclass filled from a table."""
     fields = {f.name: f for f in dataclasses.fields(cls) if f.name not in converted}  # type: ignore[arg-type]
     kinds = get_type_hints(cls)
     for key in table:

@@ -27,18 +27,12 @@ MISSING_FROM = 1.6  # intervals: longer ones lack a frame
 
 @dataclass(frozen=True, slots=True)
 class TrackedFrame:
-    """Elongation in a picture and its standard uncertainty, mm, None where there is no value.
-
-    Attributes
-    ----------
-    fault : why there is no value; empty where there is one.
-    marks_px : [4, 2] corners of each mark that was found.
-    """
+    """Elongation in a picture and its standard uncertainty, mm, None where there is no value."""
 
     elongation_mm: float | None
     u_mm: float | None
-    fault: str = ""
-    marks_px: tuple[NDArray[np.float64], ...] = ()
+    fault: str = ""  # why there is no value; empty where there is one
+    marks_px: tuple[NDArray[np.float64], ...] = ()  # [4, 2] corners of each mark that was found
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,29 +42,21 @@ class CameraState:
     Attributes
     ----------
     frames, valid, dropped : counts since it was opened.
-    rate_hz : of the last second; None before.
     reading, picture, tracked : the newest ones; None before the first.
-    error : why it ended; None while it runs.
     """
 
     frames: int = 0
     valid: int = 0
     dropped: int = 0
-    rate_hz: float | None = None
+    rate_hz: float | None = None  # of the last second; None before
     reading: CameraReading | None = None
     picture: Picture | None = None
     tracked: TrackedFrame | None = None
-    error: BoatDaqError | None = None
+    error: BoatDaqError | None = None  # why it ended; None while it runs
 
 
 class Camera:
-    """Captures from one source until it is closed.
-
-    Parameters
-    ----------
-    track : gives the elongation in a picture and its time.
-    sink : takes each reading and its picture, on the camera's thread.
-    """
+    """Captures from one source until it is closed."""
 
     def __init__(
         self,

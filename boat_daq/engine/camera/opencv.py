@@ -9,12 +9,7 @@ from protocol.base.errors import RequestError
 
 
 def opencv() -> Any:
-    """Return OpenCV.
-
-    Raises
-    ------
-    RequestError : it is not installed.
-    """
+    """Return OpenCV. RequestError: it is not installed."""
     try:
         return importlib.import_module("cv2")
     except ModuleNotFoundError as error:

@@ -60,15 +60,7 @@ class CameraSource(Protocol):
 def open_source(name: str, *, allow_remote: bool = False) -> CameraSource:
     """Open a source of pictures.
 
-    Parameters
-    ----------
-    name : number of a camera, path of a video, http://HOST:PORT/... (MJPEG) or rtsp://HOST/...
-    allow_remote : whether an address may be on another computer.
-
-    Raises
-    ------
-    RequestError : no such camera or file, an address that is refused, or OpenCV is not installed.
-    DeviceError : the camera or the address does not answer.
+    `name`: number of a camera, path of a video, http://HOST:PORT/... (MJPEG) or rtsp://HOST/...
     """
     opencv()
     if name.isascii() and name.isdecimal():
@@ -85,12 +77,7 @@ def open_source(name: str, *, allow_remote: bool = False) -> CameraSource:
 
 
 def open_video(path: Path) -> CameraSource:
-    """Open a video file.
-
-    Raises
-    ------
-    RequestError : no such file, it is no video, or OpenCV is not installed.
-    """
+    """Open a video file. RequestError: no such file, it is no video, or OpenCV is not installed."""
     return _Capture(str(path), _open_file(path), live=False)
 
 
@@ -106,12 +93,7 @@ def cameras() -> list[tuple[int, str]]:
 
 
 def read_picture(path: Path) -> Picture:
-    """Return the picture in a file, grey.
-
-    Raises
-    ------
-    RequestError : it is no picture, or too large.
-    """
+    """Return the picture in a file, grey. RequestError: it is no picture, or too large."""
     if not path.is_file() or path.stat().st_size > JPEG_BYTES_MAX * 4:
         raise RequestError(f"{path} is no picture", "give a PNG or JPEG file")
     with _quiet() as cv:

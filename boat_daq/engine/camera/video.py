@@ -17,16 +17,7 @@ FRAMES_PER_S = 30.0
 
 
 class VideoStore:
-    """Writes pictures to a file that begins with the first of them.
-
-    Parameters
-    ----------
-    path : its suffix names the codec, see `CODECS`.
-
-    Raises
-    ------
-    RequestError : no such codec, or the folder cannot be written.
-    """
+    """Writes pictures to a file that begins with the first of them."""
 
     def __init__(self, path: Path, rate_hz: float = FRAMES_PER_S) -> None:
         if path.suffix.lower() not in CODECS:

@@ -41,10 +41,7 @@ _GUARD = {
 
 @dataclass(frozen=True, slots=True)
 class Send:
-    """Request to send a frame.
-
-    `feeds`: it, or a repeat in its place, has to be sent at once.
-    """
+    """Request to send a frame. `feeds`: it, or a repeat in its place, has to be sent at once."""
 
     command: Command
     feeds: bool = False
@@ -55,10 +52,6 @@ Effect: TypeAlias = Send | StepChanged | SegmentBreak | ControlEvent | RunEnding
 
 class BoardCommands:
     """Sends commands to one board and interprets its answers.
-
-    Parameters
-    ----------
-    emit : takes every effect, in order.
 
     Attributes
     ----------
@@ -171,10 +164,7 @@ class BoardCommands:
         self._awaited, self._then = [], None
 
     def tick(self, *, idle: bool) -> None:
-        """Repeat a vent, feed the watchdog.
-
-        `idle`: nothing is under pressure and the board is at rest.
-        """
+        """Repeat a vent, feed the watchdog. `idle`: nothing is under pressure and the board is at rest."""
         if self._vent_sent_ns is not None and self.now_ns - self._vent_sent_ns > VENT_AGAIN_S * 1e9:
             self.send(Vent())
         if not self.leaving and self.feeder.due(self.now_ns, self.board_us, self.meter.speed):
@@ -203,13 +193,7 @@ class BoardCommands:
                 then()
 
     def refused(self, command: Command, status: AckStatus | int, *, pressurised: bool) -> Trip | None:
-        """Return the trip that a refusal means, or report it.
-
-        Parameters
-        ----------
-        status : the board's reason.
-        pressurised : whether the unit may be under pressure.
-        """
+        """Return the trip that a refusal means, or report it."""
         text = f"the board refused {_name(command)}: {_REFUSALS.get(status, str(status))}"
         if isinstance(command, Heartbeat):
             self.feeder.refused(command)
@@ -242,10 +226,7 @@ class BoardCommands:
         return None
 
     def _do_without(self, command: Command) -> None:
-        """Go without a guard that firmware behind a text profile may lack.
-
-        Warn once a pressure is requested.
-        """
+        """Go without a guard that firmware behind a text profile may lack. Warn once a pressure is requested."""
         if self.pending and isinstance(command, Heartbeat):
             text = "this firmware has no watchdog: it holds its pressure even if this program fails"
             self.note(MessageKind.NO_WATCHDOG, text, "warning", "stay with the unit while it is under pressure")
@@ -283,12 +264,7 @@ class BoardCommands:
         return None
 
     def note(self, kind: MessageKind, text: str, level: str, remedy: str = "", *, value: float | None = None) -> None:
-        """Report an event.
-
-        Parameters
-        ----------
-        level, remedy : of the message for the operator; no message where `level` is empty.
-        """
+        """Report an event."""
         self._emit(ControlEvent(kind, text, level, remedy, value))
 
 

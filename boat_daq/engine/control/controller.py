@@ -44,12 +44,7 @@ _RUN = (SessionState.RUNNING, SessionState.PAUSED)
 
 
 class Controller:
-    """One board under control.
-
-    Parameters
-    ----------
-    rate_hz : samples per second to request; the board's highest where that is less.
-    """
+    """One board under control. `rate_hz`: samples per second to request; the board's highest where that is less."""
 
     def __init__(self, *, rate_hz: int = 100, zero_tolerance_kpa: float = 1.0) -> None:
         self.stream = StreamWatch(rate_hz)
@@ -91,10 +86,7 @@ class Controller:
         self.mv_per_count, self.board.identifying = mv_per_count, False
 
     def link_lost(self, cause: str) -> None:
-        """End what depended on a port that is gone.
-
-        Nothing can be sent: the board's watchdog vents.
-        """
+        """End what depended on a port that is gone. Nothing can be sent: the board's watchdog vents."""
         self.stream.begun = False
         self.loop = None
         self.board.restart()
@@ -114,10 +106,7 @@ class Controller:
         return None if self.stream.begun else self.board.start_refused
 
     def events(self, events: Sequence[object], now_ns: int) -> None:
-        """Take link events (`protocol.link.events.LinkEvent`) in order.
-
-        Those that need no control are left out.
-        """
+        """Take link events (`protocol.link.events.LinkEvent`) in order. Those that need no control are left out."""
         self.board.now_ns = now_ns
         for event in events:
             match event:
@@ -139,10 +128,7 @@ class Controller:
                     pass
 
     def tick(self, now_ns: int) -> None:
-        """Do what is due by time alone.
-
-        Feed the watchdog, repeat a vent, detect silence. Called every 10 to 50 ms.
-        """
+        """Do what is due by time alone. Feed the watchdog, repeat a vent, detect silence. Called every 10 to 50 ms."""
         self.board.now_ns = now_ns
         if self.stream.falls_silent(now_ns):
             self._silence(f"no data for {self.stream.silence_s:g} s")
@@ -166,17 +152,7 @@ class Controller:
         regulator: Regulator | None = None,
         hold: bool = False,
     ) -> None:
-        """Check a plan against the limits and make it ready.
-
-        Parameters
-        ----------
-        plan, wait_for_reading, resume_at : as `Sequencer.arm`.
-        regulator, hold : of a plan in millimetres, as `control_elongation`.
-
-        Raises
-        ------
-        RequestError : see `Session.arm`.
-        """
+        """Check a plan against the limits and make it ready. RequestError: see `Session.arm`."""
         self.preflight.require_plan(plan)
         latched = self.interlock.latched
         if latched is not None:
@@ -191,12 +167,7 @@ class Controller:
         self.interlock.set_limits("plan", (plan.min_kpa, plan.max_kpa))
 
     def use_unit_limits(self, limits_kpa: tuple[float, float]) -> bool:
-        """Take limits of the unit, disarm a plan that was checked against others; return whether they are others.
-
-        Raises
-        ------
-        RequestError : a run is in progress.
-        """
+        """Take limits of the unit, disarm a plan that was checked against others; return whether they are others."""
         if self.interlock.of("unit") == limits_kpa:
             return False
         if self.sequencer.state in (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING):
@@ -211,23 +182,13 @@ class Controller:
         return self.preflight.checks(up=self.up, vented=at_rest)
 
     def start(self, extra: Sequence[Check] = ()) -> None:
-        """Begin the armed plan: pre-flight, limits and watchdog, then the first step.
-
-        Raises
-        ------
-        RequestError : what the pre-flight found, or nothing is armed.
-        """
+        """Begin the armed plan: pre-flight, limits and watchdog, then the first step."""
         if self.sequencer.state is not SessionState.ARMED:
             raise RequestError(f"cannot start while the run is {self.sequencer.state}", "arm a plan first")
         self._once_guarded(lambda: self._begin_run(self.sequencer.start), extra)
 
     def resume(self) -> None:
-        """Resume after a pause, with the same checks as at the start.
-
-        Raises
-        ------
-        RequestError : not paused, or what the pre-flight found.
-        """
+        """Resume after a pause, with the same checks as at the start."""
         if self.sequencer.state is not SessionState.PAUSED:
             raise RequestError(f"cannot resume while the run is {self.sequencer.state}")
         self._once_guarded(lambda: self._begin_run(self.sequencer.resume))
@@ -252,10 +213,7 @@ class Controller:
         self._act()
 
     def vent(self, *, sent: bool = False) -> None:
-        """Vent now, in any state, even while another vent is unacknowledged.
-
-        `sent`: the command was sent already.
-        """
+        """Vent now, in any state, even while another vent is unacknowledged. `sent`: the command was sent already."""
         self.board.forget_pending()
         self.target_kpa = self.loop = None
         self._unanswered = None
@@ -281,12 +239,7 @@ class Controller:
             self._act()
 
     def set_pressure(self, target_kpa: float, ramp_kpa_per_s: float = MANUAL_RAMP_KPA_PER_S) -> None:
-        """Command a pressure manually.
-
-        Raises
-        ------
-        RequestError : see `Session.set_pressure`.
-        """
+        """Command a pressure manually. RequestError: see `Session.set_pressure`."""
         self.preflight.require_command()
         if self.sequencer.state not in (SessionState.IDLE, SessionState.ARMED, SessionState.ABORTED):
             raise RequestError(f"cannot set a pressure while the run is {self.sequencer.state}", "stop the run first")
@@ -298,17 +251,7 @@ class Controller:
             self._once_guarded(lambda: self._go(target_kpa, ramp_kpa_per_s))
 
     def control_elongation(self, mm: float, regulator: Regulator | None = None, *, hold: bool = False) -> None:
-        """Control the elongation manually; a second call only moves the setpoint.
-
-        Parameters
-        ----------
-        regulator : of this unit; None where it is controlled already.
-        hold : keep the last pressure where the control stops by itself, in place of venting.
-
-        Raises
-        ------
-        RequestError : see `Session.control_elongation`. BoatDaqError : outside the calibrated range.
-        """
+        """Control the elongation manually; a second call only moves the setpoint."""
         if self.loop is not None:
             if self.sequencer.state in _RUN:
                 raise RequestError("cannot set an elongation while a plan runs", "stop the run first")
@@ -336,14 +279,7 @@ class Controller:
             self._once_guarded(begin)
 
     def clear_fault(self, by: str = "the operator") -> None:
-        """Clear the latched fault, here and on the board.
-
-        `by` whom goes into the recording.
-
-        Raises
-        ------
-        RequestError : its cause is still present.
-        """
+        """Clear the latched fault, here and on the board. `by` whom goes into the recording."""
         self.interlock.require_gone()
         self._cleared_by = by
         if self.stream.begun and self.last is not None and self.last.state is BoardState.FAULT:
@@ -428,10 +364,7 @@ class Controller:
         self.board.send(messages.Start(self.stream.rate_hz))
 
     def _boots_again(self, now_ns: int) -> bool:
-        """Whether a second HELLO means that the board has lost limits and watchdog.
-
-        Opening its port reset it.
-        """
+        """Whether a second HELLO means that the board has lost limits and watchdog. Opening its port reset it."""
         return not self.stream.begun and now_ns - self.board.introduced_ns > BOOT_S * 1e9
 
     def _restarted(self, hello: messages.Hello | None) -> None:
@@ -548,10 +481,7 @@ class Controller:
         self.board.once_guarded(limits, then)
 
     def _act(self, *, hold: bool = False) -> None:
-        """Turn the sequencer's actions into effects.
-
-        A pressure goes through the interlock. `hold`: none vents.
-        """
+        """Turn the sequencer's actions into effects. A pressure goes through the interlock. `hold`: none vents."""
         for action in self.sequencer.take():
             match action:
                 case GoTo(target_kpa, ramp_kpa_per_s, streamed):

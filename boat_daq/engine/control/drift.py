@@ -26,17 +26,11 @@ MIN_EFFECTIVE = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """Slope of a channel over a window.
+    """Slope of a channel over a window."""
 
-    Attributes
-    ----------
-    slope : unit per second.
-    scatter : rms of the residuals, in the channel's unit.
-    """
-
-    slope: float
+    slope: float  # unit per second
     std_error: float
-    scatter: float
+    scatter: float  # rms of the residuals, in the channel's unit
     n_eff: float
 
     def within(self, tolerance: float) -> bool:

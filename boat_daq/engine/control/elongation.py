@@ -44,14 +44,7 @@ class LoopStop:
 
 @dataclass(frozen=True, slots=True)
 class Regulated:
-    """Pressure of one period, with setpoint, elongation and its U (k = 2), NaN where unknown.
-
-    Attributes
-    ----------
-    saturated : the pressure is at a limit or at its ramp.
-    lost : sensors (from 1) newly lost.
-    stop : why to stop; None where nothing is wrong.
-    """
+    """Pressure of one period, with setpoint, elongation and its U (k = 2), NaN where unknown."""
 
     pressure_kpa: float
     ramp_kpa_per_s: float
@@ -59,7 +52,7 @@ class Regulated:
     elongation_mm: float
     u_mm: float
     saturated: bool
-    lost: tuple[int, ...] = ()
+    lost: tuple[int, ...] = ()  # sensors (from 1) newly lost
     stop: LoopStop | None = None
 
 
@@ -69,7 +62,6 @@ class Regulator:
 
     Attributes
     ----------
-    check : refuses a setpoint outside the calibrated range, mm.
     begin : (board time s, pressure kPa, signals [n, sensors] mV) -> elongation, mm.
     advance : (board time s, mean time of the samples s, setpoint, signals, limits kPa, whether a step is made smooth).
     """
@@ -77,24 +69,13 @@ class Regulator:
     unit: str
     period_s: float
     delay_margin_s: float
-    check: Callable[[float], None]
+    check: Callable[[float], None]  # refuses a setpoint outside the calibrated range, mm
     begin: Callable[[float, float, Signals], float]
     advance: Callable[[float, float, Point, Signals, tuple[float, float], bool], Regulated]
 
 
 class ElongationLoop:
-    """One closed loop, from its start to its stop.
-
-    Parameters
-    ----------
-    hold : keep the last pressure at a stop, in place of venting.
-
-    Attributes
-    ----------
-    target_mm : the manual setpoint; a plan's own replaces it while it runs.
-    lost : sensors (from 1) that are lost.
-    at_limit_s : how long the pressure has been at its limit or ramp.
-    """
+    """One closed loop, from its start to its stop. `lost`: sensors (from 1) that are lost."""
 
     def __init__(self, regulator: Regulator, *, hold: bool = False) -> None:
         self.regulator, self.hold = regulator, hold
@@ -110,13 +91,7 @@ class ElongationLoop:
     def begin(self, block: Columns, pressure_kpa: float) -> None:
         """Start from the newest samples, at the elongation that they show.
 
-        Parameters
-        ----------
-        pressure_kpa : commanded now, or measured on a vented unit.
-
-        Raises
-        ------
-        BoatDaqError : no elongation is known.
+        `pressure_kpa`: commanded now, or measured on a vented unit.
         """
         self.target_mm = self.regulator.begin(int(block.time_us[-1]) / 1e6, pressure_kpa, _signals(block))
         self._next_us = int(block.time_us[-1])
@@ -134,9 +109,7 @@ class ElongationLoop:
     def feed(self, block: Columns, point: Point | None, limits_kpa: tuple[float, float]) -> Regulated | LoopStop | None:
         """Take samples; return the next pressure once a period is over, or why to stop.
 
-        Parameters
-        ----------
-        point : setpoint of a plan, mm, mm/s and mm/s2; None for the manual one.
+        `point`: setpoint of a plan, mm, mm/s and mm/s2; None for the manual one.
         """
         self._blocks.append(block)
         now_us = int(block.time_us[-1])
@@ -165,12 +138,7 @@ class ElongationLoop:
         return LoopStop(MessageKind.LINK_DELAY, cause, "connect the board directly, or use slower gains")
 
     def late(self, now_ns: int, age_s: float) -> LoopStop | None:
-        """Return why to stop where an answer, or the newest sample, is too late.
-
-        Parameters
-        ----------
-        age_s : since samples last arrived. A virtual board that this computer is too busy for stops its clock too.
-        """
+        """Return why to stop where an answer, or the newest sample, is too late."""
         waits_s = 0.0 if self._sent_ns is None else (now_ns - self._sent_ns) / 1e9
         if waits_s > max(2.0 * self.regulator.delay_margin_s, STALE_S):
             return self._delayed(waits_s)

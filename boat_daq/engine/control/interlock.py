@@ -39,12 +39,7 @@ class Interlock:
     # ---- limits ----------------------------------------------------------------------------------------------------
 
     def set_limits(self, source: str, limits_kpa: tuple[float, float] | None) -> None:
-        """Set or remove (None) the limits of "board", "unit" or "plan".
-
-        Raises
-        ------
-        RequestError : the limits are swapped, not finite, or do not include 0 kPa, the pressure of a vented unit.
-        """
+        """Set or remove (None) the limits of "board", "unit" or "plan"."""
         self._limits.pop(source, None)
         if limits_kpa is not None:
             low, high = limits_kpa
@@ -59,14 +54,7 @@ class Interlock:
         return self._limits.get(source)
 
     def check(self, target_kpa: float, *, new_plan: bool = False) -> None:
-        """Refuse a target outside the limits.
-
-        For a new plan those of the one before do not count.
-
-        Raises
-        ------
-        RequestError : names the limit and whose it is.
-        """
+        """Refuse a target outside the limits. For a new plan those of the one before do not count."""
         limits = _tightest({k: v for k, v in self._limits.items() if k != "plan"}) if new_plan else self.limits
         if limits is None:
             raise RequestError("no pressure limits are known yet", "connect a board first")
@@ -80,12 +68,7 @@ class Interlock:
             raise RequestError(text, "choose a higher pressure")
 
     def authorise(self, target_kpa: float, ramp_kpa_per_s: float) -> SetPressure:
-        """Return the command for a pressure: no other function makes one.
-
-        Raises
-        ------
-        RequestError : outside the limits, an unusable ramp, or latched.
-        """
+        """Return the command for a pressure: no other function makes one."""
         if self.latched is not None:
             raise RequestError(f"no pressure: {self.latched.cause}", self.latched.remedy or "clear the fault first")
         self.check(target_kpa)
@@ -96,10 +79,7 @@ class Interlock:
     # ---- levels ----------------------------------------------------------------------------------------------------
 
     def inspect(self, block: Columns) -> Trip | None:
-        """Inspect every sample.
-
-        Latch and return the first trip, None where nothing new is found.
-        """
+        """Inspect every sample. Latch and return the first trip, None where nothing new is found."""
         if not len(block):
             return None
         if self._clear(block):
@@ -119,22 +99,12 @@ class Interlock:
         return found
 
     def require_gone(self) -> None:
-        """Refuse to clear a trip whose level the newest sample still shows.
-
-        The board clears its own latch.
-
-        Raises
-        ------
-        RequestError : names the level.
-        """
+        """Refuse to clear a trip whose level the newest sample still shows. The board clears its own latch."""
         if self._present is not None and self._present.kind is not MessageKind.BOARD_FAULT:
             raise RequestError(f"the cause of the fault is still present: {self._present.cause}", self._present.remedy)
 
     def _clear(self, block: Columns) -> bool:
-        """Whether no sample shows a trip.
-
-        True of nearly every block, for a fifth of the work.
-        """
+        """Whether no sample shows a trip. True of nearly every block, for a fifth of the work."""
         low, high = self._bounds
         pressure = block.pressure_kpa
         return (
@@ -145,10 +115,7 @@ class Interlock:
         )
 
     def _levels(self, block: Columns) -> dict[MessageKind, NDArray[np.bool_]]:
-        """Return for each kind of trip which samples show it [n].
-
-        Of one sample's kinds the first here is named.
-        """
+        """Return for each kind of trip which samples show it [n]. Of one sample's kinds the first here is named."""
         pressure, known = block.pressure_kpa, block.pressure_known
         low, high = self._bounds
         with np.errstate(invalid="ignore"):  # a pressure that is not a number is caught by `known`

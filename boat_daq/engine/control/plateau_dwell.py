@@ -34,12 +34,7 @@ def _us(seconds: float) -> int:
 
 
 class StepWatch:
-    """Watches one step; `outcome` becomes "reached" or "timeout" at `ended_us`.
-
-    Parameters
-    ----------
-    wait_for_reading : hold a plateau until its reading is given.
-    """
+    """Watches one step; `outcome` becomes "reached" or "timeout" at `ended_us`."""
 
     def __init__(self, plan: Plan, step: PlannedStep, *, started_us: int, wait_for_reading: bool = False) -> None:
         self._plan, self._step = plan, step
@@ -61,10 +56,7 @@ class StepWatch:
         self.outcome: str | None = None
 
     def commanded(self, time_us: int, from_kpa: float) -> None:
-        """Begin the time allowed.
-
-        The board has acknowledged the command at `time_us`, at `from_kpa`.
-        """
+        """Begin the time allowed. The board has acknowledged the command at `time_us`, at `from_kpa`."""
         ramp_s = abs(self._step.target_kpa - from_kpa) / self._plan.ramp_kpa_per_s
         self._deadline_us = time_us + _us(ramp_s + self._plan.arrival_timeout_s)
 
@@ -78,10 +70,7 @@ class StepWatch:
         return Phase.SETTLING if self.settled_us is None else Phase.DWELLING
 
     def waited_s(self, now_us: int) -> float:
-        """Return how long the plateau has waited for its reading by `now_us`, seconds.
-
-        0 where it did not.
-        """
+        """Return how long the plateau has waited for its reading by `now_us`, seconds. 0 where it did not."""
         if self._steady_since_us is None:
             return 0.0
         return ((self.ended_us or now_us) - self._steady_since_us) / 1e6
@@ -119,10 +108,7 @@ class StepWatch:
         return arrival
 
     def _hold(self, block: Columns, inside: np.ndarray[Any, np.dtype[np.bool_]], i: int) -> int:
-        """Follow the stay within tolerance from sample `i` up to the next check.
-
-        Return the next sample to look at.
-        """
+        """Follow the stay within tolerance from sample `i` up to the next check. Return the next sample to look at."""
         assert self.arrived_us is not None
         n = len(block)
         left = n if inside[i:].all() else i + int(np.argmin(inside[i:]))
@@ -182,8 +168,6 @@ class StepWatch:
 
     def detail(self) -> dict[str, Any]:
         """Return what is kept of the step beside its times.
-
-        Extremes, settling time, drift and whether it is steady.
 
         Keys carry their units; `drift` holds for each channel its slope and standard error (unit per second), its
         scatter (rms) and the effective number of samples.

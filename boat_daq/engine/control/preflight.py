@@ -34,12 +34,7 @@ class Check:
 
 
 def require(checks: list[Check]) -> None:
-    """Raise what the checks found.
-
-    Raises
-    ------
-    RequestError : every problem in one sentence, with its remedy.
-    """
+    """Raise what the checks found. RequestError: every problem in one sentence, with its remedy."""
     failed = [check for check in checks if not check.ok]
     if failed:
         remedies = dict.fromkeys(check.remedy for check in failed if check.remedy)
@@ -49,13 +44,7 @@ def require(checks: list[Check]) -> None:
 class Preflight:
     """Checks before any command to the board.
 
-    Parameters
-    ----------
-    board : whether the link can command.
-
-    Attributes
-    ----------
-    why_read_only : why the link cannot command; empty where it can, or the reason is unknown.
+    `why_read_only`: why the link cannot command; empty where it can, or the reason is unknown.
     """
 
     def __init__(self, interlock: Interlock, board: BoardCommands, *, zero_tolerance_kpa: float) -> None:
@@ -66,10 +55,7 @@ class Preflight:
         self._no_pressure: tuple[str, str] | None = None  # why the board's limits allow none
 
     def take_limits(self, low_kpa: float, high_kpa: float) -> None:
-        """Keep the board's hard limits.
-
-        Limits that no vented unit is inside of leave no pressure at all.
-        """
+        """Keep the board's hard limits. Limits that no vented unit is inside of leave no pressure at all."""
         usable = low_kpa <= 0 <= high_kpa and low_kpa < high_kpa
         self._interlock.set_limits("board", (low_kpa, high_kpa) if usable else None)
         self._no_pressure = None
@@ -81,23 +67,14 @@ class Preflight:
 
     @property
     def limits_command(self) -> SetLimits | None:
-        """The command that sends the limits in force to the board.
-
-        None while none are known.
-        """
+        """The command that sends the limits in force to the board. None while none are known."""
         limits = self._interlock.limits
         if limits is None:
             return None
         return SetLimits(round(limits.min_kpa * 1000), round(limits.max_kpa * 1000))
 
     def checks(self, *, up: bool, vented: bool) -> list[Check]:
-        """Return the lines of the check before the first pressure.
-
-            Parameters
-            ----------
-            vented : whether the board reports that it is idle or vented.
-        tolerance_kpa : of the sensor's zero.
-        """
+        """Return the lines of the check before the first pressure. `tolerance_kpa`: of the sensor's zero."""
         latched, limits = self._interlock.latched, self._interlock.limits
         return [
             Check("link") if up else Check("link", "no samples arrive from the board", "check the link"),
@@ -119,23 +96,13 @@ class Preflight:
         return Check("zero")
 
     def require_plan(self, plan: Plan) -> None:
-        """Refuse a plan outside the limits.
-
-        Raises
-        ------
-        RequestError : it is outside them, or the link cannot command.
-        """
+        """Refuse a plan outside the limits. RequestError: it is outside them, or the link cannot command."""
         self.require_command()
         for target_kpa in reversed(plan.extremes_kpa):
             self._interlock.check(target_kpa, new_plan=True)
 
     def require_command(self) -> None:
-        """Refuse where no pressure can be commanded.
-
-        Raises
-        ------
-        RequestError : the link is read only, or the board's limits allow none.
-        """
+        """Refuse where no pressure can be commanded."""
         if not self._board.can_command:
             why = f": {self.why_read_only}" if self.why_read_only else ""
             raise RequestError(f"this link is read only{why}", "use firmware or a profile that commands pressure")

@@ -22,13 +22,7 @@ LAG_S = 0.5  # how far a pressure may stay behind a setpoint that moves
 
 
 class SegmentWatch:
-    """Watches one segment; `outcome` becomes "reached" or "timeout" at `ended_us`. Its interface is `StepWatch`'s.
-
-    Parameters
-    ----------
-    plan, step : what is run; the step has a segment.
-    wait_for_reading : wait at its end until a reading is given, where it has one.
-    """
+    """Watches one segment; `outcome` becomes "reached" or "timeout" at `ended_us`. Its interface is `StepWatch`'s."""
 
     def __init__(self, plan: Plan, step: PlannedStep, *, started_us: int, wait_for_reading: bool = False) -> None:
         assert step.segment is not None

@@ -128,14 +128,7 @@ class Sequencer:
     def arm(self, plan: Plan, *, wait_for_reading: bool = False, resume_at: tuple[int, int] = (1, 0)) -> None:
         """Make `plan` ready.
 
-        Parameters
-        ----------
-        wait_for_reading : hold each plateau until its reading is given.
-        resume_at : first cycle and complete cycles where a broken run resumes (`resume_point`).
-
-        Raises
-        ------
-        RequestError : a run is in progress, or a fault is latched.
+        `resume_at`: first cycle and complete cycles where a broken run resumes (`resume_point`).
         """
         self._require("arm", SessionState.IDLE, SessionState.ARMED, SessionState.ABORTED)
         self.state, self.plan = SessionState.ARMED, plan
@@ -183,16 +176,7 @@ class Sequencer:
             self._finish(RunEnd.STOPPED)
 
     def finish_early(self, cause: str) -> None:
-        """End a run as finished after its last complete cycle; the present one is left out.
-
-        Parameters
-        ----------
-        cause : why it has enough cycles; recorded with the run.
-
-        Raises
-        ------
-        RequestError : no cycle is complete, or no run is in progress.
-        """
+        """End a run as finished after its last complete cycle; the present one is left out."""
         self._require("finish", *_RUN)
         if not self.complete_cycles:
             raise RequestError("no cycle is complete", "wait for the end of the first cycle, or stop the run")
@@ -203,9 +187,7 @@ class Sequencer:
     def hold_at(self, plateaus: Collection[tuple[str, float]] | None) -> None:
         """Pass the plateaus of a staircase that are not needed, from the next step on; both ends are held always.
 
-        Parameters
-        ----------
-        plateaus : branch and pressure, kPa, of those to hold, each within half a step of its plateau; None holds all.
+        `plateaus`: branch and pressure, kPa, of those to hold, each within half a step of its plateau; None holds all.
         """
         self._held = None if plateaus is None else frozenset(plateaus)
         self._queue = deque(self._as_held(step) for step in self._queue)

@@ -65,12 +65,7 @@ class Feeder:
         return LONGEST_MS if speed > FAST else REAL_TIME_MS
 
     def sent(self, command: Command, host_ns: int, board_us: int) -> None:
-        """Note a frame that was sent.
-
-        Parameters
-        ----------
-        command : one that arms counts at once, one that disarms when it is acknowledged.
-        """
+        """Note a frame that was sent."""
         self._fed_host_ns, self._fed_board_us = host_ns, board_us
         if isinstance(command, Heartbeat) and command.timeout_ms:
             self.armed_ms = command.timeout_ms
@@ -81,12 +76,7 @@ class Feeder:
             self.armed_ms = 0
 
     def due(self, host_ns: int, board_us: int, speed: float) -> bool:
-        """Return whether a frame must be sent now.
-
-        Parameters
-        ----------
-        speed : board time per host time.
-        """
+        """Return whether a frame must be sent now."""
         if not self.armed_ms:
             return False
         share_ms = self.armed_ms / (FEEDS_OF_A_FAST_BOARD if speed > FAST else FEEDS_PER_TIMEOUT)
@@ -103,7 +93,6 @@ class StreamWatch:
 
     Attributes
     ----------
-    rate_hz : samples per second requested.
     begun : whether any arrived on this link.
     silent : whether none has arrived for `silence_s`, until the next one.
     """

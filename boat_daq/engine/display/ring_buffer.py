@@ -80,12 +80,7 @@ class ColumnRing:
 
 
 class MinMaxPyramid:
-    """Takes entries of [time, value, ...] and draws spans of them.
-
-    Parameters
-    ----------
-    capacity : entries of level 0.
-    """
+    """Takes entries of [time, value, ...] and draws spans of them."""
 
     def __init__(self, columns: int, capacity: int) -> None:
         self.base = ColumnRing(columns, capacity)
@@ -109,12 +104,7 @@ class MinMaxPyramid:
     def draw(self, from_s: float, to_s: float, max_points: int) -> Columns2D:
         """Return a span as [columns, m], m <= `max_points`.
 
-        Samples, or minima and maxima of stretches in turn.
-
-        Parameters
-        ----------
-        from_s, to_s : the span, both ends included; infinite for all there is.
-        max_points : at least 64, of which the newest stretches take up to 48.
+        Samples, or minima and maxima of stretches in turn; `max_points` is at least 64.
         """
         points_left = max_points - 6 * _LEVELS  # of which the entry that begins before the span takes two
         for at, level in enumerate(self._levels):
@@ -140,15 +130,8 @@ def fold_columns(points: Columns2D, column_s: float) -> Columns2D:
     """Return points by columns of pixels.
 
     Minima at each column's first time, maxima at its last, [columns, m].
-
-    The columns are anchored in time, so a picture that scrolls does not flicker. Points that are no more than two a
-    column come back as they are. What is painted this way covers the same pixels as all of the points would, the next
-    column of pixels aside; `boat-daq tradeoff decimation` measures it.
-
-    Parameters
-    ----------
-    points : [columns, n], time first and never falling.
-    column_s : width of a column of pixels, s.
+    The columns are anchored in time, so a picture that scrolls does not flicker. `boat-daq tradeoff decimation`
+    compares it with all points [columns, n], time first.
     """
     if not points.shape[1]:
         return points
@@ -221,17 +204,13 @@ class CameraTrace:
 class RingBuffer:
     """The newest samples. Columns: time_s, pressure_kpa, target_kpa, s1_mv, s2_mv .., then those of `others`.
 
-    With a camera there are also camera_mm and camera_u_mm, interpolated between its frames.
-
-    `time_s` is for the screen: board time, 0 at the first sample, and continued where the board's clock restarts
-    by the host time that passed. What the host found implausible is NaN here; the recording has it.
+    With a camera there are also camera_mm and camera_u_mm, interpolated between its frames. `time_s` is board time, 0
+    at the first sample, continued by host time where the board's clock restarts. Implausible values are NaN here.
 
     Parameters
     ----------
-    n_sensors : 1 to 4.
     mv_per_count : vref_mv / 2**adc_bits; unused where the samples carry signals in mV.
     others : extra and derived channels of the samples; each is kept under its `column`, in its own unit.
-    capacity : samples kept one by one; thinned ones go back much further.
 
     Attributes
     ----------
@@ -304,12 +283,7 @@ class RingBuffer:
         return (*self.others.channels, *([_CAMERA] if self._camera is not None else []))
 
     def add_camera(self, host_ns: int, elongation_mm: float | None, u_mm: float | None, rest_mm: float) -> None:
-        """Take a frame of a camera, on the camera's thread.
-
-        Parameters
-        ----------
-        elongation_mm, u_mm : None where it gives none.
-        """
+        """Take a frame of a camera, on the camera's thread. `elongation_mm`, `u_mm`: None where it gives none."""
         if not self._delays_ns:
             return
         if self._camera is None:
@@ -319,10 +293,7 @@ class RingBuffer:
         self._camera.append((host_ns - min(tuple(self._delays_ns))) * 1e-9, *values)
 
     def view(self, since_s: float | None = None, *, last: int | None = None) -> dict[str, NDArray[np.float64]]:
-        """Return copies of the columns, sample by sample.
-
-        All that is kept, from `since_s` on, or the `last` n.
-        """
+        """Return copies of the columns, sample by sample. All that is kept, from `since_s` on, or the `last` n."""
         base = self._pyramid.base
         start = base.oldest if since_s is None else base.find(since_s)
         if last is not None:
@@ -339,11 +310,7 @@ class RingBuffer:
     ) -> dict[str, NDArray[np.float64]]:
         """Return the columns of a span, thinned to extremes.
 
-        Parameters
-        ----------
-        from_s, to_s : the span in the screen's time; None for all there is.
-        max_points : at least 64.
-        column_s : width of a column of pixels; the extremes are then those of each such column.
+        `from_s`, `to_s` are of the screen's time, None for all there is; `column_s` is the width of a column of pixels.
         """
         low = -math.inf if from_s is None else from_s
         high = math.inf if to_s is None else to_s
@@ -353,9 +320,7 @@ class RingBuffer:
     def time_of(self, board_us: int) -> float | None:
         """Return the screen's time of an instant of board time.
 
-        None before the first sample, or from an earlier clock.
-
-        An instant is of an earlier clock where it lies more than a second after the newest sample.
+        None before the first sample, or from an earlier clock: more than a second after the newest sample.
         """
         if self._offset_us is None or board_us > self._last_us + LATER_US:
             return None

@@ -17,10 +17,7 @@ from protocol.link.events import LinkEvent
 
 @dataclass(frozen=True, slots=True)
 class PortLost:
-    """The port is gone.
-
-    Unplugged, closed at the other end, or at the end of a replay. No block follows.
-    """
+    """The port is gone. Unplugged, closed at the other end, or at the end of a replay. No block follows."""
 
     error: DeviceError
 
@@ -45,19 +42,11 @@ EngineEvent: TypeAlias = PortLost | PortSilent | SinkFailed
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """One read (or one write) of the port.
+    """One read (or one write) of the port."""
 
-    Attributes
-    ----------
-    host_ns : host monotonic clock at the arrival, or at the sending.
-    raw : the bytes; empty for events without bytes.
-    sent : False for bytes from the board, True for bytes to it.
-    events : what was decoded, in order; samples among them.
-    """
-
-    host_ns: int
+    host_ns: int  # host monotonic clock at the arrival, or at the sending
     raw: bytes
-    sent: bool = False
+    sent: bool = False  # False for bytes from the board, True for bytes to it
     events: tuple[LinkEvent | EngineEvent, ...] = ()
 
 

@@ -91,12 +91,7 @@ class ClockFit:
 class LinkHealth:
     """A sink that watches the link.
 
-    Parameters
-    ----------
-    statistics : the link's counters, such as ``lambda: link.statistics``.
-    asked_hz : the rate that START requested.
-    real_time : False for a virtual board at another speed: its clock is not compared with the host's.
-    lag_ms, at_risk_ms : the recorder's.
+    `real_time`: False for a virtual board at another speed: its clock is not compared with the host's.
     """
 
     def __init__(

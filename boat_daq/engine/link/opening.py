@@ -62,19 +62,7 @@ class OpenPort:
 
 
 def open_port(url: str, profile: str | None, settings: Settings) -> OpenPort:
-    """Open a port and choose its decoder.
-
-    Parameters
-    ----------
-    url : as `open_transport` takes it.
-    profile : path or TOML of a text profile, None for the BOAT protocol.
-    settings : baud rate, and whether remote ports are allowed.
-
-    Raises
-    ------
-    DeviceError, RequestError : the port or the profile's file cannot be opened.
-    BoatDaqError : the profile or the recording cannot be used.
-    """
+    """Open a port and choose its decoder."""
     text = profile if profile is None or "\n" in profile else read_text(Path(profile))
     stated = None if text is None else load_profile(text + "\n")
     link: Link = Connection(in_turn=True) if stated is None else TextConnection(stated)
@@ -109,13 +97,7 @@ HEARD_MAX = 1_000_000  # bytes that a listener keeps, the newest
 
 
 class PortListener:
-    """Collects what a device sends, on a thread of its own; nothing is written to its port.
-
-    Parameters
-    ----------
-    url : as `open_transport` takes it.
-    settings : baud rate, and whether remote ports are allowed.
-    """
+    """Collects what a device sends, on a thread of its own; nothing is written to its port."""
 
     def __init__(self, url: str, settings: Settings) -> None:
         self._url, self._settings = url, settings
@@ -155,12 +137,7 @@ class PortListener:
 
 
 def listen(url: str, seconds: float, settings: Settings | None = None) -> tuple[bytes, float]:
-    """Return what a device sends in some time, and the seconds in which it came; nothing is sent.
-
-    Raises
-    ------
-    DeviceError : the port cannot be opened, or was unplugged.
-    """
+    """Return what a device sends in some time, and the seconds in which it came; nothing is sent."""
     listener = PortListener(url, settings or Settings())
     end_s = time.monotonic() + seconds
     while time.monotonic() < end_s and listener.error is None:
@@ -193,14 +170,7 @@ class PortIdentity:
 
 
 def identify_port(url: str, description: str = "", *, timeout_s: float = _ANSWER_S) -> PortIdentity:
-    """Open a port, identify the board there, and close it.
-
-    Never raises for what the port does.
-
-    Parameters
-    ----------
-    url : as `open_transport` takes it.
-    """
+    """Open a port, identify the board there, and close it. Never raises for what the port does."""
     try:
         with closing(open_transport(url)) as transport:
             return _identify(transport, url, description, timeout_s)
@@ -228,13 +198,7 @@ def listed_ports(unit_of: Mapping[str, str]) -> list[PortIdentity]:
 def identify_known(
     listed: Sequence[PortIdentity], *, progress: Callable[[float, float], None] = lambda done, of: None
 ) -> list[PortIdentity]:
-    """Return the listed ports, those of boards used before queried, the others untouched.
-
-    Parameters
-    ----------
-    listed : as `listed_ports` returns them.
-    progress : takes (ports done, ports).
-    """
+    """Return the listed ports, those of boards used before queried, the others untouched."""
     answers = []
     for done, port in enumerate(listed):
         progress(done, len(listed))
@@ -244,10 +208,7 @@ def identify_known(
 
 
 def _identify(transport: Transport, url: str, description: str, timeout_s: float) -> PortIdentity:
-    """Send IDENTIFY until a HELLO comes or the time is over.
-
-    A board that boots as its port opens sends it first.
-    """
+    """Send IDENTIFY until a HELLO comes or the time is over. A board that boots as its port opens sends it first."""
     link = Connection()
     end_s = time.monotonic() + timeout_s
     received = 0

@@ -81,10 +81,7 @@ def find_port(wanted: PortInfo) -> str | None:
 
 
 class SerialTransport:
-    """A serial device or a pseudo-terminal, through pyserial.
-
-    Exclusive, so that a second program is refused.
-    """
+    """A serial device or a pseudo-terminal, through pyserial. Exclusive, so that a second program is refused."""
 
     can_write = True
 
@@ -114,10 +111,7 @@ class SerialTransport:
         _or_gone(self.description, lambda: _write_all(self._port, data))
 
     def _receive(self) -> bytes:
-        """Wait for a byte, and take what came with it.
-
-        A block of one byte costs as much as a long one.
-        """
+        """Wait for a byte, and take what came with it. A block of one byte costs as much as a long one."""
         if sys.platform == "win32":
             first = bytes(self._port.read(1))
             return first + bytes(self._port.read(self._port.in_waiting)) if first else first
@@ -132,10 +126,7 @@ class SerialTransport:
 
 
 def _read_some(port: serial.Serial) -> bytes:
-    """Return what is there on POSIX, waiting for the first byte.
-
-    Two calls of the system where pyserial makes five.
-    """
+    """Return what is there on POSIX, waiting for the first byte. Two calls of the system where pyserial makes five."""
     if not select.select([port.fileno()], [], [], READ_WAIT_S)[0]:
         return b""
     try:
@@ -211,10 +202,7 @@ class SocketTransport:
 
 
 def _or_gone(port: str, action: Callable[[], _T]) -> _T:
-    """Return the result of an action on an open port.
-
-    Whatever it raises means that the port is gone.
-    """
+    """Return the result of an action on an open port. Whatever it raises means that the port is gone."""
     try:
         return action()
     except serial.SerialTimeoutException as error:
@@ -251,10 +239,7 @@ def open_error(port: str, error: Exception) -> DeviceError:
 
 
 def _gone_because(error: Exception) -> str:
-    """Return the system's reason for a port that is gone.
-
-    Nothing for pyserial's own errors, which add none.
-    """
+    """Return the system's reason for a port that is gone. Nothing for pyserial's own errors, which add none."""
     return f" ({error.strerror})" if isinstance(error, OSError) and error.strerror else ""
 
 

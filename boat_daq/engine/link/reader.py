@@ -38,13 +38,7 @@ class RecordingSink(Protocol):
 
 
 class PortReader:
-    """Reads a transport through a link on its own thread and passes blocks to sinks.
-
-    Parameters
-    ----------
-    transport : an open port; closed by the reading thread at its end.
-    link : decoder and encoder, binary or text; kept for as long as the port is open.
-    """
+    """Reads a transport through a link on its own thread and passes blocks to sinks."""
 
     def __init__(
         self,
@@ -92,26 +86,13 @@ class PortReader:
             self._sinks = (recorder, *self._sinks)
 
     def send(self, command: Command) -> None:
-        """Encode a command and write it now, or as soon as the one before it is answered.
-
-        VENT always now.
-
-        Raises
-        ------
-        DeviceError : the port is gone or does not take bytes.
-        BoatDaqError : the link cannot encode this command.
-        """
+        """Encode a command and write it now, or as soon as the one before it is answered. VENT always now."""
         with self._lock:
             now_ns = self._clock_ns()
             self._write(self.link.send(command, now_ns), now_ns)
 
     def feed(self, command: Heartbeat) -> None:
-        """Write at once what feeds a fast virtual board's watchdog (`Link.feed`).
-
-        Raises
-        ------
-        DeviceError, BoatDaqError : as `send`.
-        """
+        """Write at once what feeds a fast virtual board's watchdog (`Link.feed`)."""
         with self._lock:
             now_ns = self._clock_ns()
             self._write(self.link.feed(command, now_ns), now_ns)
@@ -122,10 +103,7 @@ class PortReader:
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop reading and close the port.
-
-        Returns when both are done. May be called twice.
-        """
+        """Stop reading and close the port. Returns when both are done. May be called twice."""
         self._stop.set()
         if self._thread.ident is None:
             self.transport.close()

@@ -31,13 +31,7 @@ class ReplayEnded(DeviceError):
 class ReplayTransport:
     """Plays the bytes of a recording that came from the board; takes none.
 
-    Parameters
-    ----------
-    speed : board time of the recording for one second here; infinite for as fast as it is read.
-
-    Raises
-    ------
-    DeviceError : the speed is not positive, or there are no bytes. RecordingError : not a recording.
+    `speed`: board time of the recording for one second here; infinite for as fast as it is read.
     """
 
     can_write = False
@@ -86,12 +80,7 @@ class ReplayTransport:
         return self._take()
 
     def write(self, data: bytes) -> None:
-        """Refuse: a recording takes no commands.
-
-        Raises
-        ------
-        DeviceError : always.
-        """
+        """Refuse: a recording takes no commands. DeviceError: always."""
         raise DeviceError(f"{self.description}: a replay takes no commands", "Connect a board.")
 
     def close(self) -> None:

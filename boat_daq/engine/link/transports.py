@@ -17,10 +17,6 @@ def open_transport(url: str, *, baud: int = DEFAULT_BAUD, allow_remote: bool = F
         "replay:FILE.boat[@SPEED]" (SPEED a factor, default 1; "max" for as fast as it goes).
     baud : of a serial device; 8N1.
     allow_remote : let "socket://" leave this machine; the connection is neither encrypted nor authenticated.
-
-    Raises
-    ------
-    DeviceError : no such port (names those present), busy, no permission, refused, gone.
     """
     if url.startswith("socket://"):
         return SocketTransport(url, allow_remote=allow_remote)

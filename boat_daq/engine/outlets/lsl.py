@@ -49,15 +49,7 @@ Convert = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.
 class LslOutlet:
     """Streams a connected session until `close`.
 
-    Parameters
-    ----------
-    session : with its board's samples arriving.
-    network : whether other computers may reach the streams.
-    convert : signals [n, sensors] to elongation and its U, mm; None without a calibration.
-
-    Raises
-    ------
-    RequestError : no sample has arrived yet, or this system cannot keep the streams to itself.
+    `convert`: signals [n, sensors] to elongation and its U, mm; None without a calibration.
     """
 
     def __init__(
@@ -246,12 +238,7 @@ def _offset_s(pylsl: Any) -> float:
 
 @contextlib.contextmanager
 def _kept_local(wanted: bool) -> Iterator[None]:
-    """Bind the sockets that are opened inside to the loopback device.
-
-    Raises
-    ------
-    RequestError : the system cannot.
-    """
+    """Bind the sockets that are opened inside to the loopback device."""
     if not wanted:
         yield
         return

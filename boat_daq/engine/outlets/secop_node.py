@@ -99,15 +99,7 @@ Elongation = Callable[[tuple[float, ...]], tuple[float, float]]
 
 
 class SecopNode:
-    """The modules of one session.
-
-    Parameters
-    ----------
-    recordings : folder of the recordings that a client starts.
-    allow_control : whether clients may do more than read and vent.
-    elongation : signals to elongation and its U, mm; None without a calibration.
-    plans : returns what a client may arm, by name.
-    """
+    """The modules of one session. `elongation`: signals to elongation and its U, mm; None without a calibration."""
 
     def __init__(
         self,
@@ -453,12 +445,7 @@ def _parsed(data: str | None) -> Any:
 
 
 def _checked(value: Any, info: Mapping[str, Any]) -> Any:
-    """Return a value of the type that a description states.
-
-    Raises
-    ------
-    SecopError : of another type, or outside its range.
-    """
+    """Return a value of the type that a description states."""
     if info["type"] == "string":
         if not isinstance(value, str) or len(value) > 200 or not value.isprintable():
             raise SecopError("WrongType", "a short text is expected")

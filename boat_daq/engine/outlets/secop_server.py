@@ -55,10 +55,6 @@ class SecopServer:
     ----------
     address : host and port to listen on; port 0 for a free one.
     token : that clients must send first, as ``_authenticate TOKEN``; "" for none.
-
-    Raises
-    ------
-    RequestError : an address beyond loopback without a token, or it cannot be listened on.
     """
 
     def __init__(self, node: SecopNode, address: tuple[str, int] = ("127.0.0.1", _PORT), *, token: str = "") -> None:
@@ -218,12 +214,7 @@ def is_loopback(host: str) -> bool:
 
 
 def read_token(path: Path) -> str:
-    """Return the token of a file.
-
-    Raises
-    ------
-    RequestError : it cannot be read, or is too short to be one.
-    """
+    """Return the token of a file. RequestError: it cannot be read, or is too short to be one."""
     try:
         token = read_regular(path, 4096).decode("ascii").strip()
     except (OSError, UnicodeDecodeError) as error:

@@ -51,10 +51,7 @@ class Criterion:
 
 @dataclass(frozen=True, slots=True)
 class DrillResult:
-    """Result of a drill, and on which boards.
-
-    `lost` is a text on what is missing from the recording.
-    """
+    """Result of a drill, and on which boards. `lost` is a text on what is missing from the recording."""
 
     name: str
     injected: str
@@ -114,15 +111,7 @@ class DrillRig:
 
 @dataclass(frozen=True, slots=True)
 class TruthComparison:
-    """A recording beside the board's truth, by board time; its properties are criteria that drills share.
-
-    Attributes
-    ----------
-    missing : sampling instants of the board between a segment's first and last recorded one that are not recorded.
-    absent : those between two segments, when there was no link.
-    wrong : recorded ones that the board never took, or whose signal or pressure is beyond any noise.
-    events : how many of each kind the recording has.
-    """
+    """A recording beside the board's truth, by board time; its properties are criteria that drills share."""
 
     summary: Summary
     samples: npt.NDArray[np.void]
@@ -162,12 +151,7 @@ class TruthComparison:
         return Criterion(text, ", ".join(seen) or "nothing", bool(seen))
 
     def result(self, name: str, injected: str, *criteria: Criterion, lost: str = "") -> DrillResult:
-        """Return a drill's result, with the criterion that the recording derives identically from its bytes.
-
-        Parameters
-        ----------
-        lost : a text on what the recording lacks, in place of the counted samples.
-        """
+        """Return a drill's result, with the criterion that the recording derives identically from its bytes."""
         verdict, s = verify_recording(self.summary.path), self.summary
         identical = "the recording is identical to its bytes"
         last = Criterion(identical, verdict.difference or "identical", verdict.identical)

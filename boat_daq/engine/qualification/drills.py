@@ -109,10 +109,7 @@ def pump_stall(rig: DrillRig) -> DrillResult:
 
 
 def leak(rig: DrillRig) -> DrillResult:
-    """A bladder that leaks behind the gauge.
-
-    The pressure holds, the elongation does not.
-    """
+    """A bladder that leaks behind the gauge. The pressure holds, the elongation does not."""
     with rig.board("leak@0:150") as board, rig.recording(board) as session:
         rig.run_plan(session, STAIRS)
     found = compare(rig)
@@ -215,10 +212,7 @@ DRILLS: tuple[Drill, ...] = (loss, flips, unplug, pump_stall, leak, ambient_flas
 
 
 def available() -> tuple[Drill, ...]:
-    """Return the drills that this system can run.
-
-    Windows cannot stop a program for a while.
-    """
+    """Return the drills that this system can run. Windows cannot stop a program for a while."""
     return tuple(drill for drill in DRILLS if drill is not host_stall or hasattr(signal, "SIGSTOP"))
 
 

@@ -63,10 +63,7 @@ def _system_name() -> str:
 
 
 def _mount(path: Path) -> tuple[str, str]:
-    """Return (device, type) of the file system a path is on.
-
-    The mount point nearest to it.
-    """
+    """Return (device, type) of the file system a path is on. The mount point nearest to it."""
     best, found = 0, ("not known", "not known")
     for line in _lines(Path("/proc/self/mounts")):
         device, point, kind = line.split()[:3]
@@ -88,12 +85,7 @@ def _lines(path: Path) -> list[str]:
 
 
 def qualification(results: Sequence[DrillResult], begun: datetime, *, whole: bool, folder: Path) -> dict[str, Any]:
-    """Return the object of `qualify --json`, without its files.
-
-    Parameters
-    ----------
-    whole : whether these are all drills.
-    """
+    """Return the object of `qualify --json`, without its files."""
     failed = [result.name for result in results if not result.passed]
     if failed:
         verdict = f"FAILED: {', '.join(failed)}. Do not use this installation until the cause is found."

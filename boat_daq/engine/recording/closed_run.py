@@ -35,13 +35,7 @@ def read_readings(db: sqlite3.Connection) -> tuple[Reading, ...]:
 
 
 def append_reading(path: Path, reading: Reading) -> None:
-    """Add a reading to a closed recording.
-
-    Raises
-    ------
-    RequestError : the recording has no such step, or it is not an elongation.
-    StorageError : the recording is in progress, or cannot be written. RecordingError : not a recording.
-    """
+    """Add a reading to a closed recording."""
     statement = reading_row(reading)
     with closing(open_recording(path)) as db:
         known = db.execute("SELECT count(*) FROM step WHERE id = ?", (reading.step_id,)).fetchone()[0]
@@ -64,12 +58,7 @@ def _detail(text: str) -> dict[str, Any]:
 
 
 class ClosedRun:
-    """Steps and readings of a closed recording.
-
-    Raises
-    ------
-    RecordingError : it cannot be read.
-    """
+    """Steps and readings of a closed recording. RecordingError: it cannot be read."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -21,16 +21,7 @@ def bytes_per_second(rate_hz: float, n_sensors: int) -> float:
 
 
 def check_space(folder: Path, *, rate_hz: float, duration_s: float, n_sensors: int) -> None:
-    """Refuse a recording that does not fit into a folder.
-
-    Parameters
-    ----------
-    rate_hz, duration_s, n_sensors : of the plan's run.
-
-    Raises
-    ------
-    StorageError : there is no such folder, it cannot be written, or the recording does not fit.
-    """
+    """Refuse a recording that does not fit into a folder."""
     if not folder.is_dir():
         raise StorageError(f"there is no folder {folder}", "Create it, or choose another.")
     if not os.access(folder, os.W_OK):

@@ -39,12 +39,7 @@ def now_utc() -> str:
 
 
 def check_recording_name(path: Path) -> None:
-    """Refuse a name that is not a recording's, or that some system cannot hold.
-
-    Raises
-    ------
-    RequestError : wrong ending, or refused by `check_file_name`.
-    """
+    """Refuse a name that is not a recording's, or that some system cannot hold."""
     if path.suffix != schema.SUFFIX:
         remedy = f"Call it {path.stem or 'run'}{schema.SUFFIX}"
         raise RequestError(f"{path.name!r} does not end in {schema.SUFFIX}", remedy)
@@ -80,13 +75,7 @@ class RecordingFile:
 
     @classmethod
     def create(cls, path: Path, meta: Mapping[str, Any]) -> RecordingFile:
-        """Create the file and its metadata.
-
-        Raises
-        ------
-        RequestError : the name cannot be used, or a file of that name exists.
-        StorageError : the folder cannot be written.
-        """
+        """Create the file and its metadata."""
         check_recording_name(path)
         if not path.parent.is_dir():
             raise StorageError(f"there is no folder {path.parent}", "Create it, or choose another.")
@@ -106,12 +95,7 @@ class RecordingFile:
 
     @classmethod
     def reopen(cls, path: Path, *, resume: bool = False) -> RecordingFile:
-        """Open an existing, closed recording to add to it; to `resume` it, with its log on.
-
-        Raises
-        ------
-        RecordingError : not a recording. StorageError : another program writes it, or it cannot be written.
-        """
+        """Open an existing, closed recording to add to it; to `resume` it, with its log on."""
         open_recording(path).close()
         refuse_newer(path)
         lock = WriterLock(path)
@@ -126,12 +110,7 @@ class RecordingFile:
             raise storage_error(path, error) from error
 
     def commit(self, statements: Iterable[Statement]) -> None:
-        """Write statements in one transaction; all of them or, when it raises, none.
-
-        Raises
-        ------
-        StorageError : the disk is full, gone or read-only, or the file was taken away.
-        """
+        """Write statements in one transaction; all of them or, when it raises, none."""
         try:
             self._connection.execute("BEGIN IMMEDIATE")
             for sql, group in groupby(statements, key=lambda statement: statement[0]):
@@ -150,14 +129,7 @@ class RecordingFile:
         return [row[1] for row in self._connection.execute(f"PRAGMA table_info({table})")]
 
     def check_place(self) -> None:
-        """Detect what no write reports.
-
-        That the file was removed, or that the disk is nearly full.
-
-        Raises
-        ------
-        StorageError : either of them.
-        """
+        """Detect what no write reports. That the file was removed, or that the disk is nearly full."""
         if _identity(self.path) != self._identity:
             cause = f"{self.path} was moved or removed while it was recorded"
             raise StorageError(cause, "Put it back, or start again.")
@@ -166,14 +138,7 @@ class RecordingFile:
             raise StorageError(f"the disk of {self.path.parent} has only {free / 1e6:.0f} MB left", "Free disk space.")
 
     def close(self, *, check: bool = True) -> bool:
-        """Close into one checked file.
-
-        False where another program has it open, so that -wal stays beside it.
-
-        Raises
-        ------
-        StorageError : the disk does not take the rest, or the check found damage; what is written stays.
-        """
+        """Close into one checked file. False where another program has it open, so that -wal stays beside it."""
         try:
             checks = self._connection.execute("PRAGMA quick_check(1)").fetchall() if check else [("ok",)]
             if checks != [("ok",)]:

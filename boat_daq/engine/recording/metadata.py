@@ -29,23 +29,13 @@ from protocol.recording.metadata import MOST
 
 
 def read_metadata(path: Path) -> Metadata:
-    """Return the metadata of a recording.
-
-    Raises
-    ------
-    RecordingError : it cannot be read.
-    """
+    """Return the metadata of a recording. RecordingError: it cannot be read."""
     with closing(open_recording(path)) as db:
         return metadata_of(db, read_session(db))
 
 
 def state_metadata(path: Path, metadata: Metadata) -> None:
-    """Add metadata to a closed recording; the newest count.
-
-    Raises
-    ------
-    StorageError : another program writes the recording, or it cannot be written. RecordingError : not a recording.
-    """
+    """Add metadata to a closed recording; the newest count."""
     with closing(open_recording(path)) as db:
         before = metadata_of(db, read_session(db))
         number, last_ns = db.execute("SELECT coalesce(max(id), 0) + 1, coalesce(max(host_ns), 0) FROM event").fetchone()
@@ -70,22 +60,12 @@ def statements(before: Metadata, after: Metadata) -> dict[str, str]:
 
 
 def remembered(units: UnitLibrary, unit: str) -> Metadata:
-    """Return what a unit's file remembers for its next recording; nothing where none is named.
-
-    Raises
-    ------
-    RequestError : the file is refused, by key.
-    """
+    """Return what a unit's file remembers for its next recording; nothing where none is named."""
     return _checked(units.load(unit).metadata, f"unit {unit}") if unit else Metadata()
 
 
 def remember(units: UnitLibrary, unit: str, metadata: Metadata) -> None:
-    """Keep in a unit's file what its next recording states, too.
-
-    Raises
-    ------
-    RequestError : the file is refused. StorageError : it cannot be written.
-    """
+    """Keep in a unit's file what its next recording states, too."""
     kept, stored = _stated(metadata.of_unit()), units.load(unit) if unit else None
     if stored is not None and kept != stored.metadata:
         units.save(dataclasses.replace(stored, metadata=kept))
@@ -97,12 +77,7 @@ def template_names(folder: Path | None = None) -> list[str]:
 
 
 def load_template(name: str, folder: Path | None = None) -> Metadata:
-    """Return the metadata of a template: the name of a stored one, or the path of a TOML file.
-
-    Raises
-    ------
-    RequestError : there is none of that name, or the file is refused, by key.
-    """
+    """Return the metadata of a template: the name of a stored one, or the path of a TOML file."""
     path = Path(name) if name.endswith(".toml") else path_in(_templates(folder), f"{name}.toml")
     if not path.exists():
         known = ", ".join(template_names(folder)) or "none"
@@ -111,12 +86,7 @@ def load_template(name: str, folder: Path | None = None) -> Metadata:
 
 
 def save_template(name: str, metadata: Metadata, folder: Path | None = None) -> Path:
-    """Store metadata as a template, without note and ambient conditions; return its file.
-
-    Raises
-    ------
-    RequestError : the name cannot be used. StorageError : it cannot be written.
-    """
+    """Store metadata as a template, without note and ambient conditions; return its file."""
     path = path_in(_templates(folder), f"{name}.toml")
     write_stored(path, tomli_w.dumps(_stated(metadata.of_unit())))
     return path

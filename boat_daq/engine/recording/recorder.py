@@ -36,24 +36,16 @@ _Item: TypeAlias = Block | Callable[[RowMaker], Iterator[Statement]]
 
 
 class Recorder:
-    """Writes one recording.
-
-    Is itself a sink (`PortReader.add_recorder`). Every method is thread-safe.
+    """Writes one recording, as a sink (`PortReader.add_recorder`). Every method is thread-safe.
 
     Parameters
     ----------
-    path : file to create; its name ends in .boat. An existing file is refused.
-    meta : values for `session` (keys of `protocol.recording.SESSION_KEYS`; uuid, status, times, version and the
-        sample type are filled in here). `n_sensors` and `sample_kind` must be there.
+    meta : values for `session` (keys of `protocol.recording.SESSION_KEYS`; uuid, status, times, version and the sample
+        type are filled in here). `n_sensors` and `sample_kind` must be there.
     health : called once a second on the writing thread for a row of `health`; such as `LinkHealth.snapshot`.
     on_error : called once for each cause, on the writing thread, when the disk fails; the recorder keeps trying. It
         must not call `close`, which waits for that thread.
     resumes : the broken run whose recording is resumed, instead of creating one (`resumption`).
-
-    Raises
-    ------
-    RequestError : the name cannot be used, or a file of that name exists.
-    StorageError : its folder cannot be written.
     """
 
     def __init__(
@@ -125,8 +117,7 @@ class Recorder:
     def at_risk_ms(self) -> float:
         """What a crash would cost at most, as measured.
 
-        The slowest commit of the last ten seconds, and before it the commit interval, or a commit as slow where that
-        is longer; what waits now if that is more.
+        That is the slowest commit of the last ten seconds and the commit interval, or what waits now if that is more.
         """
         with self._changed:
             slowest_ms = max(self._latencies_ms, default=0.0)
@@ -147,10 +138,6 @@ class Recorder:
         """Keep the break of a run that resumes while its recording stayed open.
 
         A recording that was opened to be resumed has its break already: then nothing is kept.
-
-        Parameters
-        ----------
-        cause : how the run had ended.
         """
         if self._break_kept:
             self._break_kept = False
@@ -187,10 +174,7 @@ class Recorder:
         self._later(lambda rows, _: iter([step_row(mark, rows.segment, new=new)]))
 
     def reading(self, reading: Reading) -> None:
-        """Keep a reading of elongation.
-
-        A later one for the same step corrects it and both stay.
-        """
+        """Keep a reading of elongation. A later one for the same step corrects it and both stay."""
         statement = reading_row(reading)
         self._later(lambda *_: iter([statement]))
 
@@ -204,23 +188,13 @@ class Recorder:
         self._later(lambda *_: iter(statements))
 
     def flush(self, timeout_s: float = 5.0) -> bool:
-        """Wait until all that was handed over so far is committed.
-
-        False when it is not in time.
-        """
+        """Wait until all that was handed over so far is committed. False when it is not in time."""
         with self._changed:
             target = self._taken
             return self._changed.wait_for(lambda: self._committed >= target, timeout_s)
 
     def close(self, end: RunEnd, cause: str = "") -> Path:
-        """Commit the rest, close into one file, check it, and return its path.
-
-        May be called twice.
-
-        Raises
-        ------
-        StorageError : the disk does not take the rest; what is written stays and `recover` closes it later.
-        """
+        """Commit the rest, close into one file, check it, and return its path. May be called twice."""
         with self._changed:
             if self._closed:
                 return self.path
@@ -276,10 +250,7 @@ class Recorder:
             self._report(self._refusing)
 
     def _check_file(self) -> None:
-        """Keep the link's counters.
-
-        Detect a file that was removed, a disk nearly full, memory that is full.
-        """
+        """Keep the link's counters. Detect a file that was removed, a disk nearly full, memory that is full."""
         health = self._health()
         if health is not None:
             self._later(lambda rows, host_ns: health_row(host_ns, health, *rows.here))

@@ -37,17 +37,10 @@ _NAMES_ANOTHER = bytes.fromhex("d9d505f920a163d7")  # how a journal ends that be
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """What a recovery did.
+    """What a recovery did."""
 
-    Attributes
-    ----------
-    status : "recovered", "salvaged" (into another file), or "closed" (there was nothing to do).
-    path : the file to use from now on.
-    damaged : what could not be read, or does not match its checksum; empty for a sound file.
-    """
-
-    status: str
-    path: Path
+    status: str  # "recovered", "salvaged" (into another file), or "closed" (there was nothing to do)
+    path: Path  # the file to use from now on
     samples: int
     chunks: int
     damaged: tuple[str, ...] = ()
@@ -59,17 +52,7 @@ def find_interrupted(folder: Path) -> list[Path]:
 
 
 def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
-    """Close properly what a killed session left, or save what a damaged file holds.
-
-    Parameters
-    ----------
-    progress : takes (rows, rows in all) while rows are copied or checked; raising from it cancels.
-
-    Raises
-    ------
-    StorageError : a living program writes it, or the folder cannot be written.
-    RecordingError : not a recording, one of a newer program, or so damaged that the layout of its samples is unknown.
-    """
+    """Close properly what a killed session left, or save what a damaged file holds."""
     if is_being_written(path):
         raise StorageError(f"{path} is being written by another program", "Close it there first.")
     schema.refuse_newer(path)
@@ -90,8 +73,6 @@ def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
 
 def _roll_back(path: Path) -> None:
     """Undo what a killed program had half added to a closed recording.
-
-    Its -journal lies beside the file.
 
     A journal that names another file was not left by this program: SQLite would open that file, and may delete it.
     """
@@ -200,10 +181,7 @@ def _missing_overview(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[
 
 
 def _end(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
-    """Give what the killed program could not write.
-
-    When it ended, and that it was killed.
-    """
+    """Give what the killed program could not write. When it ended, and that it was killed."""
     first = {"utc": meta["started_utc"], "host_ns": meta["started_host_ns"], "first_chunk": 1}
     begun = [first, *schema.breaks_of(meta)][-1]  # the monotonic clock may have restarted since the first start
     sql = "SELECT host_ns FROM chunk WHERE id >= ? ORDER BY id DESC LIMIT 1"
@@ -221,10 +199,7 @@ def _end(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
 
 
 def _open_damaged(path: Path) -> sqlite3.Connection:
-    """Open read-only what SQLite would refuse.
-
-    With this pragma it reads a file that is shorter than it should be.
-    """
+    """Open read-only what SQLite would refuse. With this pragma it reads a file that is shorter than it should be."""
     connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)
     harden(connection, damaged=True)
     for pragma in ("query_only=ON", "writable_schema=ON"):

@@ -26,13 +26,7 @@ def companions(path: Path) -> tuple[Path, ...]:
 
 
 def rename(path: Path, name: str) -> Path:
-    """Give a closed recording and its companions another name in the same folder; return its new path.
-
-    Raises
-    ------
-    RequestError : the name cannot be used, or is in use; the recording is not closed.
-    StorageError : another program writes it, or the folder cannot be written. RecordingError : not a recording.
-    """
+    """Give a closed recording and its companions another name in the same folder; return its new path."""
     target = path_in(path.parent, name.strip())
     check_recording_name(target)
     with closing(open_recording(path)) as db:
@@ -58,13 +52,7 @@ def rename(path: Path, name: str) -> Path:
 
 
 def add_note(path: Path, text: str) -> None:
-    """Add a note to a closed recording; the newest one counts, an empty one withdraws it.
-
-    Raises
-    ------
-    RequestError : it is too long. StorageError : the recording is in progress, or cannot be written.
-    RecordingError : not a recording.
-    """
+    """Add a note to a closed recording; the newest one counts, an empty one withdraws it."""
     if len(text) > NOTE_MOST:
         raise RequestError(f"the note is longer than {NOTE_MOST} letters", "Shorten it.")
     with closing(open_recording(path)) as db:

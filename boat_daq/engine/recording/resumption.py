@@ -47,13 +47,7 @@ _SAME = {
 
 @dataclass(frozen=True, slots=True)
 class BrokenRun:
-    """A recording whose run can be resumed.
-
-    Attributes
-    ----------
-    meta : its `session`.
-    cause : how it ended: "interrupted", "stopped", "aborted: ...".
-    """
+    """A recording whose run can be resumed."""
 
     path: Path
     meta: dict[str, Any]
@@ -62,7 +56,7 @@ class BrokenRun:
     readings: tuple[Reading, ...]
     first_cycle: int
     complete_cycles: int
-    cause: str
+    cause: str  # how it ended: "interrupted", "stopped", "aborted: ..."
 
     @property
     def unit(self) -> str:
@@ -70,17 +64,7 @@ class BrokenRun:
         return str(self.meta["unit"] or "")
 
     def check_same(self, now: Mapping[str, Any], *, can_command: bool = True) -> None:
-        """Refuse another unit, board, firmware or rate than the recording's.
-
-        Parameters
-        ----------
-        now : the metadata of a recording begun now (keys of `protocol.recording.SESSION_KEYS`).
-        can_command : whether this link commands pressure.
-
-        Raises
-        ------
-        RequestError : names what differs, or the link is read only.
-        """
+        """Refuse another unit, board, firmware or rate than the recording's."""
         if not can_command:
             raise RequestError("a run cannot be resumed over a read-only link", "connect the board itself")
         for key, name in _SAME.items():
@@ -93,12 +77,7 @@ class BrokenRun:
                 raise RequestError(cause, "resume it with the same board, unit and rate, or begin a new recording")
 
     def check_plan(self, plan: Plan) -> None:
-        """Refuse another plan than the recording's.
-
-        Raises
-        ------
-        RequestError : names the first key that differs.
-        """
+        """Refuse another plan than the recording's. RequestError: names the first key that differs."""
         for key in Plan.__dataclass_fields__:
             was, given = getattr(self.plan, key), getattr(plan, key)
             if was != given:
@@ -109,14 +88,7 @@ class BrokenRun:
 
 
 def read_broken_run(path: Path) -> BrokenRun:
-    """Return what is known of a run that is not finished; nothing is written.
-
-    Raises
-    ------
-    RecordingError : not a recording, or one of a newer program.
-    RequestError : it has no plan, all its cycles, or an older program's layout.
-    StorageError : a living program writes it.
-    """
+    """Return what is known of a run that is not finished; nothing is written."""
     if is_being_written(path):
         raise StorageError(f"{path} is being written by another program", "close it there first")
     schema.refuse_newer(path)
@@ -139,12 +111,7 @@ def read_broken_run(path: Path) -> BrokenRun:
 def prepare_resumption(path: Path, *, progress: Callable[[float, float], None] | None = None) -> BrokenRun:
     """Close properly what a killed session left, and return what is known of its run.
 
-    Takes as long as reading the file does: a window calls it on a worker.
-
-    Raises
-    ------
-    As `read_broken_run` and `recovery.recover`.
-    StorageError : the file is damaged, and is not written to.
+    It takes as long as reading the file: a window calls it on a worker.
     """
     broken = read_broken_run(path)
     recovery = recover(path, progress=progress)
@@ -157,18 +124,7 @@ def prepare_resumption(path: Path, *, progress: Callable[[float, float], None] |
 
 
 def reopen(broken: BrokenRun, metadata: Mapping[str, Any]) -> tuple[RecordingFile, Counters, list[dict[str, Any]]]:
-    """Open a recording to resume it, and record the break.
-
-    Return the file, its counters and its breaks.
-
-    Parameters
-    ----------
-    metadata : operator, note, port of the part that begins.
-
-    Raises
-    ------
-    StorageError : another program writes it, or the folder cannot be written.
-    """
+    """Open a recording to resume it, and record the break. Return the file, its counters and its breaks."""
     file = RecordingFile.reopen(broken.path, resume=True)
     try:
         counters = _count(broken.path)

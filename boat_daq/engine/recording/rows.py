@@ -59,16 +59,7 @@ BOARD_EVENT_KINDS: dict[int, str] = {
 
 
 def step_row(mark: StepMark, segment: int, *, new: bool) -> Statement:
-    """Return the row of a step that begins, or the update of one.
-
-    Parameters
-    ----------
-    mark : the step; its number is the row's id.
-
-    Raises
-    ------
-    RequestError : a branch that is none.
-    """
+    """Return the row of a step that begins, or the update of one. RequestError: a branch that is none."""
     if mark.branch not in BRANCHES:
         raise RequestError(f"a step's branch is one of {', '.join(BRANCHES)}, not {mark.branch!r}")
     if new:
@@ -79,12 +70,7 @@ def step_row(mark: StepMark, segment: int, *, new: bool) -> Statement:
 
 
 def reading_row(reading: Reading) -> Statement:
-    """Return the row of a reading.
-
-    Raises
-    ------
-    RequestError : not an elongation, or not a resolution.
-    """
+    """Return the row of a reading. RequestError: not an elongation, or not a resolution."""
     x, resolution = reading.elongation_mm, reading.resolution_mm
     if x is not None and not abs(x) <= LONGEST_MM:
         raise RequestError(f"{x} is not an elongation in mm", f"give a number within ±{LONGEST_MM:g}")
@@ -117,12 +103,7 @@ class OverviewRows:
         self._n = 0
 
     def add(self, block: int, segment: int, samples: NDArray[np.void]) -> Iterator[Statement]:
-        """Take a block; give the rows that are complete with it.
-
-        Parameters
-        ----------
-        block, segment : their keys.
-        """
+        """Take a block; give the rows that are complete with it."""
         if self._held and self._held[0][1] != segment:
             yield from self.finish()
         self._held.append((block, segment, samples))
@@ -145,10 +126,7 @@ class OverviewRows:
 
 @dataclass(frozen=True, slots=True)
 class Counters:
-    """What a recording holds already.
-
-    The newest key of each table, its bytes and its samples.
-    """
+    """What a recording holds already. The newest key of each table, its bytes and its samples."""
 
     segment: int = 0
     chunks: int = 0
@@ -162,10 +140,7 @@ class Counters:
 
 
 class RowMaker:
-    """Turns blocks, in order, into statements.
-
-    Keeps the counters of what went by, from `before` on.
-    """
+    """Turns blocks, in order, into statements. Keeps the counters of what went by, from `before` on."""
 
     def __init__(self, meta: Mapping[str, Any], before: Counters = Counters()) -> None:
         self._dtype = dtype_from_description(meta["sample_dtype"])
@@ -204,12 +179,7 @@ class RowMaker:
     def begin_segment(
         self, reason: str, host_ns: int, *, paused: bool = False, here: bool = False, decoder: str | None = None
     ) -> Iterator[Statement]:
-        """Give the row of a new segment.
-
-        Parameters
-        ----------
-        here : whether it begins with the newest chunk, not with the next one.
-        """
+        """Give the row of a new segment."""
         yield from self.flush()
         self.segment += 1
         self._time_us = None
@@ -219,22 +189,14 @@ class RowMaker:
     def event(
         self, host_ns: int, source: str, kind: str, value: float | None, text: str, time_us: int | None = None
     ) -> Iterator[Statement]:
-        """Give the row of an event.
-
-        Parameters
-        ----------
-        time_us : board time; the newest sample's when None.
-        """
+        """Give the row of an event. `time_us`: board time; the newest sample's when None."""
         self._last_event += 1
         time_us = self._time_us if time_us is None else time_us
         segment = self.segment or None
         yield INSERT_EVENT, (self._last_event, host_ns, segment, time_us, source, kind, value, text)
 
     def flush(self, *, last: bool = False) -> Iterator[Statement]:
-        """Give the rows of the samples that are held.
-
-        Of the overview too when they were the last.
-        """
+        """Give the rows of the samples that are held. Of the overview too when they were the last."""
         if self._held:
             samples = np.concatenate(self._held) if len(self._held) > 1 else self._held[0]
             self._held = []
@@ -275,10 +237,7 @@ class RowMaker:
     def _started_unanswered(
         self, samples: NDArray[np.void], host_ns: int
     ) -> Generator[Statement, None, NDArray[np.void]]:
-        """Begin the segment of a START whose answer is late with its first sample.
-
-        Return the samples from there on.
-        """
+        """Begin the segment of a START whose answer is late with its first sample. Return the samples from there on."""
         first = int(np.argmin(samples["index"]))
         if first:
             self._held.append(samples[:first])

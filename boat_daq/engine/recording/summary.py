@@ -46,10 +46,7 @@ class CycleCounts:
 
 @dataclass(frozen=True, slots=True)
 class BreakSummary:
-    """A break of a run (`resumption`).
-
-    Why it had ended, for how long, and with which cycle it resumed.
-    """
+    """A break of a run (`resumption`). Why it had ended, for how long, and with which cycle it resumed."""
 
     utc: str
     cause: str
@@ -104,12 +101,7 @@ class Summary:
 
 
 def summarise(path: Path) -> Summary:
-    """Return the summary of a recording.
-
-    Raises
-    ------
-    RecordingError : not a recording, or damaged.
-    """
+    """Return the summary of a recording. RecordingError: not a recording, or damaged."""
     with closing(schema.open_recording(path)) as db:
         try:
             return _summarise(path, db)

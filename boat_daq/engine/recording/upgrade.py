@@ -27,15 +27,9 @@ from protocol.recording.checks import DAMAGE, columns_of, harden
 
 @dataclass(frozen=True, slots=True)
 class Upgrade:
-    """What an upgrade did.
+    """What an upgrade did."""
 
-    Attributes
-    ----------
-    status : "upgraded", or "current" where there was nothing to do.
-    backup : the file as it was; None where nothing was done.
-    """
-
-    status: str
+    status: str  # "upgraded", or "current" where there was nothing to do
     path: Path
     version_before: int
     version: int
@@ -43,14 +37,7 @@ class Upgrade:
 
 
 def upgrade(path: Path) -> Upgrade:
-    """Upgrade a closed recording to the present layout.
-
-    Raises
-    ------
-    RecordingError : not a recording, or one of a newer program.
-    RequestError : it is interrupted.
-    StorageError : it is in progress or damaged, or the folder cannot be written.
-    """
+    """Upgrade a closed recording to the present layout."""
     refuse_newer(path)
     version = layout_version(path)
     with closing(open_recording(path)) as db:
@@ -93,10 +80,7 @@ def _add_columns(path: Path, version: int) -> None:
 
 
 def _keep(path: Path, version: int) -> Path:
-    """Give the file a second name, that of its backup.
-
-    Nothing that has such a name is overwritten.
-    """
+    """Give the file a second name, that of its backup. Nothing that has such a name is overwritten."""
     for number in range(1, 1000):
         backup = path.with_name(f"{path.name}.v{version}{'' if number == 1 else f'.{number}'}.bak")
         try:

@@ -85,11 +85,6 @@ def verify_recording(
     path : a recording; one that is interrupted is checked up to its last commit.
     reanalyse : computes a stored result anew, or returns None for an unknown kind.
     code : state of the program that `reanalyse` computes with; a result names the one it was computed by.
-    progress : takes (samples compared, samples in all); raising from it cancels.
-
-    Raises
-    ------
-    RecordingError : not a recording.
     """
     started = time.monotonic()
     tally = {"samples": 0, "chunks": 0, "results": 0}
@@ -135,10 +130,7 @@ def _verify_stream(db: sqlite3.Connection, tally: dict[str, int], progress: Prog
 
 
 def _derived(db: sqlite3.Connection, meta: dict[str, Any], tally: dict[str, int]) -> Iterator[NDArray[np.void]]:
-    """Give the samples that the bytes hold.
-
-    Check the gaps between them on the way.
-    """
+    """Give the samples that the bytes hold. Check the gaps between them on the way."""
     kept = db.execute("SELECT value, text, time_us FROM event WHERE kind = 'gap' AND source = 'host' ORDER BY id")
     gaps = 0
     begins = db.execute("SELECT first_chunk, decoder FROM segment WHERE decoder IS NOT NULL ORDER BY id")
@@ -170,10 +162,7 @@ def _chunks(db: sqlite3.Connection, first: int, after: int, tally: dict[str, int
 
 
 def _stored(db: sqlite3.Connection, dtype: np.dtype[np.void], overview: OverviewRows) -> Iterator[NDArray[np.void]]:
-    """Give the samples that the file has.
-
-    Check their rows and the overview on the way.
-    """
+    """Give the samples that the file has. Check their rows and the overview on the way."""
     rows = db.execute("SELECT id, segment, n, first_time_us, last_time_us, samples FROM block ORDER BY id")
     kept = db.execute("SELECT * FROM overview ORDER BY id")
     for number, segment, n, first_us, last_us, blob in rows:

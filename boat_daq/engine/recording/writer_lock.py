@@ -69,12 +69,7 @@ def lock_path(recording: Path) -> Path:
 
 
 class WriterLock:
-    """The exclusive right to write a recording, until `close` or the process ends.
-
-    Raises
-    ------
-    StorageError : another program writes it, or the folder cannot be written.
-    """
+    """The exclusive right to write a recording, until `close` or the process ends."""
 
     def __init__(self, recording: Path) -> None:
         self._path = lock_path(recording)

@@ -30,18 +30,7 @@ _OF_THE_BOARD = ("board_id", "vref_mv", "adc_bits", "polarity", "rate_hz", "unit
 
 
 class ActiveRecording:
-    """Begins and ends the recording of one session.
-
-    Parameters
-    ----------
-    control : the controller under the session's lock.
-    link : whose reader brings the blocks.
-    unit, derived : what a recording keeps of all three.
-
-    Attributes
-    ----------
-    since_us : board time at which the present recording began.
-    """
+    """Begins and ends the recording of one session. `since_us`: board time at which the present recording began."""
 
     def __init__(
         self,
@@ -60,17 +49,7 @@ class ActiveRecording:
         self._settings, self._unit, self._derived = settings, unit, derived
 
     def begin(self, path: Path, metadata: Mapping[str, Any] | None, broken: BrokenRun | None) -> None:
-        """Record from now on, or resume the recording of a broken run.
-
-        Parameters
-        ----------
-        path : file to create, or that of the broken run.
-        broken : the run that is resumed; None for a new recording.
-
-        Raises
-        ------
-        As `Session.start_recording` and `Session.resume_recording`.
-        """
+        """Record from now on, or resume the recording of a broken run."""
         polarity = self._unit.library.load(self._unit.name).polarity if self._unit.name else -1
         with self._control.acting() as control:
             simulated = self._link.simulated(control.hello)
@@ -100,24 +79,14 @@ class ActiveRecording:
             raise RequestError("the session changed while the recording began", "try again")
 
     def metadata(self, path: Path) -> Metadata:
-        """Return the metadata of a recording; of the one in progress with what is not yet on the disk.
-
-        Raises
-        ------
-        RecordingError : it cannot be read.
-        """
+        """Return the metadata of a recording; of the one in progress with what is not yet on the disk."""
         of, stated = self._stated
         recorder = self._journal.recorder
         active = recorder is not None and recorder.path == path == of
         return stated if active and stated is not None else read_metadata(path)
 
     def state(self, path: Path, metadata: Metadata) -> None:
-        """State metadata of a recording, in progress or closed; the newest count.
-
-        Raises
-        ------
-        RecordingError : not a recording. StorageError : it cannot be written.
-        """
+        """State metadata of a recording, in progress or closed; the newest count."""
         before = self.metadata(path)
         with self._control.acting():
             recorder = self._journal.recorder
@@ -143,17 +112,9 @@ class ActiveRecording:
     def end(self, end: RunEnd) -> Path | None:
         """Close the recording as it is, without a command to the board.
 
-        Parameters
-        ----------
-        end : kept where no run has ended in the recording.
-
         Returns
         -------
         Its path; None where nothing was recorded.
-
-        Raises
-        ------
-        StorageError : the disk does not take the rest; what is written stays.
         """
         with self._control.acting():
             recorder, self._journal.recorder = self._journal.recorder, None
@@ -170,10 +131,7 @@ class ActiveRecording:
         return path
 
     def check_space(self) -> Check:
-        """Return whether what the plan will record fits on the disk.
-
-        A good check where nothing is recorded.
-        """
+        """Return whether what the plan will record fits on the disk. A good check where nothing is recorded."""
         with self._control.acting() as control:
             recorder, plan, rate_hz = self._journal.recorder, control.sequencer.plan, control.stream.rate_hz
             n_sensors = self._link.port.link.n_sensors if self._link.port else None

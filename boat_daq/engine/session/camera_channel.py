@@ -49,16 +49,7 @@ FAULT_TEXTS = {  # code -> cause, remedy
 
 
 class CameraChannel:
-    """Tracks with one camera for one session.
-
-    Parameters
-    ----------
-    session : whose recording and plateaus get the readings.
-    track : gives the elongation in a picture.
-    about : describes source, marks and scale, for the recording.
-    video : file that every frame is stored in; None stores none.
-    enter : whether plateaus get their readings from the camera.
-    """
+    """Tracks with one camera for one session."""
 
     def __init__(
         self,
@@ -209,13 +200,7 @@ class CameraChannel:
         return statistics.fmean(seen) if seen else 0.0
 
     def _enter_reading(self, step: StepMark, first_us: int, last_us: int, *, complain: bool) -> bool:
-        """Enter the mean of a plateau's frames; return whether there is a reading now.
-
-        Parameters
-        ----------
-        first_us, last_us : board times of its settled part.
-        complain : whether too few frames are worth a warning.
-        """
+        """Enter the mean of a plateau's frames; return whether there is a reading now."""
         if any(r.step_id == step.number and r.source != _SOURCE for r in self._session.readings()):
             return True  # the operator's own
         frames = self._between(first_us, last_us)

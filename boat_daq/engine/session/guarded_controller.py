@@ -24,13 +24,7 @@ from protocol.recording import RunEnd
 
 
 class GuardedController:
-    """Carries out the effects of one controller.
-
-    Parameters
-    ----------
-    journal : keeps steps, events and the recorder; used under the lock.
-    send : as `LinkSupervisor.send`; needs no lock.
-    """
+    """Carries out the effects of one controller."""
 
     def __init__(self, journal: Journal, send: Callable[[Command, bool], bool]) -> None:
         self.lock = threading.RLock()
@@ -71,10 +65,7 @@ class GuardedController:
             control.vent(sent=sent and before == self._pressures and before % 2 == 0)
 
     def arm(self, plan: Plan, *, wait_for_reading: bool, resume: bool, regulator: Regulator | None, hold: bool) -> None:
-        """Arm a plan, and state it in the recording.
-
-        Parameters and errors are those of `Session.arm`.
-        """
+        """Arm a plan, and state it in the recording. Parameters and errors are those of `Session.arm`."""
         with self.acting() as control:
             recorder, broken = self._journal.recorder, self._journal.broken
             if recorder is not None and broken is not None:

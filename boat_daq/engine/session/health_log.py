@@ -45,12 +45,7 @@ class HealthLog:
 
 
 def health_line(link: str, run: str, health: HealthSnapshot | None, recorder: Recorder | None) -> str:
-    """Return a line of the log.
-
-    Parameters
-    ----------
-    recorder : its queue, and the free space on its disk.
-    """
+    """Return a line of the log."""
     parts = [f"health link={link} run={run}"]
     if health is not None:
         s = health.statistics

@@ -61,13 +61,7 @@ class Journal:
         self.readings = list(broken.readings) if broken else []
 
     def tell(self, kind: MessageKind, level: str, cause: str, remedy: str = "", command: str = "") -> None:
-        """Add a message for the operator, and log it.
-
-        Parameters
-        ----------
-        cause, remedy : sentences without their full stop.
-        command : the remedy on the command line.
-        """
+        """Add a message for the operator, and log it."""
         if level != "info" and kind is not MessageKind.PLUGIN:
             self.warned(kind, cause, remedy)
         self._last += 1
@@ -96,22 +90,12 @@ class Journal:
     def event(
         self, source: str, kind: str, text: str, *, value: float | None = None, time_us: int | None = None
     ) -> None:
-        """Record an event, where a recording runs.
-
-        Parameters
-        ----------
-        source, kind, text, value, time_us : as `Recorder.event`.
-        """
+        """Record an event, where a recording runs."""
         if self.recorder is not None:
             self.recorder.event(source, kind, value=value, text=text, time_us=time_us)
 
     def add_reading(self, reading: Reading) -> None:
-        """Keep a reading.
-
-        Raises
-        ------
-        RequestError : no such plateau, or no length that a unit can have.
-        """
+        """Keep a reading. RequestError: no such plateau, or no length that a unit can have."""
         if reading.step_id not in self.steps:
             raise RequestError(f"there is no step {reading.step_id}", "give the number of a plateau of this recording")
         reading_row(reading)  # refuses what is no reading, also where nothing is recorded

@@ -45,21 +45,7 @@ _BUSY = (LinkState.OPENING, LinkState.UP, LinkState.LOST)
 
 
 class LinkSupervisor:
-    """Supervises one port.
-
-    Parameters
-    ----------
-    settings : returns them: baud rate, and whether remote ports are allowed.
-    acting : gives the controller under the session's lock, and carries out what follows.
-    journal : messages; the recorder that a returning board is recorded by. Used under that lock.
-    show : takes each block on the reading thread, after the controller.
-    connected : takes the serial number of the board's USB device once its samples come, where it has one.
-    end_recording : closes the recording, where one runs.
-
-    Attributes
-    ----------
-    state, url, error : what a snapshot shows of the link; `error` is cause and remedy of a FAILED one.
-    """
+    """Supervises one port."""
 
     def __init__(
         self,
@@ -93,17 +79,7 @@ class LinkSupervisor:
         self._thread = threading.Thread(target=self._run, name="link supervisor", daemon=True)
 
     def open(self, url: str, profile: str | None, *, greeted: Callable[[], None] | None = None) -> None:
-        """Have a port opened, and return at once; the session's lock is held.
-
-        Parameters
-        ----------
-        url, profile : as `Session.connect`.
-        greeted : called once the board has sent its HELLO; samples are requested only after it.
-
-        Raises
-        ------
-        RequestError : one is open already.
-        """
+        """Have a port opened, and return at once; the session's lock is held. RequestError: one is open already."""
         if self.state in _BUSY or self._wanted:
             raise RequestError(f"{self.url} is open already", "disconnect it first")
         self.url, self._profile, self._greeted = url, profile, greeted
@@ -202,10 +178,7 @@ class LinkSupervisor:
             self._play()
 
     def _attach(self, port: OpenPort) -> None:
-        """Begin to read a port that has just been opened.
-
-        The reading of a replay begins in `_play`.
-        """
+        """Begin to read a port that has just been opened. The reading of a replay begins in `_play`."""
         reader = PortReader(port.transport, port.link)
         with self._acting() as control:
             health = LinkHealth(
@@ -229,10 +202,7 @@ class LinkSupervisor:
                 control.listen(mv_per_count(port.replayed))
 
     def _detach(self) -> None:
-        """Stop reading and close the port.
-
-        Waits for the reading thread, so never under the lock.
-        """
+        """Stop reading and close the port. Waits for the reading thread, so never under the lock."""
         with self._acting():
             reader, self.reader = self.reader, None
         if reader is not None:
@@ -294,10 +264,7 @@ class LinkSupervisor:
         return cause, "choose another port or baud rate; firmware that prints text needs its profile"
 
     def _fail(self, cause: str, remedy: str, command: str = "") -> None:
-        """Give up the port.
-
-        A board that sent its HELLO is left at rest, its watchdog disarmed.
-        """
+        """Give up the port. A board that sent its HELLO is left at rest, its watchdog disarmed."""
         with self._acting() as control:
             greeted = control.hello is not None and not control.board.identifying
         if greeted and self._lost is None and self.reader is not None:
@@ -386,10 +353,7 @@ class LinkSupervisor:
         self._show(block)
 
     def _noticed(self, block: Block) -> bool:
-        """Note what concerns the link.
-
-        Return False for a block of another board than the one expected.
-        """
+        """Note what concerns the link. Return False for a block of another board than the one expected."""
         self._heard = self._heard or bool(block.raw)
         for event in block.events:
             match event:

@@ -26,16 +26,7 @@ SampleSink: TypeAlias = Callable[[np.ndarray[Any, Any]], None]
 class LiveSamples:
     """Passes on what the reading thread brings.
 
-    Parameters
-    ----------
-    control : the commanded pressure, the board's scale, the lock.
-    journal : messages, and whether a recording is in progress; used under the lock.
-    port : returns the open port, or the last one.
-
-    Attributes
-    ----------
-    ring : for the screen; none until the first sample, another one after `Session.connect`.
-    derived : the derived channels that are wanted.
+    `ring`: for the screen; none until the first sample, another one after `Session.connect`.
     """
 
     def __init__(self, control: GuardedController, journal: Journal, port: Callable[[], OpenPort | None]) -> None:
@@ -94,13 +85,7 @@ class LiveSamples:
             self._journal.tell(MessageKind.DERIVED, "warning", error.cause, error.remedy)
 
     def set_derived(self, channels: Sequence[DerivedChannel]) -> None:
-        """Use other derived channels from now on; the plots begin anew.
-
-        Raises
-        ------
-        RequestError : a recording is in progress: it states those of its beginning.
-        RecordingError : one is refused.
-        """
+        """Use other derived channels from now on; the plots begin anew."""
         with self._control.lock:
             if self._journal.recorder is not None:
                 cause = "a recording in progress has the derived channels of its beginning"

@@ -65,12 +65,7 @@ class MeasuredBlock:
     ) -> MeasuredBlock:
         """Return samples of `protocol.recording.sample_dtype` in the lab's units.
 
-        Parameters
-        ----------
-        samples : [n]. target_kpa : [n].
-        mv_per_count : unused where the samples carry signals.
-        others : extra and derived channels of the samples.
-        skipped : samples lost by the queue before these.
+        `mv_per_count` is unused where the samples carry signals.
         """
         block = columns(samples, mv_per_count)
         time_s = block.time_us.astype(np.float64) * 1e-6
@@ -101,14 +96,10 @@ _ARRAYS = [each.name for each in fields(MeasuredBlock) if each.name not in ("oth
 
 
 class SampleQueue:
-    """A sink of `Session.add_sink` that another thread empties.
+    """A sink of `Session.live` that another thread empties.
 
-    Parameters
-    ----------
-    target_kpa : returns the pressure commanded now, NaN for none.
-    mv_per_count : returns the session's scale.
-    others : returns the extra and derived channels of the samples that come now.
-    capacity : samples kept at most; the oldest are discarded beyond, and counted.
+    `target_kpa`, `mv_per_count` and `others` return those of the session now. Beyond `capacity` samples the oldest are
+    discarded, and counted.
     """
 
     def __init__(
@@ -158,11 +149,7 @@ def blocks(
 ) -> Iterator[MeasuredBlock]:
     """Yield the blocks of a queue.
 
-    Parameters
-    ----------
-    running : whether more samples can come.
-    seconds : of board time to yield; None for as long as `running`.
-    every_s : time between two looks at the queue.
+    `seconds` of board time, None for as long as `running`; the queue is looked at `every_s`.
     """
     until_s = math.inf if seconds is None else None
     while True:

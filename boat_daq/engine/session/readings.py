@@ -36,12 +36,7 @@ NEAR_KPA = 3.0  # a row names its plateau by its target; no closer than this, or
 
 
 def read_elongation_csv(path: Path) -> tuple[FileReading, ...]:
-    """Return the rows of an elongation file.
-
-    Raises
-    ------
-    RequestError : the file cannot be read, lacks a column, or a row is not numbers; names the line.
-    """
+    """Return the rows of an elongation file."""
     try:
         return read_elongation_rows(path)
     except RequestError as error:
@@ -49,12 +44,7 @@ def read_elongation_csv(path: Path) -> tuple[FileReading, ...]:
 
 
 def check_against_plan(readings: Sequence[FileReading], plan: Plan) -> None:
-    """Refuse a file that will not fit an unbroken run of `plan`, before it begins.
-
-    Raises
-    ------
-    RequestError : the first row that does not fit, or a plan without plateaus.
-    """
+    """Refuse a file that will not fit an unbroken run of `plan`, before it begins."""
     if plan.kind != "staircase":
         raise RequestError(f"plan {plan.name} has no plateaus to read elongation at", "omit the file of readings")
     steps = [StepMark(n, s.cycle, s.branch, s.target_kpa, 0.0, 0) for n, s in enumerate(plan.steps, 1)]
@@ -62,12 +52,7 @@ def check_against_plan(readings: Sequence[FileReading], plan: Plan) -> None:
 
 
 def match_readings(readings: Sequence[FileReading], steps: Sequence[StepMark]) -> dict[int, float]:
-    """Return step_id -> elongation (mm) for plateaus in the order of the run.
-
-    Raises
-    ------
-    RequestError : the first row that does not fit.
-    """
+    """Return step_id -> elongation (mm) for plateaus in the order of the run."""
     plateaus = [step for step in steps if step.branch != "end" and not step.passed]
     if not readings or not plateaus:
         raise RequestError("there are no readings" if plateaus else "the run has no plateaus", "nothing was entered")
@@ -112,10 +97,7 @@ def _by_branch(readings: Sequence[FileReading], plateaus: list[StepMark], near: 
 
 
 def _plateau_of(row: FileReading, plateaus: list[StepMark], near: float) -> StepMark | None:
-    """Return the plateau of a row.
-
-    Its own branch's, or the one at which that branch begins.
-    """
+    """Return the plateau of a row. Its own branch's, or the one at which that branch begins."""
     own = [i for i, step in enumerate(plateaus) if step.cycle == row.cycle and step.branch == row.branch]
     first = own[0] if own else next((i + 1 for i, s in enumerate(plateaus) if s.branch == row.branch == "start"), 0)
     candidates = [*own, first - 1] if first else own
@@ -123,12 +105,7 @@ def _plateau_of(row: FileReading, plateaus: list[StepMark], near: float) -> Step
 
 
 def enter_readings(session: Session, readings: Sequence[FileReading], *, source: str = "csv") -> int:
-    """Enter a file's readings for the plateaus reached; return how many.
-
-    Raises
-    ------
-    RequestError : they do not fit; nothing is entered.
-    """
+    """Enter a file's readings for the plateaus reached; return how many."""
     matched = match_readings(readings, [step for step in session.steps() if step.status == "reached"])
     for step_id, elongation_mm in matched.items():
         _add_once(session, step_id, elongation_mm, source)
@@ -136,16 +113,7 @@ def enter_readings(session: Session, readings: Sequence[FileReading], *, source:
 
 
 def readings_so_far(readings: Sequence[FileReading], plan: Plan, steps: Sequence[StepMark]) -> tuple[FileReading, ...]:
-    """Return the rows of a file for the plateaus that a run has reached.
-
-    Parameters
-    ----------
-    readings : rows of the file, of the whole plan or of its first plateaus.
-
-    Raises
-    ------
-    RequestError : the rows fit neither the whole plan nor the plateaus reached.
-    """
+    """Return the rows of a file for the plateaus that a run has reached."""
     reached = [step for step in steps if step.status == "reached" and step.branch != "end"]
     planned = [StepMark(n, s.cycle, s.branch, s.target_kpa, 0.0, 0) for n, s in enumerate(plan.steps, 1)]
     if readings and readings[0].cycle is not None:
@@ -172,25 +140,13 @@ def _add_once(session: Session, step_id: int, elongation_mm: float, source: str,
 def simulated_reading(truth_mm: float, rng: np.random.Generator, *, resolution_mm: float, reader_sd_mm: float) -> float:
     """Return a reading of a true elongation, mm: with an error, rounded to the grid.
 
-    Parameters
-    ----------
-    resolution_mm : distance of the lines of the grid.
-    reader_sd_mm : standard deviation of the error.
+    `resolution_mm`: distance of the lines of the grid.
     """
     return round((truth_mm + reader_sd_mm * rng.standard_normal()) / resolution_mm) * resolution_mm
 
 
 def truth_at_plateaus(truth_csv: Path, steps: Sequence[StepMark]) -> dict[int, float]:
-    """Return step_id -> mean true elongation (mm) over each settled plateau.
-
-    Parameters
-    ----------
-    truth_csv : as `boat-daq board --truth` writes it, `time_s` and `elongation_mm` among its columns.
-
-    Raises
-    ------
-    RequestError : the file cannot be read or is no such file.
-    """
+    """Return step_id -> mean true elongation (mm) over each settled plateau."""
     try:
         table = np.genfromtxt(truth_csv, delimiter=",", names=True, comments="#", usecols=(2, 4), skip_header=1)
         time_us, elongation_mm = table["time_s"] * 1e6, table["elongation_mm"]
@@ -213,20 +169,7 @@ def enter_simulated_readings(
     resolution_mm: float = SIMULATED_RESOLUTION_MM,
     reader_sd_mm: float = READER_SD_MM,
 ) -> int:
-    """Enter readings of a virtual unit, from its truth; return how many.
-
-    Parameters
-    ----------
-    truth_csv : as `truth_at_plateaus` takes it.
-    seed : of the reader's error.
-    resolution_mm, reader_sd_mm : as `simulated_reading` takes them.
-
-    The defaults leave 0.008 mm (rms) of error; the paper's R2 of 0.99991 for its second sensor allows 0.02 mm.
-
-    Raises
-    ------
-    RequestError : the session is not on a virtual board, or the file is no truth file.
-    """
+    """Enter readings of a virtual unit, from its truth; return how many. `seed`: of the reader's error."""
     if not session.snapshot().simulated:
         raise RequestError("only a virtual board has true elongations", "type the readings of a real unit")
     rng = np.random.default_rng(seed)

@@ -57,11 +57,6 @@ _RUN_OVER = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
 class Session:
     """A link to one board, its recording and its run.
 
-    Parameters
-    ----------
-    settings : rate, tolerances, folders; the stored ones when None.
-    units : where the units' limits are kept; the stored library when None.
-
     Attributes
     ----------
     live : samples as they come: the ring of the screen, sinks, derived channels.
@@ -107,15 +102,6 @@ class Session:
         """Connect to a board and wait for its samples: ``with Session.open(port) as session: ...``.
 
         Leaving the block vents, closes the recording and the port.
-
-        Parameters
-        ----------
-        port, options : as `connect`.
-        settings : the stored ones when None.
-
-        Raises
-        ------
-        DeviceError, RequestError, StorageError : as `connect` and `wait_connected`.
         """
         session = cls(settings)
         try:
@@ -156,14 +142,7 @@ class Session:
     def run(self, plan: Plan | str | Path, *, wait_for_reading: bool = False) -> RunEnding:
         """Run a plan to its end and return how it ended; vent where the script is interrupted.
 
-        Parameters
-        ----------
-        plan : a plan, the name of a built-in one, or its TOML file.
-        wait_for_reading : as `arm`.
-
-        Raises
-        ------
-        RequestError : as `arm` and `start`. DeviceError : the link was lost; the board vents by itself.
+        `plan`: a plan, the name of a built-in one, or its TOML file.
         """
         self.arm(plan if isinstance(plan, Plan) else load_plan(str(plan)), wait_for_reading=wait_for_reading)
         try:
@@ -204,10 +183,6 @@ class Session:
         record_to, metadata : begin this recording before the board's first sample; as `start_recording`. Where that
             fails, the link FAILED.
         resume_in : in place of `record_to`, resume the recording of a broken run; as `resume_recording`.
-
-        Raises
-        ------
-        RequestError : connected already, or not a usable name of a unit.
         """
         rate_hz = rate_hz or self.settings.rate_hz
         control = Controller(rate_hz=rate_hz, zero_tolerance_kpa=self.settings.zero_tolerance_kpa)
@@ -244,14 +219,7 @@ class Session:
             time.sleep(_POLL_S)
 
     def wait_connected(self, timeout_s: float = 8.0) -> SessionSnapshot:
-        """Block until the link is UP, or was.
-
-        A short replay is over before the first look.
-
-        Raises
-        ------
-        DeviceError : the link FAILED, cause and remedy are those of `link_error`; or the time is over.
-        """
+        """Block until the link is UP, or was. A short replay is over before the first look."""
         seen = self.wait(lambda s: s.link in (LinkState.UP, LinkState.FAILED, LinkState.CLOSED), timeout_s)
         if seen.link is LinkState.UP or (seen.link is LinkState.CLOSED and seen.last is not None):
             return seen
@@ -260,10 +228,7 @@ class Session:
         raise DeviceError(cause, remedy, command=command)
 
     def disconnect(self) -> None:
-        """Vent, stop the stream, close the recording and the port.
-
-        Returns at once; see `snapshot().link`.
-        """
+        """Vent, stop the stream, close the recording and the port. Returns at once; see `snapshot().link`."""
         self._link.close()
 
     def close(self) -> None:
@@ -276,13 +241,7 @@ class Session:
     # ---- the recording ---------------------------------------------------------------------------------------------
 
     def start_recording(self, path: Path, metadata: Mapping[str, Any] | None = None) -> None:
-        """Record all that comes from now on into `path`; metadata: operator, unit, note.
-
-        Raises
-        ------
-        StorageError : the folder cannot be written.
-        RequestError : a recording or a run is in progress, the name cannot be used, or nothing is connected.
-        """
+        """Record all that comes from now on into `path`; metadata: operator, unit, note."""
         self.recording.begin(path, metadata, None)
 
     def resume_recording(self, broken: BrokenRun, metadata: Mapping[str, Any] | None = None) -> None:
@@ -290,27 +249,13 @@ class Session:
 
         `resumption.prepare_resumption` reads the run. Its steps and readings are there again;
         `arm(broken.plan, resume=True)` then continues at its next whole cycle.
-
-        Parameters
-        ----------
-        metadata : operator and note of the part that begins.
-
-        Raises
-        ------
-        RequestError : another board, unit or rate; or as `start_recording`. StorageError : it cannot be written.
         """
         self.recording.begin(broken.path, metadata, broken)
 
     def stop_recording(self) -> Path | None:
         """Close the recording properly and return its path.
 
-        A run in progress is stopped and vented first.
-
-        Waits for the disk, and up to 5 s for a unit to vent.
-
-        Raises
-        ------
-        StorageError : the disk does not take the rest; what is written stays.
+        A run in progress is stopped and vented first; waits for the disk, and up to 5 s for a unit to vent.
         """
         self.stop()
         self.wait(lambda s: s.state is not SessionState.FINISHING or s.link is not LinkState.UP, VENTING_WAIT_S)
@@ -329,16 +274,7 @@ class Session:
     ) -> None:
         """Check a plan against every limit and make it ready; nothing moves yet.
 
-        Parameters
-        ----------
-        regulator, hold : of a plan in millimetres, as `control_elongation`.
-        wait_for_reading : hold each plateau until its reading is given (or skipped, or the plan's timeout).
-        resume : continue the broken run of this recording at its next whole cycle instead of starting over.
-
-        Raises
-        ------
-        RequestError : outside limits, a fault is latched, a run is in progress, the link cannot command; in the
-            recording of a broken run, another plan than its own, or starting over.
+        `resume`: continue the broken run of this recording at its next whole cycle instead of starting over.
         """
         self._control.arm(plan, wait_for_reading=wait_for_reading, resume=resume, regulator=regulator, hold=hold)
 
@@ -348,12 +284,7 @@ class Session:
             control.disarm()
 
     def start(self) -> None:
-        """Run the armed plan after the pre-flight check.
-
-        Raises
-        ------
-        RequestError : what the pre-flight found: link, limits, e-stop, zero of the pressure sensor, disk space.
-        """
+        """Run the armed plan after the pre-flight check."""
         self._control.start(self.recording.check_space())
 
     def preflight(self) -> list[Check]:
@@ -378,16 +309,7 @@ class Session:
             control.stop()
 
     def finish_early(self, cause: str) -> None:
-        """End a run as finished, with the complete cycles that it has.
-
-        Parameters
-        ----------
-        cause : why they are enough; recorded with the run.
-
-        Raises
-        ------
-        RequestError : no run is in progress, or no cycle is complete.
-        """
+        """End a run as finished, with the complete cycles that it has."""
         with self._acting() as control:
             control.finish_early(cause)
 
@@ -397,31 +319,16 @@ class Session:
             control.sequencer.hold_at(plateaus)
 
     def vent(self) -> None:
-        """Vent now, in any state, from any thread.
-
-        Ends a run. The command leaves before anything is waited for.
-        """
+        """Vent now, in any state, from any thread. Ends a run. The command leaves before anything is waited for."""
         self._control.vent()
 
     def clear_fault(self, by: str = "the operator") -> None:
-        """Clear a latched fault whose cause is gone, here and on the board.
-
-        `by` whom goes into the recording.
-
-        Raises
-        ------
-        RequestError : the cause is still present.
-        """
+        """Clear a latched fault whose cause is gone, here and on the board. `by` whom goes into the recording."""
         with self._acting() as control:
             control.clear_fault(by)
 
     def set_pressure(self, target_kpa: float, ramp_kpa_per_s: float | None = None) -> None:
-        """Command a pressure manually, within limits, while no run is in progress.
-
-        Raises
-        ------
-        RequestError : outside limits, latched, a run is in progress, or the pre-flight check fails.
-        """
+        """Command a pressure manually, within limits, while no run is in progress."""
         with self._acting() as control:
             control.set_pressure(target_kpa, MANUAL_RAMP_KPA_PER_S if ramp_kpa_per_s is None else ramp_kpa_per_s)
 
@@ -433,14 +340,7 @@ class Session:
 
         Parameters
         ----------
-        mm : the setpoint, within the calibrated range.
         regulator : made for this unit from its calibration in force; None where it is controlled already.
-        hold : keep the last pressure where the control ends by itself, in place of venting.
-
-        Raises
-        ------
-        RequestError : no regulator, latched, a run is in progress, the board is too fast, or the pre-flight fails.
-        BoatDaqError : outside the calibrated range.
         """
         with self._acting() as control:
             if regulator is not None and self.unit_under_test.name and regulator.unit != self.unit_under_test.name:
@@ -466,15 +366,9 @@ class Session:
 
         Parameters
         ----------
-        step_id : the plateau's step.
         elongation_mm : None withdraws the reading.
         source : "typed", "csv", "photograph", "simulated" ...
         resolution_mm : of the grid; the setting's when None.
-        reader, note : who read it, and a remark for people.
-
-        Raises
-        ------
-        RequestError : no such plateau, or not a finite length.
         """
         resolution = self.settings.resolution_mm if resolution_mm is None else resolution_mm
         reading = Reading(step_id, elongation_mm, resolution, source, now_utc(), reader, note)
@@ -502,10 +396,7 @@ class Session:
             return max((mark.number for mark in broken.marks), default=0) if broken is not None else 0
 
     def readings(self) -> tuple[Reading, ...]:
-        """Return all readings, corrections included, in order of entry.
-
-        The last one for a step counts.
-        """
+        """Return all readings, corrections included, in order of entry. The last one for a step counts."""
         with self._lock:
             return tuple(self._journal.readings)
 
@@ -514,9 +405,7 @@ class Session:
     def keep_camera(self, reading: CameraReading, about: Mapping[str, Any], rest_mm: float) -> None:
         """Show the reading of a camera's frame, and keep it where a recording runs.
 
-        Parameters
-        ----------
-        about : source, marks and scale, for the session's `camera`.
+        `about`: source, marks and scale, for the session's `camera`.
         """
         if (ring := self.live.ring) is not None:
             ring.add_camera(reading.host_ns, reading.elongation_mm, reading.u_mm, rest_mm)

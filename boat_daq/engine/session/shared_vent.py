@@ -42,13 +42,7 @@ class VentAnswer:
 
 
 class SharedVent:
-    """Takes part in venting all sessions.
-
-    Parameters
-    ----------
-    vent : vents the session of this process; called from any thread.
-    name : returns what the others show of it, such as its unit.
-    """
+    """Takes part in venting all sessions."""
 
     def __init__(self, vent: Callable[[], None], name: Callable[[], str], folder: Path) -> None:
         self._vent, self._name, self._folder = vent, name, folder / FOLDER

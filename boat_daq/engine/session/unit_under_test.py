@@ -14,12 +14,7 @@ _FREE = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT, SessionSta
 
 
 class UnitUnderTest:
-    """Keeps the limits of one unit in force.
-
-    Parameters
-    ----------
-    journal : messages; used under the lock.
-    """
+    """Keeps the limits of one unit in force."""
 
     def __init__(self, library: UnitLibrary, control: GuardedController, journal: Journal) -> None:
         self.library, self.name = library, ""
@@ -31,12 +26,7 @@ class UnitUnderTest:
         self.name, self._stamp = name, stamp
 
     def store(self, unit: Unit) -> None:
-        """Store a unit; the limits of the one under test hold at once, and an armed plan is disarmed.
-
-        Raises
-        ------
-        RequestError : a run is in progress with it, or as `UnitLibrary.save`. StorageError : as there.
-        """
+        """Store a unit; the limits of the one under test hold at once, and an armed plan is disarmed."""
         before = self.library.load(unit.name)
         limits, old = ((u.min_kpa, u.max_kpa) for u in (unit, before))
         under_test = unit.name == self.name

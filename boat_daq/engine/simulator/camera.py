@@ -57,12 +57,7 @@ class CameraFault:
 
 
 def parse_camera_fault(text: str) -> CameraFault:
-    """Return the fault in NAME@SECONDS[:DURATION]; without a duration it stays.
-
-    Raises
-    ------
-    RequestError : an unknown name (the remedy lists all), or an invalid number.
-    """
+    """Return the fault in NAME@SECONDS[:DURATION]; without a duration it stays."""
     head, _, lasting = text.strip().partition(":")
     name, _, start = head.partition("@")
     listed = "\n".join(f"  {key:14} {sentence}" for key, (sentence, _) in CAMERA_FAULTS.items())
@@ -79,12 +74,7 @@ def parse_camera_fault(text: str) -> CameraFault:
 
 
 def scene_of(values: Mapping[str, str]) -> CameraScene:
-    """Return the scene with values of its fields.
-
-    Raises
-    ------
-    RequestError : no such field, or not a number of its kind.
-    """
+    """Return the scene with values of its fields. RequestError: no such field, or not a number of its kind."""
     kinds = {field.name: type(getattr(CameraScene(), field.name)) for field in dataclasses.fields(CameraScene)}
     parsed: dict[str, Any] = {}
     for name, text in values.items():
@@ -197,10 +187,7 @@ class MjpegStream:
 class VirtualCamera:
     """Draws the frames that are due on its own thread.
 
-    Parameters
-    ----------
-    faults : what goes wrong, and when.
-    newest_only : leave out frames that are late, as a camera does; else every frame is drawn.
+    `newest_only`: leave out frames that are late, as a camera does; else every frame is drawn.
     """
 
     def __init__(self, scene: CameraScene, sink: Sink, faults: Sequence[CameraFault], *, newest_only: bool) -> None:

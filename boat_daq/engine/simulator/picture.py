@@ -34,33 +34,21 @@ _EDGE_PX = 6
 
 @dataclass(frozen=True, slots=True)
 class CameraScene:
-    """What the camera sees, and how well.
-
-    Parameters
-    ----------
-    mark_mm : side of a mark's black square.
-    apart_mm : from the base's mark to the tip's at rest, centre to centre.
-    texture : random texture instead of marks.
-    distortion : first radial term of the lens.
-    blur_px : standard deviation of the lens's blur.
-    noise_grey : standard deviation of a pixel.
-    uneven : share of the light that is missing at the right edge.
-    flicker : share by which the light of frames varies, 100 Hz lamps.
-    """
+    """What the camera sees, and how well."""
 
     width: int = 640
     height: int = 480
     px_per_mm: float = 20.0
-    mark_mm: float = 8.0
-    apart_mm: float = 13.0
-    texture: bool = False
+    mark_mm: float = 8.0  # side of a mark's black square
+    apart_mm: float = 13.0  # from the base's mark to the tip's at rest, centre to centre
+    texture: bool = False  # random texture instead of marks
     tilt_deg: float = 0.0
-    distortion: float = 0.0
-    blur_px: float = 0.7
+    distortion: float = 0.0  # first radial term of the lens
+    blur_px: float = 0.7  # standard deviation of the lens's blur
     exposure_s: float = 0.008
-    noise_grey: float = 2.0
-    uneven: float = 0.15
-    flicker: float = 0.02
+    noise_grey: float = 2.0  # standard deviation of a pixel
+    uneven: float = 0.15  # share of the light that is missing at the right edge
+    flicker: float = 0.02  # share by which the light of frames varies, 100 Hz lamps
     seed: int = 0
 
     @property
@@ -72,24 +60,14 @@ class CameraScene:
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """What is wrong with one frame.
+    """What is wrong with one frame."""
 
-    Parameters
-    ----------
-    blur_px : added to the lens's blur.
-    gain : of the light; above about 1.2 the white saturates.
-    covered : share of the tip's mark that a hand covers.
-    base_covered : the same of the base's.
-    swapped : the two marks are exchanged.
-    second_tip : another tip's mark lies beside the unit.
-    """
-
-    blur_px: float = 0.0
-    gain: float = 1.0
-    covered: float = 0.0
-    base_covered: float = 0.0
-    swapped: bool = False
-    second_tip: bool = False
+    blur_px: float = 0.0  # added to the lens's blur
+    gain: float = 1.0  # of the light; above about 1.2 the white saturates
+    covered: float = 0.0  # share of the tip's mark that a hand covers
+    base_covered: float = 0.0  # the same of the base's
+    swapped: bool = False  # the two marks are exchanged
+    second_tip: bool = False  # another tip's mark lies beside the unit
     shift_px: tuple[float, float] = (0.0, 0.0)
     noise_grey: float = 0.0
 
@@ -117,13 +95,7 @@ class Renderer:
         self._light = np.tile(light, (scene.height, 1))
 
     def frame(self, number: int, elongation_mm: FloatArray, time_s: float, wrong: Disturbance = FAULTLESS) -> Picture:
-        """Return the picture [height, width] of one frame.
-
-        Parameters
-        ----------
-        elongation_mm : [n] true elongations during the exposure.
-        wrong : what is wrong with it.
-        """
+        """Return the picture [height, width] of one frame."""
         s = self.scene
         tip_mm = self._base_mm + s.apart_mm + float(np.mean(elongation_mm))
         smear_mm = float(np.ptp(elongation_mm))
@@ -193,12 +165,7 @@ class Renderer:
         smear_mm: float = 0.0,
         y_mm: float = 0.0,
     ) -> None:
-        """Draw a card whose centre is at a place on the plane, smeared along x by the motion.
-
-        Parameters
-        ----------
-        points : of the pixels of `window`, changed here.
-        """
+        """Draw a card whose centre is at a place on the plane, smeared along x by the motion."""
         cv, per_mm = self._cv, _TEXELS * 6 / self.scene.mark_mm
         card, alpha = self._cards[number], np.ones_like(self._cards[number])
         # a point stands for a third of a pixel: its mean, not its middle

@@ -51,10 +51,7 @@ _LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
 class PtyCarrier:
-    """A pseudo-terminal.
-
-    With `link`, a symbolic link that finds it again after a replug.
-    """
+    """A pseudo-terminal. With `link`, a symbolic link that finds it again after a replug."""
 
     def __init__(self, link: Path | None = None) -> None:
         if sys.platform == "win32":
@@ -240,49 +237,28 @@ _GRACE_S = 1.0  # of looking: how long a fast board waits for a connected host t
 
 @dataclass(frozen=True, slots=True)
 class BoardSettings:
-    """What to serve, and how.
+    """What to serve, and how."""
 
-    Parameters
-    ----------
-    port : "pty", or "HOST:PORT" for TCP (port 0 = any free one).
-    speed : board time over wall time, 1 to 1000.
-    faults : as NAME@SECONDS[:VALUE].
-    truth : CSV file for the noise-free values beside each sample, or None.
-    link : symbolic link to the pseudo-terminal, which finds it again after a replug.
-    buffer_bytes : transmit buffer; what does not fit into it is dropped.
-    allow_remote : let TCP listen on other addresses than loopback.
-    video : file for the pictures of a virtual camera, or None.
-    mjpeg : port for them on this computer (0 = any free one), or None.
-    scene : fields of the camera's `CameraScene` as KEY=VALUE.
-    camera_faults : as NAME@SECONDS[:DURATION].
-    """
-
-    port: str = "pty"
-    speed: float = 1.0
+    port: str = "pty"  # "pty", or "HOST:PORT" for TCP (port 0 = any free one)
+    speed: float = 1.0  # board time over wall time, 1 to 1000
     unit: str = "SA1"
     seed: int = 0
-    faults: tuple[str, ...] = ()
-    truth: str | None = None
-    link: str | None = None
-    buffer_bytes: int = 1 << 20
-    allow_remote: bool = False
-    video: str | None = None
-    mjpeg: int | None = None
-    scene: tuple[str, ...] = ()
-    camera_faults: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()  # as NAME@SECONDS[:VALUE]
+    truth: str | None = None  # CSV file for the noise-free values beside each sample, or None
+    link: str | None = None  # symbolic link to the pseudo-terminal, which finds it again after a replug
+    buffer_bytes: int = 1 << 20  # transmit buffer; what does not fit into it is dropped
+    allow_remote: bool = False  # let TCP listen on other addresses than loopback
+    video: str | None = None  # file for the pictures of a virtual camera, or None
+    mjpeg: int | None = None  # port for them on this computer (0 = any free one), or None
+    scene: tuple[str, ...] = ()  # fields of the camera's `CameraScene` as KEY=VALUE
+    camera_faults: tuple[str, ...] = ()  # as NAME@SECONDS[:DURATION]
 
 
 class BoardServer:
     """A board on a port. `run` serves until it is stopped; `close` removes the port."""
 
     def __init__(self, settings: BoardSettings) -> None:
-        """Open the port; `url` is what a host connects to.
-
-        Raises
-        ------
-        RequestError : no such unit or fault.
-        RequestError, DeviceError : a speed, port or file that cannot be.
-        """
+        """Open the port; `url` is what a host connects to."""
         if not _SPEEDS[0] <= settings.speed <= _SPEEDS[1]:
             raise RequestError(f"a speed of {settings.speed:g} is not possible", "use 1 to 1000")
         self._speed = settings.speed
@@ -324,10 +300,7 @@ class BoardServer:
         return self._carrier.url
 
     def run(self, stopped: Callable[[], bool], replugged: Callable[[str], None] | None = None) -> None:
-        """Serve until `stopped()`.
-
-        `replugged(url)` is called for a port that returned under another name.
-        """
+        """Serve until `stopped()`. `replugged(url)` is called for a port that returned under another name."""
         step_s = _FAST_STEP_S if self._speed >= 20 else _STEP_S
         clock_us = 1e6 * self._speed
         origin, done_us = time.monotonic(), 0
@@ -381,10 +354,7 @@ class BoardServer:
         return max(0, watchdog_us - self.board.now_us - 1)
 
     def _room(self) -> int:
-        """Return the bytes free in the transmit buffer.
-
-        Once full, none until it is half empty.
-        """
+        """Return the bytes free in the transmit buffer. Once full, none until it is half empty."""
         free = self._buffer_bytes - len(self._pending)
         self._congested = free < self._buffer_bytes // 2 if self._congested else free <= 64
         return 0 if self._congested else free
@@ -459,12 +429,7 @@ class ServedBoard(AbstractContextManager["ServedBoard"]):
 
 
 def serve(settings: BoardSettings) -> ServedBoard:
-    """Serve a board beside this program, in a process of its own.
-
-    Raises
-    ------
-    RequestError, DeviceError : as `BoardServer`.
-    """
+    """Serve a board beside this program, in a process of its own."""
     text = json.dumps(dataclasses.asdict(settings))
     pipe = subprocess.PIPE
     process = start_module("boat_daq.engine.simulator.server", text, stdin=pipe, stdout=pipe, text=True)

@@ -10,7 +10,7 @@ import typer
 from typer.core import TyperCommand
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, show
-from boat_daq.workflows.outlets import ADDRESS
+from boat_daq.workflows.outlets import ADDRESS, HOLD_S
 from protocol.base.errors import RequestError
 
 if TYPE_CHECKING:
@@ -43,7 +43,8 @@ def serve(
     lsl_network: Annotated[bool, typer.Option("--lsl-network", help="The same, for other computers too.")] = False,
     secop: Annotated[str, typer.Option(metavar="[HOST:PORT]", help=f"Serve as a SECoP node; default {ADDRESS}.")] = "",
     allow_control: Annotated[
-        bool, typer.Option("--allow-control", help="SECoP clients may command pressure, runs and recordings.")
+        bool,
+        typer.Option("--allow-control", help="SECoP clients with the token may command."),
     ] = False,
     listen: Annotated[
         str, typer.Option(metavar="ADDRESS", help="Accept SECoP clients on this address; needs --token-file.")
@@ -51,15 +52,24 @@ def serve(
     plans: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="SECoP clients may arm the plans in its TOML files as well.")
     ] = None,
-    token_file: Annotated[Path | None, typer.Option(metavar="FILE", help="Token that clients must send first.")] = None,
+    token_file: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Token that clients send; default one of this user's.")
+    ] = None,
+    hold: Annotated[
+        float,
+        typer.Option(
+            "--hold-after-disconnect", metavar="S", min=0, help="Vent a pressure so long after its client left."
+        ),
+    ] = HOLD_S,
     record: Annotated[Path | None, typer.Option(metavar="FILE.boat", help="Record as well.")] = None,
     duration: Annotated[float | None, typer.Option(min=0, help="Seconds to serve; default until Ctrl-C.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Serve a board's live data to other programs: LSL streams, a SECoP node, or both.
 
-    Clients read. With --allow-control they may also command, within the limits of unit, board and interlock; VENT is
-    always accepted. Nothing is reachable from another computer unless --lsl-network or --listen says so. Ctrl-C vents.
+    Clients read. With --allow-control those that send the token may also command, within the limits of unit, board and
+    interlock; VENT is always accepted. A pressure whose client has left is vented after 30 s. Nothing is reachable from
+    another computer unless --lsl-network or --listen says so. Ctrl-C vents.
 
     Example: boat-daq serve --port /dev/ttyACM0 --unit SA1 --lsl --secop
     """
@@ -73,7 +83,7 @@ def serve(
     from boat_daq.workflows.outlets import NodeChoice, open_node, open_streams
 
     start_log("serve")
-    choice = NodeChoice(listen or secop or ADDRESS, allow_control, token_file)
+    choice = NodeChoice(listen or secop or ADDRESS, allow_control, token_file, hold)
     try:
         host, _ = choice.host_and_port
     except RequestError as error:
@@ -99,6 +109,8 @@ def serve(
                 folder = recordings_folder(session.settings)
                 node = open_node(session, choice, folder, conversion=lambda: conversion, plans=lambda: armable)
                 show(f"SECoP node {host}:{node.port}, control {'allowed' if allow_control else 'not allowed'}")
+                if choice.token_path is not None:
+                    show(f"clients send: _authenticate TOKEN, the line in {choice.token_path}")
             _wait(session, duration)
         finally:
             for server in (node, outlet):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from boat_daq.engine.settings import home
 from protocol.base.errors import RequestError
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from protocol.base.arrays import FloatArray
 
 ADDRESS = "localhost:10767"
+HOLD_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,13 +30,23 @@ class NodeChoice:
     Attributes
     ----------
     address : HOST:PORT on which it listens.
-    control : whether clients may do more than read and vent.
-    token_file : file with what clients of other computers must send first; None on this computer alone.
+    control : whether clients that send the token may do more than read and vent.
+    token_file : file of the token; None for one of this user, on this computer alone.
+    hold_s : how long a pressure is held after the client that set it has left, s; inf holds it.
     """
 
     address: str = ADDRESS
     control: bool = False
     token_file: Path | None = None
+    hold_s: float = HOLD_S
+
+    @property
+    def token_path(self) -> Path | None:
+        """The file that clients take the token from; None where they need none."""
+        from boat_daq.engine.outlets.secop_server import is_loopback
+
+        own = self.control and is_loopback(self.host_and_port[0])
+        return self.token_file or (home() / "secop-token" if own else None)
 
     @property
     def host_and_port(self) -> tuple[str, int]:
@@ -109,10 +121,14 @@ def open_node(
     plans : returns the plans that a client may arm, by name.
     """
     from boat_daq.engine.outlets.secop_node import SecopNode
-    from boat_daq.engine.outlets.secop_server import SecopServer, read_token
+    from boat_daq.engine.outlets.secop_server import SecopServer, own_token, read_token
 
-    token = read_token(choice.token_file) if choice.token_file is not None else ""
+    token = ""
+    if choice.token_file is not None:
+        token = read_token(choice.token_file)
+    elif choice.token_path is not None:
+        token = own_token(choice.token_path)
     node = SecopNode(
         session, recordings, allow_control=choice.control, elongation=elongation_of(conversion), plans=plans
     )
-    return SecopServer(node, choice.host_and_port, token=token)
+    return SecopServer(node, choice.host_and_port, token=token, hold_s=choice.hold_s)

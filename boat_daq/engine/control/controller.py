@@ -30,6 +30,7 @@ from protocol.recording import BoardState, SampleFlag
 
 BOOT_S = 0.2  # after the first HELLO: a second one, with no sample yet, is a boot
 MANUAL_RAMP_KPA_PER_S = 10.0
+BY_OPERATOR = "vented by the operator"
 
 NO_REGULATOR = (
     "the elongation of this unit cannot be controlled: it has no accepted calibration, or is not identified",
@@ -212,8 +213,11 @@ class Controller:
         self.sequencer.finish_early(cause)
         self._act()
 
-    def vent(self, *, sent: bool = False) -> None:
-        """Vent now, in any state, even while another vent is unacknowledged. `sent`: the command was sent already."""
+    def vent(self, cause: str = BY_OPERATOR, *, sent: bool = False) -> None:
+        """Vent now, in any state, even while another vent is unacknowledged.
+
+        `sent`: the command was sent already.
+        """
         self.board.forget_pending()
         self.target_kpa = self.loop = None
         self._unanswered = None
@@ -221,8 +225,8 @@ class Controller:
             self.board.vent_sent()
         else:
             self.board.send(messages.Vent())
-        self.board.note(MessageKind.VENT, "vented by the operator", "info")
-        self.sequencer.abort("vented by the operator", SessionState.ABORTED)
+        self.board.note(MessageKind.VENT, cause, "info" if cause == BY_OPERATOR else "warning")
+        self.sequencer.abort(cause, SessionState.ABORTED)
         self._act()
 
     def abort(self, cause: str) -> None:

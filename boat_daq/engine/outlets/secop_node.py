@@ -4,7 +4,7 @@ Strategy: no input or output here. A line of a client becomes one call of `Sessi
 every rule of the interlock and the pre-flight check holds as it does for a button; what carries the lines
 (`secop_server`) decides only who may send them. Values are those of the session's snapshot.
 
-Rules: without `allow_control` every command but VENT is refused, and pressure is a Readable; VENT is never refused.
+Rules: without `allow_control`, and of a client without the token, every command but VENT is refused.
 What a client sends is JSON of a bounded line, checked against the type that the description states.
 
 Source: SECoP specification 1.0 (sampleenvironment.github.io/secop-site); the error classes are its own.
@@ -113,6 +113,7 @@ class SecopNode:
         self._session, self._recordings, self._elongation, self._plans = session, recordings, elongation, plans
         self.allow_control = allow_control
         self._ramp_kpa_per_s = 5.0
+        self._target_set_kpa = math.nan  # by a client
         seen = session.snapshot()
         sensors = len(seen.last.signal_mv) if seen.last else 2
         ring = session.live.ring
@@ -130,12 +131,17 @@ class SecopNode:
 
     # ---- what a client sends ---------------------------------------------------------------------------------------
 
-    def answer(self, line: str) -> Iterator[str]:
-        """Yield the lines that answer a request, in order; `activate` and `deactivate` are the carrier's to act on."""
+    def answer(self, line: str, *, may_control: bool = False) -> Iterator[str]:
+        """Yield the lines that answer a request, in order; `activate` and `deactivate` are the carrier's to act on.
+
+        Parameters
+        ----------
+        may_control : whether this client has sent the token.
+        """
         found = _REQUEST.fullmatch(line.strip())
         action, where, data = (found[1], found[2] or "", found[3]) if found else ("request", "", None)
         try:
-            yield from self._answer(action, where, data)
+            yield from self._answer(action, where, data, may_control=may_control)
         except SecopError as error:
             yield self._error(action, where, error.name, str(error))
         except BoatDaqError as error:
@@ -156,7 +162,7 @@ class SecopNode:
                     found[where] = f"error_update {where} {_json([error.name, str(error), {'t': now_s}])}"
         return found
 
-    def _answer(self, action: str, where: str, data: str | None) -> Iterator[str]:
+    def _answer(self, action: str, where: str, data: str | None, *, may_control: bool) -> Iterator[str]:
         match action:
             case "*IDN?":
                 yield IDENT
@@ -172,9 +178,10 @@ class SecopNode:
             case "read":
                 yield f"reply {where} {self._value(where, 'value')}"
             case "change":
-                yield f"changed {where} {_json([self._change(where, data), {'t': time.time()}])}"
+                value = self._change(where, data, may_control=may_control)
+                yield f"changed {where} {_json([value, {'t': time.time()}])}"
             case "do":
-                result = self._do(where, data)
+                result = self._do(where, data, may_control=may_control)
                 yield f"done {where} {_json([result, {'t': time.time()}])}"
             case "logging":
                 yield f'logging {self._logged(where)} "off"'  # whatever was requested: nothing is logged to clients
@@ -208,6 +215,13 @@ class SecopNode:
         kind = module.kind if self.allow_control else "Readable"
         return {"accessibles": parameters | commands, "description": module.text, "interface_classes": [kind]}
 
+    def vent_abandoned(self, hold_s: float) -> None:
+        """Vent a pressure whose client left `hold_s` ago; a run, or a pressure of the window, is left alone."""
+        seen = self._session.snapshot()
+        running = seen.state in (SessionState.RUNNING, SessionState.PAUSED)
+        if not running and seen.last is not None and seen.last.target_kpa == self._target_set_kpa:
+            self._session.vent(f"vented: the SECoP client that set the pressure left {hold_s:g} s ago")
+
     # ---- inside ----------------------------------------------------------------------------------------------------
 
     def _error(self, action: str, where: str, name: str, text: str) -> str:
@@ -235,21 +249,28 @@ class SecopNode:
     def _value(self, where: str, usual: str) -> str:
         return _json([self._parameter(where, usual).value(self._session.snapshot()), {"t": time.time()}])
 
-    def _change(self, where: str, data: str | None) -> Any:
+    def _require_token(self, *, may_control: bool) -> None:
+        if not may_control:
+            raise SecopError("Disabled", "control needs the token: send _authenticate TOKEN first")
+
+    def _change(self, where: str, data: str | None, *, may_control: bool) -> Any:
         parameter = self._parameter(where, "target")
         if parameter.change is None or not self.allow_control:
             raise SecopError("ReadOnly", "this value cannot be changed; control is allowed where the program runs")
+        self._require_token(may_control=may_control)
         value = _checked(_parsed(data), parameter.datainfo)
         parameter.change(value)
         return value
 
-    def _do(self, where: str, data: str | None) -> Any:
+    def _do(self, where: str, data: str | None, *, may_control: bool) -> Any:
         module, key = self._module(where), where.partition(":")[2]
         command = module.commands.get(key)
         if command is None:
             raise SecopError("NoSuchCommand", f"there is no command {key[:32]!r}")
-        if not self.allow_control and not is_vent(where):
-            raise SecopError("Disabled", "only VENT is accepted; control is allowed where the program runs")
+        if not is_vent(where):
+            if not self.allow_control:
+                raise SecopError("Disabled", "only VENT is accepted; control is allowed where the program runs")
+            self._require_token(may_control=may_control)
         given = None if data is None or data.strip() == "null" else _parsed(data)
         if command.argument is None:
             if given is not None:
@@ -317,6 +338,7 @@ class SecopNode:
             if now is not None and not now.min_kpa <= kpa <= now.max_kpa:
                 raise SecopError("RangeError", f"{kpa:g} kPa is outside {now.min_kpa:g} to {now.max_kpa:g} kPa")
             self._session.set_pressure(kpa, self._ramp_kpa_per_s)
+            self._target_set_kpa = kpa
 
         def set_ramp(kpa_per_s: float) -> None:
             self._ramp_kpa_per_s = kpa_per_s
@@ -450,7 +472,7 @@ def _checked(value: Any, info: Mapping[str, Any]) -> Any:
         if not isinstance(value, str) or len(value) > 200 or not value.isprintable():
             raise SecopError("WrongType", "a short text is expected")
         return value
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e300:
         raise SecopError("WrongType", "a number is expected")
     if not info.get("min", -math.inf) <= value <= info.get("max", math.inf):
         raise SecopError("RangeError", f"{value:g} is outside {info.get('min'):g} to {info.get('max'):g}")

@@ -1,9 +1,16 @@
 """Carries the lines of SECoP clients to a node: one thread, one asyncio loop, nothing unbounded.
 
-Rules: a client has one request under way and a bounded line; requests beyond `MOST_A_SECOND` wait; updates are
-coalesced, so that a client which does not read holds back its own values and costs nothing; one that is stuck for
-`STUCK_S` is closed. VENT leaves on a thread of its own, behind no other request. Beyond loopback a token is required
-before anything else, and a wrong one costs a second.
+Rules:
+
+- A connection is new until its first line. It has `FIRST_LINE_S` for it, in a pool of its own: where that is full, the
+  oldest new connection is closed. A first line that is no SECoP request, such as that of HTTP or TLS, ends the
+  connection before anything is executed.
+- Control needs a token, on this computer too. Beyond loopback nothing is answered before it. A wrong one costs 1 s.
+- VENT is answered even where all places of clients are taken, and leaves on threads of its own.
+- A client has one request under way and a bounded line; requests beyond `MOST_A_SECOND` wait; updates are coalesced, so
+  that a client which does not read holds back its own values; one that is stuck for `STUCK_S` is closed.
+- Where the client that set a pressure has left, and none that may control is connected, the unit is vented after
+  `hold_s`.
 """
 
 from __future__ import annotations
@@ -12,6 +19,11 @@ import asyncio
 import contextlib
 import hmac
 import ipaddress
+import math
+import os
+import re
+import secrets
+import stat
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -29,9 +41,13 @@ MOST_A_SECOND = 200
 UPDATE_S = 0.1
 BACKLOG_BYTES = 1 << 18
 STUCK_S = 30.0
-TOKEN_S = 10.0  # in which a token must come
+NEW_CLIENTS = 8  # connections that have sent no line yet
+FIRST_LINE_S = 5.0
 TOKEN_LEAST = 16  # letters
 _CLOSING = "error_connect . "
+_FIRST_LINE = re.compile(
+    rb"(?:\*IDN\?|describe|ping|activate|deactivate|read|change|do|logging|help|_authenticate)(?: [^\r\n]*)?\r?\n"
+)
 
 
 @dataclass(slots=True, eq=False)
@@ -39,6 +55,7 @@ class _Client:
     """One connection: what it is subscribed to, and what it was sent of it."""
 
     writer: asyncio.StreamWriter
+    may_control: bool = False
     subscribed: set[str] = field(default_factory=set)  # modules; "" for all
     sent: dict[str, str] = field(default_factory=dict)  # value of each parameter, without its time
     stuck_since_s: float | None = None
@@ -53,19 +70,37 @@ class SecopServer:
 
     Parameters
     ----------
-    address : host and port to listen on; port 0 for a free one.
-    token : that clients must send first, as ``_authenticate TOKEN``; "" for none.
+    address : host and port; port 0 for a free one.
+    token : what a client sends as ``_authenticate TOKEN`` before control, and beyond loopback before anything.
+    hold_s : how long a pressure is held after the client that set it has left, s; inf holds it.
+
+    Raises
+    ------
+    RequestError : no token for control or an address beyond loopback; the address cannot be listened on.
     """
 
-    def __init__(self, node: SecopNode, address: tuple[str, int] = ("127.0.0.1", _PORT), *, token: str = "") -> None:
-        if not token and not is_loopback(address[0]):
+    def __init__(
+        self,
+        node: SecopNode,
+        address: tuple[str, int] = ("127.0.0.1", _PORT),
+        *,
+        token: str = "",
+        hold_s: float = math.inf,
+    ) -> None:
+        self._local = is_loopback(address[0])
+        if not token and not self._local:
             raise RequestError(f"{address[0]} can be reached from other computers", "give a token file")
-        self._node, self._token = node, token.encode()
+        if not token and node.allow_control:
+            raise RequestError("control of the unit needs a token", "give a token file")
+        self._node, self._token, self._hold_s = node, token.encode(), hold_s
         self.port = self.requests = self.refused = 0
+        self._new: dict[asyncio.StreamWriter, None] = {}  # connections without a first line, the oldest first
+        self._driver: _Client | None = None  # the client that set the pressure in force
+        self._left_s: float | None = None  # when it left, with no other client that may control
         self._clients: set[_Client] = set()
         self._urgent = ThreadPoolExecutor(2, "SECoP vent")
         self._work = ThreadPoolExecutor(4, "SECoP")
-        self._loop = asyncio.new_event_loop()
+        self._runner = asyncio.Runner()
         self._begun = threading.Event()
         self._failures: list[OSError] = []
         self._thread = threading.Thread(target=self._run, args=address, name="SECoP server", daemon=True)
@@ -83,27 +118,26 @@ class SecopServer:
 
     def close(self) -> None:
         """Close every connection; the session stays as it is."""
-        if not self._loop.is_closed():
-            with contextlib.suppress(RuntimeError):
+        if self._thread.is_alive():
+            with contextlib.suppress(RuntimeError):  # the loop has just ended by itself
                 self._loop.call_soon_threadsafe(self._stop.set)
             self._thread.join()
         self._urgent.shutdown(wait=False)
         self._work.shutdown(wait=False)
 
     def _run(self, host: str, port: int) -> None:
-        asyncio.set_event_loop(self._loop)
         try:
-            self._loop.run_until_complete(self._serve(host, port))
+            with self._runner:  # its end cancels and awaits every task
+                self._runner.run(self._serve(host, port))
         except OSError as error:
             self._failures.append(error)
         except Exception as error:  # noqa: BLE001 - a server's fault must not end the session
             note_failure("SECoP server", error)
         finally:
             self._begun.set()
-            self._loop.close()
 
     async def _serve(self, host: str, port: int) -> None:
-        self._stop = asyncio.Event()
+        self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
         server = await asyncio.start_server(self._connected, host, port, limit=MAX_LINE)
         self.port = server.sockets[0].getsockname()[1]
         note("info", f"SECoP on {host}:{self.port}, control {'allowed' if self._node.allow_control else 'not allowed'}")
@@ -111,61 +145,109 @@ class SecopServer:
         async with server:
             while not self._stop.is_set():
                 self._update()
+                await self._vent_after_driver()
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(self._stop.wait(), UPDATE_S)
-        tasks = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+            for task in asyncio.all_tasks() - {asyncio.current_task()}:  # Python 3.12 waits for connections
+                task.cancel()
 
     async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         client = _Client(writer)
-        if len(self._clients) >= CLIENTS:
-            writer.write(f'{_CLOSING}["IsBusy", "{CLIENTS} clients are connected", {{}}]\n'.encode())
-            self.refused += 1
-            await _closed(writer)
-            return
-        self._clients.add(client)
         try:
-            if not self._token or await self._authenticated(reader, writer):
-                await self._requests(client, reader)
+            line = await self._first_line(reader, writer)
+            if line and (self._local or await self._authenticated(client, line)):
+                await self._admitted(client, reader, line if self._local else b"")
         except (ConnectionError, TimeoutError, asyncio.CancelledError):
             return  # it left, does not read, or the server is closed
         except ValueError:  # a line beyond its limit
             writer.write(f'{_CLOSING}["ProtocolError", "a line has more than {MAX_LINE} bytes", {{}}]\n'.encode())
         finally:
             self._clients.discard(client)
+            self._note_absence(client)
             await _closed(writer)
 
-    async def _authenticated(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bool:
-        """Return whether the first line is the token."""
+    async def _first_line(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bytes:
+        """Return the first line; empty where it is no request of this protocol, or does not come in time."""
+        if len(self._new) >= NEW_CLIENTS:
+            oldest = next(iter(self._new))
+            del self._new[oldest]
+            oldest.transport.abort()
+            self.refused += 1
+        self._new[writer] = None
         try:
-            line = await asyncio.wait_for(reader.readline(), TOKEN_S)
-        except TimeoutError:
-            return False
-        good = hmac.compare_digest(line.strip(), b"_authenticate " + self._token)
+            line = await asyncio.wait_for(reader.readline(), FIRST_LINE_S)
+        finally:
+            self._new.pop(writer, None)
+        if line and not _FIRST_LINE.fullmatch(line):
+            self.refused += 1
+            return b""
+        return line
+
+    async def _admitted(self, client: _Client, reader: asyncio.StreamReader, line: bytes) -> None:
+        """Answer a client until it leaves; where no place is free, one VENT and no more."""
+        if len(self._clients) < CLIENTS:
+            self._clients.add(client)
+            await self._requests(client, reader, line)
+            return
+        self.refused += 1
+        line = line or await asyncio.wait_for(reader.readline(), FIRST_LINE_S)
+        if _is_vent(line.decode("utf-8", "replace").strip()):
+            await self._answer(client, line)
+        client.writer.write(f'{_CLOSING}["IsBusy", "{CLIENTS} clients are connected", {{}}]\n'.encode())
+
+    async def _authenticated(self, client: _Client, line: bytes) -> bool:
+        """Answer a line that should be the token; return whether it is."""
+        good = bool(self._token) and hmac.compare_digest(line.strip(), b"_authenticate " + self._token)
         if not good:
             self.refused += 1
             await asyncio.sleep(1.0)
-        writer.write(b"_authenticated\n" if good else f'{_CLOSING}["Disabled", "a token is required", {{}}]\n'.encode())
+        answer = "_authenticated\n" if good else f'{_CLOSING}["Disabled", "a token is required", {{}}]\n'
+        client.writer.write(answer.encode())
+        client.may_control |= good
+        if good and self._left_s is not None:
+            self._driver, self._left_s = client, None
         return good
 
-    async def _requests(self, client: _Client, reader: asyncio.StreamReader) -> None:
+    async def _requests(self, client: _Client, reader: asyncio.StreamReader, line: bytes) -> None:
+        """Answer the first line, where it is not answered yet, and those that follow."""
         due_s = time.monotonic()
-        while line := await reader.readline():
-            self.requests += 1
-            text = line.decode("utf-8", "replace").strip()
-            action, _, where = text.partition(" ")
-            vent = action == "do" and is_vent(where.split(" ")[0])
+        while line := line or await reader.readline():
             due_s = max(due_s + 1.0 / MOST_A_SECOND, time.monotonic() - 1.0)
-            if not vent and due_s > time.monotonic():
+            if not _is_vent(line.decode("utf-8", "replace").strip()) and due_s > time.monotonic():
                 await asyncio.sleep(due_s - time.monotonic())
-            pool = self._urgent if vent else self._work
-            answers = await self._loop.run_in_executor(pool, lambda t=text: list(self._node.answer(t)))  # type: ignore[misc]
-            for answer in answers:
-                client.writer.write(answer.encode() + b"\n")
-            self._subscribe(client, answers[-1])
+            if line.startswith(b"_authenticate"):
+                if not await self._authenticated(client, line):
+                    return
+            else:
+                await self._answer(client, line)
             await asyncio.wait_for(client.writer.drain(), STUCK_S)
+            line = b""
+
+    async def _answer(self, client: _Client, line: bytes) -> None:
+        """Have the node answer one request."""
+        self.requests += 1
+        text = line.decode("utf-8", "replace").strip()
+        pool = self._urgent if _is_vent(text) else self._work
+        answers = await self._loop.run_in_executor(
+            pool, lambda: list(self._node.answer(text, may_control=client.may_control))
+        )
+        if answers[-1].startswith(("changed pressure ", "changed pressure:target ")):
+            self._driver, self._left_s = client, None
+        for answer in answers:
+            client.writer.write(answer.encode() + b"\n")
+        self._subscribe(client, answers[-1])
+
+    def _note_absence(self, client: _Client) -> None:
+        """Begin to count the time of a pressure whose client has left."""
+        if client is self._driver and not any(other.may_control for other in self._clients):
+            self._left_s = time.monotonic()
+
+    async def _vent_after_driver(self) -> None:
+        """Vent a pressure whose client has been gone for `hold_s`."""
+        if self._left_s is None or time.monotonic() - self._left_s < self._hold_s:
+            return
+        self._left_s = self._driver = None
+        await self._loop.run_in_executor(self._urgent, self._node.vent_abandoned, self._hold_s)
 
     def _subscribe(self, client: _Client, answer: str) -> None:
         """Follow what a client was told: active or inactive, all or a module."""
@@ -203,6 +285,11 @@ async def _closed(writer: asyncio.StreamWriter) -> None:
         await asyncio.wait_for(writer.wait_closed(), 1.0)
 
 
+def _is_vent(text: str) -> bool:
+    action, _, where = text.partition(" ")
+    return action == "do" and is_vent(where.split(" ")[0])
+
+
 def is_loopback(host: str) -> bool:
     """Return whether an address is one of this computer alone."""
     if host == "localhost":
@@ -214,8 +301,15 @@ def is_loopback(host: str) -> bool:
 
 
 def read_token(path: Path) -> str:
-    """Return the token of a file. RequestError: it cannot be read, or is too short to be one."""
+    """Return the token of a file.
+
+    Raises
+    ------
+    RequestError : it cannot be read, can be read by others, or is too short to be one.
+    """
     try:
+        if os.name == "posix" and stat.S_IMODE(path.stat().st_mode) & 0o077:
+            raise RequestError(f"{path} can be read by other users", f"chmod 600 {path}")
         token = read_regular(path, 4096).decode("ascii").strip()
     except (OSError, UnicodeDecodeError) as error:
         raise RequestError(f"{path} cannot be read as a token", "write one line of letters and digits") from error
@@ -223,3 +317,22 @@ def read_token(path: Path) -> str:
         remedy = f"write one line of {TOKEN_LEAST} or more letters and digits"
         raise RequestError(f"{path} holds no usable token", remedy)
     return token
+
+
+def own_token(path: Path) -> str:
+    """Return the token of this user's file, which is made where there is none.
+
+    Raises
+    ------
+    RequestError : as `read_token`; it cannot be written.
+    """
+    if not path.exists():
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+                file.write(secrets.token_hex(TOKEN_LEAST) + "\n")
+        except FileExistsError:
+            return read_token(path)  # another program of this user has just made it
+        except OSError as error:
+            raise RequestError(f"{path} cannot be written: {error.strerror}", "give a token file") from error
+    return read_token(path)

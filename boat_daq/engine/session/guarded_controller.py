@@ -7,13 +7,14 @@ takes the lock.
 from __future__ import annotations
 
 import dataclasses
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from boat_daq.engine.control.board_commands import Send
-from boat_daq.engine.control.controller import Controller
+from boat_daq.engine.control.controller import BY_OPERATOR, Controller
 from boat_daq.engine.control.elongation import Regulator
 from boat_daq.engine.control.preflight import Check
 from boat_daq.engine.plan import Plan, resume_point
@@ -21,6 +22,8 @@ from boat_daq.engine.session.journal import Journal
 from protocol.base.errors import RequestError
 from protocol.link.messages import Command, SetPressure, Vent
 from protocol.recording import RunEnd
+
+VENTS_MERGED_S = 0.1
 
 
 class GuardedController:
@@ -31,6 +34,7 @@ class GuardedController:
         self.controller = Controller()
         self._journal, self._send = journal, send
         self._pressures = 0  # odd while a pressure is being sent: see `vent`
+        self._vented_s, self._vented_after = -math.inf, 0  # time of the last vent, and `_pressures` then
         self._resumes_at: tuple[int, int] | None = None  # first cycle and complete cycles of an armed resumption
 
     @contextmanager
@@ -56,13 +60,22 @@ class GuardedController:
             else:
                 self._send(effect.command, effect.feeds)
 
-    def vent(self) -> None:
-        """Vent now; the command leaves before the lock is taken."""
-        before = self._pressures
+    def vent(self, cause: str = BY_OPERATOR) -> None:
+        """Vent now; the command leaves before the lock is taken.
+
+        Of requests within `VENTS_MERGED_S`, with nothing commanded between, one is carried out.
+        """
+        before, now_s = self._pressures, time.monotonic()
+        controller = self.controller
+        idle = controller.target_kpa is None and not controller.board.pending
+        if now_s - self._vented_s < VENTS_MERGED_S and before == self._vented_after and idle:
+            return
         sent = self._send(Vent(), False)
+        if sent:
+            self._vented_s, self._vented_after = now_s, before
         with self.acting() as control:
             # A pressure that was being sent at that instant may have left behind the vent: then vent once more.
-            control.vent(sent=sent and before == self._pressures and before % 2 == 0)
+            control.vent(cause, sent=sent and before == self._pressures and before % 2 == 0)
 
     def arm(self, plan: Plan, *, wait_for_reading: bool, resume: bool, regulator: Regulator | None, hold: bool) -> None:
         """Arm a plan, and state it in the recording. Parameters and errors are those of `Session.arm`."""

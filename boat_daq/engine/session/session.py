@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from boat_daq.engine.control.controller import MANUAL_RAMP_KPA_PER_S, Controller
+from boat_daq.engine.control.controller import BY_OPERATOR, MANUAL_RAMP_KPA_PER_S, Controller
 from boat_daq.engine.control.elongation import Regulator
 from boat_daq.engine.control.preflight import Check
 from boat_daq.engine.installation import shortcomings
@@ -318,9 +318,12 @@ class Session:
         with self._acting() as control:
             control.sequencer.hold_at(plateaus)
 
-    def vent(self) -> None:
-        """Vent now, in any state, from any thread. Ends a run. The command leaves before anything is waited for."""
-        self._control.vent()
+    def vent(self, cause: str = BY_OPERATOR) -> None:
+        """Vent now, in any state, from any thread.
+
+        Ends a run. The command leaves before anything is waited for. `cause` goes into the recording.
+        """
+        self._control.vent(cause)
 
     def clear_fault(self, by: str = "the operator") -> None:
         """Clear a latched fault whose cause is gone, here and on the board. `by` whom goes into the recording."""

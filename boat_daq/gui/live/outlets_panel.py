@@ -83,9 +83,9 @@ class OutletsPanel(QDialog):
                 box.setChecked(value)
         if not self.address.hasFocus():
             widgets.set_text(self.address, model.choice.address)
-        file = model.choice.token_file
-        widgets.set_text(self.token, file.name if file is not None else "none")
-        self.forget.setEnabled(file is not None)
+        file = model.choice.token_path
+        widgets.set_text(self.token, str(file) if file is not None else "none")
+        self.forget.setEnabled(model.choice.token_file is not None)
         widgets.set_text(self.streams_state, view.streams)
         widgets.set_text(self.node_state, view.node)
         widgets.set_state(self.node_state, "warning" if view.control else "")

@@ -82,7 +82,7 @@ class Clients(Operators):
     def lines(self, *lines: str, control: bool = True) -> None:
         node = self.nodes[0 if control else 1]
         for line in lines:
-            answers = list(node.answer(line))
+            answers = list(node.answer(line, may_control=True))
             self.rig.flush()
             assert answers
             if answers[-1].startswith("error_"):
@@ -137,7 +137,9 @@ def test_extra_and_derived_channels_are_modules_that_are_only_read() -> None:
         assert about["accessibles"]["value"]["datainfo"] == {"type": "double", "unit": unit}
         assert about["accessibles"]["value"]["readonly"]
         assert json.loads(next(node.answer(f"read {module}")).split(" ", 2)[2])[0] == pytest.approx(value)
-        assert next(node.answer(f"change {module}:value 1")).startswith(f'error_change {module}:value ["ReadOnly"')
+        assert next(node.answer(f"change {module}:value 1", may_control=True)).startswith(
+            f'error_change {module}:value ["ReadOnly"'
+        )
     assert next(node.answer("read flow_l_per_min")).startswith('error_read flow_l_per_min ["Impossible"')
     assert node.updates()["flow_l_per_min:value"].startswith("error_update flow_l_per_min:value")
 

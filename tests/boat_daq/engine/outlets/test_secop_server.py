@@ -28,6 +28,8 @@ from protocol.base.errors import RequestError
 from protocol.recording import BoardState
 from tests.boat_daq.engine.served_board import serve_in_thread
 
+TOKEN = "0123456789abcdef"
+
 
 @pytest.fixture
 def session(tmp_path: Path) -> Iterator[Session]:
@@ -46,7 +48,7 @@ def session(tmp_path: Path) -> Iterator[Session]:
 @pytest.fixture
 def server(session: Session, tmp_path: Path) -> Iterator[SecopServer]:
     """A server that allows control."""
-    found = SecopServer(SecopNode(session, tmp_path, allow_control=True), ("127.0.0.1", 0))
+    found = SecopServer(SecopNode(session, tmp_path, allow_control=True), ("127.0.0.1", 0), token=TOKEN)
     yield found
     found.close()
 
@@ -57,6 +59,12 @@ class Client:
     def __init__(self, port: int) -> None:
         self.socket = socket.create_connection(("127.0.0.1", port), timeout=10)
         self.file = self.socket.makefile("rb")
+
+    def authenticated(self) -> Client:
+        """Send the token."""
+        self.send(f"_authenticate {TOKEN}")
+        assert self.line() == "_authenticated"
+        return self
 
     def send(self, text: str) -> None:
         self.socket.sendall(text.encode() + b"\n")
@@ -80,7 +88,7 @@ class Client:
 
 def test_a_client_of_the_specification_reads_and_drives(session: Session, server: SecopServer) -> None:
     """Identification, description, reading, a pressure within limits, a run, a recording, VENT."""
-    client = Client(server.port)
+    client = Client(server.port).authenticated()
     client.send("*IDN?")
     assert client.line() == IDENT
     _, _, described = client.ask("describe")
@@ -112,6 +120,7 @@ def test_the_client_of_frappy_reads_and_drives(session: Session, server: SecopSe
     frappy = pytest.importorskip("frappy.client", reason="frappy-core is not installed")
     client = frappy.SecopClient(f"localhost:{server.port}")
     client.connect(5)
+    client.request("_authenticate", TOKEN)
     try:
         assert {"s1", "s2", "elongation", "pressure", "sequence", "vent", "recording"} <= set(client.modules)
         value, _, error = client.getParameter("s1", "value", trycache=False)
@@ -136,6 +145,7 @@ def frappy_client(server: SecopServer) -> Iterator[Any]:
     frappy = pytest.importorskip("frappy.client", reason="frappy-core is not installed")
     client = frappy.SecopClient(f"localhost:{server.port}")
     client.connect(5)
+    client.request("_authenticate", TOKEN)
     yield client
     client.disconnect()
 
@@ -199,8 +209,8 @@ def test_a_client_arms_the_plans_that_it_is_given_and_no_file(session: Session, 
     own = dataclasses.replace(built_in_plans()["calibration"], name="own plan", cycles=2)
     (tmp_path / "own.toml").write_text(own.to_toml(), encoding="utf-8")
     node = SecopNode(session, tmp_path, allow_control=True, plans=lambda: plans_in(tmp_path))
-    server = SecopServer(node, ("127.0.0.1", 0))
-    client = Client(server.port)
+    server = SecopServer(node, ("127.0.0.1", 0), token=TOKEN)
+    client = Client(server.port).authenticated()
     assert client.ask("read sequence:_plans")[2][0] == [*built_in_plans(), "own plan"]
     for path in (str(tmp_path / "own.toml"), "../own.toml", "own.toml", "own"):
         assert client.ask(f"do sequence:_arm {json.dumps(path)}")[2][0] == "RangeError"
@@ -231,9 +241,14 @@ def test_other_computers_need_a_token(session: Session, tmp_path: Path) -> None:
         SecopServer(node, ("0.0.0.0", 0))
     path = tmp_path / "token"
     path.write_text("short\n")
+    path.chmod(0o600)
     with pytest.raises(RequestError, match="no usable token"):
         read_token(path)
     path.write_text("0123456789abcdef\n")
+    path.chmod(0o644)
+    with pytest.raises(RequestError, match="can be read by other users"):
+        read_token(path)
+    path.chmod(0o600)
     server = SecopServer(node, ("0.0.0.0", 0), token=read_token(path))
     wrong, right = Client(server.port), Client(server.port)
     wrong.send("do vent:_vent")
@@ -267,14 +282,128 @@ def test_a_server_closes_while_a_connection_does() -> None:
     assert not asyncio.run(cancelled())
 
 
-def test_the_number_of_clients_is_limited(server: SecopServer) -> None:
+def test_the_number_of_clients_is_limited_but_not_for_vent(session: Session, server: SecopServer) -> None:
+    """With all places taken by idle clients a further one is refused, and its VENT carried out."""
     clients = [Client(server.port) for _ in range(secop_server.CLIENTS)]
     for client in clients:
         assert client.ask("ping 1")[0] == "pong"
-    more = Client(server.port)
+    more, venting = Client(server.port), Client(server.port)
+    more.send("ping 1")
     assert "IsBusy" in more.line()
-    for client in (*clients, more):
+    clients[0].authenticated()
+    assert clients[0].ask("change pressure:target 10")[0] == "changed"
+    session.wait(lambda s: s.last.pressure_kpa > 2, 5)
+    assert venting.ask("do vent:_vent")[0] == "done"
+    assert session.wait(lambda s: s.last.state is BoardState.VENTED, 5).last.state is BoardState.VENTED
+    for client in (*clients, more, venting):
         client.close()
+
+
+def test_connections_without_a_line_do_not_keep_vent_out(session: Session, server: SecopServer) -> None:
+    """Twenty connections that send nothing: the next client is served."""
+    silent = [Client(server.port) for _ in range(20)]
+    good = Client(server.port)
+    assert good.ask("do vent:_vent")[0] == "done"
+    assert session.wait(lambda s: s.last.state is BoardState.VENTED, 5).last.state is BoardState.VENTED
+    for client in (*silent, good):
+        client.close()
+
+
+def test_a_connection_without_a_first_line_is_closed(server: SecopServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(secop_server, "FIRST_LINE_S", 0.2)
+    silent = Client(server.port)
+    assert silent.line() == ""
+    silent.close()
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        b"POST / HTTP/1.1\r\nHost: localhost\r\n\r\nchange pressure:target 40\r\n",
+        b"GET /do HTTP/1.1\r\n\r\ndo vent:_vent\n",
+        b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\ndo vent:_vent\n",
+        b"\ndo vent:_vent\n",
+        b"EHLO lab\r\ndo vent:_vent\n",
+        b"SSH-2.0-OpenSSH_9\r\ndo vent:_vent\n",
+    ],
+)
+def test_another_protocol_is_closed_at_its_first_line(session: Session, server: SecopServer, first: bytes) -> None:
+    """Nothing of it is executed, so that no web page can drive the unit."""
+    stranger = Client(server.port)
+    stranger.socket.sendall(first)
+    try:
+        assert stranger.socket.recv(1000) == b""
+    except ConnectionResetError:
+        assert server.refused == 1
+    assert session.snapshot().last.state is BoardState.IDLE
+    assert server.requests == 0
+    stranger.close()
+
+
+def test_control_needs_the_token_on_this_computer_too(session: Session, server: SecopServer, tmp_path: Path) -> None:
+    """Without it a client reads and vents; a wrong one is closed late; the user's own file is 0600, and made once."""
+    client, wrong = Client(server.port), Client(server.port)
+    assert client.ask("read s1:value")[0] == "reply"
+    assert client.ask("change pressure:target 10")[2][0] == "Disabled"
+    assert client.ask('do sequence:_arm "calibration"')[2][0] == "Disabled"
+    assert client.ask("do vent:_vent")[0] == "done"
+    began_s = time.monotonic()
+    wrong.send("_authenticate fedcba9876543210")
+    assert "a token is required" in wrong.line()
+    assert time.monotonic() - began_s >= 1.0
+    assert client.authenticated().ask("change pressure:target 10")[0] == "changed"
+    made = secop_server.own_token(tmp_path / "home" / "secop-token")
+    assert secop_server.own_token(tmp_path / "home" / "secop-token") == made
+    assert (tmp_path / "home" / "secop-token").stat().st_mode & 0o777 == 0o600
+    with pytest.raises(RequestError, match="needs a token"):
+        SecopServer(SecopNode(session, tmp_path, allow_control=True), ("127.0.0.1", 0))
+    for one in (client, wrong):
+        one.close()
+
+
+@pytest.mark.fault(58, how="client that set a pressure is closed")
+def test_a_pressure_whose_client_left_is_vented(session: Session, tmp_path: Path) -> None:
+    """After the time stated, with a message; not while another client that may control is connected."""
+    node = SecopNode(session, tmp_path, allow_control=True)
+    server = SecopServer(node, ("127.0.0.1", 0), token=TOKEN, hold_s=0.5)
+    driver, other = Client(server.port).authenticated(), Client(server.port).authenticated()
+    assert driver.ask("change pressure:target 10")[0] == "changed"
+    session.wait(lambda s: s.last.pressure_kpa > 5, 5)
+    driver.close()
+    time.sleep(1.0)
+    assert session.snapshot().last.target_kpa == 10
+    driver = Client(server.port).authenticated()
+    assert driver.ask("change pressure:target 12")[0] == "changed"
+    other.close()
+    time.sleep(0.2)
+    driver.close()
+    seen = session.wait(lambda s: s.last.state is BoardState.VENTED, 5)
+    assert seen.last.state is BoardState.VENTED
+    assert any("left 0.5 s ago" in message.cause for message in seen.messages)
+    server.close()
+
+
+def test_a_flood_of_vents_is_one_event_each_100_ms(session: Session, server: SecopServer) -> None:
+    """Counted at the board's port and among the messages; each client gets its answer."""
+    before = len([m for m in session.snapshot().messages if "vented" in m.cause])
+    clients = [Client(server.port) for _ in range(4)]
+    began_s = time.monotonic()
+    for _ in range(50):
+        for client in clients:
+            client.send("do vent:_vent")
+    for client in clients:
+        assert [client.line().split()[0] for _ in range(50)] == ["done"] * 50
+    took_s = time.monotonic() - began_s
+    found = len([m for m in session.snapshot().messages if "vented" in m.cause]) - before
+    assert 1 <= found <= 2 + took_s / 0.1
+    for client in clients:
+        client.close()
+
+
+def test_an_endless_integer_is_a_wrong_type(server: SecopServer) -> None:
+    client = Client(server.port).authenticated()
+    assert client.ask(f"change pressure:target {10**399}")[2][0] == "WrongType"
+    client.close()
 
 
 def test_bad_clients_leave_vent_and_others_at_once(session: Session, server: SecopServer) -> None:
@@ -341,7 +470,7 @@ def test_the_ros_bridge_of_the_documentation_publishes(server: SecopServer, monk
 )  # fmt: skip
 def test_a_lie_is_refused_by_name(session: Session, server: SecopServer, line: str, name: str) -> None:
     """Wrong types, values, names and texts: an error of the protocol's class, and the pressure stays as it is."""
-    client = Client(server.port)
+    client = Client(server.port).authenticated()
     assert client.ask(line)[2][0] == name
     assert session.snapshot().last.state is BoardState.IDLE
     client.close()

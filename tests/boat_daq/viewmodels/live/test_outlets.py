@@ -104,7 +104,10 @@ def test_clients_read_and_vent_and_control_only_where_it_is_allowed(tmp_path: Pa
     assert session.calls == ["vent"]
     model.serve(True, dataclasses.replace(HERE, control=True))
     model.follow(session.snapshot())
-    assert ask(model, change)[0].startswith("changed pressure:target")
+    path = model.choice.token_path
+    assert path is not None
+    token = path.read_text().strip()
+    assert ask(model, f"_authenticate {token}", change)[1].startswith("changed pressure:target")
     assert session.calls == ["vent", "set_pressure"]
     assert model.view().control
     model.close()
@@ -115,6 +118,7 @@ def test_control_and_network_are_not_remembered(tmp_path: Path, opened: list[Str
     session = RecordedSession(connected(), filled_ring(1.0))
     token = tmp_path / "token"
     token.write_text("0123456789abcdef\n")
+    token.chmod(0o600)
     first = model_in(tmp_path, session)
     first.stream(True)
     first.serve(True, NodeChoice("localhost:0", control=True))

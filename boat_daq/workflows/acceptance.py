@@ -67,11 +67,7 @@ class SensorCalibration:
 class RunCalibration:
     """The calibration of a run before it is accepted.
 
-    Attributes
-    ----------
-    plateaus, read : number of plateaus to be read, and of those that were read.
-    stepped : whether the plateaus are steps of a plan, at which readings are typed.
-    curve : the choice that was fitted.
+    `plateaus`, `read`: number of plateaus to be read, and of those that were read.
     """
 
     path: str
@@ -81,9 +77,9 @@ class RunCalibration:
     sensors: tuple[SensorCalibration, ...]
     plateaus: int = 0
     read: int = 0
-    stepped: bool = True
+    stepped: bool = True  # whether the plateaus are steps of a plan, at which readings are typed
     recording_id: str = ""
-    curve: str = ""
+    curve: str = ""  # the choice that was fitted
 
     @property
     def calibrated(self) -> bool:
@@ -152,9 +148,7 @@ def obstacle_to(run: RunCalibration | None) -> Obstacle | None:
 def missed_bounds(run: RunCalibration, posterior: Sequence[Mapping[str, Any]] = ()) -> tuple[str, ...]:
     """Return which figures are out of tolerance, a sentence for each sensor that has one.
 
-    Parameters
-    ----------
-    posterior : figures of each sensor's sampled curve; none where it was not sampled.
+    `posterior`: figures of each sensor's sampled curve; none where it was not sampled.
     """
     lines = []
     for i, sensor in enumerate(run.sensors):

@@ -90,9 +90,7 @@ def exported_elongation(
 ) -> tuple[ConvertedElongation | None, str]:
     """Return the elongation of every sample by the run's own calibration, else by that of its unit; else None and why.
 
-    Parameters
-    ----------
-    elongation : CSV of elongations; None for the recording's own readings.
+    `elongation`: CSV of elongations; None for the recording's own readings.
     """
     from analysis.calibration_export.conversion import convert_recording, own_elongation
     from protocol.base.errors import BoatDaqError

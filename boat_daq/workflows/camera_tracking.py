@@ -25,22 +25,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class CameraChoice:
-    """A camera and its marks, as the operator states them.
+    """A camera and its marks, as the operator states them."""
 
-    Attributes
-    ----------
-    source : argument of `open_source`.
-    mark_mm : side of the marks' black square; 0 takes the millimetre grid in the picture.
-    lens : file of the calibrated lens; None takes the unit's.
-    unit : name of the unit, whose lens is taken; empty for none.
-    allow_remote : whether the source may be on another computer.
-    """
-
-    source: str
-    mark_mm: float = 10.0
+    source: str  # argument of `open_source`
+    mark_mm: float = 10.0  # side of the marks' black square; 0 takes the millimetre grid in the picture
     u_mark_mm: float = 0.02
-    lens: Path | None = None
-    unit: str = ""
+    lens: Path | None = None  # file of the calibrated lens; None takes the unit's
+    unit: str = ""  # name of the unit, whose lens is taken; empty for none
     allow_remote: bool = False
 
     def tracker(self) -> MarkTracker:
@@ -76,12 +67,7 @@ def keep_lens(unit: str, lens: Lens) -> None:
 
 
 def open_channel(session: Session, choice: CameraChoice, *, video: Path | None = None) -> CameraChannel:
-    """Open a camera beside a session.
-
-    Parameters
-    ----------
-    video : file for the pictures; None stores none.
-    """
+    """Open a camera beside a session. `video`: file for the pictures; None stores none."""
     tracker = choice.tracker()
 
     def tracked(picture: Picture, time_s: float) -> TrackedFrame:

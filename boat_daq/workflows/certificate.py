@@ -35,11 +35,7 @@ LABORATORY_FILE = "laboratory.toml"
 class CertificateOrder:
     """The recordings of a certificate, and what it states besides.
 
-    Attributes
-    ----------
-    elongations : a file of readings for each run, or one for all; none for the files beside the recordings.
-    values : metadata by key, in place of those of the recordings.
-    laboratory : TOML file; None for the stored one.
+    `elongations`: a file of readings for each run, or one for all; none for the files beside the recordings.
     """
 
     runs: tuple[Path, ...]
@@ -48,20 +44,18 @@ class CertificateOrder:
     type_b: Path | None = None
     limits: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
-    values: Mapping[str, str] = field(default_factory=dict)
+    values: Mapping[str, str] = field(default_factory=dict)  # metadata by key, in place of those of the recordings
     customer: str = ""
     items: tuple[str, ...] = ()
     number: str = ""
     issued: str = ""
-    laboratory: Path | None = None
+    laboratory: Path | None = None  # TOML file; None for the stored one
 
 
 def load_laboratory(path: Path | None = None, folder: Path | None = None) -> Laboratory | None:
     """Return the laboratory of a file, or the stored one; None where none was stored.
 
-    Parameters
-    ----------
-    folder : folder of the settings; None for the user's.
+    `folder`: folder of the settings; None for the user's.
     """
     stored = (folder or home()) / LABORATORY_FILE
     if path is None and not stored.exists():

@@ -30,23 +30,14 @@ ASSESSING = "Assessing the uncertainty"  # what the process of an assessment doe
 
 @dataclass(frozen=True, slots=True)
 class EndUncertainty:
-    """The uncertainty at the end of a run.
-
-    Parameters
-    ----------
-    asked, unit : limit that was asked for, mm of U (k = 2) or % FSO.
-    value : largest uncertainty that the limit applies to; None where it is not known.
-    cycles : number of cycles analysed; None where the recording could not be analysed.
-    reached : whether the run could end.
-    text : the result as a sentence, or why it is not known.
-    """
+    """The uncertainty at the end of a run. `asked`, `unit`: limit that was asked for, mm of U (k = 2) or % FSO."""
 
     asked: float
     unit: str
-    value: float | None
-    cycles: int | None
-    reached: bool
-    text: str
+    value: float | None  # largest uncertainty that the limit applies to; None where it is not known
+    cycles: int | None  # number of cycles analysed; None where the recording could not be analysed
+    reached: bool  # whether the run could end
+    text: str  # the result as a sentence, or why it is not known
 
     @classmethod
     def of(cls, found: StopAssessment, asked: float, unit: str) -> EndUncertainty:
@@ -57,12 +48,7 @@ class EndUncertainty:
 
 
 def assess_end(recording: Path, asked: float, unit: str, cycles: int) -> EndUncertainty:
-    """Return the uncertainty of all complete cycles of a run that has ended.
-
-    Parameters
-    ----------
-    asked, unit : the uncertainty asked for, mm of U (k = 2) or % FSO.
-    """
+    """Return the uncertainty of all complete cycles of a run that has ended; `unit` is mm of U or % FSO."""
     from analysis.stopping.criterion import assess_run
 
     try:
@@ -74,13 +60,7 @@ def assess_end(recording: Path, asked: float, unit: str, cycles: int) -> EndUnce
 
 
 class EnoughCycles:
-    """What a run knows, and the U at which it ends.
-
-    Parameters
-    ----------
-    enter : enters the readings of the plateaus reached; None where they are entered otherwise.
-    report : called with each assessment in words.
-    """
+    """What a run knows, and the U at which it ends. `enter` enters the readings of the plateaus reached."""
 
     def __init__(
         self,
@@ -97,12 +77,7 @@ class EnoughCycles:
         self.ended_by: StopAssessment | None = None  # of all complete cycles
 
     def ask(self, asked: float | None, unit: str) -> None:
-        """Set the uncertainty at which runs of plans with this unit end; None runs all their cycles.
-
-        Parameters
-        ----------
-        asked, unit : mm of U (k = 2), or % FSO.
-        """
+        """Set the U (k = 2, mm) or the interval (% FSO) at which runs end; None runs all their cycles."""
         if asked is None:
             self.asked.pop(unit, None)
         else:

@@ -97,13 +97,7 @@ def prepare(load: Callable[[], object]) -> None:
 
 
 class Job:
-    """A function that runs in its own process.
-
-    Parameters
-    ----------
-    label : text for the operator, e.g. "Computing uncertainty bands".
-    function : function of a module; its parameter `progress`, if any, becomes a function of (done, total).
-    """
+    """A function of a module that runs in its own process; its parameter `progress`, if any, takes (done, total)."""
 
     def __init__(self, label: str, function: Callable[P, object], /, *args: P.args, **kwargs: P.kwargs) -> None:
         self.label = label
@@ -164,12 +158,7 @@ class JobRunner:
         self._running: dict[str, tuple[Job, Callable[[Job], None]]] = {}
 
     def start(self, name: str, job: Job, then: Callable[[Job], None]) -> Job:
-        """Run `job` under `name`.
-
-        Parameters
-        ----------
-        then : function of the ended job, called by `poll`.
-        """
+        """Run `job` under `name`. `then`: function of the ended job, called by `poll`."""
         self.cancel(name)
         self._running[name] = (job, then)
         return job
@@ -219,12 +208,7 @@ class Background(Generic[T]):
         self.pending.append(self._pool.submit(function, *args, **kwargs))
 
     def take(self) -> T | None:
-        """Return the oldest result, once; None while it is computed, or without one.
-
-        Raises
-        ------
-        Exception : as raised by the function.
-        """
+        """Return the oldest result once, or raise its error; None while it is computed, or without one."""
         return self.pending.pop(0).result() if self.pending and self.pending[0].done() else None
 
     def close(self) -> None:

@@ -69,12 +69,7 @@ class Conversion:
 
 
 def prepare(record: CalibrationRecord, units: UnitLibrary | None = None) -> Conversion:
-    """Return the conversion by a calibration, all sensors fused.
-
-    Parameters
-    ----------
-    units : library of the unit, for the prediction of its signals; None for none.
-    """
+    """Return the conversion by a calibration, all sensors fused; with `units` also the prediction of the signals."""
     fusion = record.fusion()
     conversion = Conversion(fusion, live_prediction_of(units, record.unit, fusion) if units is not None else None)
     conversion(np.zeros((1, len(fusion.inverses))))  # compiles now, not in the first frame

@@ -21,9 +21,7 @@ if TYPE_CHECKING:
 def tradeoff_methods(paint: Paint | None = None) -> dict[str, Method]:
     """Return the methods whose time and error can be measured here, by name; the camera's needs OpenCV.
 
-    Parameters
-    ----------
-    paint : paints a curve of the live plot; without it the curve is fetched only.
+    `paint`: paints a curve of the live plot; without it the curve is fetched only.
     """
     from analysis.studies.tradeoff.methods import METHODS
 

@@ -25,20 +25,12 @@ HOLD_S = 30.0
 
 @dataclass(frozen=True, slots=True)
 class NodeChoice:
-    """A SECoP node as the operator states it.
+    """A SECoP node; clients that control it, or come from other computers, must send a token first."""
 
-    Attributes
-    ----------
-    address : HOST:PORT on which it listens.
-    control : whether clients that send the token may do more than read and vent.
-    token_file : file of the token; None for one of this user, on this computer alone.
-    hold_s : how long a pressure is held after the client that set it has left, s; inf holds it.
-    """
-
-    address: str = ADDRESS
-    control: bool = False
-    token_file: Path | None = None
-    hold_s: float = HOLD_S
+    address: str = ADDRESS  # HOST:PORT on which it listens
+    control: bool = False  # whether clients that send the token may do more than read and vent
+    token_file: Path | None = None  # file of the token; None for one of this user, on this computer alone
+    hold_s: float = HOLD_S  # how long a pressure is held after the client that set it has left, s; inf holds it
 
     @property
     def token_path(self) -> Path | None:
@@ -85,13 +77,7 @@ def elongation_of(conversion: Callable[[], Conversion | None]) -> Elongation:
 
 
 def open_streams(session: Session, *, network: bool, conversion: Conversion | None, calibration_id: str) -> LslOutlet:
-    """Stream a session over LSL.
-
-    Parameters
-    ----------
-    network : whether other computers may reach the streams.
-    conversion : None without a calibration.
-    """
+    """Stream a session over LSL. `conversion`: None without a calibration."""
     from analysis.optional import optional
     from boat_daq.engine.outlets.lsl import LslOutlet
     from protocol.base.errors import RequestError
@@ -112,14 +98,7 @@ def open_node(
     conversion: Callable[[], Conversion | None],
     plans: Callable[[], Mapping[str, Plan]],
 ) -> SecopServer:
-    """Serve a session as a SECoP node.
-
-    Parameters
-    ----------
-    recordings : folder of the recordings that a client starts.
-    conversion : returns the conversion in force; None without a calibration.
-    plans : returns the plans that a client may arm, by name.
-    """
+    """Serve a session as a SECoP node. `conversion`: returns the conversion in force; None without a calibration."""
     from boat_daq.engine.outlets.secop_node import SecopNode
     from boat_daq.engine.outlets.secop_server import SecopServer, own_token, read_token
 

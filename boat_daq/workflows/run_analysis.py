@@ -28,13 +28,7 @@ def load_analysis() -> None:
 def analysed_run(
     path: Path, *, curve: str = "", level: Level = "normal", mcmc: bool = False, progress: Progress | None = None
 ) -> Analysis:
-    """Return the analysis of a recording with the readings beside it.
-
-    Parameters
-    ----------
-    curve : choice of `chosen_curve`.
-    mcmc : whether the posterior is sampled.
-    """
+    """Return the analysis of a recording with the readings beside it; `curve` is a choice of `chosen_curve`."""
     from analysis import load_recording
     from analysis.figures.batch import readings_beside
     from analysis.figures.pipeline import analyse

@@ -49,27 +49,21 @@ class SessionRequest:
 
     Attributes
     ----------
-    port, profile, rate_hz, unit : as `Session.connect`.
-    plan : the pressure sequence; None only records.
-    duration_s : without a plan, seconds of board time to record; None until Ctrl-C.
-    broken : the run to resume, in its own recording `path`; None begins one.
-    allow_remote : whether a TCP port may be on another computer, even against the settings.
-    derived : derived channels in place of the stored ones; None for those.
     max_u_mm : of a plan in millimetres, the uncertainty (k = 2) of the elongation that ends the control.
     uncertainty : at which the plan has enough cycles, mm of U or % FSO as in `EnoughCycles`; None runs all of them.
     """
 
     port: str
     path: Path
-    plan: Plan | None = None
+    plan: Plan | None = None  # the pressure sequence; None only records
     profile: str | None = None
     rate_hz: int | None = None
     unit: str = ""
-    duration_s: float | None = None
+    duration_s: float | None = None  # without a plan, seconds of board time to record; None until Ctrl-C
     metadata: Mapping[str, Any] = field(default_factory=dict)
     broken: BrokenRun | None = None
     allow_remote: bool = False
-    derived: tuple[DerivedChannel, ...] | None = None
+    derived: tuple[DerivedChannel, ...] | None = None  # derived channels in place of the stored ones; None for those
     hold: bool = False
     max_u_mm: float | None = None
     uncertainty: float | None = None
@@ -115,12 +109,6 @@ def run_session(
         also after each of its cycles.
     open_camera : opens the camera that reads the elongation; None without one.
     notify : takes each message, a line of text.
-
-    Raises
-    ------
-    RequestError : the uncertainty is no length above 0.
-    DeviceError, RequestError, StorageError : nothing could be recorded. A run that fails midway is not an error
-        here: the recording holds the samples until then.
     """
     unit = UNIT_OF_REQUIREMENT.get(request.plan.kind, "mm") if request.plan is not None else "mm"
     if request.uncertainty is not None:
@@ -172,12 +160,7 @@ def run_session(
 
 
 def _connect(session: Session, request: SessionRequest, notify: Notify) -> SessionSnapshot:
-    """Connect and begin the recording of a request, and return the session once samples come.
-
-    Raises
-    ------
-    DeviceError, RequestError, StorageError : as `Session.connect` and `Session.wait_connected`.
-    """
+    """Connect and begin the recording of a request, and return the session once samples come."""
     if request.derived is not None:
         session.live.set_derived(request.derived)
     session.connect(
@@ -204,12 +187,7 @@ def _finish(camera: CameraChannel, notify: Notify) -> None:
 
 
 def _wait_for_marks(channel: CameraChannel, notify: Notify) -> None:
-    """Wait until the camera gives an elongation, for longer than rest is measured.
-
-    Raises
-    ------
-    DeviceError, DataError : why it gives none.
-    """
+    """Wait until the camera gives an elongation, for longer than rest is measured."""
     deadline = time.monotonic() + MARKS_S
     first_valid: float | None = None
     while first_valid is None or time.monotonic() < first_valid + 1.2 * REST_S:
@@ -229,16 +207,7 @@ def _wait_for_marks(channel: CameraChannel, notify: Notify) -> None:
 
 
 def clear_latched_fault(session: Session, seen: SessionSnapshot, notify: Notify) -> int:
-    """Clear a fault that the board latched before this session, where its cause is gone.
-
-    Returns
-    -------
-    Number of the newest message that this covers.
-
-    Raises
-    ------
-    RequestError : the cause persists.
-    """
+    """Clear a fault latched before this session, where its cause is gone; return the newest message it covers."""
     if not seen.latched:
         return 0
     session.clear_fault("this program before its run: its cause was gone")
@@ -259,12 +228,7 @@ def vent_residual_pressure(session: Session, notify: Notify) -> None:
 
 
 def _arm(session: Session, request: SessionRequest, plan: Plan) -> None:
-    """Arm and start the plan of a request, with the regulator of its unit where it controls the elongation.
-
-    Raises
-    ------
-    BoatDaqError : it is refused, or its unit has no accepted calibration or is not identified.
-    """
+    """Arm and start the plan of a request, with the regulator of its unit where it controls the elongation."""
     regulator: Regulator | None = None
     if plan.controls_elongation:
         units = session.units.of(simulated=session.snapshot().simulated)

@@ -61,7 +61,7 @@ def warm(
 
 
 def unstable_held_states(level: str = "normal") -> frozenset[Place]:
-    """Return the places of the table under vacuum whose state is in equilibrium but not stable, off the nominal curve.
+    """Return the places of the table under vacuum whose equilibrium is not stable, off the nominal curve.
 
     30 ms a place and some hundred places: too much for the window's interpreter, even on another thread.
     """

@@ -4,7 +4,7 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 # Tests wait for boards in real time for a third of it: three at once keep two cores busy.
 JOBS   ?= 3
-DAILY   = QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -m "not nightly and not benchmark_run"
+DAILY   = QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -m "not nightly"
 CORE    = tests/protocol tests/boat_daq/engine/control tests/analysis/calibration tests/analysis/figures
 OUT    ?= out/demo
 ADVERSARY = tests/verification/test_adversary.py::test_no_scene_exceeds_its_stated_error
@@ -74,7 +74,7 @@ chip: setup-test  ## the firmware on an emulated Cortex-M3: build it, run it, pr
 	$(BIN)/python -m tests.firmware.emulated_chip
 
 bench: setup-test  ## print every benchmark's figure and ratio
-	QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest tests/benchmarks -m benchmark_run -s -q --timeout 1200
+	BOAT_BENCH=1 QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest tests/benchmarks -s -q --timeout 1200
 
 fuzz: setup-test  ## coverage-guided fuzzing of every decoder (Linux); SECONDS=3600 for an hour
 	$(BIN)/python -m pip install -q --disable-pip-version-check --group fuzz

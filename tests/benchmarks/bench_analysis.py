@@ -20,14 +20,15 @@ from analysis import Fusion, Inverse, analyse, fit_calibration, load_recording, 
 from boat_daq.engine.recording.summary import summarise
 from protocol.recording import dtype_from_description
 from tests.analysis.boat_builder import PAPER, Plant, triangle, write_boat
+from tests.benchmarks.lengths import length
 
-pytestmark = pytest.mark.benchmark_run
+CYCLES, BLOCKS = length(100, 3), length(8640, 20)
 
 
 def timed(function: Callable[[], Any], repeat: int = 1) -> tuple[float, Any]:
     """Shortest time of `repeat` calls, s, and the last result."""
     best, result = float("inf"), None
-    for _ in range(repeat):
+    for _ in range(length(repeat, 1)):
         start = time.perf_counter()
         result = function()
         best = min(best, time.perf_counter() - start)
@@ -38,7 +39,7 @@ def timed(function: Callable[[], Any], repeat: int = 1) -> tuple[float, Any]:
 def hundred_cycles(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of 100 cycles, 720,001 samples."""
     path = tmp_path_factory.mktemp("analysis") / "hundred.boat"
-    return write_boat(path, Plant(loop_mm=0.25, drift_mv_per_cycle=0.01).run(*triangle(100, 72)))
+    return write_boat(path, Plant(loop_mm=0.25, drift_mv_per_cycle=0.01).run(*triangle(CYCLES, length(72, 20))))
 
 
 def plain_figures(path: Path) -> list[float]:
@@ -66,7 +67,7 @@ def plain_figures(path: Path) -> list[float]:
             apart.append(branches[1] - branches[0])
         rng = np.random.default_rng(0)
         loops = np.asarray(apart)
-        draws = (rng.integers(0, len(loops), len(loops)) for _ in range(200))
+        draws = (rng.integers(0, len(loops), len(loops)) for _ in range(length(200, 2)))
         figures += [np.abs(loops[drawn].mean(axis=0)).max() for drawn in draws]
     return figures
 
@@ -78,10 +79,10 @@ def test_a_hundred_cycles(hundred_cycles: Path, tmp_path: Path) -> None:
     plain, _ = timed(lambda: plain_figures(hundred_cycles))
     pdf, _ = timed(lambda: write_report([analysis], tmp_path / "r.pdf"))
     html, _ = timed(lambda: write_report([analysis], tmp_path / "r.html"))
-    print(f"\n100 cycles, {analysis.recording.n} samples: all figures {seconds:.2f} s (target 3 s)")
+    print(f"\n{CYCLES} cycles, {analysis.recording.n} samples: all figures {seconds:.2f} s (target 3 s)")
     print(f"hysteresis and its interval alone, the plain way: {plain:.2f} s, {plain / seconds:.2f} of that")
     print(f"PDF {pdf:.1f} s (target 10 s), HTML {html:.1f} s")
-    assert len(analysis.cycles.used) == 100
+    assert len(analysis.cycles.used) == CYCLES
 
 
 def test_a_days_summary(tmp_path: Path) -> None:
@@ -92,7 +93,7 @@ def test_a_days_summary(tmp_path: Path) -> None:
         (itemsize,) = db.execute("SELECT length(samples) / n FROM block").fetchone()
         db.execute("DELETE FROM block")
         db.execute("DELETE FROM overview")
-        blocks = [(segment, 10_000_000 * i, 10_000_000 * i + 9_990_000) for i in range(8640)]
+        blocks = [(segment, 10_000_000 * i, 10_000_000 * i + 9_990_000) for i in range(BLOCKS)]
         db.executemany(
             "INSERT INTO block (segment, last_chunk, n, first_time_us, last_time_us, samples)"
             f" VALUES (?, 1, 1000, ?, ?, zeroblob({1000 * itemsize}))",
@@ -103,11 +104,11 @@ def test_a_days_summary(tmp_path: Path) -> None:
             " -40.0, 50.0, '[1500.0, 1500.0]', '[1770.0, 1700.0]', 0 FROM block"
         )
     seconds, summary = timed(lambda: summarise(path), 3)
-    day = np.zeros(8_640_000)
+    day = np.zeros(1000 * BLOCKS)
     plain, _ = timed(lambda: (np.minimum.reduceat(day, np.arange(0, day.size, 1000)), day.copy()))
     print(f"\nsummary of {summary.samples} samples: {seconds:.3f} s (target 1 s)")
     print(f"extremes of one column that is in memory already: {plain:.3f} s, {plain / seconds:.1f} times as long")
-    assert summary.samples == 8_640_000
+    assert summary.samples == 1000 * BLOCKS
 
 
 def test_the_posterior() -> None:
@@ -123,7 +124,7 @@ def test_the_posterior() -> None:
 
     start = np.append(np.polyfit(x, y, 3), 0.3) + 1e-3 * np.random.default_rng(0).standard_normal((64, 5))
     sampler = emcee.EnsembleSampler(64, 5, scalar)
-    plain, _ = timed(lambda: sampler.run_mcmc(start, posterior.steps))
+    plain, _ = timed(lambda: sampler.run_mcmc(start, length(posterior.steps, 5)))
     closed = posterior.calibration.std_errors * np.sqrt(posterior.calibration.dof / (posterior.calibration.dof - 2))
     worst = 100 * np.abs(posterior.sd / closed - 1).max()
     print(f"\nposterior: {seconds:.2f} s (target 1.5 s), {posterior.n_eff:.0f} effective samples")
@@ -138,7 +139,7 @@ def test_the_inverse() -> None:
     rng = np.random.default_rng(0)
     fits = [fit_calibration(x, np.polynomial.Polynomial(c)(x) + rng.standard_normal(x.size)) for c in PAPER]
     inverse, fusion = Inverse.of(fits[0]), Fusion.of(fits)
-    true = rng.uniform(-2.6, 3.7, 1_000_000)
+    true = rng.uniform(-2.6, 3.7, length(1_000_000, 1_000))
     signal = np.stack([fit.predict(true) for fit in fits], axis=1)
     inverse(signal[:10, 0])
     one, found = timed(lambda: inverse(signal[:, 0]), 5)
@@ -148,7 +149,8 @@ def test_the_inverse() -> None:
     )
     live, _ = timed(lambda: [fusion.evaluate(row) for row in signal[:200]])
     error = np.abs(found - true).max()
-    print(f"\ninverse: {1 / one:.1f} million values/s (target 5), error {error:.0e} mm")
-    print(f"two sensors fused, with uncertainty: {1 / two:.2f} million/s; one value {live / 200 * 1e6:.0f} us")
-    print(f"brentq in a loop: {300 / plain:.0f}/s, {plain / 300 * 1e6 / one:.0f} times as long")
+    print(f"\ninverse: {1e-6 * true.size / one:.1f} million values/s (target 5), error {error:.0e} mm")
+    millions, us = 1e-6 * true.size / two, live / 200 * 1e6
+    print(f"two sensors fused, with uncertainty: {millions:.2f} million/s; one value {us:.0f} us")
+    print(f"brentq in a loop: {300 / plain:.0f}/s, {plain / 300 * true.size / one:.0f} times as long")
     assert error < 1e-10

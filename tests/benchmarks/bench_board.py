@@ -10,8 +10,7 @@ import pytest
 from protocol.link.messages import Sample, SetPressure, Start, encode_command, encode_message
 from protocol.simulator.board import VirtualBoard
 from protocol.simulator.sample_frames import body_dtype, encode_samples, frame_length
-
-pytestmark = pytest.mark.benchmark_run
+from tests.benchmarks.lengths import length
 
 
 def samples_per_second(rate_hz: int, board_s: float, step_us: int) -> float:
@@ -20,7 +19,7 @@ def samples_per_second(rate_hz: int, board_s: float, step_us: int) -> float:
     board.receive(encode_command(Start(rate_hz), 0) + encode_command(SetPressure(50_000, 10_000), 1))
     board.advance(step_us)
     began, sent = time.process_time(), 0
-    for _ in range(round(board_s * 1e6 / step_us)):
+    for _ in range(length(round(board_s * 1e6 / step_us), 3)):
         sent += len(board.advance(step_us))
     return sent / frame_length(board.n_sensors) / (time.process_time() - began)
 
@@ -39,7 +38,7 @@ def test_generation(speed, rate_hz, step_ms, board_s, capsys):
 
 def test_framing(capsys):
     """Frames by the block beside frames one by one."""
-    n = 20_000
+    n = length(20_000, 200)
     bodies = np.zeros(n, body_dtype(2))
     bodies["index"], bodies["counts"] = np.arange(n), np.random.default_rng(0).integers(0, 4096, (n, 2, 2))
     began = time.process_time()

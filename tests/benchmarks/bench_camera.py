@@ -10,11 +10,11 @@ import time
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.benchmark_run
+from tests.benchmarks.lengths import WHOLE, length
 
 SHARE_LIMIT = 0.25  # of a core
 LATENCY_LIMIT_MS = 100.0
-SECONDS = 10
+SECONDS = length(10, 2)
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def test_camera_in_the_window(qtbot, filmed_board, capsys):
     model.connection.connect(port)
     qtbot.waitUntil(model.live.has_data, timeout=30_000)
     window.live.pane.setCurrentWidget(panel)
-    qtbot.wait(3000)
+    qtbot.wait(length(3000, 100))
     without = share(qtbot)
     panel.source.setText(address)
     panel.mark.setText("8")
@@ -80,5 +80,6 @@ def test_camera_in_the_window(qtbot, filmed_board, capsys):
             f" window's {100 * without:.1f} % ({used / SHARE_LIMIT:.2f} of the limit); arrival to paint: median"
             f" {median_ms:.1f} ms, 95 % {p95_ms:.1f} ms ({p95_ms / LATENCY_LIMIT_MS:.2f} of the limit)"
         )
-    assert len(painted) > 0.5 * (after.frames - before.frames)
+    assert painted
+    assert not WHOLE or len(painted) > 0.5 * (after.frames - before.frames)
     window.close()

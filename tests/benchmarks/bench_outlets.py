@@ -1,7 +1,7 @@
 """What LSL, SECoP with five clients, and the window cost beside the recorder at 10 kHz; and what is lost.
 
-`BOAT_LOAD_S` sets the length; `make bench` takes ten seconds. The clients and the inlet are processes of their own, as
-they are in a lab.
+`BOAT_LOAD_S` sets the length; `make bench` takes ten seconds, the daily tests one. The clients and the inlet are
+processes of their own, as they are in a lab.
 """
 
 from __future__ import annotations
@@ -24,11 +24,10 @@ from boat_daq.engine.outlets.secop_server import SecopServer
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.simulator.server import BoardSettings, serve
 from boat_daq.engine.snapshot import LinkState
-
-pytestmark = pytest.mark.benchmark_run
+from tests.benchmarks.lengths import length
 
 RATE_HZ, CLIENTS = 10_000, 5
-SECONDS = float(os.environ.get("BOAT_LOAD_S", "10"))
+SECONDS = float(os.environ.get("BOAT_LOAD_S", length("10", "1")))
 CLIENT = """
 import socket, sys, time
 end = time.time() + float(sys.argv[2])
@@ -84,7 +83,7 @@ def missing(path: Path, values: NDArray[np.float64]) -> int:
 
 
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("outlets", ["none", "lsl", "secop", "both"])
+@pytest.mark.parametrize("outlets", length(["none", "lsl", "secop", "both"], ["both"]))
 def test_cost_of_outlets_beside_window_and_recorder(
     tmp_path: Path, outlets: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -12,12 +12,11 @@ import pytest
 from cobs import cobs
 
 from protocol import Connection, decode_samples
+from tests.benchmarks.lengths import length
 from tests.protocol.link.streams import hello_and, sample
 
-pytestmark = pytest.mark.benchmark_run
-
-N = 200_000
-REPEATS = 3
+N = length(200_000, 2_000)
+REPEATS = length(3, 1)
 
 
 @pytest.fixture(scope="module")

@@ -24,9 +24,8 @@ from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.engine.sample_columns import mv_per_count
 from protocol import Connection, Identify, Samples, Start
 from protocol.recording import RunEnd, describe_dtype, sample_dtype
+from tests.benchmarks.lengths import length
 from tests.boat_daq.engine.board_link import Seen, meta_of
-
-pytestmark = pytest.mark.benchmark_run
 
 
 @contextmanager
@@ -41,7 +40,10 @@ def served_board(*options: str) -> Iterator[str]:
 
 @pytest.mark.parametrize(
     ("carrier", "rate_hz", "speed", "seconds"),
-    [("--pty", 10_000, 1, 60), ("--pty", 100, 1, 20), ("--pty", 100, 100, 20), ("tcp", 10_000, 1, 20)],
+    length(
+        [("--pty", 10_000, 1, 60), ("--pty", 100, 1, 20), ("--pty", 100, 100, 20), ("tcp", 10_000, 1, 20)],
+        [("tcp", 10_000, 1, 1)],
+    ),
 )
 def test_recording(tmp_path, capsys, carrier, rate_hz, speed, seconds):
     """All sinks of a session at work: recorder, ring, health; CPU of this process, samples lost, commits' lag."""
@@ -86,7 +88,7 @@ def test_recording(tmp_path, capsys, carrier, rate_hz, speed, seconds):
 
 def test_a_day(tmp_path, capsys):
     """A day at 100 Hz, 8.64 million samples, one read a sample: how long `info` and `verify`'s overview take."""
-    path, n_day, step = tmp_path / "day.boat", 8_640_000, 10
+    path, n_day, step = tmp_path / "day.boat", length(8_640_000, 20_000), 10
     dtype = sample_dtype(2)
     meta = {"n_sensors": 2, "sample_kind": "counts", "vref_mv": 3300, "adc_bits": 12, "rate_hz": 100, "simulated": True}
     file, maker = RecordingFile.create(path, meta), RowMaker({**meta, "sample_dtype": describe_dtype(dtype)})
@@ -115,7 +117,7 @@ def test_a_day(tmp_path, capsys):
 
 def test_drawing(capsys):
     """A span of a day from the pyramid, beside extremes taken from all samples."""
-    n = 8_640_000
+    n = length(8_640_000, 43_200)
     entries = np.vstack([np.arange(n) * 0.01, np.random.default_rng(0).normal(size=(4, n)).cumsum(axis=1)])
     pyramid = MinMaxPyramid(5, 360_000)
     began = time.perf_counter()
@@ -123,9 +125,9 @@ def test_drawing(capsys):
         pyramid.append(entries[:, start : start + 100])
     fed = time.perf_counter() - began
     began = time.perf_counter()
-    for _ in range(100):
+    for _ in range(length(100, 1)):
         drawn = pyramid.draw(-np.inf, np.inf, 4_000)
-    quick = (time.perf_counter() - began) / 100
+    quick = (time.perf_counter() - began) / length(100, 1)
     began = time.perf_counter()
     folded = entries[:, : n - n % 4320].reshape(5, -1, 4320)
     plain = np.stack([folded.min(axis=2), folded.max(axis=2)])

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from analysis.shadow.fem.solver import Solver, factorise
 from analysis.shadow.model.frames import Shadow
@@ -13,9 +13,9 @@ from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.table import build_table
 from analysis.studies.tradeoff.measure import measure
 from analysis.studies.tradeoff.mechanics import MESH
+from tests.benchmarks.lengths import WHOLE, benchmark_shadow, length
 from tests.verification.scikit_fem import make_scikit_fem_problem
 
-pytestmark = pytest.mark.benchmark_run
 PAPER_FRAMES_PER_S = 2.0
 
 
@@ -24,8 +24,8 @@ def test_newton_step_against_scikit_fem() -> None:
     model = FullModel()
     u, problem = model.solve(pressure_kpa=30.0).displacement_mm, model.problem
     scikit_fem = make_scikit_fem_problem(problem)
-    ours = best_seconds(lambda: (problem.balance(u, 30.0), factorise(problem, u, 30.0, held=False)), 50)
-    plain = best_seconds(lambda: (scikit_fem.internal_force(u), scikit_fem.internal_tangent(u)), 5)
+    ours = best_seconds(lambda: (problem.balance(u, 30.0), factorise(problem, u, 30.0, held=False)), length(50, 2))
+    plain = best_seconds(lambda: (scikit_fem.internal_force(u), scikit_fem.internal_tangent(u)), length(5, 1))
     print(f"\nNewton step: {1e3 * ours:.2f} ms for {problem.size} unknowns")
     print(f"scikit-fem's assembly alone: {1e3 * plain:.0f} ms, {plain / ours:.0f} times as long")
     assert ours < plain
@@ -34,7 +34,7 @@ def test_newton_step_against_scikit_fem() -> None:
 def test_full_solutions() -> None:
     """Warm-started solutions over a slow cycle."""
     model = FullModel()
-    rate = max(solutions_per_second(model.solver, 200) for _ in range(3))
+    rate = max(solutions_per_second(model.solver, length(200, 4)) for _ in range(length(3, 1)))
     print(f"\nfull model: {rate:.0f} solutions/s, {rate / 60:.1f} times the target of 60")
     assert rate > 0
 
@@ -42,22 +42,24 @@ def test_full_solutions() -> None:
 def test_reduced_states() -> None:
     """Building, a batch, one by one, and whole frames."""
     begun = time.perf_counter()
-    table = build_table()
+    table = build_table() if WHOLE else benchmark_shadow().table
     built = time.perf_counter() - begun
-    batch = max(table.states_per_second() for _ in range(5))
-    single = 1.0 / best_seconds(lambda: table.tracked(np.array([20.0]), np.array([1.0])), 500)
-    shadow = Shadow(table=table)
+    batch = max(table.states_per_second() for _ in range(length(5, 1)))
+    single = 1.0 / best_seconds(lambda: table.tracked(np.array([20.0]), np.array([1.0])), length(500, 2))
+    shadow = Shadow(table=table) if WHOLE else benchmark_shadow()
     _ = shadow.topology
-    frame = 1.0 / best_seconds(lambda: shadow.state(elongation_mm=1.0, pressure_kpa=20.0), 300)
+    frame = 1.0 / best_seconds(lambda: shadow.state(elongation_mm=1.0, pressure_kpa=20.0), length(300, 2))
     print(f"\nreduced model: built in {built:.1f} s, error bound {table.error_bound_mm:.1e} mm")
     print(f"{batch:,.0f} states/s in a batch, {single:,.0f} one by one; {frame:,.0f} whole frames/s,")
     print(f"{frame / PAPER_FRAMES_PER_S:,.0f} times the paper's 2")
-    assert table.error_bound_mm < 3.8e-3
+    assert table.error_bound_mm < length(3.8e-3, 0.5)
 
 
 def test_mesh_against_error() -> None:
     """The trade-off's points of the full model: error against CalculiX and time a solution."""
-    measured = measure(MESH, quick=True)
+    default = [setting for setting in MESH.settings(True) if setting.name == MESH.default]
+    method = MESH if WHOLE else replace(MESH, settings=lambda _: default)
+    measured = measure(method, quick=True)
     print()
     for point in measured.points:
         print(f"  {point.setting:28} {point.error:.4f} mm  {1e3 * point.seconds:6.2f} ms")

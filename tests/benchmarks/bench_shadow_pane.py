@@ -9,12 +9,13 @@ import time
 import numpy as np
 import pytest
 
+from tests.benchmarks.lengths import benchmark_shadow, length
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 
-pytestmark = pytest.mark.benchmark_run
-
 BUDGET_MS = 1000 / 60
-FRAMES = 300
+FRAMES = length(300, 10)
+SKIPPED = length(20, 2)
+HISTORY_S = 300.0
 
 
 @pytest.fixture
@@ -24,10 +25,9 @@ def app_model(qtbot, tmp_path):
     from boat_daq.gui.app import make_application
     from boat_daq.viewmodels.app_model import AppModel
     from boat_daq.workflows.live_conversion import LiveElongation
-    from boat_daq.workflows.shadow_jobs import shadow_of
 
     make_application()
-    session = RecordedSession(connected(), filled_ring(300.0))
+    session = RecordedSession(connected(), filled_ring(HISTORY_S))
     made = AppModel(session, tmp_path, tmp_path, UnitLibrary(tmp_path / "units"))
 
     def inverse(signal_mv):
@@ -35,10 +35,24 @@ def app_model(qtbot, tmp_path):
         return LiveElongation(mm, np.full(mm.shape, 0.3), np.zeros(mm.shape, bool))
 
     made.live.inverse = inverse
-    made.shadow.model = shadow_of()
+    made.shadow.model = benchmark_shadow()
     made.shadow.prepare = lambda: None
     yield made
     made.close()
+
+
+class RingPart:
+    """Some samples in place of a ring: the frame shows their last."""
+
+    def __init__(self, columns):
+        self.columns = columns
+
+    @property
+    def newest_s(self):
+        return float(self.columns["time_s"][-1])
+
+    def view(self, since_s=None, last=None):
+        return self.columns
 
 
 class Watch:
@@ -57,7 +71,7 @@ class Watch:
 
 def report(capsys, what, watch):
     """Print median and 99th percentile, and how often the latter fits into a frame of the screen."""
-    wall, cpu = (np.percentile(values[20:], [50, 99]) for values in (watch.wall, watch.cpu))
+    wall, cpu = (np.percentile(values[SKIPPED:], [50, 99]) for values in (watch.wall, watch.cpu))
     with capsys.disabled():
         print(
             f"\n{what}: median {wall[0]:.2f} ms, 99th percentile {wall[1]:.2f} ms "
@@ -76,12 +90,11 @@ def test_frame_of_the_moving_shadow(qtbot, app_model, capsys, quantity):
     pane.show()
     qtbot.waitExposed(pane)
     app_model.shadow.quantity = quantity
-    ring, watch, drawn = filled_ring(300.0), Watch(), []
+    ring, watch, drawn = filled_ring(HISTORY_S), Watch(), []
     whole = ring.view()
-    for frame in range(FRAMES + 20):
+    for frame in range(FRAMES + SKIPPED):
         at = 10 + 37 * frame
-        part = {name: values[at : at + 10] for name, values in whole.items()}
-        app_model.session.live.ring = type("Part", (), {"view": lambda self, since_s=None, last=None, p=part: p})()
+        app_model.session.live.ring = RingPart({name: values[at : at + 10] for name, values in whole.items()})
         with watch:
             pane.draw()
             pane.view.repaint()
@@ -99,7 +112,7 @@ def test_frame_under_strong_vacuum(qtbot, app_model, capsys):
     from boat_daq.workflows.shadow_jobs import unstable_places
 
     model, looked, search = app_model.shadow.model, Watch(), Watch()
-    for step in range(-42, -37):
+    for step in length(range(-42, -37), range(-42, -41)):
         with search:
             unstable = unstable_places(model, [step])
     app_model.shadow._unstable = unstable
@@ -108,12 +121,12 @@ def test_frame_under_strong_vacuum(qtbot, app_model, capsys):
     pane.resize(440, 660)
     pane.show()
     qtbot.waitExposed(pane)
-    for frame in range(FRAMES + 20):
-        pressure, mm = -40.0 + 2.0 * np.sin(frame / 20), 2.5 + np.sin(frame / 7)
+    for frame in range(FRAMES + SKIPPED):
+        pressure, mm = -40.0 + 2.0 * np.sin(frame / 20), length(2.5, 0.0) + length(1.0, 0.1) * np.sin(frame / 7)
         part = {"time_s": np.arange(10.0), "pressure_kpa": np.full(10, pressure)} | dict.fromkeys(
             ("target_kpa", "s1_mv", "s2_mv"), np.full(10, pressure)
         )
-        app_model.session.live.ring = type("Part", (), {"view": lambda self, since_s=None, last=None, p=part: p})()
+        app_model.session.live.ring = RingPart(part)
         found = LiveElongation(np.full(1, mm), np.full(1, 0.3), np.zeros(1, bool))
         app_model.live.inverse = lambda signal_mv, found=found: found
         with looked:
@@ -138,7 +151,7 @@ def test_step_of_the_optics_slider(qtbot, app_model, capsys):
     qtbot.waitExposed(page)
     page.refresh(app_model.snapshot)
     watch, painted = Watch(), {}
-    for step in range(150):
+    for step in range(length(150, 15 + SKIPPED)):
         with watch:
             page.slider.setValue(step % 15)
             picture = page.scene.view.grab()  # painted whole, into a picture

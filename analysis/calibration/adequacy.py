@@ -1,16 +1,13 @@
 """Whether a curve is adequate: lack of fit, curves of other families beside it, and the expanded uncertainty it keeps.
 
-Strategy: the position means are tested against what scatter and reading allow (`analysis.calibration.joint_fit`, the
-loop in the design). Polynomials of degree 1 to 6 and a monotone spline are compared by the error of predicting each
-inner position from the others; the simplest within one standard error of the best is preferred. Where the test gives
-reason to suspect the curve, the average of it and all richer ones, by Akaike's weights, is the reference: its distance
-is a known deviation d(x) of the chosen curve, and what the curves differ by is part of the reference's uncertainty. The
-deviation is not corrected: the expanded uncertainty is widened until it holds the truth as often as 2 u does without.
+The position means are tested against what scatter and reading allow. Polynomials of degree 1 to 6 and a monotone spline
+are compared by the error of predicting each inner position from the others; the simplest within one standard error of
+the best is preferred. If the curve is suspect, the average of it and all richer ones, by Akaike's weights, gives a
+known deviation d(x). It is not corrected: U is widened until it holds the truth as often as 2 u does without.
 
 Sources: Draper and Smith, Applied Regression Analysis (1998), 2.1; Hastie, Tibshirani, Friedman, The Elements of
-Statistical Learning (2009), 7.10 (one standard error); S. T. Buckland, K. P. Burnham, N. H. Augustin, Biometrics 53
-(1997) 603 (weights, and the uncertainty of an average); S. D. Phillips, K. R. Eberhardt, B. Parry, J. Res. NIST 102
-(1997) 577 (uncorrected bias); GUM (JCGM 100) F.2.4.5.
+Statistical Learning (2009), 7.10; Buckland, Burnham, Augustin, Biometrics 53 (1997) 603 (weights); Phillips et al.,
+J. Res. NIST 102 (1997) 577 (uncorrected bias); GUM F.2.4.5.
 """
 
 from __future__ import annotations
@@ -70,15 +67,11 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Adequacy:
-    """The verdict on a curve.
+    """The verdict on a curve; `p_value` is NaN where nothing was left to test it by.
 
-    Attributes
-    ----------
-    verdict, p_value : of the lack of fit; p is NaN where nothing was left to test it by.
-    chosen : the curve that was judged. preferred : the candidate that predicts best, or its simpler equal.
-    candidates : all that the positions carry.
-    averaged : weights and curves of the average that the chosen one is measured by: itself alone without a suspicion.
-    remainder : rms over the range by which the chosen curve misses; in the unit of y.
+    `preferred` is the candidate that predicts best, or its simpler equal; `averaged` has weights and curves of the
+    reference, the chosen curve alone without a suspicion; `remainder` is the rms over the range by which the chosen
+    curve misses, in the unit of y.
     """
 
     verdict: CurveVerdict
@@ -124,10 +117,7 @@ class Adequacy:
         return self.chosen.predict(x) - self.average(x)
 
     def deviation_in_x(self, x: npt.ArrayLike) -> FloatArray:
-        """Return how far an x read from the chosen curve may be from the one read from the average.
-
-        Where the average is flat, one signal has many x: the farthest counts.
-        """
+        """Return the distance of an x read from the chosen curve to the farthest x of that signal on the average."""
         at = np.asarray(x, dtype=np.float64)
         if len(self.averaged) == 1:
             return np.zeros(at.shape)
@@ -242,13 +232,9 @@ def _averaged(chosen: JointFit, candidates: Sequence[Candidate]) -> tuple[tuple[
 def lack_of_fit_p(chosen: JointFit, richer: JointFit) -> float:
     """Return the chance of such a lack of fit for the right curve; NaN where nothing is left to test by.
 
-    The position means against their scatter within positions and their reading, all together and by what a richer
-    curve gains: the lesser chance of the two, twice (Bonferroni). Where hardly one was read twice, or where the loop is
-    not of the model's shape and would be taken for a lack of the curve: the gain against what the richer curve leaves.
-
-    Parameters
-    ----------
-    chosen : the curve that is judged. richer : a curve of more coefficients.
+    The position means are tested by their scatter within positions and their reading, all together and by what a
+    `richer` curve gains: the lesser chance of the two, twice (Bonferroni). If hardly one was read twice, or the loop is
+    not of the model's shape: the gain against what the richer curve leaves.
     """
     if chosen.dof < 1:
         return float("nan")
@@ -278,10 +264,7 @@ def expanded(
 ) -> FloatArray:
     """Return U that holds as much of a normal error about a known deviation as `factor` u holds without one.
 
-    Parameters
-    ----------
-    deviation, u : of any one shape: uncorrected deviation, standard uncertainty.
-    half_loop : half the distance of two branches about the deviation, one as likely as the other.
+    `half_loop` is half the distance of two branches about the deviation, one as likely as the other.
     """
     given = (np.asarray(one, dtype=np.float64) for one in (deviation, half_loop, u))
     away, half, spread = np.broadcast_arrays(*given)

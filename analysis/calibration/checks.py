@@ -1,11 +1,9 @@
 """Checks of a calibration: is the model right, is it stable, and which points are suspect?
 
-Strategy: replicates (equal x) separate pure error from lack of fit; leaving one cycle out measures how well a new cycle
-is predicted; degrees 1 to 4 are compared by AICc and by that same prediction. `calibration_warnings` names what the
-coefficients and their uncertainties alone do not show.
-
-Sources: Draper and Smith, Applied Regression Analysis (1998), 2.1 (lack of fit); Hurvich and Tsai, Biometrika 76
-(1989) 297 (AICc); ISO/TS 28038:2018, 6.5 (choice of degree).
+Replicates (equal x) separate pure error from lack of fit; leaving one cycle out measures how well a new cycle is
+predicted; degrees 1 to 4 are compared by AICc and by that same prediction. Sources: Draper and Smith, Applied
+Regression Analysis (1998), 2.1 (lack of fit); Hurvich and Tsai, Biometrika 76 (1989) 297 (AICc); ISO/TS 28038:2018, 6.5
+(choice of degree).
 """
 
 from __future__ import annotations
@@ -30,12 +28,7 @@ HIGHEST_LEVERAGE = 0.85  # beyond it a point's own error goes into the curve, no
 
 
 def lack_of_fit(calibration: Calibration) -> dict[str, float] | None:
-    """Test the fit against its replicates.
-
-    Returns
-    -------
-    f, p, and the degrees of freedom; None where no x is repeated, or every distinct x is needed by the degree.
-    """
+    """Return f, p and degrees of freedom of the test by replicates; None without any, or without spare positions."""
     x, group = np.unique(calibration.x, return_inverse=True)
     pure_dof, lack_dof = calibration.n - x.size, x.size - calibration.degree - 1
     if pure_dof < 1 or lack_dof < 1:
@@ -62,17 +55,10 @@ def aicc(calibration: Calibration) -> float:
 
 
 def leave_one_out(x: FloatArray, y: FloatArray, group: FloatArray, degree: int) -> dict[str, Any]:
-    """Predict each group (a cycle) from the others.
+    """Predict each group (a cycle) of the points [n] from the others.
 
-    Parameters
-    ----------
-    x, y : [n] points.
-    group : [n] the cycle of each point.
-
-    Returns
-    -------
-    rms of the prediction errors and, for each group, by how much the curve moves at most when it is left out; both in
-    the unit of y. Groups without which the degree cannot be carried count as None.
+    Returns the rms of the prediction errors and, by group, the largest change of the curve without it, in the unit of
+    y; None for a group without which the degree cannot be carried.
     """
     whole = fit_calibration(x, y, degree)
     design = whole.fit.basis.design(x)
@@ -92,17 +78,7 @@ def leave_one_out(x: FloatArray, y: FloatArray, group: FloatArray, degree: int) 
 
 
 def compare_degrees(x: FloatArray, y: FloatArray, group: FloatArray | None = None) -> list[dict[str, float]]:
-    """Compare degrees 1 to 4 by AICc and by cross-validation (over groups, or point by point).
-
-    Parameters
-    ----------
-    x, y : [n] points.
-    group : [n] the cycle of each point; None leaves out point by point.
-
-    Returns
-    -------
-    For each degree that the points carry: degree, aicc, prediction_rms in the unit of y.
-    """
+    """Compare degrees 1 to 4 by AICc and by cross-validation over groups [n], by default point by point."""
     rows = []
     for degree in _DEGREES:
         try:
@@ -120,10 +96,7 @@ def compare_degrees(x: FloatArray, y: FloatArray, group: FloatArray | None = Non
 
 
 def preferred_degree(rows: list[dict[str, float]]) -> int | None:
-    """Return the lowest degree whose AICc is within 2 of the best: less is not evidence (Burnham and Anderson).
-
-    None where there are too few points.
-    """
+    """Return the lowest degree whose AICc is within 2 of the best (Burnham and Anderson); None for too few points."""
     best = min((row["aicc"] for row in rows), default=float("inf"))
     if best == float("inf"):
         return None
@@ -143,12 +116,7 @@ def fit_checks(calibration: Calibration, group: FloatArray | None = None) -> dic
 def calibration_warnings(
     calibration: Calibration, point: Callable[[int], str] | None = None, units: tuple[str, str] = ("", "")
 ) -> tuple[Warning, ...]:
-    """Return what the coefficients and their uncertainties alone do not show.
-
-    Parameters
-    ----------
-    point : name of a point, counted from 0; None names it by its x and y.
-    """
+    """Return what the coefficients and their uncertainties alone do not show; `point` names a point, counted from 0."""
     x_unit, y_unit = (f" {unit}" if unit else "" for unit in units)
     found = [
         *_texts(calibration, y_unit),

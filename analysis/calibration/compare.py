@@ -1,11 +1,8 @@
 """Whether two calibrations of one unit agree: coefficients side by side, the difference of the curves, E_n.
 
-Strategy: the two curves are compared on the range that both were calibrated on, point by point, with
-E_n = (y - y_ref) / sqrt(U^2 + U_ref^2), U = 2 times the standard uncertainty of the curve, free of the loop about it
-(ISO/IEC 17043, ISO 13528, 9.7); |E_n| <= 1 agrees. What the two have in common (the same reader, the same grid) makes
-the true scatter smaller than this; a change of the unit between the runs makes it larger.
-
-Rules: nothing is extrapolated; two calibrations that share no range are refused.
+On the range that both share, E_n = (y - y_ref) / sqrt(U^2 + U_ref^2), U = 2 times the standard uncertainty of the
+curve, free of the loop about it (ISO/IEC 17043, ISO 13528, 9.7); |E_n| <= 1 agrees. Nothing is extrapolated; two
+calibrations that share no range are refused.
 """
 
 from __future__ import annotations
@@ -45,16 +42,7 @@ class Coefficient:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Two calibrations of one sensor over their shared range.
-
-    Attributes
-    ----------
-    grid : mm, [POINTS].
-    before_mv : the earlier curve on the grid.
-    difference_mv : the new curve less the earlier one.
-    e_n : on the grid; NaN where a fit has no standard error.
-    difference_mm : the difference as elongation, through the new curve's slope; NaN where it is flat.
-    """
+    """Two calibrations of one sensor on a grid (mm) of their shared range: differences new less earlier, and E_n."""
 
     grid: FloatArray
     before_mv: FloatArray
@@ -77,17 +65,7 @@ class Agreement:
 
 
 def compare_fits(new: Mapping[str, Any], before: Mapping[str, Any]) -> Agreement:
-    """Compare two fits of one sensor.
-
-    Parameters
-    ----------
-    new, before : as `fit --json`: coefficients, std_errors, covariance (null where there is none), range; with the
-        reading of x included where they have `..._with_reading`.
-
-    Raises
-    ------
-    DataError : they share no range, or one of them is a spline.
-    """
+    """Compare two fits as `fit --json` shows them; raises DataError without a shared range, or for a spline."""
     low, high = (pick(new["range"][i], before["range"][i]) for i, pick in ((0, max), (1, min)))
     if not low < high:
         raise DataError("the two calibrations share no range of elongation", "Compare runs of one plan.")
@@ -111,12 +89,8 @@ def between_calibrations_mm(calibrations: Sequence[Calibration], x_mm: float) ->
     """Return the sd between calibrations of one sensor, as elongation at `x_mm`, and its degrees of freedom.
 
     The variance over calibrations of y(x_mm) less what the uncertainty of each fit makes of it (floored at zero),
-    through the mean slope. Spread of the signal at one pressure would hold the actuator's as well; this is the
-    sensor's.
-
-    Raises
-    ------
-    RequestError : fewer than two of them reach `x_mm`.
+    through the mean slope. The spread of the signal at one pressure would hold the actuator's as well. Raises
+    RequestError if fewer than two of them reach `x_mm`.
     """
     fits = [c for c in calibrations if c.x_range[0] <= x_mm <= c.x_range[1]]
     if len(fits) < 2:

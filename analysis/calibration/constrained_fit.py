@@ -1,13 +1,10 @@
 """Polynomial fits under a constraint: through the origin, or monotone over the range.
 
-Strategy: a constraint y(0) = 0 is one linear equation of the coefficients in the scaled basis: the fit is done in its
-null space. Monotone means that the slope has one sign over the range: a least-squares problem with linear inequalities
-at many x, solved as a problem of least distance by non-negative least squares; of rising and falling the better one is
-kept.
-
-Rules: the result is a `Calibration` like any other. Through the origin the constant is exactly zero and costs no degree
-of freedom. Where the inequalities bind, the standard errors are those of the fit without them, which are larger.
-Sources: Lawson and Hanson, Solving Least Squares Problems (1974), chapters 20 and 23.
+A constraint y(0) = 0 is one linear equation of the coefficients in the scaled basis: the fit is done in its null space;
+the constant is exactly zero and costs no degree of freedom. Monotone means that the slope has one sign over the range:
+a least-squares problem with linear inequalities at many x, solved as a problem of least distance by non-negative least
+squares; of rising and falling the better one is kept. Where the inequalities bind, the standard errors are those of the
+fit without them, which are larger. Source: Lawson and Hanson, Solving Least Squares Problems (1974), chapters 20, 23.
 """
 
 from __future__ import annotations
@@ -29,12 +26,7 @@ _LEAST_SLOPE = 1e-4
 
 
 def through_zero(calibration: Calibration) -> Calibration:
-    """Return the fit of the same points with y(0) = 0.
-
-    Raises
-    ------
-    DataError : degree 0, which would leave nothing to fit.
-    """
+    """Return the fit of the same points with y(0) = 0; raises DataError for degree 0."""
     if calibration.degree < 1:
         raise DataError("a constant through zero is zero", "Choose a degree of at least 1.")
     free = linalg.null_space(calibration.fit.basis.design(np.zeros(1)))
@@ -49,12 +41,7 @@ def through_zero(calibration: Calibration) -> Calibration:
 
 
 def monotone(calibration: Calibration) -> Calibration:
-    """Return the fit of the same points whose slope has one sign over their range; the same fit where it has already.
-
-    Raises
-    ------
-    DataError : degree 0, or y does not vary: nothing can rise or fall.
-    """
+    """Return the fit of the same points whose slope has one sign; raises DataError if nothing can rise or fall."""
     if calibration.monotone:
         return calibration
     if calibration.degree < 1 or not np.ptp(calibration.y) > 0:
@@ -110,16 +97,11 @@ def with_solution(
     weights: FloatArray | None = None,
     sd: float | None = None,
 ) -> Calibration:
-    """Return a calibration of the same points with another solution.
+    """Return a calibration of the same points with another solution, [degree + 1] in its scaled basis.
 
-    Parameters
-    ----------
-    basis_coefficients : [degree + 1] in its scaled basis.
-    factor : [degree + 1, parameters] F with the covariance sd^2 F F^T.
-    leverage : [n] of the points.
-    zero_constant : the monomial constant is exactly zero.
-    weights : [n] of the points, the largest 1; None keeps them.
-    sd : of a point of weight 1; None takes it from the residuals.
+    `factor` is F, [degree + 1, parameters], with the covariance sd^2 F F^T; `leverage` and `weights` are [n], the
+    largest weight 1; `sd` is of a point of weight 1, by default from the residuals. With `zero_constant` the monomial
+    constant is exactly zero.
     """
     old = calibration.fit
     weights = old.weights if weights is None else weights

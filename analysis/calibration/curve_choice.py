@@ -1,8 +1,4 @@
-"""The curves that a calibration can have: polynomials of degree 1 to 6, a monotone spline, or the best of them.
-
-Rules: a choice is a name in files, options and forms, `Degree` in the analysis. This module has no library of the fit,
-so that forms and options name the same curves.
-"""
+"""The curves that a calibration can have, by name in files, options and forms; `Degree` in the analysis."""
 
 from __future__ import annotations
 
@@ -20,12 +16,7 @@ Degree = int | Literal["auto", "spline"]
 
 
 def degree_of(name: str) -> Degree:
-    """Return the curve that a choice names: auto, spline, or a degree.
-
-    Raises
-    ------
-    RequestError : it names none.
-    """
+    """Return the curve that a choice names: auto, spline, or a degree; raises RequestError if it names none."""
     found: dict[str, Degree] = {AUTO: AUTO, SPLINE: SPLINE, **{str(degree): degree for degree in DEGREES}}
     if name not in found:
         raise RequestError(f"{name!r:.40} is not a curve", f"Give one of {', '.join(found)}.")
@@ -39,13 +30,9 @@ def curve_name(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class CurveCandidate:
-    """What one curve would be for a sensor.
+    """What one curve would be for a sensor; NaN where a number cannot be given.
 
-    Attributes
-    ----------
-    name : one of `CURVES`.
-    prediction_rms_mv : of each inner position from the others; NaN where that was not computed.
-    expanded_mm : U of an elongation in the middle of the range; NaN where it gives none.
+    `prediction_rms_mv` is the error of each inner position from the others, `expanded_mm` U in the middle of the range.
     """
 
     name: str

@@ -1,11 +1,7 @@
-"""The calibration: y(x) through the plateaus, with its uncertainty and its range.
+"""The calibration: y(x) through the plateaus, with its uncertainty and its range (ISO/TS 28038:2018, 6 and 7).
 
-Strategy: `analysis.polynomial` solves; this file turns the solution into the content of a calibration certificate:
-coefficients in the paper's monomials with standard errors and covariance, R2, residuals, range, turning points,
-whether the curve is monotone where it is used, and the bands of curve and new reading (ISO/TS 28038:2018, 6 and 7).
-
-Rules: a value; nothing in it changes. Outside `range` nothing is promised: `y` evaluates anywhere, the inverse
-refuses (`analysis.calibration.inverse`).
+`analysis.polynomial` solves; this module turns the solution into the content of a calibration certificate. Outside
+`range` nothing is promised: `y` evaluates anywhere, the inverse refuses (`analysis.calibration.inverse`).
 """
 
 from __future__ import annotations
@@ -37,16 +33,13 @@ class Calibration:
 
     Attributes
     ----------
-    coefficients, std_errors : [degree + 1], monomials, b0 first; none of a spline.
-    covariance : [degree + 1, degree + 1] of the coefficients.
-    r2, adjusted_r2 : share of the (weighted) variance explained; NaN where y does not vary.
-    rmse : sqrt(sum of squared residuals / n).
-    residual_sd : sqrt(sum of squared residuals / (n - degree - 1)); NaN without degrees of freedom.
-    turning_points : every x where the slope is zero and changes sign, inside the range or not.
+    coefficients, std_errors, covariance : of the monomials, b0 first; none of a spline.
+    r2, adjusted_r2 : share of the (weighted) variance explained; NaN if y does not vary.
+    rmse, residual_sd : residuals over n, and over n - degree - 1; NaN without degrees of freedom.
+    turning_points : every x where the slope changes sign, inside the range or not.
     monotone : no turning point inside the range, and not flat.
-    fit : the solution in its scaled basis.
-    reading : what reading x on a grid leaves unknown, see `with_reading`; None where x is known.
-    joint : the fit by branch that the curve is from, see `fit_by_branch`; None for a fit through points.
+    reading : error of readings of x on a grid, see `with_reading`; None if x is known.
+    joint : the fit by branch that the curve is from; None for a fit through points.
     """
 
     coefficients: FloatArray
@@ -70,10 +63,7 @@ class Calibration:
     adequacy: Adequacy | None = None
 
     def with_reading(self, reading_sd: float, positions: npt.ArrayLike | None = None) -> Calibration:
-        """Return the same curve, of x that were read with an sd of `reading_sd` (a grid / sqrt(12)).
-
-        `positions` [n] label what was read; points of one label share what the grid rounds alike.
-        """
+        """Return the same curve, of x read with an sd of `reading_sd`; `positions` [n] label what was read."""
         return (
             replace(self, reading=gather(self.fit, self.x, self.y, reading_sd, positions)) if reading_sd > 0 else self
         )
@@ -208,16 +198,11 @@ class Calibration:
     def band(
         self, x: npt.ArrayLike, level: float = 0.95, *, new_reading: bool = False
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the lower and upper limit of the curve, or of one new reading, at confidence `level`.
+        """Return the lower and upper limit of the curve, or of one new reading, at confidence `level`; x of any shape.
 
-        Student's t with n - degree - 1 degrees of freedom, or as many fewer as there are positions where x was read on
-        a grid; those of the joint fit where there is one; widened by what the curve is known to miss. Pointwise, not
-        simultaneous. NaN where there are none.
-
-        Parameters
-        ----------
-        x : any shape, in the unit of x.
-        level : of confidence, 0 to 1.
+        Student's t with n - degree - 1 degrees of freedom, or as many fewer as there are positions if x was read on a
+        grid; those of the joint fit if there is one; widened by what the curve is known to miss. Pointwise, not
+        simultaneous. NaN without degrees of freedom.
         """
         spread = self.curve_u(x) if self.adequacy is None else self.adequacy.average_u(x)
         if new_reading:
@@ -248,18 +233,12 @@ class Calibration:
 def fit_calibration(
     x: npt.ArrayLike, y: npt.ArrayLike, degree: int = 3, *, standard_uncertainty: npt.ArrayLike | None = None
 ) -> Calibration:
-    """Fit y(x), a polynomial of `degree`, by (weighted) least squares.
+    """Fit y(x), a polynomial of `degree` 0 to 10, by (weighted) least squares.
 
     Parameters
     ----------
     x, y : [n], for instance elongation in mm and signal in mV.
-    degree : 0 to 10.
-    standard_uncertainty : [n] of y; gives weights 1/u^2. The scale of the uncertainties is still taken from the
-        residuals, so only their ratios matter.
-
-    Returns
-    -------
-    Calibration.
+    standard_uncertainty : [n] of y; gives weights 1/u^2. Only the ratios matter: the scale is that of the residuals.
 
     Raises
     ------
@@ -295,23 +274,14 @@ def fit_by_branch(
 ) -> Calibration:
     """Fit y(x) and a loop about it to the means of positions that were read again and again.
 
+    The range is that of the means at the end levels. Positions too few for the joint fit are fitted by
+    `fit_calibration`; raises what it raises.
+
     Parameters
     ----------
-    x, y : [n] readings and signals of all cycles.
-    degree : of the polynomial, 0 to 10; or a monotone spline.
-    positions : [n] label of the position (level and branch) of each.
-    branch : [n] 1 loading, -1 unloading, 0 at the end levels, which both branches share.
-    reading_sd : of one reading: the grid / sqrt(12); 0 where x is exact.
+    positions, branch : [n] label of the position of each point; 1 loading, -1 unloading, 0 at the shared end levels.
+    reading_sd : of one reading: the grid / sqrt(12); 0 if x is exact.
     shared : [n] error of y that a position has in every cycle alike, see `PositionMeans`.
-
-    Returns
-    -------
-    Calibration over the range of the means at the end levels. Positions too few for the joint fit are fitted by
-    `fit_calibration`.
-
-    Raises
-    ------
-    DataError, RequestError : as `fit_calibration`.
     """
     usual = USUAL_DEGREE if degree == SPLINE else int(degree)
     plain = fit_calibration(x, y, usual).with_reading(reading_sd, positions)

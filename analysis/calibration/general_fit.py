@@ -32,15 +32,9 @@ class FitOptions:
 
 @dataclass(frozen=True, slots=True)
 class GeneralFit:
-    """A fit with its tests.
+    """A fit with its tests; a stated uncertainty gives the covariance of the calibration.
 
-    Attributes
-    ----------
-    calibration : the covariance is that of a stated uncertainty, if there is one.
-    residual_sd : scatter about the curve, of a point of weight 1.
-    stated : test of the stated uncertainty.
-    kept : [n of all points] True for the points of the calibration.
-    explained : test of the curve against a constant; None where it cannot be made.
+    `residual_sd` is the scatter about the curve of a point of weight 1; `kept` is [n of all points].
     """
 
     calibration: Calibration
@@ -73,17 +67,10 @@ def general_fit(
     standard_uncertainty: npt.ArrayLike | None = None,
     options: FitOptions | None = None,
 ) -> GeneralFit:
-    """Fit y(x), a polynomial of `degree`, with options.
+    """Fit y(x), a polynomial of `degree` 0 to 10, with options.
 
-    Parameters
-    ----------
-    x, y : [n] points.
-    degree : 0 to 10.
-    standard_uncertainty : [n] stated standard uncertainty of each y: the points' weights, and the covariance.
-
-    Raises
-    ------
-    DataError, RequestError : as `fit_calibration`, or a constraint that the points cannot carry.
+    `standard_uncertainty` [n] of each y gives the weights and the covariance. Raises what `fit_calibration` raises, or
+    if the points do not carry a constraint.
     """
     options = options or FitOptions()
 

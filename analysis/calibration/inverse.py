@@ -1,16 +1,13 @@
 """From mV to mm: the inverse of a calibration, with its uncertainty, for one sensor or several.
 
-Strategy: on its calibrated range a monotone curve has one inverse. The curve is kept as powers of the scaled variable,
-a polynomial in one piece, a spline in one piece between two knots. A table of 257 nodes gives the start, Newton's
-method, kept inside its bracket by bisection, gives the value to the last digits, compiled and vectorised. The
-uncertainty over the range is kept at 129 nodes and interpolated. These arrays are all of an inverse: what is written to
-a file, or as code for another machine (`calibration_export`), gives the same values. Sensors are fused by their
-variances; that their residuals are correlated (they share the reading of x) is taken into the uncertainty.
+The curve is kept as powers of the scaled variable. A table of 257 nodes gives the start; Newton's method, kept inside
+its bracket by bisection, gives the value to the last digits. The uncertainty over the range is kept at 129 nodes and
+interpolated. An inverse written to a file or as code (`calibration_export`) gives the same values.
 
-Rules: outside the range there is no value: NaN and a mark, or the end of the range where a caller requests it. Noise
-carries half the signals of the range's own end beyond it, and that end was read to half a division of the grid: up to
-two standard uncertainties and half a division beyond, the value is that of the tangent at the end, and marked. A curve
-that turns inside its range has no inverse and is refused. Source: ISO/TS 28038:2018, clause 8.
+Outside the range there is no value: NaN and a mark, or the end of the range on request. Up to two standard
+uncertainties and half a division of the grid beyond it the value is that of the tangent at the end, and marked: noise
+carries half the signals of the end there. A curve that turns inside its range has no inverse and is refused.
+Source: ISO/TS 28038:2018, clause 8.
 """
 
 from __future__ import annotations
@@ -40,16 +37,11 @@ BEYOND_SIGMA = 2.0  # standard uncertainties beyond an end of the range, as it w
 
 @dataclass(frozen=True, slots=True)
 class ElongationEstimate:
-    """Elongations with their uncertainty.
+    """Elongations with their uncertainty, k = 1; NaN where they are not known.
 
-    Attributes
-    ----------
-    elongation_mm : NaN where it is not known.
-    standard_uncertainty_mm : of one reading, k = 1.
-    outside : True where the signal lies outside the calibrated range by more than two standard uncertainties and half a
-        division of the grid that its end was read on: NaN.
-    beyond : True where it lies outside by no more than these: the value is that of the tangent at the end.
-    disagreement : True where two sensors differ by more than 4 sigma; all False for one sensor.
+    `outside` : the signal lies outside the range by more than two standard uncertainties and half a division of the
+    grid. `beyond` : by no more; the value is that of the tangent at the end. `disagreement` : two sensors differ by
+    more than 4 sigma.
     """
 
     elongation_mm: FloatArray
@@ -60,12 +52,7 @@ class ElongationEstimate:
 
 
 def raise_without_inverse(calibration: Calibration, *, by_parts: bool = False) -> None:
-    """Raise a DataError where a curve gives no elongation.
-
-    Parameters
-    ----------
-    by_parts : allow one that turns inside its range: it has an inverse on either side of the turn.
-    """
+    """Raise a DataError if a curve gives no elongation; `by_parts` allows one that turns inside its range."""
     turns = calibration.turns_inside
     if not calibration.monotone and not (by_parts and turns):
         where = f"it turns at {', '.join(f'{turn:.3g}' for turn in turns)}" if turns else "it is flat"
@@ -85,14 +72,12 @@ class Inverse:
 
     Attributes
     ----------
-    x_range : mm, that u = -1..1 spans.
-    starts : [pieces + 1] ends of the pieces in u, from -1 to 1.
+    x_range, starts : mm, that u = -1..1 spans; [pieces + 1] ends of the pieces in u.
     powers : [pieces, degree + 1] coefficients of the signal, mV, in powers of u less the middle of the piece.
     nodes : [NODES] signal at equally spaced u.
     noise_mm, shared_mm : [U_NODES] standard uncertainty at equally spaced u: of the noise of one signal, and of what
         the sensors of one unit share in part (curve, reading, model). No more than the width of the range.
     reference : of the type B contributions: a constant, mm, and a share of x, which add in squares.
-    calibration : that it is from; None where it was read from a file.
     """
 
     x_range: tuple[float, float]
@@ -116,22 +101,15 @@ class Inverse:
         reading_sd: float = 0.0,
         type_b: tuple[TypeBContribution, ...] = (),
     ) -> Inverse:
-        """Prepare the inverse.
+        """Prepare the inverse; raises DataError if the curve turns inside its range, or is refused for its lack of fit.
 
         Parameters
         ----------
-        noise_sd : sd of one new signal about the curve, mV, independent between sensors; the residual sd of the fit
-            by default.
+        noise_sd : sd of one new signal, mV, independent between sensors; by default the residual sd of the fit.
         model_sd : sd of what the curve leaves out and the sensors share (repeatability, drift), mV.
         half_loop : half the sensor's loop, mV: at equally spaced x from end to end of the range, or everywhere.
-        reading_sd : sd of the readings of x, mm, of a calibration that does not know its positions
-            (`Calibration.with_reading`).
+        reading_sd : sd of the readings of x, mm, of a calibration that does not know its positions.
         type_b : contributions of the reference, the same in every sensor.
-
-        Raises
-        ------
-        DataError : the curve is not monotone over its range, and the message names where it turns; or it is refused
-            for its lack of fit.
         """
         if calibration.reading is None:
             calibration = calibration.with_reading(reading_sd)
@@ -148,12 +126,7 @@ class Inverse:
         return cls(calibration.x_range, starts, powers, nodes, *parts, half_division, terms, calibration)
 
     def __call__(self, signal: npt.ArrayLike, *, clamp: bool = False) -> FloatArray:
-        """Return x for every signal; NaN outside the range, or its end with `clamp`.
-
-        Parameters
-        ----------
-        signal : any shape, in the unit of y.
-        """
+        """Return x for every signal, of any shape; NaN outside the range, or its end with `clamp`."""
         values = np.asarray(signal, dtype=np.float64)
         u = _invert(np.ascontiguousarray(values).ravel(), self.starts, self.powers, self.nodes, clamp)
         low, half_width = self.x_range[0], 0.5 * (self.x_range[1] - self.x_range[0])
@@ -207,13 +180,7 @@ class Inverse:
 
 
 def signal_at(u: FloatArray, starts: FloatArray, powers: FloatArray) -> FloatArray:
-    """Return the signal of a curve in pieces.
-
-    Parameters
-    ----------
-    u : [n] scaled variable, -1 to 1.
-    starts, powers : as of `Inverse`.
-    """
+    """Return the signal of a curve in pieces at the scaled variable u [n], -1 to 1."""
     piece = np.clip(np.searchsorted(starts, u, side="right") - 1, 0, len(powers) - 1)
     middle = 0.5 * (starts[piece] + starts[piece + 1])
     return np.asarray(polynomial.polyval(u - middle, powers[piece].T, tensor=False), dtype=np.float64)
@@ -236,13 +203,7 @@ def _pieces(calibration: Calibration) -> tuple[FloatArray, FloatArray]:
 def _uncertainty(
     calibration: Calibration, x: FloatArray, noise_sd: float, model_sd: float, half_loop: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return `noise_mm` and `shared_mm` of an inverse at x.
-
-    Parameters
-    ----------
-    x : mm.
-    noise_sd, model_sd : as `Inverse.of` takes them. half_loop : at x, mV.
-    """
+    """Return `noise_mm` and `shared_mm` of an inverse at x, mm; `half_loop` at x, mV."""
     per_mv = 1.0 / np.maximum(np.abs(calibration.slope(x)), _LEVEL)
     by_fit, by_reading = calibration.curve_parts(x)
     noise, shared = noise_sd * per_mv, np.sqrt(model_sd**2 + by_fit**2 + by_reading**2) * per_mv
@@ -265,12 +226,9 @@ class Fusion:
     def of(cls, sensors: Sequence[Calibration | Inverse]) -> Fusion:
         """Prepare the fusion of the sensors of one unit: calibrations, or inverses with their own noise.
 
-        Noise is independent; the correlation of the rest is that of the residuals of the calibrations, where these
-        rest on the same points; else none is assumed.
-
-        Raises
-        ------
-        RequestError : no calibration. DataError : one of them has no inverse.
+        Noise is independent; the correlation of the rest is that of the residuals of the calibrations if these rest on
+        the same points; else none is assumed. Raises RequestError without a calibration, DataError for one without an
+        inverse.
         """
         if not sensors:
             raise RequestError("there is no calibrated sensor", "Calibrate at least one.")
@@ -287,9 +245,9 @@ class Fusion:
     def evaluate(self, signal_mv: npt.ArrayLike, *, clamp: bool = False) -> ElongationEstimate:
         """Return the fused elongation of signals [..., sensors].
 
-        A sensor outside its range does not take part; where all are outside, x is NaN (or clamped). `beyond` marks a
-        value that a sensor beyond the end of its range takes part in. Two sensors that differ by more than 4 sigma of
-        their difference raise `disagreement`; the value is given all the same.
+        A sensor outside its range does not take part; if all are outside, x is NaN (or clamped). `beyond` marks a value
+        that a sensor beyond the end of its range takes part in. Two sensors that differ by more than 4 sigma of their
+        difference raise `disagreement`; the value is given all the same.
         """
         signal = np.asarray(signal_mv, dtype=np.float64)
         if signal.shape[-1:] != (len(self.inverses),):

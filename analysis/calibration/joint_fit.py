@@ -1,14 +1,10 @@
 """The calibration as one joint fit by branch on position means.
 
-Model: a position p (a level of one branch) has the mean reading x_p with a variance u_p^2 and the mean signal y_p
-with a variance s_p^2. With z = x mapped to -1..1 over the means at the end levels and B = 1 loading, -1 unloading,
+A position p (a level of one branch) has the mean reading x_p with a variance u_p^2 and the mean signal y_p with a
+variance s_p^2. With z = x mapped to -1..1 over the means at the end levels and B = 1 loading, -1 unloading,
     y_p = f(z_p) + B_p (1 - z_p^2) (c0 + c1 z_p) / 2 + e_p,    variance of e_p = s_p^2 + f'^2 u_p^2 + t^2.
-The loop is antisymmetric between the branches and closes at both ends: it belongs to the design, not to the error of
-the curve. Errors in x are adjusted for (each x_p moves along the curve by its share of the residual), so that scattered
-readings do not flatten the curve; t^2, the variance that misses the model, is its moment estimate where the means give
-reason to suspect one: by chance alone every second estimate is above zero, and every u would be too large.
-
-Rules: nothing here depends on sensors or pressures; a position without a partner on the other branch carries no loop.
+The loop closes at both ends and belongs to the design, not to the error of the curve. Errors in x are adjusted for, so
+that scattered readings do not flatten the curve; t^2 is its moment estimate if the means give reason to suspect one.
 Sources: W. A. Fuller, Measurement Error Models (1987), 3.2 (adjusted x); R. DerSimonian, N. Laird, Controlled Clinical
 Trials 7 (1986) 177 (t^2); GUM (JCGM 100) 5.1.2.
 """
@@ -41,18 +37,15 @@ WIDTH_DRAWS = 512
 
 @dataclass(frozen=True, slots=True)
 class PositionMeans:
-    """Means over the readings of each position.
+    """Means over the readings of each position, [positions].
 
     Attributes
     ----------
-    x, y : [positions] mean reading and mean signal.
-    branch : [positions] 1 loading, -1 unloading, 0 at the end levels, which both share.
-    x_variance, y_variance : [positions] of the means, from the scatter within positions and the grid.
-    dof : degrees of freedom of that scatter; 0 where no position was read twice.
-    independent : False where most of the error is the rounding that a position has in every cycle: it follows x in a
-        pattern, which a richer curve may take for its own.
-    shared : [positions] standard uncertainty of y by one cause that moves all positions, with their signs, fully
-        correlated; its square is in `y_variance`. Empty without one.
+    branch : 1 loading, -1 unloading, 0 at the end levels, which both share.
+    x_variance, y_variance : of the means, from the scatter within positions and the grid.
+    dof : degrees of freedom of that scatter; 0 if no position was read twice.
+    independent : False if most of the error is the rounding that a position has in every cycle.
+    shared : u of y by one cause that moves all positions, fully correlated; its square is in `y_variance`.
     """
 
     x: FloatArray
@@ -105,14 +98,10 @@ def position_means(
     branch: npt.ArrayLike,
     reading: Positions | None = None,
 ) -> PositionMeans:
-    """Return the means over the readings of each position.
+    """Return the means over the readings of each position; `fit` is a polynomial through the points, for its slope.
 
-    Parameters
-    ----------
-    fit : polynomial through the points, for its slope.
-    x, y : [n] readings and signals.
-    positions : [n] labels. branch : [n] 1, -1, or 0 at the end levels.
-    reading : of x on a grid, gathered by the same labels; None where x is exact, and its scatter the actuator's.
+    `branch` is 1, -1, or 0 at the end levels; `reading` that of x on a grid, None if x is exact, and its scatter the
+    actuator's.
     """
     labels, first, of_point = np.unique(np.asarray(positions), return_index=True, return_inverse=True)
     of_point = of_point.reshape(-1)
@@ -174,17 +163,14 @@ class PolynomialBasis:
 
 @dataclass(frozen=True, slots=True)
 class JointFit:
-    """The fitted curve and loop, with the covariance of both.
+    """The fitted curve over z = (x - centre) / half_width and its loop, c0 and c1, with the covariance of both.
 
     Attributes
     ----------
-    basis, centre, half_width : of the curve, over z = (x - centre) / half_width.
-    coefficients, loop : of the curve, and c0, c1 of the loop (none where the branches carry none).
     influence : [curve and loop, positions] d coefficients / d y_p; zero rows where a constraint holds.
     known_variance : [positions] of y_p about the curve by scatter and reading.
     misfit_sd : t, what the positions miss the model by besides.
-    residuals, leverage : [positions], in the direction of y.
-    slope : [positions] of the branch that each lies on.
+    residuals, leverage, slope : [positions] in the direction of y; slope of the branch that each lies on.
     """
 
     basis: CurveBasis
@@ -298,12 +284,9 @@ class JointFit:
         return float(np.sqrt(max(excess, 0.0)))
 
     def draws(self, rng: np.random.Generator, count: int) -> tuple[FloatArray, FloatArray]:
-        """Draw curves that the errors of the position means allow, and the ends of their range.
+        """Draw coefficients [count, coefficients] that the errors allow, and the ends of their range [count, 2].
 
-        Returns
-        -------
-        coefficients [count, coefficients] and ends [count, 2]. An error of reading moves a position's y by -f' e and,
-        at an end, the range by e.
+        An error of reading moves a position's y by -f' e and, at an end, the range by e.
         """
         means, size = self.means, (count, self.means.x.size)
         by_reading = np.sqrt(means.x_variance) * rng.standard_normal(size)
@@ -329,16 +312,7 @@ class JointFit:
 
 
 def joint_fit(means: PositionMeans, basis: CurveBasis, loop_terms: int | None = None) -> JointFit:
-    """Fit curve and loop to position means.
-
-    Parameters
-    ----------
-    loop_terms : of the loop; as many as the positions carry by default.
-
-    Raises
-    ------
-    DataError : fewer positions than coefficients, or positions that do not carry them.
-    """
+    """Fit curve and loop to position means, by default with as many loop terms as they carry; may raise DataError."""
     terms = means.loop_terms() if loop_terms is None else loop_terms
     size, needed = means.x.size, basis.complexity + terms
     low, high = means.ends
@@ -434,7 +408,7 @@ def loop_is_represented(fit: JointFit) -> bool:
 def fit_of_best_loop(means: PositionMeans, basis: CurveBasis, most_terms: int) -> JointFit | None:
     """Return the fit with as many loop terms as lessen the variance of the residuals.
 
-    None where the positions carry no loop, or one of another shape. A term is kept where it takes more than its own
+    None if the positions carry no loop, or one of another shape. A term is kept if it takes more than its own
     expectation off the sum of squares (H. Theil, Economic Forecasts and Policy, 1961, 6.3: F > 1).
     """
     fits: list[JointFit] = []
@@ -460,8 +434,8 @@ def greatest_loop_width(fit: JointFit, rng: np.random.Generator, draws: int = WI
     """Estimate the greatest distance of the branches.
 
     The square of the greatest width exceeds the truth's by about its variance, found by redrawing the loop. The
-    interval is about the greatest width less its own bias, and starts at zero where a loop of zero would be estimated
-    as wide with a chance of 5 % or more.
+    interval is about the greatest width less its own bias, and starts at zero if a loop of zero would be estimated as
+    wide with a chance of 5 % or more.
     """
     z = np.linspace(-1.0, 1.0, WIDTH_POINTS)
     rows = (1.0 - z**2)[:, None] * z[:, None] ** np.arange(fit.loop.size)

@@ -26,12 +26,7 @@ class MonotoneSplineBasis:
 
     @classmethod
     def through(cls, z: FloatArray, falls: bool) -> MonotoneSplineBasis:
-        """Return the basis with as many knots as the levels in z carry, at its quantiles.
-
-        Parameters
-        ----------
-        z : [positions] of both branches, two a level.
-        """
+        """Return the basis with as many knots as the levels in z carry, at its quantiles; z of both branches."""
         count = max((z.size + 2) // 2 - WITHOUT_KNOT, 1)
         knots = np.quantile(np.clip(z, -1.0, 1.0), np.linspace(0.0, 1.0, count + 2)[1:-1])
         return cls(tuple(float(knot) for knot in np.unique(knots) if -1.0 < knot < 1.0), falls)

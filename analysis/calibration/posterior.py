@@ -1,21 +1,13 @@
 """The posterior of a calibration, sampled with emcee.
 
-Model: y_i = f(x_i) + noise, sd sigma sqrt(v_i), v_i relative variances where the noise is unequal. Where x was read on
-a grid, each position p that was read is one latent x with the likelihood L_p of its readings
-(`analysis.calibration.quantised_x`), and the mean of its signals
+y_i = f(x_i) + noise, sd sigma sqrt(v_i). If x was read on a grid, each position p is one latent x with the likelihood
+L_p of its readings (`analysis.calibration.quantised_x`), integrated out, and the mean of its signals
     y_p = f(x_p) + noise,  variance  tau^2 + sigma_w^2 / n_p,
-sigma_w the scatter within positions, tau what the positions scatter about the curve besides. x_p is integrated out, the
-curve a chord in each cell of L_p. A position off its cell altogether (a misreading) has a chance of 1e-5.
-Priors: flat in the coefficients (optionally zero where the curve is not monotone over its range), 1 / (tau + t) for
-the noise, t = sigma_w / sqrt(n_p), or s_x times the rms slope where no position was read twice: proper where reading
-and scatter within positions explain all by themselves. Without reading error there is tau = sigma alone and t = 0, and
-without constraint the coefficients then have Student's t distribution with n - degree - 1 degrees of freedom: the
-closed form the tests compare with.
+sigma_w the scatter within positions, tau what they scatter about the curve besides. Priors: flat in the coefficients,
+1 / (tau + t) for the noise, t = sigma_w / sqrt(n_p), or s_x times the rms slope if no position was read twice.
 
-Rules: the sampler walks in coordinates whitened by the least-squares fit, started in a ball of one standard error; the
-log-probability takes all walkers at once; a chain shorter than 50 autocorrelation times is called not converged.
-Sources: Foreman-Mackey et al., PASP 125 (2013) 306; Goodman and Weare, CAMCoS 5 (2010) 65; Carroll et al., Measurement
-Error in Nonlinear Models (2006), 8; ISO/TS 28038:2018.
+A chain shorter than 50 autocorrelation times is called not converged. Sources: Foreman-Mackey et al., PASP 125 (2013)
+306; Goodman and Weare, CAMCoS 5 (2010) 65; Carroll et al., Measurement Error in Nonlinear Models (2006), 8.
 """
 
 from __future__ import annotations
@@ -51,17 +43,13 @@ MISREAD, MISREAD_GRIDS = 1e-5, 2.0  # chance that a position is off its cell alt
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """Draws from the posterior.
+    """Draws from the posterior, and the figures of the sampler.
 
     Attributes
     ----------
-    calibration : the least-squares fit it started from.
-    basis_samples : [draws, degree + 1] coefficients in the scaled basis.
-    sigma_samples : [draws] noise sd.
+    basis_samples, sigma_samples : [draws, degree + 1] coefficients in the scaled basis; [draws] noise sd.
     mean, sd : [degree + 1] of the monomial coefficients.
-    sigma : posterior mean of the noise sd.
     tau : integrated autocorrelation time, steps, the longest of all parameters.
-    steps : steps kept after the burn-in.
     converged : steps >= 50 tau and an acceptance between 0.1 and 0.9.
     """
 
@@ -89,17 +77,7 @@ class Posterior:
     def new_reading_band(
         self, x: npt.ArrayLike, level: float = 0.95, *, seed: int = 0
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the predictive band of one new signal at a known x.
-
-        Parameters
-        ----------
-        x : [points] in the unit of x.
-        level : of the band, 0 to 1.
-
-        Returns
-        -------
-        Lower and upper limit, [points], in the unit of y.
-        """
+        """Return the lower and upper limit of the predictive band of one new signal at known x, [points]."""
         noise = np.random.default_rng(seed).standard_normal((self.sigma_samples.size, 1))
         return _equal_tails(self.curves(x) + self.sigma_samples[:, None] * noise, level)
 
@@ -162,23 +140,17 @@ def sample_posterior(
 ) -> Posterior:
     """Sample the posterior of a polynomial calibration.
 
+    Raises what `fit_calibration` raises, and DataError for n <= degree + 1 or residuals of zero.
+
     Parameters
     ----------
-    x, y : [n].
-    degree : 0 to 10.
     reading_sd : sd of the reading error in x: the grid / sqrt(12) for a reading to the nearest mark.
     positions : [n] labels; readings of one position share what the grid rounds alike. None: each its own, unless the
         signals refute it (`analysis.calibration.quantised_x`).
-    standard_uncertainty : [n] of y where the noise is unequal; only the ratios matter, their scale is sampled.
+    standard_uncertainty : [n] of y if the noise is unequal; only the ratios matter, their scale is sampled.
     monotone : leave out curves that turn inside the range.
     samples : effective, that are enough; more than `KEPT_SAMPLES` are all kept.
     start_sd : size of the ball that it starts in, standard errors.
-    progress : called as progress(done, total); raising from it cancels.
-
-    Raises
-    ------
-    DataError : as `fit_calibration`; and where n <= degree + 1, since the noise is then unknown, or where the
-        residuals are zero.
     """
     calibration = fit_calibration(x, y, degree, standard_uncertainty=standard_uncertainty)
     if reading_sd > 0:
@@ -209,8 +181,8 @@ def sample_posterior(
 class _StudentMove(emcee.moves.RedBlueMove):  # type: ignore[misc]  # emcee comes without types
     """Proposes from Student's t with the mean and covariance of the other half of the ensemble, whatever the place.
 
-    In whitened coordinates the posterior is nearly normal, so most such steps are taken and neighbours in the chain
-    are hardly related: a fifth of the autocorrelation time of the stretch move.
+    In whitened coordinates the posterior is nearly normal, so most such steps are taken and neighbours in the chain are
+    hardly related: a fifth of the autocorrelation time of the stretch move.
     """
 
     def get_proposal(self, sample: FloatArray, complement: list[FloatArray], rng: Any) -> tuple[FloatArray, FloatArray]:
@@ -229,9 +201,8 @@ class _StudentMove(emcee.moves.RedBlueMove):  # type: ignore[misc]  # emcee come
 class _Target:
     """The log-probability in whitened z: basis coefficients = best + root z[:-1], tau = residual sd * exp(z[-1]).
 
-    `root` is that of the least-squares covariance, the reading of x included: an ensemble that starts far narrower than
-    its target leaves stragglers behind. `design` [points, degree + 1] of the points, or [positions * edges, degree + 1]
-    of the ends of the positions' cells.
+    `root` is that of the least-squares covariance, the reading of x included. `design` [points, degree + 1] of the
+    points, or [positions * edges, degree + 1] of the ends of the positions' cells.
     """
 
     calibration: Calibration

@@ -1,19 +1,12 @@
 """The error of readings on a grid: one latent x for each position that was read.
 
-A position (a level of one branch) is read once a cycle. The likelihood of its x is that of the readings, readers
-being normal with sd s about it and the grid rounding what they see to its nearest mark of distance d:
+The likelihood of the x of a position is that of its readings, readers being normal with sd s about it and the grid
+rounding what they see to its nearest mark of distance d:
     L_p(x) = product over the readings r of  Phi((r + d/2 - x) / s) - Phi((r - d/2 - x) / s).
-Readings that round alike in every cycle leave a rectangle of half width d/2, however many they are: the rounding is
-one error common to them all. Readings that dither over several marks narrow it, as s^2 / n where s is about d / 2 or
-more. The data decide which it is: pooled within positions, readings scatter by
-    S^2 = s^2 + d^2 / 12 - u_c^2(s),   u_c^2(s) = sum_k d^2 / (2 pi^2 k^2) exp(-4 pi^2 k^2 s^2 / d^2),
-u_c^2 the rounding error's part that is common to a position (Fourier series of the rounding error, B. Widrow,
-I. Kollar, Quantization Noise, 2008, 4); it is solved for s. Where the actuator itself moves from cycle to cycle the
-signal moves with the reading: the movement seen in the signal is subtracted from each reading first.
-
-Rules: nothing here depends on sensors or cycles; positions are labels. Without labels each reading is a position of its
-own, unless the signals refute it: those of readings of one value whose errors were independent would spread evenly
-over the slope times d. Where they lie closer, or in groups, readings of one value are one position.
+Pooled within positions, readings scatter by S^2 = s^2 + d^2 / 12 - u_c^2(s), u_c^2 the part of the rounding error that
+a position shares (B. Widrow, I. Kollar, Quantization Noise, 2008, 4); it is solved for s. A movement of the actuator
+that the signal shows is subtracted first. Without labels each reading is a position of its own, unless signals of equal
+readings lie closer than independent errors allow.
 """
 
 from __future__ import annotations
@@ -38,20 +31,18 @@ CLOSE = 0.1  # of even spacing, and the chance of a smaller gap
 
 @dataclass(frozen=True, slots=True)
 class Positions:
-    """The readings of a calibration, gathered by position.
+    """The readings of a calibration, gathered by position, [positions] unless stated.
 
     Attributes
     ----------
-    of_point : [n] number of the position of each point.
-    count : [positions] readings of each.
-    x, y : [positions] mean reading and mean signal, weighted as the fit's points are.
+    of_point, count : [n] number of the position of each point; readings of each position.
+    x, y : mean reading and mean signal, weighted as the fit's points are.
     edges, shares : [positions, cells + 1] ends of equal cells of x, and the share of L_p in each, [positions, cells].
-    x_variance : [positions] of L_p.
-    mean_variance : [positions] of y by the scatter within positions; zeros where no position was read twice.
-    relative_variance : [positions] of what misses the curve besides: ones, or that of a single reading.
-    noise_sd : scatter of the signal within positions, for a point of weight 1; 0 where it is not known.
+    x_variance, mean_variance : of L_p; of y by the scatter within positions, zeros if none was read twice.
+    relative_variance : of what misses the curve besides: ones, or that of a single reading.
+    noise_sd : scatter of the signal within positions, for a point of weight 1; 0 if it is not known.
     misfit_sd : moment estimate of what the positions' means scatter beyond all that, for a relative variance of 1.
-    reader_sd : s. grid : d, sqrt(12) times the reading sd.
+    reader_sd, grid : s; and d, sqrt(12) times the reading sd.
     """
 
     of_point: IntArray
@@ -106,18 +97,13 @@ class Positions:
 def gather(
     fit: LeastSquares, x: FloatArray, y: FloatArray, reading_sd: float, labels: npt.ArrayLike | None = None
 ) -> Positions:
-    """Gather the readings of a calibration by position.
+    """Gather the readings of a calibration by position; raises DataError if there is not one label for each point.
 
     Parameters
     ----------
-    x, y : [n] readings and signals.
     reading_sd : of one reading to the nearest mark: the grid / sqrt(12).
     labels : [n] anything that names the position of each point; None: each is its own, unless equal readings share
         their error (`share_their_error`).
-
-    Raises
-    ------
-    DataError : there is not one label for each point.
     """
     weights = fit.weights
     if labels is not None:
@@ -163,12 +149,8 @@ def share_their_error(fit: LeastSquares, x: FloatArray, y: FloatArray, reading_s
     """Return whether readings of one x cannot have independent errors: their signals lie too close together.
 
     Independent errors spread the signals of one x over f' d. Two tests at 1 %: the pooled variance within equal x
-    against (f' s_x)^2, chi-square; and how many neighbours are closer than a tenth of even spacing, binomial, which
+    against (f' s_x)^2, chi-square; and the number of neighbours closer than a tenth of even spacing, binomial, which
     finds the groups that several positions of one x make.
-
-    Parameters
-    ----------
-    x, y : [n] readings and signals.
     """
     weights = fit.weights
     values, of_x, many = np.unique(np.round(x, 9), return_inverse=True, return_counts=True)
@@ -195,8 +177,8 @@ def _movement(
 ) -> tuple[FloatArray, float]:
     """Return how far the actuator was from its mean position at each point, mm, and the variance of the signal's noise.
 
-    Signal and reading move together only where the actuator does: the regression of the reading on the signal, both
-    within positions, is taken for movement where it is significant, and for all of it within its standard error.
+    Signal and reading move together only if the actuator does: the regression of the reading on the signal, both within
+    positions, is taken for movement if it is significant, and for all of it within its standard error.
     """
     variance = float(weights @ dy**2) / dof
     steep = np.abs(slope) > 0.05 * np.abs(slope).max(initial=0.0)

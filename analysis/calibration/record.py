@@ -1,11 +1,8 @@
 """The one stored form of a calibration: the curves with their points, what is uncertain of a new signal, the origin.
 
 A run gives it (`analysis.calibration_export.run_record`); acceptance stores its JSON in the file of the unit; live
-conversion, control, history, export and certificate read it again. Lengths are in mm, signals in mV.
-
-Rules: the points are stored and fitted again, so that the curve, its covariance and its inverse are those that were
-accepted. Records of older versions have no branches, no course of the loop and no ambient light; they are read as these
-versions read them.
+conversion, control, history, export and certificate read it. Lengths are in mm, signals in mV. The points are fitted
+again, so that curve, covariance and inverse are those accepted; older records lack branches, loop and ambient light.
 """
 
 from __future__ import annotations
@@ -34,15 +31,11 @@ class SensorRecord:
     Attributes
     ----------
     fit : the curve, its covariance, range and tests, as `fit --json` shows them.
-    elongation_mm, signal_mv : [n] points that the curve is fitted to.
     positions, branches : [n] as `fit_by_branch` takes them; None in the oldest records.
-    ambient_mv : [n] error by ambient light that a position has in every cycle; None where there is none.
-    noise_mv : sd of one signal; None for the residual sd of the fit.
-    between_cycles_mv : sd from cycle to cycle.
+    ambient_mv : [n] error by ambient light that a position has in every cycle; None without one.
+    noise_mv, between_cycles_mv : sd of one signal, None for the residual sd of the fit; sd from cycle to cycle.
     half_loop_mv : half the width of the loop at equally spaced elongations.
-    type_b : tables of contributions by name, as `contributions` reads them.
-    figures : finite figures of the sensor by key.
-    fitted : the calibration of the run, where the record was not read from a file.
+    fitted : the calibration of the run, if the record was not read from a file.
     """
 
     name: str = ""
@@ -103,12 +96,7 @@ class SensorRecord:
         return stored if self.ambient_mv is None else stored | {"ambient_mv": self.ambient_mv.tolist()}
 
     def calibration(self) -> Calibration:
-        """Return the curve: that of the run, or its points fitted again.
-
-        Raises
-        ------
-        DataError : there is none, or the points cannot be fitted.
-        """
+        """Return the curve: that of the run, or its points fitted again; raises DataError if there is none."""
         from analysis.calibration.fit import fit_by_branch, fit_calibration
 
         if self.void:
@@ -125,13 +113,7 @@ class SensorRecord:
         )  # fmt: skip
 
     def inverse(self) -> Inverse:
-        """Return the inverse of the curve, with the uncertainty of one new signal.
-
-        Raises
-        ------
-        DataError : the sensor is not calibrated, or its curve has no inverse over its range. RequestError : a type B
-            contribution is refused.
-        """
+        """Return the inverse of the curve, with the uncertainty of one new signal; raises BoatDaqError without one."""
         from analysis.calibration.inverse import Inverse
 
         return Inverse.of(
@@ -142,17 +124,10 @@ class SensorRecord:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationRecord:
-    """The calibration of a unit.
+    """The calibration of a unit; `unit` is empty if the run names none.
 
-    Attributes
-    ----------
-    unit : name of the unit; empty where the run names none.
-    recording, recording_id : file name and identity of the run.
-    calibrated_utc : when the run began, or when its calibration was accepted.
-    curve : the choice that was fitted.
-    cycles : number of complete cycles.
-    posterior : figures of each sensor's sampled curve; none where it was not sampled.
-    out_of_tolerance : a sentence for each sensor that has figures out of tolerance.
+    `calibrated_utc` is when the run began, or when its calibration was accepted; `posterior` has figures of each
+    sensor's sampled curve, `out_of_tolerance` a sentence for each sensor with figures out of tolerance.
     """
 
     sensors: tuple[SensorRecord, ...]
@@ -202,12 +177,7 @@ class CalibrationRecord:
         )  # fmt: skip
 
     def fusion(self) -> Fusion:
-        """Return the conversion of signals to elongation, all sensors fused.
-
-        Raises
-        ------
-        BoatDaqError : there is no sensor, one is not calibrated, or its curve has no inverse.
-        """
+        """Return the conversion of signals to elongation, all sensors fused; BoatDaqError if one has no inverse."""
         from analysis.calibration.inverse import Fusion
 
         return Fusion.of([sensor.inverse() for sensor in self.sensors])

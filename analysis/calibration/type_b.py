@@ -1,13 +1,9 @@
 """Contributions to the uncertainty of an elongation that no run shows: type B evaluations (GUM 4.3).
 
-Strategy: a contribution is what a certificate or a data sheet states: a distribution with its half width, an expanded
-uncertainty with its coverage factor, or a standard uncertainty, in the unit of the influence quantity, with the
-sensitivity of the elongation to it and degrees of freedom. The four of `EXPECTED` belong to every calibration read by
-eye: a budget names those that are not given as not assessed, never as zero.
-
-Rules: an elongation is traceable (VIM 2.41) where the scale that it is read from has a certificate and every one of the
-four is assessed; else the reason is stated. A relative contribution (%) is of the elongation itself. Keys end in their
-unit.
+A contribution is what a certificate or a data sheet states: a half width with its distribution, an expanded or a
+standard uncertainty, with the sensitivity of the elongation and degrees of freedom. The four `EXPECTED` are named as
+not assessed if they are not given. An elongation is traceable (VIM 2.41) if its scale has a certificate and all four
+are assessed. A relative contribution (%) is of the elongation itself. Keys end in their unit.
 """
 
 from __future__ import annotations
@@ -56,14 +52,10 @@ _PLAIN = ("distribution", "k", "dof", "certificate", "source", "sensitivity_mm_p
 
 @dataclass(frozen=True, slots=True)
 class TypeBContribution:
-    """One contribution.
+    """One contribution, named by its influence quantity, of `EXPECTED` or free.
 
-    Attributes
-    ----------
-    name : of the influence quantity, see `EXPECTED`; others are free.
-    u : standard uncertainty, in `unit` (mm, percent of the elongation, kpa, k).
-    sensitivity : mm per unit; of the elongation's per cent it is |x| / 100.
-    dof : degrees of freedom; infinite where the statement is certain.
+    `u` is in `unit` (mm, percent of the elongation, kpa, k), `sensitivity` in mm per unit; that of per cent is |x| /
+    100. `dof` is infinite if the statement is certain.
     """
 
     name: str
@@ -113,14 +105,10 @@ class ContributionError(RequestError):
 
 
 def contributions(tables: Mapping[str, Any]) -> tuple[TypeBContribution, ...]:
-    """Return the contributions of the tables of a file, by name.
+    """Return the contributions of the tables of a file; raises ContributionError, which names table and key.
 
     Each has one of `half_width_UNIT`, `expanded_UNIT` (with `k`) and `u_UNIT`, UNIT being mm, percent, kpa or k; a
     `distribution`; and may have `dof`, `certificate`, `source`. A kpa or k needs `sensitivity_mm_per_kpa` or `_k`.
-
-    Raises
-    ------
-    ContributionError : a table is refused; names it and its key.
     """
     return tuple(_contribution(name, table) for name, table in tables.items())
 

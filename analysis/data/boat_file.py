@@ -1,11 +1,8 @@
 """A `.boat` file into a `Recording`, and results back into the file.
 
-Strategy: the file is opened read-only and decoded in one pass into one array of `sample_dtype`; the columns are views
-or one vectorised expression of it. The sequencer's steps and the readings become frames in the same board time as the
-samples. A damaged block is named and left out, the rest is read (fault 32).
-
-Rules: nothing recorded is ever changed; a result is added as a new row with the program's version, and only to a
-closed recording.
+The file is opened read-only and decoded in one pass into one array of `sample_dtype`. Steps and readings become frames
+in the board time of the samples. A damaged block is named and left out, the rest is read (fault 32). Nothing recorded
+is ever changed; a result is added as a new row with the program's version, and only to a closed recording.
 """
 
 from __future__ import annotations
@@ -61,12 +58,7 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
 
 
 def read_boat_file(path: str | Path) -> Recording:
-    """Decode a `.boat` file into a `Recording`.
-
-    Raises
-    ------
-    FileError : not a recording, or one without a single sample.
-    """
+    """Decode a `.boat` file into a `Recording`; raises FileError if it is none, or has no sample."""
     path = Path(path)
     with opened(path) as db:
         meta = schema.read_session(db)
@@ -104,13 +96,7 @@ def read_boat_file(path: str | Path) -> Recording:
 def _camera(
     rows: list[tuple[Any, ...]], time_s: FloatArray, host_ns: IntArray, segment: IntArray
 ) -> CameraRecord | None:
-    """Return a camera's readings in the time of the samples that arrived about each frame; those outside are left out.
-
-    Parameters
-    ----------
-    rows : as `schema.camera_rows` gives them.
-    time_s, host_ns, segment : [n] of the samples.
-    """
+    """Return a camera's readings in the time of the samples that arrived about each frame, and none outside."""
     if not rows:
         return None
     arrived, of, elongation, u, fault, dropped = zip(*rows, strict=True)
@@ -160,10 +146,10 @@ class _Failed:
 
 
 def _crc_failures(db: sqlite3.Connection, clock: _Clock) -> list[_Failed]:
-    """Frames that failed their check during the recording: the growth of the link's counter over its rows.
+    """Return the frames that failed their check during the recording: the growth of the link's counter over its rows.
 
-    The counter may hold what failed before the recording, so its first row is no growth; it starts again at zero
-    where the link was opened anew.
+    The counter may hold what failed before the recording, so its first row is no growth; it starts again at zero when
+    the link is opened anew.
     """
     rows = db.execute("SELECT segment, time_us, frames, samples, crc_errors FROM health ORDER BY id").fetchall()
     found = []
@@ -235,10 +221,10 @@ def _misfit(n: int, blob: bytes, crc: int | None, dtype: np.dtype[np.void]) -> s
 
 
 def _lay_end_to_end(db: sqlite3.Connection, time_us: IntArray, segment: IntArray, rate_hz: float) -> _Clock:
-    """Board time over all segments: within one as the board sent it, between two as both clocks allow.
+    """Return board time over all segments: within one as the board sent it, between two as both clocks allow.
 
-    A board that restarts its clock is placed after the end of the segment before, by the host's clock where that
-    gives more than one sampling interval. A clock that continued (a pause) is left alone.
+    A board that restarts its clock is placed after the end of the segment before, by the host's clock if that gives
+    more than one sampling interval. A clock that continued (a pause) is left alone.
     """
     hosts = dict(db.execute("SELECT id, host_ns FROM segment"))
     edges = [0, *(np.flatnonzero(np.diff(segment)) + 1).tolist(), segment.size]
@@ -272,23 +258,7 @@ def _steps(db: sqlite3.Connection, clock: _Clock) -> pd.DataFrame:
 def store_result(
     path: str | Path, kind: str, content: Mapping[str, Any], parameters: Mapping[str, Any], *, seed: int | None
 ) -> bool:
-    """Add a result to a closed recording, with the program's version; the same result is not added twice.
-
-    Parameters
-    ----------
-    content, parameters : of the result, in JSON's own types.
-    seed : that it was computed with; None without one.
-
-    Returns
-    -------
-    True where a row was written, False where the file already holds the same result.
-
-    Raises
-    ------
-    RequestError : the recording is not closed: its one writer is still active; or its layout is an older one, which
-        is not changed without a backup.
-    FileError : the file cannot be written.
-    """
+    """Add a result to a closed recording, with the program's version; False if it holds the same one already."""
     path = Path(path)
     _refuse_unfinished(path)
     text = json.dumps(content, sort_keys=True, allow_nan=False)
@@ -306,20 +276,10 @@ def store_result(
 
 
 def store_video(path: str | Path, record: CameraRecord, about: Mapping[str, Any]) -> str:
-    """Keep the readings of a video of this run in its closed recording, in place of those of another one.
+    """Keep the readings of a video in its closed recording; return the source of those they replace, or "".
 
-    Parameters
-    ----------
-    record : placed in the recording's time, its delay left in.
-    about : `source`, `mark_mm`, `u_scale`, as of a recording with a camera.
-
-    Returns
-    -------
-    Source of the video whose readings are replaced; "" where there was none.
-
-    Raises
-    ------
-    RequestError, FileError : as `store_result`.
+    Raises as `store_result`. `record` is in the recording's time with its delay; `about` has `source`, `mark_mm`,
+    `u_scale`.
     """
     path = Path(path)
     _refuse_unfinished(path)
@@ -345,12 +305,7 @@ def _now() -> str:
 
 
 def _refuse_unfinished(path: Path) -> None:
-    """Refuse a recording to which nothing may be added.
-
-    Raises
-    ------
-    RequestError : it is being recorded, or its layout is an older one.
-    """
+    """Raise RequestError for a recording that is being made, or of an older layout."""
     schema.refuse_newer(path)
     if schema.layout_version(path) < schema.SCHEMA_VERSION:
         raise RequestError(
@@ -365,12 +320,7 @@ def _refuse_unfinished(path: Path) -> None:
 
 @contextmanager
 def _changing(path: Path) -> Iterator[sqlite3.Connection]:
-    """Give a connection that adds to a recording in one transaction.
-
-    Raises
-    ------
-    FileError : the file cannot be written.
-    """
+    """Give a connection that adds to a recording in one transaction; raises FileError if it cannot be written."""
     try:
         with closing(sqlite3.connect(path)) as writer, writer:
             harden(writer)

@@ -1,7 +1,7 @@
 """An imported run written as a `.boat` file, by the schema of `protocol.recording`, and derived again from that file.
 
-Rules: the original bytes are kept in `chunk`, the column map in the session, so that the import can be done again: the
-samples must come out bit for bit. The file appears under its name only when it is whole.
+The original bytes are kept in `chunk`, the column map in the session, so that the import can be done again: the samples
+must come out bit for bit. The file appears under its name only when it is whole.
 """
 
 from __future__ import annotations
@@ -41,16 +41,7 @@ LATEST_S = 1e12  # 30,000 years; more microseconds than 64 bits hold are no time
 
 
 def write_boat_file(path: str | Path, recording: Recording, *, original: str | Path) -> None:
-    """Write an imported recording.
-
-    Parameters
-    ----------
-    original : the file it was imported from; its bytes are kept.
-
-    Raises
-    ------
-    FileError : the file exists already, or cannot be written.
-    """
+    """Write an imported recording with the bytes of its original; FileError if the file exists or is refused."""
     path = Path(path)
     if path.exists():
         raise FileError(f"{path} exists already", "Choose another name: a recording is never overwritten.")
@@ -78,13 +69,7 @@ def _write(db: sqlite3.Connection, recording: Recording, original: Path) -> None
 
 
 def packed_samples(recording: Recording) -> npt.NDArray[np.void]:
-    """Return the samples as records of `sample_dtype`, gaps flagged.
-
-    Raises
-    ------
-    FileError
-        A time that no recording can hold.
-    """
+    """Return the samples as records of `sample_dtype`, gaps flagged; FileError for a time that does not fit."""
     if not (np.abs(recording.time_s) < LATEST_S).all():
         text = f"a time of {np.abs(recording.time_s).max():g} s is out of range"
         raise FileError(text, "Check the time column and its unit.")
@@ -172,15 +157,9 @@ def _insert(db: sqlite3.Connection, table: str, columns: str, values: tuple[Any,
 
 
 def first_difference(path: str | Path) -> str:
-    """Import the kept bytes again and compare the samples.
+    """Import the kept bytes again and return the first difference of the samples, or "".
 
-    Returns
-    -------
-    "" where they are identical, else a text naming the first difference.
-
-    Raises
-    ------
-    FileError : the recording was not imported.
+    Raises FileError if the recording was not imported.
     """
     path = Path(path)
     with opened(path) as db:

@@ -15,13 +15,9 @@ LONGEST_BETWEEN = 3.5  # frame intervals: no elongation is interpolated over a l
 
 @dataclass(frozen=True, slots=True)
 class CameraRecord:
-    """The elongation at every frame.
+    """The elongation at every frame in order, and its u; NaN where `fault` has a code.
 
-    Attributes
-    ----------
-    time_s : [frames] in order; of the recording, except for the camera's delay.
-    elongation_mm, u_mm : [frames] value and standard uncertainty, NaN where there is none.
-    fault : [frames] code of why there is none, "" where there is one.
+    `time_s` [frames] is of the recording, except for the camera's delay.
     """
 
     time_s: FloatArray
@@ -55,14 +51,7 @@ class CameraRecord:
         return x, speed, u
 
     def shifted(self, delay_s: float, drift: float = 0.0, about_s: float = 0.0) -> CameraRecord:
-        """Return the record on the recording's clock.
-
-        Parameters
-        ----------
-        delay_s : by which frames are later than the samples of the same instant, at `about_s`.
-        drift : growth of the delay, s/s.
-        about_s : time at which the delay holds.
-        """
+        """Return the record on the recording's clock, by the delay of its frames at `about_s` and its drift, s/s."""
         return replace(self, time_s=self.time_s - delay_s - drift * (self.time_s - about_s))
 
     def from_rest(self, rest_mm: float) -> CameraRecord:

@@ -1,10 +1,8 @@
 """How a text file of numbers is written: encoding, separator, decimal sign, header, units.
 
-Strategy: the encoding follows from the first bytes (`analysis.data.text_encoding`); separator and decimal sign are
-those that make the most rows numeric with one number of columns; the header is what is above the first such row.
-
-Rules: no value is ever evaluated: a cell is a number or text; memory is bounded (a line above 1 MB or more than 1,000
-columns are refused).
+The encoding follows from the first bytes (`analysis.data.text_encoding`); separator and decimal sign are those that
+make the most rows numeric with one number of columns; the header is what is above the first such row. A line above 1 MB
+or more than 1,000 columns are refused.
 """
 
 from __future__ import annotations
@@ -58,12 +56,9 @@ class Dialect:
 
 
 def sniff(path: Path, separator: str | None = None) -> Dialect:
-    """Find encoding, decimal sign, header, and the separator where it is not given.
+    """Find encoding, decimal sign, header, and the separator if it is not given.
 
-    Raises
-    ------
-    FileError : the file is empty, binary, holds an endless line, or no row of numbers.
-    OSError : missing, unreadable, or no regular file.
+    Raises FileError if the file is empty, binary, holds an endless line, or no row of numbers; OSError if unreadable.
     """
     if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would be waited for, a device never ends
         raise FileError(f"{path} is not a regular file", "Choose a table of numbers.")

@@ -1,11 +1,9 @@
 """A CSV as it is found into a `Recording`: the map from its columns to ours, with units, and the recording by that map.
 
-Strategy: `analysis.data.csv_table` reads the numbers; columns are mapped by the usual titles, or as the user maps them,
-which can be kept as a profile. The columns of our own export are recognised by their names.
-
-Rules: a guess is named in `warnings`; what is not recognised is refused, with the line or the column, a unit that is
-not known with the option that maps it. A hint names columns by their titles, or by their content; an option in it can
-be typed as it is. Units are converted once, here. Time must not fall; rows that repeat a time are left out and counted.
+`analysis.data.csv_table` reads the numbers; columns are mapped by the usual titles, or as the user maps them, which can
+be kept as a profile. The columns of our own export are recognised by their names. A guess is named in `warnings`; what
+is not recognised is refused, with the line or the column, and the option that maps it. Units are converted once, here.
+Time must not fall; rows that repeat a time are left out and counted.
 """
 
 from __future__ import annotations
@@ -62,10 +60,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class ColumnMap:
-    """Which column is what. Keys are our names: time_s, pressure_kpa, s1_mv, ... `warnings` name every guess.
-
-    `declined` are names that no column is to be mapped to.
-    """
+    """Which column is time_s, pressure_kpa, s1_mv, ...; `warnings` name every guess, `declined` what is not mapped."""
 
     columns: Mapping[str, Column]
     warnings: tuple[Warning, ...]
@@ -83,17 +78,7 @@ class ColumnMap:
 
 
 def map_columns(table: Table, columns: Mapping[str, str] | None = None, *, tolerant: bool = False) -> ColumnMap:
-    """Map the columns: as `columns` gives them, else by title and unit.
-
-    Parameters
-    ----------
-    columns : as `import_csv` takes them; an empty text maps no column to that name.
-    tolerant : whether a column with an unknown unit is left out with a warning, not refused.
-
-    Raises
-    ------
-    RequestError : a column or unit does not exist.
-    """
+    """Map the columns as `columns` gives them ("" for none), else by title; `tolerant` of unknown units."""
     chosen: dict[str, Column] = {}
     warnings: list[Warning] = []
     given = {_our_name(name): text for name, text in (columns or {}).items()}
@@ -169,12 +154,7 @@ def save_profile(path: str | Path, mapping: ColumnMap, table: Table) -> None:
 
 
 def load_profile(path: str | Path) -> dict[str, str]:
-    """Read a column map that `save_profile` kept.
-
-    Raises
-    ------
-    FileError : not such a file.
-    """
+    """Read a column map that `save_profile` kept; raises FileError if it is none."""
     try:
         content = json.loads(read_regular(Path(path), MAX_PROFILE_BYTES).decode("utf-8"))
         columns = content["columns"]
@@ -299,13 +279,7 @@ def guess_unit(name: str, values: FloatArray) -> str:
 
 
 def unmapped(name: str, missing: list[str], mapping: ColumnMap, table: Table) -> RequestError:
-    """Return the refusal of a file whose columns were not all recognised.
-
-    Parameters
-    ----------
-    missing : our names that no column was mapped to.
-    mapping, table : what was recognised, and of which table.
-    """
+    """Return the refusal of a table in which no column was mapped to the names `missing`."""
     options = f"Map it by the numbers of the columns: {_map_options(missing, mapping, table)}"
     remedy = "Give --rate HZ, or --map time_s=COLUMN:ms" if missing == ["time_s"] else options
     found = [_text_in(table, i) for i in table.text if recognised(table.names[i]) in missing]
@@ -362,7 +336,7 @@ def import_csv(
     columns : NAME -> "COLUMN" or "COLUMN:UNIT"; COLUMN is a name or a number from 1; "" for no column.
     profile : a saved map (`save_profile`); `columns` overrides it.
     separator : of the columns, " " for white space; found when None.
-    signals_only : whether a file without pressure is taken as well; its pressure is NaN.
+    signals_only : allow a file without pressure, which is NaN then.
 
     Raises
     ------
@@ -379,13 +353,7 @@ def import_csv(
 def preview(
     path: str | Path, columns: Mapping[str, str] | None = None, rows: int = 5, *, separator: str | None = None
 ) -> dict[str, Any]:
-    """Return what the importer sees: dialect, columns, map, first rows, warnings; an incomplete map is no error.
-
-    Parameters
-    ----------
-    columns, separator : as `import_csv` takes them.
-    rows : how many of the first rows to show.
-    """
+    """Return what the importer sees: dialect, columns, map, first rows, warnings; an incomplete map is no error."""
     table = read_table(path, separator)
     mapping = map_columns(table, columns, tolerant=True)
     by_position = {column.position: (name, column.unit) for name, column in mapping.columns.items()}

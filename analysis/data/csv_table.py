@@ -1,12 +1,9 @@
 """A table of numbers from a text file as it is found.
 
-Strategy: `analysis.data.csv_dialect` finds how the file is written; pandas reads the body at speed; only if that fails
-is the file read line by line, to name the lines. A column of clock times becomes seconds since its first row: ISO 8601,
+`analysis.data.csv_dialect` finds how the file is written; pandas reads the body at speed; only if that fails is the
+file read line by line, to name the lines. A column of clock times becomes seconds since its first row: ISO 8601,
 day.month.year, and hours:minutes:seconds; 3/4/2026 is ambiguous and stays text. A time of day that falls by more than
-twelve hours passed midnight.
-
-Rules: nothing is guessed silently: `Table` holds the dialect, every cell that is not a number is counted and the first
-ones are named by line.
+twelve hours passed midnight. Every cell that is not a number is counted, and the first ones are named by line.
 """
 
 from __future__ import annotations
@@ -71,9 +68,7 @@ class Table:
     def position(self, wanted: str) -> int:
         """Return the position of a column by its name (case and blanks aside) or its number from 1.
 
-        Raises
-        ------
-        RequestError : no such column, or the name occurs twice.
+        Raises RequestError if there is no such column, or the name occurs twice.
         """
         plain = [_plain(name) for name in self.names]
         raw = [_plain(f"{n} ({u})") if u else _plain(n) for n, u in zip(self.names, self.units, strict=True)]
@@ -89,12 +84,7 @@ class Table:
 
 
 def read_table(path: str | Path, separator: str | None = None) -> Table:
-    """Read a table of numbers; the separator is found where it is not given.
-
-    Raises
-    ------
-    FileError : not a table of numbers, or too broken to be one; the message names lines.
-    """
+    """Read a table of numbers; raises FileError if it is none, or too broken to be one, with the lines."""
     path = Path(path)
     try:
         dialect = sniff(path, separator)
@@ -222,13 +212,7 @@ def _slow(path: Path, dialect: Dialect) -> Table:
 
 
 def line_of_row(path: Path, dialect: Dialect, row: int) -> int:
-    """Return the line, counted from 1, of data row `row`, counted from 0.
-
-    Parameters
-    ----------
-    path, dialect : the file, and how it is written.
-    row : counted from 0.
-    """
+    """Return the line, counted from 1, of data row `row`, counted from 0."""
     for at, (line_number, _) in enumerate(records(_lines(path, dialect))):
         if at == row:
             return line_number

@@ -1,11 +1,9 @@
 """Samples out of a recording, with elongation and its uncertainty where a calibration gives them.
 
-CSV with a JSON sidecar, Parquet, HDF5 (a dataset a column), or MAT (a vector a column, MATLAB 5).
-
-Rules: every column's name carries its unit; numbers are written so that reading them gives the same number; text that
-a spreadsheet would take for a formula is neutralised; a simulated run is marked SIMULATED in the file itself. What is
-written is read again by `analysis.data.csv_import` without a map. An export that is cancelled leaves no file, and the
-one before as it was.
+CSV with a JSON sidecar, Parquet, HDF5 (a dataset a column), or MAT (a vector a column, MATLAB 5). Every column's name
+carries its unit; numbers read back are the same; text that a spreadsheet would take for a formula is neutralised; a
+simulated run is marked SIMULATED in the file itself. `analysis.data.csv_import` reads the CSV without a map. A
+cancelled export leaves the file before as it was.
 """
 
 from __future__ import annotations
@@ -38,15 +36,7 @@ _ROWS_AT_ONCE = 100_000
 
 @dataclass(frozen=True, slots=True)
 class ConvertedElongation:
-    """The elongation of every sample.
-
-    Attributes
-    ----------
-    elongation_mm : [n] NaN where it is not known.
-    u_mm : [n] its expanded uncertainty, k = 2.
-    valid : [n] False where it is not known or the sensors disagree.
-    calibration : what it is from, for the metadata of a file.
-    """
+    """The elongation of every sample [n], u_mm with k = 2; `valid` is False if unknown or the sensors disagree."""
 
     elongation_mm: FloatArray
     u_mm: FloatArray
@@ -57,13 +47,7 @@ class ConvertedElongation:
 def samples_frame(
     recording: Recording, rows: slice | None = None, converted: ConvertedElongation | None = None
 ) -> pd.DataFrame:
-    """Return the samples as a frame, in the columns and the order of the export.
-
-    Parameters
-    ----------
-    rows : some of them; None for all.
-    converted : their elongation; None without.
-    """
+    """Return the samples, or some `rows`, as a frame, in the columns and the order of the export."""
     frame = recording.to_frame(rows)
     if recording.camera is not None:
         frame["camera_mm"], _, frame["camera_u_mm"] = recording.camera.at(frame["time_s"].to_numpy())
@@ -75,12 +59,7 @@ def samples_frame(
 
 
 def require_library(format: str) -> None:
-    """Raise where the library of a format is not installed, before a run is analysed for it.
-
-    Raises
-    ------
-    RequestError : names the extra that brings it.
-    """
+    """Raise RequestError with the extra to install if the library of a format is missing."""
     if format in _LIBRARIES:
         optional(_LIBRARIES[format])
 
@@ -93,22 +72,10 @@ def export(
     converted: ConvertedElongation | None = None,
     progress: Progress | None = None,
 ) -> list[Path]:
-    """Write the samples.
+    """Write the samples and return the files: for CSV also the sidecar, `PATH` with .json.
 
-    Parameters
-    ----------
-    format : csv, parquet, hdf5, mat, rosbag (MCAP storage) or rosbag-sqlite3.
-    converted : the elongation of the samples; None without a calibration.
-    progress : called as progress(done, total) for CSV; raising from it cancels.
-
-    Returns
-    -------
-    The files written: for CSV also the sidecar, `PATH` with .json.
-
-    Raises
-    ------
-    RequestError : another format, or its library is not installed. FileError : the folder is not there or cannot be
-        written.
+    `format` is csv, parquet, hdf5, mat, rosbag (MCAP storage) or rosbag-sqlite3. Raises RequestError for another, or a
+    missing library; FileError if the folder cannot be written.
     """
     path = Path(path)
     if format not in ("csv", *_WRITERS, *BAGS):

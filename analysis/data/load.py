@@ -13,16 +13,9 @@ from protocol.recording import SUFFIX
 
 
 def load_recording(path: str | Path, **import_options: Any) -> Recording:
-    """Load a run from a `.boat` file, or from a CSV that the importer understands.
+    """Load a run from a `.boat` file, or from a CSV by the options of `csv_import.import_csv`; the file is only read.
 
-    Parameters
-    ----------
-    path : the file. It is only read.
-    import_options : for a CSV, what `csv_import.import_csv` takes (a column map, a profile).
-
-    Raises
-    ------
-    FileError : the file does not exist, or is of another kind. RequestError : a map for a recording.
+    Raises FileError if it does not exist, or is of another kind; RequestError for a column map of a recording.
     """
     path = Path(path)
     if not path.is_file():

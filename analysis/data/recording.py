@@ -1,11 +1,9 @@
 """A run as the analysis uses it: columns of one length, never changed.
 
-Strategy: whatever a run came from, a `.boat` file, a CSV or arrays in a test, it becomes one `Recording`: read-only
-columns in board time, the sequencer's steps and the readings of elongation as frames, the session's metadata. Nothing
-is repaired here. What must not enter a figure is marked in `usable`, with a count by reason, and stays in the columns.
-
-Rules: time is board time, laid end to end over segments and strictly in file order; no sample is dropped, sorted or
-resampled; a value that is not finite, or whose flags mark it as no measurement, is not usable.
+A `.boat` file, a CSV or arrays in a test become one `Recording`: read-only columns in board time, the sequencer's steps
+and the readings of elongation as frames, the session's metadata. Time is laid end to end over segments, in file order;
+no sample is dropped, sorted, resampled or repaired. A value that is not finite, or whose flags mark it as no
+measurement, is marked in `usable`, with a count by reason, and stays in the columns.
 """
 
 from __future__ import annotations
@@ -68,18 +66,14 @@ class Recording:
     ----------
     time_s : [n] board time from the first sample, segments laid end to end.
     pressure_kpa, target_kpa : [n] gauge; target is NaN where none was set or known.
-    signal_mv : [n, sensors] (lit - dark) * vref / 2^bits, or the signal itself where the device gives one.
-    lit, dark : [n, sensors] ADC counts, or None where the source has no counts.
+    signal_mv : [n, sensors] (lit - dark) * vref / 2^bits, or the signal itself if the device gives one.
+    lit, dark : [n, sensors] ADC counts, or None if the source has no counts.
     state, flags, segment, index : [n] as `protocol.recording` defines them.
-    usable : [n, sensors] True where the row may enter a figure of that sensor.
-    pressure_usable : [n] True where the pressure may.
-    masked : rows left out, by reason.
+    usable, pressure_usable : [n, sensors] and [n] True where the signal, or the pressure, may enter a figure.
+    masked : number of rows left out, by reason.
     interval_s : median sampling interval, NaN below two samples.
     channel : [n, channels] extra channels, each in its own unit, NaN where it was not measured; None without any.
-    steps, readings : frames with STEP_COLUMNS and READING_COLUMNS; empty where the source has none.
-    meta : the session's keys.
-    source : the file it came from, or "".
-    camera : the elongation at every frame of a camera; None without one.
+    steps, readings : frames with STEP_COLUMNS and READING_COLUMNS; empty if the source has none.
     """
 
     time_s: FloatArray
@@ -146,12 +140,7 @@ class Recording:
 
     @property
     def metadata(self) -> Metadata:
-        """What people stated about it.
-
-        Raises
-        ------
-        DataError : a comment line of a table states what cannot be.
-        """
+        """Return the metadata of the session; raises DataError for a comment line of a table that cannot be."""
         try:
             return Metadata.of(self.meta)
         except ValueError as error:
@@ -189,12 +178,7 @@ class Recording:
         return DerivedColumns.of(stated, channel_units(self.n_sensors, kind, self.channels))
 
     def deriving(self, definitions: Sequence[str]) -> Recording:
-        """Return the recording with more derived channels, each ``NAME [UNIT] = EXPRESSION``.
-
-        Raises
-        ------
-        RecordingError : a definition is refused.
-        """
+        """Return the recording with more derived channels, ``NAME [UNIT] = EXPRESSION``; may raise RecordingError."""
         stated = [*(self.meta.get("derived") or ()), *(list(parse_definition(text)) for text in definitions)]
         found = replace(self, meta={**self.meta, "derived": stated})
         return found if found.derived else self
@@ -232,18 +216,11 @@ class Recording:
     def from_arrays(
         cls, time_s: npt.ArrayLike, pressure_kpa: npt.ArrayLike, signal_mv: npt.ArrayLike, **columns: Any
     ) -> Recording:
-        """Build a recording from arrays, as scripts, importers and tests do.
+        """Build a recording from arrays: time and pressure [n], signals [n] or [n, sensors], and any other attributes.
 
-        Parameters
-        ----------
-        time_s, pressure_kpa : [n].
-        signal_mv : [n] or [n, sensors].
-        columns : any of the other attributes: `target_kpa`, `lit`, `dark`, `state`, `flags`, `segment`, `index`,
-            `channel` (with `channels` in `meta`), `steps`, `readings`, `meta`, `source`.
-
-        Raises
-        ------
-        DataError : no samples, or columns of different length.
+        Other attributes are `target_kpa`, `lit`, `dark`, `state`, `flags`, `segment`, `index`, `channel` (with
+        `channels` in `meta`), `steps`, `readings`, `meta`, `source`. Raises DataError without samples, or for columns
+        of different length.
         """
         time = np.asarray(time_s, dtype=np.float64)
         signal = np.asarray(signal_mv, dtype=np.float64)
@@ -275,16 +252,10 @@ class Recording:
 
 
 def find_gaps(time_s: FloatArray, segment: IntArray, index: IntArray | None) -> tuple[Gap, ...]:
-    """Find the missing samples inside segments.
+    """Find the missing samples inside segments, of [n] times and segments.
 
-    From the running index the count is exact; without one, an interval longer than `GAP_FACTOR` median intervals is
-    a hole and the count is estimated from its length.
-
-    Parameters
-    ----------
-    time_s : [n] board time, s.
-    segment : [n] segment of each sample.
-    index : [n] running index; None where there is none.
+    The running index gives the exact count; without one, an interval longer than `GAP_FACTOR` median intervals is a
+    hole and the count is estimated from its length.
     """
     if time_s.size < 2:
         return ()

@@ -1,11 +1,9 @@
 """A recording as a ROS 2 bag: MCAP or SQLite storage, standard message types only.
 
 Topics below `/boat`: `pressure` (sensor_msgs/FluidPressure, Pa, gauge), a `std_msgs/Float64` for every other column of
-the export (`s1_mv`, `target_kpa`, `elongation_mm`, derived channels ...), `markers` and `description` (std_msgs/String,
-JSON). A sample's stamp is the start of the recording plus board time.
-
-Strategy: every message of a topic has one length, so the serialised messages (CDR, little-endian) are made as the rows
-of an array, and only written one by one. Source: OMG DDS-RTPS 2.5, 10.5 (encapsulation), design.ros2.org.
+the export, `markers` and `description` (std_msgs/String, JSON). A sample's stamp is the start of the recording plus
+board time. Every message of a topic has one length, so the serialised messages (CDR, little-endian) are the rows of an
+array. Source: OMG DDS-RTPS 2.5, 10.5 (encapsulation), design.ros2.org.
 """
 
 from __future__ import annotations
@@ -38,17 +36,9 @@ _PRESSURE = np.dtype(  # stamp, frame_id (length, text, padding to 8), pressure,
 def write_bag(
     frame: pd.DataFrame, description: Mapping[str, Any], path: Path, storage: str, progress: Progress | None = None
 ) -> None:
-    """Write a bag, a folder that is not there yet.
+    """Write samples in the columns of the export as a bag, a new folder, with mcap or sqlite3 storage.
 
-    Parameters
-    ----------
-    frame : samples in the columns of the export.
-    storage : mcap or sqlite3.
-    progress : called as progress(done, total).
-
-    Raises
-    ------
-    FileError : the folder exists. RequestError : rosbags is not installed.
+    Raises FileError if the folder exists, RequestError if rosbags is not installed.
     """
     rosbag2, typesys = optional("rosbags.rosbag2"), optional("rosbags.typesys")
     if path.exists():

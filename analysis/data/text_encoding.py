@@ -1,11 +1,9 @@
 """The encoding of a text file of numbers, from its first bytes.
 
-Strategy: a byte-order mark, NUL bytes and valid UTF-8 decide for themselves. What is left is one of many 8-bit or
-multi-byte encodings, and a header is short: charset-normalizer is used only where the bytes contradict the usual
-Windows code page for western Europe (cp1252), in which a unit such as µm or °C is a single high byte. It ranks the
-encodings in common use; of a few words several make sense to it, and one that spells time, pressure or signal wins.
-
-Rules: numbers are read alike in every one of these; a wrong guess garbles names only.
+A byte-order mark, NUL bytes and valid UTF-8 decide for themselves. Else it is cp1252, the usual Windows code page, in
+which a unit such as µm or °C is a single high byte, unless the bytes contradict it: then charset-normalizer ranks the
+encodings in common use, and one that spells time, pressure or signal wins. Numbers read alike in every one of these; a
+wrong guess garbles names only.
 """
 
 from __future__ import annotations
@@ -28,13 +26,7 @@ _OTHERS = ["cp932", "euc_jp", "cp949", "gb18030", "big5", "cp1251", "koi8_r", "c
 
 
 def encoding_of(head: bytes, *, whole: bool = True) -> str:
-    """Return the name of the encoding of a text file.
-
-    Parameters
-    ----------
-    head : its first bytes.
-    whole : these are all of it; else the last character may be cut.
-    """
+    """Return the name of the encoding by the first bytes; the last character may be cut if they are not the `whole`."""
     for mark, name in _MARKS:
         if head.startswith(mark):
             return name

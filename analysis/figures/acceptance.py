@@ -174,10 +174,7 @@ ABSOLUTE_LIMITS = ("drift",)  # of a figure that has a sign
 
 
 def judge(sensors: Sequence[SensorAnalysis], limits: Mapping[str, float]) -> list[LimitStatement]:
-    """State the conformity of the figures of every sensor with limits that the user set.
-
-    Raises RequestError if a limit names no figure.
-    """
+    """State the conformity of all figures with the user's limits; RequestError if a limit names no figure."""
     unknown = next((name for name in limits if name not in LIMITS), None)
     if unknown is not None:
         raise RequestError(f"there is no limit called {unknown!r}", f"Known: {', '.join(LIMITS)}.")

@@ -1,16 +1,10 @@
 """Comparison of the cycles before and after each interruption of a run that was resumed.
 
 Each complete cycle gives one level and one sensitivity for each sensor. Over a break the means are compared by a t-test
-and the variances by an F-test, all tests of one break together at a family-wise level of `ALPHA` (Holm).
-
-- level: mean of the cycle's signal over both branches and the levels of pressure that at least half of the cycles
-  have, mV; none for a cycle that lacks one of them.
-- sensitivity: span of the branch-mean signal between the outermost such levels, over the span of the elongation there
-  (mV/mm) if it was read, else of the pressure (mV/kPa).
-- t: the step is tested beside a drift common to both parts: least squares of y = a + b i + d [after], t = d / se(d),
-  n - 3 degrees of freedom. With fewer than `FOR_DRIFT` cycles on a side: Student's t of the two means, n - 2.
-- F: ratio of the variances about each part's straight line (n_k - 2 degrees of freedom), about its mean (n_k - 1) with
-  fewer than `FOR_DRIFT` cycles on a side; two-sided.
+and the variances by an F-test, all tests of one break together at a family-wise level of `ALPHA` (Holm). Level: mean of
+the signal over both branches and the levels that at least half of the cycles have, mV. Sensitivity: span of the
+branch-mean signal between the outermost such levels, over that of the elongation (mV/mm), else of the pressure. The
+step is tested beside a drift common to both parts, y = a + b i + d [after], if both have `FOR_DRIFT` cycles.
 
 Parts that differ are never pooled; parts with too few cycles are reported as untested.
 Source: NIST/SEMATECH e-Handbook 1.3.5.3 and 1.3.5.9; Holm, Scand. J. Statist. 6 (1979) 65.
@@ -41,10 +35,7 @@ Verdict = Literal["same", "differs", "untested"]
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """One quantity of one sensor over one break; `difference` is after minus before, with its 95 % interval.
-
-    t, F and their p are NaN for too few cycles; `significant` are the tests that Holm's procedure rejects.
-    """
+    """One quantity of one sensor over one break, after minus before; t, F and p are NaN for too few cycles."""
 
     sensor: str
     quantity: str
@@ -101,10 +92,7 @@ class Break:
 
 
 def compare_breaks(recording: Recording, cycles: Cycles, loops: Loops) -> tuple[Break, ...]:
-    """Compare the parts on both sides of each break of a run; none for a run that was not interrupted.
-
-    Raises RecordingError if the entries of the breaks are damaged.
-    """
+    """Compare the parts on both sides of each break; RecordingError if the entries of the breaks are damaged."""
     entries = breaks_of(dict(recording.meta))
     if not entries:
         return ()

@@ -1,4 +1,4 @@
-"""A run compared with the digital shadow: measured and ideal elongation, cycle by cycle.
+"""A run compared with the digital shadow, cycle by cycle.
 
 The samples become elongation by the run's own inverse, each sensor alone, and each cycle goes through the monitor that
 also watches live. A run whose calibration has no inverse is not compared; nothing is extrapolated.
@@ -81,10 +81,7 @@ def against_shadow(analysis: Analysis, *, progress: Progress | None = None) -> A
 def readings_against_shadow(
     analysis: Analysis, level: Level = "normal", *, progress: Progress | None = None
 ) -> dict[str, float]:
-    """Return number, mean and largest absolute deviation (mm) of a run's readings from the nominal elongation.
-
-    Raises DataError if the run has no readings.
-    """
+    """Return number, mean and largest absolute deviation (mm) of a run's readings from the nominal elongation."""
     from analysis.shadow.model.frames import shadow_at
 
     if analysis.elongations is None:
@@ -102,10 +99,7 @@ def readings_against_shadow(
 
 
 def measured_elongation(recording: Recording, sensors: Sequence[SensorAnalysis]) -> FloatArray:
-    """Return the elongation by each sensor's calibration, [n, sensors]; NaN outside its range.
-
-    Raises DataError if a sensor is not calibrated, or their number differs.
-    """
+    """Return the elongation by each sensor's calibration, [n, sensors], NaN outside its range; may raise DataError."""
     if len(sensors) != recording.n_sensors:
         raise DataError(
             f"the calibration has {len(sensors)} sensors, the run {recording.n_sensors}",

@@ -73,10 +73,7 @@ class RunComparison:
 
 
 def compare_runs(analyses: Sequence[Analysis]) -> RunComparison:
-    """Compare runs unit by unit: spread of their levels, history of their calibrations, budget.
-
-    Raises RequestError for a mixture of simulated and real runs.
-    """
+    """Compare runs unit by unit: spread of levels, history, budget; RequestError for simulated beside real runs."""
     refuse_mixture(analysis.recording.simulated for analysis in analyses)
     by_unit: dict[str, list[Analysis]] = {}
     for analysis in analyses:
@@ -122,10 +119,7 @@ def one_way(groups: Sequence[FloatArray]) -> Spread:
 
 
 def sensor_spread(analyses: Sequence[Analysis], sensor: int) -> SensorSpread:
-    """Return the spread of one sensor's levels over runs of one unit.
-
-    Raises RequestError if the runs share no pressure level, or are too few.
-    """
+    """Return the spread of one sensor's levels over runs of one unit; RequestError without a shared level."""
     spreads = []
     for pressure in analyses[0].loops.level_kpa:
         for branch in (0, 1):

@@ -1,13 +1,9 @@
 """The interval to the next calibration, proposed from the drift, as ILAC-G24 proposes from control charts.
 
-The check point's error over time, y(x0) of each calibration less that of the first, as elongation, is fitted by a line
-with weights 1/u^2. The interval ends where the drift since the last calibration, with its expanded uncertainty (k = 2:
-that of the last calibration and that of the slope), would reach the permissible drift, by default U of an elongation
-at the check point.
-
-Scatter between calibrations widens the slope's uncertainty where it exceeds their own (Birge). No interval is longer
-than twice the time that the calibrations cover; one calibration gives none. Sources: ILAC-G24 / OIML D 10:2022,
-method 2 (control chart); R. T. Birge, Phys. Rev. 40 (1932) 207.
+The check point's error over time, as elongation, is fitted by a line with weights 1/u^2. The interval ends where the
+drift since the last calibration, with its expanded uncertainty, would reach the permissible drift, by default U of an
+elongation there. It is no longer than twice the time that the calibrations cover; one calibration gives none.
+Sources: ILAC-G24 / OIML D 10:2022, method 2 (control chart); R. T. Birge, Phys. Rev. 40 (1932) 207.
 """
 
 from __future__ import annotations

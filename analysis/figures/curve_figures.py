@@ -86,10 +86,7 @@ class CurveDraws:
     def figure(
         self, value: float, replicates: FloatArray, unit: str, definition: str, *, either_way: bool = False
     ) -> Figure:
-        """Return a figure with its interval from the values of the draws, `replicates` [draws].
-
-        `either_way` takes the wider, at each end, of the percentiles and their reflection.
-        """
+        """Return a figure with its interval from `replicates` [draws]; `either_way` also takes their reflection."""
         if np.isnan(self.dof):
             return bootstrap_figure(value, replicates, unit, self.n_cycles, definition)
         widen = stats.t.ppf(0.975, self.dof) / stats.norm.ppf(0.975)

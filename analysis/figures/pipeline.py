@@ -59,14 +59,10 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Analysis(AnalysedRun):
-    """All figures of one run.
+    """All figures of one run; `lab_figures` are those of the lab's plugins, computed elsewhere.
 
-    Attributes
-    ----------
-    budgets : of an elongation in the middle of the calibrated range; None without a calibration.
-    u_elongation : of each sensor [points, 2], x and U of an elongation there, mm, NaN where it is not known.
-    parts : parts that differ over a break; `sensors` are those of the largest.
-    lab_figures : of the lab's plugins, computed elsewhere.
+    `budgets` are of an elongation in the middle of the calibrated range; `u_elongation` of each sensor [points, 2] x
+    and U, mm; `parts` those that differ over a break, `sensors` the largest's.
     """
 
     system_sensitivity: Figure

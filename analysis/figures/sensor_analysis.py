@@ -107,15 +107,11 @@ class Options:
 
 @dataclass(frozen=True, slots=True)
 class SensorAnalysis:
-    """What is known of one sensor.
+    """What is known of one sensor; `calibration_void` says why there is no calibration.
 
-    Attributes
-    ----------
-    calibration_void : why there is no calibration.
-    sensor_hysteresis_per_cycle, system_hysteresis_per_cycle : [cycles] % FSO over elongation, and over pressure.
-    point_plateau : [points] plateau of each point of the calibration, counted from 0.
-    system_loop, sensor_loop : the mean loop over pressure, and over elongation if x was read.
-    joint_loop : the fit whose loop is that of the sensor; None where the loop is read from the points.
+    The hysteresis per cycle is in % FSO over elongation (sensor) and over pressure (system), as are the mean loops;
+    `point_plateau` is the plateau of each point, counted from 0; `joint_loop` is None if the loop is read from the
+    points.
     """
 
     name: str
@@ -325,10 +321,7 @@ def _usable(run: SegmentedRun, sensor: int, figures: Mapping[str, Figure]) -> di
 
 
 def with_curve(run: AnalysedRun, sensor: int, degree: Degree) -> AnalysedRun:
-    """Return the run with another curve of a sensor; its figures stay those of the curve before.
-
-    Raises DataError if the points do not carry it.
-    """
+    """Return the run with another curve of a sensor, and the figures of the one before; may raise DataError."""
     run, before = replace(run, options=replace(run.options, degree=degree)), run.sensors[sensor]
     calibration = _calibrate(run, sensor, before.point_plateau.astype(np.int64))
     changed = replace(before, calibration=calibration, joint_loop=_joint_loop(calibration.adequacy))

@@ -64,10 +64,7 @@ def code_state() -> str:
 
 
 def reproduce(run: str | Path, parameters: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return the content of a stored analysis, computed again; None if it used a file of elongations.
-
-    Raises FileError if the parameters are not those of an analysis.
-    """
+    """Compute a stored analysis again; None if it used a file of elongations; FileError for other parameters."""
     if "elongation" in parameters:
         return None
     try:

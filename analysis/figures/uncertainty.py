@@ -128,10 +128,7 @@ def combine(components: Sequence[Component], traced: Traceability | None = None)
 
 @dataclass(frozen=True, slots=True)
 class SignalParts:
-    """Standard uncertainties of one sensor's signal, mV, each without what the others hold.
-
-    `half_loop` [points] is half the distance of the branches at equally spaced x from end to end of the range.
-    """
+    """Standard uncertainties of a signal, mV, each without the others; `half_loop` at equally spaced x."""
 
     noise: float
     resolution: float
@@ -351,10 +348,7 @@ def _calibration(analysis: AnalysedRun, sensor: int) -> Calibration:
 
 
 def _half_loop(analysis: AnalysedRun, sensor: int) -> FloatArray:
-    """Half the distance of the branches over the range, mV, less what the reading error of x alone makes of it.
-
-    A loop that is hardly wider than that error has no known course: then its rms, everywhere.
-    """
+    """Half the distance of the branches, mV, without the reading error of x; the rms if hardly wider than that."""
     calibration, width = analysis.sensors[sensor].calibration, analysis.sensors[sensor].sensor_loop
     joint = analysis.sensors[sensor].joint_loop
     if joint is not None:

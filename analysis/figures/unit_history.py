@@ -43,12 +43,10 @@ class UnitHistory:
 
     Attributes
     ----------
-    when : [n] UTC, ISO 8601.
     coefficients, std_errors : [n, degree + 1], the reading of x included; NaN beyond a curve's degree, and of a spline.
     value_mv, expanded_mv, expanded_mm : [n] y(x0), its U (k = 2), and U of an elongation there.
     centre_mv, lower_mv, upper_mv : of the control chart; NaN below two calibrations.
-    en : [n] En score against the calibration before; NaN for the first.
-    curves : of each, [points, 2] x and y over its range.
+    en, curves : [n] En score against the calibration before; of each, [points, 2] x and y over its range.
     """
 
     sensor: str

@@ -1,12 +1,9 @@
 """A report: its content and order, for HTML and PDF alike, and the writing of it.
 
-Strategy: a report is a list of sections, a section holds paragraphs, tables and drawings. This file fills them from
-analyses; `html` and `pdf` only set them. What a reader looks at first comes first: verdict and key figures, then
-curves, loops, drift, uncertainty, tables, settings, provenance.
-
-Rules: nothing is computed: every figure is a field of `Analysis` or of a comparison of runs, rounded as its uncertainty
-warrants; a void figure prints a dash and its reason; SIMULATED is printed across the head of every page of a simulated
-run.
+A report is a list of sections with paragraphs, tables and drawings. This module fills them from analyses; `html` and
+`pdf` only set them. Nothing is computed: every figure is a field of `Analysis` or of a comparison of runs, rounded as
+its uncertainty warrants; a void figure prints a dash and its reason; SIMULATED is printed across the head of every page
+of a simulated run.
 """
 
 from __future__ import annotations
@@ -48,23 +45,15 @@ def write_report(
     units: ShownUnits = STORED_UNITS,
     progress: Progress | None = None,
 ) -> Report:
-    """Write a report of one run, or a comparison of several.
+    """Write a report of one run, or a comparison of several, and return it; one that was cancelled leaves no file.
+
+    Raises RequestError for another ending, no run, or an unknown limit; FileError if the file cannot be written.
 
     Parameters
     ----------
-    analyses : one run, or those to compare.
     path : ends in .html or .pdf.
     limits : name -> value, see `analysis.figures.acceptance.LIMITS`; the verdict is given against them.
     shadow : the run beside the digital shadow, for a report on one run; None leaves it out.
-    progress : is called with the pages or sections that are set and their number; raising from it leaves no file.
-
-    Returns
-    -------
-    The report that was written.
-
-    Raises
-    ------
-    RequestError : another ending, no run, an unknown limit. FileError : the file cannot be written.
     """
     return write_built(lambda: in_units(build_report(analyses, limits, shadow), units), Path(path), progress)
 
@@ -74,14 +63,7 @@ def build_report(
 ) -> Report:
     """Return a report: calibration or repeatability, as the run is; several runs are compared.
 
-    Parameters
-    ----------
-    analyses, limits : as `write_report` takes them.
-    shadow : of a single run, `analysis.figures.against_shadow`; None leaves the section out.
-
-    Raises
-    ------
-    RequestError : no run, or a limit for something that has none.
+    Raises RequestError without a run, or for a limit of something that has none.
     """
     if not analyses:
         raise RequestError("there is no run to report on", "Give one recording or more.")

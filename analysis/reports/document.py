@@ -66,14 +66,7 @@ class Attachment:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A whole report.
-
-    Attributes
-    ----------
-    facts : the lines of its head: who, what, when.
-    date : ISO 8601, of the document; "" where it is not known.
-    marks : across the head of every page, beside SIMULATED.
-    """
+    """A whole report: `facts` lines of its head, `date` ISO 8601 or "", `marks` above every page beside SIMULATED."""
 
     title: str
     subject: str

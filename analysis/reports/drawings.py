@@ -1,8 +1,7 @@
 """The figures of a report, each drawn onto axes that are passed in, and set onto a canvas, for HTML and PDF alike.
 
-Rules: a drawing evaluates curves on its own grid and thins a trace, and computes nothing else; colours and sizes come
-from `analysis.figure_style`; every axis has a title with its unit; filled points are loading, open ones unloading. On a
-canvas the margins are fixed, in inches.
+A drawing evaluates curves on its own grid and thins a trace, and computes nothing else; colours and sizes come from
+`analysis.figure_style`; filled points are loading, open ones unloading. Margins are fixed, in inches.
 """
 
 from __future__ import annotations
@@ -58,12 +57,7 @@ def signed(value: float) -> str:
 
 
 def calibration_curve(analysis: Analysis, sensor: int, ax: Axes) -> None:
-    """Points, fitted curve, 95 % bands of curve and of a new reading.
-
-    Parameters
-    ----------
-    sensor : counted from 0.
-    """
+    """Draw points, fitted curve, 95 % bands of curve and of a new reading."""
     one = analysis.sensors[sensor]
     calibration = one.calibration
     assert calibration is not None
@@ -80,12 +74,7 @@ def calibration_curve(analysis: Analysis, sensor: int, ax: Axes) -> None:
 
 
 def residuals(analysis: Analysis, sensor: int, ax: Axes) -> None:
-    """Residuals of the calibration over elongation.
-
-    Parameters
-    ----------
-    sensor : counted from 0.
-    """
+    """Draw the residuals of the calibration over elongation."""
     calibration = analysis.sensors[sensor].calibration
     assert calibration is not None
     ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
@@ -94,12 +83,7 @@ def residuals(analysis: Analysis, sensor: int, ax: Axes) -> None:
 
 
 def system_loop(analysis: Analysis, sensor: int, ax: Axes) -> None:
-    """All loops of signal against pressure, coloured by cycle.
-
-    Parameters
-    ----------
-    sensor : counted from 0.
-    """
+    """Draw all loops of signal against pressure, coloured by cycle."""
     loops = analysis.loops
     colours = mpl.colormaps[style.CYCLES](np.linspace(0.05, 0.92, max(loops.n_cycles, 2)))
     for k in range(loops.n_cycles):
@@ -141,12 +125,7 @@ def actuator_loop(analysis: Analysis, ax: Axes) -> None:
 
 
 def drift_of_levels(analysis: Analysis, sensor: int, ax: Axes) -> None:
-    """Displacement of each pressure level from its mean, over cycles, % FSO.
-
-    Parameters
-    ----------
-    sensor : counted from 0.
-    """
+    """Draw the displacement of each pressure level from its mean, over cycles, % FSO."""
     loops, moved = analysis.loops, analysis.sensors[sensor].by_cycle.level_displacement_percent_fso
     chosen = np.unique(np.linspace(0, loops.level_kpa.size - 1, 5).round().astype(int))
     colours = mpl.colormaps["cividis"](np.linspace(0.0, 0.95, chosen.size))
@@ -158,12 +137,7 @@ def drift_of_levels(analysis: Analysis, sensor: int, ax: Axes) -> None:
 
 
 def per_cycle_figure(analysis: Analysis, name: str, label: str, title: str, ax: Axes) -> None:
-    """One figure cycle by cycle, all sensors, warm-up cycles shaded.
-
-    Parameters
-    ----------
-    name : of the field of `FiguresByCycle`.
-    """
+    """Draw one field `name` of `FiguresByCycle` of all sensors, warm-up cycles shaded."""
     warm = max((sensor.by_cycle.warm_up for sensor in analysis.sensors), default=0)
     for i, sensor in enumerate(analysis.sensors):
         values, named = sensor.by_cycle, f"sensor {i + 1}"
@@ -176,12 +150,7 @@ def per_cycle_figure(analysis: Analysis, name: str, label: str, title: str, ax: 
 
 
 def distribution(analysis: Analysis, sensor: int, ax: Axes) -> None:
-    """Spread over cycles at each pressure: box of quartiles and whiskers to the extremes, % FSO from the mean.
-
-    Parameters
-    ----------
-    sensor : counted from 0.
-    """
+    """Draw the spread over cycles at each pressure: quartiles and whiskers to the extremes, % FSO from the mean."""
     loops, moved = analysis.loops, analysis.sensors[sensor].by_cycle.branch_displacement_percent_fso
     step, line = max(1, -(-loops.level_kpa.size // 10)), {"color": style.SOFT, "lw": 0.6}
     for b, shift, fill in ((0, -0.18, style.PAPER_COLOUR), (1, 0.18, style.sensor_colour(sensor))):
@@ -202,12 +171,7 @@ def distribution(analysis: Analysis, sensor: int, ax: Axes) -> None:
 
 
 def side_by_side(analyses: Sequence[Analysis], name: str, ax: Axes) -> None:
-    """One figure of every run with its interval, runs of one unit next to one another, a colour a sensor.
-
-    Parameters
-    ----------
-    name : key of the figure.
-    """
+    """Draw one figure of every run with its interval, runs of one unit next to one another, a colour a sensor."""
     order = sorted(range(len(analyses)), key=lambda i: (analyses[i].recording.unit, i))
     for i in range(max(len(a.sensors) for a in analyses)):
         for place, run in enumerate(order):
@@ -229,12 +193,7 @@ def side_by_side(analyses: Sequence[Analysis], name: str, ax: Axes) -> None:
 
 
 def uncertainty_over_x(u_elongation: Sequence[FloatArray], ax: Axes) -> None:
-    """U of an elongation over the calibrated range, all sensors.
-
-    Parameters
-    ----------
-    u_elongation : of each sensor [points, 2], x and U, mm; empty where there is none, NaN where it is not known.
-    """
+    """Draw U of an elongation over the calibrated range, of each sensor [points, 2] x and U, mm; NaN where unknown."""
     for i, u in enumerate(u_elongation):
         ax.plot(u[:, 0], 1000.0 * u[:, 1], color=style.sensor_colour(i), label=f"sensor {i + 1}")
     ax.set_ylim(bottom=0.0)
@@ -278,16 +237,7 @@ def trace(analysis: Analysis, ax: Axes) -> None:
 
 
 def envelope(time: FloatArray, values: FloatArray, buckets: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the extremes of `buckets` stretches: a line of millions of points drawn with few, no peak lost.
-
-    Parameters
-    ----------
-    time, values : [n].
-
-    Returns
-    -------
-    Time, lowest and highest value of each stretch with a value.
-    """
+    """Return time, lowest and highest value of `buckets` stretches: millions of points drawn with few, no peak lost."""
     size = max(1, -(-values.size // buckets))
     starts = np.arange(0, values.size, size)
     known = np.isfinite(values)
@@ -376,12 +326,7 @@ def _boxes(drawing: ReportDrawing, x: float, y: float, width: float) -> list[tup
 
 
 def as_svg(drawing: ReportDrawing, width: float, *, text: bool = False) -> str:
-    """Return the SVG element alone.
-
-    Parameters
-    ----------
-    text : keep text as text, for a page whose fonts are known; outlines of its letters else.
-    """
+    """Return the SVG element alone; `text` keeps text as text, for a page whose fonts are known, else outlines."""
     with mpl.rc_context({**style.RC, "svg.fonttype": "none" if text else "path"}):
         canvas = Canvas(figsize=(width, drawing.height))
         FigureCanvasSVG(canvas)

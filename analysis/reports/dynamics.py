@@ -18,17 +18,7 @@ from analysis.version import program_version
 
 
 def write_dynamic_report(found: DynamicCalibration, path: str | Path, progress: Progress | None = None) -> Report:
-    """Write a dynamic calibration as HTML or PDF.
-
-    Parameters
-    ----------
-    path : ends in .html or .pdf.
-    progress : is called with the pages or sections that are set and their number.
-
-    Raises
-    ------
-    RequestError : another ending. FileError : the file cannot be written.
-    """
+    """Write a dynamic calibration as .html or .pdf; raises BoatDaqError for another ending, or a refused file."""
     return write_built(partial(dynamic_report, found), Path(path), progress)
 
 

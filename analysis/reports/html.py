@@ -1,7 +1,7 @@
-"""A report as one HTML file: no script, no outside reference, drawings as inline SVG, everything escaped.
+"""A report as one HTML file: no script, no outside reference, drawings as inline SVG.
 
-Rules: Jinja2 with autoescape sets all text; only the SVG that matplotlib wrote is marked as safe. On a narrow screen a
-row of a table becomes a block with a line for each cell, and drawings shrink: nothing is cut off or scrolls sideways.
+Jinja2 with autoescape sets all text; only the SVG that matplotlib wrote is marked as safe. On a narrow screen a row of
+a table becomes a block with a line for each cell, and drawings shrink: nothing is cut off or scrolls sideways.
 """
 
 from __future__ import annotations
@@ -24,13 +24,7 @@ STACKED_INCH = 4.0  # its labels are read on a telephone; the template gives it 
 
 
 def write_html(report: Report, path: Path, progress: Progress | None = None) -> None:
-    """Write the report, at once: a report that was cancelled leaves no file.
-
-    Parameters
-    ----------
-    report, path : what is written, and where.
-    progress : is called with the sections that are set and their number.
-    """
+    """Write the report at once: a report that was cancelled leaves no file."""
     write_whole(path, render_html(report, progress))
 
 

@@ -36,13 +36,7 @@ NO_BREAK = "\u00a0"
 
 
 def write_pdf(report: Report, path: Path, progress: Progress | None = None) -> None:
-    """Write the report, at once: a report that was cancelled leaves no file.
-
-    Parameters
-    ----------
-    report, path : what is written, and where.
-    progress : is called with the sections that are set and their number.
-    """
+    """Write the report at once: a report that was cancelled leaves no file."""
     write_whole(path, render_pdf(report, progress))
 
 

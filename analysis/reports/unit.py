@@ -37,34 +37,12 @@ def write_unit_report(
     simulated: bool,
     progress: Progress | None = None,
 ) -> Report:
-    """Write the history of a unit.
-
-    Parameters
-    ----------
-    path : ends in .html or .pdf.
-    simulated : whether the calibrations are those of virtual boards.
-    progress : is called with the pages or sections that are set and their number.
-
-    Raises
-    ------
-    RequestError : another ending. FileError : the file cannot be written.
-    """
+    """Write the history of a unit as .html or .pdf; raises BoatDaqError for another ending, or a refused file."""
     return write_built(partial(unit_report, unit, histories, simulated=simulated), Path(path), progress)
 
 
 def write_built(build: Callable[[], Report], path: Path, progress: Progress | None) -> Report:
-    """Write a report in the format of its file's ending, and return it.
-
-    Parameters
-    ----------
-    build : returns the report; it is called only where the ending and the folder are right.
-    path : ends in .html or .pdf.
-    progress : is called with the pages or sections that are set and their number.
-
-    Raises
-    ------
-    RequestError : another ending. FileError : the file cannot be written.
-    """
+    """Write the report that `build` returns as .html or .pdf; raises BoatDaqError before if that cannot be."""
     writer = WRITERS.get(path.suffix.lower())
     if writer is None:
         raise RequestError(f"{path.name} ends in neither .html nor .pdf", "Choose one of the two.")

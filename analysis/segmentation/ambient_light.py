@@ -1,15 +1,10 @@
 """What ambient light moves the mean signal of a position by in every cycle alike.
 
-Strategy: dark and lit are read one after the other, so what the light changes by in between remains in the signal. A
-lamp that flickers near a multiple of the sampling rate leaves a slow wave, a quarter of a period from the one in the
-dark readings. Where the cycles last about a multiple of its period it moves a position alike in each of them, and
-neither the scatter within positions nor resampling the cycles shows it. How fast the dark readings change gives its
-shape. The signals of parts of the holds, less the mean of their position, are regressed on that: its size. Both
-together are what the cycles of a position share.
-Source: GUM (JCGM 100) F.2.4.5, of an effect that is recognised and not corrected for: u^2 = its square + its variance.
-
-Rules: sensors share the delay between dark and lit, hence the size; creep in a hold has one shape for either branch and
-is fitted besides; nothing here knows curves or elongations.
+Dark and lit are read one after the other, so what the light changes by in between remains in the signal. A lamp that
+flickers near a multiple of the sampling rate leaves a slow wave; if the cycles last about a multiple of its period it
+moves a position alike in each of them, and no scatter shows it. The change of the dark readings gives its shape; the
+regression of the signals of parts of the holds on that, creep fitted besides, its size, common to all sensors.
+Source: GUM (JCGM 100) F.2.4.5, an effect that is recognised and not corrected: u^2 = its square + its variance.
 """
 
 from __future__ import annotations
@@ -31,13 +26,9 @@ def ambient_in_means(
 ) -> FloatArray:
     """Return the error that ambient light gives each plateau in every cycle alike, [sensors, plateaus] mV.
 
-    One standard uncertainty; signs are those of the wave: the errors of all plateaus are fully correlated. Zero where
-    the source has no dark readings, where these show no light that changes, and for plateaus that do not count.
-
-    Parameters
-    ----------
-    used : [n] plateaus of the cycles that count, from 0.
-    positions : [n] label of the position (level and branch) of each.
+    One standard uncertainty with the sign of the wave: the errors of all plateaus are fully correlated. Zero without
+    dark readings or changing light, and for plateaus that do not count. `used` and `positions` [n] are the plateaus of
+    the cycles that count, from 0, and the label of the position (level and branch) of each.
     """
     change = np.zeros((recording.n_sensors, len(plateaus)))
     normal, right, parts = 0.0, 0.0, []
@@ -71,10 +62,7 @@ def ambient_in_means(
 
 
 def _means_of_parts(recording: Recording, sensor: int, holds: list[Plateau]) -> tuple[FloatArray, float]:
-    """Return the means of parts of the holds, [holds, parts, 3], and the noise of a mean of the light.
-
-    The light and how it changes, in counts, and the signal, mV.
-    """
+    """Return means of parts of the holds, [holds, parts, 3], light, change and signal, and the light's noise."""
     assert recording.dark is not None
     rows, good = np.arange(recording.n), recording.usable[:, sensor]
     dark, signal = (

@@ -1,9 +1,7 @@
-"""What the plateaus of a cycle differ by together from those of the other cycles.
+"""What the plateaus of a cycle differ by together from those of the other cycles: one-way random effects.
 
-Strategy: one-way random effects: the mean of each cycle, about it each plateau. What is shared has the degrees of
-freedom of the cycles, the rest those of the plateaus.
-
-Rules: only places that every cycle has are compared; nothing here knows curves or elongations.
+What is shared has the degrees of freedom of the cycles, the rest those of the plateaus. Only places that every cycle
+has are compared.
 """
 
 from __future__ import annotations
@@ -18,20 +16,11 @@ from analysis.segmentation.loops import Loops
 
 @dataclass(frozen=True, slots=True)
 class CycleEffect:
-    """What the plateaus of a cycle differ by together from those of other cycles.
+    """What the plateaus of a cycle differ by together from those of other cycles; `places` is how many each cycle has.
 
-    That has only as many degrees of freedom as there are cycles, and moved the curve too: the error of a mean over n
-    cycles adds 1/n of its variance.
-
-    Parameters
-    ----------
-    cycles, places : numbers of cycles, and of places that each of them has.
-    mean_variance : of the means of the cycles, mV^2.
-
-    Notes
-    -----
-    One-way random effects by the analysis of variance (S. R. Searle, G. Casella, C. E. McCulloch, Variance Components,
-    1992, 3.6); degrees of freedom of the sum by Welch and Satterthwaite.
+    `mean_variance` is of the means of the cycles, mV^2. The effect moved the curve too: the error of a mean over n
+    cycles adds 1/n of its variance. Analysis of variance (S. R. Searle, G. Casella, C. E. McCulloch, Variance
+    Components, 1992, 3.6); degrees of freedom of the sum by Welch and Satterthwaite.
     """
 
     cycles: int

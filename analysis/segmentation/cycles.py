@@ -1,12 +1,10 @@
 """Cycles from measured pressure.
 
-Strategy: the pressure is freed of spikes, drop-outs and noise, its span is taken from robust extremes, and a reversal
-of at least half of it is an extreme: noise, ties on the end levels and small excursions cannot make one, and amplitudes
-may grow or shrink. A cycle runs from the extreme that the run starts with, through the other, back.
-
-Rules: an incomplete first or last cycle is named and left out, never completed; a cycle across a segment boundary (a
-pause, a reset) is left out; one with a hole is marked; smaller excursions are listed. The sequencer's
-marks are compared, never used, but for a run that ended before its second branch. Nothing here looks at a signal.
+The pressure is freed of spikes, drop-outs and noise; a reversal of at least half of its span, taken from robust
+extremes, is an extreme, so that amplitudes may grow or shrink. A cycle runs from the extreme that the run starts with,
+through the other, back. An incomplete first or last cycle and one across a segment boundary are named and left out;
+smaller excursions are listed. The sequencer's marks are compared, and used only for a run that ended before its second
+branch. Nothing here looks at a signal.
 """
 
 from __future__ import annotations
@@ -39,11 +37,7 @@ MAX_WINDOW = 401  # samples of the noise filter
 
 @dataclass(frozen=True, slots=True)
 class Cycle:
-    """One complete cycle: rows `first`..`last`, the other extreme at row `turn`.
-
-    `falls_first` is True where it starts at high pressure: then first..turn is the unloading branch, the way from
-    elongation to compression, and turn..last the loading branch; else the other way round.
-    """
+    """One complete cycle: rows `first`..`last`, the other extreme at row `turn`; `falls_first` from high pressure."""
 
     number: int
     first: int
@@ -82,16 +76,10 @@ class Excursion:
 
 @dataclass(frozen=True, slots=True)
 class Cycles:
-    """The cycles found in the pressure.
+    """The cycles found in the pressure; some of `complete` are left out for a stated reason (`left_out`).
 
-    Attributes
-    ----------
-    complete : cycles that enter the figures, and those left out for a stated reason (`left_out` not empty).
-    partial : the incomplete first and last cycle, where there is one.
-    excursions : reversals too small to be a cycle.
-    smooth_kpa : [n] the pressure used, free of spikes and noise.
-    noise_kpa : sd of the white noise found on the pressure.
-    void : why nothing was driven, so that there can be no cycle; "" where something was.
+    `excursions` are reversals too small to be a cycle; `smooth_kpa` [n] is the pressure used, `noise_kpa` the sd of
+    what was removed; `void` says why nothing was driven, or "".
     """
 
     complete: tuple[Cycle, ...]
@@ -117,13 +105,7 @@ class Cycles:
 
 
 def smooth_pressure(pressure_kpa: FloatArray, usable: BoolArray) -> tuple[FloatArray, float]:
-    """Free a pressure of what is not usable, of single spikes and of noise.
-
-    Returns
-    -------
-    [n] smoothed pressure, and the sd of the white noise that was on it. The running mean is as short as brings the
-    noise below 1 % of the span.
-    """
+    """Return the pressure [n] without faults, spikes and noise above 1 % of the span, and the sd of that noise."""
     rows = np.arange(pressure_kpa.size)
     good = np.asarray(usable, dtype=bool)
     if not good.any():
@@ -179,16 +161,7 @@ def _drop_outs(pressure_kpa: FloatArray, jump_kpa: float) -> BoolArray:
 
 
 def find_cycles(recording: Recording, tolerance_kpa: float = TOLERANCE_KPA) -> Cycles:
-    """Find the cycles of a run in its measured pressure.
-
-    Parameters
-    ----------
-    tolerance_kpa : a pressure that stays within it of one level is held: ripple and drift make no cycle.
-
-    Returns
-    -------
-    Cycles; empty, never an error, where the pressure did not move or the run is too short.
-    """
+    """Find the cycles of a run in its measured pressure; a level is held within `tolerance_kpa`."""
     smooth, noise = smooth_pressure(recording.pressure_kpa, recording.pressure_usable)
     low, high = (float(v) for v in np.percentile(smooth, [0.5, 99.5]))
     span = high - low
@@ -305,10 +278,10 @@ def _paces(smooth: FloatArray, time_s: FloatArray, groups: list[_Group]) -> list
 
 
 def _is_lead(paces_s: list[float]) -> bool:
-    """True where the first stretch is a ramp from the vented state: far quicker than the branches the same way.
+    """True if the first stretch is a ramp from the vented state: far quicker than the branches the same way.
 
-    A branch has holds. Where the second stretch is as quick, both are a quick cycle. One branch the other way serves
-    where there is no other the same way.
+    A branch has holds. If the second stretch is as quick, both are a quick cycle. One branch the other way serves if
+    there is no other the same way.
     """
     if len(paces_s) < 3:
         return False
@@ -317,10 +290,10 @@ def _is_lead(paces_s: list[float]) -> bool:
 
 
 def _falls_short(groups: list[_Group], span: float) -> bool:
-    """True where the first extreme was cut off: short of its neighbour of the same kind.
+    """True if the first extreme was cut off: short of its neighbour of the same kind.
 
-    A run whose amplitude grows or shrinks starts or ends short too, but its other extremes then continue the trend.
-    Where there are no others to tell, the cycle that closes is preferred.
+    A run whose amplitude grows or shrinks starts or ends short too, but its other extremes then continue the trend. If
+    there are no others to tell, the cycle that closes is preferred.
     """
     if len(groups) < 3:
         return False
@@ -382,9 +355,9 @@ def _small_excursions(smooth: FloatArray, span: float, noise: float) -> tuple[Ex
 
 
 def disagreements_with_marks(cycles: Cycles, recording: Recording) -> tuple[str, ...]:
-    """Compare the cycles with the sequencer's marks; one text for each disagreement.
+    """Return a text for each disagreement of the cycles with the sequencer's marks.
 
-    A mark agrees where the found cycle's two extremes lie inside the marked one, to within a tenth of its length.
+    A mark agrees if the cycle's two extremes lie inside the marked one, to within a tenth of its length.
     """
     marked = _marked_cycles(recording.steps)
     if marked is None or recording.n < 2:

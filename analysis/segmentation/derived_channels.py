@@ -13,10 +13,7 @@ from protocol.base.arrays import BoolArray, FloatArray
 
 
 def derived_json(recording: Recording, plateaus: Sequence[Plateau]) -> list[dict[str, Any]]:
-    """Return each derived channel with mean, standard deviation and count, of the run and of the settled plateaus.
-
-    Samples that may enter no figure of any sensor, and values that are not finite, are left out.
-    """
+    """Return mean, sd and count of each derived channel, of the run and of the settled plateaus."""
     values = recording.derived_values()
     usable = np.asarray(recording.usable.any(axis=1), dtype=bool)
     found = []

@@ -1,13 +1,10 @@
 """Influence quantities: how a sensor's signal follows what was measured beside it, such as the temperature.
 
-Strategy: at one position of the loop (pressure and branch) the signal of every cycle should be the same. What each
-value differs from the mean of its position is regressed on the same difference of the channel: neither the curve nor
-the hysteresis enters, and no reading of elongation is needed. A continuous run gives one value a cycle.
-
-Rules: values of one cycle share its disturbance, so the uncertainty is that of leaving out one cycle after the other
-(jackknife), and never less than that of independent values; the degrees of freedom are those of the cycles, each
-counted by how much the channel differs in it. A channel that rises or
-falls with time cannot be distinguished from drift, and is named so. The channel is in the unit that it was recorded in.
+The difference of each value of the signal from the mean of its position (pressure and branch) is regressed on the same
+difference of the channel: neither curve nor hysteresis nor readings enter. A continuous run gives one value a cycle.
+The uncertainty is that of leaving out one cycle after the other (jackknife), at least that of independent values; the
+degrees of freedom are those of the cycles, each counted by how much the channel differs in it. A channel that rises or
+falls with time cannot be distinguished from drift, and is named so.
 """
 
 from __future__ import annotations
@@ -33,17 +30,11 @@ LEAST_PERCENT = 0.5  # of the full-scale output, over the channel's range: less 
 
 @dataclass(frozen=True, slots=True)
 class ChannelInfluence:
-    """What one channel explains of one sensor.
+    """What one channel, in the unit it was recorded in, explains of one sensor, or `void`.
 
-    Attributes
-    ----------
-    low, high : the channel's range in the cycles that are used.
-    correlation : between the differences of signal and channel from the means of their positions.
-    coefficient_mv : mV for one unit of the channel.
-    expanded_mv : its expanded uncertainty, 95 %.
-    coefficient_mm : elongation that this looks like, mm for one unit; NaN without a calibration.
-    effect_percent_fso : the coefficient over the channel's range, in % of the full-scale output.
-    void : why there is no coefficient, or "".
+    `correlation` is between the differences of signal and channel from the means of their positions; the coefficients
+    are for one unit, mV with its U (95 %) and as elongation; `effect_percent_fso` is over the channel's range, `low` to
+    `high`.
     """
 
     name: str
@@ -89,17 +80,7 @@ def influences(
     fso_mv: float,
     sensitivity_mv_per_mm: float,
 ) -> tuple[ChannelInfluence, ...]:
-    """Return what each extra channel of a run explains of one sensor.
-
-    Parameters
-    ----------
-    sensor : counted from 0.
-    fso_mv, sensitivity_mv_per_mm : of the sensor; NaN where they are not known.
-
-    Returns
-    -------
-    One for each channel that has values.
-    """
+    """Return what each extra channel with values explains of one sensor; `fso_mv` and the sensitivity may be NaN."""
     if recording.channel is None:
         return ()
     holds = [p for p in plateaus if p.cycle in loops.numbers and p.branch in ("loading", "unloading") and not p.void]

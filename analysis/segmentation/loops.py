@@ -1,11 +1,8 @@
-"""Loops: the two branches of every cycle on one set of pressure levels.
+"""Loops: the two branches of every cycle on one set of pressure levels, [branch, cycle, level], NaN without a value.
 
-Strategy: a staircase gives its plateaus, a continuous run the means of its samples in equal bins of pressure; from here
-on both are the same thing, arrays [branch, cycle, level] with NaN where there is no value. Hysteresis, repeatability
-and drift are read from these arrays and nowhere else.
-
-Rules: branch 0 is unloading, 1 is loading; levels ascend in pressure; branches are compared only where they overlap,
-interpolated between their own points, never extrapolated. A damaged plateau or cycle leaves NaN, and a reason.
+A staircase gives its plateaus, a continuous run the means of its samples in equal bins of pressure. Branch 0 is
+unloading, 1 is loading; levels ascend in pressure; branches are compared only where they overlap, interpolated between
+their own points, never extrapolated. A damaged plateau or cycle leaves NaN, and a reason.
 """
 
 from __future__ import annotations
@@ -34,14 +31,13 @@ class Loops:
     Attributes
     ----------
     level_kpa : [levels] nominal, ascending.
-    pressure_kpa : [2, cycles, levels] measured.
-    elongation_mm : [2, cycles, levels], or None where x was not read.
+    pressure_kpa, elongation_mm : [2, cycles, levels] measured; None if x was not read.
     signal_mv : [sensors, 2, cycles, levels].
-    own : [2, cycles, levels] True where the value belongs to this branch alone; an extreme ends one branch and only
-        opens the next, so that it is counted once.
+    own : [2, cycles, levels] True if the value belongs to this branch alone; an extreme ends one branch and only opens
+        the next, so that it is counted once.
     void : a sentence for every cycle or plateau that carries no figure.
     ends_kpa : lowest and highest pressure that the cycles reach.
-    binned : True where the levels are bins of a continuous run.
+    binned : the levels are bins of a continuous run.
     """
 
     level_kpa: FloatArray
@@ -63,12 +59,7 @@ class Loops:
 def staircase_loops(
     plateaus: tuple[Plateau, ...], cycles: Cycles, elongation_mm: FloatArray | None, n_sensors: int
 ) -> Loops:
-    """Arrange the plateaus of the used cycles as loops.
-
-    Parameters
-    ----------
-    elongation_mm : [plateaus] mm; None where x was not read.
-    """
+    """Arrange the plateaus of the used cycles as loops; `elongation_mm` is [plateaus], None if x was not read."""
     inside = [p for p in plateaus if p.cycle or p.branch]
     levels, level_of = cluster_levels(np.asarray([p.pressure_kpa for p in plateaus]))
     numbers = tuple(cycle.number for cycle in cycles.used)
@@ -137,12 +128,7 @@ def continuous_loops(recording: Recording, cycles: Cycles) -> Loops:
 
 
 def cluster_levels(pressure_kpa: FloatArray, apart_kpa: float = 2.0) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    """Group plateaus held at one pressure.
-
-    Returns
-    -------
-    levels [levels] ascending, medians of their plateaus; and for each plateau the number of its level, -1 for NaN.
-    """
+    """Return the levels held, [levels] ascending medians, and the number of each plateau's level, -1 for NaN."""
     known = np.flatnonzero(np.isfinite(pressure_kpa))
     order = known[np.argsort(pressure_kpa[known], kind="stable")]
     level_of = np.full(pressure_kpa.size, -1, dtype=np.int64)
@@ -155,11 +141,10 @@ def cluster_levels(pressure_kpa: FloatArray, apart_kpa: float = 2.0) -> tuple[Fl
 
 @dataclass(frozen=True, slots=True)
 class LoopWidth:
-    """How far the branches of loops lie apart, in the unit of the ordinate.
+    """How far the branches of loops lie apart, in the unit of the ordinate; NaN and `void` if they do not overlap.
 
     `per_cycle` [cycles]; `mean_loop`, of the loop averaged over cycles; `replicates` of it over resampled cycles;
     `grid`, `unloading`, `loading` : the mean loop. `shared` : the part of the whole abscissa that all branches cover.
-    NaN and `void` where branches do not overlap.
     """
 
     per_cycle: FloatArray
@@ -175,15 +160,8 @@ class LoopWidth:
 def loop_width(abscissa: FloatArray, ordinate: FloatArray, weights: FloatArray) -> LoopWidth:
     """Measure max |loading - unloading| over the abscissa that the branches share.
 
-    Parameters
-    ----------
-    abscissa, ordinate : [2, cycles, levels].
-    weights : [resamples, cycles] bootstrap weights.
-
-    Notes
-    -----
-    Branches are piecewise linear between their points, so the largest distance is at a point of one of them: the grid
-    is the union of all points, which makes the maximum exact.
+    `abscissa` and `ordinate` are [2, cycles, levels], `weights` [resamples, cycles]. Branches are piecewise linear
+    between their points: on the union of all points the maximum is exact.
     """
     cycles = abscissa.shape[1]
     known = np.isfinite(abscissa) & np.isfinite(ordinate)
@@ -232,15 +210,10 @@ def _shared_grid(abscissa: FloatArray, known: BoolArray) -> FloatArray:
 
 
 def end_levels(loops: Loops, sensor: int, weights: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-    """Return the signal at the lowest and at the highest pressure, mV, of each row of cycle weights ([1] without).
+    """Return the signal at the lowest and at the highest pressure, mV, of each row of cycle weights [rows, cycles].
 
-    Means over branches and cycles. Where `ends_kpa` lie beyond the outermost levels (half a bin, in a continuous run)
-    the line through the two outermost levels is followed to them.
-
-    Parameters
-    ----------
-    sensor : counted from 0.
-    weights : [rows, cycles]; None takes each cycle once.
+    Means over branches and cycles. If `ends_kpa` lie beyond the outermost levels (half a bin, in a continuous run) the
+    line through the two outermost levels is followed to them.
     """
     known = np.isfinite(loops.signal_mv[sensor]).any(axis=(0, 1)) if loops.n_cycles else np.zeros(0, bool)
     rows = 1 if weights is None else weights.shape[0]

@@ -1,10 +1,7 @@
 """The losses in a figure's window: samples that never came, failed their check, were saturated, flagged, or not finite.
 
-Strategy: each reason is counted along the run once, as a running sum, so that any window's count is a difference of two
-of its entries, whatever the number of windows.
-
-Rules: a sample is counted under one reason, the first that holds; what is lost because its frame failed its check is
-counted under `crc_failed`, what is lost otherwise under `lost`. Above a limit the figure is void, with the share.
+Each reason is counted along the run once, as a running sum, so that any window's count is a difference of two entries.
+A sample is counted under the first reason that holds. Above a limit the figure is void, with the share.
 """
 
 from __future__ import annotations

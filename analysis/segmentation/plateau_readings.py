@@ -1,10 +1,8 @@
 """Readings of elongation, matched to their plateaus.
 
-Strategy: a reading of the session carries its step, and so its plateau; a file's rows are matched by order or by their
-cycle and branch columns. Every match is checked by pressure.
-
-Rules: a file that does not fit is refused with the first place where it does not. The
-reading that counts for a step is the last one entered.
+A reading of the session carries its step, and so its plateau; a file's rows are matched by order or by their cycle and
+branch columns, and checked by pressure. A file that does not fit is refused with the first place where it does not.
+The reading that counts for a step is the last one entered.
 """
 
 from __future__ import annotations
@@ -43,20 +41,7 @@ class Elongations:
 def elongations_of(
     recording: Recording, plateaus: tuple[Plateau, ...], file: str | Path | None = None
 ) -> Elongations | None:
-    """Return the elongations of a run, from `file` if one is given, else from the recording's own readings.
-
-    Parameters
-    ----------
-    file : CSV of elongations; None takes the readings of the recording.
-
-    Returns
-    -------
-    None where there are none: then the figures against pressure can still be given.
-
-    Raises
-    ------
-    FileError, DataError : the file cannot be read, or does not fit the plateaus.
-    """
+    """Return the elongations of a CSV `file`, or of the recording, None without any; BoatDaqError if unfit."""
     if file is not None:
         steps = recording.steps
         reached = set(steps.loc[steps["status"] == "reached", "id"].tolist())
@@ -67,13 +52,8 @@ def elongations_of(
 def read_elongation_file(path: str | Path) -> pd.DataFrame:
     """Read a CSV of elongations, as `protocol.recording.elongation_file` describes it.
 
-    Returns
-    -------
-    Frame with `pressure_kpa`, `elongation_mm`, and `cycle` and `branch` where the file has them.
-
-    Raises
-    ------
-    FileError : it cannot be read, lacks a column, or a row is not numbers; names the line.
+    Returns `pressure_kpa`, `elongation_mm`, and `cycle` and `branch` if the file has them; raises FileError with the
+    line.
     """
     try:
         rows = read_elongation_rows(Path(path))
@@ -126,9 +106,9 @@ def _near(plateaus: tuple[Plateau, ...]) -> float:
 def _by_order(
     frame: pd.DataFrame, plateaus: tuple[Plateau, ...], reached: set[int], *, near: float, name: str
 ) -> FloatArray:
-    """Rows in plateau order: of all plateaus, of those in cycles, of the sequencer's steps, as an interrupted run
-    has them, or of those at a pressure that was read (a plan without zero is vented at either end);
-    equal neighbours in the file are one hold.
+    """Return rows in plateau order: of all, those in cycles, the sequencer's steps, or those at a pressure read.
+
+    Equal neighbours in the file are one hold.
     """
     everything = list(range(len(plateaus)))
     in_cycles = [i for i in everything if plateaus[i].branch]

@@ -1,13 +1,10 @@
 """Plateaus of a staircase, from measured pressure.
 
-Strategy: an edge is where the means of two adjoining windows differ by more than noise and tolerance allow; a plateau
-is a stretch between edges that stays within tolerance of its own median. Several window lengths are tried and the one
-that explains most of the run is kept, so that fast and slow ramps, short and long holds, quiet and noisy sensors all
-work without a setting. A continuous run gives none or only its turning points, and is called continuous.
-
-Rules: a plateau's value is the mean of its settled part, its standard error corrected for autocorrelation; what is
-flagged or not finite is left out and counted; above a limit of lost and left-out samples the plateau is void. The
-sequencer's steps name a plateau and split a hold that two steps share; they never make one.
+An edge is where the means of two adjoining windows differ by more than noise and tolerance allow; a plateau is a
+stretch between edges that stays within tolerance of its own median. Several window lengths are tried and the one that
+explains most of the run is kept, so that fast and slow ramps, short and long holds need no setting. A plateau's value
+is the mean of its settled part, its standard error corrected for autocorrelation; above a limit of lost and left-out
+samples it is void. The sequencer's steps name a plateau and split a hold that two steps share; they never make one.
 """
 
 from __future__ import annotations
@@ -52,8 +49,8 @@ class Plateau:
     """One hold. Values are of its settled part; per sensor where a tuple.
 
     `cycle` is 0 outside the complete cycles; `branch` is "unloading", "loading", "start" (the extreme that opens the
-    first cycle) or "" outside; `void` is why the plateau carries no figure, or ""; `damaged` is that of each
-    sensor, whose values are then NaN and its count 0. `losses` are each sensor's.
+    first cycle) or "" outside; `void` is why the plateau carries no figure, or ""; `damaged` that of each sensor, whose
+    values are then NaN and its count 0.
     """
 
     number: int
@@ -87,13 +84,7 @@ class Plateau:
 
 
 def find_plateaus(recording: Recording, cycles: Cycles, settings: PlateauSettings | None = None) -> tuple[Plateau, ...]:
-    """Find the holds of a staircase; an empty tuple for a continuous run.
-
-    Parameters
-    ----------
-    recording, cycles : the run and what `find_cycles` found in it.
-    settings : tolerance, settling time, and how much damage voids a plateau.
-    """
+    """Find the holds of a staircase; an empty tuple for a continuous run."""
     settings = settings or PlateauSettings()
     if recording.n < 20 or cycles.span_kpa <= 2 * settings.tolerance_kpa:
         return ()

@@ -1,13 +1,11 @@
 """Signals that are no measurement although no flag marks them: clipped at a rail, frozen, dropped out.
 
-A board flags its saturated samples; a CSV cannot. Found here from the signal and the pressure alone:
     frozen     exactly one value while the pressure moves by more than a tenth of its span
     clipped    the signal's highest or lowest value, held far longer than the signal ever holds another
     dropped    a jump away and back, of more than a quarter of the span each, while the pressure does not jump;
                or such a jump of the pressure itself
 
-Rules: a signal that never changes is left alone: it has no span, and its figures are void. Only `usable` and `masked`
-of the recording change; no column does.
+Only `usable` and `masked` of the recording change. A signal that never changes is left alone: its figures are void.
 """
 
 from __future__ import annotations
@@ -27,12 +25,7 @@ JUMP_SD = 8.0  # of the signal's usual step from sample to sample: what noise al
 
 
 def mask_faulty_signals(recording: Recording, smooth_kpa: FloatArray) -> Recording:
-    """Leave clipped, frozen and dropped samples out of the figures, with a count of rows by reason.
-
-    Parameters
-    ----------
-    smooth_kpa : [n] pressure free of noise and spikes (`cycles.smooth_pressure`).
-    """
+    """Leave clipped, frozen and dropped samples out of the figures, by the smooth pressure; count them by reason."""
     recording = _without_drop_outs_of_pressure(recording)
     usable = recording.usable.copy()
     rows = {name: np.zeros(recording.n, dtype=bool) for name in ("clipped", "frozen", "dropped_out")}

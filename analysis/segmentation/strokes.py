@@ -1,10 +1,7 @@
-"""Strokes of a drive and the loops of its answer: what a stage, a tester or a pump does over and over.
+"""Strokes of a drive and the loops of its answer, without a calibration: what a stage, a tester or a pump repeats.
 
-Strategy: two thresholds at 25 and 75 % of the span p1..p99 of the drive, or up to a tenth of it away, between the
-levels at which a staircase is held; a rise through both is an upstroke. Cycles run from rise to rise. Used for data
-whose drive is not a pressure plan; the cycles of a calibration are `analysis.segmentation.cycles`.
-
-Rules: the figures are those of the loop, without a calibration; nothing is smoothed.
+Two thresholds at 25 and 75 % of the span p1..p99 of the drive, or up to a tenth of it away, between the levels at which
+a staircase is held; a rise through both is an upstroke. Cycles run from rise to rise.
 """
 
 from __future__ import annotations
@@ -31,9 +28,9 @@ MIDDLE = (0.30, 0.70)  # share of the stroke where the half width is taken
 class Strokes:
     """Strokes and loop figures; means and sample sds over cycles, in the units of drive and answer.
 
-    `half_width` is half the distance of the answer's mean on the way up and down, over 30 to 70 % of the stroke,
-    where the drive moves faster than `min_speed`; `friction` is that of the drive's mean over 30 to 70 % of the
-    answer's span. NaN where fewer than two cycles carry a figure.
+    `half_width` is half the distance of the answer's mean on the way up and down, over 30 to 70 % of the stroke, where
+    the drive moves faster than `min_speed`; `friction` is that of the drive's mean over 30 to 70 % of the answer's
+    span. NaN below two cycles with a figure.
     """
 
     up_rows: IntArray
@@ -59,16 +56,7 @@ class Strokes:
 
 
 def find_strokes(time_s: FloatArray, drive: FloatArray, answer: FloatArray, *, min_speed: float = 0.0) -> Strokes:
-    """Find strokes and measure their loops.
-
-    Parameters
-    ----------
-    time_s, drive, answer : [n]; rows that are not finite are left out.
-
-    Raises
-    ------
-    DataError : fewer than ten rows, or a drive that does not move.
-    """
+    """Find strokes and measure their loops in [n] rows; raises DataError if the drive does not move."""
     known = np.isfinite(time_s) & np.isfinite(drive) & np.isfinite(answer)
     time, x, y = time_s[known], drive[known], answer[known]
     if x.size < 10 or np.ptp(x) == 0:
@@ -92,16 +80,8 @@ def stroke_figures(recording: Recording, *, min_speed_kpa_per_s: float = 0.0) ->
     """Return the strokes and loops of a run whose drive is the pressure, ready for JSON.
 
     The friction is half the width of a sensor's loop along the pressure, over 30 to 70 % of the signal's span; the half
-    width is the same along the signal, over 30 to 70 % of the pressure's. Up and down are those of the pressure: noise
-    of the signal turns no sample round.
-
-    Parameters
-    ----------
-    min_speed_kpa_per_s : slower samples do not enter the half width.
-
-    Raises
-    ------
-    DataError : fewer than ten usable samples, a pressure that is held, or a signal that does not move.
+    width is the same along the signal, over 30 to 70 % of the pressure's, without samples below the speed given. Raises
+    DataError for fewer than ten usable samples, a held pressure, or a signal that does not move.
     """
     time_s, pressure_kpa = recording.time_s, recording.pressure_kpa
     drive = find_strokes(time_s, pressure_kpa, pressure_kpa)
@@ -133,10 +113,7 @@ def stroke_figures(recording: Recording, *, min_speed_kpa_per_s: float = 0.0) ->
 
 
 def thresholds(x: FloatArray) -> tuple[float, float]:
-    """Return the values that a stroke passes: 25 and 75 % of the span p1..p99, or between holds that are near.
-
-    A drive that is held at a threshold passes it whenever noise has it.
-    """
+    """Return the values that a stroke passes: 25 and 75 % of the span p1..p99, or between holds that are near."""
     low, high = (float(v) for v in np.percentile(x, [1, 99]))
     samples, _ = np.histogram(x, bins=_BINS, range=(low, high))
     shares = (np.arange(samples.size) + 0.5) / _BINS

@@ -1,11 +1,10 @@
-"""How fine everything is computed: draft, normal or reference, chosen in one place.
+"""The precision of every computation: draft, normal or reference, chosen in one place (`--fidelity`).
 
 A level moves every method along its own front of time against error at once. Its numbers are those that the rule of the
 trade-off (`analysis.studies.tradeoff.measure.choose`) finds in the measured table with the level's margin; a test
 compares them.
 
-Rules: a level sets how fine, never what: geometry, data and seeds are the caller's. What a caller sets explicitly
-(rays, a mesh of a file) overrides the level.
+A level does not set geometry, data or seeds. What a caller sets explicitly (rays, a mesh of a file) overrides it.
 """
 
 from __future__ import annotations
@@ -25,12 +24,10 @@ tenth."""
 
 @dataclass(frozen=True, slots=True)
 class Fidelity:
-    """One level.
+    """One level of precision; the rays are those released in one scene, traced alone or in a sweep that ranks designs.
 
-    Parameters
+    Attributes
     ----------
-    rays : released in one traced scene.
-    ranking_rays : released in each scene of a sweep that ranks designs.
     mesh : elements of the shadow's full model: along a cell, across the wall, across the lattice.
     mesh_error_mm : error of the elongation of the default actuator on that mesh, measured for the trade-off.
     wall_modulus_kpa, neck_radius_mm : the two fitted numbers of the actuator, fitted on that mesh.

@@ -169,7 +169,7 @@ def hold(
 @app.command()
 def dynamics(
     run: RecordingArgument,
-    tolerance: Annotated[float, typer.Option(min=0.001, metavar="MM", help="Tolerance of settling.")] = 0.05,
+    settled_mm: Annotated[float, typer.Option(min=0.001, metavar="MM", help="A step is settled within this.")] = 0.05,
     out: Annotated[Path | None, typer.Option(metavar="FILE.pdf|FILE.html", help="Write it as a report.")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -181,7 +181,7 @@ def dynamics(
     from boat_daq.engine.settings import UnitLibrary
     from boat_daq.workflows.unit_control import dynamics_of, report_dynamics
 
-    found = dynamics_of(UnitLibrary(), run, tolerance)
+    found = dynamics_of(UnitLibrary(), run, settled_mm)
     if out is not None:
         report_dynamics(found, out)
         notify(f"wrote {out}")

@@ -26,7 +26,7 @@ NOT_OF_THIS_RUN = {4, 5}  # the test is gone, or is not of the daily set
 
 def run_alone(test: str) -> int:
     """Run one test in a process of its own; return pytest's exit code."""
-    daily = "not nightly and not benchmark_run"
+    daily = "not nightly"
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", daily]
     return subprocess.run([*command, test], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import inspect
 import multiprocessing
+import os
+import sys
 import traceback
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -29,6 +31,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 _SPAWN = multiprocessing.get_context("spawn")
 REPORT_EVERY_S = 0.05
+_LOWEST_NICE = 19
 
 
 class JobState(Enum):
@@ -54,8 +57,21 @@ class JobFailure:
         return f"{self.cause}. {self.remedy}".strip()
 
 
+def _yield_to_acquisition() -> None:
+    """Give this process the lowest priority, and leave one core to the threads that read, record and control."""
+    if sys.platform == "win32":
+        import ctypes
+
+        ctypes.windll.kernel32.SetPriorityClass(ctypes.windll.kernel32.GetCurrentProcess(), 0x40)  # IDLE_PRIORITY_CLASS
+    else:
+        os.nice(_LOWEST_NICE)
+    if sys.platform == "linux" and len(cores := sorted(os.sched_getaffinity(0))) > 1:
+        os.sched_setaffinity(0, cores[1:])
+
+
 def _run(pipe: Connection, function: Callable[..., object], args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
     """Run in the helper process: send (RUNNING, fraction), then (DONE, result) or (FAILED, JobFailure)."""
+    _yield_to_acquisition()
     last = 0.0
 
     def progress(done: float, total: float, /) -> None:
@@ -81,6 +97,7 @@ _prepared: list[tuple[Connection, SpawnProcess]] = []  # at most one helper that
 
 def _wait_and_run(pipe: Connection, load: Callable[[], object]) -> None:
     """Load libraries in the helper process, then run the job that comes."""
+    _yield_to_acquisition()
     load()
     with suppress(EOFError):  # the window is gone
         _run(pipe, *pipe.recv())

@@ -6,7 +6,6 @@ The libraries are imported inside the functions: the window imports this module,
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
@@ -22,7 +21,6 @@ Place = tuple[int, int]  # steps of pressure and elongation
 HELD_KPA, HELD_MM = 1.0, 0.5  # steps of the states tested
 HELD_BELOW_KPA = -20.0  # only vacuum,
 HELD_OFF_MM = 1.0  # and only a tip held off its nominal place, can be unstable
-NICE = 10  # below the board and the window
 
 
 def place_of(pressure_kpa: float, elongation_mm: float) -> Place:
@@ -65,8 +63,6 @@ def unstable_held_states(level: str = "normal") -> frozenset[Place]:
 
     30 ms a place and some hundred places: too much for the window's interpreter, even on another thread.
     """
-    if hasattr(os, "nice"):
-        os.nice(NICE)
     shadow = shadow_of(level)
     lowest = math.floor(float(shadow.table.pressure_range_kpa[0]) / HELD_KPA)
     return unstable_places(shadow, range(lowest, math.floor(HELD_BELOW_KPA / HELD_KPA) + 1))

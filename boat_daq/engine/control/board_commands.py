@@ -163,13 +163,21 @@ class BoardCommands:
         """Cancel what waits for watchdog and limits."""
         self._awaited, self._then = [], None
 
-    def tick(self, *, idle: bool) -> None:
-        """Repeat a vent, feed the watchdog. `idle`: nothing is under pressure and the board is at rest."""
+    def tick(self, *, idle: bool, unread: bool = False) -> None:
+        """Repeat a vent, feed the watchdog.
+
+        Parameters
+        ----------
+        idle : nothing is under pressure and the board is at rest.
+        unread : the port is read late, and with it the answers that repeats wait for.
+        """
         if self._vent_sent_ns is not None and self.now_ns - self._vent_sent_ns > VENT_AGAIN_S * 1e9:
             self.send(Vent())
         if not self.leaving and self.feeder.due(self.now_ns, self.board_us, self.meter.speed):
             off = self.meter.speed > FAST and idle and not self.pending  # costly to feed, and nothing to guard
-            feeds = REPEAT_MS * self.meter.speed > REPEATS_WITHIN * self.feeder.armed_ms  # repeats alone come too late
+            feeds = (
+                unread or REPEAT_MS * self.meter.speed > REPEATS_WITHIN * self.feeder.armed_ms
+            )  # repeats alone come too late
             self.send(Heartbeat(0 if off else self.feeder.armed_ms), feeds=feeds)
 
     def done(self, command: Command) -> None:

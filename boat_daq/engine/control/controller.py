@@ -19,7 +19,7 @@ from boat_daq.engine.control.interlock import FlatLine, Interlock
 from boat_daq.engine.control.preflight import Check, Preflight, require
 from boat_daq.engine.control.sequencer import VENTED_KPA, GoTo, Sequencer, VentNow
 from boat_daq.engine.control.trips import Trip
-from boat_daq.engine.control.watchdog import StreamWatch
+from boat_daq.engine.control.watchdog import REPEAT_MS, UNREAD_S, StreamWatch
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.sample_columns import Columns, columns, last_sample
 from boat_daq.engine.snapshot import LastSample, MessageKind, RunEnding, SessionState
@@ -128,11 +128,20 @@ class Controller:
                 case _:
                     pass
 
-    def tick(self, now_ns: int) -> None:
-        """Do what is due by time alone. Feed the watchdog, repeat a vent, detect silence. Called every 10 to 50 ms."""
+    def tick(self, now_ns: int, heard_ns: int | None = None) -> None:
+        """Do what is due by time alone: feed the watchdog, repeat a vent, detect silence. Called every 10 to 50 ms.
+
+        Parameters
+        ----------
+        heard_ns : time by which all that had arrived was read; by default `now_ns`.
+        """
         self.board.now_ns = now_ns
-        if self.stream.falls_silent(now_ns):
-            self._silence(f"no data for {self.stream.silence_s:g} s")
+        heard_ns = now_ns if heard_ns is None else heard_ns
+        if self.stream.falls_silent(heard_ns):
+            self._silence(f"no data for {self.stream.silence_s:g} s", "check the cable; the board vents by itself")
+        elif now_ns - heard_ns > UNREAD_S * 1e9 and self.stream.falls_silent(now_ns):
+            cause = f"this computer was too busy to read the port for {UNREAD_S:g} s"
+            self._silence(cause, "close other programs on this computer")
         if self.loop is not None and self.stream.begun:
             found = self.loop.late(now_ns, self.stream.age_s(now_ns))
             if found is not None:
@@ -140,7 +149,7 @@ class Controller:
         if self.board.guards_late:
             cause = f"the board has not acknowledged watchdog and limits for {GUARDS_S:g} s: no pressure was sent"
             self._trip(Trip(MessageKind.NO_ANSWER, cause, "check the link"))
-        self.board.tick(idle=self._idle)
+        self.board.tick(idle=self._idle, unread=now_ns - heard_ns > REPEAT_MS * 1e6)
 
     # ---- the operator ----------------------------------------------------------------------------------------------
 
@@ -339,12 +348,12 @@ class Controller:
         """Whether nothing is under pressure and the board is at rest."""
         return not self.pressurised and self.last is not None and self.last.state in _AT_REST
 
-    def _silence(self, text: str) -> None:
+    def _silence(self, cause: str, remedy: str) -> None:
         """Trip where a unit is under pressure; report a silence that follows another trip."""
         if self.interlock.latched is None and (self.pressurised or self.sequencer.state in _RUN):
-            self._trip(Trip(MessageKind.SILENT, text, "check the cable; the board vents by itself"))
+            self._trip(Trip(MessageKind.SILENT, cause, remedy))
             return
-        self.board.note(MessageKind.SILENT, text, "warning", "check the board and its cable")
+        self.board.note(MessageKind.SILENT, cause, "warning", remedy)
         self.board.vent()
 
     # ---- answers ---------------------------------------------------------------------------------------------------

@@ -86,6 +86,7 @@ class Feeder:
 
 
 SILENCE_S = 1.0
+UNREAD_S = 3.0  # that the port may stay unread by a busy computer
 
 
 class StreamWatch:
@@ -122,9 +123,9 @@ class StreamWatch:
         """Return the time since samples last arrived, s."""
         return (now_ns - self._last_ns) / 1e9
 
-    def falls_silent(self, now_ns: int) -> bool:
-        """Return whether silence begins now; true once for each silence."""
-        if not self.begun or self.silent or now_ns - self._last_ns <= self.silence_s * 1e9:
+    def falls_silent(self, heard_ns: int) -> bool:
+        """Return whether silence begins; true once for each silence. All that had arrived by `heard_ns` was read."""
+        if not self.begun or self.silent or heard_ns - self._last_ns <= self.silence_s * 1e9:
             return False
         self.silent = True
         return True

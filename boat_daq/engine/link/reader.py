@@ -9,7 +9,6 @@ here, and so may a thread that a sink waits for.
 
 from __future__ import annotations
 
-import contextlib
 import os
 import sys
 import threading
@@ -19,6 +18,7 @@ from typing import Any, Protocol
 
 from boat_daq.engine.link.block import Block, EngineEvent, PortLost, PortSilent, Sink, SinkFailed
 from boat_daq.engine.link.transports import Transport
+from boat_daq.engine.log import note
 from protocol.base.errors import DeviceError
 from protocol.link.events import Link, LinkEvent, LinkStatistics
 from protocol.link.messages import Command, Heartbeat
@@ -56,7 +56,8 @@ class PortReader:
         self._failing: list[Sink] = []  # reported once, until they take a block again
         self._failed: list[SinkFailed] = []  # to be reported
         self._stop = threading.Event()
-        self._last_byte_ns = self._heard_ns = clock_ns()  # of the last byte; and all that had come by then was read
+        self._last_byte_ns = clock_ns()
+        self.heard_ns = self._last_byte_ns  # all bytes that had arrived by then were read and passed on
         self._silent = False
         self._thread = threading.Thread(target=self._run, name=f"reader {transport.description}", daemon=True)
 
@@ -99,7 +100,7 @@ class PortReader:
 
     def start(self) -> None:
         """Begin to read."""
-        self._last_byte_ns = self._clock_ns()
+        self._last_byte_ns = self.heard_ns = self._clock_ns()
         self._thread.start()
 
     def stop(self) -> None:
@@ -124,6 +125,7 @@ class PortReader:
 
     def _turn(self) -> None:
         """One read, and what is due besides."""
+        began_ns = self._clock_ns()
         data = self.transport.read()
         now_ns = self._clock_ns()
         self._pass_sent()
@@ -135,6 +137,8 @@ class PortReader:
         elif not self._silent and now_ns - self._last_byte_ns > SILENCE_NS:
             self._silent = True
             self._report(PortSilent((now_ns - self._last_byte_ns) * 1e-9))
+        if not data or not self.transport.unread:
+            self.heard_ns = began_ns
         self._poll()
         if self._failed:
             failed, self._failed = self._failed, []
@@ -146,9 +150,8 @@ class PortReader:
             now_ns, deadline = self._clock_ns(), self.link.next_deadline_ns
             if deadline is None or now_ns < deadline:
                 return
-            if not self.transport.unread:
-                self._heard_ns = now_ns
-            events, again = self.link.poll(now_ns, self._heard_ns)
+            heard_ns = now_ns if not self.transport.unread else self.heard_ns
+            events, again = self.link.poll(now_ns, heard_ns)
             self._write(again, now_ns)
         if events:
             self._report(*events)
@@ -189,8 +192,10 @@ def _name(sink: Sink) -> str:
 def raise_priority() -> None:
     """Have the system run this thread before others, where it allows that: a busy computer delays it less."""
     if sys.platform == "linux":
-        with contextlib.suppress(PermissionError):  # of a user without the right (RLIMIT_NICE)
+        try:
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), URGENT_NICE)
+        except PermissionError:  # a user without the right (RLIMIT_NICE)
+            note("info", f"{threading.current_thread().name} has normal priority: this user may not raise it")
     elif sys.platform == "win32":
         import ctypes
 

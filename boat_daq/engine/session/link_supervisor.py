@@ -153,7 +153,7 @@ class LinkSupervisor:
         """Let time pass for the controller."""
         with self._acting() as control:
             if self.reader is not None:
-                control.tick(time.monotonic_ns())
+                control.tick(time.monotonic_ns(), self.reader.heard_ns)
             if self.health is not None:
                 self.health.real_time = control.board.meter.speed <= FAST
             self._journal.watch_disk()

@@ -27,7 +27,7 @@ class BoardTransport:
         self.step_us = step_us
         self.end_us = end_us
         self.unplug = False
-        self.closed = False
+        self.closed = self.waiting = False
         self.received: list[bytes] = []
         self._lock = threading.Lock()
 
@@ -45,7 +45,7 @@ class BoardTransport:
 
     @property
     def unread(self) -> bool:
-        return False
+        return self.waiting
 
     def write(self, data: bytes) -> None:
         with self._lock:

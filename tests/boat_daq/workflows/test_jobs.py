@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import time
+
+import pytest
 
 from boat_daq.workflows import jobs
 from boat_daq.workflows.jobs import Job, JobRunner, JobState, prepare
@@ -27,6 +31,13 @@ def leave():
     import os
 
     os._exit(3)
+
+
+def scheduling():
+    """Return niceness and cores of this process."""
+    import os
+
+    return os.getpriority(os.PRIO_PROCESS, 0), os.sched_getaffinity(0)
 
 
 def pause(seconds):
@@ -80,3 +91,15 @@ def test_cancelled_job_ends_and_frees_its_slot(tmp_path):
     assert job.state is JobState.CANCELLED
     assert ended == [job]
     assert runner.get("long") is None
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a process's priority and cores cannot be read")
+@pytest.mark.fault(60, how="a job runs beside the window")
+def test_helper_has_the_lowest_priority_and_leaves_a_core():
+    """A computation of the program takes no time from the threads that read, record and control."""
+    job = Job("Asking", scheduling)
+    until(lambda: job.poll() is not JobState.RUNNING)
+    nice, cores = job.result
+    ours = os.sched_getaffinity(0)
+    assert nice == 19
+    assert len(cores) == max(1, len(ours) - 1)

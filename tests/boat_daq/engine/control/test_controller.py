@@ -73,6 +73,26 @@ def test_lost_vents_are_repeated_and_do_not_multiply() -> None:
     assert {after - before for before, after in pairwise(sent_ms)} == {760}
 
 
+@pytest.mark.fault(60, how="the port stays unread for 1.5 s and for 3.5 s while bytes wait in it")
+@pytest.mark.parametrize(("unread_s", "vents"), [(1.5, False), (3.5, True)])
+def test_a_port_that_this_computer_reads_late_is_no_silence(unread_s: float, *, vents: bool) -> None:
+    """Bytes wait in the port: no silence for 3 s, then a trip whose message names this computer."""
+    rig = ControllerRig().running(built_in_plans()["repeatability"])
+    rig.run(1.0)
+    heard_ns, waiting = rig.now_ns, b""
+    for _ in range(round(unread_s / 0.02)):
+        rig.now_ns += 20_000_000
+        waiting += rig.board.advance(20_000)
+        rig.control.tick(rig.now_ns, heard_ns)
+        rig.flush()
+    rig.control.events(rig.link.receive(waiting, rig.now_ns), rig.now_ns)
+    rig.flush()
+    rig.run(1.0)
+    assert (rig.control.interlock.latched is not None) == vents
+    if vents:
+        assert "this computer was too busy" in rig.control.interlock.latched.cause
+
+
 @pytest.mark.parametrize(("starved_s", "survives"), [(0.70, True), (0.40, False)])
 def test_a_heartbeat_lost_over_a_pause_of_the_board_is_no_broken_link(starved_s: float, *, survives: bool) -> None:
     """Samples stay away for 0.7 s and come again just before its answer is given up; after 0.4 s none is excused."""

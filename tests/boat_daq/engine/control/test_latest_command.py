@@ -131,6 +131,7 @@ ONCE = settings(
 )
 
 
+@pytest.mark.fault(55, how="random orders and delays on the virtual board", times=15)
 @ONCE
 @given(ORDERS, DELAYS)
 @example([(30.0, 0.0), (5.0, 0.0)], 0.0)
@@ -140,6 +141,7 @@ def test_virtual_board_ends_at_the_latest_command(orders: list[tuple[Any, float]
     check_latest(VirtualBoard(), orders, delay_s)
 
 
+@pytest.mark.fault(55, how="random orders and delays on the firmware", times=10)
 @settings(ONCE, max_examples=10)
 @given(orders=ORDERS, delay_s=DELAYS)
 @example(orders=[(30.0, 0.0), (5.0, 0.0)], delay_s=0.0)

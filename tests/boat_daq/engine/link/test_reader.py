@@ -97,6 +97,23 @@ def test_an_unplugged_port_ends_the_reading_with_one_event():
     assert not reader._thread.is_alive()
 
 
+def test_what_was_heard_is_as_old_as_the_bytes_that_wait() -> None:
+    """While bytes wait in the port, the time by which all was read stands still; an empty read moves it."""
+    transport = BoardTransport(VirtualBoard(), end_us=0)
+    reader = PortReader(transport, Connection(), clock_ns=FakeClock())
+    reader._turn()
+    before_ns = reader.heard_ns
+    transport.waiting = True
+    transport.end_us = None
+    reader.send(Start(100))
+    for _ in range(5):
+        reader._turn()
+    assert reader.heard_ns == before_ns
+    transport.waiting = False
+    reader._turn()
+    assert reader.heard_ns > before_ns
+
+
 @pytest.mark.fault(12, how="a port that stays open and sends nothing", times=1)
 def test_silence_is_reported_once_and_again_after_data():
     """An open port without data for a second is reported once, not an endless alarm."""

@@ -282,6 +282,7 @@ def test_a_server_closes_while_a_connection_does() -> None:
     assert not asyncio.run(cancelled())
 
 
+@pytest.mark.fault(57, how="eight idle clients")
 def test_the_number_of_clients_is_limited_but_not_for_vent(session: Session, server: SecopServer) -> None:
     """With all places taken by idle clients a further one is refused, and its VENT carried out."""
     clients = [Client(server.port) for _ in range(secop_server.CLIENTS)]
@@ -299,6 +300,7 @@ def test_the_number_of_clients_is_limited_but_not_for_vent(session: Session, ser
         client.close()
 
 
+@pytest.mark.fault(57, how="twenty connections that send nothing")
 def test_connections_without_a_line_do_not_keep_vent_out(session: Session, server: SecopServer) -> None:
     """Twenty connections that send nothing: the next client is served."""
     silent = [Client(server.port) for _ in range(20)]
@@ -316,6 +318,7 @@ def test_a_connection_without_a_first_line_is_closed(server: SecopServer, monkey
     silent.close()
 
 
+@pytest.mark.fault(56, how="first lines of HTTP, TLS, SMTP and SSH")
 @pytest.mark.parametrize(
     "first",
     [
@@ -383,6 +386,7 @@ def test_a_pressure_whose_client_left_is_vented(session: Session, tmp_path: Path
     server.close()
 
 
+@pytest.mark.fault(57, how="200 VENTs of four clients")
 def test_a_flood_of_vents_is_one_event_each_100_ms(session: Session, server: SecopServer) -> None:
     """Counted at the board's port and among the messages; each client gets its answer."""
     before = len([m for m in session.snapshot().messages if "vented" in m.cause])

@@ -25,7 +25,7 @@ from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError, RequestError
 
 VACUUM_KPA = -101.325
-FINE_ENOUGH = (8, 1, 3)
+FINE_ENOUGH = (8, 2, 2)
 """Least elements along a cell, across the wall and across the lattice for points within 0.05 mm (METHODS.md)."""
 _WORST_CONDITION = 1e9
 """Of the scaled tangent at rest: Newton's method met its tolerance at 4e8 and no longer at 3e9."""

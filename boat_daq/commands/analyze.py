@@ -79,7 +79,7 @@ def analyze(
     from analysis.figures.acceptance import conformity_json
     from boat_daq.commands.importing import column_map
     from boat_daq.workflows.calibration_in_force import stated_contributions
-    from boat_daq.workflows.plugin_figures import with_plugins
+    from boat_daq.workflows.run_analysis import with_plugins
 
     limits = limits_of(limit)
     recording = load_recording(run, columns=column_map(mapping) or None, rate_hz=rate)
@@ -329,7 +329,7 @@ def report(
     from analysis.figures.against_shadow import against_shadow
     from analysis.progress import part_of
     from boat_daq.workflows.calibration_in_force import stated_contributions
-    from boat_daq.workflows.plugin_figures import with_plugins
+    from boat_daq.workflows.run_analysis import with_plugins
     from protocol.base.units import ShownUnits
 
     try:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import sys
-import time
-from collections import deque
 from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TextIO
@@ -29,10 +27,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from analysis.calibration_export.calibration_file import CalibrationFile
-    from boat_daq.engine.snapshot import SessionSnapshot
 
-_POLL_S = 0.02
-MOST_WAITING = 100_000  # blocks of samples that the output is behind
 _ROWS_AT_ONCE = 100_000
 _FORMATS = ("json", "c", "h", "matlab", "csv")
 
@@ -143,7 +138,12 @@ def convert(
     if file is not None:
         parts = _converted_file(file, found, mapping, rate)
     else:
-        parts = _converted_live(str(port), profile, int(rate) if rate else None, found, duration, allow_remote)
+        from boat_daq.workflows.live_conversion import converted_samples
+
+        rate_hz = int(rate) if rate else None
+        parts = converted_samples(
+            found, str(port), profile, rate_hz, duration, allow_remote=allow_remote, notify=notify
+        )
     samples = valid = 0
     with contextlib.closing(parts), _output(to) as out:
         for part in parts:
@@ -195,74 +195,3 @@ def _converted_file(
     rows = converted_rows(recording.time_s, recording.signal_mv, convert_recording(recording, found))
     for first in range(0, len(rows), _ROWS_AT_ONCE):
         yield rows.iloc[first : first + _ROWS_AT_ONCE]
-
-
-def _converted_live(
-    port: str, profile: str | None, rate_hz: int | None, found: CalibrationFile, duration_s: float | None, remote: bool
-) -> Generator[pd.DataFrame, None, None]:
-    """Yield the converted rows of a board's samples as they come.
-
-    Parameters
-    ----------
-    port, profile, rate_hz : as `Session.connect`.
-    duration_s : of board time; None until the link ends.
-    remote : whether the port may be on another computer.
-    """
-    import dataclasses
-
-    from analysis.calibration_export.conversion import check_signals, convert_signals, converted_rows
-    from boat_daq.engine.sample_columns import columns
-    from boat_daq.engine.session.session import Session
-    from boat_daq.engine.settings import load_settings
-    from boat_daq.workflows.run_session import MessagePrinter
-    from protocol.base.errors import StorageError
-
-    settings = load_settings()
-    session = Session(dataclasses.replace(settings, allow_remote=settings.allow_remote or remote))
-    waiting: deque[Any] = deque()
-    try:
-        session.live.add_sink(waiting.append)
-        session.connect(port, profile, rate_hz=rate_hz)
-        seen = session.wait_connected()
-        first_us: int | None = None
-        print_new = MessagePrinter(notify)
-        while True:
-            print_new(seen)
-            ended = _ended(seen)
-            while waiting:
-                if len(waiting) > MOST_WAITING:
-                    raise StorageError("the output does not keep up with the board", "Write to a file.")
-                block = columns(waiting.popleft(), session.mv_per_count)
-                if first_us is None:
-                    check_signals(found, block.signal_mv.shape[1], simulated=seen.simulated)
-                    first_us = int(block.time_us[0])
-                time_s = (block.time_us - first_us) / 1e6
-                if duration_s is not None and time_s[-1] >= duration_s:
-                    block, ended = block.part(time_s < duration_s), True
-                    time_s = time_s[time_s < duration_s]
-                yield converted_rows(time_s, block.signal_mv, convert_signals(found, block.signal_mv, block.flags))
-                if ended and duration_s is not None:
-                    return
-            if ended:
-                return
-            time.sleep(_POLL_S)
-            seen = session.snapshot()
-    finally:
-        session.close()
-
-
-def _ended(seen: SessionSnapshot) -> bool:
-    """Return whether the link has ended.
-
-    Raises
-    ------
-    DeviceError : it failed.
-    """
-    from boat_daq.engine.snapshot import LinkError, LinkState
-    from protocol.base.errors import DeviceError
-
-    if seen.link is LinkState.FAILED:
-        lost = LinkError("the link was lost", "check the board and its cable")
-        cause, remedy, command = seen.link_error or lost
-        raise DeviceError(cause, remedy, command=command)
-    return seen.link is LinkState.CLOSED

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from boat_daq.engine.outlets.lsl import LslOutlet
     from boat_daq.engine.outlets.secop_server import SecopServer
     from boat_daq.engine.session.session import Session
-    from boat_daq.workflows.live_conversion import Conversion
 
 
 class ServeCommand(TyperCommand):
@@ -80,6 +79,7 @@ def serve(
     from boat_daq.engine.plan import built_in_plans, plans_in
     from boat_daq.engine.session.session import Session
     from boat_daq.engine.settings import recordings_folder
+    from boat_daq.workflows.live_conversion import conversion_in_force
     from boat_daq.workflows.outlets import NodeChoice, open_node, open_streams
 
     start_log("serve")
@@ -99,7 +99,10 @@ def serve(
         seen = session.wait(lambda s: session.live.ring is not None, 5.0)
         if seen.simulated:
             notify("SIMULATED: this is the virtual board")
-        conversion, calibration = _conversion(session, unit)
+        conversion, calibration = conversion_in_force(session, unit) if unit else (None, "no --unit is given")
+        if conversion is None:
+            notify(f"without elongation: {calibration}")
+            calibration = ""
         outlet = node = None
         try:
             if lsl or lsl_network:
@@ -121,28 +124,10 @@ def serve(
         emit_json(content)
 
 
-def _conversion(session: Session, unit: str) -> tuple[Conversion | None, str]:
-    """Return the conversion by the calibration in force of a unit, and its identity; none without one."""
-    from boat_daq.workflows.calibration_in_force import newest_calibration
-
-    seen = session.snapshot()
-    record = newest_calibration(session.units.of(simulated=seen.simulated), unit)
-    if record is None:
-        notify("without elongation: the unit has no calibration" if unit else "without elongation: no --unit is given")
-        return None, ""
-    from boat_daq.workflows.live_conversion import prepare
-
-    conversion = prepare(record)
-    if seen.last is None or conversion.sensors != len(seen.last.signal_mv):
-        notify(f"without elongation: the calibration is of {conversion.sensors} sensors")
-        return None, ""
-    return conversion, f"{unit} {record.calibrated_utc}"
-
-
 def _wait(session: Session, duration_s: float | None) -> None:
     """Print messages until the time is over or the link is closed."""
     from boat_daq.engine.snapshot import LinkState
-    from boat_daq.workflows.run_session import MessagePrinter
+    from boat_daq.workflows.session_messages import MessagePrinter
 
     told, end_s = MessagePrinter(notify), None if duration_s is None else time.monotonic() + duration_s
     while end_s is None or time.monotonic() < end_s:

@@ -5,20 +5,35 @@ The stored points are fitted again, so that the live conversion is exactly the a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+import time
+from collections import deque
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.calibration.record import CalibrationRecord
-from boat_daq.engine.settings import UnitLibrary
+from boat_daq.engine.sample_columns import columns
+from boat_daq.engine.settings import UnitLibrary, load_settings
+from boat_daq.engine.snapshot import LinkError, LinkState, SessionSnapshot
+from boat_daq.workflows.calibration_in_force import newest_calibration
+from boat_daq.workflows.session_messages import MessagePrinter, Notify
 from boat_daq.workflows.unit_control import live_prediction_of
 from protocol.base.arrays import FloatArray
+from protocol.base.errors import DeviceError, StorageError
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from analysis.calibration.inverse import Fusion
+    from analysis.calibration_export.calibration_file import CalibrationFile
     from analysis.signal_prediction.prediction import LivePrediction
+    from boat_daq.engine.session.session import Session
+
+_POLL_S = 0.02
+MOST_WAITING = 100_000  # blocks of samples that the output is behind
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,3 +89,75 @@ def prepare(record: CalibrationRecord, units: UnitLibrary | None = None) -> Conv
     conversion = Conversion(fusion, live_prediction_of(units, record.unit, fusion) if units is not None else None)
     conversion(np.zeros((1, len(fusion.inverses))))  # compiles now, not in the first frame
     return conversion
+
+
+def conversion_in_force(session: Session, unit: str) -> tuple[Conversion | None, str]:
+    """Return the conversion of a connected board's signals, and what names its calibration; else None and why."""
+    seen = session.snapshot()
+    record = newest_calibration(session.units.of(simulated=seen.simulated), unit)
+    if record is None:
+        return None, "the unit has no calibration"
+    conversion = prepare(record)
+    if seen.last is None or conversion.sensors != len(seen.last.signal_mv):
+        return None, f"the calibration is of {conversion.sensors} sensors"
+    return conversion, f"{unit} {record.calibrated_utc}"
+
+
+def converted_samples(
+    found: CalibrationFile,
+    port: str,
+    profile: str | None = None,
+    rate_hz: int | None = None,
+    duration_s: float | None = None,
+    *,
+    allow_remote: bool = False,
+    notify: Notify,
+) -> Generator[pd.DataFrame, None, None]:
+    """Yield the rows of a board's samples as they come, converted; nothing is recorded.
+
+    `duration_s` is of board time; None until the link ends.
+    """
+    from analysis.calibration_export.conversion import check_signals, convert_signals, converted_rows
+    from boat_daq.engine.session.session import Session
+
+    settings = load_settings()
+    session = Session(replace(settings, allow_remote=settings.allow_remote or allow_remote))
+    waiting: deque[Any] = deque()
+    try:
+        session.live.add_sink(waiting.append)
+        session.connect(port, profile, rate_hz=rate_hz)
+        seen = session.wait_connected()
+        first_us: int | None = None
+        print_new = MessagePrinter(notify)
+        while True:
+            print_new(seen)
+            ended = _ended(seen)
+            while waiting:
+                if len(waiting) > MOST_WAITING:
+                    raise StorageError("the output does not keep up with the board", "Write to a file.")
+                block = columns(waiting.popleft(), session.mv_per_count)
+                if first_us is None:
+                    check_signals(found, block.signal_mv.shape[1], simulated=seen.simulated)
+                    first_us = int(block.time_us[0])
+                time_s = (block.time_us - first_us) / 1e6
+                if duration_s is not None and time_s[-1] >= duration_s:
+                    block, ended = block.part(time_s < duration_s), True
+                    time_s = time_s[time_s < duration_s]
+                yield converted_rows(time_s, block.signal_mv, convert_signals(found, block.signal_mv, block.flags))
+                if ended and duration_s is not None:
+                    return
+            if ended:
+                return
+            time.sleep(_POLL_S)
+            seen = session.snapshot()
+    finally:
+        session.close()
+
+
+def _ended(seen: SessionSnapshot) -> bool:
+    """Return whether the link has ended, or raise why it failed."""
+    if seen.link is LinkState.FAILED:
+        lost = LinkError("the link was lost", "check the board and its cable")
+        cause, remedy, command = seen.link_error or lost
+        raise DeviceError(cause, remedy, command=command)
+    return seen.link is LinkState.CLOSED

@@ -26,20 +26,19 @@ from boat_daq.engine.session.camera_channel import FAULT_TEXTS, REST_S, CameraCh
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.session.shared_vent import SharedVent
 from boat_daq.engine.settings import home, load_settings
-from boat_daq.engine.snapshot import LinkState, LinkWarningCode, MessageKind, SessionSnapshot, SessionState
+from boat_daq.engine.snapshot import LinkState, MessageKind, SessionSnapshot, SessionState
 from boat_daq.workflows.end_at_uncertainty import EndUncertainty, EnoughCycles
+from boat_daq.workflows.session_messages import MessagePrinter, Notify
 from boat_daq.workflows.unit_control import regulator_of
 from protocol.base.errors import BoatDaqError, DeviceError
 from protocol.recording import BoardState, DerivedChannel
 
 _POLL_S = 0.1
-_LASTING_S = 6.0  # a rate is that of the last 5 s; a start or a single loss within them is no lasting warning
 CLEARING_S = 3.0
 _VENTING_S = 20.0
 MARKS_S = 10.0  # longest wait for the marks in the picture
 _ENDED = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
 
-Notify = Callable[[str], object]
 ProgressBar = Callable[[str], AbstractContextManager[Progress]]  # of a label
 
 
@@ -269,32 +268,6 @@ def _snapshots(session: Session, print_new: MessagePrinter) -> Iterator[SessionS
         print_new(seen)
         yield seen
         time.sleep(_POLL_S)
-
-
-class MessagePrinter:
-    """Reports a session's warnings and errors after number `shown`, and each lasting warning of the link once."""
-
-    def __init__(self, notify: Notify, shown: int = 0) -> None:
-        self._notify, self._shown = notify, shown
-        self._since: dict[LinkWarningCode, float] = {}  # since when, s of board time
-        self._printed: set[LinkWarningCode] = set()
-
-    def __call__(self, seen: SessionSnapshot) -> None:
-        """Report what is new."""
-        for message in seen.messages:
-            if message.number > self._shown and message.level != "info":
-                self._notify(f"{message.level}: {message.cause}")
-                remedy = ": ".join(filter(None, (message.remedy, message.command)))
-                if remedy:
-                    self._notify(f"  try: {remedy}")
-        self._shown = max([self._shown, *(message.number for message in seen.messages)])
-        warnings = {w.code: w.text for w in (seen.health.warnings if seen.health is not None else ())}
-        warnings.pop(LinkWarningCode.SILENT, None)  # has a message of its own
-        self._since = {code: self._since.get(code, seen.recorded_s) for code in warnings}
-        for code, since in self._since.items():
-            if seen.recorded_s - since >= _LASTING_S and code not in self._printed:
-                self._notify(f"warning: {warnings[code]}")
-                self._printed.add(code)
 
 
 def why_failed(seen: SessionSnapshot, plan: Plan | None) -> str:

@@ -108,7 +108,7 @@ def test_an_analysis_has_the_figures_of_the_lab(tmp_path: Path, monkeypatch: pyt
     from analysis import analyse
     from analysis.reports.build import build_report
     from boat_daq.viewmodels.results.figure_tables import lab_rows
-    from boat_daq.workflows.plugin_figures import with_plugins
+    from boat_daq.workflows.run_analysis import with_plugins
     from tests.docs.pages import ROOT
 
     install(tmp_path, monkeypatch, figures="ours = lab_boat:figures", hooks="kept = lab_boat:kept")

@@ -6,7 +6,6 @@ import dataclasses
 import os
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import serial
@@ -16,15 +15,10 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.simulator.server import BoardSettings
 from boat_daq.engine.snapshot import (
     LinkState,
-    LinkWarning,
-    LinkWarningCode,
-    Message,
-    MessageKind,
     SessionSnapshot,
     SessionState,
 )
 from boat_daq.workflows.run_session import (
-    MessagePrinter,
     SessionRequest,
     clear_latched_fault,
     run_session,
@@ -68,24 +62,6 @@ def test_lasting_link_warning_is_printed_once(tmp_path: Path, capsys: pytest.Cap
     assert capsys.readouterr().out.count("samples/s") == 1
 
 
-@pytest.mark.fault(8, how="a link warning of the board's clock in a terminal", times=1)
-def test_link_warning_is_printed_once_for_each_code(capsys: pytest.CaptureFixture[str]) -> None:
-    """New numbers are the same warning, a drift is another; silence has its own message, a brief warning none."""
-    print_new = MessagePrinter(print)
-    looks = (
-        (0.0, {LinkWarningCode.SILENT: "2 s", LinkWarningCode.LOSS: "3 lost", LinkWarningCode.RATE: "102.7 Hz"}),
-        (5.0, {LinkWarningCode.SILENT: "7 s", LinkWarningCode.LOSS: "3 lost"}),
-        (6.0, {LinkWarningCode.SILENT: "8 s", LinkWarningCode.LOSS: "17 lost", LinkWarningCode.RATE: "99.1 Hz"}),
-        (7.0, {LinkWarningCode.LOSS: "18 lost", LinkWarningCode.CLOCK: "0.9 % fast"}),
-        (13.0, {LinkWarningCode.LOSS: "18 lost", LinkWarningCode.CLOCK: "0.8 % fast"}),
-        (14.0, {LinkWarningCode.CLOCK: "0.8 % fast"}),
-    )
-    for recorded_s, texts in looks:
-        health = SimpleNamespace(warnings=tuple(LinkWarning(code, text) for code, text in texts.items()))
-        print_new(SessionSnapshot(SessionState.IDLE, LinkState.UP, recorded_s=recorded_s, health=health))
-    assert capsys.readouterr().out.splitlines() == ["warning: 17 lost", "warning: 0.8 % fast"]
-
-
 def test_cleared_fault_is_confirmed_by_a_sample(tmp_path: Path) -> None:
     """A plan armed before the next sample after CLEAR_FAULT would be refused for a unit that is not vented."""
     with serve_in_thread(BoardSettings(faults=("estop@0.2:0.2",))) as board:
@@ -120,10 +96,3 @@ def test_residual_pressure_is_vented_before_the_run(tmp_path: Path, capsys: pyte
         _, failure, _ = run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN), notify=print)
     assert failure == ""
     assert "was under pressure" in capsys.readouterr().out
-
-
-def test_message_shows_its_command_on_the_command_line(capsys):
-    """The remedy of an error that a live session passes on ends with its command, which the window does not show."""
-    message = Message(1, MessageKind.LINK_FAILED, "error", "no port", "Choose a port of the list.", 0, "boat-daq ports")
-    MessagePrinter(print)(SessionSnapshot(SessionState.IDLE, LinkState.FAILED, messages=(message,)))
-    assert "try: Choose a port of the list.: boat-daq ports" in capsys.readouterr().out

@@ -20,7 +20,7 @@ from typing import Any
 
 from boat_daq import __version__
 from boat_daq.engine.installation import library_versions, shortcomings
-from boat_daq.engine.log import RECORDING, log_folder
+from boat_daq.engine.log import RECORDING, log_folder, without_password
 from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.settings import home
@@ -64,7 +64,7 @@ def write_bug_report(out: Path, *, personal: bool = False, recording: Path | Non
     """Pack a report. `recording`: whose summary goes in; the last one in the log when None."""
     if out.exists():
         raise RequestError(f"{out} exists already", "choose another name")
-    texts = collect(recording)
+    texts = {name: without_password(text) for name, text in collect(recording).items()}
     if not personal:
         hide = Redaction(texts)
         texts = {name: hide(text) for name, text in texts.items()}

@@ -14,9 +14,11 @@ import logging
 import os
 import platform
 import queue
+import re
 import threading
 import time
 from datetime import UTC, datetime
+from io import FileIO, TextIOWrapper
 from logging.handlers import QueueHandler, QueueListener, RotatingFileHandler
 from pathlib import Path
 
@@ -29,6 +31,7 @@ FILES = 3  # of one process: the newest megabytes
 FOLDER_BYTES = 20_000_000
 LINES_MAX = 10_000  # waiting to be written
 RECORDING = "recording: "  # begins the line that names a recording as it begins; bug reports search for it
+_PASSWORD = re.compile(r"(\w://[^/\s:@]*:)[^\s/]*@")
 _LEVELS = {"info": logging.INFO, "warning": logging.WARNING, "error": logging.ERROR}
 
 _logger = logging.getLogger("boat_daq")
@@ -55,8 +58,27 @@ class _Queue(QueueHandler):
             self.dropped = 0
 
 
+def without_password(text: str) -> str:
+    """Return a text without the passwords of addresses such as socket://USER:PASSWORD@HOST."""
+    return _PASSWORD.sub(r"\1[password]@", text)
+
+
+class _Formatter(logging.Formatter):
+    """Writes no password."""
+
+    converter = time.gmtime  # type: ignore[assignment]
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line, and a traceback where there is one."""
+        return without_password(super().format(record))
+
+
 class _File(RotatingFileHandler):
-    """Leaves lines out while the disk fails, without a traceback for each."""
+    """Leaves lines out while the disk fails, without a traceback for each; other users cannot read it."""
+
+    def _open(self) -> TextIOWrapper:
+        handle = os.open(self.baseFilename, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o640)
+        return TextIOWrapper(FileIO(handle, "a"), encoding=self.encoding, errors=self.errors, write_through=True)
 
     def handleError(self, record: logging.LogRecord) -> None:
         """Leave the line out."""
@@ -69,8 +91,7 @@ class _Log:
         self.path = path
         self.queue = _Queue(queue.Queue(LINES_MAX))
         self.file = _File(path, maxBytes=FILE_BYTES, backupCount=FILES - 1, encoding="utf-8", errors="replace")
-        formatter = logging.Formatter("%(asctime)s.%(msecs)03dZ %(levelname)-7s [%(threadName)s] %(message)s")
-        formatter.converter = time.gmtime
+        formatter = _Formatter("%(asctime)s.%(msecs)03dZ %(levelname)-7s [%(threadName)s] %(message)s")
         formatter.default_time_format = formatter.datefmt = "%Y-%m-%dT%H:%M:%S"
         self.file.setFormatter(formatter)
         self.listener = QueueListener(self.queue.queue, self.file)

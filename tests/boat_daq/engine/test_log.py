@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import getpass
 import json
+import os
 import platform
 import re
 import threading
@@ -228,3 +229,26 @@ def test_the_command_lists_the_contents(place: Path, tmp_path: Path) -> None:
     assert shown["personal"] is False
     again = CliRunner().invoke(app, ["bugreport", "--out", str(tmp_path / "bug.zip")])
     assert isinstance(again.exception, RequestError)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions of files")
+def test_a_password_in_an_address_reaches_neither_log_nor_report(place: Path, tmp_path: Path) -> None:
+    """In messages, names of threads and tracebacks, and in the settings; the log is the user's and the group's."""
+    secret = "tr0ub4dor"
+    address = f"socket://ada:{secret}@127.0.0.1:5000"
+    save_settings(Settings(operator=address))
+    path = log.start_log("record")
+    thread = threading.Thread(target=log.note, args=("info", f"opening {address}"), name=f"reader {address}")
+    thread.start()
+    thread.join()
+    try:
+        raise OSError(f"rtsp://:{secret}@camera/1 is gone")
+    except OSError as error:
+        log.note_failure("camera", error)
+    log.stop_log()
+    assert "[password]@" in logged(place)
+    assert secret not in logged(place)
+    assert path is not None and path.stat().st_mode & 0o777 & ~0o640 == 0
+    report = write_bug_report(tmp_path / "report.zip", personal=True)
+    with zipfile.ZipFile(report) as archive:
+        assert not any(secret in archive.read(name).decode() for name in archive.namelist())

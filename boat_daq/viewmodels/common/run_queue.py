@@ -9,37 +9,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 from time import monotonic
-from typing import Protocol
 
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.run_queue import QueuedRun, load_queue
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.formatting import count, duration
-from boat_daq.viewmodels.common.notices import Notice, Severity
-from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.common.notices import Notice, Notices, Severity
 from protocol.base.errors import RequestError
 from protocol.recording import RunEnd
 
 _OVER = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
 
 
-class Runner(Protocol):
-    """What a queue uses of the model of the run."""
-
-    session: Session
-    services: Services
-
-    @property
-    def snapshot(self) -> SessionSnapshot: ...
-    def begin(self, plan: Plan) -> None: ...
-
-
 class RunQueue:
     """The queue of a window; `follow` is called with each refresh."""
 
-    def __init__(self, run: Runner, clock: Callable[[], float] = monotonic) -> None:
-        self._run, self._clock = run, clock
+    def __init__(
+        self, session: Session, begin: Callable[[Plan], None], notices: Notices, clock: Callable[[], float] = monotonic
+    ) -> None:
+        self._session, self._begin_run, self._notices, self._clock = session, begin, notices, clock
         self._runs: list[tuple[QueuedRun, Plan]] = []
         self._next = 0
         self._under_way = False  # a run of the queue
@@ -74,7 +63,7 @@ class RunQueue:
 
     def start(self, runs: tuple[tuple[QueuedRun, Plan], ...]) -> None:
         """Begin a queue."""
-        seen = self._run.snapshot
+        seen = self._session.snapshot()
         if self.active:
             raise RequestError("a queue is in progress", "Stop it first.")
         if seen.link is not LinkState.UP or seen.state not in _OVER:
@@ -105,7 +94,7 @@ class RunQueue:
             if self._asked is None:
                 cause = queued.wait or f"the next run is of unit {queued.unit}"
                 remedy = f"Connect the board as unit {queued.unit}, then continue." if other else "Then continue."
-                self._asked = self._run.services.notices.add(
+                self._asked = self._notices.add(
                     Severity.WARNING,
                     f"queue, run {self._next + 1}: {cause}",
                     remedy,
@@ -113,7 +102,7 @@ class RunQueue:
                 )
             return
         try:
-            self._run.begin(plan)
+            self._begin_run(plan)
         except Exception:
             self._runs = []
             raise
@@ -126,7 +115,7 @@ class RunQueue:
         assert snapshot.run_ended is not None
         self._under_way = False
         self._next += 1
-        self._run.session.stop_recording()
+        self._session.stop_recording()
         if snapshot.run_ended.end is not RunEnd.FINISHED:
             cause = f"the queue has ended: run {self._next} was {snapshot.run_ended.text}"
             self._end(cause, Severity.WARNING)
@@ -142,5 +131,5 @@ class RunQueue:
 
     def _end(self, text: str, severity: Severity = Severity.INFORMATION) -> None:
         self._runs, self._under_way = [], False
-        self._run.services.notices.dismiss(self._asked)
-        self._run.services.notices.add(severity, text)
+        self._notices.dismiss(self._asked)
+        self._notices.add(severity, text)

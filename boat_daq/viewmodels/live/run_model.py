@@ -208,7 +208,7 @@ class RunModel:
 
     def __post_init__(self) -> None:
         self.trial = QuickTrial(self)
-        self.queue = RunQueue(self)
+        self.queue = RunQueue(self.session, self.begin, self.services.notices)
         self.enough = EnoughCycles(self.session)
         self.end_at = EndAt(self.enough, self.sequence, self.services)
         self.end_report = EndReport(self.enough, self.services.notices)

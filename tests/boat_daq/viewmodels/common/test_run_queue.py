@@ -25,10 +25,12 @@ class Bench:
     def __init__(self) -> None:
         self.snapshot = SessionSnapshot(SessionState.IDLE, LinkState.UP, unit="SA1")
         self.begun: list[str] = []
-        self.services: Any = SimpleNamespace(notices=Notices())
-        self.session: Any = SimpleNamespace(stop_recording=lambda: self.begun.append("closed"))
+        self.notices = Notices()
+        session: Any = SimpleNamespace(
+            snapshot=lambda: self.snapshot, stop_recording=lambda: self.begun.append("closed")
+        )
         self.now_s = 0.0
-        self.queue = RunQueue(self, lambda: self.now_s)
+        self.queue = RunQueue(session, self.begin, self.notices, lambda: self.now_s)
 
     def begin(self, plan: Plan) -> None:
         self.begun.append(plan.name)
@@ -45,7 +47,7 @@ class Bench:
 
     @property
     def notice(self) -> str:
-        found = self.services.notices.current()
+        found = self.notices.current()
         return found.cause if found else ""
 
 
@@ -72,7 +74,7 @@ def test_runs_follow_after_pause_and_confirmation() -> None:
         bench.follow()
     assert bench.notice == "queue, run 2: Mount SA2"
     assert bench.begun == ["a", "closed"]
-    bench.services.notices.current().action()
+    bench.notices.current().action()
     bench.follow()
     bench.end()
     bench.follow()

@@ -62,22 +62,16 @@ _STOPS = {
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
-    """Gains of the controller.
-
-    Attributes
-    ----------
-    lead_s, lead_s2 : of the setpoint's rate and acceleration in the feed-forward.
-    ramp_kpa_per_s : fastest change of the pressure.
-    lag : identified by a step test; None where the gains are the cautious defaults.
-    """
+    """Gains of the controller."""
 
     integral_per_s: float
+    # lead_s, lead_s2: of the setpoint's rate and acceleration in the feed-forward
     lead_s: float
     lead_s2: float
     shape_rad_per_s: float
-    ramp_kpa_per_s: float
+    ramp_kpa_per_s: float  # fastest change of the pressure
     margins: Margins
-    lag: Lag | None = None
+    lag: Lag | None = None  # identified by a step test; None where the gains are the cautious defaults
     period_s: float = PERIOD_S
 
     @classmethod
@@ -102,41 +96,28 @@ class Tuning:
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What stops the controller.
+    """What stops the controller."""
 
-    Attributes
-    ----------
-    u_mm : largest expanded uncertainty (k = 2) of one sample's elongation.
-    deviation_mm : largest distance from the setpoint, for longer than `follow_s`.
-    debounce_s : how long disagreement, uncertainty or loss must last.
-    """
-
-    u_mm: float = 0.8
-    deviation_mm: float = 0.5
+    u_mm: float = 0.8  # largest expanded uncertainty (k = 2) of one sample's elongation
+    deviation_mm: float = 0.5  # largest distance from the setpoint, for longer than `follow_s`
     follow_s: float = 3.0
-    debounce_s: float = 0.2
+    debounce_s: float = 0.2  # how long disagreement, uncertainty or loss must last
 
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """What a period brought.
+    """What a period brought."""
 
-    Attributes
-    ----------
-    pressure_kpa, ramp_kpa_per_s : to command; the pressure is that of before where `stop` is set.
-    elongation_mm, u_mm : measured, k = 2; NaN where unknown.
-    saturated : the pressure is at a limit or at its ramp.
-    lost : sensors (from 1) newly lost.
-    stop, cause, remedy : why to stop; None and empty where nothing is wrong.
-    """
-
+    # pressure_kpa, ramp_kpa_per_s: the command; the pressure is that of before where `stop` is set
     pressure_kpa: float
     ramp_kpa_per_s: float
     setpoint_mm: float
+    # elongation_mm, u_mm: measured, k = 2; NaN where unknown
     elongation_mm: float
     u_mm: float
-    saturated: bool
-    lost: tuple[int, ...] = ()
+    saturated: bool  # the pressure is at a limit or at its ramp
+    lost: tuple[int, ...] = ()  # sensors (from 1) newly lost
+    # stop, cause, remedy: why to stop; None and empty where nothing is wrong
     stop: StopCode | None = None
     cause: str = ""
     remedy: str = ""
@@ -145,9 +126,7 @@ class Output:
 class ElongationController:
     """One unit under control. `begin`, then `advance` once a period.
 
-    Parameters
-    ----------
-    step_mv, loops : of converter and sensors, as `SensorWatch` takes them.
+    `step_mv`, `loops`: resolution of the converter and loops of the sensors, as in `SensorWatch`.
     """
 
     def __init__(
@@ -170,9 +149,7 @@ class ElongationController:
     def check(self, mm: float) -> None:
         """Refuse a setpoint outside the calibrated range.
 
-        Raises
-        ------
-        RequestError : it is.
+        Raises RequestError: it is.
         """
         low, high = self.sensors.range_mm
         if not low <= mm <= high:
@@ -184,15 +161,9 @@ class ElongationController:
     def begin(self, time_s: float, pressure_kpa: float, signal_mv: FloatArray) -> float:
         """Start without a bump and return the measured elongation, mm.
 
-        Parameters
-        ----------
-        time_s : board time of the newest sample.
-        pressure_kpa : commanded now, or measured on a vented unit.
-        signal_mv : [n, sensors] of the last samples.
-
-        Raises
-        ------
-        RequestError : no elongation is known, or the sensors disagree.
+        `time_s`: board time of the newest sample. `pressure_kpa`: commanded now, or measured on a vented unit.
+        `signal_mv`: [n, sensors] of the last samples.
+        Raises RequestError: no elongation is known, or the sensors disagree.
         """
         self.sensors = SensorWatch(self.sensors.fusion, self._step_mv, self._loops)
         self._lasted_s = dict.fromkeys(StopCode, 0.0)
@@ -220,12 +191,9 @@ class ElongationController:
     ) -> Output:
         """Return the next pressure.
 
-        Parameters
-        ----------
-        time_s : now, on the board's clock. sampled_s : mean time of the samples.
-        setpoint : of now: mm, mm/s and mm/s2.
-        signal_mv : [n, sensors] since the last call; NaN where a sample is not to be used.
-        shaped : it is a step, which is made smooth; else it is followed as it is.
+        `time_s`: now, on the board's clock. `sampled_s`: mean time of the samples. `setpoint`: the present one: mm,
+        mm/s and mm/s2. `signal_mv`: [n, sensors] since the last call; NaN where a sample is not to be used. `shaped`:
+        it is a step, which is made smooth; else it is followed as it is.
         """
         dt = max(time_s - self._time_s, 1e-3)
         self._time_s = time_s

@@ -28,13 +28,8 @@ def dynamic_calibration(
 ) -> DynamicCalibration:
     """Return the dynamics of a run with steps or sines of elongation.
 
-    Parameters
-    ----------
-    calibration_utc : when that calibration was accepted.
-
-    Raises
-    ------
-    DataError : it has neither, or the elongation at a step is not known.
+    `calibration_utc`: when that calibration was accepted.
+    Raises DataError: it has neither, or the elongation at a step is not known.
     """
     segments = recorded_segments(recording)
     stepped, swept = any(one.step_mm for one in segments), any(one.is_sine_of_elongation for one in segments)

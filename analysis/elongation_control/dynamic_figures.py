@@ -29,21 +29,13 @@ class DynamicFigure:
 
 @dataclass(frozen=True, slots=True)
 class StepFigures:
-    """Figures of a step response, each with a 95 % interval.
+    """Figures of a step response, each with a 95 % interval."""
 
-    Attributes
-    ----------
-    time_constant_s : until 63.2 % of the step.
-    rise_s : from 10 to 90 %.
-    settling_s : until it stays within the tolerance of its final value.
-    bandwidth_hz : at -3 dB.
-    """
-
-    time_constant_s: DynamicFigure
-    rise_s: DynamicFigure
-    settling_s: DynamicFigure
+    time_constant_s: DynamicFigure  # until 63.2 % of the step
+    rise_s: DynamicFigure  # from 10 to 90 %
+    settling_s: DynamicFigure  # until it stays within the tolerance of its final value
     overshoot_percent: DynamicFigure
-    bandwidth_hz: DynamicFigure
+    bandwidth_hz: DynamicFigure  # at -3 dB
     phase_lag_deg: DynamicFigure
 
     def as_json(self) -> dict[str, Any]:
@@ -70,24 +62,19 @@ class BodePoint:
 class DynamicCalibration:
     """The dynamics of a run.
 
-    Attributes
-    ----------
-    unit, simulated, recording : whose, and of which run.
-    steps : figures by the size of the step, mm.
-    bode : a point for each sine. bandwidth_hz : at -3 dB, with its interval; NaN where no sine reaches it.
-    responses : times and mean response of the steps of each size [2, n], as a share of the step; drawn only.
-    counts : number of the steps of each size.
+    `responses`: times and mean response of the steps of each size [2, n], as a share of the step; drawn only.
     """
 
+    # unit, simulated, recording: the unit and the run
     unit: str
     simulated: bool
     recording: str
     tolerance_mm: float
-    steps: dict[float, dict[str, DynamicFigure]]
-    bode: tuple[BodePoint, ...]
-    bandwidth_hz: DynamicFigure
+    steps: dict[float, dict[str, DynamicFigure]]  # figures by the size of the step, mm
+    bode: tuple[BodePoint, ...]  # a point for each sine
+    bandwidth_hz: DynamicFigure  # at -3 dB, with its interval; NaN where no sine reaches it
     responses: dict[float, FloatArray] = field(default_factory=dict)
-    counts: dict[float, int] = field(default_factory=dict)
+    counts: dict[float, int] = field(default_factory=dict)  # number of the steps of each size
     recorded_utc: str = ""
     calibration_utc: str = ""
 

@@ -36,9 +36,7 @@ _LEAST_R2 = 0.9
 class Lag:
     """A delay and a second-order lag of gain 1: exp(-s L) w^2 / (s^2 + 2 z w s + w^2).
 
-    Attributes
-    ----------
-    covariance : [3, 3] of the three, from the fit; zeros where they are given.
+    `covariance`: [3, 3] of the three, from the fit; zeros where they are given.
     """
 
     delay_s: float
@@ -79,13 +77,8 @@ class Margins:
 def fit_lag(time_s: FloatArray, command_mm: FloatArray, elongation_mm: FloatArray) -> Lag:
     """Return the model of a recorded response.
 
-    Parameters
-    ----------
-    time_s, command_mm, elongation_mm : [n]; the command in millimetres, as the inverse of the hysteresis took it.
-
-    Raises
-    ------
-    DataError : too few samples, or a response that does not follow the command.
+    `time_s`, `command_mm`, `elongation_mm`: [n]; the command in millimetres, as the inverse of the hysteresis took it.
+    Raises DataError: too few samples, or a response that does not follow the command.
     """
     known = np.isfinite(elongation_mm) & np.isfinite(command_mm)
     time_s, command, x = time_s[known], command_mm[known], elongation_mm[known]
@@ -147,13 +140,8 @@ def integral_for(lag: Lag, period_s: float, *, phase_deg: float = 60.0, gain_db:
 def bode_point(time_s: FloatArray, setpoint: FloatArray, elongation: FloatArray, frequency_hz: float) -> BodePoint:
     """Return gain and phase at one frequency, by least squares of sine, cosine, mean and trend.
 
-    Parameters
-    ----------
-    time_s, setpoint, elongation : [n] of whole periods after the transient.
-
-    Raises
-    ------
-    DataError : fewer than twelve samples.
+    `time_s`, `setpoint`, `elongation`: [n] of whole periods after the transient.
+    Raises DataError: fewer than twelve samples.
     """
     known = np.isfinite(elongation) & np.isfinite(setpoint)
     if known.sum() < 12:
@@ -203,9 +191,7 @@ def step_figures(
 ) -> dict[str, DynamicFigure]:
     """Return rise, settling, overshoot and time constant of repeated steps: mean and its 95 % interval (Student t).
 
-    Parameters
-    ----------
-    time_s : of each step [n], 0 at the command. elongation_mm : of each step [n], 0 at its begin.
+    `time_s`, `elongation_mm`: [n] for each step, 0 at the command and at its begin.
     """
     rows = np.array([
         _recorded_values(t, x / step, tolerance_mm / abs(step))

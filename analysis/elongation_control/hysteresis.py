@@ -36,20 +36,15 @@ _STEEPEST = 0.8  # of the curvature at which an envelope would turn inside the i
 
 @dataclass(frozen=True, slots=True)
 class HysteresisModel:
-    """Elongation over pressure with memory.
+    """Elongation over pressure with memory."""
 
-    Attributes
-    ----------
-    radii, weights : [m] of the plays, kPa and mm/kPa.
-    up_curvature, down_curvature : of the envelopes v + c v^2, 1/kPa; the first is no larger.
-    offset_mm : elongation at plays of zero.
-    """
-
+    # radii, weights: [m], kPa and mm/kPa
     radii: FloatArray
     weights: FloatArray
+    # up_curvature, down_curvature: c of the envelopes v + c v^2, 1/kPa; the first is no larger
     up_curvature: float
     down_curvature: float
-    offset_mm: float
+    offset_mm: float  # elongation at plays of zero
     pressure_range_kpa: tuple[float, float]
     rms_mm: float = math.nan
     r2: float = math.nan
@@ -105,14 +100,9 @@ class HysteresisModel:
 def identify(pressure_kpa: FloatArray, elongation_mm: FloatArray, plays: int = _PLAYS) -> HysteresisModel:
     """Return the hysteresis of a run by least squares.
 
-    Parameters
-    ----------
-    pressure_kpa, elongation_mm : [n] in order of time; NaN where not known. At least one swing between both ends.
-    plays : number of plays, the first of radius 0.
-
-    Raises
-    ------
-    DataError : too few points, too small a span, no turn at both ends, or a model that does not describe them.
+    `pressure_kpa`, `elongation_mm`: [n] in order of time; NaN where not known. At least one swing between both ends.
+    `plays`: number of plays, the first of radius 0.
+    Raises DataError: too few points, too small a span, no turn at both ends, or a model that does not describe them.
     """
     known = np.isfinite(pressure_kpa) & np.isfinite(elongation_mm)
     share = max(1, int(known.sum()) // MOST_POINTS)
@@ -175,10 +165,7 @@ def _plays(
 ) -> FloatArray:
     """Return the states [n, m] of plays under pressures [n] in turn.
 
-    Parameters
-    ----------
-    pressure_kpa : [n]. radii : [m].
-    memory : [m] before the first; zeros by default.
+    `pressure_kpa`: [n]. `radii`: [m]. `memory`: [m] before the first; zeros by default.
 
     Notes
     -----

@@ -34,10 +34,8 @@ class FusedElongation:
 class SensorWatch:
     """Fuses the sensors of one unit, period by period.
 
-    Parameters
-    ----------
-    step_mv : of the converter; 0 where it is not known, and a constant signal is then no sign of a loss.
-    loops : of the sensors over elongation, which are taken out; None where none are known.
+    `step_mv`: resolution of the converter; 0 where it is not known, and a constant signal is then no sign of a loss.
+    `loops`: of the sensors over elongation, which are taken out; None where none are known.
     """
 
     def __init__(self, fusion: Fusion, step_mv: float = 0.0, loops: SensorLoops | None = None) -> None:
@@ -63,9 +61,7 @@ class SensorWatch:
     def measure(self, signal_mv: FloatArray, dt_s: float) -> FusedElongation:
         """Return the elongation of the samples' mean.
 
-        Parameters
-        ----------
-        signal_mv : [n, sensors] of one period, NaN where not usable.
+        `signal_mv`: [n, sensors] of one period, NaN where not usable.
         """
         known = np.isfinite(signal_mv)
         count = known.sum(axis=0)

@@ -63,9 +63,7 @@ def run_elongation(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the elongation of every sample [n] and its expanded uncertainty (k = 2), mm; NaN where unknown.
 
-    Parameters
-    ----------
-    recording, fusion : the run, and the calibration in force.
+    `recording`, `fusion`: the run, and the calibration in force.
     """
     usable = (recording.flags & _NO_SIGNAL) == 0
     signal_mv = np.where(usable[:, None], recording.signal_mv, np.nan)
@@ -91,9 +89,7 @@ def _loop_signals(loops: SensorLoops, elongation_mm: FloatArray) -> FloatArray:
 def recorded_segments(recording: Recording) -> tuple[RecordedSegment, ...]:
     """Return the whole segments of a run.
 
-    Raises
-    ------
-    DataError : it has none.
+    Raises DataError: it has none.
     """
     found = []
     row: Any
@@ -110,22 +106,12 @@ def recorded_segments(recording: Recording) -> tuple[RecordedSegment, ...]:
 
 
 def identify_run(recording: Recording, fusion: Fusion) -> HysteresisModel:
-    """Return the hysteresis of a run by its elongation.
-
-    Raises
-    ------
-    DataError : as `identify`.
-    """
+    """Return the hysteresis of a run by its elongation."""
     return identify(recording.pressure_kpa, run_elongation(recording, fusion)[0])
 
 
 def tune_run(recording: Recording, fusion: Fusion, model: HysteresisModel) -> Tuning:
-    """Return the gains from a recorded step test: steps of pressure, all averaged after scaling.
-
-    Raises
-    ------
-    DataError : no step of pressure, or one that the elongation does not follow.
-    """
+    """Return the gains from a recorded step test: steps of pressure, all averaged after scaling."""
     lag, ramp = step_test_lag(recording, fusion, model)
     return Tuning.of(lag, ramp)
 
@@ -157,13 +143,7 @@ def step_test_lag(recording: Recording, fusion: Fusion, model: HysteresisModel) 
 def bode_of_run(recording: Recording, fusion: Fusion, loops: SensorLoops | None = None) -> tuple[BodePoint, ...]:
     """Return gain and phase of the elongation over its setpoint, at each sine of a run in millimetres.
 
-    Parameters
-    ----------
-    recording, fusion, loops : as of `run_elongation`.
-
-    Raises
-    ------
-    DataError : no sine of elongation.
+    Raises DataError: no sine of elongation.
     """
     elongation, _ = run_elongation(recording, fusion, loops)
     points = []
@@ -197,13 +177,7 @@ def step_responses(
 ) -> dict[float, list[StepResponse]]:
     """Return the responses to a run's steps in millimetres, by the size of the step.
 
-    Parameters
-    ----------
-    recording, fusion, loops : as of `run_elongation`.
-
-    Raises
-    ------
-    DataError : no step of elongation.
+    Raises DataError: no step of elongation.
     """
     elongation, _ = run_elongation(recording, fusion, loops)
     smooth = _smoothed(elongation)

@@ -59,10 +59,8 @@ class SensorLoops:
 def find_loops(elongation_mm: FloatArray, residual_mv: Sequence[FloatArray]) -> SensorLoops | None:
     """Return the loops of sensors; None where no residual shows one.
 
-    Parameters
-    ----------
-    elongation_mm : [n] readings in the order of the run, which began at rest.
-    residual_mv : of each sensor, signals less the curve [n].
+    `elongation_mm`: [n] readings in the order of the run, which began at rest. `residual_mv`: for each sensor, signals
+    less the curve [n].
     """
     known = np.isfinite(elongation_mm)
     if known.sum() < _LEAST_POINTS:

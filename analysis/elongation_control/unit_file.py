@@ -29,22 +29,15 @@ _MOST_BYTES = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class TwinFile:
-    """A unit under control.
-
-    Attributes
-    ----------
-    calibration_utc : when the calibration it rests on was accepted.
-    recording : name of the run it was identified from.
-    tuning : the gains; None before a step test.
-    actuator, face : whose light the unit's signals are predicted by, and the face of the guides with the cavities.
-    """
+    """A unit under control."""
 
     unit: str
     simulated: bool
-    calibration_utc: str
-    recording: str
+    calibration_utc: str  # when the calibration it rests on was accepted
+    recording: str  # name of the run it was identified from
     model: HysteresisModel
-    tuning: Tuning | None = None
+    tuning: Tuning | None = None  # the gains; None before a step test
+    # actuator, face: the actuator whose light predicts the signals, and the face of the guides with the cavities
     actuator: ActuatorParameters = field(default_factory=ActuatorParameters)
     face: Face = "outer"
 
@@ -71,9 +64,7 @@ class TwinFile:
 def read_twin(path: Path) -> TwinFile | None:
     """Return the unit of a file; None where there is no file.
 
-    Raises
-    ------
-    FileError : it is damaged, or of a newer version.
+    Raises FileError: it is damaged, or of a newer version.
     """
     try:
         content = json.loads(read_regular(path, _MOST_BYTES))

@@ -91,15 +91,8 @@ def light_of(
 ) -> LightTable | None:
     """Return the table of an actuator: that of the program, the kept one, or a new one.
 
-    Parameters
-    ----------
-    build : whether to trace a table that is not kept; None is returned where it is needed and not allowed.
-    progress : called as (done, total) while it is traced; raising from it cancels, and what was traced is kept.
-    folder : where tables are kept; the user's cache folder by default.
-
-    Raises
-    ------
-    RequestError : the actuator has no states at these pressures, or does not lengthen with them.
+    `build`: whether to trace a table that is not kept; None is returned where it is needed and not allowed. `folder`:
+    where tables are kept; the user's cache folder by default.
     """
     if actuator == ActuatorParameters() and face == "outer":
         return stored_light()
@@ -125,9 +118,7 @@ def _digest(actuator: ActuatorParameters, face: Face) -> str:
 class GuideShapes:
     """The tracked points of both guides over elongation: solved at even pressures, and a spline between.
 
-    Raises
-    ------
-    RequestError : the actuator has no states at these pressures, or does not lengthen with them.
+    Raises RequestError: the actuator has no states at these pressures, or does not lengthen with them.
     """
 
     def __init__(self, actuator: ActuatorParameters, shapes: int = _SHAPES) -> None:
@@ -149,9 +140,7 @@ def traced_light(
 ) -> FloatArray:
     """Return the light of the paper's pattern [n], percent of the emitted.
 
-    Parameters
-    ----------
-    elongation_mm : [n], at most `_STATES`.
+    `elongation_mm`: [n], at most `_STATES`.
     """
     at = np.concatenate([elongation_mm, np.repeat(elongation_mm[-1:], _STATES - len(elongation_mm))])
     design, guide = replace(PAPER_OPTIMUM, face=face), Waveguide(attenuation_db_per_cm=loss_db_per_cm)
@@ -171,10 +160,7 @@ def build_light(
 ) -> LightTable:
     """Trace a table: first elongations, refinement, losses.
 
-    Parameters
-    ----------
-    tolerance : of the light's range.
-    progress : called as (done, total); the total grows with the refinement.
+    `tolerance`: share of the light's range.
     """
     kept = load_arrays(part, _PART) if part is not None else None
     known: dict[tuple[float, float], float] = {}  # by loss and elongation
@@ -217,9 +203,7 @@ def build_light(
 def _halved(x: FloatArray, middle: FloatArray, suspect: BoolArray, away: BoolArray) -> tuple[FloatArray, BoolArray]:
     """Return the elongations with the middles of the suspect intervals, and which intervals are suspect then.
 
-    Parameters
-    ----------
-    x : [n]. suspect : [n - 1]. away : whether the light in each middle was off.
+    `x`: [n]. `suspect`: [n - 1]. `away`: whether the light in each middle was off.
     """
     split = np.zeros(len(x) - 1, dtype=bool)
     split[np.flatnonzero(suspect)[away]] = True

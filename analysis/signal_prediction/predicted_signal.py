@@ -39,19 +39,13 @@ class Disagreement(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PredictedSignal:
-    """One sensor's forward model.
-
-    Attributes
-    ----------
-    covariance : [3][3] of the three.
-    at_bound : whether the loss lies at a bound, where its variance says nothing.
-    """
+    """One sensor's forward model."""
 
     gain_mv_per_percent: float
     offset_mv: float
     loss_db_per_cm: float
-    covariance: tuple[tuple[float, ...], ...]
-    at_bound: bool
+    covariance: tuple[tuple[float, ...], ...]  # [3][3] of the three
+    at_bound: bool  # whether the loss lies at a bound, where its variance says nothing
     rms_mv: float
     rms_percent_fso: float
     r2: float
@@ -76,15 +70,9 @@ def fit_signal_model(
 ) -> PredictedSignal:
     """Return the forward model of one sensor, fitted to readings.
 
-    Parameters
-    ----------
-    elongation_mm, signal_mv : [n] of a calibration run.
-    table : of the light; the stored one by default.
-    fit_loss : False keeps the guide's loss at 0: gain and offset alone.
-
-    Raises
-    ------
-    DataError : too few readings inside the table.
+    `elongation_mm`, `signal_mv`: [n], a calibration run. `table`: the light; the stored table by default.
+    `fit_loss`: False keeps the guide's loss at 0: gain and offset alone.
+    Raises DataError: too few readings inside the table.
     """
     light = table or stored_light()
     ends = light.elongation_mm[[0, -1]] + [-0.1, 0.1]  # a reading may lie a little beyond
@@ -128,12 +116,9 @@ def fit_signal_model(
 def what_disagrees(residual_mv: FloatArray, slope_mv_per_mm: FloatArray, u_mv: FloatArray, u_mm: float) -> Disagreement:
     """Return which link of the chain does not fit at an instant.
 
-    Parameters
-    ----------
-    residual_mv : [sensors] measured signal less that of the calibration at the elongation expected from the pressure.
-    slope_mv_per_mm : [sensors] of the calibration there.
-    u_mv : [sensors] standard uncertainty of a signal, noise and curve.
-    u_mm : standard uncertainty of the expected elongation, hysteresis included.
+    `residual_mv`: [sensors] measured signal less that of the calibration at the elongation expected from the pressure.
+    `slope_mv_per_mm`: [sensors] of the calibration there. `u_mv`: [sensors] standard uncertainty of a signal, noise and
+    curve. `u_mm`: standard uncertainty of the expected elongation, hysteresis included.
 
     Notes
     -----

@@ -36,17 +36,11 @@ class SensorPrediction:
 
 @dataclass(frozen=True, slots=True)
 class RunPrediction:
-    """A run beside the chain.
-
-    Attributes
-    ----------
-    frame : a row a sample, columns named with their units.
-    words : what disagrees, with the share of the run's seconds in percent.
-    """
+    """A run beside the chain."""
 
     sensors: tuple[SensorPrediction, ...]
-    frame: pd.DataFrame
-    words: Mapping[str, float]
+    frame: pd.DataFrame  # a row a sample, columns named with their units
+    words: Mapping[str, float]  # what disagrees, with the share of the run's seconds in percent
 
 
 def predict_sensors(
@@ -54,14 +48,8 @@ def predict_sensors(
 ) -> tuple[SensorPrediction, ...]:
     """Return the forward models of sensors from their readings.
 
-    Parameters
-    ----------
-    points : (elongation mm [n], signal mV [n]) of each sensor.
-    light : of the actuator; that of the default one where None.
-
-    Raises
-    ------
-    DataError : too few readings.
+    `points`: (elongation mm [n], signal mV [n]) for each sensor. `light`: that of the actuator; of the default one
+    where None.
     """
     return tuple(
         SensorPrediction(fit_signal_model(x, y, light, fit_loss=False), fit_signal_model(x, y, light))
@@ -82,13 +70,8 @@ def predict_run(
 ) -> RunPrediction:
     """Return a run beside the chain: pressure, elongation by the hysteresis, light, signals.
 
-    Parameters
-    ----------
-    sensors : fitted to a calibration run of it.
-
-    Raises
-    ------
-    DataError : the run has another number of sensors.
+    `sensors`: fitted to a calibration run of it.
+    Raises DataError: the run has another number of sensors.
     """
     if recording.n_sensors != len(sensors):
         raise DataError(
@@ -112,20 +95,15 @@ def predict_run(
 
 @dataclass(frozen=True, slots=True)
 class LivePrediction:
-    """The signals that the chain predicts for a pressure, read from a table: hysteresis is in the band.
+    """The signals that the chain predicts for a pressure, read from a table: hysteresis is in the band."""
 
-    Attributes
-    ----------
-    pressure_kpa, elongation_mm : [nodes] of the table, by the mean of both branches.
-    signal_mv, half_mv : [nodes, sensors] predicted, and half the width of its 95 % band.
-    loop_mm : half the width of the actuator's hysteresis loop.
-    """
-
+    # pressure_kpa, elongation_mm: [nodes] of the table, by the mean of both branches
     pressure_kpa: FloatArray
     elongation_mm: FloatArray
+    # signal_mv, half_mv: [nodes, sensors] predicted, and half the width of its 95 % band
     signal_mv: FloatArray
     half_mv: FloatArray
-    loop_mm: float
+    loop_mm: float  # half the width of the actuator's hysteresis loop
     fusion: Fusion
 
     def __call__(self, pressure_kpa: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -152,9 +130,7 @@ def live_prediction(
 ) -> LivePrediction:
     """Return the table that live frames are predicted from.
 
-    Parameters
-    ----------
-    model, fusion, sensors : of the unit, as `predict_run`.
+    `model`, `fusion`, `sensors`: those of the unit.
     """
     low, high = model.pressure_range_kpa
     pressure = np.linspace(low, high, nodes)
@@ -171,9 +147,7 @@ def live_prediction(
 def second_by_second(time_s: FloatArray, signal_mv: FloatArray, expected_mm: FloatArray, fusion: Fusion) -> list[str]:
     """Return for every sample what disagrees over the second around it.
 
-    Parameters
-    ----------
-    time_s, expected_mm : [n]. signal_mv : [n, sensors].
+    `time_s`, `expected_mm`: [n]. `signal_mv`: [n, sensors].
     """
     blocks = np.floor(time_s / AVERAGE_S).astype(np.int64)
     edges = np.flatnonzero(np.diff(blocks, prepend=blocks[:1] - 1))
@@ -196,10 +170,7 @@ def disagreement(
 ) -> Disagreement:
     """Return what disagrees in the mean of some samples.
 
-    Parameters
-    ----------
-    signal_mv : [sensors] means.
-    u_mm : standard uncertainty of the expected elongation.
+    `signal_mv`: [sensors] means. `u_mm`: standard uncertainty of the expected elongation.
     """
     residual, slope, u = (np.full(len(fusion.inverses), np.nan) for _ in range(3))
     for i, inverse in enumerate(fusion.inverses):

@@ -38,9 +38,7 @@ class Picture:
 def chosen(studies: Sequence[Study], names: Iterable[str], names_of: Callable[[Study], Collection[str]]) -> list[Study]:
     """Return the studies that have one of the names, each once and in their order; all for no names.
 
-    Raises
-    ------
-    RequestError : no study has such a name.
+    Raises RequestError: no study has such a name.
     """
     wanted = set(names)
     known = list(dict.fromkeys(name for study in studies for name in names_of(study)))
@@ -71,9 +69,7 @@ def write_pictures(
 ) -> list[Path]:
     """Draw pictures and write each in every format; return the files.
 
-    Parameters
-    ----------
-    look : parameters of matplotlib beside those of the style, with `_` for `.`.
+    `look`: parameters of matplotlib beside those of the style, with `_` for `.`.
     """
     import matplotlib as mpl  # half a second that only who draws spends
 

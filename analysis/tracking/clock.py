@@ -40,22 +40,16 @@ FEWEST_FOR_DRIFT = 10
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """The delay of a camera's frames.
+    """The delay of a camera's frames."""
 
-    Attributes
-    ----------
-    delay_s, u_s : at `about_s`, and its standard uncertainty.
-    drift, u_drift : growth of the delay, s/s; 0 where too few windows show one.
-    about_s : middle of the windows, recording time.
-    windows : [n, 2] time and delay of each.
-    """
-
+    # delay_s, u_s: at `about_s`, and its standard uncertainty
     delay_s: float
     u_s: float
+    # drift, u_drift: growth of the delay, s/s; 0 where too few windows show one
     drift: float
     u_drift: float
-    about_s: float
-    windows: FloatArray
+    about_s: float  # middle of the windows, recording time
+    windows: FloatArray  # [n, 2] time and delay of each
 
     @property
     def certain_drift(self) -> float:
@@ -66,14 +60,9 @@ class Delay:
 def find_place(frame_s: FloatArray, elongation_mm: FloatArray, time_s: FloatArray, pressure_kpa: FloatArray) -> float:
     """Return the time of a recording at which a video begins its own time, to about 0.1 s.
 
-    Parameters
-    ----------
-    frame_s, elongation_mm : [frames] of the video, NaN where there is none.
-    time_s, pressure_kpa : [n] of the recording.
-
-    Raises
-    ------
-    DataError : the video does not show this run.
+    `frame_s`, `elongation_mm`: [frames] of the video, NaN where there is none. `time_s`, `pressure_kpa`: [n] of the
+    recording.
+    Raises DataError: the video does not show this run.
     """
     seen = np.isfinite(elongation_mm)
     cause = "the video does not show the run: its elongation does not follow the pressure"
@@ -113,12 +102,9 @@ def find_delay(
 ) -> Delay | None:
     """Return the delay of the frames; None where no ramp shows it.
 
-    Parameters
-    ----------
-    frame_s, elongation_mm : [frames] on the recording's clock but for the delay; NaN where there is none.
-    time_s : [n] of the recording, increasing.
-    signals : [n, signals] of the sensors, or the pressure; rows with NaN are left out.
-    expected_s : the delay to within `REACH_S`.
+    `frame_s`, `elongation_mm`: [frames] on the recording's clock but for the delay; NaN where there is none. `time_s`:
+    [n] of the recording, increasing. `signals`: [n, signals] of the sensors, or the pressure; rows with NaN are left
+    out. `expected_s`: the delay to within `REACH_S`.
     """
     seen, good = np.isfinite(elongation_mm), np.isfinite(signals).all(axis=1)
     t, x = frame_s[seen], elongation_mm[seen]
@@ -226,10 +212,7 @@ def _of_window(
 ) -> tuple[float, float] | None:
     """Return the delay with the least residuals in a window, and its standard uncertainty; None where there is none.
 
-    Parameters
-    ----------
-    time_s, signals : [n], [n, signals] of the window.
-    t, x : [frames] of the record.
+    `time_s`, `signals`: [n], [n, signals] of the window. `t`, `x`: [frames] of the record.
     """
     near = slice(*np.searchsorted(t, [time_s[0] + expected_s - REACH_S - 0.1, time_s[-1] + expected_s + REACH_S + 0.1]))
     t, x = t[near], x[near]
@@ -265,10 +248,8 @@ def _of_window(
 def _cost(x: FloatArray, signals: FloatArray, at_s: FloatArray, turn_s: float | None, degree: int) -> float:
     """Return the sum of squares that polynomials of x leave of the signals, one for each branch.
 
-    Parameters
-    ----------
-    x, signals, at_s : [n], [n, signals] and [n] elongation and signals over the errors, at times of the frames.
-    turn_s : where the run turns, or None.
+    `x`, `signals`, `at_s`: [n], [n, signals] and [n] elongation and signals over the errors, at times of the frames.
+    `turn_s`: where the run turns, or None.
     """
     z = (x - x.mean()) / (float(np.ptp(x)) or 1.0)
     branches: IntArray = np.zeros(z.size, np.int64) if turn_s is None else (at_s > turn_s).astype(np.int64)

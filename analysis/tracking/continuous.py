@@ -42,25 +42,21 @@ _BY_SPEED = ("speed_mm_per_s", "signal_mv", "u_mv")
 class ContinuousCalibration:
     """One sensor on the continuous record.
 
-    Attributes
-    ----------
-    calibration : of the means of both branches; None and `void` where it cannot be.
-    dynamic_mv_per_mm_per_s, u_dynamic : change of the signal with speed, and its standard uncertainty.
-    apart_percent_fso : largest distance from the plateaus' curve; NaN without one.
-    loop_mm, loop_mv : [2, bins] elongation and signal of the mean unloading and loading branch, NaN where unknown.
-    by_speed : [n, 3] speed, mm/s, mean distance of the signal from its branch, mV, and its standard uncertainty.
+    `by_speed`: [n, 3] speed, mm/s, mean distance of the signal from its branch, mV, and its standard uncertainty.
     """
 
-    calibration: Calibration | None
+    calibration: Calibration | None  # that of the means of both branches; None and `void` where it cannot be
     void: str
     r2: float = math.nan
     sensitivity_mv_per_mm: float = math.nan
     hysteresis_percent_fso: float = math.nan
     per_cycle: tuple[float, ...] = ()
     samples: int = 0
+    # dynamic_mv_per_mm_per_s, u_dynamic: change of the signal with speed, and its standard uncertainty
     dynamic_mv_per_mm_per_s: float = math.nan
     u_dynamic: float = math.nan
-    apart_percent_fso: float = math.nan
+    apart_percent_fso: float = math.nan  # largest distance from the plateaus' curve; NaN without one
+    # loop_mm, loop_mv: [2, bins] elongation and signal of the mean unloading and loading branch, NaN where unknown
     loop_mm: FloatArray = field(default_factory=lambda: np.empty((2, 0)))
     loop_mv: FloatArray = field(default_factory=lambda: np.empty((2, 0)))
     by_speed: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
@@ -130,9 +126,7 @@ def scale_of(film: Filmed) -> TypeBContribution:
 def camera_elongations(film: Filmed, plateaus: Sequence[Plateau], entered: Elongations | None) -> Elongations:
     """Return the elongation of each plateau by the camera; what the operator entered counts before it.
 
-    Parameters
-    ----------
-    entered : by the operator, the camera's own readings left out.
+    `entered`: readings of the operator, without those of the camera.
     """
     time_s = film.recording.time_s
     rows = [(p.settled_first, p.last - 1) for p in plateaus]
@@ -154,11 +148,8 @@ def camera_figures(
 ) -> CameraFigures:
     """Return the calibrations on the continuous record, beside those of the plateaus.
 
-    Parameters
-    ----------
-    film : with the camera's record.
-    recording : the same run, what is not usable marked.
-    calibrations : of each sensor's plateaus, or None.
+    `film`: the recording with the camera's record. `recording`: the same run, what is not usable marked.
+    `calibrations`: of each sensor's plateaus, or None.
     """
     motion = film.record.at(film.recording.time_s)[:2]
     sensors = (_continuous(recording, cycles, i, motion, plateaus) for i, plateaus in enumerate(calibrations))
@@ -174,11 +165,7 @@ def _continuous(
 ) -> ContinuousCalibration:
     """Return the calibration of a sensor, counted from 0, on all samples with an elongation.
 
-    Parameters
-    ----------
-    sensor : counted from 0.
-    motion : [n] elongation and its speed.
-    plateaus : the curve of the plateaus, or None.
+    `sensor`: counted from 0. `motion`: [n] elongation and its speed. `plateaus`: the curve of the plateaus, or None.
     """
     x, speed = motion
     y, usable = recording.signal_mv[:, sensor], recording.usable[:, sensor] & np.isfinite(x)
@@ -254,10 +241,8 @@ def _loop_width(x: FloatArray, y: FloatArray, calibration: Calibration) -> float
 
     The largest of many noisy distances would be lifted by the noise, most of all in a single cycle.
 
-    Parameters
-    ----------
-    x, y : [2, bins] elongation and signal of the branches.
-    calibration : whose curve is subtracted, so that elongations of a bin may differ between the branches.
+    `x`, `y`: [2, bins] elongation and signal of the branches. `calibration`: whose curve is subtracted, so that
+    elongations of a bin may differ between the branches.
     """
     apart = np.diff(y - calibration.predict(x), axis=0)[0]
     known = np.isfinite(apart)
@@ -277,10 +262,7 @@ def _off_branches(
 ) -> FloatArray:
     """Return the distance of every sample [n] from the mean of its own branch; NaN outside the bins.
 
-    Parameters
-    ----------
-    x, y : [n].
-    loop : elongation and signal of the mean branches, [2, bins].
+    `x`, `y`: [n]. `loop`: elongation and signal of the mean branches, [2, bins].
     """
     off = np.full(x.size, np.nan)
     for b, (at, level) in enumerate(zip(*loop, strict=True)):

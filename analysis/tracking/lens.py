@@ -30,20 +30,12 @@ LARGEST_REPROJECTION_PX = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Lens:
-    """A calibrated lens.
+    """A calibrated lens."""
 
-    Attributes
-    ----------
-    matrix : [3, 3] of the pinhole camera, pixels.
-    distortion : k1, k2, p1, p2, k3.
-    size : width and height of the pictures, pixels.
-    reprojection_px : rms distance of the checkerboard's corners from the model.
-    """
-
-    matrix: tuple[tuple[float, float, float], ...]
-    distortion: tuple[float, ...]
-    size: tuple[int, int]
-    reprojection_px: float
+    matrix: tuple[tuple[float, float, float], ...]  # [3, 3] of the pinhole camera, pixels
+    distortion: tuple[float, ...]  # k1, k2, p1, p2, k3
+    size: tuple[int, int]  # width and height of the pictures, pixels
+    reprojection_px: float  # rms distance of the checkerboard's corners from the model
     views: int = 0
 
     def undistorted(self, points_px: FloatArray) -> FloatArray:
@@ -65,12 +57,7 @@ class Lens:
         }
 
     def write(self, path: Path) -> None:
-        """Write the lens as JSON.
-
-        Raises
-        ------
-        FileError : the file cannot be written.
-        """
+        """Write the lens as JSON."""
         with writing(path):
             write_whole(path, json.dumps(self.as_json(), indent=2) + "\n")
 
@@ -78,9 +65,7 @@ class Lens:
 def lens_of(content: Mapping[str, Any], name: str) -> Lens:
     """Return the lens of an object of `Lens.as_json`.
 
-    Raises
-    ------
-    FileError : it is no lens.
+    Raises FileError: it is no lens.
     """
     remedy = "Calibrate the lens from pictures of a checkerboard."
     try:
@@ -99,9 +84,7 @@ def lens_of(content: Mapping[str, Any], name: str) -> Lens:
 def read_lens(path: Path) -> Lens:
     """Return the lens in a file of `Lens.write`.
 
-    Raises
-    ------
-    FileError : it cannot be read, or is no lens.
+    Raises FileError: it cannot be read, or is no lens.
     """
     try:
         text = read_regular(path, LENS_BYTES_MAX).decode("utf-8")
@@ -116,10 +99,8 @@ def read_lens(path: Path) -> Lens:
 def calibrate_lens(pictures: Sequence[Picture], *, corners: tuple[int, int], pitch_mm: float) -> Lens:
     """Fit a lens to pictures of a checkerboard in different orientations.
 
-    Parameters
-    ----------
-    pictures : [height, width] grey or [height, width, 3] BGR, all of one size.
-    corners : inner corners of the board, columns and rows.
+    `pictures`: [height, width] grey or [height, width, 3] BGR, all of one size. `corners`: inner corners of the board,
+    columns and rows.
 
     Raises
     ------

@@ -57,20 +57,12 @@ class PictureFault(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """One mark in one picture.
+    """One mark in one picture."""
 
-    Attributes
-    ----------
-    corners_px : [4, 2] of the black square, in the mark's own order, lens corrected.
-    raw_px : [4, 2] the same as the picture shows them.
-    residual_px : standard deviation of the crossings about the sides.
-    blur_px : standard deviation of the edges' profile.
-    """
-
-    corners_px: FloatArray
-    raw_px: FloatArray
-    residual_px: float
-    blur_px: float
+    corners_px: FloatArray  # [4, 2] of the black square, in the mark's own order, lens corrected
+    raw_px: FloatArray  # [4, 2] the same as the picture shows them
+    residual_px: float  # standard deviation of the crossings about the sides
+    blur_px: float  # standard deviation of the edges' profile
 
 
 @cache
@@ -103,11 +95,8 @@ def find_marks(grey: Picture) -> dict[int, list[FloatArray]]:
 def measure_mark(grey: Picture, number: int, near_px: FloatArray, lens: Lens | None = None) -> Mark | PictureFault:
     """Return a mark measured from its edges, or why it cannot be.
 
-    Parameters
-    ----------
-    grey : [height, width] picture.
-    near_px : [4, 2] its corners to a few pixels.
-    lens : corrects the crossings; None where the picture is not distorted.
+    `grey`: [height, width] picture. `near_px`: [4, 2] its corners to a few pixels. `lens`: corrects the crossings; None
+    where the picture is not distorted.
     """
     edges = _edges(grey, near_px)
     if isinstance(edges, PictureFault):
@@ -193,10 +182,8 @@ def _along_side(values: FloatArray) -> FloatArray:
 def _meet(points: FloatArray, good: BoolArray) -> tuple[FloatArray, float]:
     """Return the corners [4, 2] where straight lines through the crossings of the sides meet, and their residual.
 
-    Parameters
-    ----------
-    points : [4, n, 2] crossings of each side.
-    good : [4, n] those to use at first; of these the outliers are left out.
+    `points`: [4, n, 2] crossings of each side. `good`: [4, n] those to use at first; of these the outliers are left
+    out.
     """
     weights = good.astype(np.float64)
     for last in (False, True):

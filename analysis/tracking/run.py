@@ -37,22 +37,13 @@ INDEPENDENT_MM = 0.0005  # least standard uncertainty of a frame's own
 
 @dataclass(frozen=True, slots=True)
 class Filmed:
-    """A recording with its camera's record on its clock.
+    """A recording with its camera's record on its clock."""
 
-    Attributes
-    ----------
-    recording : whose `camera` is placed; elongations from rest.
-    delay : None where no ramp showed it: then the frames' own times are used.
-    rest_mm : elongation that was subtracted; NaN where rest was not seen.
-    u_scale : relative standard uncertainty of the scale.
-    warnings : what a reader must know.
-    """
-
-    recording: Recording
-    delay: Delay | None
-    rest_mm: float
-    u_scale: float
-    warnings: tuple[Warning, ...]
+    recording: Recording  # whose `camera` is placed; elongations from rest
+    delay: Delay | None  # None where no ramp showed it: then the frames' own times are used
+    rest_mm: float  # elongation that was subtracted; NaN where rest was not seen
+    u_scale: float  # relative standard uncertainty of the scale
+    warnings: tuple[Warning, ...]  # what a reader must know
 
     @property
     def record(self) -> CameraRecord:
@@ -62,12 +53,7 @@ class Filmed:
 
 
 def track(pictures: Iterable[tuple[Picture, float]], tracker: MarkTracker) -> CameraRecord:
-    """Return the elongation in pictures with their times, in order.
-
-    Raises
-    ------
-    DataError : the marks' size contradicts the millimetre grid in the picture.
-    """
+    """Return the elongation in pictures with their times, in order."""
     seen = [tracker.read_checked(picture, time_s) for picture, time_s in pictures]
     columns = np.array([(t.time_s, t.elongation_mm, t.u_mm) for t in seen], float).reshape(-1, 3)
     faults = np.array([t.fault or "" for t in seen], np.str_)
@@ -80,14 +66,8 @@ def track(pictures: Iterable[tuple[Picture, float]], tracker: MarkTracker) -> Ca
 def with_video(recording: Recording, record: CameraRecord, about: Mapping[str, Any]) -> Recording:
     """Return the recording with the record of a video taken elsewhere, whose beginning is not known.
 
-    Parameters
-    ----------
-    record : in the video's own time.
-    about : `source`, `mark_mm`, `u_scale`, as of a recording with a camera.
-
-    Raises
-    ------
-    DataError : the video does not show this run.
+    `record`: the record in the video's own time. `about`: `source`, `mark_mm`, `u_scale`, as of a recording with a
+    camera.
     """
     usable = recording.pressure_usable
     begin_s = find_place(record.time_s, record.elongation_mm, recording.time_s[usable], recording.pressure_kpa[usable])
@@ -137,9 +117,7 @@ def with_camera_placed(recording: Recording) -> Recording:
 def plateau_means(record: CameraRecord, windows_s: FloatArray, u_scale: float) -> tuple[FloatArray, FloatArray]:
     """Return mean elongation and its standard uncertainty without that of the scale, mm, in windows of time.
 
-    Parameters
-    ----------
-    windows_s : [plateaus, 2] begin and end; NaN and u of NaN where fewer than three frames give a value.
+    `windows_s`: [plateaus, 2] begin and end; NaN and u of NaN where fewer than three frames give a value.
     """
     t, x = record.time_s[record.valid], record.elongation_mm[record.valid]
     own = np.sqrt(np.maximum(record.u_mm[record.valid] ** 2 - (u_scale * x) ** 2, INDEPENDENT_MM**2))

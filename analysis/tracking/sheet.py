@@ -28,14 +28,8 @@ _TEXT = (
 def write_sheet(path: Path, mark_mm: float) -> None:
     """Write the marks of base and tip as a PDF of A4 at true size.
 
-    Parameters
-    ----------
-    mark_mm : side of the black square.
-
-    Raises
-    ------
-    RequestError : another kind of file, or a side that does not fit.
-    FileError : the file cannot be written.
+    `mark_mm`: side of the black square.
+    Raises RequestError: another kind of file, or a side that does not fit.
     """
     if path.suffix.lower() != ".pdf":
         raise RequestError(f"{path.name} is no name of a PDF", "End it in .pdf.")

@@ -43,53 +43,37 @@ _GRID_CLEAR = 6.0  # height of a peak over the median of its spectrum
 class Optics:
     """What is known of camera and marks.
 
-    Attributes
-    ----------
-    mark_mm : side of the black square of both marks; 0 takes the scale from the millimetre grid in the picture.
-    lens : None where it was not calibrated.
+    `mark_mm`: side of the black square of both marks; 0 takes the scale from the millimetre grid in the picture.
     """
 
     mark_mm: float = 10.0
     u_mark_mm: float = 0.02
-    lens: Lens | None = None
+    lens: Lens | None = None  # None where it was not calibrated
 
 
 @dataclass(frozen=True, slots=True)
 class Tracked:
-    """The elongation in one picture.
-
-    Attributes
-    ----------
-    elongation_mm, u_mm : value and standard uncertainty; NaN where there is none.
-    fault : why there is no value; None where there is one.
-    base_px, tip_px : [4, 2] corners of the marks in the picture, None where not found.
-    """
+    """The elongation in one picture."""
 
     time_s: float
+    # elongation_mm, u_mm: value and standard uncertainty; NaN where there is none
     elongation_mm: float
     u_mm: float
-    fault: PictureFault | None
+    fault: PictureFault | None  # why there is no value; None where there is one
+    # base_px, tip_px: [4, 2] corners of the marks in the picture, None where not found
     base_px: FloatArray | None = None
     tip_px: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """The plane of the marks.
+    """The plane of the marks."""
 
-    Attributes
-    ----------
-    to_mm : [3, 3] from undistorted pixels to mm, the base's mark about the origin.
-    tip_mm : middle of the tip's mark when it was learned.
-    axis : unit vector along which the elongation counts.
-    u_scale : relative standard uncertainty of lengths.
-    """
-
-    to_mm: FloatArray
-    tip_mm: FloatArray
-    axis: FloatArray
+    to_mm: FloatArray  # [3, 3] from undistorted pixels to mm, the base's mark about the origin
+    tip_mm: FloatArray  # middle of the tip's mark when it was learned
+    axis: FloatArray  # unit vector along which the elongation counts
     mm_per_px: float
-    u_scale: float
+    u_scale: float  # relative standard uncertainty of lengths
 
 
 def square(side_mm: float) -> FloatArray:
@@ -100,10 +84,8 @@ def square(side_mm: float) -> FloatArray:
 def learn_plane(base_px: FloatArray, tip_px: FloatArray, side_mm: float, optics: Optics) -> Plane:
     """Return the plane in which both marks are squares of their side.
 
-    Parameters
-    ----------
-    base_px, tip_px : [pictures, 4, 2] undistorted corners; the tip may move meanwhile.
-    optics : uncertainty of the side, and the lens.
+    `base_px`, `tip_px`: [pictures, 4, 2] undistorted corners; the tip may move meanwhile. `optics`: uncertainty of the
+    side, and the lens.
     """
     corners, n = square(side_mm), len(tip_px)
     start = homography(corners, base_px.mean(axis=0))
@@ -173,14 +155,9 @@ class RepeatWatch:
 class MarkTracker:
     """Reads the elongation in one picture after the other.
 
-    Parameters
-    ----------
-    optics : what is known of camera and marks.
-
-    Attributes
-    ----------
-    plane : None until enough pictures were learned from.
-    grid : scale of the marks over that of the millimetre grid in the picture; None where no grid is seen.
+    `optics`: what is known of camera and marks.
+    `plane`: None until enough pictures were learned from. `grid`: scale of the marks over that of the millimetre grid
+    in the picture; None where no grid is seen.
     """
 
     def __init__(self, optics: Optics) -> None:
@@ -199,9 +176,7 @@ class MarkTracker:
     def read(self, picture: Picture, time_s: float) -> Tracked:
         """Return the elongation in a picture.
 
-        Parameters
-        ----------
-        picture : [height, width] grey or [height, width, 3] BGR.
+        `picture`: [height, width] grey or [height, width, 3] BGR.
         """
         grey = picture if picture.ndim == 2 else optional("cv2").cvtColor(picture, 6)  # COLOR_BGR2GRAY
         if (fault := self._repeats.fault(grey, time_s)) is not None:
@@ -216,12 +191,7 @@ class MarkTracker:
         return self._elongation(base, tip, time_s)
 
     def read_checked(self, picture: Picture, time_s: float) -> Tracked:
-        """Return the elongation in a picture, as `read`, and refuse marks that contradict the grid.
-
-        Raises
-        ------
-        DataError : the marks' size contradicts the millimetre grid in the picture.
-        """
+        """Return the elongation in a picture, as `read`, and refuse marks that contradict the grid."""
         learned = self.plane is not None
         tracked = self.read(picture, time_s)
         if self.plane is not None and not learned:
@@ -315,9 +285,7 @@ class MarkTracker:
 def find_side(grey: Picture, plane: Plane) -> float | None:
     """Return the side of the marks by the millimetre grid in a picture; None where none is clearly seen.
 
-    Parameters
-    ----------
-    plane : learned with marks of 1 mm.
+    `plane`: learned with marks of 1 mm.
     """
     for side_mm in np.geomspace(3.0, 60.0, 8):  # each finds a grid within a factor of 1.6
         scale = np.diag([side_mm, side_mm, 1.0])
@@ -380,9 +348,7 @@ def _lines_per_mm(columns: FloatArray) -> float | None:
 def check_grid(tracker: MarkTracker) -> None:
     """Refuse marks whose stated size contradicts the millimetre grid in the picture.
 
-    Raises
-    ------
-    DataError : names the size by the grid.
+    Raises DataError: names the size by the grid.
     """
     ratio, side = tracker.grid, tracker.side_mm
     if ratio is not None and abs(ratio - 1.0) > GRID_APART:

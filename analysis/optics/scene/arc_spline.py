@@ -18,16 +18,10 @@ from protocol.base.errors import DataError
 
 @dataclass(frozen=True, slots=True)
 class ArcSpline:
-    """Consecutive arcs with a common tangent at every joint.
+    """Consecutive arcs with a common tangent at every joint."""
 
-    Parameters
-    ----------
-    nodes : (m + 1, 5) x, y, unit tangent x, y, arc length s of each joint, mm.
-    curvature : (m,) of each arc, 1/mm, positive to the left.
-    """
-
-    nodes: FloatArray
-    curvature: FloatArray
+    nodes: FloatArray  # (m + 1, 5) x, y, unit tangent x, y, arc length s of each joint, mm
+    curvature: FloatArray  # (m,) of each arc, 1/mm, positive to the left
 
     @property
     def length(self) -> float:
@@ -64,17 +58,13 @@ class ArcSpline:
 def smooth(points: FloatArray, knots: int = 10) -> tuple[FloatArray, FloatArray]:
     """Return points and unit tangents of the cubic spline through `points`, at `knots` even steps or at the points.
 
-    Parameters
-    ----------
-    points : (n, 2) in mm, n >= 4, no two neighbours equal.
+    `points`: (n, 2) in mm, n >= 4, no two neighbours equal.
 
     Returns
     -------
     points (k, 2) in mm and unit tangents (k, 2).
 
-    Raises
-    ------
-    DataError : two neighbouring points coincide.
+    Raises DataError: two neighbouring points coincide.
     """
     chord = np.hypot(*np.diff(points, axis=0).T)
     if not np.all(chord > 1e-9 * chord.sum()):
@@ -94,9 +84,7 @@ def biarcs(points: FloatArray, tangents: FloatArray) -> ArcSpline:
 
     Source: K. M. Bolton, Biarc curves, Computer-Aided Design 7 (1975) 89-92.
 
-    Raises
-    ------
-    DataError : a span doubles back on itself.
+    Raises DataError: a span doubles back on itself.
     """
     v = np.diff(points, axis=0)
     t0, t1 = tangents[:-1], tangents[1:]

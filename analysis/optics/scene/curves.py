@@ -60,9 +60,7 @@ def parametric_elongations() -> FloatArray:
 def parametric_curves(states: FloatArray | None = None) -> FloatArray:
     """Return two guides bowed like a boat's sides: half a sine over the actuator's length, points even along it.
 
-    Parameters
-    ----------
-    states : elongation of each state, mm; by default the 15 of `parametric_elongations`.
+    `states`: elongation of each state, mm; by default the 15 of `parametric_elongations`.
 
     Returns
     -------
@@ -79,9 +77,7 @@ def parametric_curves(states: FloatArray | None = None) -> FloatArray:
 def checked_curves(curves: FloatArray) -> FloatArray:
     """Return `curves` as float64 (states, 2, points, 2), checked.
 
-    Raises
-    ------
-    DataError : wrong shape, fewer than 7 points, not finite, or of a size that is not in mm.
+    Raises DataError: wrong shape, fewer than 7 points, not finite, or of a size that is not in mm.
     """
     curves = np.asarray(curves, dtype=np.float64)
     if curves.ndim != 4 or curves.shape[1] != 2 or curves.shape[3] != 2:
@@ -107,12 +103,7 @@ def checked_curves(curves: FloatArray) -> FloatArray:
 
 
 def frames_of(curves: FloatArray, guide: Waveguide) -> list[SceneFrame]:
-    """Return one frame for each state.
-
-    Raises
-    ------
-    DataError : a state's guides touch, cross, bend too tightly or are not a pair; the cause names the state.
-    """
+    """Return one frame for each state."""
     checked = np.ascontiguousarray(checked_curves(curves))
     return list(_frames(checked.tobytes(), checked.shape, guide))
 
@@ -127,13 +118,7 @@ def _frames(curves: bytes, shape: tuple[int, ...], guide: Waveguide) -> tuple[Sc
 def frame_of(curves: FloatArray, state: int, guide: Waveguide) -> SceneFrame:
     """Return the frame of one state.
 
-    Parameters
-    ----------
-    curves : (states, 2, points, 2), mm.
-
-    Raises
-    ------
-    DataError : as `frames_of`.
+    `curves`: (states, 2, points, 2), mm.
     """
     return _frame(checked_curves(curves)[state], guide, f"state {state}")
 

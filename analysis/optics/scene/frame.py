@@ -33,35 +33,25 @@ _MIRRORED, _TWINS = 1e-6, 1e-12
 class SceneFrame(NamedTuple):
     """One state without its cavities: what the compiled part and a cluster's workers take as it is.
 
-    Parameters
-    ----------
-    nodes : (g, m + 1, 5) joints of each guide's centreline, as in `ArcSpline`; guide 0 is on the left of the direction
-        from emitter to receiver.
-    curvature : (g, m), 1/mm.
-    ends : (g, 2) arc lengths between which a guide is its own, beyond them it is part of a junction.
-    outer : (g,) +1 where the outer face is the left one, -1 where it is the right one.
-    free : (g, m, 2) whether an arc's left and right edge have the whole scene behind each of their tangents, so that
-        light leaving there meets nothing more.
-    surfaces : (j, 16) of the two junctions with their stems; a single strip has none.
-    kinds, owners, corners : (j,) what a surface is, which junction it bounds, which of its ends are corners.
-    emitter : (4,) x, y of the point, unit direction of the fan's middle.
-    receiver_direction : (2,) unit vector along which light must arrive to be counted.
-    source_cell : cell in which the rays start.
+    `nodes`: (g, m + 1, 5) joints of each guide's centreline, as in `ArcSpline`; guide 0 is on the left of the direction
+    from emitter to receiver. `free`: (g, m, 2) whether an arc's left and right edge have the whole scene behind each of
+    their tangents, so that light leaving there meets nothing more.
     """
 
     nodes: FloatArray
-    curvature: FloatArray
-    ends: FloatArray
-    outer: FloatArray
+    curvature: FloatArray  # (g, m), 1/mm
+    ends: FloatArray  # (g, 2) arc lengths between which a guide is its own, beyond them it is part of a junction
+    outer: FloatArray  # (g,) +1 where the outer face is the left one, -1 where it is the right one
     half_mm: float
     free: IntArray
-    surfaces: FloatArray
+    surfaces: FloatArray  # (j, 16) of the two junctions with their stems; a single strip has none
+    # kinds, owners, corners: (j,) what a surface is, which junction it bounds, which of its ends are corners
     kinds: IntArray
     owners: IntArray
     corners: IntArray
-    emitter: FloatArray
-    receiver_direction: FloatArray
-    source_cell: int
+    emitter: FloatArray  # (4,) x, y of the point, unit direction of the fan's middle
+    receiver_direction: FloatArray  # (2,) unit vector along which light must arrive to be counted
+    source_cell: int  # cell in which the rays start
 
     @property
     def free_mm(self) -> float:
@@ -103,11 +93,8 @@ def line_surface(start: FloatArray, end: FloatArray) -> FloatArray:
 def arc_surface(curve: ArcSpline, arc: int, u: float, span: tuple[float, float]) -> FloatArray:
     """Return the offset of one arc as a surface, the resin on the centreline's side, (16,).
 
-    Parameters
-    ----------
-    curve, arc : centreline, and number of its arc.
-    u : offset to the left, mm.
-    span : arc lengths between which the surface reaches, mm.
+    `curve`, `arc`: centreline, and number of its arc. `u`: offset to the left, mm. `span`: arc lengths between which
+    the surface reaches, mm.
     """
     (x, y, tx, ty, _), k = curve.nodes[arc], curve.curvature[arc]
     (start, end), (tangent_a, tangent_b) = curve.offset(np.array(span), u), curve.frame(np.array(span))[1]
@@ -155,10 +142,7 @@ def free_edges(guides: list[ArcSpline], half: float, junction: FloatArray) -> In
     Light that leaves there, or through the mouth of a cavity cut there, meets nothing more. Cavities only remove resin,
     so this holds for every design.
 
-    Parameters
-    ----------
-    half : half the thickness, mm.
-    junction : (j, 16) surfaces of the junctions.
+    `half`: half the thickness, mm. `junction`: (j, 16) surfaces of the junctions.
     """
     edges = [[_edges(curve, side * half) for side in (1.0, -1.0)] for curve in guides]
     hulls = [_hull(e) for pair in edges for e in pair]
@@ -197,13 +181,8 @@ def _behind(points: FloatArray, edges: Edges, side: float, slack: float) -> IntA
 def check_bends(curve: ArcSpline, half: float, name: str) -> None:
     """Reject a guide whose edge would fold over in a bend.
 
-    Parameters
-    ----------
-    half : half the thickness, mm.
-
-    Raises
-    ------
-    DataError : the radius is too small.
+    `half`: half the thickness, mm.
+    Raises DataError: the radius is too small.
     """
     tightest = float(np.max(np.abs(curve.curvature)))
     if tightest * half > _TIGHTEST:
@@ -216,14 +195,8 @@ def check_bends(curve: ArcSpline, half: float, name: str) -> None:
 def two_guides(left: ArcSpline, right: ArcSpline, guide: Waveguide, name: str = "the guides") -> SceneFrame:
     """Join two centrelines that share both ends into stems, junctions and guides.
 
-    Parameters
-    ----------
-    left, right : centrelines from the emitter's junction to the receiver's, the left one first.
-    name : what the state is called in an error.
-
-    Raises
-    ------
-    DataError : the guides touch, cross or bend too tightly; the cause says which.
+    `left`, `right`: centrelines from the emitter's junction to the receiver's, the left one first. `name`: what the
+    state is called in an error.
     """
     half = guide.thickness_mm / 2
     for number, curve in enumerate((left, right), start=1):
@@ -255,10 +228,8 @@ def _frame(
 def one_strip(curve: ArcSpline, guide: Waveguide, emitter: FloatArray | None = None) -> SceneFrame:
     """Return a single guide with square ends, its end face the receiver: the scene of the closed forms.
 
-    Parameters
-    ----------
-    guide : thickness and index; the stems do not apply.
-    emitter : x, y, direction x, y; by default `backing_mm` inside the start, looking along the guide.
+    `guide`: thickness and index; the stems do not apply. `emitter`: x, y, direction x, y; by default `backing_mm`
+    inside the start, looking along the guide.
     """
     half = guide.thickness_mm / 2
     check_bends(curve, half, "the guide")
@@ -387,9 +358,7 @@ def _pieces(curve: ArcSpline, s0: float, s1: float) -> list[tuple[int, tuple[flo
 def check_design(frame: SceneFrame, design: Design, name: str) -> None:
     """Reject cavities that cut through the guide or do not fit between the junctions.
 
-    Raises
-    ------
-    RequestError : with the length that is free, or the guide's thickness.
+    Raises RequestError: with the length that is free, or the guide's thickness.
     """
     thickness = 2 * frame.half_mm
     if design.cavities and design.cut_mm >= thickness * (1 - 1e-6):

@@ -42,32 +42,27 @@ _SLIVER = 1e-9
 class Geometry(NamedTuple):
     """Arrays of one scene.
 
-    Parameters
-    ----------
-    cells, links : (c, 19) and (c, 5), columns as above.
-    surfaces, kinds, owners, corners : (n, 16) and (n,). The owner of a surface is the cavity it bounds or NO_CAVITY,
-        that of a junction's surface is the junction.
-    cavities : (p, 4), columns as above.
-    end_cells : (2, 2) first and last cell of each guide.
-    bvh_boxes, bvh_nodes, bvh_order : (2 n + 2, 4), (2 n + 2, 3) and (n,) of the BVH, see `bvh.py`.
-    emitter, receiver_direction : (4,) and (2,) as in `SceneFrame`.
-    source_cell : cell in which the rays start.
+    `surfaces`, `kinds`, `owners`, `corners`: (n, 16) and (n,). The owner of a surface is the cavity it bounds or
+    NO_CAVITY, that of a junction's surface is the junction.
     """
 
+    # cells, links: (c, 19) and (c, 5), columns as above
     cells: FloatArray
     links: IntArray
     surfaces: FloatArray
     kinds: IntArray
     owners: IntArray
     corners: IntArray
-    cavities: IntArray
-    end_cells: IntArray
+    cavities: IntArray  # (p, 4), columns as above
+    end_cells: IntArray  # (2, 2) first and last cell of each guide
+    # bvh_boxes, bvh_nodes, bvh_order: (2 n + 2, 4), (2 n + 2, 3) and (n,) of the BVH, see `bvh.py`
     bvh_boxes: FloatArray
     bvh_nodes: IntArray
     bvh_order: IntArray
+    # emitter, receiver_direction: (4,) and (2,) as in `SceneFrame`
     emitter: FloatArray
     receiver_direction: FloatArray
-    source_cell: int
+    source_cell: int  # cell in which the rays start
     cell_count: int
     surface_count: int
 
@@ -113,12 +108,8 @@ def _cut_guide(
 ) -> int:
     """Fill cells from `first` on; return the number after the last one.
 
-    Parameters
-    ----------
-    first : number of the guide's first cell.
-    nodes, curvature, ends : of the guide, as in `SceneFrame`.
-    walls : arc lengths of the cavities' walls, rising.
-    half, deep : half the thickness and the cavities' depth, mm.
+    `first`: number of the guide's first cell. `walls`:
+    arc lengths of the cavities' walls, rising. `half`, `deep`: half the thickness and the cavities' depth, mm.
     """
     cells, arc, wall, c, s, last = g.cells, 0, 0, first, ends[0], ends[1]
     while nodes[arc + 1, 4] <= s + _SLIVER:
@@ -211,11 +202,8 @@ def _step_in_both(g: Geometry, thick: int, thin: int, at_end: bool) -> None:
 def _fork(g: Geometry, full: int, left: int, at_end: bool) -> None:
     """Write the wall between a full cell and a void, and link the full cell to the two cells beside the void.
 
-    Parameters
-    ----------
-    full : the cell before or after the void.
-    left : the cell on the left of the void; the one on its right is the next.
-    at_end : whether the void begins at the full cell's end.
+    `full`: the cell before or after the void. `left`: the cell on the left of the void; the one on its right is the
+    next. `at_end`: whether the void begins at the full cell's end.
     """
     _wall(g, full, at_end, g.cells[left + 1, C_LEFT], g.cells[left, C_RIGHT], INTERFACE)
     g.links[full, WALL_AFTER if at_end else WALL_BEFORE] = FORK
@@ -282,12 +270,9 @@ def _link(g: Geometry, guide: int, first: int, after: int, joined: bool, side_cu
 def _mark(g: Geometry, first: int, after: int, free: IntArray, cavity: int) -> None:
     """Mark edges that are free, and the surfaces of each cavity with its number, counted from `cavity`.
 
-    Parameters
-    ----------
-    g : the scene, its cells linked.
-    first, after : number of the guide's first cell, and of the cell after its last.
-    free : (arcs, 2) whether the uncut edge of an arc has the whole scene behind its tangents.
-    cavity : number of the guide's first cavity.
+    `g`: the scene, its cells linked. `first`, `after`: number of the guide's first cell, and of the cell after its
+    last. `free`: (arcs, 2) whether the uncut edge of an arc has the whole scene behind its tangents. `cavity`: number
+    of the guide's first cavity.
     """
     start = NO_CELL
     for c in range(first, after):
@@ -350,11 +335,8 @@ def _write_order(g: Geometry, first: IntArray) -> int:
 def allocate(guides: int, arcs: int, junction: int, most_cavities: int, source_cell: int, face: int) -> Geometry:
     """Return unfilled arrays for guides of so many arcs with up to so many cavities each; `build` fills them.
 
-    Parameters
-    ----------
-    guides, arcs : number of guides, and of arcs of each.
-    source_cell : cell in which the rays start.
-    face : number of the face with the cavities; the largest of several.
+    `guides`, `arcs`: number of guides, and of arcs of each. `source_cell`: cell in which the rays start. `face`: number
+    of the face with the cavities; the largest of several.
     """
     cells = guides * (arcs + 2 * most_cavities + 2) * (2 if face == MIDLINE else 1)
     n = 4 * cells + junction
@@ -391,11 +373,8 @@ def _place_walls(walls: FloatArray, middle: float, pattern: FloatArray) -> None:
 def build(g: Geometry, frame: SceneFrame, pattern: FloatArray) -> None:
     """Cut the guides of a frame by a pattern of cavities.
 
-    Parameters
-    ----------
-    g : from `allocate`; it is filled.
-    frame : one state without its cavities.
-    pattern : cavities, width, depth, spacing (mm), number of the face in `parameters.FACES`.
+    `g`: the result of `allocate`, filled here. `frame`: one state without its cavities. `pattern`: cavities, width,
+    depth, spacing (mm), number of the face in `parameters.FACES`.
     """
     guides, n, face = len(frame.nodes), int(pattern[0]), int(pattern[4])
     g.kinds[:], g.corners[:], g.owners[:] = NO_SURFACE, 0, NO_CAVITY
@@ -421,12 +400,7 @@ def build(g: Geometry, frame: SceneFrame, pattern: FloatArray) -> None:
 
 
 def geometry_of(frame: SceneFrame, design: Design) -> Geometry:
-    """Return the geometry of one frame and design.
-
-    Raises
-    ------
-    RequestError : the cavities do not fit the guide.
-    """
+    """Return the geometry of one frame and design."""
     check_design(frame, design, "this state")
     guides, arcs = frame.curvature.shape
     pattern = pattern_of(design)

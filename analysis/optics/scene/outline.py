@@ -43,16 +43,11 @@ class Contour:
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """The outline of a scene.
-
-    Parameters
-    ----------
-    receiver : (2, 2) its segment, NaN without one. emitter : (2, 2) its point and direction.
-    """
+    """The outline of a scene."""
 
     contours: tuple[Contour, ...]
-    receiver: FloatArray
-    emitter: FloatArray
+    receiver: FloatArray  # (2, 2) its segment, NaN without one
+    emitter: FloatArray  # (2, 2) its point and direction
 
 
 def _arc_points(start: FloatArray, middle: FloatArray, end: FloatArray) -> FloatArray:
@@ -71,12 +66,7 @@ def _arc_points(start: FloatArray, middle: FloatArray, end: FloatArray) -> Float
 
 
 def outline(frame: SceneFrame, design: Design) -> Outline:
-    """Chain the surfaces of a scene into closed contours.
-
-    Raises
-    ------
-    RequestError : the cavities do not fit the guide.
-    """
+    """Chain the surfaces of a scene into closed contours."""
     g = geometry_of(frame, design)
     kept = (g.kinds != NO_SURFACE) & (g.kinds != RECEIVER)
     receivers = g.surfaces[g.kinds == RECEIVER]

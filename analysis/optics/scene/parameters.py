@@ -55,18 +55,14 @@ def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
 class Design:
     """The cavities of one guide: a centred row of equal rectangular cavities in one of its faces.
 
-    Parameters
-    ----------
-    cavities : how many, 0 (a plain guide) or more; the paper's are 3, 5 and 7.
-    spacing_mm : between neighbours, wall to wall along the centreline.
-    face : which face carries them, 'outer' (away from the other guide; default), 'inner' or 'both' (opposite each
-        other); 'midline' makes them voids inside the guide, centred on its centreline.
+    `face`: which face carries them, 'outer' (away from the other guide; default), 'inner' or 'both' (opposite each
+    other); 'midline' makes them voids inside the guide, centred on its centreline.
     """
 
-    cavities: int = 5
+    cavities: int = 5  # how many, 0 (a plain guide) or more; the paper's are 3, 5 and 7
     width_mm: float = 1.0
     depth_mm: float = 0.5
-    spacing_mm: float = 0.9
+    spacing_mm: float = 0.9  # distance of neighbours, wall to wall along the centreline
     face: Face = "outer"
 
     def __post_init__(self) -> None:
@@ -110,24 +106,16 @@ PAPER_OPTIMUM = Design(5, 1.0, 0.5, 0.9)
 class Waveguide:
     """The guide: what the paper leaves out, with the default of each.
 
-    Parameters
-    ----------
-    thickness_mm : of both guides and of the stems, 2.0 (the emitter's and the receiver's packages are 2 mm).
-    index : of the resin at 860 nm, 1.50 (+- 0.02 is not known better).
-    attenuation_db_per_cm : bulk loss, 0.
-    stem_mm : emitter to junction and junction to receiver, 3 (paper).
-    receiver_mm : width of the receiver's segment; None is the whole end face. 0 receives nothing.
-    backing_mm : resin behind the emitter's point, 0.1 (the emitter is glued in with the same resin).
-    knots : points of each guide's interpolating curve, 10 (paper); more where a file gives more.
+    `thickness_mm`: that of the guides and their stems; the packages of emitter and receiver are 2 mm.
     """
 
     thickness_mm: float = 2.0
-    index: float = 1.50
-    attenuation_db_per_cm: float = 0.0
-    stem_mm: float = 3.0
-    receiver_mm: float | None = None
-    backing_mm: float = 0.1
-    knots: int = 10
+    index: float = 1.50  # refractive index of the resin at 860 nm, known to 0.02
+    attenuation_db_per_cm: float = 0.0  # bulk loss
+    stem_mm: float = 3.0  # emitter to junction and junction to receiver
+    receiver_mm: float | None = None  # width of the receiver's segment; None is the whole end face. 0 receives nothing
+    backing_mm: float = 0.1  # resin behind the emitter's point, 0.1 (the emitter is glued in with the same resin)
+    knots: int = 10  # points of each guide's interpolating curve, 10 (paper); more where a file gives more
 
     def __post_init__(self) -> None:
         _between("guide thickness", self.thickness_mm, 0.05, 50.0, " mm")
@@ -153,25 +141,18 @@ def phase_of(rays: int) -> float:
 class Light:
     """The released rays and how far they are followed.
 
-    Parameters
-    ----------
-    rays : released by the emitter, 250 (paper).
-    cone_deg : full aperture of the fan, 120 (paper).
-    emission : 'uniform' in angle, or 'lambertian' (as many rays in each equal step of sine).
-    secondary : budget of reflected rays for the whole simulation, 100 (paper); `ALL` follows every one.
-    path_cap_mm : a ray is given up after this path length, 1000.
-    faintest : a ray whose power falls below this part of a released one's is dropped, 1e-12.
-    phase : shift of the fan in steps of its own angle, -0.5..0.5; a repeat with another phase is an independent sample.
-    jitter : seed of a random place of each ray in its own step, in place of a phase; None for an even fan.
+    `secondary`: budget of reflected rays for the whole simulation, 100 (paper); `ALL` follows every one. `phase`: shift
+    of the fan in steps of its own angle, -0.5..0.5; a repeat with another phase is an independent sample. `jitter`:
+    seed of a random place of each ray in its own step, in place of a phase; None for an even fan.
     """
 
-    rays: int = PAPER_RAYS
-    cone_deg: float = 120.0
-    emission: Emission = "uniform"
+    rays: int = PAPER_RAYS  # number released by the emitter
+    cone_deg: float = 120.0  # full aperture of the fan
+    emission: Emission = "uniform"  # 'uniform' in angle, or 'lambertian' (as many rays in each equal step of sine)
     secondary: int = PAPER_SECONDARY
     order: Order = "time"
-    path_cap_mm: float = 1000.0
-    faintest: float = 1e-12
+    path_cap_mm: float = 1000.0  # a ray is given up after this path length
+    faintest: float = 1e-12  # a ray whose power falls below this part of a released one's is dropped
     phase: float = 0.0
     jitter: int | None = None
 
@@ -209,13 +190,7 @@ class Light:
 def light_by(by: By, rays: int) -> Light:
     """Return the light by which designs are ranked: the paper's budget in proportion to the rays, or all reflections.
 
-    Parameters
-    ----------
-    by : 'count' of detected rays, or their 'power', of which secondaries beyond the budget would be missing.
-
-    Raises
-    ------
-    RequestError : there is no such ranking, or the number of rays cannot be traced.
+    `by`: 'count' of detected rays, or their 'power', of which secondaries beyond the budget would be missing.
     """
     _one_of("ranking", by, BYS)
     light = Light() if by == "count" else Light(secondary=ALL, faintest=FULL_FAINTEST)

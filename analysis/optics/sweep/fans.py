@@ -50,15 +50,10 @@ class Rank:
 
 @dataclass(frozen=True, slots=True)
 class FanResult:
-    """A sweep with several fans.
-
-    Parameters
-    ----------
-    p : (fans, n), the first as in the sweep itself.
-    """
+    """A sweep with several fans."""
 
     designs: tuple[Design, ...]
-    p: FloatArray
+    p: FloatArray  # (fans, n), the first as in the sweep itself
 
     def groups(self) -> dict[str, BoolArray]:
         """Return which designs (n,) are compared with the paper's in each group."""
@@ -86,14 +81,8 @@ class FanResult:
 def light_within(request: SweepRequest, tolerance: float) -> Light:
     """Return the light whose rays leave 95 % of the counts of a sweep with an error within a tolerance.
 
-    Parameters
-    ----------
-    request : of the sweep; about every 20th of its designs is traced with a pilot fan.
-    tolerance : of a count, rays of 250, or of the power of 250 rays, at 2 standard deviations.
-
-    Raises
-    ------
-    RequestError : the tolerance cannot be met, or as `run_sweep`.
+    `request`: the sweep; about every 20th of its designs is traced with a pilot fan. `tolerance`: error of a count,
+    rays of 250, or of the power of 250 rays, at 2 standard deviations.
     """
     light = jittered(request.light)
     fan = light.with_rays(PILOT_RAYS)
@@ -121,16 +110,7 @@ def compare_fans(
 ) -> FanResult:
     """Repeat a sweep with its fan turned.
 
-    Parameters
-    ----------
-    fans : how many, its own included.
-    file : its results file; each further fan has one beside it.
-    scheduler, allow_remote : as in `run_sweep`.
-    progress : called with (simulations done, all) of the further fans.
-
-    Raises
-    ------
-    RequestError, FileError : as `run_sweep`.
+    `fans`: how many, its own included. `file`: its results file; each further fan has one beside it.
     """
     request, size, p = result.request, result.ndr.size, [result.merit().p]
     for fan in range(1, fans):

@@ -34,27 +34,16 @@ PARTING = (
 
 @dataclass(frozen=True, slots=True)
 class Merit:
-    """Figures of any number of designs, (n,) unless stated otherwise.
+    """Figures of any number of designs, (n,) unless stated otherwise."""
 
-    Parameters
-    ----------
-    andr : (n, states) the cubic through NDR, evaluated at the states.
-    delta : aNDR at maximum compression less aNDR at maximum elongation.
-    n_sign : steps in which NDR rises from compression to elongation.
-    rmse : root mean square of NDR - aNDR over the states.
-    p_printed : Delta / (n_sign RMSE) as in the paper; NaN where it is undefined.
-    p : the same with max(n_sign, 1) and RMSE no smaller than the resolution.
-    monotone : n_sign = 0. floored : RMSE was below the resolution.
-    """
-
-    andr: FloatArray
-    delta: FloatArray
-    n_sign: FloatArray
-    rmse: FloatArray
-    p_printed: FloatArray
-    p: FloatArray
-    monotone: FloatArray
-    floored: FloatArray
+    andr: FloatArray  # (n, states) the cubic through NDR, evaluated at the states
+    delta: FloatArray  # aNDR at maximum compression less aNDR at maximum elongation
+    n_sign: FloatArray  # steps in which NDR rises from compression to elongation
+    rmse: FloatArray  # root mean square of NDR - aNDR over the states
+    p_printed: FloatArray  # Delta / (n_sign RMSE) as in the paper; NaN where it is undefined
+    p: FloatArray  # the same with max(n_sign, 1) and RMSE no smaller than the resolution
+    monotone: FloatArray  # n_sign = 0
+    floored: FloatArray  # RMSE was below the resolution
 
     @property
     def p_normalised(self) -> FloatArray:
@@ -65,9 +54,7 @@ class Merit:
 def cubic_projector(states: int) -> FloatArray:
     """Return the matrix (states, states) from NDR to aNDR: least squares on orthonormal cubics in the state's number.
 
-    Raises
-    ------
-    DataError : 4 states or fewer leave no residuals of a cubic.
+    Raises DataError: 4 states or fewer leave no residuals of a cubic.
     """
     if states <= DEGREE + 1:
         raise DataError(f"{states} states are too few for a cubic and its residuals", "give the curves of 15 states")
@@ -83,10 +70,7 @@ def resolution(rays: int) -> float:
 def merit(ndr: FloatArray, floor: float) -> Merit:
     """Return the figures of merit of NDR.
 
-    Parameters
-    ----------
-    ndr : (..., states), rays scaled to 250.
-    floor : smallest significant RMSE, from `resolution`.
+    `ndr`: (..., states), rays scaled to 250. `floor`: smallest significant RMSE, from `resolution`.
 
     Notes
     -----
@@ -104,25 +88,16 @@ def merit(ndr: FloatArray, floor: float) -> Merit:
 
 @dataclass(frozen=True, slots=True)
 class Uncertainty:
-    """What a finite number of rays leaves uncertain.
+    """What a finite number of rays leaves uncertain."""
 
-    Parameters
-    ----------
-    p_ci : (n, 2) 95 % interval of each design's P.
-    tied : (n,) whether a design equals the best within noise.
-    """
-
-    p_ci: FloatArray
-    tied: FloatArray
+    p_ci: FloatArray  # (n, 2) 95 % interval of each design's P
+    tied: FloatArray  # (n,) whether a design equals the best within noise
 
 
 def uncertainty(ndr: FloatArray, sd: FloatArray, floor: float, *, draws: int = _DRAWS, seed: int = 0) -> Uncertainty:
     """Return the uncertainty of P from draws of NDR about its value with its standard deviation.
 
-    Parameters
-    ----------
-    ndr, sd : (n, states), rays scaled to 250.
-    floor : as in `merit`.
+    `ndr`, `sd`: (n, states), rays scaled to 250.
 
     Notes
     -----
@@ -146,11 +121,8 @@ def p_bounds(
 ) -> tuple[FloatArray, FloatArray]:
     """Return a lower and an upper bound (n,) of the P that infinitely many rays would give.
 
-    Parameters
-    ----------
-    ndr, sd : (n, states), rays scaled to 250.
-    floor : as in `merit`.
-    low_error, high_error : probabilities that the P of a design lies below its lower, above its upper bound.
+    `ndr`, `sd`: (n, states), rays scaled to 250. `low_error`, `high_error`: probabilities that the P of a design lies
+    below its lower, above its upper bound.
 
     Notes
     -----
@@ -206,9 +178,7 @@ def ranks_within(p: FloatArray, group: BoolArray) -> IntArray:
 def pareto(delta: FloatArray, rmse: FloatArray, n_sign: FloatArray) -> FloatArray:
     """Return (n,) where no other design is as good in Delta, RMSE and n_sign and better in one of them.
 
-    Parameters
-    ----------
-    delta, rmse, n_sign : (n,) of `Merit`.
+    `delta`, `rmse`, `n_sign`: (n,) of `Merit`.
     """
     cost = np.stack([-delta, rmse, n_sign], axis=1)
     no_worse = np.all(cost[None] <= cost[:, None], axis=2)

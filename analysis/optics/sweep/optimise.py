@@ -61,48 +61,37 @@ Scored = tuple[float, Design]
 
 @dataclass(frozen=True, slots=True)
 class Winner:
-    """A design of a search.
-
-    Parameters
-    ----------
-    p, p_range : its P, least and greatest P over three turns of the fan.
-    power, power_sd : (15,) detected power, emitted = 1, and its standard deviation.
-    given_up : the largest power that was not followed to an end in a state.
-    """
+    """A design of a search."""
 
     design: Design
+    # p, p_range: its P, least and greatest P over three turns of the fan
     p: float
     p_range: tuple[float, float]
+    # power, power_sd: (15,) detected power, emitted = 1, and its standard deviation
     power: FloatArray
     power_sd: FloatArray
-    given_up: float
+    given_up: float  # the largest power that was not followed to an end in a state
 
 
 @dataclass(frozen=True, slots=True)
 class Optimum:
-    """Result of the search.
+    """Result of the search."""
 
-    Parameters
-    ----------
-    start, best : the grid's best design and the one found; paper_p : P of the paper's; all at `checked_rays`.
-    rays, checked_rays : released in the search and in the final evaluation.
-    finished : False if the time ran out before the search converged.
-    by : what P is computed from.
-    error : of the winners' responses in the final evaluation, at most, rays of 250 at 2 standard deviations.
-    work_rays : released for each state in search, race and final evaluation, all designs together.
-    """
-
+    # start, best: the grid's best design and the one found
     start: Winner
     best: Winner
-    paper_p: float
+    paper_p: float  # P of the paper's; all at `checked_rays`
     evaluations: int
     seconds: float
+    # rays, checked_rays: released in the search and in the final evaluation
     rays: int
     checked_rays: int
-    finished: bool
-    by: By
-    error: float
-    work_rays: int
+    finished: bool  # False if the time ran out before the search converged
+    by: By  # what P is computed from
+    error: (
+        float  # greatest error of the winners' responses in the final evaluation, rays of 250 at 2 standard deviations
+    )
+    work_rays: int  # rays released for each state in search, race and final evaluation
     race: Race | None = None
 
     @property
@@ -119,9 +108,7 @@ class Optimum:
 class DesignMerit:
     """P of designs over the given states; safe to call from several threads.
 
-    Parameters
-    ----------
-    by : what P is computed from.
+    `by`: what P is computed from.
     """
 
     def __init__(self, frames: Sequence[SceneFrame], guide: Waveguide, light: Light, by: By) -> None:
@@ -198,13 +185,9 @@ def optimise(
     confidence : with which a race finds the best of the designs evaluated; None evaluates the six best alike.
     most_rays, race_seconds : of the race, as in `Race` and `Race.run`.
     tolerance : of the winners' counts in the final evaluation, or of their power of 250 rays; None for any error.
-    progress : called with (seconds gone, seconds allowed), in the race with (designs settled, designs); raising from it
-        cancels.
 
-    Raises
-    ------
-    RequestError : no design of the grid can be built in these states, no time is allowed, or the tolerance cannot be
-        met.
+    Raises RequestError: no design of the grid can be built in these states, no time is allowed, or the tolerance cannot
+    be met.
     """
     if not 0 < seconds < np.inf:
         raise RequestError(f"a search of {seconds:g} s", "allow more than 0 s, 50 s are enough")
@@ -274,9 +257,7 @@ class _Search:
     def grid(self, face: Face) -> list[Design]:
         """Return the designs of the paper's grid that fit.
 
-        Raises
-        ------
-        RequestError : none does.
+        Raises RequestError: none does.
         """
         every = [design for design in paper_grid(face=face) if self.merit.fits(design)]
         if not every:
@@ -297,12 +278,7 @@ class _Search:
         return _best(self.scored(self.merit, [design for _, design in _best(rough)[: 3 * POPULATION]]))
 
     def require(self, tolerance: float, designs: Sequence[Design]) -> None:
-        """Check that one of some designs can meet a tolerance with the most rays.
-
-        Raises
-        ------
-        RequestError : none can; it names the least error of the best of them.
-        """
+        """Check that one of some designs can meet a tolerance with the most rays."""
         self.evaluations += len(designs)
         self.work += len(designs) * self.light.rays
         results = self.pool.map(self.merit.result, designs)
@@ -375,11 +351,9 @@ def _evaluated(
 ) -> Optimum:  # fmt: skip
     """Return both winners with many rays, and again with the fan turned; fewer finalists if it is late.
 
-    Parameters
-    ----------
-    search, grid, found : the search, the grid's best designs, and what differential evolution returned.
-    race : decides which designs are the grid's best and the best; without one the final evaluation does.
-    began : time at which the search began.
+    `search`, `grid`, `found`: the search, the grid's best designs, and what differential evolution returned. `race`:
+    decides which designs are the grid's best and the best; without one the final evaluation does. `began`: time at
+    which the search began.
     """
     if race is None:
         most = _FEW if search.late(1.0) else _FINALISTS
@@ -415,14 +389,8 @@ def _with_rays(
 ) -> tuple[dict[Design, SweepResult], tuple[Design, Design], Light, float, int]:  # fmt: skip
     """Return results of designs, the two winners, the light, the winners' greatest error, and the rays released.
 
-    Parameters
-    ----------
-    two : names the winners by P.
-    light, tolerance : more rays are released where the winners' errors are above the tolerance.
-
-    Raises
-    ------
-    RequestError : the tolerance cannot be met.
+    `two`: names the winners by P. `light`, `tolerance`: more rays are released where the winners' errors are above the
+    tolerance.
     """
     work = 0
     for _ in range(TRIES):

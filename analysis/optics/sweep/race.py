@@ -53,9 +53,7 @@ def first_rays_of(by: By) -> int:
 def rays_of_rounds(most_rays: int, first_rays: int = FIRST_RAYS) -> tuple[int, ...]:
     """Return the numbers of rays of a race: twice as many each time, then four times; the last the most.
 
-    Raises
-    ------
-    RequestError : the most are fewer than any race's first.
+    Raises RequestError: the most are fewer than any race's first.
     """
     if most_rays < FIRST_RAYS:
         raise RequestError(f"a race with {most_rays} rays at most", f"allow {FIRST_RAYS} rays or more")
@@ -69,31 +67,19 @@ def rays_of_rounds(most_rays: int, first_rays: int = FIRST_RAYS) -> tuple[int, .
 class Race:
     """A race of designs (n,), and what is known of each.
 
-    Parameters
-    ----------
-    light : its model, cone and emission are kept; rays and turn of the fan are those of each number of rays.
-    confidence : that the candidates contain the best design, above 0 and below 1.
-    seed : of the fan's turns.
-
-    Attributes
-    ----------
-    level : (n,) how many of `rays` each design was traced with.
-    p, low, high : (n,) P with the most rays so far, and its tightest bounds; infinite where it was not traced.
-    work : rays released for each state so far, all designs together; history : (work, candidates) after each round.
-
-    Raises
-    ------
-    RequestError : the confidence or the rays are out of range.
+    `level`: (n,) how many of `rays` each design was traced with. `p`, `low`, `high`: (n,) P with the most rays so far,
+    and its tightest bounds; infinite where it was not traced.
+    Raises RequestError: the confidence or the rays are out of range.
     """
 
     designs: tuple[Design, ...]
-    light: Light
-    confidence: float
+    light: Light  # its model, cone and emission are kept; rays and turn of the fan are those of each number of rays
+    confidence: float  # that the candidates contain the best design, above 0 and below 1
     most_rays: int = RACE_MOST_RAYS
-    seed: int = 0
+    seed: int = 0  # seed of the fan's turns
     first_rays: int = FIRST_RAYS
-    history: list[tuple[int, int]] = field(default_factory=list)
-    work: int = 0
+    history: list[tuple[int, int]] = field(default_factory=list)  # (work, candidates) after each round
+    work: int = 0  # rays released for each state so far, all designs together
 
     def __post_init__(self) -> None:
         if not 0.0 < self.confidence < 1.0:
@@ -150,15 +136,8 @@ class Race:
     def run(self, simulate: Simulate, *, seconds: float = np.inf, progress: Progress | None = None) -> Race:
         """Trace designs until every candidate has the most rays, or the time is over; returns itself.
 
-        Parameters
-        ----------
-        simulate : traces designs with a light.
-        seconds : after which no other designs are traced.
-        progress : called with (designs settled, designs); raising from it stops the race.
-
-        Raises
-        ------
-        RequestError : no time is allowed.
+        `simulate`: traces designs with a light. `seconds`: after which no other designs are traced.
+        Raises RequestError: no time is allowed.
         """
         if not seconds > 0:
             raise RequestError(f"a race of {seconds:g} s", "allow more than 0 s")
@@ -216,18 +195,7 @@ def race_sweep(
     allow_remote: bool = False,
     progress: Progress | None = None,
 ) -> Race:
-    """Find the best design of a sweep.
-
-    Parameters
-    ----------
-    confidence, most_rays, seed : as in `Race`. seconds : as in `Race.run`.
-    scheduler, allow_remote : as in `run_sweep`.
-    progress : called with (designs settled, designs); raising from it stops the race.
-
-    Raises
-    ------
-    RequestError, DataError, FileError : as `run_sweep` and `Race`.
-    """
+    """Find the best design of a sweep."""
 
     designs = tuple(dict.fromkeys(request.designs))
     first_rays = first_rays_of(request.by)

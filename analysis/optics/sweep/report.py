@@ -52,9 +52,7 @@ _GROUPS = {"all": "designs", "same_cavities": "with as many cavities", "paper_ma
 def save(figure: Figure, path: Path) -> None:
     """Write a figure in the format of the file's suffix: PNG, SVG or PDF.
 
-    Raises
-    ------
-    FileError : the folder cannot be written to, or the suffix is unknown.
+    Raises FileError: the folder cannot be written to, or the suffix is unknown.
     """
     try:
         with writing(path, "choose another folder"):
@@ -76,12 +74,7 @@ def laid(frame: SceneFrame, points: FloatArray) -> FloatArray:
 
 @style.styled
 def draw_scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light, title: str = "") -> Figure:
-    """Draw the resin, the emitter, the receiver and the rays of one design in one state.
-
-    Parameters
-    ----------
-    frame, design, guide, light : as in `simulation.trace`.
-    """
+    """Draw the resin, the emitter, the receiver and the rays of one design in one state."""
     figure = _figure(9.0, 3.9)
     axes = figure.add_subplot()
     shape = outline(frame, design)

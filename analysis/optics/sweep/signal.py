@@ -21,15 +21,11 @@ SIGNAL_RAYS = 5_000
 
 @dataclass(frozen=True, slots=True)
 class SignalFit:
-    """One sensor's signal as gain times light plus offset.
-
-    Parameters
-    ----------
-    r2, rms_mv, rms_percent_fso : what it explains of the published signal, and what it misses.
-    """
+    """One sensor's signal as gain times light plus offset."""
 
     gain_mv_per_percent: float
     offset_mv: float
+    # r2, rms_mv, rms_percent_fso: what it explains of the published signal, and what it misses
     r2: float
     rms_mv: float
     rms_percent_fso: float
@@ -38,19 +34,14 @@ class SignalFit:
 
 @dataclass(frozen=True, slots=True)
 class ChainSignal:
-    """The light of one design over the states, beside the published signals.
-
-    Parameters
-    ----------
-    elongation_mm, light_percent, light_sd_percent : (15,) of the states.
-    sensors : the fit of each published sensor.
-    """
+    """The light of one design over the states, beside the published signals."""
 
     rays: int
+    # elongation_mm, light_percent, light_sd_percent: (15,), one a state
     elongation_mm: FloatArray
     light_percent: FloatArray
     light_sd_percent: FloatArray
-    sensors: tuple[SignalFit, ...]
+    sensors: tuple[SignalFit, ...]  # the fit of each published sensor
 
     @property
     def light_change_percent(self) -> float:
@@ -78,14 +69,7 @@ def chain_signal(
 ) -> ChainSignal:
     """Trace a design with every reflection followed, and fit the published calibrations to its light.
 
-    Parameters
-    ----------
-    curves_mm, elongation_mm : (15, 2, points, 2) and (15,) of the states.
-    design : the paper's by default.
-
-    Raises
-    ------
-    RequestError, DataError : as `run_sweep`.
+    `curves_mm`, `elongation_mm`: (15, 2, points, 2) and (15,) of the states. `design`: the paper's by default.
     """
     request = SweepRequest((design,), Waveguide(), light_by("power", rays), curves_mm, "power")
     result = run_sweep(request)

@@ -54,11 +54,8 @@ def paper_grid(cavities: Sequence[int] = (3, 5, 7), face: Face = "outer") -> lis
 class SweepRequest:
     """Everything that determines a sweep's result.
 
-    Parameters
-    ----------
-    guide, light : see `parameters.py`.
-    curves : (15, 2, points, 2) in mm; the shadow's states by default.
-    by : what designs are ranked by, the number of detected rays or their power; see `parameters.light_by`.
+    `curves`: (15, 2, points, 2) in mm; the shadow's states by default. `by`: what designs are ranked by, the number of
+    detected rays or their power; see `parameters.light_by`.
     """
 
     designs: tuple[Design, ...] = field(default_factory=lambda: tuple(paper_grid()))
@@ -80,25 +77,20 @@ class SweepRequest:
 
 @dataclass(frozen=True, slots=True)
 class SweepResult:
-    """Results of a sweep; first axis the designs (n), second the states (s).
-
-    Parameters
-    ----------
-    ndr, ndr_sd : (n, s) rays that reach the receiver scaled to 250, and their standard deviation.
-    power, power_sd : (n, s) detected power, emitted = 1, and its standard deviation.
-    mirrored : (s,) whether a state is its own mirror image.
-    counts, energy : (n, s, 10) and (n, s, 4) ledgers, see `sweep_file.COUNT_NAMES` and `tally.ENERGY`.
-    seconds, simulated : time taken by, and number of, the simulations of this run.
-    """
+    """Results of a sweep; first axis the designs (n), second the states (s)."""
 
     request: SweepRequest
+    # ndr, ndr_sd: (n, s) rays that reach the receiver scaled to 250, and their standard deviation
     ndr: FloatArray
     ndr_sd: FloatArray
+    # power, power_sd: (n, s) detected power, emitted = 1, and its standard deviation
     power: FloatArray
     power_sd: FloatArray
-    mirrored: BoolArray
+    mirrored: BoolArray  # (s,) whether a state is its own mirror image
+    # counts, energy: (n, s, 10) and (n, s, 4) ledgers, see `sweep_file.COUNT_NAMES` and `tally.ENERGY`
     counts: IntArray
     energy: FloatArray
+    # seconds, simulated: time taken by, and number of, the simulations of this run
     seconds: float
     simulated: int
 
@@ -165,9 +157,7 @@ def common_of(frames: Sequence[SceneFrame], guide: Waveguide, light: Light) -> C
 def run_item(common: Common, patterns: FloatArray, states: slice = EVERY) -> Results:
     """Simulate a few patterns in some states: the work item of a thread or of a cluster's worker.
 
-    Parameters
-    ----------
-    common : from `common_of`. patterns : (p, 5) from `geometry.pattern_of`. states : all by default.
+    `patterns`: (p, 5) from `geometry.pattern_of`. `states`: all by default.
 
     Returns
     -------
@@ -205,18 +195,9 @@ def run_sweep(
 ) -> SweepResult:
     """Simulate every design in every state.
 
-    Parameters
-    ----------
-    file : results file, written as results arrive; finished designs in it are not simulated again.
-    scheduler : address of a Dask scheduler; None runs here.
-    allow_remote : whether the scheduler may be on another computer; see `analysis.cluster`.
-    threads : how many cores to use here; all by default.
-    progress : called with (simulations done, all); raising from it stops the sweep; finished designs stay in the file.
-
-    Raises
-    ------
-    RequestError : a design does not fit, the scheduler does not answer, or the file belongs to another sweep.
-    DataError : a state cannot be built.
+    `file`: results file, written as results arrive; finished designs in it are not simulated again. `scheduler`:
+    address of a Dask scheduler; None runs here. `allow_remote`: whether the scheduler may be on another computer; see
+    `analysis.cluster`. `threads`: how many cores to use here; all by default.
     """
     if scheduler is not None:
         check_scheduler(scheduler, allow_remote=allow_remote)
@@ -242,9 +223,7 @@ def run_sweep(
 def check_designs(designs: Sequence[Design], frames: Sequence[SceneFrame]) -> None:
     """Reject, by name, a design that does not fit one of the states.
 
-    Raises
-    ------
-    RequestError : there are no designs, or one cuts through the guide or does not fit it.
+    Raises RequestError: there are no designs, or one cuts through the guide or does not fit it.
     """
     if not designs:
         raise RequestError("a sweep without designs", "give at least one number of cavities")
@@ -258,10 +237,7 @@ def result_of(
 ) -> SweepResult:
     """Return the result of simulations.
 
-    Parameters
-    ----------
-    mirrored : as in `SweepResult`.
-    results : of `run_item`, for all designs. seconds, simulated : as in `SweepResult`.
+    `results`: results of `run_item` for all designs.
     """
     counts, energy, changes = results
     ndr = np.asarray(PAPER_RAYS / request.light.rays * counts[..., DETECTED], dtype=np.float64)

@@ -39,14 +39,9 @@ pragma user_version = {USER_VERSION};
 class SweepFile:
     """A sweep's results on disk.
 
-    Parameters
-    ----------
-    path : the file; created where it does not exist.
-    parameters : everything that determines a simulation's result, JSON's own types.
-
-    Raises
-    ------
-    FileError : the file is not a sweep's. RequestError : it belongs to another sweep.
+    `path`: the file; created where it does not exist. `parameters`: everything that determines a simulation's result,
+    JSON's own types.
+    Raises FileError: the file is not a sweep's. RequestError : it belongs to another sweep.
     """
 
     def __init__(self, path: Path, parameters: dict[str, object]) -> None:
@@ -87,9 +82,7 @@ class SweepFile:
     def write(self, designs: Sequence[Design], counts: IntArray, energy: FloatArray, changes: FloatArray) -> None:
         """Add the results of whole designs in one transaction.
 
-        Parameters
-        ----------
-        designs : (d,). counts, energy, changes : (d, s, 10), (d, s, 4) and (d, s, 2).
+        `designs`: (d,). `counts`, `energy`, `changes`: (d, s, 10), (d, s, 4) and (d, s, 2).
         """
         rows = [
             (*asdict(d).values(), s, *counts[i, s].tolist(), *energy[i, s].tolist(), *changes[i, s].tolist())
@@ -102,9 +95,7 @@ class SweepFile:
     def read(self, states: int) -> dict[Design, tuple[IntArray, FloatArray, FloatArray]]:
         """Return every design that has all its states: counts (s, 10), energy (s, 4), changes (s, 2).
 
-        Raises
-        ------
-        FileError : the file is damaged. RequestError : it has an impossible design.
+        Raises FileError: the file is damaged. RequestError : it has an impossible design.
         """
         sql = f"select {', '.join(_COLUMNS)} from simulation where {_ADDED} is not null order by {', '.join(_KEYS)}"  # noqa: S608
         try:

@@ -37,20 +37,16 @@ MOST_WAITING = 100_000
 class Queue(NamedTuple):
     """Secondaries that may yet be followed.
 
-    Parameters
-    ----------
-    numbers, labels : (slots, 8) and (slots, 6), the rays.
-    rank : (slots,) slots in use, then the free ones.
-    state : (5,) slots in use, secondaries left in the budget, the next birth, whether `rank` is a heap, and how many
-        slots have ever been in use (memory beyond them is untouched).
-    limit : (2,) key and root of the last that is within the budget.
+    `state`: (5,) slots in use, secondaries left in the budget, the next birth, whether `rank` is a heap, and how many
+    slots have ever been in use (memory beyond them is untouched).
     """
 
+    # numbers, labels: (slots, 8) and (slots, 6), the rays
     numbers: FloatArray
     labels: IntArray
-    rank: IntArray
+    rank: IntArray  # (slots,) slots in use, then the free ones
     state: IntArray
-    limit: FloatArray
+    limit: FloatArray  # (2,) key and root of the last that is within the budget
     slots: int
 
 
@@ -196,9 +192,7 @@ def _put(q: Queue, ray: Ray, key: float, birth: int, tally: Tally) -> None:
 def offer(q: Queue, ray: Ray, key: float, birth: int, tally: Tally) -> None:
     """Put a secondary into the queue, or refuse it where the budget cannot reach it.
 
-    Parameters
-    ----------
-    key : first criterion of its rank. birth : last one; -1 for the next.
+    `key`: first criterion of its rank. `birth`: last one; -1 for the next.
     """
     if key > q.limit[0] or (key == q.limit[0] and ray.root >= q.limit[1]) or q.state[_LEFT] == 0:
         tally.counts[REFUSED] += 1

@@ -32,10 +32,8 @@ def ray_optics_scene(
 ) -> dict[str, Any]:
     """Return one scene as ray-optics' own JSON, version 5; lengths in mm.
 
-    Parameters
-    ----------
-    light : its rays; with `light.secondary` = 0 the glass reflects nothing at a refraction, so that counts can be
-        compared, otherwise it does.
+    `light`: its rays; with `light.secondary` = 0 the glass reflects nothing at a refraction, so that counts can be
+    compared, otherwise it does.
 
     Raises
     ------

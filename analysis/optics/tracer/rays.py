@@ -20,51 +20,35 @@ _TICK = 1e-7
 
 
 class Ray(NamedTuple):
-    """A ray at its last surface.
+    """A ray at its last surface."""
 
-    Parameters
-    ----------
-    x, y, dx, dy : position, mm, and unit direction.
-    path_mm, optical_path_mm : path length and optical path length so far.
-    medium : 1 resin, 0 air.
-    last, cell : last surface met, and the cell it is in.
-    root : number of the released ray that it stems from.
-    """
-
+    # x, y, dx, dy: position, mm, and unit direction
     x: float
     y: float
     dx: float
     dy: float
     power: float
+    # path_mm, optical_path_mm: path length and optical path length so far
     path_mm: float
     optical_path_mm: float
-    medium: int
+    medium: int  # 1 resin, 0 air
+    # last, cell: last surface met, and the cell it is in
     last: int
     cell: int
-    root: int
+    root: int  # number of the released ray that it stems from
     bounce: int
 
 
 class Rules(NamedTuple):
-    """Rules of tracing.
-
-    Parameters
-    ----------
-    attenuation : of the resin, 1/mm.
-    path_cap_mm : path length after which a ray is given up.
-    faintest : power below which it is.
-    corner_mm : distance from a corner within which it is.
-    order : of the budget, index in `parameters.ORDERS`.
-    tick_mm : optical path lengths that round to the same multiple of this are equal.
-    """
+    """Rules of tracing."""
 
     refractive: float
-    attenuation: float
-    path_cap_mm: float
-    faintest: float
-    corner_mm: float
-    order: int
-    tick_mm: float
+    attenuation: float  # attenuation of the resin, 1/mm
+    path_cap_mm: float  # path length after which a ray is given up
+    faintest: float  # power below which it is
+    corner_mm: float  # distance from a corner within which it is
+    order: int  # order of the budget, index in `parameters.ORDERS`
+    tick_mm: float  # optical path lengths that round to the same multiple of this are equal
 
 
 class Fan(NamedTuple):

@@ -37,25 +37,17 @@ _SCALARS = ("half_mm", "source_cell")  # of a frame, the same in every state
 
 @dataclass(frozen=True, slots=True)
 class TraceResult:
-    """One simulation.
+    """One simulation."""
 
-    Parameters
-    ----------
-    ledger : rays by their end; released is the sum of the others.
-    energy : parts of the emitted power by their end; they sum to 1.
-    granted, refused : secondaries that were followed, and that were beyond the budget.
-    ndr : rays that reach the receiver, secondaries included, scaled to 250 emitted.
-    ndr_sd : its standard deviation, see `fan_sd`; NaN for a single ray.
-    power, power_sd : detected power, emitted = 1, and its standard deviation.
-    """
-
-    ledger: dict[str, int]
-    energy: dict[str, float]
+    ledger: dict[str, int]  # rays by their end; released is the sum of the others
+    energy: dict[str, float]  # parts of the emitted power by their end; they sum to 1
     hits: int
+    # granted, refused: secondaries that were followed, and that were beyond the budget
     granted: int
     refused: int
-    ndr: float
-    ndr_sd: float
+    ndr: float  # rays that reach the receiver, secondaries included, scaled to 250 emitted
+    ndr_sd: float  # its standard deviation, see `fan_sd`; NaN for a single ray
+    # power, power_sd: detected power, emitted = 1, and its standard deviation
     power: float
     power_sd: float
 
@@ -64,10 +56,8 @@ class TraceResult:
 def follow_block(g: Geometry, rules: Rules, fan: Fan, first: int, budget: int, q: Queue, tally: Tally) -> None:
     """Follow one block of released rays; secondaries within a budget are left in the queue, all others follow them.
 
-    Parameters
-    ----------
-    g, rules, fan : the scene, the rules of tracing and the released rays.
-    first : number of the block's first ray.
+    `g`, `rules`, `fan`: the scene, the rules of tracing and the released rays. `first`: number of the block's first
+    ray.
     """
     queues.open_queue(q, budget, first)
     tables, queue, counts = pointers(g), pointers(q), pointers(tally)
@@ -96,12 +86,7 @@ def join(tally: Tally, q: Queue, later_tally: Tally, later: Queue) -> None:
 
 @compiled
 def finish(g: Geometry, rules: Rules, fan: Fan, q: Queue, tally: Tally) -> None:
-    """Follow secondaries in the order of their rank until the budget or the queue is empty; count mirror images.
-
-    Parameters
-    ----------
-    g, rules, fan : as in `follow_block`.
-    """
+    """Follow secondaries in the order of their rank until the budget or the queue is empty; count mirror images."""
     tables, queue, counts = pointers(g), pointers(q), pointers(tally)
     queues.begin_secondaries(queue, fan.rays, counts)
     while queues.has_secondary(queue):
@@ -115,10 +100,7 @@ def finish(g: Geometry, rules: Rules, fan: Fan, q: Queue, tally: Tally) -> None:
 def simulate(g: Geometry, rules: Rules, fan: Fan, budget: int, q: Queue, later: Queue, tally: Tally) -> None:
     """Trace one scene, block after block.
 
-    Parameters
-    ----------
-    g, rules, fan, budget : as in `follow_block`.
-    later : a second queue, used from the second block on.
+    `later`: a second queue, used from the second block on.
     """
     follow_block(g, rules, fan, 0, budget, q, tally)
     for first in range(BLOCK, fan.followed, BLOCK):
@@ -133,10 +115,8 @@ def simulate(g: Geometry, rules: Rules, fan: Fan, budget: int, q: Queue, later: 
 def changes_along_fan(by_root: FloatArray, step: float, shift: float, jittered: bool) -> FloatArray:
     """Return the sums (2,) of squared differences between neighbouring rays of the fan, in number and in power.
 
-    Parameters
-    ----------
-    by_root : (rays, 2) what each released ray delivers.
-    step : of the fan over the angle within which neighbouring rays are supposed to end alike, from `fan_step`.
+    `by_root`: (rays, 2) what each released ray delivers. `step`: angle of the fan's step over that within which
+    neighbouring rays are supposed to end alike, from `fan_step`.
 
     Notes
     -----
@@ -247,11 +227,8 @@ def simulate_many(
 ) -> None:
     """Simulate every pattern in every state.
 
-    Parameters
-    ----------
-    frames : from `stacked`. patterns : (p, 5) from `pattern_of`.
-    rules, fan : as in `follow_block`. shares : (s, 2) rays and budget that are followed, from `share_of`.
-    counts, energy, changes : (p, s, 10), (p, s, 4) and (p, s, 2) are filled.
+    `patterns`: (p, 5) from `pattern_of`. `shares`: (s, 2) rays and budget that are followed, from `share_of`. `counts`,
+    `energy`, `changes`: (p, s, 10), (p, s, 4) and (p, s, 2) are filled.
     """
     no_points, no_owners = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
     guides, arcs = frames.curvature[0].shape
@@ -306,15 +283,8 @@ def trace(
 ) -> TraceResult:
     """Trace one scene; blocks of rays run side by side.
 
-    Parameters
-    ----------
-    frame, design, guide, light : the scene and its light.
-    threads : how many cores; all by default. The result does not depend on it, bit for bit.
-    progress : called with (rays done, rays); raising from it cancels.
-
-    Raises
-    ------
-    RequestError : the cavities do not fit the guide.
+    `frame`, `design`, `guide`, `light`: the scene and its light. `threads`: how many cores; all by default. The result
+    does not depend on it, bit for bit.
     """
     followed, budget = share_of(frame, light)
     g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)._replace(followed=followed)
@@ -355,11 +325,8 @@ def trace(
 def fan_sd(changes: FloatArray, light: Light, thickness_mm: float, mirrored: BoolArray) -> FloatArray:
     """Return the standard deviation of what a fan, turned or jittered at random, delivers, scaled to 250 rays.
 
-    Parameters
-    ----------
-    changes : (...) from `changes_along_fan`, in number or in power.
-    light, thickness_mm : the fan, and the guide.
-    mirrored : (...) whether the scene is its own mirror image, from `SceneFrame.mirrored`.
+    `changes`: (...) from `changes_along_fan`, in number or in power. `light`, `thickness_mm`: the fan, and the guide.
+    `mirrored`: (...) whether the scene is its own mirror image, from `SceneFrame.mirrored`.
 
     Notes
     -----
@@ -372,10 +339,6 @@ def fan_sd(changes: FloatArray, light: Light, thickness_mm: float, mirrored: Boo
 
 def sd_of_sum(light: Light, thickness_mm: float, mirrored: BoolArray) -> FloatArray:
     """Return the standard deviation of the sum of a fan's rays, scaled to 250, for a process of unit variance.
-
-    Parameters
-    ----------
-    light, thickness_mm, mirrored : as in `fan_sd`.
 
     Notes
     -----
@@ -396,19 +359,13 @@ def _step(light: Light, thickness_mm: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class RayPath:
-    """The path of one ray.
+    """The path of one ray."""
 
-    Parameters
-    ----------
-    points, power : (n, 2) vertices in mm, and the power at each (n,).
-    in_resin : (n - 1,) which stretches ran in resin.
-    secondary : whether it is a reflected part.
-    """
-
+    # points, power: (n, 2) vertices in mm, and the power at each (n,)
     points: FloatArray
     power: FloatArray
-    in_resin: IntArray
-    secondary: bool
+    in_resin: IntArray  # (n - 1,) which stretches ran in resin
+    secondary: bool  # whether it is a reflected part
 
 
 def ray_paths(
@@ -422,14 +379,7 @@ def ray_paths(
 ) -> list[RayPath]:
     """Return the paths of the rays of a simulation, for drawing, without the last stretch of one that escapes.
 
-    Parameters
-    ----------
-    frame, design, guide, light : as in `trace`.
-    released_rays : how many of the fan are followed, evenly chosen, with secondaries in proportion; all by default.
-
-    Raises
-    ------
-    RequestError : the cavities do not fit the guide.
+    `released_rays`: how many of the fan are followed, evenly chosen, with secondaries in proportion; all by default.
     """
     g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)
     drawn, by = np.empty((most, 3)), np.empty((most, 2), dtype=np.int64)
@@ -454,10 +404,7 @@ def _simulate_few(
 ) -> None:
     """Trace some rays of a fan, evenly chosen, each as a block of its own.
 
-    Parameters
-    ----------
-    g, rules, fan, q, later, tally : as in `simulate`.
-    few, budget : how many rays, and secondaries of theirs.
+    `few`, `budget`: how many rays, and secondaries of theirs.
     """
     chosen = ((np.arange(few) + 0.5) * fan.rays / few).astype(int).tolist()
     follow_block(g, rules, fan._replace(followed=chosen[0] + 1), chosen[0], budget, q, tally)

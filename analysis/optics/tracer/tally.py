@@ -19,23 +19,15 @@ ENERGY = ("detected", "escaped", "absorbed", "cut")
 
 
 class Tally(NamedTuple):
-    """What has happened so far.
+    """What has happened so far."""
 
-    Parameters
-    ----------
-    counts : (11,) by the constants above; the last one is the number of drawn points.
-    energy : (4,) powers by their end.
-    by_root : (rays, 2) detections, and detected power, by the released ray that they stem from.
-    drawn, drawn_by : (capacity, 3) position and power of drawn points; (capacity, 2) ray and medium of each.
-    capacity : most points that are drawn.
-    """
-
-    counts: IntArray
-    energy: FloatArray
-    by_root: FloatArray
+    counts: IntArray  # (11,) by the constants above; the last one is the number of drawn points
+    energy: FloatArray  # (4,) powers by their end
+    by_root: FloatArray  # (rays, 2) detections, and detected power, by the released ray that they stem from
+    # drawn, drawn_by: (capacity, 3) position and power of drawn points; (capacity, 2) ray and medium of each
     drawn: FloatArray
     drawn_by: IntArray
-    capacity: int
+    capacity: int  # most points that are drawn
 
 
 @compiled

@@ -35,28 +35,20 @@ SEED = 1
 
 @dataclass(frozen=True, slots=True)
 class ToleratedTrace:
-    """A simulation with the error that it has.
+    """A simulation with the error that it has."""
 
-    Parameters
-    ----------
-    result, light : the simulation, and the light it was made with.
-    error : of its NDR or power, 2 standard deviations, rays of 250;
-    work : rays released altogether, the pilot's among them.
-    """
-
+    # result, light: the simulation, and the light it was made with
     result: TraceResult
     light: Light
-    error: float
+    error: float  # error of its NDR or power, 2 standard deviations, rays of 250
     tolerance: float
-    work: int
+    work: int  # rays released altogether, the pilot's among them
 
 
 def check_tolerance(tolerance: float, unit: str) -> None:
     """Reject a tolerance that is not a number above 0.
 
-    Raises
-    ------
-    RequestError : it is none.
+    Raises RequestError: it is none.
     """
     if not 0.0 < tolerance < np.inf:
         raise RequestError(f"a tolerance of {tolerance:g} {unit}", "give a number above 0")
@@ -70,15 +62,9 @@ def jittered(light: Light) -> Light:
 def rays_for(light: Light, sd: float, tolerance: float, thickness_mm: float, mirrored: bool) -> int:
     """Return the rays at which the error of a count is predicted to be the tolerance.
 
-    Parameters
-    ----------
-    light, sd : a fan, and the standard deviation of its count, rays of 250.
-    tolerance : of the count, rays of 250, at 2 standard deviations.
-    thickness_mm, mirrored : as in `fan_sd`.
-
-    Raises
-    ------
-    RequestError : even the most rays have a larger error.
+    `light`, `sd`: a fan, and the standard deviation of its count, rays of 250. `tolerance`: error of the count, rays of
+    250, at 2 standard deviations.
+    Raises RequestError: even the most rays have a larger error.
     """
     check_tolerance(tolerance, "rays")
     allowed, symmetric = tolerance / COVERAGE_FACTOR / SPARE, np.array(mirrored)
@@ -111,16 +97,9 @@ def trace_within(
 ) -> ToleratedTrace:
     """Trace one scene with no more rays than an error of its count takes.
 
-    Parameters
-    ----------
-    light : its model; the rays and their places are chosen, secondaries are in proportion.
-    tolerance : of NDR, rays of 250, at 2 standard deviations; of the power of 250 rays where all reflections are
-        followed, whose number means nothing.
-    progress : called with (rays done, rays) of each fan; raising from it cancels.
-
-    Raises
-    ------
-    RequestError : the tolerance cannot be met, or the cavities do not fit the guide.
+    `light`: its model; the rays and their places are chosen, secondaries are in proportion. `tolerance`: error of NDR,
+    rays of 250, at 2 standard deviations; of the power of 250 rays where all reflections are followed, whose number
+    means nothing.
     """
     check_tolerance(tolerance, "rays")
     thickness, mirrored, work = 2 * frame.half_mm, bool(frame.mirrored), 0
@@ -139,14 +118,7 @@ def trace_within(
 def finer(light: Light, error: float, tolerance: float, thickness_mm: float, *, mirrored: bool) -> Light:
     """Return a light with the rays that a tolerance is predicted to take, and notably more than it has.
 
-    Parameters
-    ----------
-    light, error : a fan, and the stated error of its count, which is above the tolerance.
-    tolerance, thickness_mm, mirrored : as in `rays_for`.
-
-    Raises
-    ------
-    RequestError : even the most rays have a larger error.
+    `light`, `error`: a fan, and the stated error of its count, which is above the tolerance.
     """
     needed = rays_for(light, error / COVERAGE_FACTOR, tolerance, thickness_mm, mirrored)
     return light.with_rays(max(needed, round(MORE * light.rays)))
@@ -155,9 +127,7 @@ def finer(light: Light, error: float, tolerance: float, thickness_mm: float, *, 
 def unmet(rays: int, error: float) -> RequestError:
     """Return the refusal of a tolerance that all tries have missed, with what the last one would meet.
 
-    Parameters
-    ----------
-    rays, error : of the last try, rays of 250 at 2 standard deviations.
+    `rays`, `error`: rays of the last try and its error, rays of 250 at 2 standard deviations.
     """
     cause = f"the error of {rays} rays is {error:.2g} rays of {PAPER_RAYS}"
     return RequestError(cause, f"allow {rounded_up(1.1 * error):g} rays or more")

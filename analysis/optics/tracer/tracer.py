@@ -27,9 +27,7 @@ MOST_HITS = 200_000
 def reflected_part(ratio: float, ci: float, ct: float) -> float:
     """Return Fresnel's reflectance of unpolarised light.
 
-    Parameters
-    ----------
-    ratio : n1 / n2. ci, ct : cosines of the angles of incidence and of refraction.
+    `ratio`: n1 / n2. `ci`, `ct`: cosines of the angles of incidence and of refraction.
     """
     rs, rp = (ratio * ci - ct) / (ratio * ci + ct), (ci - ratio * ct) / (ci + ratio * ct)
     return 0.5 * (rs * rs + rp * rp)
@@ -109,10 +107,8 @@ def _meet(g: Geometry, rules: Rules, at: int, ray: Ray, q: Queue, tally: Tally) 
 def follow(g: Geometry, rules: Rules, ray: Ray, q: Queue, tally: Tally, number: int) -> None:
     """Follow one ray to its end.
 
-    Parameters
-    ----------
-    g, q, tally : pointers of the scene, of the queue that takes its reflected parts, and of the tally.
-    rules, ray : rules of tracing, and the ray where it starts.
+    `g`, `q`, `tally`: pointers of the scene, of the queue that takes its reflected parts, and of the tally. `rules`,
+    `ray`: rules of tracing, and the ray where it starts.
     """
     end, hits = ledger.CUT, 0
     if tally.capacity > 0:

@@ -27,10 +27,7 @@ def empty_band(size: int, bandwidth: int) -> FloatArray:
 def add_to_band(band: FloatArray, row: int, column: int, value: float) -> None:
     """Add `value` to entry (row, column) of the lower triangle.
 
-    Parameters
-    ----------
-    row, column : equations; -1 is a fixed freedom, the upper triangle is ignored.
-    value : mN/mm.
+    `row`, `column`: equations; -1 is a fixed freedom, the upper triangle is ignored. `value`: mN/mm.
     """
     if column >= 0 and row >= column:
         band[column, row - column] += value

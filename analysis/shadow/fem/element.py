@@ -35,9 +35,7 @@ EXTRAPOLATION = np.stack(
 def shape(xi: FloatArray, eta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the serendipity shape functions and their derivatives at local points.
 
-    Parameters
-    ----------
-    xi, eta : shape (n,), local coordinates in -1 .. 1.
+    `xi`, `eta`: shape (n,), local coordinates in -1 .. 1.
 
     Returns
     -------
@@ -57,30 +55,18 @@ def shape(xi: FloatArray, eta: FloatArray) -> tuple[FloatArray, FloatArray, Floa
 
 
 class Elements(NamedTuple):
-    """The elements of a mesh with their moduli, and the reference gradients at their Gauss points.
+    """The elements of a mesh with their moduli, and the reference gradients at their Gauss points."""
 
-    Parameters
-    ----------
-    quads : shape (m, 8), nodes of each element.
-    moduli : shape (m, 2), C10 in kPa and D1 in 1/kPa of each.
-    gradient : shape (m, points, 3, 8), dN/dr, dN/dz and N/R.
-    weight : shape (m, points), the reference volume 2 pi R det(J) w of each point, mm^3.
-    """
-
-    quads: IntArray
-    moduli: FloatArray
-    gradient: FloatArray
-    weight: FloatArray
+    quads: IntArray  # shape (m, 8), nodes of each element
+    moduli: FloatArray  # shape (m, 2), C10 in kPa and D1 in 1/kPa of each
+    gradient: FloatArray  # shape (m, points, 3, 8), dN/dr, dN/dz and N/R
+    weight: FloatArray  # shape (m, points), the reference volume 2 pi R det(J) w of each point, mm^3
 
 
 def elements_of(nodes: FloatArray, quads: IntArray, moduli: FloatArray, points_a_side: int = 2) -> Elements:
     """Evaluate the gradients of a mesh; det(J) may be negative, which `mesh.check_quality` rejects.
 
-    Parameters
-    ----------
-    nodes : shape (n, 2), (r, z) in mm.
-    quads, moduli : as in `Elements`.
-    points_a_side : 2 (reduced) or 3 (full).
+    `nodes`: shape (n, 2), (r, z) in mm. `points_a_side`: 2 (reduced) or 3 (full).
     """
     x, w = np.polynomial.legendre.leggauss(points_a_side)
     xi, eta = (a.ravel() for a in np.meshgrid(x, x))
@@ -102,9 +88,7 @@ def elements_of(nodes: FloatArray, quads: IntArray, moduli: FloatArray, points_a
 def deformation_gradient(gradient: FloatArray, u: FloatArray, quad: IntArray, f: FloatArray) -> None:
     """Write the five entries of F at one point into `f`.
 
-    Parameters
-    ----------
-    gradient : shape (3, 8). u : shape (n, 2), mm. quad : shape (8,). f : shape (5,).
+    `gradient`: shape (3, 8). `u`: shape (n, 2), mm. `quad`: shape (8,). `f`: shape (5,).
     """
     f[:] = (1.0, 0.0, 0.0, 1.0, 1.0)
     for a in range(8):
@@ -145,10 +129,7 @@ def internal_energy(elements: Elements, u: FloatArray) -> float:
 def internal_force(elements: Elements, u: FloatArray, force: FloatArray) -> float:
     """Add dW/du to `force`; return the smallest J (stop at the first J <= 0).
 
-    Parameters
-    ----------
-    u : shape (n, 2), nodal displacements, mm.
-    force : shape (n, 2), mN.
+    `u`: shape (n, 2), nodal displacements, mm. `force`: shape (n, 2), mN.
     """
     quads, moduli, gradient, weight = elements
     f, p = np.empty(5), np.empty(5)
@@ -173,10 +154,7 @@ def internal_force(elements: Elements, u: FloatArray, force: FloatArray) -> floa
 def internal_tangent(elements: Elements, u: FloatArray, equations: IntArray, band: FloatArray) -> None:
     """Add d2W/du2, mN/mm, to the band of all equations.
 
-    Parameters
-    ----------
-    elements, u : as in `internal_force`.
-    equations : shape (n, 2), the equation of each displacement, -1 where it is prescribed.
+    `equations`: shape (n, 2), the equation of each displacement, -1 where it is prescribed.
     """
     quads, moduli, gradient, weight = elements
     f, c = np.empty(5), np.empty((5, 5))
@@ -204,9 +182,7 @@ def internal_tangent(elements: Elements, u: FloatArray, equations: IntArray, ban
 def scatter(ke: FloatArray, quad: IntArray, equations: IntArray, band: FloatArray) -> None:
     """Add an element matrix, given by its blocks a >= b, to the band; a pair of tied freedoms counts twice.
 
-    Parameters
-    ----------
-    ke : shape (16, 16). quad : shape (8,). equations, band : as in `internal_tangent`.
+    `ke`: shape (16, 16). `quad`: shape (8,).
     """
     for a in range(8):
         for b in range(a + 1):

@@ -30,10 +30,7 @@ from protocol.base.arrays import BoolArray, FloatArray, IntArray
 def harmonic_tangent(elements: Elements, u: FloatArray, n: int, equations: IntArray, band: FloatArray) -> None:
     """Add the solid's part of K_n to the lower band.
 
-    Parameters
-    ----------
-    elements, u : as in `element.internal_force`.
-    equations : shape (nodes, 3) for r, t, z, -1 where clamped.
+    `equations`: shape (nodes, 3) for r, t, z, -1 where clamped.
     """
     quads, moduli, gradient, weight = elements
     f, g, c = np.empty(5), np.empty(5), np.empty((5, 5))
@@ -62,9 +59,7 @@ def harmonic_tangent(elements: Elements, u: FloatArray, n: int, equations: IntAr
 def shear_tangent(f: FloatArray, g: FloatArray, moduli: FloatArray, c: FloatArray) -> None:
     """Write dP/dF of the group rt, zt, tr, tz into the symmetric `c`.
 
-    Parameters
-    ----------
-    f, g : shape (5,), F, and scratch. moduli : C10 in kPa and D1 in 1/kPa. c : shape (4, 4), kPa.
+    `f`, `g`: shape (5,), F, and scratch. `moduli`: C10 in kPa and D1 in 1/kPa. `c`: shape (4, 4), kPa.
     """
     j = material.inverse_transpose(f, g)
     i1 = f[0] ** 2 + f[1] ** 2 + f[2] ** 2 + f[3] ** 2 + f[4] ** 2
@@ -83,9 +78,7 @@ def shear_tangent(f: FloatArray, g: FloatArray, moduli: FloatArray, c: FloatArra
 def scatter_block(block: FloatArray, members: IntArray, equations: IntArray, band: FloatArray) -> None:
     """Add a full symmetric matrix of three freedoms a node to the lower band.
 
-    Parameters
-    ----------
-    block : shape (3 k, 3 k). members : shape (k,), nodes. equations, band : as in `harmonic_tangent`.
+    `block`: shape (3 k, 3 k). `members`: shape (k,), nodes.
     """
     for a in range(len(members)):
         for i in range(3):
@@ -105,11 +98,7 @@ def harmonic_pressure(
 ) -> None:
     """Add the pressure's part of K_n to the lower band.
 
-    Parameters
-    ----------
-    nodes, u : shape (nodes, 2), mm. edges : shape (k, 3), wetted.
-    load : (pressure in kPa, wave number n).
-    equations, band : as in `harmonic_tangent`.
+    `nodes`, `u`: shape (nodes, 2), mm. `edges`: shape (k, 3), wetted. `load`: (pressure in kPa, wave number n).
 
     Notes
     -----
@@ -155,9 +144,7 @@ class Harmonics:
     def tangent(self, u: FloatArray, pressure_kpa: float, wave_number: int) -> FloatArray:
         """Return the band of K_n, mN/mm.
 
-        Parameters
-        ----------
-        u : shape (nodes, 2), mm.
+        `u`: shape (nodes, 2), mm.
         """
         band = empty_band(self.size, self.bandwidth)
         p = self.problem
@@ -169,9 +156,7 @@ class Harmonics:
 def make_harmonics(problem: Problem, clamped: BoolArray) -> Harmonics:
     """Number the freedoms of all nodes but the clamped ones, following the problem's own order.
 
-    Parameters
-    ----------
-    clamped : shape (nodes,), True on base and tip plate.
+    `clamped`: shape (nodes,), True on base and tip plate.
     """
     rank = problem.equations.max(axis=1)
     nodes = np.flatnonzero(~clamped)

@@ -24,16 +24,10 @@ NEAREST_TO_HALF = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class NeoHookean:
-    """One material.
+    """One material."""
 
-    Parameters
-    ----------
-    youngs_modulus_kpa : small-strain Young's modulus E, kPa.
-    poisson_ratio : small-strain Poisson's ratio, -1 < nu < 0.5.
-    """
-
-    youngs_modulus_kpa: float
-    poisson_ratio: float
+    youngs_modulus_kpa: float  # small-strain Young's modulus E, kPa
+    poisson_ratio: float  # small-strain Poisson's ratio, -1 < nu < 0.5
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.youngs_modulus_kpa) and self.youngs_modulus_kpa > 0):
@@ -67,9 +61,7 @@ def determinant(f: FloatArray) -> float:
 def energy(f: FloatArray, c10: float, d1: float) -> float:
     """Return W, kPa (energy per reference volume).
 
-    Parameters
-    ----------
-    f : shape (5,), F. c10, d1 : kPa and 1/kPa.
+    `f`: shape (5,), F. `c10`, `d1`: kPa and 1/kPa.
     """
     j = determinant(f)
     i1 = f[0] ** 2 + f[1] ** 2 + f[2] ** 2 + f[3] ** 2 + f[4] ** 2
@@ -93,9 +85,7 @@ def inverse_transpose(f: FloatArray, g: FloatArray) -> float:
 def stress(f: FloatArray, c10: float, d1: float, p: FloatArray) -> None:
     """Write the first Piola-Kirchhoff stress P = dW/dF into `p`.
 
-    Parameters
-    ----------
-    f : shape (5,), F. c10, d1 : kPa and 1/kPa. p : shape (5,), kPa.
+    `f`: shape (5,), F. `c10`, `d1`: kPa and 1/kPa. `p`: shape (5,), kPa.
     """
     j = inverse_transpose(f, p)
     i1 = f[0] ** 2 + f[1] ** 2 + f[2] ** 2 + f[3] ** 2 + f[4] ** 2
@@ -109,9 +99,7 @@ def stress(f: FloatArray, c10: float, d1: float, p: FloatArray) -> None:
 def tangent(f: FloatArray, c10: float, d1: float, c: FloatArray) -> None:
     """Write dP/dF into the symmetric `c`.
 
-    Parameters
-    ----------
-    f : shape (5,), F. c10, d1 : kPa and 1/kPa. c : shape (5, 5), kPa.
+    `f`: shape (5,), F. `c10`, `d1`: kPa and 1/kPa. `c`: shape (5, 5), kPa.
 
     Notes
     -----

@@ -24,21 +24,13 @@ _QUAD_STEPS = ((0, 0), (0, 2), (2, 2), (2, 0), (0, 1), (1, 2), (2, 1), (1, 0))  
 
 @dataclass(frozen=True, slots=True)
 class Mesh:
-    """A mesh and its parts.
+    """A mesh and its parts."""
 
-    Parameters
-    ----------
-    nodes : shape (n, 2), reference (r, z), mm.
-    quads : shape (m, 8), corners anticlockwise, then the midside after each corner.
-    material : shape (m,), LATTICE or WALL.
-    cavity : shape (k, 3), nodes of the wetted edges (start, middle, end), the solid on the left.
-    base, tip : node numbers on the fixed base and on the rigid tip plate.
-    """
-
-    nodes: FloatArray
-    quads: IntArray
-    material: IntArray
-    cavity: IntArray
+    nodes: FloatArray  # shape (n, 2), reference (r, z), mm
+    quads: IntArray  # shape (m, 8), corners anticlockwise, then the midside after each corner
+    material: IntArray  # shape (m,), LATTICE or WALL
+    cavity: IntArray  # shape (k, 3), nodes of the wetted edges (start, middle, end), the solid on the left
+    # base, tip: node numbers on the fixed base and on the rigid tip plate
     base: IntArray
     tip: IntArray
 
@@ -82,11 +74,6 @@ def build_mesh(parameters: ActuatorParameters) -> Mesh:
     -------
     Mesh
         With base at z = 0 and tip at z = length.
-
-    Raises
-    ------
-    RequestError
-        If an element is folded.
     """
     p = parameters
     across = stations(p)
@@ -121,10 +108,7 @@ def scaled_jacobian(mesh: Mesh) -> float:
 def check_quality(mesh: Mesh) -> None:
     """Reject a mesh that cannot be used.
 
-    Raises
-    ------
-    RequestError
-        If a node is not finite or lies at r < 0, or an element is folded or nearly so.
+    Raises RequestError if a node is not finite or lies at r < 0, or an element is folded or nearly so.
     """
     if not np.isfinite(mesh.nodes).all():
         raise RequestError("the mesh has a node that is not a number", "repair the mesh file")

@@ -45,17 +45,8 @@ _REVERSED = [0, 3, 2, 1, 7, 6, 5, 4]
 def write_state(path: Path, file_format: str, parameters: ActuatorParameters, mesh: Mesh, solution: Solution) -> None:
     """Write a state (VTU), the mesh at rest (MSH) or the whole problem at the state's pressure (INP).
 
-    Parameters
-    ----------
-    path, file_format : file to write, and vtu, msh or inp.
-    parameters, mesh : materials and mesh of the actuator.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be written.
-    RequestError
-        If the format is unknown.
+    `path`, `file_format`: file to write, and vtu, msh or inp. `parameters`, `mesh`: materials and mesh of the actuator.
+    Raises RequestError if the format is unknown.
     """
     if file_format not in ("vtu", "msh", "inp"):
         raise RequestError(f"'{file_format}' is not a mesh format of this program", "choose vtu, msh or inp")
@@ -71,10 +62,7 @@ def write_state(path: Path, file_format: str, parameters: ActuatorParameters, me
 def to_meshio(mesh: Mesh, displacement_mm: FloatArray | None = None, *, named: bool = False) -> meshio.Mesh:
     """Return a mesh with its parts for meshio.
 
-    Parameters
-    ----------
-    displacement_mm : shape (n, 2), of a state; none by default.
-    named : write the parts as Gmsh's physical groups.
+    `displacement_mm`: shape (n, 2), of a state; none by default. `named`: write the parts as Gmsh's physical groups.
     """
     lines = [("base", line_cells(mesh, mesh.base)), ("tip", line_cells(mesh, mesh.tip)), ("cavity", mesh.cavity)]
     quads = [("lattice", mesh.quads[mesh.material == LATTICE]), ("wall", mesh.quads[mesh.material == WALL])]
@@ -99,12 +87,7 @@ def line_cells(mesh: Mesh, members: IntArray) -> IntArray:
 def read_mesh(path: Path) -> Mesh:
     """Read a mesh with parts lattice, wall, cavity, base and tip.
 
-    Raises
-    ------
-    FileError
-        If the file is no mesh, or lacks a part.
-    RequestError
-        If an element is folded or a node lies beyond the axis.
+    Raises FileError if the file is no mesh, or lacks a part.
     """
     kind = {".vtu": "vtu", ".msh": "gmsh"}.get(path.suffix.lower())
     refusal = FileError(f"{path} is not a mesh that can be read here", "give a .vtu or .msh file")
@@ -178,10 +161,7 @@ def _blocks(data: str, kind: np.dtype[Any]) -> Iterator[bytes]:
 def from_meshio(found: meshio.Mesh, path: Path) -> Mesh:
     """Return our mesh from meshio's.
 
-    Raises
-    ------
-    FileError, RequestError
-        As `read_mesh`.
+    Raises FileError, RequestError: As `read_mesh`.
     """
     cells = by_part(found, path)
     missing = [name for name in ("lattice", "cavity", "base", "tip") if not len(cells[name])]
@@ -221,10 +201,7 @@ def from_meshio(found: meshio.Mesh, path: Path) -> Mesh:
 def check_ends(mesh: Mesh, path: Path) -> None:
     """Reject a base or a tip that is not the whole flat end: nodes left out would be free.
 
-    Raises
-    ------
-    FileError
-        Naming the end.
+    Raises FileError: Naming the end.
     """
     z = mesh.nodes[:, 1]
     near = FLAT_SHARE * float(z.max())
@@ -242,10 +219,7 @@ def check_ends(mesh: Mesh, path: Path) -> None:
 def check_chain(mesh: Mesh, path: Path) -> None:
     """Reject a cavity that is not one chain of edges from base (or axis) to tip: its volume would be wrong.
 
-    Raises
-    ------
-    FileError
-        With what is wrong with the chain.
+    Raises FileError: With what is wrong with the chain.
     """
     nodes, times = np.unique(mesh.cavity[:, [0, 2]], return_counts=True)
     ends = nodes[times == 1]
@@ -305,10 +279,7 @@ INCREMENTS = 10
 def calculix_deck(parameters: ActuatorParameters, mesh: Mesh, pressure_kpa: float) -> str:
     """Return the text of the input file.
 
-    Parameters
-    ----------
-    mesh : the actuator's mesh.
-    pressure_kpa : gauge pressure reached at the end of the one static step, kPa.
+    `mesh`: the actuator's mesh. `pressure_kpa`: gauge pressure reached at the end of the one static step, kPa.
 
     Notes
     -----

@@ -27,45 +27,29 @@ MOST_ELEMENTS = 20_000
 class ActuatorParameters:
     """Geometry, materials and mesh of the actuator; lengths in mm, moduli in kPa.
 
-    Parameters
-    ----------
-    cells : bladders in the row (assumed: six).
-    pitch_mm : distance of neighbouring bladders, equal to the lattice's unit cell (paper: 12.5).
-    neck_radius_mm, belly_radius_mm : least (fitted) and greatest (assumed) inner radius of the bladders.
-    wall_mm : thickness of the elastomer wall, measured along r (assumed).
-    envelope_radius_mm : outer radius of the lattice (assumed: two unit cells).
-    lattice_modulus_kpa : effective Young's modulus of the lattice (paper: 18.34 +- 1.86).
-    lattice_modulus_sd_kpa : its standard deviation over three specimens (paper).
-    lattice_poisson, wall_poisson : Poisson's ratios (assumed).
-    wall_modulus_kpa : Young's modulus of the wall (fitted).
-    guide_bow_mm : greatest distance of a waveguide's centreline from the axis (assumed).
-    guide_end_mm : length of each rigid end piece, in which the guides run to their junction (assumed).
-    axial_elements, wall_elements, lattice_elements : elements along one cell, across the wall, across the lattice.
-    grading : ratio of the outermost to the innermost lattice element's width.
-
-    Raises
-    ------
-    RequestError
-        If a value is not finite or the geometry is impossible; the message names it.
+    Raises RequestError if a value is not finite or the geometry is impossible; the message names it.
     """
 
-    cells: int = 6
-    pitch_mm: float = 12.5
+    cells: int = 6  # bladders in the row (assumed: six)
+    pitch_mm: float = 12.5  # distance of neighbouring bladders, equal to the lattice's unit cell (paper: 12.5)
+    # neck_radius_mm, belly_radius_mm: least (fitted) and greatest (assumed) inner radius of the bladders
     neck_radius_mm: float = 4.277
     belly_radius_mm: float = 7.5
-    wall_mm: float = 2.2
-    envelope_radius_mm: float = 25.0
-    lattice_modulus_kpa: float = 18.34
-    lattice_modulus_sd_kpa: float = 1.86
+    wall_mm: float = 2.2  # thickness of the elastomer wall, measured along r (assumed)
+    envelope_radius_mm: float = 25.0  # outer radius of the lattice (assumed: two unit cells)
+    lattice_modulus_kpa: float = 18.34  # effective Young's modulus of the lattice (paper: 18.34 +- 1.86)
+    lattice_modulus_sd_kpa: float = 1.86  # its standard deviation over three specimens (paper)
+    # lattice_poisson, wall_poisson: Poisson's ratios (assumed)
     lattice_poisson: float = 0.3
-    wall_modulus_kpa: float = 1320.9
+    wall_modulus_kpa: float = 1320.9  # Young's modulus of the wall (fitted)
     wall_poisson: float = 0.49
-    guide_bow_mm: float = 18.0
-    guide_end_mm: float = 12.5
+    guide_bow_mm: float = 18.0  # greatest distance of a waveguide's centreline from the axis (assumed)
+    guide_end_mm: float = 12.5  # length of each rigid end piece, in which the guides run to their junction (assumed)
+    # axial_elements, wall_elements, lattice_elements: elements along one cell, across the wall, across the lattice
     axial_elements: int = 8
     wall_elements: int = 2
     lattice_elements: int = 4
-    grading: float = 3.0
+    grading: float = 3.0  # ratio of the outermost to the innermost lattice element's width
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -111,14 +95,8 @@ class ActuatorParameters:
 def check_number(name: str, value: float, *, whole: bool = False) -> None:
     """Reject what is not a finite, positive number (Poisson's ratios may be negative).
 
-    Parameters
-    ----------
-    whole : whether it must be a whole number.
-
-    Raises
-    ------
-    RequestError
-        Naming the parameter.
+    `whole`: whether it must be a whole number.
+    Raises RequestError: Naming the parameter.
     """
     if isinstance(value, int) and abs(value) >= 2**63:  # no float, and of too many digits to be printed
         raise RequestError(f"{name} is a number of more than 64 bits", f"give {name} as a plain number")
@@ -138,10 +116,8 @@ def read_parameters(path: Path) -> ActuatorParameters:
 
     Raises
     ------
-    FileError
-        If the file cannot be read as TOML.
-    RequestError
-        If a name is unknown or a value impossible.
+    FileError : if the file cannot be read as TOML.
+    RequestError : if a name is unknown or a value impossible.
     """
     try:
         if path.exists() and not path.is_file():  # a pipe would be waited for, a device never ends

@@ -31,9 +31,7 @@ _CROSS = np.einsum("g,gi,gj->gij", WEIGHTS, VALUES, DERIVATIVES)
 def edge_point(nodes: FloatArray, u: FloatArray, edge: IntArray, g: int) -> tuple[float, float, float]:
     """Return r of a deformed edge at Gauss point `g`, mm, and the derivatives of r and z along the edge.
 
-    Parameters
-    ----------
-    nodes, u : shape (n, 2), mm. edge : shape (3,), its nodes.
+    `nodes`, `u`: shape (n, 2), mm. `edge`: shape (3,), its nodes.
     """
     r, dr, dz = 0.0, 0.0, 0.0
     for a in range(3):
@@ -48,9 +46,7 @@ def edge_point(nodes: FloatArray, u: FloatArray, edge: IntArray, g: int) -> tupl
 def cavity_volume(nodes: FloatArray, u: FloatArray, edges: IntArray) -> float:
     """Return V, mm^3, of the cavity.
 
-    Parameters
-    ----------
-    nodes, u : shape (n, 2), reference positions and displacements, mm. edges : shape (k, 3), nodes of wetted edges.
+    `nodes`, `u`: shape (n, 2), reference positions and displacements, mm. `edges`: shape (k, 3), nodes of wetted edges.
     """
     volume = 0.0
     for edge in edges:
@@ -64,9 +60,7 @@ def cavity_volume(nodes: FloatArray, u: FloatArray, edges: IntArray) -> float:
 def volume_gradient(nodes: FloatArray, u: FloatArray, edges: IntArray, gradient: FloatArray) -> None:
     """Add dV/du to `gradient`.
 
-    Parameters
-    ----------
-    nodes, u, edges : as in `cavity_volume`. gradient : shape (n, 2), mm^2.
+    `gradient`: shape (n, 2), mm^2.
     """
     for edge in edges:
         for g in range(3):
@@ -82,11 +76,8 @@ def pressure_tangent(
 ) -> None:
     """Add -p d2V/du2 to the lower band.
 
-    Parameters
-    ----------
-    nodes, u, edges : as in `cavity_volume`. pressure : kPa.
-    equations : shape (n, 2), the equation of each displacement, -1 where it is prescribed.
-    band : mN/mm, see band.py.
+    `pressure`: kPa. `equations`: shape (n, 2), the equation of each displacement, -1 where it is prescribed. `band`:
+    mN/mm, see band.py.
     """
     for edge in edges:
         for a in range(3):

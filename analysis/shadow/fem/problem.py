@@ -22,43 +22,25 @@ from protocol.base.arrays import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True, slots=True)
 class Balance:
-    """The forces in a state.
+    """The forces in a state."""
 
-    Parameters
-    ----------
-    force : shape (size,), internal minus pressure force by equation, mN.
-    area : shape (size,), dV/du by equation, mm^2: the force of a unit pressure.
-    scale : the greater norm of internal and pressure forces over all nodes, supports included, mN.
-    smallest_j : the smallest volume ratio J at any Gauss point; forces are undefined where it is not positive.
-    """
-
-    force: FloatArray
-    area: FloatArray
-    scale: float
-    smallest_j: float
+    force: FloatArray  # shape (size,), internal minus pressure force by equation, mN
+    area: FloatArray  # shape (size,), dV/du by equation, mm^2: the force of a unit pressure
+    scale: float  # the greater norm of internal and pressure forces over all nodes, supports included, mN
+    smallest_j: float  # the smallest volume ratio J at any Gauss point; forces are undefined where it is not positive
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Mesh, moduli, supports and numbering.
+    """Mesh, moduli, supports and numbering."""
 
-    Parameters
-    ----------
-    nodes : shape (n, 2), reference (r, z), mm.
-    elements : their nodes, moduli and reference gradients.
-    cavity : shape (k, 3), wetted edges, the solid on the left.
-    plate_node : a node of the rigid plate, -1 without a plate.
-    equations : shape (n, 2), the equation of each displacement, -1 where it is prescribed.
-    plate : the equation of the plate's axial displacement, -1 without a plate.
-    size, bandwidth : number of equations and of sub-diagonals.
-    """
-
-    nodes: FloatArray
-    elements: Elements
-    cavity: IntArray
-    plate_node: int
-    equations: IntArray
-    plate: int
+    nodes: FloatArray  # shape (n, 2), reference (r, z), mm
+    elements: Elements  # their nodes, moduli and reference gradients
+    cavity: IntArray  # shape (k, 3), wetted edges, the solid on the left
+    plate_node: int  # a node of the rigid plate, -1 without a plate
+    equations: IntArray  # shape (n, 2), the equation of each displacement, -1 where it is prescribed
+    plate: int  # the equation of the plate's axial displacement, -1 without a plate
+    # size, bandwidth: number of equations and of sub-diagonals
     size: int
     bandwidth: int
 
@@ -109,13 +91,9 @@ def make_problem(
 ) -> Problem:
     """Set up a problem on a mesh.
 
-    Parameters
-    ----------
-    mesh : nodes, elements and wetted edges.
-    moduli : shape (m, 2), C10 in kPa and D1 in 1/kPa of each element.
-    fixed : shape (n, 2), True where a displacement is prescribed.
-    tied : nodes whose axial displacements are one freedom; none by default.
-    points_a_side : Gauss points a side, 2 (reduced) or 3 (full).
+    `mesh`: nodes, elements and wetted edges. `moduli`: shape (m, 2), C10 in kPa and D1 in 1/kPa of each element.
+    `fixed`: shape (n, 2), True where a displacement is prescribed. `tied`: nodes whose axial displacements are one
+    freedom; none by default. `points_a_side`: Gauss points a side, 2 (reduced) or 3 (full).
     """
     plate_nodes = np.empty(0, dtype=np.int64) if tied is None else tied
     elements = elements_of(mesh.nodes, mesh.quads, moduli, points_a_side)
@@ -126,11 +104,8 @@ def make_problem(
 def number_equations(quads: IntArray, fixed: BoolArray, tied: IntArray) -> tuple[IntArray, int, int, int]:
     """Number the free displacements for a narrow band.
 
-    Parameters
-    ----------
-    quads : shape (m, 8).
-    fixed : shape (n, 2), True where prescribed.
-    tied : node numbers whose axial displacements are one freedom.
+    `quads`: shape (m, 8). `fixed`: shape (n, 2), True where prescribed. `tied`: node numbers whose axial displacements
+    are one freedom.
 
     Returns
     -------

@@ -36,21 +36,14 @@ PLATE_TOLERANCE_MM = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """One state of equilibrium.
+    """One state of equilibrium."""
 
-    Parameters
-    ----------
-    displacement_mm : shape (n, 2), (u_r, u_z) of each node.
-    pressure_kpa, elongation_mm : the state's pressure and its plate's displacement (0 without a plate).
-    tip_force_mn : force on the plate that holds it there, mN, positive pulling; 0 when the plate is free.
-    iterations : Newton steps taken, over all load steps.
-    """
-
-    displacement_mm: FloatArray
+    displacement_mm: FloatArray  # shape (n, 2), (u_r, u_z) of each node
+    # pressure_kpa, elongation_mm: the state's pressure and its plate's displacement (0 without a plate)
     pressure_kpa: float
     elongation_mm: float
-    tip_force_mn: float
-    iterations: int
+    tip_force_mn: float  # force on the plate that holds it there, mN, positive pulling; 0 when the plate is free
+    iterations: int  # Newton steps taken, over all load steps
     residual: float
 
 
@@ -106,10 +99,8 @@ class Control:
 def factorise(problem: Problem, u: FloatArray, pressure_kpa: float, *, held: bool) -> Factor | None:
     """Factorise the tangent; return None where it is not positive definite.
 
-    Parameters
-    ----------
-    u, pressure_kpa : state of nodal displacements, shape (n, 2), mm, and pressure.
-    held : the plate's displacement is prescribed: its row and column are taken out.
+    `u`, `pressure_kpa`: state of nodal displacements, shape (n, 2), mm, and pressure. `held`: the plate's displacement
+    is prescribed: its row and column are taken out.
     """
     matrix = problem.tangent(u, pressure_kpa)
     column, diagonal = np.zeros(problem.size), 0.0
@@ -131,9 +122,7 @@ def factorise(problem: Problem, u: FloatArray, pressure_kpa: float, *, held: boo
 class Solver:
     """Solves one problem repeatedly, keeping its last factorisation for a warm start.
 
-    Parameters
-    ----------
-    tolerance : relative residual (Euclidean, to the greater of load and internal forces) of a solution.
+    `tolerance`: relative residual (Euclidean, to the greater of load and internal forces) of a solution.
     """
 
     problem: Problem
@@ -149,14 +138,8 @@ class Solver:
     ) -> Solution:
         """Find the state at a given pressure, elongation, or both.
 
-        Parameters
-        ----------
-        start : a neighbouring state to begin from; the state at rest by default.
-
-        Raises
-        ------
-        ConvergenceError
-            If no equilibrium is found down to the smallest load step.
+        `start`: a neighbouring state to begin from; the state at rest by default.
+        Raises ConvergenceError if no equilibrium is found down to the smallest load step.
         """
         first = state = start or self.rest()
         done, step, spent = 0.0, 1.0, 0

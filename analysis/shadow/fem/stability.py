@@ -34,13 +34,11 @@ REFERENCE_POISSON = 0.4
 class CriticalState:
     """Where stability ends.
 
-    Parameters
-    ----------
-    pressure_kpa, elongation_mm : the last stable state found.
-    wave_number : waves around the circle of the mode that loses its stiffness first (0: a limit point of the
-        axisymmetric path); -1 where the walk ended, still stable.
+    `wave_number`: waves around the circle of the mode that loses its stiffness first (0: a limit point of the
+    axisymmetric path); -1 where the walk ended, still stable.
     """
 
+    # pressure_kpa, elongation_mm: the last stable state found
     pressure_kpa: float
     elongation_mm: float
     wave_number: int
@@ -67,9 +65,7 @@ class Stability:
     def tangent(self, u: FloatArray, pressure_kpa: float, wave_number: int) -> FloatArray:
         """Return the band of K_n.
 
-        Parameters
-        ----------
-        u : shape (n, 2), mm.
+        `u`: shape (n, 2), mm.
         """
         if wave_number == 0:
             return self.problem.tangent(u, pressure_kpa)
@@ -107,9 +103,7 @@ def compressible(problem: Problem) -> Problem:
 def least_shift(matrix: FloatArray, reference: FloatArray, known: float) -> float:
     """Return the smaller of `known` and the lowest eigenvalue of matrix v = s reference v, to EIGENVALUE_STEP.
 
-    Parameters
-    ----------
-    known : upper bound, infinite without one.
+    `known`: upper bound, infinite without one.
     """
 
     def definite(shift: float) -> bool:
@@ -131,9 +125,7 @@ def least_shift(matrix: FloatArray, reference: FloatArray, known: float) -> floa
 def find_limit(solver: Solver, stability: Stability, length_mm: float, direction: Literal[-1, 1]) -> CriticalState:
     """Walk from rest in one direction until stability ends.
 
-    Parameters
-    ----------
-    direction : -1 towards vacuum, +1 towards inflation.
+    `direction`: -1 towards vacuum, +1 towards inflation.
 
     Returns
     -------

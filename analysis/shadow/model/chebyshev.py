@@ -27,9 +27,7 @@ def basis(values: FloatArray, ends: FloatArray, count: int) -> FloatArray:
 def coefficients(values: FloatArray) -> FloatArray:
     """Return the coefficients of the polynomial through values at Chebyshev points.
 
-    Parameters
-    ----------
-    values : shape (count, ...), the first axis runs over the points.
+    `values`: shape (count, ...), the first axis runs over the points.
     """
     count = len(values)
     vander = chebyshev.chebvander(chebyshev.chebpts1(count), count - 1)

@@ -29,10 +29,7 @@ SCREEN_TOLERANCE_MM = 0.05
 def shadow_figure(state: ShadowState, topology: ShadowTopology, colour: Colour = "displacement") -> Figure:
     """Draw one frame.
 
-    Parameters
-    ----------
-    state, topology : from `Shadow`.
-    colour : displacement in mm, or greatest principal strain in %.
+    `colour`: displacement in mm, or greatest principal strain in %.
     """
     figure = Figure(figsize=(9.0, 5.2), layout="constrained")
     axes = figure.subplots()

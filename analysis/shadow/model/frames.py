@@ -36,55 +36,37 @@ Model = Literal["full", "reduced"]
 class ShadowTopology:
     """What is the same in all frames.
 
-    Parameters
-    ----------
-    rest_mm : shape (n, 2), (x, z) of one half's nodes at rest; the other half is its mirror image, x -> -x.
-    quads : shape (m, 8), the elements.
-    triangles : shape (6 m, 3), the elements cut up for drawing with a colour at each node.
-    material : shape (m,), 0 lattice, 1 wall.
-    outline, interface, cavity : node numbers along the envelope with base and tip edge, along the wall's outside, and
-        along the bladders' inside: three polylines.
-    length_mm : distance between base and tip plate at rest.
+    `outline`, `interface`, `cavity`: node numbers along the envelope with base and tip edge, along the wall's outside,
+    and along the bladders' inside: three polylines.
     """
 
-    rest_mm: FloatArray
-    quads: IntArray
-    triangles: IntArray
-    material: IntArray
+    rest_mm: FloatArray  # shape (n, 2), (x, z) of one half's nodes at rest; the other half is its mirror image, x -> -x
+    quads: IntArray  # shape (m, 8), the elements
+    triangles: IntArray  # shape (6 m, 3), the elements cut up for drawing with a colour at each node
+    material: IntArray  # shape (m,), 0 lattice, 1 wall
     outline: IntArray
     interface: IntArray
     cavity: IntArray
-    length_mm: float
+    length_mm: float  # distance between base and tip plate at rest
 
 
 @dataclass(frozen=True, slots=True)
 class ShadowState:
-    """One frame.
-
-    Parameters
-    ----------
-    nodes_mm : shape (n, 2), deformed (x, z) of one half.
-    displacement_mm : shape (n,), length of each node's displacement.
-    strain : shape (n,), greatest principal stretch minus 1 at each node, dimensionless.
-    centrelines_mm : shape (2, k, 2), (x, z) of both guides every 0.5 mm.
-    tracked_points_mm : shape (2, 7, 2).
-    nominal_elongation_mm, nominal_sd_mm : x_nom(p) and its standard uncertainty from E; NaN outside the table.
-    pressure_residual_kpa : pressure minus p_nom(elongation); NaN outside the table.
-    tip_force_mn : the force at the plate that the model needs to hold this state, mN.
-    """
+    """One frame."""
 
     pressure_kpa: float
     elongation_mm: float
-    nodes_mm: FloatArray
-    displacement_mm: FloatArray
-    strain: FloatArray
-    centrelines_mm: FloatArray
-    tracked_points_mm: FloatArray
+    nodes_mm: FloatArray  # shape (n, 2), deformed (x, z) of one half
+    displacement_mm: FloatArray  # shape (n,), length of each node's displacement
+    strain: FloatArray  # shape (n,), greatest principal stretch minus 1 at each node, dimensionless
+    centrelines_mm: FloatArray  # shape (2, k, 2), (x, z) of both guides every 0.5 mm
+    tracked_points_mm: FloatArray  # shape (2, 7, 2)
+    # nominal_elongation_mm, nominal_sd_mm: x_nom(p) and its standard uncertainty from E; NaN outside the table
     nominal_elongation_mm: float
     nominal_sd_mm: float
     deviation_mm: float
-    pressure_residual_kpa: float
-    tip_force_mn: float
+    pressure_residual_kpa: float  # pressure minus p_nom(elongation); NaN outside the table
+    tip_force_mn: float  # the force at the plate that the model needs to hold this state, mN
     model: Model
     seconds: float
 
@@ -92,11 +74,8 @@ class ShadowState:
 class Shadow:
     """The shadow of one actuator.
 
-    Parameters
-    ----------
-    parameters : the actuator; the paper's by default.
-    table : its reduced model; from the cache, or built (about 3 s), by default.
-    progress : called as (done, total) while a table is built.
+    `parameters`: the actuator; the paper's by default. `table`: its reduced model; from the cache, or built (about 3
+    s), by default. `progress`: called as (done, total) while a table is built.
     """
 
     def __init__(
@@ -131,17 +110,8 @@ class Shadow:
     ) -> ShadowState:
         """Return the frame at a measured elongation, a measured pressure, or both.
 
-        Parameters
-        ----------
-        elongation_mm, pressure_kpa : measured; a missing one follows from the nominal actuator.
-        model : 'reduced' (falls back to the full model outside its rectangle) or 'full'.
-
-        Raises
-        ------
-        DataError
-            If a value is NaN or infinite.
-        RequestError
-            If the state lies beyond the critical pressure.
+        `elongation_mm`, `pressure_kpa`: measured; a missing one follows from the nominal actuator. `model`: 'reduced'
+        (falls back to the full model outside its rectangle) or 'full'.
         """
         begun = time.perf_counter()
         solution, answered = self.solution(elongation_mm=elongation_mm, pressure_kpa=pressure_kpa, model=model)
@@ -216,10 +186,8 @@ def triangles(quads: IntArray) -> IntArray:
 def actuator(level: Fidelity, base: ActuatorParameters | None = None) -> ActuatorParameters:
     """Return an actuator on the level's mesh.
 
-    Parameters
-    ----------
-    base : a caller's own actuator, of which only the mesh is changed; by default the program's, whose two fitted
-        numbers are those of the mesh.
+    `base`: a caller's own actuator, of which only the mesh is changed; by default the program's, whose two fitted
+    numbers are those of the mesh.
     """
     axial, wall, lattice = level.mesh
     meshed = replace(base or ActuatorParameters(), axial_elements=axial, wall_elements=wall, lattice_elements=lattice)
@@ -235,11 +203,6 @@ def table_settings(level: Fidelity) -> TableSettings:
 
 
 def shadow_at(level: Fidelity, base: ActuatorParameters | None = None, progress: Progress | None = None) -> Shadow:
-    """Return the shadow of the level's actuator, its table from the cache or built.
-
-    Parameters
-    ----------
-    level, base : as in `actuator`. progress : called as (done, total) while a table is built; raising from it cancels.
-    """
+    """Return the shadow of the level's actuator, its table from the cache or built."""
     parameters = actuator(level, base)
     return Shadow(parameters, load_table(parameters, table_settings(level), progress=progress))

@@ -49,10 +49,8 @@ def check_values(pressure_kpa: float | None, elongation_mm: float | None) -> Non
 
     Raises
     ------
-    DataError
-        If a given value is NaN or infinite, as a calibration returns outside its range.
-    RequestError
-        If neither is given.
+    DataError : if a given value is NaN or infinite, as a calibration returns outside its range.
+    RequestError : if neither is given.
     """
     if pressure_kpa is None and elongation_mm is None:
         raise RequestError("neither a pressure nor an elongation is given", "give one of them, or both")
@@ -69,9 +67,9 @@ def check_condition(problem: Problem) -> None:
 
     Raises
     ------
-    RequestError
-        If the forces of 1 kPa are near the rounding of the forces in the solid, or the tangent at rest of compressible
-        solids, its diagonal scaled to 1, is worse conditioned than WORST_CONDITION (Higham 2002, ch. 15: 1-norm).
+    RequestError : if the forces of 1 kPa are near the rounding of the forces in the solid, or the tangent at rest of
+        compressible solids, its diagonal scaled to 1, is worse conditioned than WORST_CONDITION (Higham 2002, ch. 15:
+        1-norm).
     """
     rest = np.zeros_like(problem.nodes)
     one_kpa = float(np.linalg.norm(problem.balance(rest, 1.0).area))
@@ -101,15 +99,9 @@ def check_condition(problem: Problem) -> None:
 class FullModel:
     """The actuator by finite elements.
 
-    Parameters
-    ----------
-    mesh : a foreign mesh in place of the parametric one, its base at 0 (see `mesh_files.read_mesh`).
-    tolerance : relative residual of a solution.
-
-    Raises
-    ------
-    RequestError
-        If the parameters cannot be meshed.
+    `mesh`: a foreign mesh in place of the parametric one, its base at 0 (see `mesh_files.read_mesh`). `tolerance`:
+    relative residual of a solution.
+    Raises RequestError if the parameters cannot be meshed.
     """
 
     def __init__(
@@ -163,20 +155,9 @@ class FullModel:
     ) -> Solution:
         """Find the state at a pressure, at an elongation, or with both imposed.
 
-        Parameters
-        ----------
-        pressure_kpa : gauge pressure in the bladders, kPa; follows from the elongation if None.
-        elongation_mm : displacement of the tip plate, mm; follows from the pressure if None.
-        start : a neighbouring state to begin from.
-
-        Raises
-        ------
-        DataError
-            If a given value is NaN or infinite, as a calibration returns outside its range.
-        RequestError
-            If neither is given, or the state lies beyond the limit of stability; names the critical pressure.
-        ConvergenceError
-            If no equilibrium is found.
+        `pressure_kpa`: gauge pressure in the bladders, kPa; follows from the elongation if None. `elongation_mm`:
+        displacement of the tip plate, mm; follows from the pressure if None. `start`: a neighbouring state to begin
+        from.
         """
         check_values(pressure_kpa, elongation_mm)
         self.check_limits(pressure_kpa, elongation_mm)
@@ -185,10 +166,7 @@ class FullModel:
     def check_limits(self, pressure_kpa: float | None, elongation_mm: float | None) -> None:
         """Reject a state beyond the limits of stability; an elongation is checked only where the plate is free.
 
-        Raises
-        ------
-        RequestError
-            Naming the critical pressure.
+        Raises RequestError: Naming the critical pressure.
         """
         p, q = pressure_kpa, elongation_mm
         if (p is not None and p < 0.0) or (p is None and q is not None and q < 0.0):

@@ -28,16 +28,10 @@ _INSIDE = 1.0 + 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Embedding:
-    """Points that move with a mesh.
+    """Points that move with a mesh."""
 
-    Parameters
-    ----------
-    rest_mm : shape (n, 2), (r, z) at rest.
-    weights : sparse, shape (n, nodes): displacement of each point = weights @ nodal displacements.
-    """
-
-    rest_mm: FloatArray
-    weights: sparse.csr_array
+    rest_mm: FloatArray  # shape (n, 2), (r, z) at rest
+    weights: sparse.csr_array  # sparse, shape (n, nodes): displacement of each point = weights @ nodal displacements
 
     def positions(self, displacement_mm: FloatArray) -> FloatArray:
         """Return the deformed (r, z), shape (n, 2), mm."""
@@ -56,10 +50,8 @@ class Guides:
 def rest_centreline(parameters: ActuatorParameters, length_mm: float, points: int | None = None) -> FloatArray:
     """Return a guide at rest, equally spaced along its arc.
 
-    Parameters
-    ----------
-    length_mm : distance between base and tip plate.
-    points : how many; by default one every 0.5 mm (to the nearest whole number).
+    `length_mm`: distance between base and tip plate. `points`: how many; by default one every 0.5 mm (to the nearest
+    whole number).
 
     Returns
     -------
@@ -79,9 +71,7 @@ def rest_centreline(parameters: ActuatorParameters, length_mm: float, points: in
 def locate(mesh: Mesh, points: FloatArray) -> tuple[IntArray, FloatArray]:
     """Find the element and the shape functions' values at each point.
 
-    Parameters
-    ----------
-    points : shape (n, 2), (r, z) in mm.
+    `points`: shape (n, 2), (r, z) in mm.
 
     Returns
     -------
@@ -121,14 +111,8 @@ def invert(corners: FloatArray, point: FloatArray) -> FloatArray:
 def embed(mesh: Mesh, points: FloatArray, length_mm: float) -> Embedding:
     """Tie points to the mesh, or to the rigid pieces beyond base and tip.
 
-    Parameters
-    ----------
-    points : shape (n, 2), (r, z) in mm. length_mm : between base and tip plate.
-
-    Raises
-    ------
-    RequestError
-        If a point between base and tip lies in no element: the guide leaves the lattice.
+    `points`: shape (n, 2), (r, z) in mm. `length_mm`: distance of base and tip plate.
+    Raises RequestError if a point between base and tip lies in no element: the guide leaves the lattice.
     """
     between = (points[:, 1] > 0.0) & (points[:, 1] < length_mm)
     owner, values = locate(mesh, points[between])

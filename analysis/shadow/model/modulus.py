@@ -59,19 +59,13 @@ class SpecimenModulus:
 
 @dataclass(frozen=True, slots=True)
 class EffectiveModulus:
-    """The modulus of all specimens together.
+    """The modulus of all specimens together."""
 
-    Parameters
-    ----------
-    mean_kpa, sd_kpa : over specimens (the form of the paper: 18.34 +- 1.86, N = 3); sd is NaN for one specimen.
-    standard_error_kpa : sd / sqrt(N), or the slope's own for one specimen.
-    interval_kpa : 95 % interval of the mean, Student's t; NaN for one specimen.
-    """
-
+    # mean_kpa, sd_kpa: over specimens (the form of the paper: 18.34 +- 1.86, N = 3); sd is NaN for one specimen
     mean_kpa: float
     sd_kpa: float
-    standard_error_kpa: float
-    interval_kpa: tuple[float, float]
+    standard_error_kpa: float  # sd / sqrt(N), or the slope's own for one specimen
+    interval_kpa: tuple[float, float]  # 95 % interval of the mean, Student's t; NaN for one specimen
     specimens: tuple[SpecimenModulus, ...]
 
 
@@ -84,14 +78,7 @@ def read_compression_test(
 ) -> CompressionTest:
     """Read one specimen's CSV: a force column and a displacement column, in any of the common names and units.
 
-    Parameters
-    ----------
-    force_column, displacement_column : name or number of a column; common names are tried by default.
-
-    Raises
-    ------
-    FileError
-        If the file is not a table, or has no such columns.
+    `force_column`, `displacement_column`: name or number of a column; common names are tried by default.
     """
     table = read_table(path)
     force, force_unit = find_column(table, FORCE_NAMES, path, force_column)
@@ -103,10 +90,7 @@ def read_compression_test(
 def find_column(table: Table, names: Sequence[str], path: Path, wanted: str | None = None) -> tuple[FloatArray, str]:
     """Return a column and its unit ('' if it has none).
 
-    Parameters
-    ----------
-    table, path : read, and its file for messages.
-    wanted : name or number of the column instead.
+    `table`, `path`: read, and its file for messages. `wanted`: name or number of the column instead.
     """
     plain = [name.strip().lower() for name in table.names]
     known = [plain.index(name) for name in names if name in plain]
@@ -127,16 +111,8 @@ def factor(units: dict[str, float], unit: str, path: Path) -> float:
 def specimen_modulus(test: CompressionTest, window: tuple[float, float] = (0.02, 0.10)) -> SpecimenModulus:
     """Return one specimen's modulus.
 
-    Parameters
-    ----------
-    window : strains between which the line is drawn, counted from contact.
-
-    Raises
-    ------
-    DataError
-        If the data are not a compression test.
-    RequestError
-        If the specimen's size or the window is impossible.
+    `window`: strains between which the line is drawn, counted from contact.
+    Raises DataError if the data are not a compression test.
     """
     check_request(test, window)
     strain, stress, contact = loading_branch(test)
@@ -200,12 +176,7 @@ def loading_branch(test: CompressionTest) -> tuple[FloatArray, FloatArray, float
 def effective_modulus(tests: Sequence[CompressionTest], window: tuple[float, float] = (0.02, 0.10)) -> EffectiveModulus:
     """Return the modulus over specimens.
 
-    Raises
-    ------
-    RequestError
-        If no test is given.
-    DataError
-        If one is not a compression test.
+    Raises RequestError if no test is given.
     """
     if not tests:
         raise RequestError("no compression test is given", "give one CSV a specimen")

@@ -25,51 +25,43 @@ from protocol.base.errors import RequestError
 class TableSettings:
     """How fine the table is.
 
-    Parameters
-    ----------
-    pressures, elongations : Chebyshev points along each side.
-    held_out : full solutions, not used for the table, that its error is measured on.
-    highest_pressure_kpa : upper side of the rectangle; the lower lies a little short of the critical pressure.
-    margin_mm : how far the rectangle reaches beyond the nominal elongations of its pressures.
+    `highest_pressure_kpa`: upper side of the rectangle; the lower lies a little short of the critical pressure.
     """
 
+    # pressures, elongations: Chebyshev points along each side
     pressures: int = 7
     elongations: int = 7
     modes: int = 8
-    held_out: int = 64
+    held_out: int = 64  # full solutions, not used for the table, that its error is measured on
     highest_pressure_kpa: float = 55.0
-    margin_mm: float = 0.6
+    margin_mm: float = 0.6  # how far the rectangle reaches beyond the nominal elongations of its pressures
 
 
 @dataclass(frozen=True, slots=True)
 class ReducedModel:
     """The table.
 
-    Parameters
-    ----------
-    pressure_range_kpa, elongation_range_mm : shape (2,), the rectangle.
-    mean, shapes : shape (2 nodes,), mm, and (2 nodes, modes), mm per unit amplitude.
-    amplitudes, force : (pressures, elongations, modes) and (pressures, elongations), Chebyshev coefficients, mm and mN.
-    tracked_mean, tracked_shapes : the same for the seven points, (14,) and (14, modes).
-    nominal_mm, nominal_sd_mm : Chebyshev coefficients of x_nom(p) and of its standard uncertainty.
-    nominal_kpa : Chebyshev coefficients of p_nom(x).
-    errors_mm : shape (modes,), greatest error of a tracked point over the held-out states with 1, 2, ... modes.
-    critical_kpa : the critical pressure under vacuum.
+    `errors_mm`: shape (modes,), greatest error of a tracked point over the held-out states with 1, 2, ... modes.
     """
 
+    # pressure_range_kpa, elongation_range_mm: shape (2,), the rectangle
     pressure_range_kpa: FloatArray
     elongation_range_mm: FloatArray
+    # mean, shapes: shape (2 nodes,), mm, and (2 nodes, modes), mm per unit amplitude
     mean: FloatArray
     shapes: FloatArray
+    # amplitudes, force: (pressures, elongations, modes) and (pressures, elongations), Chebyshev coefficients, mm and mN
     amplitudes: FloatArray
     force: FloatArray
+    # tracked_mean, tracked_shapes: the same for the seven points, (14,) and (14, modes)
     tracked_mean: FloatArray
     tracked_shapes: FloatArray
+    # nominal_mm, nominal_sd_mm: Chebyshev coefficients of x_nom(p) and of its standard uncertainty
     nominal_mm: FloatArray
     nominal_sd_mm: FloatArray
-    nominal_kpa: FloatArray
+    nominal_kpa: FloatArray  # Chebyshev coefficients of p_nom(x)
     errors_mm: FloatArray
-    critical_kpa: FloatArray
+    critical_kpa: FloatArray  # the critical pressure under vacuum
 
     @property
     def error_bound_mm(self) -> float:
@@ -109,25 +101,13 @@ class ReducedModel:
         return products
 
     def tracked(self, pressure_kpa: FloatArray, elongation_mm: FloatArray) -> FloatArray:
-        """Return the deformed tracked points of one guide, shape (n, 7, 2), (r, z) in mm.
-
-        Raises
-        ------
-        RequestError
-            If a state lies outside the rectangle.
-        """
+        """Return the deformed tracked points of one guide, shape (n, 7, 2), (r, z) in mm."""
         products = self._products(pressure_kpa, elongation_mm)
         matrix = self.amplitudes.reshape(products.shape[1], -1) @ self.tracked_shapes.T
         return (self.tracked_mean + products @ matrix).reshape(len(products), -1, 2)
 
     def displacement(self, pressure_kpa: float, elongation_mm: float) -> tuple[FloatArray, float]:
-        """Return the nodal displacements, shape (nodes, 2), mm, and the force on the plate, mN, of one state.
-
-        Raises
-        ------
-        RequestError
-            If the state lies outside the rectangle.
-        """
+        """Return the nodal displacements, shape (nodes, 2), mm, and the force on the plate, mN, of one state."""
         products = self._products(np.array([pressure_kpa]), np.array([elongation_mm]))[0]
         amplitudes = products @ self.amplitudes.reshape(len(products), -1)
         return (self.mean + self.shapes @ amplitudes).reshape(-1, 2), float(products @ self.force.ravel())

@@ -40,19 +40,13 @@ HEADER = "state,guide,point,x_mm,z_mm,pressure_kpa,elongation_mm"
 
 @dataclass(frozen=True, slots=True)
 class GuideStates:
-    """The fifteen states.
+    """The fifteen states."""
 
-    Parameters
-    ----------
-    curves_mm : shape (15, 2, n, 2), (x, z).
-    pressure_kpa, elongation_mm : shape (15,).
-    parameters : hash of the actuator's parameters.
-    """
-
-    curves_mm: FloatArray
+    curves_mm: FloatArray  # shape (15, 2, n, 2), (x, z)
+    # pressure_kpa, elongation_mm: shape (15,)
     pressure_kpa: FloatArray
     elongation_mm: FloatArray
-    parameters: str
+    parameters: str  # hash of the actuator's parameters
 
     @property
     def arrays(self) -> dict[str, Any]:
@@ -82,16 +76,9 @@ def guide_states(
 ) -> GuideStates:
     """Solve the fifteen states.
 
-    Parameters
-    ----------
-    model : the actuator; the paper's by default.
-    lowest_kpa, highest_kpa : pressures of the most compressed and the most elongated state.
-    every_half_mm : centrelines sampled every 0.5 mm in place of the seven tracked points.
-
-    Raises
-    ------
-    RequestError
-        If the pressures do not lie on both sides of zero, or beyond the critical pressure.
+    `model`: the actuator; the paper's by default. `lowest_kpa`, `highest_kpa`: pressures of the most compressed and the
+    most elongated state. `every_half_mm`: centrelines sampled every 0.5 mm in place of the seven tracked points.
+    Raises RequestError if the pressures do not lie on both sides of zero, or beyond the critical pressure.
     """
     if not lowest_kpa < 0.0 < highest_kpa:
         raise RequestError(
@@ -117,11 +104,8 @@ def kept_states(
 ) -> GuideStates:
     """Return the fifteen states of an actuator from the cache, or solve and keep them there.
 
-    Parameters
-    ----------
-    parameters : the paper's actuator by default.
-    lowest_kpa : pressure of the most compressed state.
-    folder : where states are kept; the user's cache folder by default.
+    `parameters`: the paper's actuator by default. `lowest_kpa`: pressure of the most compressed state. `folder`: where
+    states are kept; the user's cache folder by default.
     """
     chosen = parameters or ActuatorParameters()
     reach = "" if lowest_kpa == _LOWEST_KPA else f" {lowest_kpa:g}"
@@ -136,13 +120,7 @@ def kept_states(
 
 
 def write_states(states: GuideStates, path: Path) -> None:
-    """Write the states as CSV or, by the suffix .npz, as arrays.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be written.
-    """
+    """Write the states as CSV or, by the suffix .npz, as arrays."""
     with writing(path):
         if path.suffix.lower() == ".npz":
             write_arrays(path, states.arrays)

@@ -85,15 +85,7 @@ def build_table(
 ) -> ReducedModel:
     """Build the reduced model of an actuator.
 
-    Parameters
-    ----------
-    parameters, settings : defaults where None.
-    progress : called as (done, total) after each full solution; raising from it cancels.
-
-    Raises
-    ------
-    ConvergenceError
-        If a corner of the rectangle has no equilibrium; take a smaller `margin_mm`.
+    `parameters`, `settings`: defaults where None.
     """
     chosen = settings or TableSettings()
     model = FullModel(parameters)
@@ -199,11 +191,7 @@ def load_table(
 ) -> ReducedModel:
     """Return the table from the cache, or build it and keep it there.
 
-    Parameters
-    ----------
-    parameters, settings : defaults where None.
-    progress : called as (done, total) while a table is built; raising from it cancels.
-    folder : where tables are kept; the user's cache folder by default.
+    `parameters`, `settings`: defaults where None. `folder`: where tables are kept; the user's cache folder by default.
     """
     p, s = parameters or ActuatorParameters(), settings or TableSettings()
     path = (folder or cache_folder()) / f"{table_digest(p, s)}.npz"

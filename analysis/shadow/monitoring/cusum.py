@@ -49,9 +49,7 @@ def threshold_for(cycles: float, sides: int, reference: float = REFERENCE) -> fl
 def smallest_shift(history: int, threshold: float, reference: float = REFERENCE) -> float:
     """Return the smallest lasting shift, in standard deviations, that a self-starting sum finds; infinite without one.
 
-    Parameters
-    ----------
-    history : healthy values before the shift.
+    `history`: healthy values before the shift.
 
     Notes
     -----
@@ -72,9 +70,7 @@ def smallest_shift(history: int, threshold: float, reference: float = REFERENCE)
 class SelfStartingCusum:
     """Sums of many figures side by side; arrays have the shape of `floor`, a last axis of two is up and down.
 
-    Parameters
-    ----------
-    floor : smallest spread of each figure.
+    `floor`: smallest spread of each figure.
     """
 
     def __init__(self, floor: FloatArray) -> None:

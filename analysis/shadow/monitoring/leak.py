@@ -56,11 +56,8 @@ class Interference:
 def find_interference(time_s: FloatArray, values: FloatArray, columns: FloatArray, period_s: float) -> Interference:
     """Return the sine in the values; amplitude 0 where noise alone would show as much, or in less than 3 cycles.
 
-    Parameters
-    ----------
-    time_s, values : shape (n,), rising.
-    columns : shape (n, m), other terms of the values.
-    period_s : of the actuator's cycle.
+    `time_s`, `values`: shape (n,), rising. `columns`: shape (n, m), other terms of the values. `period_s`: length of
+    the actuator's cycle.
     """
     span = float(time_s[-1] - time_s[0])
     if span < 0.9 * _FEWEST_CYCLES * period_s:
@@ -103,16 +100,12 @@ def second_branch(pressure_kpa: FloatArray) -> BoolArray:
 
 @dataclass(frozen=True, slots=True)
 class HealthyLoop:
-    """Residual of a healthy cycle against pressure.
+    """Residual of a healthy cycle against pressure."""
 
-    Parameters
-    ----------
-    low_kpa, step_kpa : lower end and width of the steps of pressure.
-    pressure_kpa, residual_kpa : of each branch, the steps' means; NaN where a step is not known throughout.
-    """
-
+    # low_kpa, step_kpa: lower end and width of the steps of pressure
     low_kpa: float
     step_kpa: float
+    # pressure_kpa, residual_kpa: means of the steps of each branch; NaN where a step is not known throughout
     pressure_kpa: tuple[FloatArray, FloatArray]
     residual_kpa: tuple[FloatArray, FloatArray]
 
@@ -157,11 +150,9 @@ def loss_percent_per_min(
 ) -> float:
     """Return the leak behind the gauge, % of the pressure a minute; NaN where the cycle does not determine it.
 
-    Parameters
-    ----------
-    time_s, pressure_kpa : shape (n,), one cycle.
-    beyond_kpa : shape (n,), its residual, less the healthy loop where it is known.
-    drift_kpa_per_s : its slope from cycle to cycle, subtracted from both sides; None: the leak causes all of it.
+    `time_s`, `pressure_kpa`: shape (n,), one cycle. `beyond_kpa`: shape (n,), its residual, less the healthy loop where
+    it is known. `drift_kpa_per_s`: its slope from cycle to cycle, subtracted from both sides; None: the leak causes all
+    of it.
     """
     known = np.isfinite(beyond_kpa)
     if known.sum() < FEWEST_SAMPLES:
@@ -206,9 +197,7 @@ class _Cycle:
 class LeakWatch:
     """Figures of a run's leak, cycle after cycle.
 
-    Parameters
-    ----------
-    run_in_cycles : cycles before the last of these are left out; then the loop is learnt for `LEARNING_S`.
+    `run_in_cycles`: cycles before the last of these are left out; then the loop is learnt for `LEARNING_S`.
     """
 
     def __init__(self, run_in_cycles: int) -> None:
@@ -219,9 +208,7 @@ class LeakWatch:
     def take(self, time_s: FloatArray, pressure_kpa: FloatArray, residual_kpa: FloatArray) -> float:
         """Take the next whole cycle; return its leak in % of the pressure a minute.
 
-        Parameters
-        ----------
-        time_s, pressure_kpa, residual_kpa : shape (n,).
+        `time_s`, `pressure_kpa`, `residual_kpa`: shape (n,).
 
         Returns
         -------

@@ -77,24 +77,19 @@ class CycleFigures:
 class Alarm:
     """One alarm.
 
-    Parameters
-    ----------
-    shift : how far the figure has moved from its healthy history, in `unit`.
-    since_cycle, cycle : first cycle of the change, and the cycle in which it was found (from 1).
-    healthy_cycles : a healthy actuator shows this once in so many cycles.
-    may_follow_from : other faults, active or halfway to an alarm, that would also move this figure.
-    independent : whether the cycles before are independent, as `healthy_cycles` requires.
+    `may_follow_from`: other faults, active or halfway to an alarm, that would also move this figure.
     """
 
     fault: ActuatorFault
     figure: str
     unit: str
-    shift: float
+    shift: float  # how far the figure has moved from its healthy history, in `unit`
+    # since_cycle, cycle: first cycle of the change, and the cycle in which it was found (from 1)
     since_cycle: int
     cycle: int
-    healthy_cycles: float
+    healthy_cycles: float  # a healthy actuator shows this once in so many cycles
     may_follow_from: tuple[ActuatorFault, ...] = ()
-    independent: bool = True
+    independent: bool = True  # whether the cycles before are independent, as `healthy_cycles` requires
 
     @property
     def sentence(self) -> str:
@@ -111,9 +106,7 @@ class Alarm:
 def deviation_mm(table: ReducedModel, pressure_kpa: FloatArray, elongation_mm: FloatArray) -> FloatArray:
     """Return measured minus nominal elongation, mm; NaN where either is unknown.
 
-    Parameters
-    ----------
-    pressure_kpa, elongation_mm : shape (n,), measured.
+    `pressure_kpa`, `elongation_mm`: shape (n,), measured.
     """
     return np.asarray(elongation_mm) - table.nominal_elongation(pressure_kpa)[0]
 
@@ -121,9 +114,7 @@ def deviation_mm(table: ReducedModel, pressure_kpa: FloatArray, elongation_mm: F
 def pressure_residual_kpa(table: ReducedModel, pressure_kpa: FloatArray, elongation_mm: FloatArray) -> FloatArray:
     """Return measured pressure minus the nominal pressure of the elongation, kPa; NaN where unknown.
 
-    Parameters
-    ----------
-    pressure_kpa, elongation_mm : shape (n,), measured.
+    `pressure_kpa`, `elongation_mm`: shape (n,), measured.
     """
     return np.asarray(pressure_kpa) - table.nominal_pressure(elongation_mm)
 
@@ -133,10 +124,7 @@ def as_columns(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return times and pressures of shape (n,) and elongations of shape (n, sensors), of (n,) or (n, sensors).
 
-    Raises
-    ------
-    DataError
-        If their lengths differ.
+    Raises DataError if their lengths differ.
     """
     t, p, x = (np.asarray(values, dtype=float) for values in (time_s, pressure_kpa, elongations_mm))
     if not len(t) == len(p) == len(x):
@@ -170,9 +158,7 @@ def find_holds(time_s: FloatArray, pressure_kpa: FloatArray) -> list[slice]:
 def moving_mean(values: FloatArray, time_s: FloatArray, width_s: float) -> FloatArray:
     """Return the centred mean over a width in time, on the samples' own grid; NaN stays NaN.
 
-    Parameters
-    ----------
-    values, time_s : shape (n,).
+    `values`, `time_s`: shape (n,).
     """
     known = np.isfinite(values)
     step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
@@ -233,16 +219,10 @@ def cycle_figures(
 ) -> CycleFigures:
     """Return one cycle's figures.
 
-    Parameters
-    ----------
-    time_s, pressure_kpa : shape (n,), one whole cycle.
-    elongations_mm : shape (n,) or (n, sensors), elongation by each sensor's calibration; NaN where it has none.
-    leak : has the cycles before; without it the loss is NaN, for one cycle cannot separate a leak from hysteresis.
-
-    Raises
-    ------
-    DataError
-        If lengths differ, time does not rise, or no elongation is known.
+    `time_s`, `pressure_kpa`: shape (n,), one whole cycle. `elongations_mm`: shape (n,) or (n, sensors), elongation by
+    each sensor's calibration; NaN where it has none. `leak`: has the cycles before; without it the loss is NaN, for one
+    cycle cannot separate a leak from hysteresis.
+    Raises DataError if lengths differ, time does not rise, or no elongation is known.
     """
     t, p, x = as_columns(time_s, pressure_kpa, elongations_mm)
     if len(t) < 10 or not (np.diff(t) > 0).all():
@@ -259,9 +239,7 @@ def cycle_figures(
 class Monitor:
     """Follows cycle after cycle and raises alarms.
 
-    Parameters
-    ----------
-    healthy_cycles : healthy cycles between false alarms, over all alarms together.
+    `healthy_cycles`: healthy cycles between false alarms, over all alarms together.
     """
 
     def __init__(self, table: ReducedModel, healthy_cycles: float = HEALTHY_CYCLES_BETWEEN_ALARMS) -> None:

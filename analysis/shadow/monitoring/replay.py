@@ -30,29 +30,24 @@ _OF_ALARM = ("since_cycle", "cycle", "figure", "shift", "unit", "healthy_cycles"
 class Replay:
     """A recording compared with the shadow.
 
-    Parameters
-    ----------
-    time_s, pressure_kpa, elongation_mm : shape (n,), the recording (mean of the sensors).
-    deviation_mm, residual_kpa : shape (n,), NaN where unknown.
-    band_mm : shape (n,), standard uncertainty of nominal elongation from E.
-    smallest_shift : lasting shift of each figure that would have raised an alarm at the end, in the figure's unit.
-    cycle_start_s : shape (cycles,);
-    drift_mm_per_cycle, drift_interval : Theil-Sen slope of the cycles' mean deviation with its 95 % interval.
-    left_out : cycles without figures, each with its cause.
+    `smallest_shift`: lasting shift of each figure that would have raised an alarm at the end, in the figure's unit.
     """
 
+    # time_s, pressure_kpa, elongation_mm: shape (n,), the recording (mean of the sensors)
     time_s: FloatArray
     pressure_kpa: FloatArray
     elongation_mm: FloatArray
+    # deviation_mm, residual_kpa: shape (n,), NaN where unknown
     deviation_mm: FloatArray
     residual_kpa: FloatArray
-    band_mm: FloatArray
-    cycle_start_s: FloatArray
+    band_mm: FloatArray  # shape (n,), standard uncertainty of nominal elongation from E
+    cycle_start_s: FloatArray  # shape (cycles,)
     figures: tuple[CycleFigures, ...]
     alarms: tuple[Alarm, ...]
+    # drift_mm_per_cycle, drift_interval: Theil-Sen slope of the cycles' mean deviation with its 95 % interval
     drift_mm_per_cycle: float
     drift_interval: tuple[float, float]
-    left_out: tuple[str, ...]
+    left_out: tuple[str, ...]  # cycles without figures, each with its cause
     smallest_shift: dict[str, float] = field(default_factory=dict)
 
     def summary(self) -> dict[str, Any]:
@@ -86,16 +81,9 @@ def replay(
 ) -> Replay:
     """Compare a recording with the shadow.
 
-    Parameters
-    ----------
-    time_s, pressure_kpa : shape (n,).
-    elongations_mm : shape (n,) or (n, sensors), NaN where a sensor has none.
-    cycles : rows of each whole cycle, in order.
-
-    Raises
-    ------
-    DataError
-        If the arrays differ in length or have nothing to compare.
+    `time_s`, `pressure_kpa`: shape (n,). `elongations_mm`: shape (n,) or (n, sensors), NaN where a sensor has none.
+    `cycles`: rows of each whole cycle, in order.
+    Raises DataError if the arrays differ in length or have nothing to compare.
     """
     t, p, x = monitoring.as_columns(time_s, pressure_kpa, elongations_mm)
     if not (np.isfinite(x).any(axis=1) & np.isfinite(p)).any():

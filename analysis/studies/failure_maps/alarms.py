@@ -23,9 +23,7 @@ NORMAL = 1e9
 def healthy(degrees: float, correlation: float, cycles: int, runs: int) -> FloatArray:
     """Return figures of healthy actuators: a first-order autoregression driven by Student's t, sd 1.
 
-    Parameters
-    ----------
-    cycles, runs : shape of the result.
+    `cycles`, `runs`: shape of the result.
     """
     rng = np.random.default_rng(0)
     if degrees >= NORMAL:

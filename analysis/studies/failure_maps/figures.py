@@ -35,13 +35,7 @@ _EXPECTED = ("simulated", "no_calibration", "hysteresis_is_a_bound")
 
 @dataclass(frozen=True)
 class Stairs:
-    """A staircase from the upper end down and up again, `cycles` times.
-
-    Parameters
-    ----------
-    scale : of the signal's swing about its value at rest.
-    bulge_percent, bulge_at : the sensor's own loop, % of full scale, widest at this share of the range of x.
-    """
+    """A staircase from the upper end down and up again, `cycles` times."""
 
     span_kpa: float = SPAN_KPA
     cycles: int = 2
@@ -50,7 +44,8 @@ class Stairs:
     ramp_kpa_per_s: float = 20.0
     pressure_noise_kpa: float = 0.05
     noise_mv: float = SENSOR_NOISE_MV
-    scale: float = 1.0
+    scale: float = 1.0  # factor on the signal's swing about its value at rest
+    # bulge_percent, bulge_at: the sensor's own loop, % of full scale, widest at this share of the range of x
     bulge_percent: float = 0.0
     bulge_at: float = 0.5
     seed: int = 0
@@ -134,9 +129,7 @@ class Stairs:
 def analysed(run: Stairs, recording: Recording | None = None, *, readings: bool = True) -> Analysis:
     """Analyse a run, with a file of its exact elongations, one row a hold, or without.
 
-    Parameters
-    ----------
-    recording : of the run, disturbed; the run as it is by default.
+    `recording`: the disturbed run; the undisturbed one by default.
     """
     recording = recording or run.recording()
     if not readings:

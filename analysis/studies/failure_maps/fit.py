@@ -88,9 +88,7 @@ def outlier(size: float, count: float) -> StudyResult:
 def over_draws(x: FloatArray, off: FloatArray, degree: int) -> StudyResult:
     """Fit many draws; return the distance from the true curve in half-widths of the stated 99.9 % band.
 
-    Parameters
-    ----------
-    x : (n,) mm. off : (n,) errors put in, sd of the noise.
+    `x`: (n,) mm. `off`: (n,) errors put in, sd of the noise.
     """
     fits = []
     for seed in range(_DRAWS):

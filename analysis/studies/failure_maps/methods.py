@@ -31,10 +31,5 @@ METHOD_TITLES = {
 
 
 def chosen_studies(names: Iterable[str]) -> list[Study]:
-    """Return the studies of methods or maps by name, each once, in the atlas' order; all for no names.
-
-    Raises
-    ------
-    RequestError : a name is neither a method nor a map.
-    """
+    """Return the studies of methods or maps by name, each once, in the atlas' order; all for no names."""
     return chosen(list(STUDIES.values()), names, lambda study: (study.method, study.name))

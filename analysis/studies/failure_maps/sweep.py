@@ -67,16 +67,10 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class StudyResult:
-    """The result of the method at one point.
+    """The result of the method at one point."""
 
-    Parameters
-    ----------
-    error : against the study's truth, in its unit; NaN where no number was given.
-    message : warning or reason that the user gets; "" if none.
-    """
-
-    error: float
-    message: str = ""
+    error: float  # against the study's truth, in its unit; NaN where no number was given
+    message: str = ""  # warning or reason that the user gets; "" if none
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,24 +91,17 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """One map to be made.
-
-    Parameters
-    ----------
-    method : it belongs to, as `boat-daq tradeoff` names methods; several maps may share one.
-    truth : what the error is measured against.
-    run : calls the method at (x, y); an error of the analysis is a refusal.
-    """
+    """One map to be made."""
 
     name: str
-    method: str
+    method: str  # it belongs to, as `boat-daq tradeoff` names methods; several maps may share one
     title: str
-    truth: str
+    truth: str  # what the error is measured against
     unit: str
     tolerance: float
     x: Axis
     y: Axis
-    run: Callable[[float, float], StudyResult]
+    run: Callable[[float, float], StudyResult]  # calls the method at (x, y); an error of the analysis is a refusal
 
     @property
     def size(self) -> int:

@@ -108,11 +108,7 @@ def second_tracer(
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Follow rays through straight segments without secondaries, every segment tried for every ray.
 
-    Parameters
-    ----------
-    surfaces : from `segments`.
-    start, direction : (rays, 2), mm and unit vectors.
-    cap_mm : path length after which a ray is stopped.
+    `start`, `direction`: (rays, 2), mm and unit vectors. `cap_mm`: path length after which a ray is stopped.
 
     Returns
     -------

@@ -57,17 +57,11 @@ _COST_OF_POWER = 2.5
 
 @dataclass(frozen=True, slots=True)
 class PaperReading:
-    """One choice of what the paper leaves open.
-
-    Parameters
-    ----------
-    face, thickness_mm, emission : as in `Design`, `Waveguide` and `Light`.
-    states : name of the deformation curves.
-    """
+    """One choice of what the paper leaves open."""
 
     face: Face
     thickness_mm: float
-    states: str
+    states: str  # name of the deformation curves
     emission: Emission
 
 
@@ -95,24 +89,19 @@ class Sampling:
 class Outcome:
     """Where the paper's design ranks in one reading.
 
-    Parameters
-    ----------
-    ranks : of the paper's design by group, for each turn of the fan.
-    best : the design with the largest P without a further turn.
-    factors : best P over the paper's, by Delta, n_sign and RMSE; their product is `best_p / paper_p`, where the paper's
-        P is positive.
-    p : (n,) of all designs, without a further turn.
+    `factors`: best P over the paper's, by Delta, n_sign and RMSE; their product is `best_p / paper_p`, where the
+    paper's P is positive.
     """
 
     reading: PaperReading
     sampling: Sampling
-    ranks: dict[str, list[int]]
+    ranks: dict[str, list[int]]  # ranks of the paper's design by group, one for each turn of the fan
     of: dict[str, int]
-    best: Design
+    best: Design  # the design with the largest P without a further turn
     paper_p: float
     best_p: float
     factors: dict[str, float]
-    p: list[float]
+    p: list[float]  # (n,) of all designs, without a further turn
 
     def won(self, group: str) -> float:
         """Return the part of the turns in which the paper's design is the best of a group."""
@@ -132,12 +121,8 @@ def one_change(every: Sequence[PaperReading]) -> list[PaperReading]:
 def plan(states: Sequence[str], fans: int, rays: int, *, alike: bool = False) -> list[tuple[PaperReading, Sampling]]:
     """Return what is swept, in order.
 
-    Parameters
-    ----------
-    states : names of the deformation curves.
-    fans : turns of the fan with the paper's rays.
-    rays : released in the converged sweeps.
-    alike : whether every reading has turns and converged sweeps, or only those with one change.
+    `states`: names of the deformation curves. `fans`: turns of the fan with the paper's rays. `rays`: released in the
+    converged sweeps. `alike`: whether every reading has turns and converged sweeps, or only those with one change.
     """
     every = readings(states)
     finer = every if alike else one_change(every)
@@ -157,15 +142,8 @@ def reproduce(
 ) -> list[Outcome]:
     """Sweep every reading.
 
-    Parameters
-    ----------
-    curves : deformation curves (15, 2, points, 2) in mm by name, the default ones first.
-    fans, rays, alike : as in `plan`.
-    progress : called with work done and all work; raising from it stops, and finished outcomes stay in the folder.
-
-    Raises
-    ------
-    RequestError, FileError, DataError : as `run_sweep`, or the folder holds something else.
+    `curves`: deformation curves (15, 2, points, 2) in mm by name, the default ones first.
+    Raises RequestError, FileError, DataError: as `run_sweep`, or the folder holds something else.
     """
     if fans < 1:
         raise RequestError(f"{fans} turns of the fan", "compare one or more")
@@ -247,18 +225,13 @@ def _read(content: dict[str, Any]) -> Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Influence:
-    """What one change does to the ranking, with more rays.
+    """What one change does to the ranking, with more rays."""
 
-    Parameters
-    ----------
-    axis, value : the choice that differs from the default reading's.
-    correlation : Spearman's, of P over the designs that both have, against the default reading.
-    """
-
+    # axis, value: the choice that differs from the default reading's
     axis: str
     value: str
     by: By
-    correlation: float
+    correlation: float  # Spearman's, of P over the designs that both have, against the default reading
 
 
 def influences(outcomes: Sequence[Outcome]) -> list[Influence]:

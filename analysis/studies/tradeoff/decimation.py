@@ -28,11 +28,8 @@ Drawn = tuple[float, FloatArray]
 def decimation(store: Callable[[FloatArray], Curve], paint: Paint | None = None) -> Method:
     """Return the method that measures a live plot.
 
-    Parameters
-    ----------
-    store : takes a record [2, n] of time (s) and signal (mV), returns what fetches its points [2, m] from 0 to a time
-        (s) with at most so many points.
-    paint : draws points [2, m] on the plot; its time counts.
+    `store`: takes a record [2, n] of time (s) and signal (mV), returns what fetches its points [2, m] from 0 to a time
+    (s) with at most so many points. `paint`: draws points [2, m] on the plot; its time counts.
     """
     return Method(
         "decimation", "Live plot: points looked at", "every sample of the span, column by column of pixels", True,

@@ -36,43 +36,30 @@ LONGEST_S = 20.0
 class Setting:
     """One way to run a method.
 
-    Parameters
-    ----------
-    call : does the work once; takes the number of the repeat, so that a sample can be another one each time. What it
-        prepares and keeps at its first call is not timed.
-    error : of a result against the reference, in the method's unit.
-    work : results that one call gives; the time is divided by it.
+    `call`: does the work once; takes the number of the repeat, so that a sample can be another one each time. What it
+    prepares and keeps at its first call is not timed.
     """
 
     name: str
     call: Callable[[int], Any]
-    error: Callable[[Any], float]
-    work: float = 1.0
+    error: Callable[[Any], float]  # error of a result against the reference, in the method's unit
+    work: float = 1.0  # results that one call gives; the time is divided by it
 
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A method and the consumer of its number.
-
-    Parameters
-    ----------
-    reference : what the error is measured against. independent : whether it shares nothing with the method.
-    consumer : of the number, who notices an error above `tolerance`, in `unit`.
-    per : what one time is measured for.
-    setting_at : name of the setting that the program uses at a fidelity.
-    settings : lists the settings; True for the quick run.
-    """
+    """A method and the consumer of its number."""
 
     name: str
     title: str
-    reference: str
-    independent: bool
-    consumer: str
+    reference: str  # what the error is measured against
+    independent: bool  # whether it shares nothing with the method
+    consumer: str  # reader of the number, who notices an error above `tolerance`, in `unit`
     tolerance: float
     unit: str
-    per: str
-    setting_at: Callable[[Fidelity], str]
-    settings: Callable[[bool], Sequence[Setting]]
+    per: str  # what one time is measured for
+    setting_at: Callable[[Fidelity], str]  # name of the setting that the program uses at a fidelity
+    settings: Callable[[bool], Sequence[Setting]]  # lists the settings; True for the quick run
 
     @property
     def in_code(self) -> dict[Level, str]:
@@ -87,25 +74,17 @@ class Method:
 
 @dataclass(frozen=True, slots=True)
 class CostPoint:
-    """One setting, measured.
-
-    Parameters
-    ----------
-    seconds : median time by the clock; spread : greatest less smallest of the repeats.
-    cpu_seconds : median processor time of all threads; cpu_spread likewise.
-    error : root mean square over the repeats;
-    first_seconds : the first call by the clock: what is prepared once, compilation among it.
-    """
+    """One setting, measured."""
 
     setting: str
-    seconds: float
-    error: float
-    spread: float
-    cpu_seconds: float
+    seconds: float  # median time by the clock
+    error: float  # root mean square over the repeats
+    spread: float  # greatest less smallest of the repeats
+    cpu_seconds: float  # median processor time of all threads; cpu_spread likewise
     error_spread: float
     repeats: int
     cpu_spread: float = 0.0
-    first_seconds: float = 0.0
+    first_seconds: float = 0.0  # the first call by the clock: what is prepared once, compilation among it
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,11 +142,8 @@ def choose(
 ) -> str | None:
     """Choose a setting: the cheapest whose error is below the consumer's tolerance with a margin.
 
-    Parameters
-    ----------
-    tolerance : what the consumer notices, in the unit of the errors.
-    default : kept where it is sufficient and costs the same as the cheapest within `TIE`.
-    margin : how far below the tolerance is below.
+    `tolerance`: what the consumer notices, in the unit of the errors. `default`: kept where it is sufficient and costs
+    the same as the cheapest within `TIE`. `margin`: how far below the tolerance is below.
 
     Returns
     -------
@@ -195,10 +171,7 @@ def choose_levels(points: Sequence[CostPoint], method: Method) -> dict[Level, st
 def measure(method: Method, *, quick: bool, progress: Progress | None = None) -> Measured:
     """Measure every setting of a method.
 
-    Parameters
-    ----------
-    quick : fewer settings, 2 repeats; else 7, fewer where they take long.
-    progress : called with (settings done, settings) after each call; raising from it cancels.
+    `quick`: fewer settings, 2 repeats; else 7, fewer where they take long.
     """
     settings, repeats = method.settings(quick), QUICK_REPEATS if quick else REPEATS
     return Measured.of(
@@ -207,22 +180,12 @@ def measure(method: Method, *, quick: bool, progress: Progress | None = None) ->
 
 
 def measure_all(methods: Sequence[Method], *, quick: bool, progress: Progress | None = None) -> list[Measured]:
-    """Measure several methods.
-
-    Parameters
-    ----------
-    methods, quick : as in `measure`. progress : called with (methods done, methods).
-    """
+    """Measure several methods."""
     return run_all(methods, lambda method, part: measure(method, quick=quick, progress=part), progress)
 
 
 def measure_setting(setting: Setting, repeats: int, progress: Progress | None = None) -> CostPoint:
-    """Time one setting and compare its results with the reference.
-
-    Parameters
-    ----------
-    progress : called with (calls done, calls); it may raise.
-    """
+    """Time one setting and compare its results with the reference."""
     report = progress or (lambda done, calls: None)
     report(0, repeats + 1)
     first, _, _ = _timed(setting, 0, 1)

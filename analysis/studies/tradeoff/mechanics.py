@@ -32,12 +32,7 @@ QUICK_HELD_OUT = 16
 
 
 def actuator_on(mesh: Elements) -> ActuatorParameters:
-    """Return the actuator on a mesh, its two fitted numbers fitted on that mesh.
-
-    Raises
-    ------
-    KeyError : the mesh is none of `MESHES`.
-    """
+    """Return the actuator on a mesh, its two fitted numbers fitted on that mesh."""
     fits = {tuple(row[:3]): row[3:] for row in load("fits")["rows"]}
     axial, wall, lattice = mesh
     modulus, neck = fits[mesh][:2]

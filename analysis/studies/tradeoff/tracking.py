@@ -31,9 +31,7 @@ Begin = Callable[[Sequence[Picture]], Read]
 def tracking(render: Render) -> Method:
     """Return the method that measures the tracker.
 
-    Parameters
-    ----------
-    render : returns pictures of so many pixels across with these elongations, mm; marks of `MARK_MM`, 32 mm across.
+    `render`: returns pictures of so many pixels across with these elongations, mm; marks of `MARK_MM`, 32 mm across.
     """
     return Method(
         "tracking", "Camera: tracker and resolution", "the elongation that the virtual camera rendered", True,

@@ -39,7 +39,7 @@ PRECISIONS = {
 _HEADINGS = ("No.", "Setting", "Time", "Error", "Use")
 USES = f"\u25cb default   \u25a1 {CHOICE}   D used at Draft   R used at Reference"
 MEASURE = "Measure this computer"
-MEASURE_TIP = "Some minutes in a helper process; `boat-daq tradeoff` measures more settings of each method"
+MEASURE_TIP = "Some minutes in a helper process; the terminal measures more settings of each method"
 
 
 class MethodList(QListWidget):

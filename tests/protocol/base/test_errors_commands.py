@@ -6,7 +6,7 @@ import ast
 import re
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 NAMES = (
     "analyze|atlas|board|bugreport|export|fit|import|info|ports|record|recover|report|shadow|tradeoff|upgrade|verify"
 )

@@ -17,6 +17,8 @@ from typing import Any
 
 from scipy import stats
 
+from analysis.json_object import json_object
+
 GUARD_FACTOR = 1.0
 """The guard band in expanded uncertainties: w = U, of which a false acceptance is at most 2.5 % probable."""
 RULE = "ILAC-G8:09/2019, 4.2.3: guard band w = U (95 %)"
@@ -55,12 +57,7 @@ class ConformityStatement:
 
     def as_json(self) -> dict[str, Any]:
         """Return the statement as a dictionary."""
-        return {
-            "conformity": str(self.conformity),
-            "probability": self.probability,
-            "guard_band": self.guard_band,
-            "rule": RULE,
-        }
+        return json_object(self) | {"rule": RULE}
 
 
 def conformity_statement(

@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
+from analysis.json_object import json_object
+
 
 class WarningCode(StrEnum):
     """What a warning is about."""
@@ -117,7 +119,7 @@ class Warning:
 
     def as_json(self) -> dict[str, str]:
         """Return an entry of `warnings`."""
-        return {"code": str(self.code), "subject": self.subject, "text": self.text}
+        return json_object(self, "code", "subject", "text")
 
     def as_flag(self) -> dict[str, str]:
         """Return an entry of `flags`, which has one code for all of a calibration."""

@@ -31,6 +31,7 @@ from analysis.calibration.joint_fit import (
     loop_is_represented,
 )
 from analysis.calibration.monotone_spline import MonotoneSplineBasis
+from analysis.json_object import json_object
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError
 from protocol.base.uncertainty import COVERAGE_FACTOR
@@ -145,16 +146,11 @@ class Adequacy:
     def as_json(self) -> dict[str, Any]:
         """Return the object of `analyze --json`."""
         return {
-            "verdict": str(self.verdict),
-            "p_value": self.p_value,
-            "remainder_mv": self.remainder,
+            **json_object(self, "verdict", "p_value", "remainder_mv=remainder"),
             "remainder_percent_fso": self.remainder_percent,
             "degree_preferred": self.preferred.name if self.preferred.name == SPLINE else int(self.preferred.name),
             "refused": self.refused,
-            "curves": [
-                {"curve": candidate.name, "prediction_rms_mv": candidate.prediction_rms}
-                for candidate in self.candidates
-            ],
+            "curves": [json_object(one, "curve=name", "prediction_rms_mv=prediction_rms") for one in self.candidates],
         }
 
 

@@ -19,6 +19,7 @@ from analysis.calibration.curve_choice import SPLINE, USUAL_DEGREE
 from analysis.calibration.joint_fit import JointFit, PolynomialBasis, joint_fit, position_means
 from analysis.calibration.monotone_spline import MonotoneSplineBasis
 from analysis.calibration.quantised_x import Positions, gather
+from analysis.json_object import json_object
 from analysis.polynomial import LeastSquares, least_squares, with_coefficients
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError
@@ -218,16 +219,8 @@ class Calibration:
     def as_json(self) -> dict[str, Any]:
         """Return the keys of `fit --json`."""
         arrays = ("coefficients", "std_errors", "covariance", "std_errors_with_reading", "covariance_with_reading")
-        return {
-            "degree": self.degree,
-            "curve": self.curve,
-            "n": self.n,
-            **{name: getattr(self, name).tolist() for name in arrays},
-            **{name: getattr(self, name) for name in ("r2", "adjusted_r2", "rmse", "residual_sd")},
-            "range": list(self.x_range),
-            "turning_points": list(self.turning_points),
-            "monotone": self.monotone,
-        }
+        scalars = ("r2", "adjusted_r2", "rmse", "residual_sd", "range=x_range", "turning_points", "monotone")
+        return json_object(self, "degree", "curve", "n", *arrays, *scalars)
 
 
 def fit_calibration(

@@ -22,6 +22,7 @@ from scipy import special
 
 from analysis.calibration.fit import Calibration, fit_calibration
 from analysis.fidelity import fidelity
+from analysis.json_object import json_object
 from analysis.progress import Progress
 from analysis.statistics import limit_error
 from analysis.warning import Warning, WarningCode
@@ -88,16 +89,11 @@ class Posterior:
     def as_json(self) -> dict[str, Any]:
         """Return the posterior as `analyze --json` reports it."""
         return {
-            "coefficients": {"mean": self.mean.tolist(), "sd": self.sd.tolist()},
-            "sigma_mv": self.sigma,
-            "reading_sd_mm": self.reading_sd,
-            "tau": self.tau,
-            "n_eff": self.n_eff,
-            "acceptance": self.acceptance,
-            "steps": self.steps,
+            "coefficients": json_object(self, "mean", "sd"),
+            **json_object(self, "sigma_mv=sigma", "reading_sd_mm=reading_sd", "tau", "n_eff", "acceptance", "steps"),
             "converged": self.converged,
             "notes": [warning.text for warning in self.warnings if warning.code is WarningCode.UNCHECKED_CURVE],
-            "warnings": [warning.as_json() for warning in self.warnings],
+            **json_object(self, "warnings"),
         }
 
     @property

@@ -16,7 +16,7 @@ import datetime
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,7 @@ from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
 from analysis.figures.uncertainty import BudgetOfSensor
 from analysis.figures.unit_history import refuse_mixture
+from analysis.json_object import json_object
 from analysis.numbers import finite
 from analysis.version import program_version
 from protocol.base.errors import BoatDaqError, DataError, RequestError
@@ -88,18 +89,9 @@ class Level:
 
     def as_json(self) -> dict[str, Any]:
         """Return the level as a dictionary."""
-        return {
-            "branch": self.branch,
-            "pressure_kpa": self.pressure_kpa,
-            "elongation_mm": self.elongation_mm,
-            "signal_mv": self.signal_mv,
-            "indicated_mm": self.indicated_mm,
-            "deviation_mm": self.deviation_mm,
-            "expanded_uncertainty_mm": self.expanded_mm,
-            "coverage_factor": COVERAGE_FACTOR,
-            "coverage_probability": self.coverage,
-            "n": self.n,
-        }
+        named = ("indicated_mm", "deviation_mm", "expanded_uncertainty_mm=expanded_mm")
+        found = json_object(self, "branch", "pressure_kpa", "elongation_mm", "signal_mv", *named)
+        return found | {"coverage_factor": COVERAGE_FACTOR, "coverage_probability": self.coverage, "n": self.n}
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,13 +132,9 @@ class CalibratedSensor:
             }
         adequacy = self.calibration.adequacy if self.calibration is not None else None
         return {
-            "name": self.name,
-            "void": self.void,
-            "calibration": self.calibration.as_json() if self.calibration is not None else None,
+            **json_object(self, "name", "void", "calibration"),
             "verdict": None if adequacy is None else str(adequacy.verdict),
-            "levels": [level.as_json() for level in self.levels],
-            "figures": dict(self.figures),
-            "conformity": [statement.as_json() for statement in self.statements],
+            **json_object(self, "levels", "figures", "conformity=statements"),
             "as_found": before,
         }
 
@@ -185,22 +173,14 @@ class CalibratedItem:
 
     def as_json(self) -> dict[str, Any]:
         """Return the item as a dictionary."""
-        traced = self.traceability
+        run = ("recording=recording_id", "calibrated_from=begun", "calibrated_to=ended", "board")
+        traced = ("traceable=traceability.traceable", "traceability=traceability.text")
         return {
-            "item": self.name,
-            "unit": self.unit,
-            "metadata": self.metadata.as_json(),
-            "recording": self.recording_id,
-            "calibrated_from": self.begun,
-            "calibrated_to": self.ended,
-            "board": self.board,
-            "traceable": traced.traceable,
-            "traceability": traced.text,
+            **json_object(self, "item=name", "unit", "metadata", *run, *traced),
             "standards": {one.name: one.statement for one in self.type_b},
             "not_assessed": list(self.not_assessed),
             "previous": self.previous or None,
-            "warnings": list(self.warnings),
-            "sensors": [sensor.as_json() for sensor in self.sensors],
+            **json_object(self, "warnings", "sensors"),
         }
 
 
@@ -235,16 +215,12 @@ class Certificate:
     def as_json(self) -> dict[str, Any]:
         """Return the object of `certificate --json`; NaN are left for the writer to turn into null."""
         return {
-            "number": self.number,
-            "title": self.title,
-            "issued": self.issued,
-            "simulated": self.simulated,
+            **json_object(self, "number", "title", "issued", "simulated"),
             "marks": [*([SIMULATED] if self.simulated else []), *self.marks],
             "program_version": program_version(),
-            "laboratory": asdict(self.laboratory),
-            "customer": self.customer,
+            **json_object(self, "laboratory", "customer"),
             "decision_rule": RULE,
-            "items": [item.as_json() for item in self.items],
+            **json_object(self, "items"),
         }
 
 

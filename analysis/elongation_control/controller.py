@@ -15,8 +15,7 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -88,10 +87,6 @@ class Tuning:
     def cautious(cls, ramp_kpa_per_s: float = 10.0) -> Tuning:
         """Return slow gains for a unit without a step test."""
         return cls(0.5, 0.0, 0.0, 2.0, ramp_kpa_per_s, loop_margins(Lag(0.1, 5.0, 1.0), 0.5, PERIOD_S))
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the gains under their names."""
-        return asdict(self)
 
 
 @dataclass(frozen=True, slots=True)

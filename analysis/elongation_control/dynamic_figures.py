@@ -6,6 +6,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from analysis.json_object import json_object
 from protocol.base.arrays import FloatArray
 
 STEP_FIGURES = {  # with the decimals that are shown
@@ -123,19 +124,14 @@ class DynamicCalibration:
             {
                 "step_mm": size,
                 "count": self.counts.get(size),
-                **{name: asdict(figure) for name, figure in figures.items()},
+                **{name: json_object(figure) for name, figure in figures.items()},
             }
             for size, figures in self.steps.items()
         ]
-        head = {
-            "unit": self.unit, "simulated": self.simulated, "recording": self.recording,
-            "recorded_utc": self.recorded_utc, "calibration_utc": self.calibration_utc,
-        }  # fmt: skip
-        bode = [asdict(point) for point in self.bode]
-        return {
-            **head, "tolerance_mm": self.tolerance_mm, "steps": steps, "bode": bode,
-            "bandwidth_hz": self.bandwidth_hz.value, "bandwidth_95_hz": [self.bandwidth_hz.low, self.bandwidth_hz.high],
-        }  # fmt: skip
+        head = ("unit", "simulated", "recording", "recorded_utc", "calibration_utc", "tolerance_mm")
+        edge = [self.bandwidth_hz.low, self.bandwidth_hz.high]
+        found = json_object(self, *head) | {"steps": steps}
+        return found | json_object(self, "bode", "bandwidth_hz=bandwidth_hz.value") | {"bandwidth_95_hz": edge}
 
 
 def _with_interval(figure: DynamicFigure, decimals: int) -> str:

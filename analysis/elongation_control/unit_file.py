@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from analysis.elongation_control.controller import Tuning
 from analysis.elongation_control.dynamics import Lag, Margins
 from analysis.elongation_control.hysteresis import HysteresisModel
+from analysis.json_object import json_object
 from analysis.numbers import finite
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Face
 from analysis.shadow.fem.parameters import ActuatorParameters
@@ -47,13 +48,8 @@ class TwinFile:
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of the file."""
-        model = asdict(self.model) | {"radii": self.model.radii.tolist(), "weights": self.model.weights.tolist()}
-        tuning = self.tuning.as_json() if self.tuning is not None else None
-        head = {"unit": self.unit, "simulated": self.simulated, "calibration_utc": self.calibration_utc}
-        return {
-            "format": _FORMAT, "version": VERSION, **head, "recording": self.recording, "hysteresis": model,
-            "tuning": tuning, "actuator": asdict(self.actuator), "face": self.face,
-        }  # fmt: skip
+        head = ("unit", "simulated", "calibration_utc", "recording", "hysteresis=model", "tuning", "actuator", "face")
+        return {"format": _FORMAT, "version": VERSION, **json_object(self, *head)}
 
     def write(self, path: Path) -> None:
         """Write the file at once, and its folder where there is none."""

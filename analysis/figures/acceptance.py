@@ -17,6 +17,7 @@ import numpy as np
 from analysis import published
 from analysis.conformity import Conformity, ConformityStatement, conformity_statement
 from analysis.figures.figure import SENSOR_FIGURES, Figure
+from analysis.json_object import json_object
 from analysis.numbers import percent
 from analysis.warning import Warning, WarningCode
 from protocol.base.errors import RequestError
@@ -87,18 +88,9 @@ class LimitStatement:
 
     def as_json(self) -> dict[str, Any]:
         """Return an entry of `conformity`."""
-        tolerance = self.tolerance
-        return {
-            "name": self.name,
-            "sensor": self.sensor,
-            "figure": tolerance.key,
-            "value": self.figure.value,
-            "unit": self.figure.unit,
-            "limit": tolerance.limit,
-            "is_lower": tolerance.is_lower,
-            "source": tolerance.source,
-            **self.statement.as_json(),
-        }
+        figure = ("figure=tolerance.key", "value=figure.value", "unit=figure.unit")
+        limit = ("limit=tolerance.limit", "is_lower=tolerance.is_lower", "source=tolerance.source")
+        return json_object(self, "name", "sensor", *figure, *limit) | self.statement.as_json()
 
 
 def _stated(name: str, sensor: SensorAnalysis, tolerance: Tolerance) -> LimitStatement:

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from analysis.json_object import json_object
 from analysis.numbers import with_uncertainty
 from protocol.base.arrays import FloatArray
 from protocol.base.uncertainty import COVERAGE_FACTOR
@@ -56,9 +57,8 @@ class CalibrationInterval:
 
     def as_json(self) -> dict[str, Any]:
         """Return `interval` of `history --json`."""
-        keys = ("days", "due_utc", "drift_mm_per_year", "drift_u", "limit_mm", "extrapolated", "void")
-        names = {"drift_u": "drift_u_mm_per_year"}
-        return {names.get(key, key): getattr(self, key) for key in keys} | {"significant": self.significant}
+        drift = ("drift_mm_per_year", "drift_u_mm_per_year=drift_u")
+        return json_object(self, "days", "due_utc", *drift, "limit_mm", "extrapolated", "void", "significant")
 
 
 def proposed_interval(

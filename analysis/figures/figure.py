@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
+from analysis.json_object import json_object
 from analysis.numbers import NOTHING, rounded
 
 if TYPE_CHECKING:  # the window imports the table of figures, and not pandas with it
@@ -127,17 +128,8 @@ class Figure:
 
     def as_json(self) -> dict[str, Any]:
         """Return the figure as a dictionary; NaN and infinity are left for the writer to turn into null."""
-        return {
-            "value": self.value,
-            "unit": self.unit,
-            "n": self.n,
-            "interval_95": [self.low, self.high],
-            "void": self.void,
-            "note": self.note,
-            "definition": self.definition,
-            "window": self.window.as_json() if self.window is not None else None,
-            "reason": str(self.reason),
-        }
+        value = json_object(self, "value", "unit", "n") | {"interval_95": [self.low, self.high]}
+        return value | json_object(self, "void", "note", "definition", "window", "reason")
 
 
 def not_driven(figures: Mapping[str, Figure], why: str) -> dict[str, Figure]:

@@ -33,6 +33,7 @@ from analysis.figures.sensor_analysis import (
 )
 from analysis.figures.uncertainty import ElongationBudgets, elongation_uncertainty, middle_budgets
 from analysis.figures.warnings import run_warnings
+from analysis.json_object import json_object
 from analysis.progress import Progress, part_of
 from analysis.segmentation.cycles import find_cycles
 from analysis.segmentation.derived_channels import derived_json
@@ -105,7 +106,7 @@ class Analysis(AnalysedRun):
             "crc_errors": int(recording.meta.get("crc_errors", 0)),
             "masked": dict(recording.masked),
             "losses": [
-                LossCounter.of(recording, i).of_windows([slice(0, recording.n)]).as_json()
+                json_object(LossCounter.of(recording, i).of_windows([slice(0, recording.n)]))
                 for i in range(recording.n_sensors)
             ],
             "cycles": self.cycles.as_json(),

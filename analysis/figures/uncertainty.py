@@ -23,6 +23,7 @@ from analysis.calibration.fit import Calibration
 from analysis.calibration.inverse import raise_without_inverse
 from analysis.calibration.type_b import Traceability, TypeBContribution, not_assessed, traceability
 from analysis.figures.sensor_analysis import AnalysedRun, with_curve
+from analysis.json_object import json_object
 from analysis.numbers import percent
 from analysis.segmentation.cycle_effect import CycleEffect
 from protocol.base.arrays import FloatArray
@@ -94,22 +95,12 @@ class Budget:
     def as_json(self) -> dict[str, Any]:
         """Return the budget as a dictionary."""
         shares = self.shares()
-        lines = [
-            {
-                "name": c.name,
-                "assessed": c.assessed,
-                "u_mm": c.contribution,
-                "dof": c.dof,
-                "share": shares.get(c.name),
-                "source": c.source,
-            }
-            for c in self.components
-        ]
+        line = ("name", "assessed", "u_mm=contribution", "dof")
+        lines = [json_object(c, *line) | {"share": shares.get(c.name), "source": c.source} for c in self.components]
         traced = self.traceability
         return {
             "components": lines,
-            "standard_uncertainty_mm": self.u,
-            "expanded_uncertainty_mm": self.expanded,
+            **json_object(self, "standard_uncertainty_mm=u", "expanded_uncertainty_mm=expanded"),
             "coverage_factor": COVERAGE_FACTOR,
             "effective_dof": self.dof,
             "what_halves_it": self.what_halves_it(),
@@ -226,7 +217,7 @@ class ElongationBudgets:
 
     def as_json(self) -> dict[str, Any]:
         """Return `elongation_budget` of `analyze --json`."""
-        return {"x_mm": self.x_mm, "sensors": [budget.as_json() for budget in self.budgets], "void": self.void}
+        return json_object(self, "x_mm", "sensors=budgets", "void")
 
 
 def middle_budgets(analysis: AnalysedRun, runs: Sequence[AnalysedRun] = ()) -> ElongationBudgets | None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
@@ -57,10 +56,6 @@ class Losses:
         """Return the counts that are not zero as text."""
         counts = {name.replace("_", " "): count for name, count in asdict(self).items() if name != "samples" and count}
         return ", ".join(f"{count} {name}" for name, count in counts.items()) or "none"
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the counts as a dictionary."""
-        return asdict(self)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ import pandas as pd
 from analysis.calibration.inverse import Fusion, signal_at
 from analysis.data.recording import Recording
 from analysis.elongation_control.hysteresis import HysteresisModel
+from analysis.json_object import json_object
 from analysis.published import RANGE_MM, SENSORS
 from analysis.signal_prediction.light_table import LightTable
 from analysis.signal_prediction.predicted_signal import Disagreement, PredictedSignal, fit_signal_model, what_disagrees
@@ -31,7 +32,7 @@ class SensorPrediction:
 
     def as_json(self) -> dict[str, Any]:
         """Return both fits."""
-        return {"before": self.before.as_json(), "after": self.after.as_json()}
+        return json_object(self, "before", "after")
 
 
 @dataclass(frozen=True, slots=True)

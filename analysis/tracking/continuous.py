@@ -20,6 +20,7 @@ import pandas as pd
 from analysis.calibration.fit import Calibration, fit_calibration
 from analysis.calibration.type_b import SCALE, Distribution, TypeBContribution
 from analysis.data.recording import Recording
+from analysis.json_object import json_object
 from analysis.segmentation.cycles import Cycle
 from analysis.segmentation.plateau_readings import Elongations
 from analysis.segmentation.plateaus import Plateau
@@ -64,20 +65,15 @@ class ContinuousCalibration:
     def as_json(self) -> dict[str, Any]:
         """Return the object of `analyze --json`."""
         return {
-            "calibration": self.calibration.as_json() if self.calibration else None,
-            "calibration_void": self.void,
-            "r2": self.r2,
-            "samples": self.samples,
-            "sensitivity_mv_per_mm": self.sensitivity_mv_per_mm,
+            **json_object(self, "calibration", "calibration_void=void", "r2", "samples", "sensitivity_mv_per_mm"),
             "hysteresis_percent_fso": {
                 "abscissa": "elongation_mm",
                 "mean": self.hysteresis_percent_fso,
                 "per_cycle": list(self.per_cycle),
             },
-            "dynamic_mv_per_mm_per_s": self.dynamic_mv_per_mm_per_s,
-            "u_dynamic_mv_per_mm_per_s": self.u_dynamic,
+            **json_object(self, "dynamic_mv_per_mm_per_s", "u_dynamic_mv_per_mm_per_s=u_dynamic"),
             "from_plateaus_percent_fso": self.apart_percent_fso,
-            "loop": {"elongation_mm": self.loop_mm.tolist(), "signal_mv": self.loop_mv.tolist()},
+            "loop": json_object(self, "elongation_mm=loop_mm", "signal_mv=loop_mv"),
             "by_speed": [dict(zip(_BY_SPEED, row, strict=True)) for row in self.by_speed.tolist()],
         }
 
@@ -111,9 +107,7 @@ class CameraFigures:
             "u_delay_s": delay.u_s if delay else None,
             "drift_ppm": 1e6 * delay.drift if delay else None,
             "u_drift_ppm": 1e6 * delay.u_drift if delay else None,
-            "rest_mm": self.film.rest_mm,
-            "cycles": list(self.cycles),
-            "sensors": [sensor.as_json() for sensor in self.sensors],
+            **json_object(self, "rest_mm=film.rest_mm", "cycles", "sensors"),
         }
 
 

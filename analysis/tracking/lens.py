@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from analysis.json_object import json_object
 from analysis.optional import optional
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError, FileError, RequestError, writing
@@ -47,14 +48,8 @@ class Lens:
 
     def as_json(self) -> dict[str, Any]:
         """Return the object of a lens file."""
-        return {
-            "matrix": [list(row) for row in self.matrix],
-            "distortion": list(self.distortion),
-            "width_px": self.size[0],
-            "height_px": self.size[1],
-            "reprojection_px": self.reprojection_px,
-            "views": self.views,
-        }
+        size = {"width_px": self.size[0], "height_px": self.size[1]}
+        return json_object(self, "matrix", "distortion") | size | json_object(self, "reprojection_px", "views")
 
     def write(self, path: Path) -> None:
         """Write the lens as JSON."""

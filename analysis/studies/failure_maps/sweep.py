@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
+from analysis.json_object import json_object
 from analysis.progress import Progress
 from analysis.studies.harness import run_all
 from protocol.base.errors import BoatDaqError
@@ -62,7 +63,7 @@ class Axis:
 
     def as_json(self) -> dict[str, Any]:
         """Return the axis as plain values."""
-        return {"name": self.name, "unit": self.unit, "values": list(self.values), "labels": list(self.ticks)}
+        return json_object(self, "name", "unit", "values", "labels=ticks")
 
 
 @dataclass(frozen=True, slots=True)

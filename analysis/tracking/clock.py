@@ -27,7 +27,7 @@ LEAST_OVERLAP = 0.3  # of the shorter record, when its place is sought
 LEAST_CORRELATION = 0.8
 REACH_S = 0.4  # the delay is sought this far about the expected one
 STEPS_S = (0.02, 0.004)
-HOLD_S, BRANCH_S = 1.5, 2.0  # of a hold, and of a branch at a turn, in a window
+_HOLD_S, BRANCH_S = 1.5, 2.0  # of a hold, and of a branch at a turn, in a window
 RAMPS_MOST, RAMP_S = 5, 3.0  # of one direction in a window; a longer ramp counts as several
 DEGREE_MOST = 4  # of signal over elongation
 _MOVING = 0.2  # of the high speed of the run
@@ -197,7 +197,7 @@ def _windows(time_s: FloatArray, signal_mv: FloatArray) -> list[_Window]:
             turn_s = 0.5 * (end + after[1])
             found.append(_Window(max(begin, end - BRANCH_S), min(after[2], after[1] + BRANCH_S), turn_s))
         if before is not None and after is not None and not before[0] and not after[0]:
-            first_s, last_s = max(before[1], begin - HOLD_S), min(after[2], end + HOLD_S)
+            first_s, last_s = max(before[1], begin - _HOLD_S), min(after[2], end + _HOLD_S)
             ramps = max(1, round((end - begin) / RAMP_S))
             same = found[-1] if found and found[-1].direction == direction else None
             if same is not None and same.ramps + ramps <= RAMPS_MOST:

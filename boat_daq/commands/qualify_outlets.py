@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from boat_daq.engine.qualification.drills import Drill
 
 STREAMED_S = 20.0  # of board time
-TOKEN = secrets.token_hex(16)
+_TOKEN = secrets.token_hex(16)
 FRAPPY = """  # in a process of its own: frappy is another program, under another licence
 import json, sys, time
 from frappy.client import SecopClient
@@ -93,13 +93,13 @@ def secop(rig: DrillRig) -> DrillResult:
     with rig.board() as board, rig.recording(board) as session:
         session.wait(lambda s: s.last is not None, WAIT_S)
         readers = SecopServer(SecopNode(session, rig.folder), ("127.0.0.1", 0))
-        drivers = SecopServer(SecopNode(session, rig.folder, allow_control=True), ("127.0.0.1", 0), token=TOKEN)
+        drivers = SecopServer(SecopNode(session, rig.folder, allow_control=True), ("127.0.0.1", 0), token=_TOKEN)
         try:
             ident = _answers(drivers.port, "*IDN?")[0]
             refused = _answers(readers.port, "change pressure:target 10")[0]
             unasked = _answers(drivers.port, "change pressure:target 10")[0]
-            beyond = _answers(drivers.port, f"_authenticate {TOKEN}", "change pressure:target 1000")[1]
-            _answers(drivers.port, f"_authenticate {TOKEN}", "change pressure:_ramp 50", "change pressure:target 10")
+            beyond = _answers(drivers.port, f"_authenticate {_TOKEN}", "change pressure:target 1000")[1]
+            _answers(drivers.port, f"_authenticate {_TOKEN}", "change pressure:_ramp 50", "change pressure:target 10")
             held = session.wait(lambda s: s.last is not None and s.last.state is BoardState.HOLDING, WAIT_S)
             clients = [_frappy(drivers.port)] if find_spec("frappy") else []
             vented = _answers(readers.port, "do vent:_vent")[0]
@@ -139,7 +139,7 @@ def _answers(port: int, *requests: str) -> list[str]:
 
 def _frappy(port: int) -> Criterion:
     """Return whether the client of frappy, the reference implementation, understands the node and drives it."""
-    program = [sys.executable, "-c", FRAPPY, str(port), TOKEN]
+    program = [sys.executable, "-c", FRAPPY, str(port), _TOKEN]
     ended = subprocess.run(program, capture_output=True, text=True, timeout=WAIT_S, check=False)
     text = f"frappy ended with {ended.returncode}: {ended.stderr[-200:]}"
     good = False

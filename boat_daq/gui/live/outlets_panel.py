@@ -21,7 +21,7 @@ CONTROL = (
     "Clients may set pressures, run plans and record, within the limits and the interlock that hold here. Without it "
     "they read, and may vent. Control ends with this window."
 )
-TOKEN = "Needed for an address of other computers; each client must send it first."  # noqa: S105 - an explanation
+_TOKEN = "Needed for an address of other computers; each client must send it first."  # noqa: S105 - an explanation
 
 
 class OutletsPanel(QDialog):
@@ -58,7 +58,7 @@ class OutletsPanel(QDialog):
             widgets.label(CONTROL, "small", wrap=True),
             widgets.row(widgets.label("Address"), (self.address, 1)),
             token,
-            widgets.label(TOKEN, "small", wrap=True),
+            widgets.label(_TOKEN, "small", wrap=True),
         )
         close = widgets.button("Close", self.close)
         words = widgets.label(_EXPLANATION, "muted", wrap=True)

@@ -1,6 +1,6 @@
 """The table of faults, from the tests' own marks: `make faults` writes it to out/FAULTS.md.
 
-A test declares what it injects by `@pytest.mark.fault(NUMBER, how="...", times=N)` on a function, class or parameter.
+A test declares what it injects by `@pytest.mark.fault(NUMBER, how="...", times=1)` on a function, class or parameter.
 The marks are read from the source without running it.
 """
 
@@ -46,7 +46,7 @@ class Injection:
 
 
 def faults() -> tuple[Fault, ...]:
-    """Return the 54 faults, in order."""
+    """Return the faults, in order."""
     rows = tomllib.loads((Path(__file__).parent / "faults.toml").read_text(encoding="utf-8"))["fault"]
     return tuple(Fault(**row) for row in rows)
 
@@ -82,7 +82,7 @@ def _marks(path: Path) -> Iterator[Injection]:
                         continue
                     values = {key.arg: ast.literal_eval(key.value) for key in call.keywords}
                     for number in arguments:
-                        yield Injection(number, values["how"], values["times"], where, nightly or inside)
+                        yield Injection(number, values["how"], values.get("times", 1), where, nightly or inside)
 
 
 def _fault_calls(node: ast.AST, nightly: bool = False) -> Iterator[tuple[ast.Call, bool]]:

@@ -7,7 +7,7 @@ A lens is stored with the unit's settings as JSON, with the reprojection error o
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ Picture = npt.NDArray[np.uint8]
 LENS_BYTES_MAX = 100_000
 FEWEST_VIEWS = 5
 LARGEST_REPROJECTION_PX = 1.0
+_SEARCH_PX = 800  # longest side of the picture that the board is searched in: time and memory grow with its area
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,11 +92,11 @@ def read_lens(path: Path) -> Lens:
     return lens_of(content if isinstance(content, dict) else {}, path.name)
 
 
-def calibrate_lens(pictures: Sequence[Picture], *, corners: tuple[int, int], pitch_mm: float) -> Lens:
+def calibrate_lens(pictures: Iterable[Picture], *, corners: tuple[int, int], pitch_mm: float) -> Lens:
     """Fit a lens to pictures of a checkerboard in different orientations.
 
-    `pictures`: [height, width] grey or [height, width, 3] BGR, all of one size. `corners`: inner corners of the board,
-    columns and rows.
+    `pictures`: [height, width] grey or [height, width, 3] BGR, all of one size, held one at a time. `corners`: inner
+    corners of the board, columns and rows.
 
     Raises
     ------
@@ -105,17 +106,18 @@ def calibrate_lens(pictures: Sequence[Picture], *, corners: tuple[int, int], pit
     if min(corners) < 3 or not pitch_mm > 0:
         raise RequestError("a checkerboard has at least 3 by 3 inner corners and squares above 0 mm", "Check both.")
     cv2 = optional("cv2")
-    sizes = {picture.shape[:2] for picture in pictures}
-    if len(sizes) != 1:
-        raise DataError(f"the pictures have {len(sizes)} different sizes", "Give pictures of one camera and setting.")
-    found = []
+    sizes, found, count = set(), [], 0
     for picture in pictures:
+        sizes.add(picture.shape[:2])
+        if len(sizes) != 1:
+            raise DataError("the pictures have 2 different sizes", "Give pictures of one camera and setting.")
         grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
-        seen, points = cv2.findChessboardCornersSB(grey, corners, flags=cv2.CALIB_CB_ACCURACY)
-        if seen:
-            found.append(np.asarray(points, np.float32))
+        count += 1
+        points = _corners_of(grey, corners)
+        if points is not None:
+            found.append(points)
     if len(found) < FEWEST_VIEWS:
-        cause = f"the board of {corners[0]} x {corners[1]} inner corners was found in {len(found)} of {len(pictures)}"
+        cause = f"the board of {corners[0]} x {corners[1]} inner corners was found in {len(found)} of {count}"
         remedy = f"Give at least {FEWEST_VIEWS} sharp pictures of the whole board, tilted differently."
         raise DataError(f"{cause} pictures", remedy)
     board = np.zeros((corners[0] * corners[1], 3), np.float32)
@@ -128,3 +130,19 @@ def calibrate_lens(pictures: Sequence[Picture], *, corners: tuple[int, int], pit
     rows = tuple((float(a), float(b), float(c)) for a, b, c in matrix)
     terms = tuple(np.asarray(distortion, float).ravel()[:5].tolist())
     return Lens(rows, terms, (width, height), float(rms), len(found))
+
+
+def _corners_of(grey: Picture, corners: tuple[int, int]) -> npt.NDArray[np.float32] | None:
+    """Return the corners [n, 1, 2] of a board, pixels: found in a reduced picture, refined in the full one."""
+    cv2 = optional("cv2")
+    scale = max(1.0, max(grey.shape) / _SEARCH_PX)
+    reduced = grey if scale == 1.0 else cv2.resize(grey, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA)
+    seen, points = cv2.findChessboardCornersSB(reduced, corners, flags=cv2.CALIB_CB_ACCURACY)
+    if not seen:
+        return None
+    if scale == 1.0:
+        return np.asarray(points, np.float32)
+    full = ((np.asarray(points, np.float64) + 0.5) * scale - 0.5).astype(np.float32)
+    half = 2 * round(scale) + 1  # of the window, px: twice the pixel of the reduced picture
+    until = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 0.01)
+    return np.asarray(cv2.cornerSubPix(grey, full, (half, half), (-1, -1), until), np.float32)

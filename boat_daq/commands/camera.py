@@ -66,7 +66,8 @@ def calibrate(
     columns, _, rows = corners.partition("x")
     if not (columns.isdecimal() and rows.isdecimal()):
         raise typer.BadParameter(f"{corners!r} is not COLUMNSxROWS", param_hint="--corners")
-    lens = calibrate_lens([read_picture(path) for path in pictures], corners=(int(columns), int(rows)), pitch_mm=pitch)
+    views = (read_picture(path) for path in pictures)
+    lens = calibrate_lens(views, corners=(int(columns), int(rows)), pitch_mm=pitch)
     lens.write(to)
     if unit:
         from boat_daq.workflows.camera_tracking import keep_lens

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
-from analysis.tracking.lens import Lens, calibrate_lens, lens_of, read_lens
+from analysis.tracking.lens import Lens, Picture, calibrate_lens, lens_of, read_lens
 from boat_daq.engine.simulator.picture import checkerboard
 from protocol.base.errors import DataError, FileError, RequestError
 from tests.analysis.tracking.filmed_run import SMALL
@@ -31,6 +34,46 @@ def test_calibration_finds_the_distortion() -> None:
     span = np.linalg.norm(straight[2] - straight[0]) / np.linalg.norm(ideal[2] - ideal[0])
     middle = np.linalg.norm(straight[1] - straight[0]) / np.linalg.norm(ideal[1] - ideal[0])
     assert middle / span == pytest.approx(1.0, abs=1e-3)
+
+
+def photograph(
+    tilt_deg: tuple[float, float], *, width: int = 6000, height: int = 4000, focal_px: float = 7000.0
+) -> Picture:
+    """Return a checkerboard of 9 x 7 squares as an ideal pinhole camera sees it, 20 squares away."""
+    side = 100
+    board = np.full((9 * side, 11 * side), 255, np.uint8)  # with a white margin of one square
+    squares = np.indices((7, 9)).sum(axis=0) % 2 * 255
+    board[side:-side, side:-side] = np.kron(squares, np.ones((side, side))).astype(np.uint8)
+    rotation, _ = cv2.Rodrigues(np.radians([*tilt_deg, 5.0]))
+    camera = np.array([[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1.0]])
+    centred = np.array([[1 / side, 0, -5.5], [0, 1 / side, -4.5], [0, 0, 1.0]])  # board pixels to squares
+    pose = np.column_stack([rotation[:, :2], [0.0, 0.0, 20.0]])
+    seen = cv2.warpPerspective(board, camera @ pose @ centred, (width, height), borderValue=200)
+    return np.asarray(cv2.GaussianBlur(seen, (0, 0), 1.5), np.uint8)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the peak memory of another process")
+@pytest.mark.fault(63, how="six photographs of 24 megapixels")
+def test_photographs_need_bounded_memory(tmp_path: Path) -> None:
+    """24 megapixels each: below 1 GB, and the focal length that they were projected with."""
+    for number, tilt in enumerate([(-25.0, 5.0), (-12.0, 20.0), (0.0, -20.0), (10.0, 0.0), (18.0, -8.0), (28.0, 12.0)]):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), photograph(tilt), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    program = """
+import resource, sys
+from boat_daq.cli import main
+sys.argv = ["boat-daq", "camera", "calibrate", *sys.argv[1:], "--out", "lens.json"]
+try:
+    main()
+finally:
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr)
+"""
+    command = [sys.executable, "-c", program, *sorted(map(str, tmp_path.glob("*.png")))]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert int(ended.stderr.splitlines()[-1]) < 1_000_000
+    lens = read_lens(tmp_path / "lens.json")
+    assert lens.views == 6
+    assert lens.matrix[0][0] == pytest.approx(7000.0, rel=2e-3)
+    assert lens.reprojection_px < 0.3
 
 
 def test_a_lens_is_read_as_it_was_written(tmp_path: Path) -> None:

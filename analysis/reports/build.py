@@ -22,12 +22,12 @@ from analysis.numbers import NOTHING, rounded, with_uncertainty
 from analysis.progress import Progress
 from analysis.reports import drawings
 from analysis.reports import run_section as sections
-from analysis.reports.camera import camera_section
+from analysis.reports.camera_section import camera_section
 from analysis.reports.document import Report, ReportDrawing, ReportTable, Section, cell, date_of
 from analysis.reports.run_section import breaks
-from analysis.reports.shadow import shadow_section
-from analysis.reports.unit import history_of_unit, write_built
-from analysis.reports.units import in_units
+from analysis.reports.shadow_section import shadow_section
+from analysis.reports.shown_units import in_units
+from analysis.reports.unit_report import history_of_unit, write_built
 from analysis.version import program_version
 from protocol.base.errors import RequestError
 from protocol.base.units import STORED_UNITS, ShownUnits

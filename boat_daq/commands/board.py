@@ -101,7 +101,7 @@ def board(
 
 def _present_faults(*, as_json: bool) -> None:
     """Print the faults of board and camera."""
-    from boat_daq.engine.simulator.camera import CAMERA_FAULTS
+    from boat_daq.engine.simulator.virtual_camera import CAMERA_FAULTS
     from protocol.simulator.faults import FAULTS, fault_list
 
     listed = "\n".join(f"  {name:20} {sentence}" for name, (sentence, _) in CAMERA_FAULTS.items())

@@ -146,7 +146,7 @@ def record_on_virtual_board(
     ------
     DeviceError : the run ended early.
     """
-    from boat_daq.engine.session.readings import enter_simulated_readings
+    from boat_daq.engine.session.reading_sources import enter_simulated_readings
     from boat_daq.engine.simulator.server import BoardSettings, serve
     from boat_daq.workflows.run_session import SessionRequest, run_session
     from protocol.base.errors import DeviceError

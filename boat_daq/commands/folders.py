@@ -93,7 +93,7 @@ def history(
     histories = [unit_history(found.analyses, i, check_point_mm=check_point, limit_mm=max_drift) for i in sensors]
     kind, due = found.analyses[0].recording.simulated, due_first(histories)
     if to is not None:
-        from analysis.reports.unit import write_unit_report
+        from analysis.reports.unit_report import write_unit_report
 
         write_unit_report(unit, histories, to, simulated=kind)
         notify(f"wrote {to}")

@@ -30,8 +30,8 @@ def metadata(
 
     Example: boat-daq metadata SA1.boat --set customer="Soft Robotics Lab" --set serial_number=0042
     """
-    from boat_daq.engine.recording.metadata import read_metadata, remember, state_metadata
-    from boat_daq.engine.recording.metadata import save_template as store
+    from boat_daq.engine.recording.metadata_entry import read_metadata, remember, state_metadata
+    from boat_daq.engine.recording.metadata_entry import save_template as store
     from boat_daq.engine.recording.summary import summarise
     from boat_daq.engine.settings import UnitLibrary
 
@@ -57,7 +57,7 @@ def with_stated(stated: Metadata, values: list[str] | None, template: str) -> Me
     ----------
     template : name or file; empty for none.
     """
-    from boat_daq.engine.recording.metadata import load_template
+    from boat_daq.engine.recording.metadata_entry import load_template
 
     changed = stated.changed(values_of(values))
     return changed.filled_from(load_template(template)) if template else changed

@@ -97,7 +97,7 @@ def record(
     ends: dict[str, float | None] = {"staircase": uncertainty, "continuous": repeatability}
     _check_asked(ends)
     from boat_daq.engine.derived_store import parse_lines
-    from boat_daq.engine.session.readings import read_elongation_csv
+    from boat_daq.engine.session.reading_sources import read_elongation_csv
     from boat_daq.workflows.run_session import SessionRequest, run_session
 
     if resume is not None and (out is not None or duration is not None):
@@ -205,7 +205,7 @@ def _entry(
     ------
     RequestError : as `check_against_plan`.
     """
-    from boat_daq.engine.session.readings import (
+    from boat_daq.engine.session.reading_sources import (
         check_against_plan,
         enter_readings,
         read_elongation_csv,

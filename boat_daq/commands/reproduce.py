@@ -108,7 +108,7 @@ def optics(
     Example: boat-daq reproduce optics --out optics
     """
     from analysis.optics.scene.curves import default_curves, parametric_curves
-    from analysis.studies.paper.readings import readings_json, readings_table, readings_text, reproduce
+    from analysis.studies.paper.interpretations import readings_json, readings_table, readings_text, reproduce
     from protocol.base.whole_file import write_whole
 
     if out is not None:

@@ -50,7 +50,7 @@ def dynamics_of(units: UnitLibrary, path: Path, tolerance_mm: float = SETTLED_MM
 
 def report_dynamics(found: DynamicCalibration, target: Path) -> None:
     """Write the report of a dynamic calibration, HTML or PDF."""
-    from analysis.reports.dynamics import write_dynamic_report
+    from analysis.reports.dynamics_report import write_dynamic_report
 
     write_dynamic_report(found, target)
 

@@ -92,7 +92,7 @@ def load_unit_over_time(units: UnitLibrary, name: str) -> UnitOverTime:
 
 def report_unit(units: UnitLibrary, name: str, target: Path) -> None:
     """Write the report of a unit over time, HTML or PDF."""
-    from analysis.reports.unit import write_unit_report
+    from analysis.reports.unit_report import write_unit_report
 
     found = load_unit_over_time(units, name)
     if found.void:

@@ -22,9 +22,15 @@ import numpy as np
 
 from protocol.base.arrays import IntArray
 from protocol.base.errors import RemoteError
-from protocol.link import events as link
 from protocol.link import messages
-from protocol.link.events import LinkEvent, LinkStatistics
+from protocol.link.events import (
+    BoardEventReceived,
+    BoardRestarted,
+    HelloReceived,
+    LinkEvent,
+    LinkStatistics,
+    WrongProtocol,
+)
 from protocol.link.framing import Frame, FrameReader
 from protocol.link.messages import PROTOCOL_VERSION, Ack, Command, Identify, Stop, Vent
 from protocol.link.pending_commands import PendingCommands
@@ -219,16 +225,16 @@ class Connection:
         if hello.protocol != PROTOCOL_VERSION:
             self._wrong_version, self.n_sensors = hello.protocol, None
             self._pending_commands.keep_waiting(*_TO_ANY_VERSION)
-            return [link.WrongProtocol(hello.protocol, PROTOCOL_VERSION), *self._pending_commands.identified(now_ns)]
+            return [WrongProtocol(hello.protocol, PROTOCOL_VERSION), *self._pending_commands.identified(now_ns)]
         restarted = self._has_state and not self._pending_commands.hellos_due
         self.hello, self._wrong_version = hello, None
         self.n_sensors, self._adc_bits, self.channels = hello.n_sensors, hello.adc_bits, hello.channels
         self._stream.stream_may_restart()
         if not restarted:
-            return [link.HelloReceived(hello), *self._pending_commands.identified(now_ns)]
+            return [HelloReceived(hello), *self._pending_commands.identified(now_ns)]
         self._has_state = False
         forgotten = self._pending_commands.board_restarted()
-        return [link.BoardRestarted(hello), *forgotten, *self._pending_commands.identified(now_ns)]
+        return [BoardRestarted(hello), *forgotten, *self._pending_commands.identified(now_ns)]
 
     def _take_ack(self, ack: Ack, now_ns: int) -> list[LinkEvent]:
         if ack.status == messages.AckStatus.DONE:
@@ -241,11 +247,11 @@ class Connection:
         return events
 
     def _take_event(self, event: messages.BoardEvent) -> list[LinkEvent]:
-        received = link.BoardEventReceived(event, self._stream.unwrapped_time(event.time_us))
+        received = BoardEventReceived(event, self._stream.unwrapped_time(event.time_us))
         if event.code != messages.EventCode.BOOTED:
             return [received]
         self._stream.stream_may_restart()
         if not self._has_state:
             return [received]
         self._has_state = False
-        return [link.BoardRestarted(None), *self._pending_commands.board_restarted(), received]
+        return [BoardRestarted(None), *self._pending_commands.board_restarted(), received]

@@ -21,9 +21,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from protocol.link import events as link
 from protocol.link import messages
-from protocol.link.events import LinkEvent
+from protocol.link.events import CommandDone, CommandLost, LinkEvent
 from protocol.link.messages import Ack, Command, Identify, Start, Stop, Vent
 
 RETRY_NS = 250_000_000
@@ -154,7 +153,7 @@ class PendingCommands:
         self._last_answer_ns = now_ns
         if pending.first_ns > self._identified_ns:
             self.hellos_due = 0  # answers come in order: no HELLO is pending any more
-        return [link.CommandDone(pending.command, pending.seq, ack.status)]
+        return [CommandDone(pending.command, pending.seq, ack.status)]
 
     def identified(self, now_ns: int) -> list[LinkEvent]:
         """Return the IDENTIFYs that a HELLO answers."""
@@ -163,14 +162,14 @@ class PendingCommands:
         if keys:
             self._last_answer_ns = now_ns
         answered = [self._pending.pop(key) for key in keys]
-        return [link.CommandDone(pending.command, pending.seq, None) for pending in answered]
+        return [CommandDone(pending.command, pending.seq, None) for pending in answered]
 
     def board_restarted(self) -> list[LinkEvent]:
         """Give up the commands that the board forgot, all but VENT and IDENTIFY."""
         self.keep_waiting(Identify)
         keys = [key for key, pending in self._pending.items() if not isinstance(pending.command, Vent | Identify)]
         forgotten = [self._pending.pop(key) for key in keys]
-        return [link.CommandLost(pending.command, pending.seq) for pending in forgotten]
+        return [CommandLost(pending.command, pending.seq) for pending in forgotten]
 
     def keep_waiting(self, *kinds: type[Command]) -> None:
         """Drop the queued commands that are none of these."""
@@ -198,7 +197,7 @@ class PendingCommands:
                 continue
             del self._pending[messages.COMMAND_TYPES[type(pending.command)], pending.seq]
             if missed:
-                events.append(link.CommandLost(pending.command, pending.seq))
+                events.append(CommandLost(pending.command, pending.seq))
         if self._queue and self._in_flight is None:
             frames += self._put(self._queue.pop(0), now_ns)
         return events, frames

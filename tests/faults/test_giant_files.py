@@ -33,7 +33,7 @@ from analysis.reports.build import write_report
 from analysis.shadow.fem.mesh_files import read_mesh
 from analysis.shadow.fem.parameters import read_parameters
 from boat_daq.engine.plan import load_plan
-from boat_daq.engine.session.readings import read_elongation_csv
+from boat_daq.engine.session.reading_sources import read_elongation_csv
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.settings import UnitLibrary, load_settings
 from boat_daq.engine.recording.summary import summarise

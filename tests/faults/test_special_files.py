@@ -20,7 +20,7 @@ from boat_daq.engine.plan import load_plan
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
-from boat_daq.engine.session.readings import read_elongation_csv
+from boat_daq.engine.session.reading_sources import read_elongation_csv
 from boat_daq.engine.settings import UnitLibrary, load_settings
 from protocol.base.errors import FileError
 from protocol.text.profile import load_profile

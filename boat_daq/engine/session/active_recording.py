@@ -14,7 +14,7 @@ from boat_daq.engine.control.controller import Controller
 from boat_daq.engine.control.preflight import Check
 from boat_daq.engine.log import RECORDING, note
 from boat_daq.engine.recording.disk_space import check_space
-from boat_daq.engine.recording.metadata import read_metadata, remembered, state_metadata, statements
+from boat_daq.engine.recording.metadata_entry import read_metadata, remembered, state_metadata, statements
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.session.guarded_controller import GuardedController

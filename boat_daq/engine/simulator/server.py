@@ -40,7 +40,7 @@ from typing import IO, Any, TypeAlias
 
 import numpy as np
 
-from boat_daq.engine.simulator.camera import MjpegStream, VideoFile, VirtualCamera, parse_camera_fault, scene_of
+from boat_daq.engine.simulator.virtual_camera import MjpegStream, VideoFile, VirtualCamera, parse_camera_fault, scene_of
 from boat_daq.own_packages import start_module
 from protocol.base.errors import BoatDaqError, DeviceError, RequestError
 from protocol.simulator.board import VirtualBoard

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
-from boat_daq.engine.recording.metadata import (
+from boat_daq.engine.recording.metadata_entry import (
     load_template,
     read_metadata,
     remember,

@@ -11,7 +11,7 @@ from analysis import Analysis, BoatDaqError, Options, analyse
 from analysis.figures.acceptance import judge
 from analysis.reports.build import build_report, write_report
 from analysis.reports.document import ReportTable, Section
-from analysis.reports.unit import WRITERS
+from analysis.reports.unit_report import WRITERS
 from tests.analysis.boat_builder import PAPER, Plant, Staircase, triangle
 
 

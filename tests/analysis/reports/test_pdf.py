@@ -15,7 +15,7 @@ from analysis import figure_style as style
 from analysis.reports.build import build_report
 from analysis.reports.document import Report, ReportTable, Section
 from analysis.reports.pdf import INNER, render_pages, write_pdf
-from analysis.reports.unit import WRITERS
+from analysis.reports.unit_report import WRITERS
 from tests.analysis.reports.conftest import MARKUP
 
 

@@ -15,7 +15,12 @@ from analysis.stopping.criterion import StopAssessment, assess_calibration
 from boat_daq.engine.control.sequencer import GoTo, Sequencer, StepChanged, VentNow
 from boat_daq.engine.plan import Plan, StepMark
 from boat_daq.engine.sample_columns import Columns
-from boat_daq.engine.session.readings import READER_SD_MM, SIMULATED_RESOLUTION_MM, SIMULATED_SOURCE, simulated_reading
+from boat_daq.engine.session.reading_sources import (
+    READER_SD_MM,
+    SIMULATED_RESOLUTION_MM,
+    SIMULATED_SOURCE,
+    simulated_reading,
+)
 from protocol.base.arrays import FloatArray
 from protocol.simulator.plant import TICK_US, Body, Pneumatics, Sensors
 from protocol.simulator.sampler import ADC_BITS, LSB_MV, PRESSURE_NOISE_PA, VREF_MV, FrontEnd

@@ -10,7 +10,7 @@ import pytest
 from analysis.optics.scene.curves import default_curves, elongations
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design
 from analysis.shadow.model.states import GuideStates
-from analysis.studies.paper import readings
+from analysis.studies.paper import interpretations
 from tests.boat_daq.commands.calls import call, exit_code, refusal
 
 
@@ -18,9 +18,9 @@ def test_optics_ranks_the_papers_design_in_each_reading(tmp_path: Path, monkeypa
     """Ranks, factors, influences and what would decide are in the JSON; a table and the outcomes are in the folder."""
     wider = GuideStates(default_curves(), np.zeros(15), elongations(), "stored")
     monkeypatch.setattr("analysis.shadow.model.states.kept_states", lambda *_, **__: wider)
-    monkeypatch.setattr(readings, "paper_grid", lambda face: [PAPER_OPTIMUM, Design(5, 1.0, 0.6, 0.9)])
-    monkeypatch.setattr(readings, "FACES", ("outer",))
-    monkeypatch.setattr(readings, "THICKNESSES_MM", (2.0,))
+    monkeypatch.setattr(interpretations, "paper_grid", lambda face: [PAPER_OPTIMUM, Design(5, 1.0, 0.6, 0.9)])
+    monkeypatch.setattr(interpretations, "FACES", ("outer",))
+    monkeypatch.setattr(interpretations, "THICKNESSES_MM", (2.0,))
     out = call("reproduce", "optics", "--fans", "1", "--rays", "260", "--out", str(tmp_path))
     assert isinstance(out["readings"], list)
     assert len(out["readings"]) == 6 + 2 * 4

@@ -14,7 +14,7 @@ import pytest
 from boat_daq.engine.camera import opencv as library
 from boat_daq.engine.camera.source import _Capture, open_source, read_picture
 from boat_daq.engine.camera.video import VideoStore
-from boat_daq.engine.simulator.camera import MjpegStream
+from boat_daq.engine.simulator.virtual_camera import MjpegStream
 from protocol.base.errors import DeviceError, RequestError
 
 PICTURE = np.tile(np.linspace(0, 255, 64, dtype=np.uint8), (48, 1))

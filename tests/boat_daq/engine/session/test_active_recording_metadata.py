@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from boat_daq.engine.recording.metadata import read_metadata, state_metadata
+from boat_daq.engine.recording.metadata_entry import read_metadata, state_metadata
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary

@@ -19,7 +19,7 @@ import pytest
 
 from analysis import load_recording
 from boat_daq.engine.plan import Plan, built_in_plans
-from boat_daq.engine.session.readings import enter_simulated_readings
+from boat_daq.engine.session.reading_sources import enter_simulated_readings
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, Unit, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, serve

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 from PySide6.QtWidgets import QApplication
 
-from boat_daq.engine.recording.metadata import read_metadata
+from boat_daq.engine.recording.metadata_entry import read_metadata
 from boat_daq.engine.settings import HOME_VARIABLE, UnitLibrary
 from boat_daq.gui.results.certificate_panel import CertificatePanel
 from boat_daq.gui.results.metadata_form import MetadataForm

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from analysis import load_recording
-from boat_daq.engine.recording import metadata
-from boat_daq.engine.recording.metadata import read_metadata, remember, remembered, state_metadata
+from boat_daq.engine.recording import metadata_entry
+from boat_daq.engine.recording.metadata_entry import read_metadata, remember, remembered, state_metadata
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.engine.settings import UnitLibrary
@@ -40,11 +40,13 @@ def test_a_unit_remembers_its_item_and_not_that_of_its_simulated_namesake(tmp_pa
 
 
 def test_template_states_what_is_the_same_for_many_units(tmp_path):
-    metadata.save_template("lab", STATED, tmp_path)
-    assert metadata.template_names(tmp_path) == ["lab"]
-    assert metadata.load_template("lab", tmp_path) == Metadata("Eve", "<b>A & Co</b>", "Rod", "7", fields=STATED.fields)
+    metadata_entry.save_template("lab", STATED, tmp_path)
+    assert metadata_entry.template_names(tmp_path) == ["lab"]
+    assert metadata_entry.load_template("lab", tmp_path) == Metadata(
+        "Eve", "<b>A & Co</b>", "Rod", "7", fields=STATED.fields
+    )
     with pytest.raises(RequestError, match="no template"):
-        metadata.load_template("other", tmp_path)
+        metadata_entry.load_template("other", tmp_path)
     (tmp_path / "templates" / "bad.toml").write_text("custommer = 'A'")
     with pytest.raises(RequestError, match="custommer"):
-        metadata.load_template("bad", tmp_path)
+        metadata_entry.load_template("bad", tmp_path)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from analysis.reports.build import build_report
-from analysis.reports.camera import TITLE
+from analysis.reports.camera_section import TITLE
 from analysis.reports.document import ReportDrawing, ReportTable
 from analysis.reports.drawings import as_svg
 from tests.analysis.reports.conftest import MARKUP

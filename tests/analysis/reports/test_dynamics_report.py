@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.elongation_control.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
-from analysis.reports.dynamics import dynamic_report, write_dynamic_report
+from analysis.reports.dynamics_report import dynamic_report, write_dynamic_report
 from protocol.base.errors import RequestError
 
 FIGURES = {

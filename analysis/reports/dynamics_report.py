@@ -13,7 +13,7 @@ from analysis.figure_style import SOFT, sensor_colour
 from analysis.numbers import NOTHING
 from analysis.progress import Progress
 from analysis.reports.document import Report, ReportDrawing, ReportTable, Section, date_of
-from analysis.reports.unit import write_built
+from analysis.reports.unit_report import write_built
 from analysis.version import program_version
 
 

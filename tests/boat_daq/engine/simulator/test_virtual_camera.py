@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from analysis.tracking.marks import find_marks, measure_mark
-from boat_daq.engine.simulator.camera import CAMERA_FAULTS, VirtualCamera, parse_camera_fault, scene_of
 from boat_daq.engine.simulator.picture import CameraScene, Renderer
+from boat_daq.engine.simulator.virtual_camera import CAMERA_FAULTS, VirtualCamera, parse_camera_fault, scene_of
 from protocol.base.errors import RequestError
 from protocol.simulator.board import VirtualBoard
 

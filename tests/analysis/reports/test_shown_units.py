@@ -10,7 +10,7 @@ from matplotlib.figure import Figure as Canvas
 
 from analysis.reports.document import Report, ReportDrawing, ReportTable, Section
 from analysis.reports.drawings import finished
-from analysis.reports.units import in_units
+from analysis.reports.shown_units import in_units
 from protocol.base.units import STORED_UNITS, ShownUnits
 
 SHOWN = ShownUnits.of("bar, V, %")  # 1 mm of 75 mm is 1.333 %

@@ -11,8 +11,8 @@ from analysis.optics.scene.curves import default_curves, parametric_curves
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light
 from analysis.optics.sweep.fans import turned
 from analysis.optics.sweep.sweep import SweepRequest, run_sweep
-from analysis.studies.paper import readings
-from analysis.studies.paper.readings import AXES, influences, one_change, plan, readings_json, reproduce
+from analysis.studies.paper import interpretations
+from analysis.studies.paper.interpretations import AXES, influences, one_change, plan, readings_json, reproduce
 from protocol.base.errors import FileError, RequestError
 
 CURVES = {"solved": default_curves(), "the same": default_curves(), "formula": parametric_curves()}
@@ -22,9 +22,9 @@ FEW = (PAPER_OPTIMUM, Design(5, 1.0, 0.6, 0.9), Design(5, 0.9, 0.5, 0.9), Design
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Sweep four designs, in one face and one thickness."""
-    monkeypatch.setattr(readings, "paper_grid", lambda face: list(FEW))
-    monkeypatch.setattr(readings, "FACES", ("outer",))
-    monkeypatch.setattr(readings, "THICKNESSES_MM", (2.0,))
+    monkeypatch.setattr(interpretations, "paper_grid", lambda face: list(FEW))
+    monkeypatch.setattr(interpretations, "FACES", ("outer",))
+    monkeypatch.setattr(interpretations, "THICKNESSES_MM", (2.0,))
 
 
 def test_every_combination_is_swept_and_single_changes_converged() -> None:
@@ -62,9 +62,9 @@ def test_ranks_are_those_of_the_sweep_and_factors_multiply_to_the_ratio() -> Non
     content = readings_json(found)
     assert len(content["readings"]) == len(found)
     assert next(iter(content["decided_by"])) == influences(found)[0].axis
-    text = readings.readings_text(found)
+    text = interpretations.readings_text(found)
     assert "250 counted, 2 turns, 4 readings" in text
-    assert readings.readings_table(found).count("\n") == 2 + len(found)
+    assert interpretations.readings_table(found).count("\n") == 2 + len(found)
 
 
 @pytest.mark.usefixtures("few")
@@ -84,7 +84,7 @@ def test_a_stopped_call_resumes_from_its_folder(tmp_path: Path, monkeypatch: pyt
         swept.append(request)
         return run_sweep(request)
 
-    monkeypatch.setattr(readings, "run_sweep", counted)
+    monkeypatch.setattr(interpretations, "run_sweep", counted)
     again = reproduce(curves, fans=1, rays=20, folder=tmp_path)
     resumed = len(swept)
     assert again == reproduce(curves, fans=1, rays=20)

@@ -10,7 +10,7 @@ import pytest
 from analysis import fit_calibration
 from analysis.figures.unit_history import DatedCalibration, UnitHistory, history_of
 from analysis.reports.html import render_html
-from analysis.reports.unit import curve_differences, unit_report, write_unit_report
+from analysis.reports.unit_report import curve_differences, unit_report, write_unit_report
 from protocol.base.errors import RequestError
 from tests.analysis.boat_builder import PAPER
 

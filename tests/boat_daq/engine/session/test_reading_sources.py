@@ -10,7 +10,7 @@ import pytest
 
 from analysis.segmentation.plateau_readings import read_elongation_file
 from boat_daq.engine.plan import Plan, StepMark, built_in_plans
-from boat_daq.engine.session.readings import (
+from boat_daq.engine.session.reading_sources import (
     FileReading,
     check_against_plan,
     match_readings,

@@ -161,12 +161,13 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install -q --disable-pip-version-check --upgrade "pip>=25.1"
 
+# Not compiled: of a thousand modules Python compiles the few that are imported, at their first import.
 $(VENV)/.installed: pyproject.toml | system $(BIN)/python
-	$(BIN)/python -m pip install -q --disable-pip-version-check --editable .
+	$(BIN)/python -m pip install -q --disable-pip-version-check --no-compile --editable .
 	@touch $@
 
 $(VENV)/.installed-test: pyproject.toml | system-test $(BIN)/python
-	$(BIN)/python -m pip install -q --disable-pip-version-check --editable ".[all]" --group dev
+	$(BIN)/python -m pip install -q --disable-pip-version-check --no-compile --editable ".[all]" --group dev
 	@touch $@ $(VENV)/.installed
 
 clean:           ## remove what the two commands made

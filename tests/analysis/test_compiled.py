@@ -71,6 +71,7 @@ def test_an_edit_of_another_file_is_compiled_again(tree: Path) -> None:
     assert run(tree)[:2] == (31, 0)
 
 
+@pytest.mark.nightly
 def test_a_read_only_installation_keeps_machine_code_in_the_users_folder(tree: Path) -> None:
     """Where nothing can be written beside the sources the user's cache folder is used."""
     (tree / "analysis/__pycache__").write_text("no folder can be made here")
@@ -80,6 +81,7 @@ def test_a_read_only_installation_keeps_machine_code_in_the_users_folder(tree: P
     assert list(folder.rglob("*outer*.nbc"))
 
 
+@pytest.mark.nightly
 def test_without_any_folder_every_process_compiles(tree: Path) -> None:
     """A cache that cannot be written costs time, never the answer."""
     for name in ("analysis/__pycache__", "cache"):

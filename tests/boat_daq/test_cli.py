@@ -69,6 +69,7 @@ def test_ctrl_c_while_ctrl_c_is_handled_keeps_the_exit_code() -> None:
     assert (done.returncode, done.stderr) == (130, "")
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_ctrl_c_in_a_callback_of_compiled_code_still_ends() -> None:
     """Such a callback discards the exception: the command would run to its end, after a traceback."""
@@ -77,6 +78,7 @@ def test_ctrl_c_in_a_callback_of_compiled_code_still_ends() -> None:
     assert (done.stdout, done.stderr) == ("ended\n", "")
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_what_ctrl_c_leaves_unfinished_prints_no_traceback() -> None:
     """A compilation that is interrupted leaves objects that fail to end; before Ctrl-C such a failure is printed."""

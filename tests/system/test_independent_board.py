@@ -74,7 +74,7 @@ def record(folder: Path, board: Sequence[str], plan: Sequence[str]) -> Session:
     return Session(run, np.fromfile(sent, SENT), np.loadtxt(truth, delimiter=",", ndmin=2), json.loads(done.stdout))
 
 
-@pytest.fixture(scope="module", params=["rising", "falling"])
+@pytest.fixture(scope="module", params=["rising", pytest.param("falling", marks=pytest.mark.nightly)])
 def fast(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Session]]:
     """A calibration of two cycles at 50 times real time."""
     board = ["--speed", "50", "--polarity", request.param]

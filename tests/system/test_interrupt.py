@@ -50,7 +50,7 @@ def start_under_pressure(board: ServedBoard, folder: Path) -> subprocess.Popen[s
     raise AssertionError("the unit was never pressurised")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.nightly), signal.SIGTERM])
 def test_signal_vents_and_closes(number: int, board: ServedBoard, tmp_path: Path) -> None:
     """Exit 130, the unit vented, one closed file, identical to its bytes."""
     process = start_under_pressure(board, tmp_path)

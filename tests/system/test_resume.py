@@ -130,6 +130,7 @@ def test_killed_run_is_resumed_with_all_its_cycles(tmp_path: Path, capsys: pytes
     assert len(find_cycles(recording).used) == CYCLES
 
 
+@pytest.mark.nightly
 def test_unplugged_run_is_resumed_at_the_same_board_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A lost board ends the run with a failure that names the command to resume; another board is refused by its
     identity, and the file stays as it is. The board that is back has restarted its clock, and its second sensor reads

@@ -70,9 +70,8 @@ def test_a_cubic_of_another_truth_is_inadequate(name: str) -> None:
 
 @pytest.mark.parametrize(
     ("name", "grid"),
-    [("cubic", GRIDS[0]), ("cubic", GRIDS[1]), ("quintic", GRIDS[1]), ("dead zone", GRIDS[0]), ("sigmoid", GRIDS[1]),
-     ("cubic + T5", GRIDS[0])],
-)  # fmt: skip
+    [("cubic", GRIDS[0]), ("quintic", GRIDS[1]), ("sigmoid", GRIDS[1])],
+)
 def test_expanded_uncertainty_holds_every_truth(name: str, grid: Grid) -> None:
     """U of the cubic holds the truth in 91 to 99.5 % of the range over 20 sessions, whatever the truth."""
     assert 0.91 <= share_held(name, fitted(name, grid)) <= 0.995

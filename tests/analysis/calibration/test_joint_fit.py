@@ -104,7 +104,9 @@ def test_scattered_readings_do_not_flatten_the_curve(grid_mm: float, scatter_mm:
 @pytest.mark.parametrize(
     ("grid_mm", "scatter_mm", "rms_percent"), [(*GRIDS[0], 0.036), (*GRIDS[1], 0.19), (*GRIDS[2], 1.1)]
 )
-@pytest.mark.parametrize("loop_mv", [0.0, pytest.param(2.0, marks=pytest.mark.nightly), 8.0])
+@pytest.mark.parametrize(
+    "loop_mv", [pytest.param(0.0, marks=pytest.mark.nightly), pytest.param(2.0, marks=pytest.mark.nightly), 8.0]
+)
 def test_width_of_a_loop_on_a_grid(grid_mm: float, scatter_mm: float, rms_percent: float, loop_mv: float) -> None:
     """Rms error of the width over 60 sessions, % of full scale, and the share of intervals that hold the truth."""
     widths, inside = [], []

@@ -63,6 +63,7 @@ def test_unknown_method_and_unwritable_folder_are_refused(tmp_path: Path) -> Non
     assert not list(tmp_path.glob("*.json"))
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
 def test_ctrl_c_ends_a_measurement_with_130(tmp_path: Path) -> None:
     """Interrupted while it measures: exit code 130, and nothing that looks like a result is left."""

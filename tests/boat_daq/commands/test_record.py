@@ -69,7 +69,11 @@ def test_an_end_that_a_plan_cannot_have_is_refused(tmp_path: Path, options: list
 
 
 @pytest.mark.parametrize(
-    "command", [["record", "--plan", "repeatability", "--repeatability"], ["demo", "--uncertainty"]]
+    "command",
+    [
+        ["record", "--plan", "repeatability", "--repeatability"],
+        pytest.param(["demo", "--uncertainty"], marks=pytest.mark.nightly),
+    ],
 )
 def test_a_wrong_end_is_refused_at_once(command: list[str]) -> None:
     """Without loading the analysis, which takes seconds, and before anything is opened."""

@@ -14,6 +14,7 @@ from analysis.studies.paper import interpretations
 from tests.boat_daq.commands.calls import call, exit_code, refusal
 
 
+@pytest.mark.nightly
 def test_optics_ranks_the_papers_design_in_each_reading(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ranks, factors, influences and what would decide are in the JSON; a table and the outcomes are in the folder."""
     wider = GuideStates(default_curves(), np.zeros(15), elongations(), "stored")

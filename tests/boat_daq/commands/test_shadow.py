@@ -144,6 +144,7 @@ def test_modulus_gives_the_band(tmp_path: Path) -> None:
     assert all(0 < point["standard_uncertainty_mm"] < 0.2 for point in found["band"])
 
 
+@pytest.mark.nightly
 def test_state_is_plotted_into_a_file(tmp_path: Path, coarse: list[str]) -> None:
     """SVG is written; an unknown format is refused."""
     words = ("shadow", "solve", "--pressure", "30", "--model", "full", *coarse, "--plot")

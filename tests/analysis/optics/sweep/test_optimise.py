@@ -50,6 +50,7 @@ def test_the_search_is_no_worse_than_where_it_starts() -> None:
         optimise(Waveguide(), default_curves(), seconds=0)
 
 
+@pytest.mark.nightly
 def test_a_tolerance_chooses_the_rays_of_the_final_evaluation(monkeypatch: pytest.MonkeyPatch) -> None:
     """The stated error is within it, a smaller one takes more rays, and one that cannot be met names the least."""
     monkeypatch.setattr("analysis.optics.sweep.optimise.paper_grid", lambda face: paper_grid((5,), face)[::16])

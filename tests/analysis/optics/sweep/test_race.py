@@ -75,6 +75,7 @@ def test_bounds_close_as_the_noise_vanishes() -> None:
     assert pytest.approx(resolution(250)) == FLOOR
 
 
+@pytest.mark.nightly
 def test_the_best_is_among_the_candidates_as_often_as_stated() -> None:
     """In 60 races of designs with a known truth the best is lost in no more than 5 %, and work is saved."""
     rng = np.random.default_rng(3)
@@ -130,6 +131,7 @@ def test_designs_that_tie_are_left_together(races: int) -> None:
     assert all(left < {0, 1, 2, 3, 4} for left in found)
 
 
+@pytest.mark.nightly
 def test_a_race_whose_errors_are_understated_loses_the_best() -> None:
     """The proof above can fail: with errors stated as two fifths, one of the best is lost more often than stated."""
     found = [set(race.candidates) for race in line_races(40, stated=0.4)]

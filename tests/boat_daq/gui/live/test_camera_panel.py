@@ -108,6 +108,7 @@ def test_a_camera_that_fails_is_closed_with_its_cause(live, panel, qtbot):
     assert "gives no more pictures" in live.model.notices.current().text
 
 
+@pytest.mark.nightly
 def test_marks_are_saved_to_print(panel, tmp_path):
     """Of the size that is typed."""
     shown, _ = panel

@@ -142,10 +142,7 @@ class ElongationController:
         fusion.evaluate(np.zeros((1, len(fusion.inverses))))  # compiles now, not on the reading thread
 
     def check(self, mm: float) -> None:
-        """Refuse a setpoint outside the calibrated range.
-
-        Raises RequestError: it is.
-        """
+        """Refuse a setpoint outside the calibrated range. Raises RequestError where it is outside."""
         low, high = self.sensors.range_mm
         if not low <= mm <= high:
             raise RequestError(
@@ -156,8 +153,7 @@ class ElongationController:
     def begin(self, time_s: float, pressure_kpa: float, signal_mv: FloatArray) -> float:
         """Start without a bump and return the measured elongation, mm.
 
-        `time_s`: board time of the newest sample. `pressure_kpa`: commanded now, or measured on a vented unit.
-        `signal_mv`: [n, sensors] of the last samples.
+        `pressure_kpa`: commanded now, or measured on a vented unit. `signal_mv`: [n, sensors] of the last samples.
         Raises RequestError: no elongation is known, or the sensors disagree.
         """
         self.sensors = SensorWatch(self.sensors.fusion, self._step_mv, self._loops)

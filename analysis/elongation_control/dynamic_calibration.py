@@ -28,7 +28,6 @@ def dynamic_calibration(
 ) -> DynamicCalibration:
     """Return the dynamics of a run with steps or sines of elongation.
 
-    `calibration_utc`: when that calibration was accepted.
     Raises DataError: it has neither, or the elongation at a step is not known.
     """
     segments = recorded_segments(recording)

@@ -101,7 +101,7 @@ def identify(pressure_kpa: FloatArray, elongation_mm: FloatArray, plays: int = _
     """Return the hysteresis of a run by least squares.
 
     `pressure_kpa`, `elongation_mm`: [n] in order of time; NaN where not known. At least one swing between both ends.
-    `plays`: number of plays, the first of radius 0.
+
     Raises DataError: too few points, too small a span, no turn at both ends, or a model that does not describe them.
     """
     known = np.isfinite(pressure_kpa) & np.isfinite(elongation_mm)

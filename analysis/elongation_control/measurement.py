@@ -59,10 +59,7 @@ class SensorWatch:
         return max(lows), min(highs)
 
     def measure(self, signal_mv: FloatArray, dt_s: float) -> FusedElongation:
-        """Return the elongation of the samples' mean.
-
-        `signal_mv`: [n, sensors] of one period, NaN where not usable.
-        """
+        """Return the elongation of the samples' mean. `signal_mv`: [n, sensors] of one period, NaN where not usable."""
         known = np.isfinite(signal_mv)
         count = known.sum(axis=0)
         mean = np.where(count, np.where(known, signal_mv, 0.0).sum(axis=0), np.nan) / np.maximum(count, 1)

@@ -87,10 +87,7 @@ def _loop_signals(loops: SensorLoops, elongation_mm: FloatArray) -> FloatArray:
 
 
 def recorded_segments(recording: Recording) -> tuple[RecordedSegment, ...]:
-    """Return the whole segments of a run.
-
-    Raises DataError: it has none.
-    """
+    """Return the whole segments of a run. Raises DataError where it has none."""
     found = []
     row: Any
     for row in recording.steps.itertuples():

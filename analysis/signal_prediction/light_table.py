@@ -91,8 +91,7 @@ def light_of(
 ) -> LightTable | None:
     """Return the table of an actuator: that of the program, the kept one, or a new one.
 
-    `build`: whether to trace a table that is not kept; None is returned where it is needed and not allowed. `folder`:
-    where tables are kept; the user's cache folder by default.
+    `build`: whether to trace a table that is not kept; None is returned where it is needed and not allowed.
     """
     if actuator == ActuatorParameters() and face == "outer":
         return stored_light()
@@ -138,10 +137,7 @@ class GuideShapes:
 def traced_light(
     shapes: GuideShapes, elongation_mm: FloatArray, loss_db_per_cm: float, face: Face = "outer", rays: int = _RAYS
 ) -> FloatArray:
-    """Return the light of the paper's pattern [n], percent of the emitted.
-
-    `elongation_mm`: [n], at most `_STATES`.
-    """
+    """Return the light of the paper's pattern [n], percent of the emitted. `elongation_mm`: [n], at most `_STATES`."""
     at = np.concatenate([elongation_mm, np.repeat(elongation_mm[-1:], _STATES - len(elongation_mm))])
     design, guide = replace(PAPER_OPTIMUM, face=face), Waveguide(attenuation_db_per_cm=loss_db_per_cm)
     request = SweepRequest((design,), guide, light_by("power", rays), np.asarray(shapes.at(at)), "power")
@@ -158,10 +154,7 @@ def build_light(
     progress: Progress | None = None,
     part: Path | None = None,
 ) -> LightTable:
-    """Trace a table: first elongations, refinement, losses.
-
-    `tolerance`: share of the light's range.
-    """
+    """Trace a table: first elongations, refinement, losses. `tolerance`: share of the light's range."""
     kept = load_arrays(part, _PART) if part is not None else None
     known: dict[tuple[float, float], float] = {}  # by loss and elongation
     if kept is not None:

@@ -71,7 +71,6 @@ def predict_run(
 ) -> RunPrediction:
     """Return a run beside the chain: pressure, elongation by the hysteresis, light, signals.
 
-    `sensors`: fitted to a calibration run of it.
     Raises DataError: the run has another number of sensors.
     """
     if recording.n_sensors != len(sensors):
@@ -129,10 +128,7 @@ class LivePrediction:
 def live_prediction(
     model: HysteresisModel, fusion: Fusion, sensors: tuple[SensorPrediction, ...], nodes: int = 2049
 ) -> LivePrediction:
-    """Return the table that live frames are predicted from.
-
-    `model`, `fusion`, `sensors`: those of the unit.
-    """
+    """Return the table that live frames are predicted from. `model`, `fusion`, `sensors`: those of the unit."""
     low, high = model.pressure_range_kpa
     pressure = np.linspace(low, high, nodes)
     swing = model.series(np.concatenate([np.linspace(high, low, nodes), pressure]), model.rest(high, -np.inf))

@@ -142,8 +142,7 @@ def camera_figures(
 ) -> CameraFigures:
     """Return the calibrations on the continuous record, beside those of the plateaus.
 
-    `film`: the recording with the camera's record. `recording`: the same run, what is not usable marked.
-    `calibrations`: of each sensor's plateaus, or None.
+    `recording`: the same run, what is not usable marked.
     """
     motion = film.record.at(film.recording.time_s)[:2]
     sensors = (_continuous(recording, cycles, i, motion, plateaus) for i, plateaus in enumerate(calibrations))

@@ -59,10 +59,7 @@ class Lens:
 
 
 def lens_of(content: Mapping[str, Any], name: str) -> Lens:
-    """Return the lens of an object of `Lens.as_json`.
-
-    Raises FileError: it is no lens.
-    """
+    """Return the lens of an object of `Lens.as_json`. Raises FileError where it is no lens."""
     remedy = "Calibrate the lens from pictures of a checkerboard."
     try:
         matrix = np.array(content["matrix"], dtype=float).reshape(3, 3)
@@ -78,10 +75,7 @@ def lens_of(content: Mapping[str, Any], name: str) -> Lens:
 
 
 def read_lens(path: Path) -> Lens:
-    """Return the lens in a file of `Lens.write`.
-
-    Raises FileError: it cannot be read, or is no lens.
-    """
+    """Return the lens in a file of `Lens.write`. Raises FileError where it cannot be read, or is no lens."""
     try:
         text = read_regular(path, LENS_BYTES_MAX).decode("utf-8")
         content = json.loads(text)

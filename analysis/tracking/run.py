@@ -64,11 +64,7 @@ def track(pictures: Iterable[tuple[Picture, float]], tracker: MarkTracker) -> Ca
 
 
 def with_video(recording: Recording, record: CameraRecord, about: Mapping[str, Any]) -> Recording:
-    """Return the recording with the record of a video taken elsewhere, whose beginning is not known.
-
-    `record`: the record in the video's own time. `about`: `source`, `mark_mm`, `u_scale`, as of a recording with a
-    camera.
-    """
+    """Return the recording with the record of a video taken elsewhere, whose beginning is not known."""
     usable = recording.pressure_usable
     begin_s = find_place(record.time_s, record.elongation_mm, recording.time_s[usable], recording.pressure_kpa[usable])
     placed = replace(record, time_s=record.time_s + begin_s)

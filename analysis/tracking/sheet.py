@@ -28,7 +28,6 @@ _TEXT = (
 def write_sheet(path: Path, mark_mm: float) -> None:
     """Write the marks of base and tip as a PDF of A4 at true size.
 
-    `mark_mm`: side of the black square.
     Raises RequestError: another kind of file, or a side that does not fit.
     """
     if path.suffix.lower() != ".pdf":

@@ -155,7 +155,6 @@ class RepeatWatch:
 class MarkTracker:
     """Reads the elongation in one picture after the other.
 
-    `optics`: what is known of camera and marks.
     `plane`: None until enough pictures were learned from. `grid`: scale of the marks over that of the millimetre grid
     in the picture; None where no grid is seen.
     """
@@ -174,10 +173,7 @@ class MarkTracker:
         self._size = 1.0
 
     def read(self, picture: Picture, time_s: float) -> Tracked:
-        """Return the elongation in a picture.
-
-        `picture`: [height, width] grey or [height, width, 3] BGR.
-        """
+        """Return the elongation in a picture. `picture`: [height, width] grey or [height, width, 3] BGR."""
         grey = picture if picture.ndim == 2 else optional("cv2").cvtColor(picture, 6)  # COLOR_BGR2GRAY
         if (fault := self._repeats.fault(grey, time_s)) is not None:
             return Tracked(time_s, math.nan, math.nan, fault)

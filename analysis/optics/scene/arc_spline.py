@@ -59,11 +59,7 @@ def smooth(points: FloatArray, knots: int = 10) -> tuple[FloatArray, FloatArray]
     """Return points and unit tangents of the cubic spline through `points`, at `knots` even steps or at the points.
 
     `points`: (n, 2) in mm, n >= 4, no two neighbours equal.
-
-    Returns
-    -------
-    points (k, 2) in mm and unit tangents (k, 2).
-
+    Returns points (k, 2) in mm and unit tangents (k, 2).
     Raises DataError: two neighbouring points coincide.
     """
     chord = np.hypot(*np.diff(points, axis=0).T)

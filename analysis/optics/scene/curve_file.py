@@ -46,12 +46,7 @@ def curves_named(name: str) -> FloatArray:
 def read_curves(path: Path) -> FloatArray:
     """Read the curves of 1 or 15 states.
 
-    `path`: a CSV file, or a folder of 15.
-
-    Returns
-    -------
-    (states, 2, points, 2) in mm; guides with fewer points than the longest are rejected, not padded.
-
+    Returns (states, 2, points, 2) in mm; guides with fewer points than the longest are rejected, not padded.
     Raises FileError: not found, empty, not numbers, too few points, or guides and states that cannot be separated.
     """
     files = sorted(path.glob("*.csv"), key=_natural) if path.is_dir() else [path]

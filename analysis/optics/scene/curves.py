@@ -61,10 +61,7 @@ def parametric_curves(states: FloatArray | None = None) -> FloatArray:
     """Return two guides bowed like a boat's sides: half a sine over the actuator's length, points even along it.
 
     `states`: elongation of each state, mm; by default the 15 of `parametric_elongations`.
-
-    Returns
-    -------
-    (states, 2, 7, 2), mm: x = +-bow sin(pi z / length).
+    Returns (states, 2, 7, 2), mm: x = +-bow sin(pi z / length).
     """
     e = parametric_elongations() if states is None else np.asarray(states, dtype=float)
     part = np.linspace(0.0, 1.0, POINTS)
@@ -116,10 +113,7 @@ def _frames(curves: bytes, shape: tuple[int, ...], guide: Waveguide) -> tuple[Sc
 
 
 def frame_of(curves: FloatArray, state: int, guide: Waveguide) -> SceneFrame:
-    """Return the frame of one state.
-
-    `curves`: (states, 2, points, 2), mm.
-    """
+    """Return the frame of one state. `curves`: (states, 2, points, 2), mm."""
     return _frame(checked_curves(curves)[state], guide, f"state {state}")
 
 

@@ -93,8 +93,7 @@ def line_surface(start: FloatArray, end: FloatArray) -> FloatArray:
 def arc_surface(curve: ArcSpline, arc: int, u: float, span: tuple[float, float]) -> FloatArray:
     """Return the offset of one arc as a surface, the resin on the centreline's side, (16,).
 
-    `curve`, `arc`: centreline, and number of its arc. `u`: offset to the left, mm. `span`: arc lengths between which
-    the surface reaches, mm.
+    `u`: offset to the left, mm. `span`: arc lengths between which the surface reaches, mm.
     """
     (x, y, tx, ty, _), k = curve.nodes[arc], curve.curvature[arc]
     (start, end), (tangent_a, tangent_b) = curve.offset(np.array(span), u), curve.frame(np.array(span))[1]
@@ -142,7 +141,7 @@ def free_edges(guides: list[ArcSpline], half: float, junction: FloatArray) -> In
     Light that leaves there, or through the mouth of a cavity cut there, meets nothing more. Cavities only remove resin,
     so this holds for every design.
 
-    `half`: half the thickness, mm. `junction`: (j, 16) surfaces of the junctions.
+    `junction`: (j, 16) surfaces of the junctions.
     """
     edges = [[_edges(curve, side * half) for side in (1.0, -1.0)] for curve in guides]
     hulls = [_hull(e) for pair in edges for e in pair]
@@ -179,11 +178,7 @@ def _behind(points: FloatArray, edges: Edges, side: float, slack: float) -> IntA
 
 
 def check_bends(curve: ArcSpline, half: float, name: str) -> None:
-    """Reject a guide whose edge would fold over in a bend.
-
-    `half`: half the thickness, mm.
-    Raises DataError: the radius is too small.
-    """
+    """Reject a guide whose edge would fold over in a bend. Raises DataError: the radius is too small."""
     tightest = float(np.max(np.abs(curve.curvature)))
     if tightest * half > _TIGHTEST:
         raise DataError(
@@ -195,8 +190,7 @@ def check_bends(curve: ArcSpline, half: float, name: str) -> None:
 def two_guides(left: ArcSpline, right: ArcSpline, guide: Waveguide, name: str = "the guides") -> SceneFrame:
     """Join two centrelines that share both ends into stems, junctions and guides.
 
-    `left`, `right`: centrelines from the emitter's junction to the receiver's, the left one first. `name`: what the
-    state is called in an error.
+    `left`, `right`: centrelines from the emitter's junction to the receiver's, the left one first.
     """
     half = guide.thickness_mm / 2
     for number, curve in enumerate((left, right), start=1):
@@ -358,7 +352,7 @@ def _pieces(curve: ArcSpline, s0: float, s1: float) -> list[tuple[int, tuple[flo
 def check_design(frame: SceneFrame, design: Design, name: str) -> None:
     """Reject cavities that cut through the guide or do not fit between the junctions.
 
-    Raises RequestError: with the length that is free, or the guide's thickness.
+    Raises RequestError, with the length that is free, or the guide's thickness.
     """
     thickness = 2 * frame.half_mm
     if design.cavities and design.cut_mm >= thickness * (1 - 1e-6):

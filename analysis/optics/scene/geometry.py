@@ -108,8 +108,7 @@ def _cut_guide(
 ) -> int:
     """Fill cells from `first` on; return the number after the last one.
 
-    `first`: number of the guide's first cell. `walls`:
-    arc lengths of the cavities' walls, rising. `half`, `deep`: half the thickness and the cavities' depth, mm.
+    `walls`: arc lengths of the cavities' walls, rising. `half`, `deep`: half the thickness and the cavities' depth, mm.
     """
     cells, arc, wall, c, s, last = g.cells, 0, 0, first, ends[0], ends[1]
     while nodes[arc + 1, 4] <= s + _SLIVER:
@@ -270,9 +269,7 @@ def _link(g: Geometry, guide: int, first: int, after: int, joined: bool, side_cu
 def _mark(g: Geometry, first: int, after: int, free: IntArray, cavity: int) -> None:
     """Mark edges that are free, and the surfaces of each cavity with its number, counted from `cavity`.
 
-    `g`: the scene, its cells linked. `first`, `after`: number of the guide's first cell, and of the cell after its
-    last. `free`: (arcs, 2) whether the uncut edge of an arc has the whole scene behind its tangents. `cavity`: number
-    of the guide's first cavity.
+    `free`: (arcs, 2) whether the uncut edge of an arc has the whole scene behind its tangents.
     """
     start = NO_CELL
     for c in range(first, after):
@@ -335,8 +332,7 @@ def _write_order(g: Geometry, first: IntArray) -> int:
 def allocate(guides: int, arcs: int, junction: int, most_cavities: int, source_cell: int, face: int) -> Geometry:
     """Return unfilled arrays for guides of so many arcs with up to so many cavities each; `build` fills them.
 
-    `guides`, `arcs`: number of guides, and of arcs of each. `source_cell`: cell in which the rays start. `face`: number
-    of the face with the cavities; the largest of several.
+    `face`: number of the face with the cavities; the largest of several.
     """
     cells = guides * (arcs + 2 * most_cavities + 2) * (2 if face == MIDLINE else 1)
     n = 4 * cells + junction
@@ -373,8 +369,7 @@ def _place_walls(walls: FloatArray, middle: float, pattern: FloatArray) -> None:
 def build(g: Geometry, frame: SceneFrame, pattern: FloatArray) -> None:
     """Cut the guides of a frame by a pattern of cavities.
 
-    `g`: the result of `allocate`, filled here. `frame`: one state without its cavities. `pattern`: cavities, width,
-    depth, spacing (mm), number of the face in `parameters.FACES`.
+    `pattern`: cavities, width, depth, spacing (mm), number of the face in `parameters.FACES`.
     """
     guides, n, face = len(frame.nodes), int(pattern[0]), int(pattern[4])
     g.kinds[:], g.corners[:], g.owners[:] = NO_SURFACE, 0, NO_CAVITY

@@ -121,8 +121,7 @@ def p_bounds(
 ) -> tuple[FloatArray, FloatArray]:
     """Return a lower and an upper bound (n,) of the P that infinitely many rays would give.
 
-    `ndr`, `sd`: (n, states), rays scaled to 250. `low_error`, `high_error`: probabilities that the P of a design lies
-    below its lower, above its upper bound.
+    `ndr`, `sd`: (n, states), rays scaled to 250.
 
     Notes
     -----

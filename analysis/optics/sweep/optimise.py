@@ -106,10 +106,7 @@ class Optimum:
 
 
 class DesignMerit:
-    """P of designs over the given states; safe to call from several threads.
-
-    `by`: what P is computed from.
-    """
+    """P of designs over the given states; safe to call from several threads."""
 
     def __init__(self, frames: Sequence[SceneFrame], guide: Waveguide, light: Light, by: By) -> None:
         self.request = SweepRequest((), guide, light, by=by)
@@ -255,10 +252,7 @@ class _Search:
         return list(zip(self.pool.map(merit_of.p, designs), designs, strict=True))
 
     def grid(self, face: Face) -> list[Design]:
-        """Return the designs of the paper's grid that fit.
-
-        Raises RequestError: none does.
-        """
+        """Return the designs of the paper's grid that fit. Raises RequestError where none does."""
         every = [design for design in paper_grid(face=face) if self.merit.fits(design)]
         if not every:
             raise RequestError("no design of the grid fits these states", "use longer or thicker guides")
@@ -351,9 +345,7 @@ def _evaluated(
 ) -> Optimum:  # fmt: skip
     """Return both winners with many rays, and again with the fan turned; fewer finalists if it is late.
 
-    `search`, `grid`, `found`: the search, the grid's best designs, and what differential evolution returned. `race`:
-    decides which designs are the grid's best and the best; without one the final evaluation does. `began`: time at
-    which the search began.
+    `race`: decides which designs are the grid's best and the best; without one the final evaluation does.
     """
     if race is None:
         most = _FEW if search.late(1.0) else _FINALISTS
@@ -389,8 +381,7 @@ def _with_rays(
 ) -> tuple[dict[Design, SweepResult], tuple[Design, Design], Light, float, int]:  # fmt: skip
     """Return results of designs, the two winners, the light, the winners' greatest error, and the rays released.
 
-    `two`: names the winners by P. `light`, `tolerance`: more rays are released where the winners' errors are above the
-    tolerance.
+    `light`, `tolerance`: more rays are released where the winners' errors are above the tolerance.
     """
     work = 0
     for _ in range(TRIES):

@@ -69,7 +69,6 @@ class Race:
 
     `level`: (n,) how many of `rays` each design was traced with. `p`, `low`, `high`: (n,) P with the most rays so far,
     and its tightest bounds; infinite where it was not traced.
-    Raises RequestError: the confidence or the rays are out of range.
     """
 
     designs: tuple[Design, ...]
@@ -134,11 +133,7 @@ class Race:
         return float(np.sum(np.where(self.left, self.level / len(self.rays), 1.0)))
 
     def run(self, simulate: Simulate, *, seconds: float = np.inf, progress: Progress | None = None) -> Race:
-        """Trace designs until every candidate has the most rays, or the time is over; returns itself.
-
-        `simulate`: traces designs with a light. `seconds`: after which no other designs are traced.
-        Raises RequestError: no time is allowed.
-        """
+        """Trace designs until every candidate has the most rays, or the time is over; returns itself."""
         if not seconds > 0:
             raise RequestError(f"a race of {seconds:g} s", "allow more than 0 s")
         end = time.perf_counter() + seconds

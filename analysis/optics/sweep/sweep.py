@@ -158,10 +158,7 @@ def run_item(common: Common, patterns: FloatArray, states: slice = EVERY) -> Res
     """Simulate a few patterns in some states: the work item of a thread or of a cluster's worker.
 
     `patterns`: (p, 5) from `geometry.pattern_of`. `states`: all by default.
-
-    Returns
-    -------
-    counts (p, s, 10), energy (p, s, 4), changes (p, s, 2) along the fan, in number and in power.
+    Returns counts (p, s, 10), energy (p, s, 4), changes (p, s, 2) along the fan, in number and in power.
     """
     arguments = _arguments(common, patterns, states)
     simulate_many(*arguments)
@@ -195,9 +192,8 @@ def run_sweep(
 ) -> SweepResult:
     """Simulate every design in every state.
 
-    `file`: results file, written as results arrive; finished designs in it are not simulated again. `scheduler`:
-    address of a Dask scheduler; None runs here. `allow_remote`: whether the scheduler may be on another computer; see
-    `analysis.cluster`. `threads`: how many cores to use here; all by default.
+    `file`: results file, written as results arrive; finished designs in it are not simulated again. `allow_remote`:
+    whether the scheduler may be on another computer; see `analysis.cluster`.
     """
     if scheduler is not None:
         check_scheduler(scheduler, allow_remote=allow_remote)
@@ -235,10 +231,7 @@ def check_designs(designs: Sequence[Design], frames: Sequence[SceneFrame]) -> No
 def result_of(
     request: SweepRequest, mirrored: BoolArray, results: Results, seconds: float = 0.0, simulated: int = 0
 ) -> SweepResult:
-    """Return the result of simulations.
-
-    `results`: results of `run_item` for all designs.
-    """
+    """Return the result of simulations. `results`: results of `run_item` for all designs."""
     counts, energy, changes = results
     ndr = np.asarray(PAPER_RAYS / request.light.rays * counts[..., DETECTED], dtype=np.float64)
     sd, power_sd = fan_sd(np.moveaxis(changes, -1, 0), request.light, request.guide.thickness_mm, mirrored)

@@ -54,11 +54,7 @@ class TraceResult:
 
 @compiled
 def follow_block(g: Geometry, rules: Rules, fan: Fan, first: int, budget: int, q: Queue, tally: Tally) -> None:
-    """Follow one block of released rays; secondaries within a budget are left in the queue, all others follow them.
-
-    `g`, `rules`, `fan`: the scene, the rules of tracing and the released rays. `first`: number of the block's first
-    ray.
-    """
+    """Follow one block of released rays; secondaries within a budget are left in the queue, all others follow them."""
     queues.open_queue(q, budget, first)
     tables, queue, counts = pointers(g), pointers(q), pointers(tally)
     last = min(first + BLOCK, fan.followed)
@@ -98,10 +94,7 @@ def finish(g: Geometry, rules: Rules, fan: Fan, q: Queue, tally: Tally) -> None:
 
 @compiled
 def simulate(g: Geometry, rules: Rules, fan: Fan, budget: int, q: Queue, later: Queue, tally: Tally) -> None:
-    """Trace one scene, block after block.
-
-    `later`: a second queue, used from the second block on.
-    """
+    """Trace one scene, block after block. `later`: a second queue, used from the second block on."""
     follow_block(g, rules, fan, 0, budget, q, tally)
     for first in range(BLOCK, fan.followed, BLOCK):
         later_tally = new_tally(tally.by_root, tally.drawn, tally.drawn_by)
@@ -283,8 +276,7 @@ def trace(
 ) -> TraceResult:
     """Trace one scene; blocks of rays run side by side.
 
-    `frame`, `design`, `guide`, `light`: the scene and its light. `threads`: how many cores; all by default. The result
-    does not depend on it, bit for bit.
+    `threads`: how many cores; all by default. The result does not depend on it, bit for bit.
     """
     followed, budget = share_of(frame, light)
     g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)._replace(followed=followed)
@@ -325,8 +317,8 @@ def trace(
 def fan_sd(changes: FloatArray, light: Light, thickness_mm: float, mirrored: BoolArray) -> FloatArray:
     """Return the standard deviation of what a fan, turned or jittered at random, delivers, scaled to 250 rays.
 
-    `changes`: (...) from `changes_along_fan`, in number or in power. `light`, `thickness_mm`: the fan, and the guide.
-    `mirrored`: (...) whether the scene is its own mirror image, from `SceneFrame.mirrored`.
+    `changes`: (...) from `changes_along_fan`, in number or in power. `mirrored`: (...) whether the scene is its own
+    mirror image, from `SceneFrame.mirrored`.
 
     Notes
     -----

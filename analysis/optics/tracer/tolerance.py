@@ -46,10 +46,7 @@ class ToleratedTrace:
 
 
 def check_tolerance(tolerance: float, unit: str) -> None:
-    """Reject a tolerance that is not a number above 0.
-
-    Raises RequestError: it is none.
-    """
+    """Reject a tolerance that is not a number above 0. Raises RequestError where it is none."""
     if not 0.0 < tolerance < np.inf:
         raise RequestError(f"a tolerance of {tolerance:g} {unit}", "give a number above 0")
 

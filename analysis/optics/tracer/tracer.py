@@ -105,11 +105,7 @@ def _meet(g: Geometry, rules: Rules, at: int, ray: Ray, q: Queue, tally: Tally) 
 
 @compiled_fusing
 def follow(g: Geometry, rules: Rules, ray: Ray, q: Queue, tally: Tally, number: int) -> None:
-    """Follow one ray to its end.
-
-    `g`, `q`, `tally`: pointers of the scene, of the queue that takes its reflected parts, and of the tally. `rules`,
-    `ray`: rules of tracing, and the ray where it starts.
-    """
+    """Follow one ray to its end."""
     end, hits = ledger.CUT, 0
     if tally.capacity > 0:
         draw(tally, ray.x, ray.y, ray.power, number, ray.medium)

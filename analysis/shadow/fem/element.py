@@ -36,10 +36,7 @@ def shape(xi: FloatArray, eta: FloatArray) -> tuple[FloatArray, FloatArray, Floa
     """Return the serendipity shape functions and their derivatives at local points.
 
     `xi`, `eta`: shape (n,), local coordinates in -1 .. 1.
-
-    Returns
-    -------
-    values, d/dxi, d/deta : each of shape (n, 8).
+    Returns values, d/dxi, d/deta: each of shape (n, 8).
     """
     xi, eta = np.atleast_1d(xi)[:, None], np.atleast_1d(eta)[:, None]
     corner_xi, corner_eta = NODE_XI[:4], NODE_ETA[:4]

@@ -28,10 +28,7 @@ from protocol.base.arrays import BoolArray, FloatArray, IntArray
 
 @compiled
 def harmonic_tangent(elements: Elements, u: FloatArray, n: int, equations: IntArray, band: FloatArray) -> None:
-    """Add the solid's part of K_n to the lower band.
-
-    `equations`: shape (nodes, 3) for r, t, z, -1 where clamped.
-    """
+    """Add the solid's part of K_n to the lower band. `equations`: shape (nodes, 3) for r, t, z, -1 where clamped."""
     quads, moduli, gradient, weight = elements
     f, g, c = np.empty(5), np.empty(5), np.empty((5, 5))
     even, odd, shear = np.zeros((5, 24)), np.zeros((4, 24)), np.zeros((4, 4))
@@ -142,10 +139,7 @@ class Harmonics:
     bandwidth: int
 
     def tangent(self, u: FloatArray, pressure_kpa: float, wave_number: int) -> FloatArray:
-        """Return the band of K_n, mN/mm.
-
-        `u`: shape (nodes, 2), mm.
-        """
+        """Return the band of K_n, mN/mm. `u`: shape (nodes, 2), mm."""
         band = empty_band(self.size, self.bandwidth)
         p = self.problem
         harmonic_tangent(p.elements, u, wave_number, self.equations, band)

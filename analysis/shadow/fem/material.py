@@ -59,10 +59,7 @@ def determinant(f: FloatArray) -> float:
 
 @compiled
 def energy(f: FloatArray, c10: float, d1: float) -> float:
-    """Return W, kPa (energy per reference volume).
-
-    `f`: shape (5,), F. `c10`, `d1`: kPa and 1/kPa.
-    """
+    """Return W, kPa (energy per reference volume). `f`: shape (5,), F. `c10`, `d1`: kPa and 1/kPa."""
     j = determinant(f)
     i1 = f[0] ** 2 + f[1] ** 2 + f[2] ** 2 + f[3] ** 2 + f[4] ** 2
     return float(c10 * (j ** (-2.0 / 3.0) * i1 - 3.0) + (j - 1.0) ** 2 / d1)

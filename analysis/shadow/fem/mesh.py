@@ -54,9 +54,7 @@ def stations(parameters: ActuatorParameters) -> FloatArray:
 def structured_quads(rows: int, columns: int) -> tuple[IntArray, BoolArray, IntArray]:
     """Number a lattice of rows x columns elements, row by row.
 
-    Returns
-    -------
-    quads (rows columns, 8); (2 rows + 1, 2 columns + 1) which half steps are nodes; the column of each element.
+    Returns quads (rows columns, 8); (2 rows + 1, 2 columns + 1) which half steps are nodes; the column of each element.
     """
     used = np.ones((2 * rows + 1, 2 * columns + 1), dtype=bool)
     used[1::2, 1::2] = False  # the serendipity element has no node in its middle
@@ -68,13 +66,7 @@ def structured_quads(rows: int, columns: int) -> tuple[IntArray, BoolArray, IntA
 
 
 def build_mesh(parameters: ActuatorParameters) -> Mesh:
-    """Mesh the actuator.
-
-    Returns
-    -------
-    Mesh
-        With base at z = 0 and tip at z = length.
-    """
+    """Mesh the actuator. Returns the mesh, with base at z = 0 and tip at z = length."""
     p = parameters
     across = stations(p)
     z = np.linspace(0.0, p.length_mm, 2 * p.cells * p.axial_elements + 1)

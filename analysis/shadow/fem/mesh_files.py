@@ -45,7 +45,6 @@ _REVERSED = [0, 3, 2, 1, 7, 6, 5, 4]
 def write_state(path: Path, file_format: str, parameters: ActuatorParameters, mesh: Mesh, solution: Solution) -> None:
     """Write a state (VTU), the mesh at rest (MSH) or the whole problem at the state's pressure (INP).
 
-    `path`, `file_format`: file to write, and vtu, msh or inp. `parameters`, `mesh`: materials and mesh of the actuator.
     Raises RequestError if the format is unknown.
     """
     if file_format not in ("vtu", "msh", "inp"):
@@ -159,10 +158,7 @@ def _blocks(data: str, kind: np.dtype[Any]) -> Iterator[bytes]:
 
 
 def from_meshio(found: meshio.Mesh, path: Path) -> Mesh:
-    """Return our mesh from meshio's.
-
-    Raises FileError, RequestError: As `read_mesh`.
-    """
+    """Return our mesh from meshio's."""
     cells = by_part(found, path)
     missing = [name for name in ("lattice", "cavity", "base", "tip") if not len(cells[name])]
     if missing:
@@ -201,7 +197,7 @@ def from_meshio(found: meshio.Mesh, path: Path) -> Mesh:
 def check_ends(mesh: Mesh, path: Path) -> None:
     """Reject a base or a tip that is not the whole flat end: nodes left out would be free.
 
-    Raises FileError: Naming the end.
+    Raises FileError, naming the end.
     """
     z = mesh.nodes[:, 1]
     near = FLAT_SHARE * float(z.max())
@@ -219,7 +215,7 @@ def check_ends(mesh: Mesh, path: Path) -> None:
 def check_chain(mesh: Mesh, path: Path) -> None:
     """Reject a cavity that is not one chain of edges from base (or axis) to tip: its volume would be wrong.
 
-    Raises FileError: With what is wrong with the chain.
+    Raises FileError, with what is wrong with the chain.
     """
     nodes, times = np.unique(mesh.cavity[:, [0, 2]], return_counts=True)
     ends = nodes[times == 1]
@@ -279,7 +275,7 @@ INCREMENTS = 10
 def calculix_deck(parameters: ActuatorParameters, mesh: Mesh, pressure_kpa: float) -> str:
     """Return the text of the input file.
 
-    `mesh`: the actuator's mesh. `pressure_kpa`: gauge pressure reached at the end of the one static step, kPa.
+    `pressure_kpa`: gauge pressure reached at the end of the one static step, kPa.
 
     Notes
     -----

@@ -95,8 +95,7 @@ class ActuatorParameters:
 def check_number(name: str, value: float, *, whole: bool = False) -> None:
     """Reject what is not a finite, positive number (Poisson's ratios may be negative).
 
-    `whole`: whether it must be a whole number.
-    Raises RequestError: Naming the parameter.
+    Raises RequestError, naming the parameter.
     """
     if isinstance(value, int) and abs(value) >= 2**63:  # no float, and of too many digits to be printed
         raise RequestError(f"{name} is a number of more than 64 bits", f"give {name} as a plain number")

@@ -58,10 +58,7 @@ def cavity_volume(nodes: FloatArray, u: FloatArray, edges: IntArray) -> float:
 
 @compiled
 def volume_gradient(nodes: FloatArray, u: FloatArray, edges: IntArray, gradient: FloatArray) -> None:
-    """Add dV/du to `gradient`.
-
-    `gradient`: shape (n, 2), mm^2.
-    """
+    """Add dV/du to `gradient`. `gradient`: shape (n, 2), mm^2."""
     for edge in edges:
         for g in range(3):
             r, _, dz = edge_point(nodes, u, edge, g)

@@ -91,9 +91,9 @@ def make_problem(
 ) -> Problem:
     """Set up a problem on a mesh.
 
-    `mesh`: nodes, elements and wetted edges. `moduli`: shape (m, 2), C10 in kPa and D1 in 1/kPa of each element.
-    `fixed`: shape (n, 2), True where a displacement is prescribed. `tied`: nodes whose axial displacements are one
-    freedom; none by default. `points_a_side`: Gauss points a side, 2 (reduced) or 3 (full).
+    `moduli`: shape (m, 2), C10 in kPa and D1 in 1/kPa of each element. `fixed`: shape (n, 2), True where a displacement
+    is prescribed. `tied`: nodes whose axial displacements are one freedom; none by default. `points_a_side`: Gauss
+    points a side, 2 (reduced) or 3 (full).
     """
     plate_nodes = np.empty(0, dtype=np.int64) if tied is None else tied
     elements = elements_of(mesh.nodes, mesh.quads, moduli, points_a_side)
@@ -106,10 +106,7 @@ def number_equations(quads: IntArray, fixed: BoolArray, tied: IntArray) -> tuple
 
     `quads`: shape (m, 8). `fixed`: shape (n, 2), True where prescribed. `tied`: node numbers whose axial displacements
     are one freedom.
-
-    Returns
-    -------
-    equations (n, 2), plate equation, size, bandwidth.
+    Returns equations (n, 2), plate equation, size, bandwidth.
     """
     raw = np.full(fixed.shape, -1)
     free = ~fixed

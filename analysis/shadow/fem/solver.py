@@ -138,7 +138,6 @@ class Solver:
     ) -> Solution:
         """Find the state at a given pressure, elongation, or both.
 
-        `start`: a neighbouring state to begin from; the state at rest by default.
         Raises ConvergenceError if no equilibrium is found down to the smallest load step.
         """
         first = state = start or self.rest()

@@ -63,10 +63,7 @@ class Stability:
     harmonics: Harmonics
 
     def tangent(self, u: FloatArray, pressure_kpa: float, wave_number: int) -> FloatArray:
-        """Return the band of K_n.
-
-        `u`: shape (n, 2), mm.
-        """
+        """Return the band of K_n. `u`: shape (n, 2), mm."""
         if wave_number == 0:
             return self.problem.tangent(u, pressure_kpa)
         return self.harmonics.tangent(u, pressure_kpa, wave_number)
@@ -101,10 +98,7 @@ def compressible(problem: Problem) -> Problem:
 
 
 def least_shift(matrix: FloatArray, reference: FloatArray, known: float) -> float:
-    """Return the smaller of `known` and the lowest eigenvalue of matrix v = s reference v, to EIGENVALUE_STEP.
-
-    `known`: upper bound, infinite without one.
-    """
+    """Return the smaller of `known` and the lowest eigenvalue of matrix v = s reference v, to EIGENVALUE_STEP."""
 
     def definite(shift: float) -> bool:
         return band.factorise(matrix - shift * reference) == len(matrix)
@@ -126,11 +120,7 @@ def find_limit(solver: Solver, stability: Stability, length_mm: float, direction
     """Walk from rest in one direction until stability ends.
 
     `direction`: -1 towards vacuum, +1 towards inflation.
-
-    Returns
-    -------
-    CriticalState
-        The last stable state, with the mode that ends it.
+    Returns the last stable state, with the mode that ends it.
     """
     step = direction * STEP_SHARE * length_mm
     last, mode = solver.rest(), -1

@@ -27,10 +27,7 @@ SCREEN_TOLERANCE_MM = 0.05
 
 @style.styled
 def shadow_figure(state: ShadowState, topology: ShadowTopology, colour: Colour = "displacement") -> Figure:
-    """Draw one frame.
-
-    `colour`: displacement in mm, or greatest principal strain in %.
-    """
+    """Draw one frame. `colour`: displacement in mm, or greatest principal strain in %."""
     figure = Figure(figsize=(9.0, 5.2), layout="constrained")
     axes = figure.subplots()
     values, title = (

@@ -75,7 +75,7 @@ class Shadow:
     """The shadow of one actuator.
 
     `parameters`: the actuator; the paper's by default. `table`: its reduced model; from the cache, or built (about 3
-    s), by default. `progress`: called as (done, total) while a table is built.
+    s), by default.
     """
 
     def __init__(

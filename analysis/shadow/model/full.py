@@ -156,8 +156,7 @@ class FullModel:
         """Find the state at a pressure, at an elongation, or with both imposed.
 
         `pressure_kpa`: gauge pressure in the bladders, kPa; follows from the elongation if None. `elongation_mm`:
-        displacement of the tip plate, mm; follows from the pressure if None. `start`: a neighbouring state to begin
-        from.
+        displacement of the tip plate, mm; follows from the pressure if None.
         """
         check_values(pressure_kpa, elongation_mm)
         self.check_limits(pressure_kpa, elongation_mm)
@@ -166,7 +165,7 @@ class FullModel:
     def check_limits(self, pressure_kpa: float | None, elongation_mm: float | None) -> None:
         """Reject a state beyond the limits of stability; an elongation is checked only where the plate is free.
 
-        Raises RequestError: Naming the critical pressure.
+        Raises RequestError, naming the critical pressure.
         """
         p, q = pressure_kpa, elongation_mm
         if (p is not None and p < 0.0) or (p is None and q is not None and q < 0.0):

@@ -52,11 +52,7 @@ def rest_centreline(parameters: ActuatorParameters, length_mm: float, points: in
 
     `length_mm`: distance between base and tip plate. `points`: how many; by default one every 0.5 mm (to the nearest
     whole number).
-
-    Returns
-    -------
-    FloatArray
-        Shape (n, 2), (r, z) in mm.
+    Returns shape (n, 2), (r, z) in mm.
     """
     p = parameters
     half = length_mm / 2.0 + p.guide_end_mm
@@ -72,10 +68,7 @@ def locate(mesh: Mesh, points: FloatArray) -> tuple[IntArray, FloatArray]:
     """Find the element and the shape functions' values at each point.
 
     `points`: shape (n, 2), (r, z) in mm.
-
-    Returns
-    -------
-    element (n,) with -1 where no element contains the point; shape functions' values (n, 8).
+    Returns element (n,) with -1 where no element contains the point; shape functions' values (n, 8).
     """
     corners = mesh.nodes[mesh.quads]
     low, high = corners.min(axis=1), corners.max(axis=1)

@@ -88,10 +88,7 @@ def read_compression_test(
 
 
 def find_column(table: Table, names: Sequence[str], path: Path, wanted: str | None = None) -> tuple[FloatArray, str]:
-    """Return a column and its unit ('' if it has none).
-
-    `table`, `path`: read, and its file for messages. `wanted`: name or number of the column instead.
-    """
+    """Return a column and its unit ('' if it has none). `wanted`: name or number of the column instead."""
     plain = [name.strip().lower() for name in table.names]
     known = [plain.index(name) for name in names if name in plain]
     if wanted is None and not known:
@@ -174,10 +171,7 @@ def loading_branch(test: CompressionTest) -> tuple[FloatArray, FloatArray, float
 
 
 def effective_modulus(tests: Sequence[CompressionTest], window: tuple[float, float] = (0.02, 0.10)) -> EffectiveModulus:
-    """Return the modulus over specimens.
-
-    Raises RequestError if no test is given.
-    """
+    """Return the modulus over specimens. Raises RequestError if no test is given."""
     if not tests:
         raise RequestError("no compression test is given", "give one CSV a specimen")
     specimens = tuple(specimen_modulus(test, window) for test in tests)

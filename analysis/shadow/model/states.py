@@ -76,8 +76,8 @@ def guide_states(
 ) -> GuideStates:
     """Solve the fifteen states.
 
-    `model`: the actuator; the paper's by default. `lowest_kpa`, `highest_kpa`: pressures of the most compressed and the
-    most elongated state. `every_half_mm`: centrelines sampled every 0.5 mm in place of the seven tracked points.
+    `lowest_kpa`, `highest_kpa`: pressures of the most compressed and the most elongated state. `every_half_mm`:
+    centrelines sampled every 0.5 mm in place of the seven tracked points.
     Raises RequestError if the pressures do not lie on both sides of zero, or beyond the critical pressure.
     """
     if not lowest_kpa < 0.0 < highest_kpa:
@@ -104,8 +104,7 @@ def kept_states(
 ) -> GuideStates:
     """Return the fifteen states of an actuator from the cache, or solve and keep them there.
 
-    `parameters`: the paper's actuator by default. `lowest_kpa`: pressure of the most compressed state. `folder`: where
-    states are kept; the user's cache folder by default.
+    `lowest_kpa`: pressure of the most compressed state.
     """
     chosen = parameters or ActuatorParameters()
     reach = "" if lowest_kpa == _LOWEST_KPA else f" {lowest_kpa:g}"

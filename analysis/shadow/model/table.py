@@ -83,10 +83,7 @@ def build_table(
     settings: TableSettings | None = None,
     progress: Progress | None = None,
 ) -> ReducedModel:
-    """Build the reduced model of an actuator.
-
-    `parameters`, `settings`: defaults where None.
-    """
+    """Build the reduced model of an actuator."""
     chosen = settings or TableSettings()
     model = FullModel(parameters)
     count = _counter(chosen.pressures * chosen.elongations + chosen.held_out + 3 * NOMINAL_POINTS, progress)
@@ -189,10 +186,7 @@ def load_table(
     progress: Progress | None = None,
     folder: Path | None = None,
 ) -> ReducedModel:
-    """Return the table from the cache, or build it and keep it there.
-
-    `parameters`, `settings`: defaults where None. `folder`: where tables are kept; the user's cache folder by default.
-    """
+    """Return the table from the cache, or build it and keep it there."""
     p, s = parameters or ActuatorParameters(), settings or TableSettings()
     path = (folder or cache_folder()) / f"{table_digest(p, s)}.npz"
     kept = read_table(path)

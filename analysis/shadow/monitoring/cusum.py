@@ -49,8 +49,6 @@ def threshold_for(cycles: float, sides: int, reference: float = REFERENCE) -> fl
 def smallest_shift(history: int, threshold: float, reference: float = REFERENCE) -> float:
     """Return the smallest lasting shift, in standard deviations, that a self-starting sum finds; infinite without one.
 
-    `history`: healthy values before the shift.
-
     Notes
     -----
     The baseline learns the shift as well: after m values it has moved the mean by m / (n + m) of it, so the sum grows

@@ -209,10 +209,7 @@ class LeakWatch:
         """Take the next whole cycle; return its leak in % of the pressure a minute.
 
         `time_s`, `pressure_kpa`, `residual_kpa`: shape (n,).
-
-        Returns
-        -------
-        NaN until the healthy loop is learnt, and where the cycle does not determine it.
+        Returns NaN until the healthy loop is learnt, and where the cycle does not determine it.
         """
         self._cycles += 1
         rows = np.isfinite(pressure_kpa)

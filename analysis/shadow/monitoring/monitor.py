@@ -75,10 +75,7 @@ class CycleFigures:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """One alarm.
-
-    `may_follow_from`: other faults, active or halfway to an alarm, that would also move this figure.
-    """
+    """One alarm. `may_follow_from`: other faults, active or halfway to an alarm, that would also move this figure."""
 
     fault: ActuatorFault
     figure: str

@@ -109,10 +109,7 @@ def second_tracer(
     """Follow rays through straight segments without secondaries, every segment tried for every ray.
 
     `start`, `direction`: (rays, 2), mm and unit vectors. `cap_mm`: path length after which a ray is stopped.
-
-    Returns
-    -------
-    (rays,) 0 escaped, 1 detected, 2 stopped at the cap; and the surfaces that each met.
+    Returns (rays,) 0 escaped, 1 detected, 2 stopped at the cap; and the surfaces that each met.
     """
     p, d = np.array(start, dtype=np.longdouble), np.array(direction, dtype=np.longdouble)
     d /= np.hypot(d[:, :1], d[:, 1:])

@@ -28,7 +28,7 @@ from analysis.shadow.model.table import build_table
 from analysis.studies.failure_maps.figures import Stairs, analysed_with
 from analysis.studies.tradeoff.measure import Method, Setting
 from analysis.studies.tradeoff.mechanics import MESH, READING_MM, actuator_on
-from analysis.studies.tradeoff.rays import PHASES, RANKING, rays_text
+from analysis.studies.tradeoff.rays import RANKING, rays_text, turned
 from analysis.studies.tradeoff.references import load
 from protocol.base.arrays import FloatArray
 
@@ -101,7 +101,7 @@ def sweep_settings(quick: bool) -> list[Setting]:
     curves = np.array(table["curves_mm"])
 
     def ranked(rays: int, repeat: int) -> FloatArray:
-        light = replace(Light().with_rays(rays), phase=PHASES[repeat])
+        light = turned(Light().with_rays(rays), repeat)
         return run_sweep(SweepRequest(designs, Waveguide(), light, curves), threads=1).merit().p
 
     def error(p: FloatArray) -> float:

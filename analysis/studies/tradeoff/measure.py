@@ -144,10 +144,7 @@ def choose(
 
     `tolerance`: what the consumer notices, in the unit of the errors. `default`: kept where it is sufficient and costs
     the same as the cheapest within `TIE`. `margin`: how far below the tolerance is below.
-
-    Returns
-    -------
-    Its name, or None where no point is sufficient.
+    Returns its name, or None where no point is sufficient.
     """
     sufficient = [p for p in points if p.error * margin <= tolerance]
     if not sufficient:
@@ -169,10 +166,7 @@ def choose_levels(points: Sequence[CostPoint], method: Method) -> dict[Level, st
 
 
 def measure(method: Method, *, quick: bool, progress: Progress | None = None) -> Measured:
-    """Measure every setting of a method.
-
-    `quick`: fewer settings, 2 repeats; else 7, fewer where they take long.
-    """
+    """Measure every setting of a method. `quick`: fewer settings, 2 repeats; else 7, fewer where they take long."""
     settings, repeats = method.settings(quick), QUICK_REPEATS if quick else REPEATS
     return Measured.of(
         method, run_all(settings, lambda setting, part: measure_setting(setting, repeats, part), progress)

@@ -93,9 +93,7 @@ def _walk(mesh: Elements, pressures: FloatArray, points_a_side: int) -> Callable
 def held_out(count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return full solutions with prescribed elongation at states of the rectangle that no table is built from.
 
-    Returns
-    -------
-    pressures and elongations (n,), tracked points (n, 7, 2).
+    Returns pressures and elongations (n,), tracked points (n, 7, 2).
     """
     table, model = _table(5, 2), FullModel()
     rng = np.random.default_rng(20260101)

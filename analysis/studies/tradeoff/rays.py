@@ -53,7 +53,7 @@ def tracer_settings(quick: bool) -> list[Setting]:
         return float(np.sqrt(np.mean((ndr - truth[: ndr.size]) ** 2)))
 
     def sampler(light: Light, count: int) -> Callable[[int], FloatArray]:
-        return lambda repeat: _ndr(states[:count], replace(light, phase=PHASES[repeat]))
+        return lambda repeat: _ndr(states[:count], turned(light, repeat))
 
     rays = (50, 250, 1_000, 2_500) if quick else (50, 100, 250, 500, 1_000, 2_500, 10_000, 100_000, 1_000_000)
     lights = {rays_text(n): Light().with_rays(n) for n in rays}
@@ -69,6 +69,11 @@ def _ndr(states: Sequence[int], light: Light) -> FloatArray:
     return np.array([trace(frames[s], PAPER_OPTIMUM, Waveguide(), light, threads=1).ndr for s in states])
 
 
+def turned(light: Light, repeat: int) -> Light:
+    """Return the rays of a repeat: the fan turned by another phase."""
+    return replace(light, phase=PHASES[repeat])
+
+
 def rays_text(count: int) -> str:
     return f"{count} rays"
 
@@ -81,7 +86,7 @@ def ranking_settings(quick: bool) -> list[Setting]:
     patterns = np.array([pattern_of(design) for design in paper_grid()[:: table["every"]][part]])
 
     def ranked(rays: int) -> Callable[[int], FloatArray]:
-        return lambda repeat: _p(patterns, replace(Light().with_rays(rays), phase=PHASES[repeat]))
+        return lambda repeat: _p(patterns, turned(Light().with_rays(rays), repeat))
 
     def error(p: FloatArray) -> float:
         return 1.0 - float(spearmanr(truth, p).statistic)

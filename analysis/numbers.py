@@ -15,10 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from protocol.base.units import Shown
+from protocol.base.units import MINUS, NOTHING, Shown
 
-NOTHING = "–"
-MINUS = "\u2212"
 NUMBER = r"(?<![\w.])[-+\u2212]?\d+(?:\u2009\d{3})*(?:\.\d+)?(?![\w.]*\w)"  # thin spaces part thousands
 _NUMBERS = re.compile(NUMBER)
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")

@@ -8,10 +8,8 @@ from __future__ import annotations
 import math
 import re
 
-from protocol.base.units import ShownUnits, as_text
+from protocol.base.units import MINUS, NOTHING, ShownUnits, as_text
 
-MINUS = "\u2212"
-NOTHING = "\u2013"
 THIN = "\u2009"  # between thousands and before units
 _SI = ((1.0, "s"), (1e-3, "ms"), (1e-6, "\u00b5s"), (1e-9, "ns"))
 TYPED = str.maketrans({MINUS: "-", "\u2013": "-", ",": ".", THIN: ""})

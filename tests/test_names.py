@@ -1,4 +1,4 @@
-"""Names of the product: a public constant has one value, an option one unit of measurement in every command."""
+"""Names of the product: a public constant is defined once, an option has one unit of measurement in every command."""
 
 from __future__ import annotations
 
@@ -30,33 +30,30 @@ def constants(source: str) -> Iterator[tuple[str, str]]:
             if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
                 pairs = list(zip(target.elts, value.elts, strict=True))
             for name, of in pairs:
-                if isinstance(name, ast.Name) and name.id.isupper() and not name.id.startswith("_"):
+                if isinstance(name, ast.Name) and re.fullmatch(r"[A-Z][A-Z0-9_]+", name.id):  # T is a type variable
                     yield name.id, ast.unparse(of)
 
 
-def of_several_values(sources: Mapping[str, str]) -> dict[str, dict[str, list[str]]]:
-    """Return the constants with more than one value: name -> value -> modules."""
-    found: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+def defined_twice(sources: Mapping[str, str]) -> dict[str, dict[str, str]]:
+    """Return the constants of more than one module: name -> module -> value."""
+    found: dict[str, dict[str, str]] = defaultdict(dict)
     for module, source in sources.items():
         for name, value in constants(source):
-            found[name][value].append(module)
-    return {name: dict(values) for name, values in found.items() if len(values) > 1}
+            found[name][module] = value
+    return {name: values for name, values in found.items() if len(values) > 1}
 
 
-def test_two_values_of_a_constant_are_found() -> None:
-    """A tuple's parts and annotated constants count; private ones and functions do not."""
-    sources = {
-        "a": "FACTOR = 2.0\nLOW, HIGH = 0, 1\n_OWN = 3",
-        "b": "FACTOR: float = 0.95\nHIGH = 2\n_OWN = 4\nLOW = 0",
-    }
-    assert of_several_values(sources) == {"FACTOR": {"2.0": ["a"], "0.95": ["b"]}, "HIGH": {"1": ["a"], "2": ["b"]}}
+def test_constants_of_two_modules_are_found() -> None:
+    """A tuple's parts and annotated constants count; private ones do not."""
+    sources = {"a": "FACTOR = 2.0\nLOW, HIGH = 0, 1\n_OWN = 3", "b": "FACTOR: float = 0.95\nHIGH = 1\n_OWN = 4"}
+    assert defined_twice(sources) == {"FACTOR": {"a": "2.0", "b": "0.95"}, "HIGH": {"a": "1", "b": "1"}}
 
 
-def test_a_public_constant_has_one_value() -> None:
-    """A name that several modules import means one thing; what only its own module uses begins with an underscore."""
+def test_a_public_constant_is_defined_once() -> None:
+    """A name that several modules import has one value, from one module; what one module uses is private to it."""
     paths = [path for package in ("protocol", "analysis", "boat_daq") for path in (ROOT / package).rglob("*.py")]
     sources = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in paths}
-    assert of_several_values(sources) == {}
+    assert defined_twice(sources) == {}
 
 
 UNITS = ("mm", "mm²", "kpa", "kpa/s", "s", "hz", "mv", "db/cm", "rays", "percent", "samples/s")

@@ -31,7 +31,7 @@ from protocol.base.errors import BoatDaqError, DataError, FileError
 from protocol.base.regular_file import read_regular
 from protocol.base.uncertainty import COVERAGE_FACTOR
 
-_FORMAT, VERSION = "boat-daq calibration", 1
+_FORMAT, _VERSION = "boat-daq calibration", 1
 MOST_BYTES = 4_000_000
 MOST_SENSORS, MOST_PIECES, MOST_POWERS = 16, 64, 11
 _HEAD = (
@@ -140,7 +140,7 @@ class CalibrationFile:
         constant, relative = fusion.inverses[0].reference if fusion is not None else (0.0, 0.0)
         return {
             "format": _FORMAT,
-            "version": VERSION,
+            "version": _VERSION,
             **self.head,
             "units": {"signal": "mV", "elongation": "mm", "noise_mm, shared_mm": "mm, standard uncertainty (k = 1)"},
             "coverage_factor": COVERAGE_FACTOR,
@@ -192,9 +192,9 @@ def read_calibration(path: str | Path) -> CalibrationFile:
             f"{path.name} is not a calibration of boat-daq", "Give the JSON file of an exported calibration."
         )
     version = content.get("version")
-    if not isinstance(version, int) or isinstance(version, bool) or not 1 <= version <= VERSION:
+    if not isinstance(version, int) or isinstance(version, bool) or not 1 <= version <= _VERSION:
         raise FileError(
-            f"{path.name} has version {version!r:.20}; this program reads up to {VERSION}", "Update boat-daq."
+            f"{path.name} has version {version!r:.20}; this program reads up to {_VERSION}", "Update boat-daq."
         )
     try:
         return _parsed(content)

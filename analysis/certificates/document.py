@@ -32,7 +32,7 @@ from analysis.certificates.certificate import (
 from analysis.certificates.dcc import MIME_TYPE, dcc_xml
 from analysis.conformity import RULE
 from analysis.figures.figure import SENSOR_FIGURES
-from analysis.numbers import NOTHING, percent, rounded, with_uncertainty
+from analysis.numbers import percent, rounded, with_uncertainty
 from analysis.reports.document import (
     Attachment,
     Report,
@@ -45,6 +45,7 @@ from analysis.reports.document import (
 from analysis.reports.pdf import render_pages, write_pdf
 from protocol.base.errors import RequestError, writing
 from protocol.base.uncertainty import COVERAGE_FACTOR
+from protocol.base.units import NOTHING
 from protocol.base.whole_file import write_whole
 
 _CURVE_POINTS = 101

@@ -24,7 +24,7 @@ from protocol.base.errors import FileError, RequestError
 from protocol.base.regular_file import read_regular
 from protocol.base.whole_file import write_whole
 
-_FORMAT, VERSION = "boat-daq twin", 1
+_FORMAT, _VERSION = "boat-daq twin", 1
 _MOST_BYTES = 1_000_000
 
 
@@ -49,7 +49,7 @@ class TwinFile:
     def as_json(self) -> dict[str, Any]:
         """Return the content of the file."""
         head = ("unit", "simulated", "calibration_utc", "recording", "hysteresis=model", "tuning", "actuator", "face")
-        return {"format": _FORMAT, "version": VERSION, **json_object(self, *head)}
+        return {"format": _FORMAT, "version": _VERSION, **json_object(self, *head)}
 
     def write(self, path: Path) -> None:
         """Write the file at once, and its folder where there is none."""
@@ -72,7 +72,7 @@ def read_twin(path: Path) -> TwinFile | None:
         content = None
     if not isinstance(content, dict) or content.get("format") != _FORMAT:
         raise FileError(f"{path.name} is damaged", "Identify the unit again.")
-    if content.get("version") != VERSION:
+    if content.get("version") != _VERSION:
         raise FileError(f"{path.name} has version {content.get('version')!r:.20}", "Update boat-daq.")
     try:
         return _parsed(content)

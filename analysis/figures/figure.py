@@ -13,7 +13,8 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 from analysis.json_object import json_object
-from analysis.numbers import NOTHING, rounded
+from analysis.numbers import rounded
+from protocol.base.units import NOTHING
 
 if TYPE_CHECKING:  # the window imports the table of figures, and not pandas with it
     from analysis.segmentation.losses import Losses

@@ -18,7 +18,7 @@ from analysis.figures.acceptance import judge, worst_conformity
 from analysis.figures.between_runs import RunComparison, UnitComparison, compare_runs
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
-from analysis.numbers import NOTHING, rounded, with_uncertainty
+from analysis.numbers import rounded, with_uncertainty
 from analysis.progress import Progress
 from analysis.reports import drawings
 from analysis.reports import run_section as sections
@@ -30,7 +30,7 @@ from analysis.reports.shown_units import in_units
 from analysis.reports.unit_report import history_of_unit, write_built
 from analysis.version import program_version
 from protocol.base.errors import RequestError
-from protocol.base.units import STORED_UNITS, ShownUnits
+from protocol.base.units import NOTHING, STORED_UNITS, ShownUnits
 
 if TYPE_CHECKING:
     from analysis.figures.against_shadow import AgainstShadow

@@ -12,10 +12,11 @@ from matplotlib.axes import Axes
 
 from analysis import figure_style as style
 from analysis.figures.pipeline import Analysis
-from analysis.numbers import NOTHING, rounded, with_uncertainty
+from analysis.numbers import rounded, with_uncertainty
 from analysis.reports.document import ReportDrawing, ReportTable, Section, SectionPart, cell
-from analysis.reports.drawings import CURVE_POINTS, TRACE_POINTS, envelope, legend, over_cycles
+from analysis.reports.drawings import DRAWN_POINTS, TRACE_POINTS, envelope, legend, over_cycles
 from analysis.tracking.continuous import CameraFigures, ContinuousCalibration
+from protocol.base.units import NOTHING
 
 TITLE = "Elongation by the camera"
 
@@ -106,7 +107,7 @@ def _branches(analysis: Analysis, sensor: int, one: ContinuousCalibration, ax: A
     plateaus = analysis.sensors[sensor].calibration
     if plateaus is not None:
         low, high = np.nanmin(one.loop_mm), np.nanmax(one.loop_mm)
-        grid = np.linspace(max(low, plateaus.x_range[0]), min(high, plateaus.x_range[1]), CURVE_POINTS)
+        grid = np.linspace(max(low, plateaus.x_range[0]), min(high, plateaus.x_range[1]), DRAWN_POINTS)
         apart = percent * (plateaus.predict(grid) - one.calibration.predict(grid))
         ax.plot(grid, apart, color=style.INK, lw=0.9, label="plateaus' curve")
     ax.axhline(0.0, color=style.SOFT, linewidth=0.7)

@@ -11,13 +11,13 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from analysis.figures.figure import Figure
-from analysis.numbers import NOTHING, rounded
+from analysis.numbers import rounded
+from protocol.base.units import MINUS, NOTHING
 
 Draw = Callable[[Axes], None]
 _NUMBER = r"[+-]?[0-9]+(?:\.[0-9]+)?"
 PAIR = re.compile(rf"^({_NUMBER})(?:( ± )({_NUMBER}))?$")
 _NUMBERS = re.compile(rf"^[<>±] ?{_NUMBER}|^{_NUMBER}|^[+-]?∞")
-MINUS = "\u2212"
 _HYPHEN = re.compile(r"(?<![\w.)\-/])(?<!:\d\d )-(?=[0-9])")
 DIGIT_SPACE, POINT_SPACE = "\u2007", "\u2008"  # as wide as a digit, as a point
 

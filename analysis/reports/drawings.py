@@ -27,7 +27,7 @@ from analysis.reports.document import ReportDrawing
 from analysis.reports.text_metrics import families, printable
 from protocol.base.arrays import FloatArray
 
-CURVE_POINTS = 201
+DRAWN_POINTS = 201
 BARS_SHARE = 0.76  # of the height of a group of bars
 TRACE_POINTS = 3000
 
@@ -62,7 +62,7 @@ def calibration_curve(analysis: Analysis, sensor: int, ax: Axes) -> None:
     calibration = one.calibration
     assert calibration is not None
     colour = style.sensor_colour(sensor)
-    grid = np.linspace(*calibration.x_range, CURVE_POINTS)
+    grid = np.linspace(*calibration.x_range, DRAWN_POINTS)
     low, high = calibration.band(grid, 0.95, new_reading=True)
     ax.fill_between(grid, low, high, color=colour, alpha=0.12, linewidth=0, label="new reading, 95 %")
     low, high = one.posterior.curve_band(grid) if one.posterior else calibration.band(grid, 0.95)

@@ -10,11 +10,11 @@ from matplotlib.ticker import FuncFormatter
 
 from analysis.elongation_control.dynamic_figures import BODE_HEADINGS, STEP_HEADINGS, DynamicCalibration
 from analysis.figure_style import SOFT, sensor_colour
-from analysis.numbers import NOTHING
 from analysis.progress import Progress
 from analysis.reports.document import Report, ReportDrawing, ReportTable, Section, date_of
 from analysis.reports.unit_report import write_built
 from analysis.version import program_version
+from protocol.base.units import NOTHING
 
 
 def write_dynamic_report(found: DynamicCalibration, path: str | Path, progress: Progress | None = None) -> Report:

@@ -19,12 +19,12 @@ from analysis.figures.figure import SENSOR_FIGURES, SYSTEM_FIGURES, void_sentenc
 from analysis.figures.pipeline import Analysis
 from analysis.figures.sensor_analysis import SensorAnalysis
 from analysis.figures.uncertainty import Budget, ElongationBudgets
-from analysis.numbers import NOTHING, percent, rounded, with_uncertainty
+from analysis.numbers import percent, rounded, with_uncertainty
 from analysis.reports import drawings
 from analysis.reports.document import ReportDrawing, ReportTable, Section, SectionPart, cell, cells, p_value, power
 from analysis.reports.text_metrics import width_of
 from analysis.version import program_version
-from protocol.base.units import as_text
+from protocol.base.units import NOTHING, as_text
 
 LABEL_PT, LABEL_PAD_INCH = 8.0, 0.15  # names at an axis, with their tick
 BARS_FRAME_INCH, GROUP_INCH, BAR_INCH = 0.9, 0.09, 0.12  # of bars: title, legend and axis; between groups; one bar

@@ -15,7 +15,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from analysis import figure_style as style
 from analysis.figures.between_runs import UnitComparison
 from analysis.figures.unit_history import UnitHistory, due_first, time_of
-from analysis.numbers import NOTHING, rounded, with_uncertainty
+from analysis.numbers import rounded, with_uncertainty
 from analysis.progress import Progress
 from analysis.reports.document import Report, ReportDrawing, ReportTable, Section, date_of
 from analysis.reports.html import write_html
@@ -23,6 +23,7 @@ from analysis.reports.pdf import write_pdf
 from analysis.version import program_version
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import RequestError, writing
+from protocol.base.units import NOTHING
 
 WRITERS = {".html": write_html, ".pdf": write_pdf}
 MARGIN_DAYS = 0.08  # of the span, on either side of the dates

@@ -18,7 +18,7 @@ from protocol.base.arrays import FloatArray, IntArray
 
 _PARTS = 4  # of a hold
 CHANGE_S = 2.0  # over which the change of the light is taken: less is lost in the noise of the dark readings
-BY_CHANCE = 1e-3  # of such light by that noise alone
+_BY_CHANCE = 1e-3  # of such light by that noise alone
 
 
 def ambient_in_means(
@@ -43,7 +43,7 @@ def ambient_in_means(
         of_place = np.stack([np.bincount(place, column) / count for column in means.mean(axis=1).T], axis=1)
         away = means - of_place[place][:, None, :]
         dof = away[:, :, 0].size - count.size
-        if float((away[:, :, 0] ** 2).sum()) <= float(stats.chi2.isf(BY_CHANCE, dof)) * noise**2:
+        if float((away[:, :, 0] ** 2).sum()) <= float(stats.chi2.isf(_BY_CHANCE, dof)) * noise**2:
             continue
         sign = np.asarray([1.0 if hold.branch == "loading" else -1.0 for hold in holds])[:, None, None]
         away -= sign * (sign * away).mean(axis=0)

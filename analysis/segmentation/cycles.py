@@ -24,13 +24,13 @@ from protocol.base.arrays import BoolArray, FloatArray
 
 TOLERANCE_KPA = 1.0  # a pressure that stays within it of one level is held
 SWING_SHARE = 0.5  # a reversal of at least this share of the span is an extreme
-LOW = 0.25  # what is this far from an extreme has left it
+_LOW = 0.25  # what is this far from an extreme has left it
 EXTREME_SHARE = 0.02  # rows this near to an extreme belong to it
 TRUNCATED_SHARE = 0.10  # an end extreme this much short of its neighbour was cut off
 _VENTED_KPA = 3.0  # a run that begins or ends this near to zero (or 5 % of its span) was vented there, not cut off
 LEAD = 0.4  # of the branches' time a kPa: the way from or to the vented state is a ramp, a branch has holds
 EXCURSION_SHARE = 0.10  # smaller reversals are not listed
-DROP_OUT_SHARE, MAX_DROP_OUT = 0.25, 50  # of the span in one sample, and back within so many
+DROP_OUT_SHARE, _MAX_DROP_OUT = 0.25, 50  # of the span in one sample, and back within so many
 MAX_DROPPED_SHARE = 0.05
 MAX_WINDOW = 401  # samples of the noise filter
 
@@ -154,7 +154,7 @@ def _drop_outs(pressure_kpa: FloatArray, jump_kpa: float) -> BoolArray:
     jumps = np.flatnonzero(np.abs(steps) > jump_kpa) if jump_kpa > 0 else np.empty(0, dtype=np.int64)
     for out, back in itertools.pairwise(jumps.tolist()):
         returns = abs(steps[out] + steps[back]) < 0.3 * abs(steps[out])
-        if returns and back - out <= MAX_DROP_OUT and not found[out]:
+        if returns and back - out <= _MAX_DROP_OUT and not found[out]:
             found[out + 1 : back + 1] = True
     # what fills more of the run than faults do is its plan: a square wave, seldom sampled
     return found if found.mean() <= MAX_DROPPED_SHARE else np.zeros_like(found)
@@ -258,7 +258,7 @@ def _assemble(
         at += 2
     if at < len(groups):
         edge = _edge(smooth[::-1])
-        away = end == len(groups) and abs(edge - groups[at].level) > LOW * span and not _is_vented(edge, span)
+        away = end == len(groups) and abs(edge - groups[at].level) > _LOW * span and not _is_vented(edge, span)
         if at + 1 < end or away or cut_off:
             reason = "the last cycle is incomplete: the run ends inside it"
             partial.append(_stretch(smooth, groups[at].row, smooth.size - 1, reason))
@@ -301,7 +301,7 @@ def _falls_short(groups: list[_Group], span: float) -> bool:
     if short <= TRUNCATED_SHARE * span:
         return False
     if len(groups) < 5:
-        return len(groups) == 4 or short > LOW * span
+        return len(groups) == 4 or short > _LOW * span
     trend = groups[0].sign * (groups[4].level - groups[2].level)
     return trend < 0.5 * short
 

@@ -16,7 +16,7 @@ from analysis.numbers import percent
 from protocol.base.arrays import IntArray
 from protocol.recording import SampleFlag
 
-MAX_DAMAGED = 0.20  # share of a figure's window that may be lost or left out
+_MAX_DAMAGED = 0.20  # share of a figure's window that may be lost or left out
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Losses:
         """Share of the window that is missing or left out; 0 of an empty one."""
         return self.damaged / self.samples if self.samples else 0.0
 
-    def void(self, limit: float = MAX_DAMAGED) -> str:
+    def void(self, limit: float = _MAX_DAMAGED) -> str:
         """Return why a figure over this window is void, or ""."""
         if self.share <= limit:
             return ""

@@ -21,7 +21,7 @@ from protocol.base.errors import DataError, FileError, RequestError
 from protocol.recording.elongation_file import read_elongation_rows
 
 DEFAULT_RESOLUTION_MM = 0.5
-NEAR_KPA = 3.0  # a reading belongs to a plateau no farther than this, or than a third of the smallest step
+_NEAR_KPA = 3.0  # a reading belongs to a plateau no farther than this, or than a third of the smallest step
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ def _near(plateaus: tuple[Plateau, ...]) -> float:
     levels = np.sort([p.pressure_kpa for p in plateaus if np.isfinite(p.pressure_kpa)])
     steps = np.diff(levels)
     steps = steps[steps > 2.0]
-    return float(min(NEAR_KPA, steps.min() / 3)) if steps.size else NEAR_KPA
+    return float(min(_NEAR_KPA, steps.min() / 3)) if steps.size else _NEAR_KPA
 
 
 def _by_order(

@@ -23,7 +23,7 @@ from analysis.statistics import mean, standard_error
 from protocol.base.arrays import FloatArray, IntArray
 
 _SETTLING_S = 0.5
-MAX_DAMAGED = 0.20  # share of a window's samples that may be lost or left out
+_MAX_DAMAGED = 0.20  # share of a window's samples that may be lost or left out
 _MIN_SAMPLES = 5
 NEAR_TARGET_KPA = 3.0  # a hold farther from a step's target is not that step's
 _WINDOWS_S = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
@@ -41,7 +41,7 @@ class PlateauSettings:
 
     tolerance_kpa: float = TOLERANCE_KPA
     settling_s: float = _SETTLING_S
-    max_damaged: float = MAX_DAMAGED
+    max_damaged: float = _MAX_DAMAGED
 
 
 @dataclass(frozen=True, slots=True)

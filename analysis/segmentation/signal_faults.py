@@ -20,7 +20,7 @@ from protocol.base.arrays import BoolArray, FloatArray, IntArray
 
 FROZEN_SHARE, FROZEN_KPA = 0.1, 1.0  # of the span of the pressure, and what is a movement at all
 CLIPPED_RUN, LONGER = 10, 5  # samples at a rail, and how much longer than the runs at other values
-DROP_SHARE, MAX_DROP_OUT = 0.25, 50  # of the signal's span; samples, where the dropped value is not constant
+DROP_SHARE, _MAX_DROP_OUT = 0.25, 50  # of the signal's span; samples, where the dropped value is not constant
 JUMP_SD = 8.0  # of the signal's usual step from sample to sample: what noise alone does not do
 
 
@@ -94,7 +94,7 @@ def _dropped(y: FloatArray, p: FloatArray, edges: IntArray, lengths: IntArray, s
         returns = steps[out] * steps[back] < 0 and abs(steps[back]) > 0.5 * abs(steps[out])
         run = int(np.searchsorted(edges, out + 1, side="right")) - 1
         constant = edges[run] == out + 1 and lengths[run] == back - out
-        if returns and (constant or back - out <= MAX_DROP_OUT):
+        if returns and (constant or back - out <= _MAX_DROP_OUT):
             found[out + 1 : back + 1] = True
             k += 1
         k += 1

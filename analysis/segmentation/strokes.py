@@ -17,7 +17,7 @@ from analysis.segmentation.cycles import TOLERANCE_KPA
 from protocol.base.arrays import BoolArray, FloatArray, IntArray
 from protocol.base.errors import DataError
 
-LOW, HIGH = 0.25, 0.75
+_LOW, HIGH = 0.25, 0.75
 AWAY, NEAR, _CHANCE, _BINS = 0.1, 0.015, 4.0, 200
 """How far thresholds may move, and how near (sd) a hold disturbs, of the span; they move where more samples are near
 than elsewhere, by so many standard deviations of their numbers; bins in which samples are counted."""
@@ -126,7 +126,7 @@ def thresholds(x: FloatArray) -> tuple[float, float]:
         level = float(levels[np.argmin(near)]) if held else usual
         return low + level * (high - low)
 
-    return passed(LOW), passed(HIGH)
+    return passed(_LOW), passed(HIGH)
 
 
 def crossings(x: FloatArray, low: float, high: float) -> tuple[IntArray, IntArray]:

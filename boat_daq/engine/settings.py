@@ -46,7 +46,7 @@ from boat_daq.engine.stored_file import BACKUP, read_stored, read_whole, write_s
 from boat_daq.engine.toml_values import BadValue, build, parse_toml, read_text
 from protocol.base.errors import RequestError, StorageError
 
-VERSION = 1
+_VERSION = 1
 HOME_VARIABLE = "BOAT_DAQ_HOME"
 _SIMULATED = "simulated"  # folder of the calibrations of simulated boards
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,39}")
@@ -56,7 +56,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,39}")
 class Settings:
     """What the operator can set, whatever the unit."""
 
-    version: int = VERSION
+    version: int = _VERSION
     rate_hz: int = stated(
         100, "Sampling rate", "Samples per second that are requested of a board", "Hz", lowest=1, highest=65_535
     )
@@ -163,7 +163,7 @@ class Unit:
     usb_serial: str = stated(
         "", "USB serial number", "Of the board last used with this unit, by which it is found; stored by itself"
     )
-    version: int = VERSION
+    version: int = _VERSION
     type_b: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     metadata: Mapping[str, Any] = field(default_factory=dict)
     lens: Mapping[str, Any] = field(default_factory=dict)
@@ -413,5 +413,5 @@ def _entry(table: dict[str, Any], where: str) -> StoredCalibration:
 
 
 def _check_version(where: str, version: int) -> None:
-    if not 1 <= version <= VERSION:
-        raise BadValue(where, "version", f"is {version}; this program reads up to {VERSION}", "update boat-daq")
+    if not 1 <= version <= _VERSION:
+        raise BadValue(where, "version", f"is {version}; this program reads up to {_VERSION}", "update boat-daq")

@@ -30,7 +30,7 @@ _LIMITS = "A plan outside these limits is refused, on virtual boards, too."
 NO_CHANGE = "None yet"
 _EMPTY = "empty"
 _TABLES = {"type_b": "Type B", "metadata": "Metadata"}
-NO_LIMIT = 16_777_215  # of Qt
+_NO_LIMIT = 16_777_215  # of Qt
 ON_OFF = [("off", "off"), ("on", "on")]
 SUBJECT_ROLE = Qt.ItemDataRole.UserRole
 
@@ -177,8 +177,8 @@ class SettingsPage(ReflowingPage):
     def reflow(self) -> None:
         """Keep the list narrow beside the values, and low above them."""
         super().reflow()
-        self.list.setMaximumHeight(4 * style.CONTROL_HEIGHT if self.narrow else NO_LIMIT)
-        self.side.setMaximumWidth(NO_LIMIT if self.narrow else style.QUESTION_LEAST)
+        self.list.setMaximumHeight(4 * style.CONTROL_HEIGHT if self.narrow else _NO_LIMIT)
+        self.side.setMaximumWidth(_NO_LIMIT if self.narrow else style.QUESTION_LEAST)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Follow the stored files where something has changed."""

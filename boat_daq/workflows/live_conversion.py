@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from boat_daq.engine.session.session import Session
 
 _POLL_S = 0.02
-MOST_WAITING = 100_000  # blocks of samples that the output is behind
+_MOST_WAITING = 100_000  # blocks of samples that the output is behind
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +133,7 @@ def converted_samples(
             print_new(seen)
             ended = _ended(seen)
             while waiting:
-                if len(waiting) > MOST_WAITING:
+                if len(waiting) > _MOST_WAITING:
                     raise StorageError("the output does not keep up with the board", "Write to a file.")
                 block = columns(waiting.popleft(), session.mv_per_count)
                 if first_us is None:

@@ -13,6 +13,9 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Final
 
+MINUS = "\u2212"
+NOTHING = "\u2013"  # in place of a value that is not known
+
 KPA_PER_UNIT = {
     "kpa": 1.0, "pa": 1e-3, "hpa": 0.1, "mpa": 1e3, "bar": 100.0, "mbar": 0.1, "psi": 6.894757293168361,
     "mmhg": 0.13332236842105263, "torr": 0.13332236842105263, "atm": 101.325,

@@ -31,7 +31,7 @@ LONG_STEP = 5  # medians: a longer step of time is a gap
 NEARLY_ALL = 0.95  # of the texts of a column
 _FEWEST = 3  # lines from which a syntax can be told
 DELIMITERS = (",", ";", "\t", "|", " ")
-SENSORS_MAX = 4
+_SENSORS_MAX = 4
 _ADC_BITS = (10, 12, 14, 16)
 _VREF_MV = {10: 5000}  # of an Arduino; others have 3.3 V
 VREF_USUAL_MV = 3300
@@ -457,7 +457,7 @@ def _guesses(
         at = negative[0] if negative else next(iter(left))
         yield at, "pressure", ""
         left.pop(at)
-    free = [n for n in range(1, SENSORS_MAX + 1) if not any(name.startswith(f"s{n}_") for name in taken)]
+    free = [n for n in range(1, _SENSORS_MAX + 1) if not any(name.startswith(f"s{n}_") for name in taken)]
     for at, n in zip(left, free, strict=False):
         yield at, f"s{n}_signal", ""
 
@@ -605,7 +605,7 @@ def _variables(packets: np.ndarray[Any, Any]) -> tuple[list[str], list[ProposedF
     steps = [np.bincount(np.diff(column.astype(np.int64)) % 256).argmax() for column in packets.T]
     marks: list[str] = []
     at, fields, numbers = 0, [], 0
-    names = iter(["P", *(f"S{k}" for k in range(1, SENSORS_MAX + 1))])
+    names = iter(["P", *(f"S{k}" for k in range(1, _SENSORS_MAX + 1))])
     if n % 2 and steps[0] == 1:
         marks, at = ["@0I"], 1
         fields.append(ProposedField("I", "index", guessed=True))

@@ -23,7 +23,8 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.optics.scene.curves import POINTS, STATES, checked_curves, default_curves, parametric_curves
+from analysis.optics.scene.curves import POINTS, checked_curves, default_curves, parametric_curves
+from analysis.optics.scene.parameters import STATES
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import FileError
 

@@ -15,11 +15,10 @@ import numpy as np
 
 from analysis.optics.scene.arc_spline import biarcs, smooth
 from analysis.optics.scene.frame import SceneFrame, two_guides
-from analysis.optics.scene.parameters import Waveguide
+from analysis.optics.scene.parameters import STATES, Waveguide
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError
 
-STATES = 15
 REST_STATE = 7
 POINTS = 7
 _LENGTH_MM = 75.0

@@ -23,6 +23,8 @@ WAVELENGTH_MM = 860e-6
 QUARTER_STEP = 0.25
 """Turn of the fan at which its two halves, mirrored into each other, interleave at half a step."""
 ORDERS: tuple[Order, ...] = ("time", "bounce", "index")
+STATES = 15  # of a sweep, from the most compressed to the most elongated
+STEPS_MM = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # of width, spacing and depth in the paper's grid
 FACES: tuple[Face, ...] = ("outer", "inner", "both", "midline")
 BYS: tuple[By, ...] = ("count", "power")
 PAPER_SECONDARY = 100

@@ -24,13 +24,13 @@ from analysis import figure_style as style
 from analysis.numbers import finite
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.outline import outline
-from analysis.optics.scene.parameters import PAPER_OPTIMUM, By, Design, Light, Waveguide
+from analysis.optics.scene.parameters import PAPER_OPTIMUM, STEPS_MM, By, Design, Light, Waveguide
 from analysis.optics.sweep.fans import FanResult, compare_fans, count_errors
 from analysis.optics.sweep.figure_of_merit import PARTING, Merit, pareto
 from analysis.optics.sweep.optimise import BETTER, PATIENCE, Optimum
 from analysis.optics.sweep.race import Race
 from analysis.optics.sweep.race_report import design_label, race_json, race_text, times_fewer
-from analysis.optics.sweep.sweep import STEPS_MM, SweepResult
+from analysis.optics.sweep.sweep import SweepResult
 from analysis.optics.tracer.simulation import ray_paths
 from analysis.version import program_version
 from protocol.base.arrays import FloatArray

@@ -26,7 +26,7 @@ from analysis.compiled import compile_ahead
 from analysis.optics.scene.curves import default_curves, frames_of
 from analysis.optics.scene.frame import SceneFrame, check_design
 from analysis.optics.scene.geometry import pattern_of
-from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, By, Design, Face, Light, Waveguide
+from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, STEPS_MM, By, Design, Face, Light, Waveguide
 from analysis.optics.sweep.figure_of_merit import Merit, Uncertainty, merit, ranks_within, resolution, uncertainty
 from analysis.optics.sweep.sweep_file import SweepFile
 from analysis.optics.tracer.rays import Fan, Rules, fan_of, rules_of, share_of
@@ -39,7 +39,6 @@ from protocol.base.errors import RequestError
 Results = tuple[IntArray, FloatArray, FloatArray]
 Common = tuple[SceneFrame, Rules, Fan, IntArray]
 Item = tuple[FloatArray, slice]
-STEPS_MM = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 FILE_NAME = "sweep.sqlite"
 EVERY = slice(None)
 _RAYS_PER_ITEM = 60_000

@@ -31,7 +31,7 @@ _NUMBERS, _LABELS = 8, 6
 _KEY, _ROOT, _BIRTH = 7, 3, 5
 _N, _LEFT, _NEXT, _HEAP, _TOUCHED, _STATES = range(6)
 _BIRTHS_A_RAY, _NO_LIMIT = 1 << 20, 1 << 62
-MOST_WAITING = 100_000
+_MOST_WAITING = 100_000
 
 
 class Queue(NamedTuple):
@@ -55,7 +55,7 @@ def new_queue(budget: int, faintest: float) -> Queue:
     """Return a queue for `budget` secondaries of `faintest` power or more, to be opened before use."""
     slots = 2 * budget + 16 if budget > 0 else 0
     if budget == ALL:
-        slots = int(min(1.0 / max(faintest, 1.0 / MOST_WAITING), MOST_WAITING)) + 1
+        slots = int(min(1.0 / max(faintest, 1.0 / _MOST_WAITING), _MOST_WAITING)) + 1
     return Queue(
         np.empty((slots, _NUMBERS)),
         np.empty((slots, _LABELS), dtype=np.int64),

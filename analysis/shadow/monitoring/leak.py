@@ -35,7 +35,7 @@ from protocol.base.arrays import BoolArray, FloatArray
 
 LOWEST, _HIGHEST, OVERSAMPLING = 0.4, 3.0, 4.0
 """Frequencies searched, per cycle of the actuator; steps of them in 1 over the whole time."""
-BY_CHANCE = 1e-3
+_BY_CHANCE = 1e-3
 _FEWEST_CYCLES = 3.0
 
 
@@ -79,7 +79,7 @@ def find_interference(time_s: FloatArray, values: FloatArray, columns: FloatArra
             best, found = Interference(frequency, float(amplitude[0]), float(amplitude[1])), taken
     # power explained in noise over the noise's variance is chi-squared with two degrees: exp(-taken / 2 variance)
     variance = (power - found) / max(len(values) - base.shape[1] - 3, 1)
-    return best if found > 2.0 * variance * np.log(len(grid) / BY_CHANCE) else Interference()
+    return best if found > 2.0 * variance * np.log(len(grid) / _BY_CHANCE) else Interference()
 
 
 _STEPS = 48

@@ -13,7 +13,7 @@ from analysis.published import RANGE_MM, SENSORS
 from analysis.reports.drawings import envelope
 from protocol.base.arrays import FloatArray
 
-DRAWN_POINTS = 1500  # of a run's signals
+_DRAWN_POINTS = 1500  # of a run's signals
 
 
 @styled
@@ -56,7 +56,7 @@ def draw_signals(found: Analysis) -> Figure:
         (below, recording.signal_mv[:, i], sensor_colour(i), f"sensor {i + 1}") for i in range(recording.n_sensors)
     ]
     for axes, values, colour, label in rows:
-        time, low, high = envelope(recording.time_s, values, DRAWN_POINTS)
+        time, low, high = envelope(recording.time_s, values, _DRAWN_POINTS)
         axes.fill_between(time, low, high, color=colour, linewidth=0.6, edgecolor=colour, label=label)
         axes.margins(x=0)
     below.legend(loc="upper right")

@@ -32,9 +32,9 @@ DATA, _DEFAULT, CHOSEN, _REFUSED = style.SENSOR_COLOURS[0], style.SENSOR_COLOURS
 _COLUMNS = 3
 DOT_PT, CROSS_PT, RING_PT, SQUARE_PT = 5.0, 6.0, 12.0, 16.0
 OVERVIEW_DPI = 88
-_FRONT, CHOICE = "front: least error for the time", "the rule's choice"
+_FRONT, _CHOICE = "front: least error for the time", "the rule's choice"
 Place = tuple[float, float]
-FEW_DECADES = 2.0
+_FEW_DECADES = 2.0
 DECADES_BELOW = 4.5
 """Errors further below the tolerance are drawn on the lower edge."""
 
@@ -101,7 +101,7 @@ def _draw(axes: Axes, measured: Measured, *, margin: float) -> dict[str, Place]:
     if method.default in at:
         axes.plot(*at[method.default], "o", ms=RING_PT, mfc="none", mec=_DEFAULT, mew=1.8, ls="", label="default")
     if measured.chosen in at:
-        axes.plot(*at[measured.chosen], "s", ms=SQUARE_PT, mfc="none", mec=CHOSEN, mew=1.5, ls="", label=CHOICE)
+        axes.plot(*at[measured.chosen], "s", ms=SQUARE_PT, mfc="none", mec=CHOSEN, mew=1.5, ls="", label=_CHOICE)
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.margins(margin, 0.14)
@@ -115,9 +115,9 @@ def _draw(axes: Axes, measured: Measured, *, margin: float) -> dict[str, Place]:
 
 
 def _number_ticks(axis: Axis) -> None:
-    """Number the decades; where fewer than `FEW_DECADES` are shown, 2 and 5 times them too: two ticks make a scale."""
+    """Number the decades; where fewer than `_FEW_DECADES` are shown, 2 and 5 times them too: two ticks make a scale."""
     low, high = sorted(axis.get_view_interval())
-    if high / low < 10.0**FEW_DECADES:
+    if high / low < 10.0**_FEW_DECADES:
         axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
         for set_formatter in (axis.set_major_formatter, axis.set_minor_formatter):
             set_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

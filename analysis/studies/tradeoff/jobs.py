@@ -32,7 +32,7 @@ from analysis.studies.tradeoff.rays import RANKING, rays_text, turned
 from analysis.studies.tradeoff.references import load
 from protocol.base.arrays import FloatArray
 
-GRID_MM = 0.5
+_GRID_MM = 0.5
 _BULGE_PERCENT = 2.0
 _SENSORS = (Stairs(cycles=5, bulge_percent=_BULGE_PERCENT), Stairs(cycles=5, bulge_percent=-_BULGE_PERCENT, seed=1))
 _BAND_POINTS = 31
@@ -43,7 +43,7 @@ def calibrated(options: Options) -> Analysis:
     """Analyse a simulated run of five cycles and two sensors, with elongations read on a grid of 0.5 mm."""
     run = _SENSORS[0]
     levels, branch = run.holds
-    read = GRID_MM * np.round(run.elongation(levels, branch) / GRID_MM)
+    read = _GRID_MM * np.round(run.elongation(levels, branch) / _GRID_MM)
     rows = "".join(f"{p:.6f},{x:.1f}\n" for p, x in zip(levels, read, strict=True))
     return analysed_with(_five_cycles(), f"pressure_kpa,elongation_mm\n{rows}", options)
 

@@ -15,16 +15,15 @@ from numpy.polynomial import Polynomial
 from analysis.calibration.fit import fit_calibration
 from analysis.calibration.posterior import ENOUGH_SAMPLES, MAX_STEPS, WALKERS, sample_posterior
 from analysis.fidelity import Fidelity
-from analysis.published import NOISE_MV as PUBLISHED_NOISE_MV
 from analysis.published import SENSORS
+from analysis.studies.failure_maps.fit import SENSOR_NOISE_MV
 from analysis.studies.tradeoff.measure import Method, Setting
 from analysis.studies.tradeoff.references import load
 from protocol.base.arrays import FloatArray
 
 _CUBIC = Polynomial(SENSORS[0].coefficients)
-SENSOR_NOISE_MV = PUBLISHED_NOISE_MV[0]
-GRID_MM = 0.5
-GRID_U_MM = GRID_MM / 12**0.5
+_GRID_MM = 0.5
+GRID_U_MM = _GRID_MM / 12**0.5
 RANGE_OF_READINGS_MM = (-2.5, 3.5)
 AT_MM = np.linspace(*RANGE_OF_READINGS_MM, 61)
 _CYCLES = 5
@@ -42,7 +41,7 @@ def readings() -> tuple[FloatArray, FloatArray]:
 
     Every reading has an error of its own, anywhere in its cell.
     """
-    levels = np.arange(RANGE_OF_READINGS_MM[0], RANGE_OF_READINGS_MM[1] + 0.01, GRID_MM)
+    levels = np.arange(RANGE_OF_READINGS_MM[0], RANGE_OF_READINGS_MM[1] + 0.01, _GRID_MM)
     return _read(np.repeat(levels, 2 * _CYCLES), 4)
 
 
@@ -54,7 +53,7 @@ def few_readings() -> tuple[FloatArray, FloatArray]:
 
 def _read(x: FloatArray, seed: int) -> tuple[FloatArray, FloatArray]:
     rng = np.random.default_rng(seed)
-    true = x + GRID_MM * rng.uniform(-0.5, 0.5, x.size)
+    true = x + _GRID_MM * rng.uniform(-0.5, 0.5, x.size)
     return x, _CUBIC(true) + SENSOR_NOISE_MV * rng.standard_normal(x.size)
 
 

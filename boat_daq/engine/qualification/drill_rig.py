@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from boat_daq.engine.control.sequencer import VENTED_KPA
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.recording.file import RecordingFile, Statement
 from boat_daq.engine.recording.summary import Summary, summarise
@@ -33,7 +34,6 @@ from protocol.recording import dtype_from_description, open_recording, read_sess
 
 _PORT = "pty" if hasattr(os, "openpty") else "127.0.0.1:0"
 SPEED = 8.0
-VENTED_KPA = 2.0
 WRONG_MV, WRONG_KPA = 15.0, 3.0  # ten times the noise of a sample
 WAIT_S = 40.0
 _VENTING_S = 5.0

@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
+from boat_daq.engine.control.sequencer import VENTED_KPA
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.qualification.drill_rig import (
-    VENTED_KPA,
     WAIT_S,
     Criterion,
     DrillResult,

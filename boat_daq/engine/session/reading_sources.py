@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 SIMULATED_SOURCE = "simulated"
 SIMULATED_RESOLUTION_MM = 0.02  # a pixel, where a photograph shows 80 mm of the grid on 4,000
 READER_SD_MM = 0.005  # of the one who finds the tip in it, before rounding
-NEAR_KPA = 3.0  # a row names its plateau by its target; no closer than this, or a third of the smallest step
+_NEAR_KPA = 3.0  # a row names its plateau by its target; no closer than this, or a third of the smallest step
 
 
 def read_elongation_csv(path: Path) -> tuple[FileReading, ...]:
@@ -57,7 +57,7 @@ def match_readings(readings: Sequence[FileReading], steps: Sequence[StepMark]) -
     if not readings or not plateaus:
         raise RequestError("there are no readings" if plateaus else "the run has no plateaus", "nothing was entered")
     levels = sorted({step.target_kpa for step in plateaus})
-    near = min([NEAR_KPA, *((b - a) / 3 for a, b in pairwise(levels))])
+    near = min([_NEAR_KPA, *((b - a) / 3 for a, b in pairwise(levels))])
     if readings[0].cycle is not None:
         return _by_branch(readings, plateaus, near)
     return _by_order(readings, plateaus, near)
@@ -119,7 +119,7 @@ def readings_so_far(readings: Sequence[FileReading], plan: Plan, steps: Sequence
     if readings and readings[0].cycle is not None:
         held = [step for step in reached if not step.passed]
         later = [
-            row for row in readings if _plateau_of(row, planned, NEAR_KPA) and not _plateau_of(row, held, NEAR_KPA)
+            row for row in readings if _plateau_of(row, planned, _NEAR_KPA) and not _plateau_of(row, held, _NEAR_KPA)
         ]
         return tuple(row for row in readings if row not in later)  # with those of no plateau at all, which are refused
     try:

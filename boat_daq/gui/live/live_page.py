@@ -33,7 +33,7 @@ from boat_daq.viewmodels.live.layout import Layouts
 from boat_daq.viewmodels.live.live_model import HEADINGS_SHORT, STATISTICS_HEADINGS, WINDOWS_S, OverlayModel, Span
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.shadow_live import ShadowLive
-from protocol.base.units import as_text
+from protocol.base.units import NOTHING, as_text
 
 SPACING = 6  # between the parts of a value
 ELONGATION_NOTES = (("\u00b18.88 (k = 2)", "\u25b2 out of range"), ("\u00b18.88", "\u25b2 differ"))
@@ -81,7 +81,7 @@ class ValueDisplay(QWidget):
         self.swatch = QFrame()
         self.swatch.setFixedSize(style.STEP, 4 * style.STEP)
         self.name = widgets.label(title, "muted")
-        self.value = widgets.label(formatting.NOTHING)
+        self.value = widgets.label(NOTHING)
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight)  # keeps the decimal point in place
         self.unit = widgets.label(unit, "set")
         self.note = widgets.ElidedLabel()
@@ -418,7 +418,7 @@ class LivePage(QWidget):
         if sensors != self.sensors:
             self.sensors = sensors
             self._fit_figures()
-        signals = (*head.signals, *[formatting.NOTHING] * (_SENSORS - len(head.signals)))
+        signals = (*head.signals, *[NOTHING] * (_SENSORS - len(head.signals)))
         for name, signal in zip(list(figures)[:_SENSORS], signals, strict=True):
             figures[name].set(signal, age=age)
         figures["mm"].set(head.elongation, age or (head.band_short if self.narrow else head.band), age)

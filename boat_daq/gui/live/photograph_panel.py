@@ -25,7 +25,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QDialog, QGraphicsPixmapItem, QGraphicsScene, QGraphicsView, QWidget
 
-from boat_daq.formatting import NOTHING, number, plain_number
+from boat_daq.formatting import number, plain_number
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open
@@ -33,6 +33,7 @@ from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.photograph import Photograph
 from boat_daq.viewmodels.live.run_model import RunModel
 from protocol.base.errors import RequestError
+from protocol.base.units import NOTHING
 
 _KINDS: Final = ("png", "jpg", "jpeg", "bmp", "tif", "tiff")
 FILE_BYTES_MAX: Final = 200_000_000

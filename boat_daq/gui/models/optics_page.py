@@ -15,6 +15,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QSlider, QWidget
 
+from analysis.optics.scene.parameters import STATES, STEPS_MM
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.plotting.axes import fixed_plot, paint_axis
@@ -32,8 +33,6 @@ from boat_daq.viewmodels.models.optics import (
     FACE_NAMES,
     MAPPED_FACE,
     RANKINGS,
-    STATES,
-    STEPS_MM,
     OpticsModel,
     SweepSummary,
 )

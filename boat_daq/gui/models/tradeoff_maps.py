@@ -28,7 +28,7 @@ CELL_GAP = 1.0  # pixels between cells
 LETTER_LEAST = 12.0  # pixels: a smaller cell has no letter, only colour and hatching
 _LABELS = (10, 7, 5, 4)  # along each of one, two, three, four maps beside each other
 LEAST_HEIGHT = 300
-NO_LIMIT, EMPTY_HEIGHT = 16_777_215, 96
+_NO_LIMIT, EMPTY_HEIGHT = 16_777_215, 96
 _WHAT_COMES = "\u201cMap\u201d tests this method over many synthetic cases: where it works, warns, or refuses."
 POINT_AT = "Point at a cell to read its case and its result."
 
@@ -101,7 +101,7 @@ class AtlasCard(PlotCard):
         no_map = self.model.no_map(method)
         self.words.setText(maps[0].summary if len(maps) == 1 else POINT_AT if maps else no_map or _WHAT_COMES)
         self.setMinimumHeight(LEAST_HEIGHT if maps else 0)
-        self.setMaximumHeight(NO_LIMIT if maps else EMPTY_HEIGHT)
+        self.setMaximumHeight(_NO_LIMIT if maps else EMPTY_HEIGHT)
         self.paint_theme(self.theme)
 
     def refresh(self) -> None:

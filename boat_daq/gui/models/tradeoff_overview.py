@@ -24,7 +24,7 @@ from boat_daq.viewmodels.models.tradeoff import JOB_NAMES, METHOD_NAMES, OVERVIE
 _REACH = 40.0  # pixels from a point within which a click is meant for it
 _HEADINGS = ("No.", "Method", "Default", "Time", "Error", "Share")
 SHARE_TIP = "The error in percent of the least that is noticeable; the rule accepts a setting up to 50 %"
-LEAST_SHARE = 0.05
+_LEAST_SHARE = 0.05
 """Smaller errors are drawn here, so that the others are apart."""
 _KEY = (
     "\u25cf a method  \u25a0 a whole job, numbered as in the table.  Lower is more exact, further left is faster; "
@@ -56,7 +56,7 @@ class OverviewCard(PlotCard):
     def show_defaults(self) -> None:
         """Draw what was measured."""
         self._at = {
-            d.name: (math.log10(d.point.seconds), math.log10(100.0 * max(d.share, LEAST_SHARE)))
+            d.name: (math.log10(d.point.seconds), math.log10(100.0 * max(d.share, _LEAST_SHARE)))
             for d in self.model.defaults
             if d.point is not None
         }

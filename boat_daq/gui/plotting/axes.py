@@ -31,7 +31,7 @@ LOG_LABELS = 7
 GRID_BEYOND, GRID_LONGEST = 2.0, 50.0  # of what is shown: lines of the grid are longer on either side; at most so long
 _CORNER = 2  # pixels between the axis and a title in the corner of the plot
 LOG_DIGITS = (1, 2, 5)
-FEW_DECADES = 2.0  # over fewer, the 2 and the 5 between are labelled too
+_FEW_DECADES = 2.0  # over fewer, the 2 and the 5 between are labelled too
 
 
 class TickAxis(pg.AxisItem):  # type: ignore[misc]
@@ -260,7 +260,7 @@ class LogAxis(TickAxis):
 def log_ticks(low: float, high: float) -> list[float]:
     """Return the logarithms of round values between two logarithms, about `LOG_LABELS` of them."""
     first, last = math.floor(low), math.ceil(high)
-    digits = LOG_DIGITS if high - low <= FEW_DECADES else (1,)
+    digits = LOG_DIGITS if high - low <= _FEW_DECADES else (1,)
     step = max(1, math.ceil((last - first) / LOG_LABELS))
     ticks = [n + math.log10(d) for n in range(first, last + 1, step) for d in digits]
     return [t for t in ticks if low - 1e-9 <= t <= high + 1e-9]

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QWidget
 
-from boat_daq.formatting import NOTHING
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.csv_import import ROLES, SEPARATORS, UNIT_TEXTS, CsvImport, Source
+from protocol.base.units import NOTHING
 
 NOT_IMPORTED = "not in this file"
 

@@ -19,7 +19,7 @@ from protocol.base.arrays import FloatArray
 
 _REFRESH_MS = 200
 _SIZE = (1000, 720)
-LEAST_SHARE = 0.05  # of the values: less is not spread over the whole height
+_LEAST_SHARE = 0.05  # of the values: less is not spread over the whole height
 FINDING = 5  # column that takes the remaining width
 CURVES_TITLE = "Calibration curves"
 DIFFERENCES = "Difference from the first"
@@ -135,7 +135,7 @@ class UnitWindow(QDialog):
             self._points(spread.curve(name, colour), spread.points(name, colour), days[known], values)
         for plot in (slope, spread):
             most = max((float(np.abs(layer.y).max()) for layer in plot.layers if layer.y.size), default=1.0)
-            plot.fit(x_margin=0.1, smallest=LEAST_SHARE * most)
+            plot.fit(x_margin=0.1, smallest=_LEAST_SHARE * most)
 
     def _points(self, curve: Curve, points: Points, x: FloatArray, y: FloatArray) -> None:
         for layer in (curve, points):

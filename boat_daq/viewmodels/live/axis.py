@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from boat_daq.formatting import MINUS, duration
+from boat_daq.formatting import duration
+from protocol.base.units import MINUS
 
 LADDER = (1.0, 2.0, 5.0)
 TICK_PX = 15.0  # of one label

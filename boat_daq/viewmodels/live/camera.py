@@ -9,10 +9,11 @@ from boat_daq.engine.camera.capture import CameraState
 from boat_daq.engine.session.camera_channel import FAULT_TEXTS, CameraChannel
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import SessionSnapshot
-from boat_daq.formatting import NOTHING, count, number, plain_number
+from boat_daq.formatting import count, number, plain_number
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.workflows.camera_tracking import CameraChoice, open_channel
 from protocol.base.errors import RequestError
+from protocol.base.units import NOTHING
 
 _SOURCE, MARK = "camera_source", "camera_mark_mm"
 LEARNING = "learning"

@@ -23,10 +23,11 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
-from boat_daq.formatting import NOTHING, duration, number
+from boat_daq.formatting import duration, number
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.workflows.jobs import Background
 from protocol.base.errors import RequestError
+from protocol.base.units import NOTHING
 from protocol.simulator.specimens import RISING_NAMES, SENSOR_COUNTS
 from protocol.text.packets import parse_format
 from protocol.text.profile import load_profile

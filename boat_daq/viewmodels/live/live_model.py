@@ -17,13 +17,13 @@ import numpy as np
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
-from boat_daq.formatting import NOTHING, in_units, number
+from boat_daq.formatting import in_units, number
 from boat_daq.viewmodels.live.axis import SteadyRange, extremes
 from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Axes, Layout, difference_of, is_signal, titles, unit
 from boat_daq.viewmodels.live.layout import title as layout_title
 from boat_daq.workflows.live_conversion import LiveElongation
 from protocol.base.arrays import FloatArray
-from protocol.base.units import STORED_UNITS, ShownUnits, as_text
+from protocol.base.units import NOTHING, STORED_UNITS, ShownUnits, as_text
 from protocol.recording import DerivedChannel, ExtraChannel
 
 if TYPE_CHECKING:

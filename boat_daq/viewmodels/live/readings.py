@@ -22,10 +22,11 @@ from analysis.figures.outliers import outlying
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.closed_run import ClosedRun
 from boat_daq.engine.snapshot import Progress, Reading, ReadingRequest, SessionSnapshot, SessionState
-from boat_daq.formatting import NOTHING, count, number, plain_number, target
+from boat_daq.formatting import count, number, plain_number, target
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.live.sequence import BRANCH_WORDS
 from protocol.base.errors import RequestError
+from protocol.base.units import NOTHING
 
 PLAUSIBLE_MM = 60.0  # longer than the actuator itself
 APART_KPA = 5.0  # plateaus further apart than this do not have one elongation

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from analysis.published import LOOP_HALF_WIDTH_MM
 from boat_daq.engine.snapshot import SessionSnapshot
-from boat_daq.formatting import MINUS, NOTHING, THIN, count, duration, in_units, number
+from boat_daq.formatting import THIN, count, duration, in_units, number
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel, signals
 from boat_daq.workflows.jobs import Background, Job, JobRunner, JobState
 from boat_daq.workflows.shadow_jobs import can_be_unstable, place_of, shadow_of, unstable_held_states, warm
 from protocol.base.arrays import FloatArray
-from protocol.base.units import ShownUnits
+from protocol.base.units import MINUS, NOTHING, ShownUnits
 
 if TYPE_CHECKING:
     from analysis.shadow.model.frames import Shadow, ShadowState

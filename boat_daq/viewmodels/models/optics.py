@@ -18,6 +18,7 @@ import numpy as np
 
 from analysis.fidelity import Fidelity, fidelity
 from analysis.numbers import rounded, with_uncertainty
+from analysis.optics.scene.parameters import STATES, STEPS_MM
 from analysis.progress import Progress, part_of
 from boat_daq.formatting import count, number
 from boat_daq.viewmodels.common.notices import Notices, Severity
@@ -36,10 +37,8 @@ if TYPE_CHECKING:
 Values = tuple[int, float, float, float]
 """Cavities, width, depth, spacing (mm) of a design."""
 _GAP = np.full((1, 2), np.nan)
-STEPS_MM = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 CAVITIES = (3, 5, 7)
 PAPER_DESIGN: Values = (5, 1.0, 0.5, 0.9)
-STATES = 15
 BY_FIDELITY = 0
 
 

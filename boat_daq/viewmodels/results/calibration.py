@@ -21,7 +21,7 @@ from boat_daq.engine.recording.rename import companions
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionState
-from boat_daq.formatting import NOTHING, count, duration, number
+from boat_daq.formatting import count, duration, number
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Change, Services
 from boat_daq.viewmodels.common.tolerance import TypedTolerance, tolerance_choice
@@ -36,6 +36,7 @@ from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from boat_daq.workflows.run_files import export_calibration
 from boat_daq.workflows.unit_control import prepare_control
 from protocol.base.errors import BoatDaqError, RequestError
+from protocol.base.units import NOTHING
 from protocol.recording.elongation_file import read_elongation_rows
 
 ACCEPT, ANYWAY = "Accept", "Accept anyway"

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analysis.numbers import with_uncertainty
-from boat_daq.formatting import NOTHING, count, number
+from boat_daq.formatting import count, number
 from protocol.base.arrays import FloatArray
+from protocol.base.units import NOTHING
 
 if TYPE_CHECKING:
     from analysis.figures.pipeline import Analysis

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analysis.figures.figure import SENSOR_FIGURES, Figure
-from boat_daq.formatting import NOTHING, number, sensor_words
+from boat_daq.formatting import number, sensor_words
+from protocol.base.units import NOTHING
 
 if TYPE_CHECKING:
     from analysis.conformity import Conformity

@@ -22,7 +22,7 @@ from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from protocol.base.arrays import FloatArray, IntArray
 
 LEAST_INTERVAL_S = 20.0  # so that the helper takes a small share of the processor
-WRITTEN_S = 0.5  # after the end of a run its last samples are in the file
+_WRITTEN_S = 0.5  # after the end of a run its last samples are in the file
 GROUPS = 12
 WARM_UP_FROM = 6  # cycles, so that warm-up can be distinguished
 HOW = "Choose the plan 'repeatability' and start it: this page is updated during the run. Or open a recording on Runs."
@@ -66,7 +66,7 @@ class RepeatabilityModel:
         if self._followed is None:
             return
         self._ended_at = min(self._ended_at, self._clock())
-        if self._clock() - self._ended_at >= WRITTEN_S and self.jobs.get("repeatability") is None:
+        if self._clock() - self._ended_at >= _WRITTEN_S and self.jobs.get("repeatability") is None:
             path, self._followed = self._followed, None
             self.analyse(path)
 

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from boat_daq.engine.recording.summary import Summary, pressure_outline, summarise
-from boat_daq.formatting import NOTHING, count, duration
+from boat_daq.formatting import count, duration
 from protocol.base.errors import BoatDaqError, DamagedRecordingError
+from protocol.base.units import NOTHING
 from protocol.recording import RunEnd
 
 RUN_HEADINGS = ("", "Unit", "Recorded", "Length", "Cycles", "Readings", "State", "File")

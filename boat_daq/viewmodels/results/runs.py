@@ -26,7 +26,7 @@ from boat_daq.engine.recording.resumption import BrokenRun, prepare_resumption, 
 from boat_daq.engine.recording.summary import is_simulated
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
-from boat_daq.formatting import NOTHING, count, number
+from boat_daq.formatting import count, number
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Change, Services, UndoHistory
 from boat_daq.viewmodels.results.dynamics import DynamicsModel
@@ -39,7 +39,7 @@ from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from boat_daq.workflows.run_files import export_run, report_runs
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import RequestError
-from protocol.base.units import STORED_UNITS
+from protocol.base.units import NOTHING, STORED_UNITS
 from protocol.recording import SUFFIX
 
 SCAN_INTERVAL_S = 3.0

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from boat_daq.engine.settings import UnitLibrary
-from boat_daq.formatting import NOTHING, number
+from boat_daq.formatting import number
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from boat_daq.workflows.unit_history import UnitOverTime, load_unit_over_time, report_unit
+from protocol.base.units import NOTHING
 
 HISTORY_HEADINGS = ("Accepted", "Sensor", "b\u2081 \u00b1 U, mV/mm", "U of x, \u00b5m", "E\u2099", "Finding")
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from analysis.optics.scene.curves import default_curves, frame_of, frames_of, parametric_curves
-from analysis.optics.scene.parameters import QUARTER_STEP, Design, Light, Waveguide, phase_of
-from analysis.optics.sweep.sweep import STEPS_MM
+from analysis.optics.scene.parameters import QUARTER_STEP, STEPS_MM, Design, Light, Waveguide, phase_of
 from analysis.optics.tracer.rays import fan_of
 from analysis.optics.tracer.simulation import CORRELATION_DEG_PER_MM2, changes_along_fan, fan_sd, fan_step, trace
 

@@ -18,7 +18,8 @@ from numpy.polynomial import polynomial
 from scipy import special
 from scipy.stats import qmc
 
-from analysis.studies.tradeoff.posterior import AT_MM, GRID_U_MM, SENSOR_NOISE_MV, readings
+from analysis.studies.failure_maps.fit import SENSOR_NOISE_MV
+from analysis.studies.tradeoff.posterior import AT_MM, GRID_U_MM, readings
 
 DRAWS, PARTS, DOF, ROUNDS = 2**17, 12, 5.0, 6
 CHUNK = 256

@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 # Tests wait for boards in real time for a third of it: three at once keep two cores busy.
 JOBS   ?= 3
 DAILY   = QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -m "not nightly"
-CORE    = tests/protocol tests/boat_daq/engine/control tests/analysis/calibration tests/analysis/figures
+CORE    = tests/protocol tests/boat_daq/engine/control tests/analysis/calibration
 OUT    ?= out/demo
 ADVERSARY = tests/verification/test_adversary.py::test_no_scene_exceeds_its_stated_error
 

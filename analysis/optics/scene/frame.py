@@ -1,4 +1,4 @@
-"""What all designs share in one state: two guides between two junctions, with stems, emitter and receiver.
+"""The common part of all designs in one state: two guides between two junctions, with stems, emitter and receiver.
 
 Strategy: all that does not depend on the cavities is computed once a state, in plain numpy, and rejected here by name
 where it cannot be built. The compiled part (`geometry.py`) then only cuts the guides into cells.
@@ -31,7 +31,7 @@ _MIRRORED, _TWINS = 1e-6, 1e-12
 
 
 class SceneFrame(NamedTuple):
-    """One state without its cavities: what the compiled part and a cluster's workers take as it is.
+    """One state without its cavities, as the compiled code and the workers of a cluster use it.
 
     `nodes`: (g, m + 1, 5) joints of each guide's centreline, as in `ArcSpline`; guide 0 is on the left of the direction
     from emitter to receiver. `free`: (g, m, 2) whether an arc's left and right edge have the whole scene behind each of

@@ -185,7 +185,7 @@ class Light:
 
     @property
     def shift(self) -> float:
-        """Return by how many steps the fan and its mirror image are apart, 0..1."""
+        """Return the distance of the fan from its mirror image in steps, 0..1."""
         return 0.5 if self.jittered else (2.0 * self.phase) % 1.0
 
 

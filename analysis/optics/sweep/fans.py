@@ -27,7 +27,7 @@ _GOLDEN = (5**0.5 - 1) / 2
 
 
 def fans_of(rays: int) -> int:
-    """Return how many fans a sweep compares if it is not told: several with the paper's rays, whose ranks scatter."""
+    """Return the default number of fans of a sweep: several with the paper's rays, whose ranks scatter."""
     return PAPER_FANS if rays == PAPER_RAYS else 1
 
 

@@ -88,7 +88,7 @@ def merit(ndr: FloatArray, floor: float) -> Merit:
 
 @dataclass(frozen=True, slots=True)
 class Uncertainty:
-    """What a finite number of rays leaves uncertain."""
+    """Uncertainty of P by the finite number of rays."""
 
     p_ci: FloatArray  # (n, 2) 95 % interval of each design's P
     tied: FloatArray  # (n,) whether a design equals the best within noise

@@ -51,7 +51,7 @@ BOUNDS = ((1.0, 9.0), (0.3, 2.0), (0.2, 1.6), (0.3, 2.0), (0.0, 1.0))
 PATIENCE, BETTER = 8, 0.01
 """Generations without a design better by that part, after which the search has converged."""
 TURNS = 2
-"""How many other turns of the fan the winners are evaluated at."""
+"""Number of further turns of the fan at which the winners are evaluated."""
 _CHECK, _SCAN, _FINALISTS, _FEW = 10, 2, 6, 2
 _SCAN_PART, _SEARCH_PART = 0.45, 0.8
 """Parts of the time after which the scan of the grid and the search are stopped."""
@@ -222,7 +222,7 @@ def _watch(began: float, allowed: float, progress: Progress | None) -> Callable[
 
 @dataclass
 class _Search:
-    """What the two stages share: frames, light, threads, the clock, and the designs evaluated."""
+    """Common state of the two stages: frames, light, threads, the clock, and the designs evaluated."""
 
     frames: Sequence[SceneFrame]
     guide: Waveguide

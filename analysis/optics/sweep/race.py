@@ -33,7 +33,7 @@ from protocol.base.errors import RequestError
 FIRST_RAYS, RELATED_RAYS = 1_000, 4_000
 """Up to the latter neighbouring rays become related, and twice the rays leave less than half of the error."""
 FIRST_RAYS_OF_POWER = 2_000
-"""Rays of the first round by power: 1,000 leave half of the designs, which costs what it saves."""
+"""Rays of the first round by power: with 1,000 half of the designs would remain, which saves nothing."""
 RACE_MOST_RAYS = 256_000
 """Rays of the best design unless stated otherwise."""
 LEADERS, CHALLENGERS = 2, 16
@@ -65,7 +65,7 @@ def rays_of_rounds(most_rays: int, first_rays: int = FIRST_RAYS) -> tuple[int, .
 
 @dataclass
 class Race:
-    """A race of designs (n,), and what is known of each.
+    """A race of designs (n,) with the bounds of each.
 
     `level`: (n,) how many of `rays` each design was traced with. `p`, `low`, `high`: (n,) P with the most rays so far,
     and its tightest bounds; infinite where it was not traced.

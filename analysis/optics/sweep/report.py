@@ -201,7 +201,7 @@ _TABLE = (
 
 
 def _columns(result: SweepResult) -> dict[str, Any]:
-    """Return what is given of every design: its response, figures of merit, rank and ties, (n, ...) each."""
+    """Return the columns of every design: response, figures of merit, rank and ties, (n, ...) each."""
     merit, spread = result.merit(), result.uncertainty()
     names = ("andr", "delta", "n_sign", "rmse", "p", "p_printed", "p_normalised", "p_ci", "monotone")
     return {

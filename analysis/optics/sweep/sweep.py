@@ -148,7 +148,7 @@ def find_design(designs: Sequence[Design], design: Design = PAPER_OPTIMUM) -> in
 
 
 def common_of(frames: Sequence[SceneFrame], guide: Waveguide, light: Light) -> Common:
-    """Return what all work items of a sweep share: stacked frames, rules of tracing, fan, what is followed of it."""
+    """Return the common arguments of all work items of a sweep: stacked frames, rules, fan and its followed part."""
     shares = np.array([share_of(frame, light) for frame in frames])
     return stacked(frames), rules_of(guide, light), fan_of(light), shares
 

@@ -1,4 +1,4 @@
-"""What the tracer passes from surface to surface: a ray and the rules of tracing; and the fan that is released."""
+"""A ray as the tracer passes it from surface to surface, the rules of tracing, and the released fan."""
 
 from __future__ import annotations
 

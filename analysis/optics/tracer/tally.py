@@ -19,7 +19,7 @@ ENERGY = ("detected", "escaped", "absorbed", "cut")
 
 
 class Tally(NamedTuple):
-    """What has happened so far."""
+    """Tally of a simulation so far."""
 
     counts: IntArray  # (11,) by the constants above; the last one is the number of drawn points
     energy: FloatArray  # (4,) powers by their end

@@ -28,9 +28,9 @@ PILOT_RAYS, FEWEST_RAYS = 100, 50
 SPARE, MORE, TRIES = 1.15, 1.2, 8
 """Part by which the prediction stays below the tolerance; factor of rays of another try, and how many there are."""
 FOUND = 1.2
-"""Factor on the least error by a pilot fan, so that what is proposed is met with the error of the rays that follow."""
+"""Factor on the least error by a pilot fan, so that the final fan meets the proposed error."""
 SEED = 1
-"""Of the rays' places, so that an answer is the same each time."""
+"""Seed of the rays' places: an answer is repeatable."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,7 +35,7 @@ def reflected_part(ratio: float, ci: float, ct: float) -> float:
 
 @inner_fusing
 def _share(rules: Rules, child: Ray, q: Queue, tally: Tally) -> None:
-    """Offer a reflected part to the budget, or give it up."""
+    """Offer a reflected part to the budget, or drop it."""
     if child.power < rules.faintest:
         tally.energy[ledger.E_CUT] += child.power
         return

@@ -36,7 +36,7 @@ MAX_EXPANDED_BYTES = 128 << 20  # of compressed arrays, which may shrink to a th
 MOST_BLOCKS = 100_000  # entities, blocks and names of a Gmsh file, each read on its own: 4 s
 PARTS = {"lattice": 1, "wall": 2, "cavity": 3, "base": 4, "tip": 5}
 FLAT_SHARE = 1e-6
-"""Of the length: how far a node of a flat end may lie from it."""
+"""Distance of a node from its flat end that is accepted, as a share of the length."""
 FARTHEST_MM = 1e6  # of a point: beyond, areas overflow
 _SECTION = re.compile(rb"\$(Entities|Nodes|Elements|PhysicalNames|Periodic)[ \t\r]*\n")
 _REVERSED = [0, 3, 2, 1, 7, 6, 5, 4]
@@ -129,7 +129,7 @@ class _Vtu(VtuReader):  # type: ignore[misc]
 
     @property
     def mesh(self) -> meshio.Mesh:
-        """What was read."""
+        """The data read."""
         return meshio.Mesh(self.points, self.cells, self.point_data, self.cell_data, self.field_data)
 
     def read_compressed_binary(self, data: str, dtype: np.dtype[Any]) -> Any:

@@ -1,4 +1,4 @@
-"""How far a state is from losing its stability, and where an actuator loses it.
+"""The stability margin of a state, and the limit of stability of an actuator.
 
 Strategy: a state under given pressure is stable while its tangents K_n are positive definite for every wave number n
 around the circle (n = 0 is axisymmetric; n = 2 makes a bladder oval). The margin is the lowest eigenvalue of
@@ -32,7 +32,7 @@ REFERENCE_POISSON = 0.4
 
 @dataclass(frozen=True, slots=True)
 class CriticalState:
-    """Where stability ends.
+    """The limit of stability.
 
     `wave_number`: waves around the circle of the mode that loses its stiffness first (0: a limit point of the
     axisymmetric path); -1 where the walk ended, still stable.

@@ -34,7 +34,7 @@ Model = Literal["full", "reduced"]
 
 @dataclass(frozen=True, slots=True)
 class ShadowTopology:
-    """What is the same in all frames.
+    """The constant part of all frames.
 
     `outline`, `interface`, `cavity`: node numbers along the envelope with base and tip edge, along the wall's outside,
     and along the bladders' inside: three polylines.
@@ -91,7 +91,7 @@ class Shadow:
 
     @cached_property
     def topology(self) -> ShadowTopology:
-        """Return what is the same in all frames."""
+        """Return the constant part of all frames."""
         mesh = self.model.mesh
         outer = np.isclose(mesh.nodes[:, 0], self.parameters.envelope_radius_mm)
         envelope = np.flatnonzero(outer)[np.argsort(mesh.nodes[outer, 1])]

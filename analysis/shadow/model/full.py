@@ -28,7 +28,7 @@ VACUUM_KPA = -101.325
 FINE_ENOUGH = (8, 2, 2)
 """Least elements along a cell, across the wall and across the lattice for points within 0.05 mm (METHODS.md)."""
 _WORST_CONDITION = 1e9
-"""Of the scaled tangent at rest: Newton's method met its tolerance at 4e8 and no longer at 3e9."""
+"""Condition number of the scaled tangent at rest: Newton's method met its tolerance at 4e8 and no longer at 3e9."""
 HIDDEN_SHARE = 1e-3
 """Rounding of the forces, as a share of the force of 1 kPa, that still leaves a result."""
 
@@ -116,7 +116,7 @@ class FullModel:
 
     @property
     def warnings(self) -> tuple[Warning, ...]:
-        """Return what a reader of the numbers has to know besides."""
+        """Return the warnings about the mesh."""
         p = self.parameters
         elements = (p.axial_elements, p.wall_elements, p.lattice_elements)
         if not self.parametric or all(has >= least for has, least in zip(elements, FINE_ENOUGH, strict=True)):

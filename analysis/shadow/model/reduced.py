@@ -23,7 +23,7 @@ from protocol.base.errors import RequestError
 
 @dataclass(frozen=True, slots=True)
 class TableSettings:
-    """How fine the table is.
+    """Resolution of the table.
 
     `highest_pressure_kpa`: upper side of the rectangle; the lower lies a little short of the critical pressure.
     """

@@ -167,7 +167,7 @@ def moving_mean(values: FloatArray, time_s: FloatArray, width_s: float) -> Float
 
 
 def fade_percent_per_min(time_s: FloatArray, pressure_kpa: FloatArray) -> float:
-    """Return by how many % of its pressure the gauge falls a minute in holds; NaN without holds.
+    """Return the fall of the gauge in holds, % of the pressure a minute; NaN without holds.
 
     In hold j, p = c_j - rate p_j (t - mean t_j); the holds' rates are weighted by their inverse variances.
     """

@@ -80,7 +80,7 @@ def few_points(count: float, degree: float) -> StudyResult:
 
 
 def outlier(size: float, count: float) -> StudyResult:
-    """Fit points of which one, at an end of the range, is off by `size` standard deviations of the noise."""
+    """Fit points with one outlier, `size` standard deviations of the noise, at an end of the range."""
     x = np.linspace(*RANGE_MM, int(count))
     return over_draws(x, np.where(x == x[-1], size, 0.0), 3)
 

@@ -28,7 +28,7 @@ from protocol.base.errors import BoatDaqError
 
 
 class CellOutcome(StrEnum):
-    """What a user gets at one point of a map; the values are those of atlas.json."""
+    """Outcome for the user at one point of a map; the values are those of atlas.json."""
 
     WORKS = "works"
     WARNS = "degraded"
@@ -152,7 +152,7 @@ class StudyMap:
 
 
 def outcome_of(result: StudyResult, tolerance: float) -> CellOutcome:
-    """Return what a result is worth to the user who gets it."""
+    """Return the outcome of a result for its user."""
     if math.isnan(result.error):
         return CellOutcome.REFUSES if result.message else CellOutcome.WRONG_UNWARNED
     if result.message:

@@ -75,7 +75,7 @@ def corner(beside_mm: float, angle_deg: float) -> StudyResult:
 
 
 def cavity(width_mm: float, depth_mm: float) -> StudyResult:
-    """Return by how many rays of 250 two tracers differ on a row of five cavities."""
+    """Return the difference of two tracers on a row of five cavities, rays of 250."""
     design, guide = Design(5, width_mm, depth_mm, 0.9), Waveguide()
     light = Light(rays=_RAYS, secondary=0, path_cap_mm=CAP_MM)
     out = trace(one_strip(straight((0, 0), (_LENGTH_MM, 0)), guide), design, guide, light, threads=1)

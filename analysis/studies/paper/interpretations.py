@@ -1,4 +1,4 @@
-"""What the paper leaves open about its optical sweep, tried: where its design ranks under each reading.
+"""The rank of the paper's optical design under each reading of what the paper leaves open.
 
 Strategy: a reading is one choice of every open parameter. All combinations are swept as the paper did it: 250 rays,
 counted, 100 secondaries. The default reading, and those that differ from it in one choice, are also swept with the fan
@@ -67,7 +67,7 @@ class PaperReading:
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """How a reading is swept: what P is of, the number of rays, and the turns of the fan."""
+    """Sampling of a sweep: the quantity of P, the number of rays, and the turns of the fan."""
 
     by: By
     rays: int
@@ -87,7 +87,7 @@ class Sampling:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Where the paper's design ranks in one reading.
+    """The rank of the paper's design in one reading.
 
     `factors`: best P over the paper's, by Delta, n_sign and RMSE; their product is `best_p / paper_p`, where the
     paper's P is positive.
@@ -119,7 +119,7 @@ def one_change(every: Sequence[PaperReading]) -> list[PaperReading]:
 
 
 def plan(states: Sequence[str], fans: int, rays: int, *, alike: bool = False) -> list[tuple[PaperReading, Sampling]]:
-    """Return what is swept, in order.
+    """Return the sweeps in order.
 
     `states`: names of the deformation curves. `fans`: turns of the fan with the paper's rays. `rays`: released in the
     converged sweeps. `alike`: whether every reading has turns and converged sweeps, or only those with one change.
@@ -225,7 +225,7 @@ def _read(content: dict[str, Any]) -> Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Influence:
-    """What one change does to the ranking, with more rays."""
+    """Effect of one change on the ranking, with more rays."""
 
     # axis, value: the choice that differs from the default reading's
     axis: str

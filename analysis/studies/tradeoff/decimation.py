@@ -18,7 +18,7 @@ from protocol.base.arrays import FloatArray
 WIDTH_PX, HEIGHT_PX = 1000, 300
 _RATE_HZ, MINUTES = 100.0, 60
 SPANS = tuple(4.0 ** (-k / 7) for k in (0, 3, 5, 1, 4, 2, 6))
-"""Of the hour: the widths that are kept are a factor of 4 apart."""
+"""Shares of the hour that are drawn; the kept widths are a factor of 4 apart."""
 FULL_SPAN = 1.2  # of the signal's own span: the axis has a margin above and below
 Curve = Callable[[float, int], FloatArray]
 Paint = Callable[[FloatArray], None]
@@ -62,7 +62,7 @@ def _settings(quick: bool, store: Callable[[FloatArray], Curve], paint: Paint | 
 
 
 def _error_px(time_s: FloatArray, signal: FloatArray) -> Callable[[Drawn], float]:
-    """Return the error of drawn points: rms over the columns of what is missing or too much at either end, px."""
+    """Return the error of drawn points, px: rms over the columns of the difference at either end."""
     pixel = FULL_SPAN * float(np.ptp(signal)) / HEIGHT_PX
 
     def error(found: Drawn) -> float:

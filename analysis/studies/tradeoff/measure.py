@@ -34,7 +34,7 @@ LONGEST_S = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """One way to run a method.
+    """One setting of a method.
 
     `call`: does the work once; takes the number of the repeat, so that a sample can be another one each time. What it
     prepares and keeps at its first call is not timed.

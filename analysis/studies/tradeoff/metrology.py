@@ -18,7 +18,8 @@ from analysis.published import RANGE_MM, SENSORS
 from analysis.segmentation.cycles import find_cycles
 from analysis.segmentation.plateaus import Plateau, find_plateaus
 from analysis.statistics import bootstrap_interval, resampling_weights
-from analysis.studies.tradeoff.measure import Method, Setting
+from analysis.studies.failure_maps.figures import Stairs
+from analysis.studies.tradeoff.measure import REPEATS, Method, Setting
 from protocol.base.arrays import FloatArray
 
 _CUBIC, _NOISE_MV = Polynomial(SENSORS[0].coefficients), published.NOISE_MV[0]
@@ -27,7 +28,6 @@ ROUND_TRIP_MM = 1e-10
 NEWTON = "Newton"
 _CYCLES = 8
 _SIGNALS = 20_000
-_RATE_HZ, DWELL_S, RAMP_KPA_PER_S = 100.0, 5.0, 20.0
 
 
 def _calibration(degree: int) -> Calibration:
@@ -103,18 +103,12 @@ def _roots(fit: Calibration, y: FloatArray) -> FloatArray:
 
 def segmentation_settings(quick: bool) -> list[Setting]:
     """Return every sample, or every k-th, of a staircase of 5 cycles: plateau means against the noise-free truth."""
-    levels, pressure = _staircase()
-    x = np.interp(pressure, (-40.0, 50.0), RANGE_MM)
-    rng = np.random.default_rng(2)
-    time_s = np.arange(pressure.size) / _RATE_HZ
-    truth = _CUBIC(np.interp(levels, (-40.0, 50.0), RANGE_MM))
-    runs = [
-        (pressure + 0.05 * rng.standard_normal(x.size), _CUBIC(x) + _NOISE_MV * rng.standard_normal(x.size))
-        for _ in range(7)
-    ]
+    runs = [Stairs(cycles=5, dwell_s=5.0, seed=seed) for seed in range(REPEATS)]
+    truth = runs[0].signal(runs[0].elongation(*runs[0].holds))
 
     def segmented(every: int) -> Callable[[int], tuple[Plateau, ...]]:
-        recordings = [Recording.from_arrays(time_s[::every], p[::every], y[::every, None]) for p, y in runs]
+        columns = [[values[::every] for values in run.columns] for run in runs]
+        recordings = [Recording.from_arrays(time_s, kpa, mv[:, None]) for time_s, kpa, mv in columns]
         return lambda repeat: find_plateaus(recordings[repeat], find_cycles(recordings[repeat]))
 
     def error(found: tuple[Plateau, ...]) -> float:
@@ -128,17 +122,6 @@ def segmentation_settings(quick: bool) -> list[Setting]:
 
 def _every(k: int) -> str:
     return "every sample" if k == 1 else f"one sample in {k}"
-
-
-def _staircase() -> tuple[FloatArray, FloatArray]:
-    """Return the level of each hold, and the pressure of each sample, kPa."""
-    down = np.arange(50.0, -41.0, -10.0)
-    levels = np.concatenate([down[:1], *[np.concatenate([down[1:], down[-2::-1]])] * 5])
-    ramp = np.arange(round(10.0 / RAMP_KPA_PER_S * _RATE_HZ)) / round(10.0 / RAMP_KPA_PER_S * _RATE_HZ)
-    parts = [np.full(round(DWELL_S * _RATE_HZ), levels[0])]
-    for before, level in itertools.pairwise(levels):
-        parts += [before + (level - before) * ramp, np.full(round(DWELL_S * _RATE_HZ), level)]
-    return levels, np.concatenate(parts)
 
 
 def bootstrap_settings(quick: bool) -> list[Setting]:

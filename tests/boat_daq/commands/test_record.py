@@ -115,9 +115,9 @@ def test_refusal_while_recording_reports_the_recording(tmp_path: Path, capsys: p
     run = tmp_path / "run.boat"
     pressed = BoardSettings(speed=5.0, faults=("estop@0:1000",))
     with serve_in_thread(pressed) as board, pytest.raises(RequestError, match="e-stop"):
-        run_session(SessionRequest(board.url, run, built_in_plans()["calibration"]))
+        run_session(SessionRequest(board.url, run, built_in_plans()["calibration"]), notify=print)
     assert run.exists()
-    assert f"{run} holds the samples until then" in capsys.readouterr().err
+    assert f"{run} holds the samples until then" in capsys.readouterr().out
 
 
 def test_replay_cannot_run_a_plan(tmp_path: Path) -> None:

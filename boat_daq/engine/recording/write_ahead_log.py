@@ -1,0 +1,171 @@
+"""Read SQLite's write-ahead log beyond a damaged frame, which ends it for SQLite.
+
+The format: sqlite.org/fileformat2.html#walformat. The checksum of a frame continues that of the frame before, which is
+stored in the latter's header. So each frame can be checked by itself, and what follows a damaged one is used.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.base.arrays import BoolArray, IntArray
+
+_MAGIC = 0x377F0682  # its last bit is set where the checksums are of big-endian words
+_HEADER_BYTES, _FRAME_BYTES = 32, 24
+_OLDER = 1 << 20  # the first salt grows by one where the log begins again over its older frames
+_PAGE_SIZES = tuple(1 << power for power in range(9, 17))
+
+Words = NDArray[np.uint32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WriteAheadLog:
+    """The full-length frames of a log since it last began, and apart from them those that are left of before."""
+
+    frames: NDArray[np.uint8]  # a row each: header and page
+    pages: IntArray  # number of the page in each frame
+    sizes: IntArray  # pages of the database after a commit, 0 in a frame that ends none
+    valid: BoolArray
+    unproven: BoolArray  # not valid where nothing but the header of the frame before may be damaged
+    header_valid: bool
+    older: NDArray[np.uint8]  # verified frames of before, whose pages went into the database
+
+    @property
+    def damage(self) -> list[str]:
+        """What a killed program does not leave; empty for a sound log."""
+        found = [] if self.header_valid or not len(self.frames) else ["the header of the log is damaged"]
+        return found + [f"frame {k + 1} of the log cannot be verified" for k in np.flatnonzero(~self.valid)]
+
+    @property
+    def first_behind_damage(self) -> int:
+        """Number of the first frame behind the commit in which the last damaged frame may be."""
+        bad, ends = np.flatnonzero(~self.valid), np.flatnonzero(self.valid & (self.sizes > 0))
+        last = bad[-1] if len(bad) else -1
+        return next((int(end) + 1 for end in ends if end > last), len(self.frames)) if len(bad) else 0
+
+    def image(self, frame: int) -> bytes:
+        """Return the page in a frame."""
+        return self.frames[frame, _FRAME_BYTES:].tobytes()
+
+    def committed(self) -> int:
+        """Return the number of frames up to the last valid one that ends a commit."""
+        ends = np.flatnonzero(self.valid & (self.sizes > 0))
+        return int(ends[-1]) + 1 if len(ends) else 0
+
+    def newest(self, database: NDArray[np.uint8]) -> dict[int, int]:
+        """Return the frame of the newest valid image of each page, where it may be newer than the database's.
+
+        Parameters
+        ----------
+        database : the database's pages, a row each.
+        """
+        valid = [k for k in range(self.committed()) if self.valid[k]]
+        copied = self._copied(database, valid)
+        return {int(self.pages[k]): k for k in valid if k >= copied}
+
+    def _copied(self, database: NDArray[np.uint8], valid: list[int]) -> int:
+        """Return how many frames are in the database already: it may hold images whose frames are damaged."""
+
+        def is_there(k: int) -> bool:
+            page = int(self.pages[k]) - 1
+            return 0 <= page < len(database) and bool((database[page] == self.frames[k, _FRAME_BYTES:]).all())
+
+        upto = next((k + 1 for k in reversed(valid) if is_there(k)), 0)
+        last = {int(self.pages[k]): k for k in valid if k < upto}
+        return upto if all(map(is_there, last.values())) else 0
+
+
+def read_log(database: Path) -> WriteAheadLog | None:
+    """Return the log beside a database; None where there is none, or one without a header."""
+    path = database.with_name(database.name + "-wal")
+    if path.is_symlink() or not path.is_file() or path.stat().st_size < _HEADER_BYTES:
+        return None
+    content: NDArray[np.uint8] = np.memmap(path, np.uint8, "r")
+    head = content[:_HEADER_BYTES].view(">u4").astype(np.int64)
+    magic, _, size = head[:3]
+    header_valid = magic & ~1 == _MAGIC and size in _PAGE_SIZES
+    if header_valid:
+        order = ">u4" if magic & 1 else "<u4"
+        none = np.zeros((1, 2), np.uint32)
+        header_valid = bool((_checksums(content[None, :24], order, none) == head[6:].astype(np.uint32)).all())
+    if not header_valid:
+        size = page_size_of(database)
+    n = (len(content) - _HEADER_BYTES) // (_FRAME_BYTES + int(size))
+    frames = content[_HEADER_BYTES : _HEADER_BYTES + n * (_FRAME_BYTES + int(size))].reshape(
+        n, _FRAME_BYTES + int(size)
+    )
+    heads = frames[:, :_FRAME_BYTES].copy().view(">u4").astype(np.int64).reshape(n, 6)
+    seeds = np.concatenate([head[None, 6:], heads[:-1, 4:]]).astype(np.uint32)[:n]
+    orders = (order,) if header_valid else ("<u4", ">u4")
+    ok = max((_verified(frames, heads, seeds, order) for order in orders), key=np.count_nonzero)
+    salts = head[4:6] if header_valid else _first_salts(heads, ok)
+    n = _current(heads, salts)
+    behind = np.concatenate([[not header_valid], ~ok[:-1]])[: len(ok)]
+    unproven = ~ok & behind & (heads[:, 2:4] == salts).all(axis=1)
+    return WriteAheadLog(
+        frames[:n], heads[:n, 0], heads[:n, 1], ok[:n], unproven[:n], bool(header_valid), frames[n:][ok[n:]]
+    )
+
+
+def page_size_of(database: Path) -> int:
+    """Return the size of a database's pages; SQLite's usual one where its header does not tell."""
+    with database.open("rb") as file:
+        size = int.from_bytes(file.read(18)[16:18], "big")
+    size = 65536 if size == 1 else size
+    return size if size in _PAGE_SIZES else 4096
+
+
+def _verified(frames: NDArray[np.uint8], heads: IntArray, seeds: Words, order: str) -> BoolArray:
+    """Return which frames match their checksum, by the stored one of the frame before, or by its computed one."""
+    stored = heads[:, 4:].astype(np.uint32)
+    computed = np.empty_like(stored)
+    for start in range(0, len(frames), 1000):
+        rows = slice(start, start + 1000)
+        summed = np.concatenate([frames[rows, :8], frames[rows, _FRAME_BYTES:]], axis=1)
+        computed[rows] = _checksums(summed, order, seeds[rows])
+    ok: BoolArray = (computed == stored).all(axis=1)
+    for k in np.flatnonzero(~ok[:-1]):  # where only its stored checksum is damaged, the next frame proves it
+        summed = np.concatenate([frames[k + 1, :8], frames[k + 1, _FRAME_BYTES:]])[None]
+        if (_checksums(summed, order, computed[k : k + 1]) == stored[k + 1]).all():
+            ok[k : k + 2] = True
+    ok &= heads[:, 0] > 0  # zeros match the checksum of zeros
+    return ok
+
+
+def _checksums(content: NDArray[np.uint8], order: str, seeds: Words) -> Words:
+    """Return the two checksums of each row: s0 += x0 + s1; s1 += x1 + s0 for each two words (modulo 2^32).
+
+    That is linear in the words and in the seed, so that all rows are summed at once.
+    """
+    words = np.ascontiguousarray(content).view(order).astype(np.uint32)
+    a, b = 1, 0  # weights of s0, s1 before the remaining pairs in s0 behind them
+    c, d = 0, 1  # and in s1
+    weights = np.empty((words.shape[1], 2), np.uint32)
+    for at in range(words.shape[1] - 2, -1, -2):
+        weights[at] = (a + b) & 0xFFFFFFFF, (c + d) & 0xFFFFFFFF
+        weights[at + 1] = b, d
+        a, b = (a + b) & 0xFFFFFFFF, (a + 2 * b) & 0xFFFFFFFF
+        c, d = (c + d) & 0xFFFFFFFF, (c + 2 * d) & 0xFFFFFFFF
+    return words @ weights + seeds @ np.array([[a, c], [b, d]], np.uint32)
+
+
+def _first_salts(heads: IntArray, ok: BoolArray) -> Any:
+    """Return the salts of the first verified frame that shares them with the frame before."""
+    for k in np.flatnonzero(ok):
+        if k == 0 or (heads[k, 2:4] == heads[k - 1, 2:4]).all():
+            return heads[k, 2:4]
+    return np.array([-1, -1])
+
+
+def _current(heads: IntArray, salts: IntArray) -> int:
+    """Return the number of frames before those that an earlier beginning of the log left."""
+    ours = np.flatnonzero((heads[:, 2:4] == salts).all(axis=1))
+    n = int(ours[-1]) + 1 if len(ours) else 0
+    while n < len(heads) and not 0 < (salts[0] - heads[n, 2]) % (1 << 32) < _OLDER:
+        n += 1
+    return n

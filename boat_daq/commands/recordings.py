@@ -38,7 +38,8 @@ def recover(
     }
     result = results.get(recovery.status, f"the recording is {recovery.status}; nothing to do")
     text = f"{result} ({recovery.samples} samples, {recovery.chunks} chunks)"
-    present(recovery, text, *(f"  {line}" for line in recovery.damaged), as_json=as_json)
+    lines = (*(f"  {line}" for line in recovery.damaged), *(f"  missing: {line}" for line in recovery.missing.lines()))
+    present(recovery, text, *lines, as_json=as_json)
 
 
 def upgrade(
@@ -78,7 +79,9 @@ def verify(run: RecordingArgument, as_json: JsonOption = False) -> None:
             from analysis.figures.stored_results import code_state
 
             verdict = verify_recording(run, reanalyse=reanalyse, code=code_state(), progress=progress)
-    present(verdict, "identical" if verdict.identical else f"different: {verdict.difference}", as_json=as_json)
+    missing = tuple(f"  missing: {line}" for line in verdict.missing.lines())
+    identical = "what was saved is identical" if missing else "identical"
+    present(verdict, identical if verdict.identical else f"different: {verdict.difference}", *missing, as_json=as_json)
     if not verdict.identical:
         raise typer.Exit(1)
 
@@ -139,7 +142,10 @@ def _lines(summary: Summary) -> Iterator[tuple[str, str]]:
     yield "samples", f"{summary.samples} in {summary.duration_s:.2f} s, {rate} ({requested})"
     if summary.channels:
         yield "channels", ", ".join(channel.quantity for channel in summary.channels)
-    yield "lost", f"{summary.lost_samples} samples in {summary.gaps} gaps, {summary.damaged_frames} damaged frames"
+    least = "at least " if any(hole.samples is None for hole in summary.missing.samples) else ""
+    gaps = f"{summary.lost_samples} samples in {summary.gaps} gaps"
+    yield "lost", f"{least}{gaps}, {summary.damaged_frames} damaged frames"
+    yield from (("missing", line) for line in summary.missing.lines())
     if summary.pressure_min_kpa is not None and summary.pressure_max_kpa is not None:
         yield "pressure", f"{summary.pressure_min_kpa:.1f} to {summary.pressure_max_kpa:.1f} kPa"
     for segment in summary.segments:

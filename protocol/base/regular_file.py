@@ -1,6 +1,6 @@
-"""Read files that somebody else named: regular files only, up to a size limit.
+"""Read files that somebody else named: regular files only, and no more of them than a bound.
 
-A FIFO may block for ever, a device such as `/dev/zero` never ends, and neither has a size that is known beforehand.
+A FIFO waits for a writer for ever, a device such as `/dev/zero` never ends, and the size of neither is known before.
 """
 
 from __future__ import annotations
@@ -13,7 +13,12 @@ from typing import BinaryIO
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Open a regular file for reading without blocking. OSError: missing, unreadable, or not a regular file."""
+    """Open a file for reading, without waiting for one that is a FIFO or a device.
+
+    Raises
+    ------
+    OSError : missing, unreadable, a folder, or no regular file.
+    """
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0))
     try:
         mode = os.fstat(descriptor).st_mode
@@ -28,7 +33,12 @@ def open_regular(path: Path) -> BinaryIO:
 
 
 def read_regular(path: Path, most_bytes: int) -> bytes:
-    """Return a file's content. OSError: as `open_regular`, or larger than `most_bytes`."""
+    """Return a file's content.
+
+    Raises
+    ------
+    OSError : as `open_regular`, or larger than `most_bytes`.
+    """
     with open_regular(path) as file:
         content = file.read(most_bytes + 1)
     if len(content) > most_bytes:

@@ -1,8 +1,8 @@
 """Checks of layout and values, for recordings from untrusted sources.
 
-SQLite stores any type in any column, and executes what a schema holds: views, triggers, virtual tables, generated
-columns. So the schema is compared before a row is read, and values are checked where they are used. Nothing is
-repaired: a file that does not fit is refused by name.
+SQLite stores any type in any column, and executes what a file's schema holds: views, triggers, virtual tables,
+generated columns. So the schema is compared with that of a recording before a row is read, and values are checked by
+type and size where they are used. Nothing is repaired here: what does not fit is refused by name.
 """
 
 from __future__ import annotations
@@ -41,9 +41,15 @@ _TYPES = {
 
 
 def harden(connection: sqlite3.Connection, *, damaged: bool = False) -> None:
-    """Set a connection to execute nothing that its file holds. sqlite3.Error: the file is not a database.
+    """Set a connection to execute nothing that its file holds.
 
-    A `damaged` file is read in spite of its schema, which SQLite's defensive mode refuses.
+    Parameters
+    ----------
+    damaged : whether the file is read in spite of its schema, which SQLite's defensive mode refuses.
+
+    Raises
+    ------
+    sqlite3.Error : the file is not a database.
     """
     for pragma in ("trusted_schema=OFF", "cell_size_check=ON", "mmap_size=0", "temp_store=MEMORY"):
         connection.execute(f"PRAGMA {pragma}")
@@ -72,7 +78,12 @@ def declared(sql: str, tables: Sequence[str]) -> Columns:
 
 
 def refuse_active(path: Path, connection: sqlite3.Connection) -> set[str]:
-    """Return the names of the tables. RecordingError: there is a view, a trigger or a virtual table."""
+    """Return the names of the tables, provided that nothing in the schema executes when it is read.
+
+    Raises
+    ------
+    RecordingError : there is a view, a trigger or a virtual table.
+    """
     rows = connection.execute("SELECT type, name, sql FROM main.sqlite_schema LIMIT 1000").fetchall()
     for kind, name, sql in rows:
         if kind in {"view", "trigger"} or "VIRTUAL" in str(sql).upper()[:20]:
@@ -82,7 +93,17 @@ def refuse_active(path: Path, connection: sqlite3.Connection) -> set[str]:
 
 
 def check_layout(path: Path, connection: sqlite3.Connection, ours: Columns, may_lack: set[tuple[str, str]]) -> None:
-    """Refuse a file without the columns `ours`, except `may_lack` (table, column). RecordingError: names it."""
+    """Refuse a file that lacks a table or a column of a recording; NULLs replace the columns that it may lack.
+
+    Parameters
+    ----------
+    ours : tables and columns of a recording.
+    may_lack : (table, column) that older recordings do not have.
+
+    Raises
+    ------
+    RecordingError : one is missing, or something in the file would execute when read.
+    """
     missing = set(ours) - refuse_active(path, connection)
     if missing:
         raise damaged(path, f"is an incomplete recording: it has no table {min(missing)!r}")
@@ -99,11 +120,20 @@ def check_layout(path: Path, connection: sqlite3.Connection, ours: Columns, may_
 
 
 def check_values(path: Path, connection: sqlite3.Connection, columns: Columns) -> None:
-    """Refuse values of another type than their column's or out of bounds, and too many rows.
+    """Refuse rows with a value of another type than its column is declared with, or out of all bounds, or too many.
 
-    A forged file may link its pages in a ring, or share those of one long value among many rows: reading is aborted
-    after more steps than a file of that size needs, and texts and blobs together may not be longer than the file.
-    RecordingError: names table and column. sqlite3.Error: the rows cannot be read.
+    Reading is aborted after more steps than a file of that size can need: the pages of a forged file may be linked in a
+    ring, and a scan of it would never end. Nor may texts and blobs be longer together than the file: in a forged one
+    many rows share the pages of one long value.
+
+    Parameters
+    ----------
+    columns : tables and columns to check.
+
+    Raises
+    ------
+    RecordingError : there is such a value, named by table and column; or a table has more rows than any session makes.
+    sqlite3.Error : the rows cannot be read.
     """
     size = bytes_of(path)
     left = _FEWEST_CALLS + size // _BYTES_A_CALL
@@ -221,6 +251,30 @@ def are_breaks(value: Any) -> bool:
     )
 
 
+_TIME_S, _INDEX = _number(-1e15, 1e15), _whole(0, 1 << 32)
+_HOLE_VALUES: dict[str, Check] = {
+    **dict.fromkeys(("after_index", "before_index", "samples"), lambda v: v is None or _INDEX(v)),
+    **dict.fromkeys(("after_s", "before_s"), lambda v: v is None or _TIME_S(v)),
+    "segment": _COUNT,
+}
+
+
+def are_missing(value: Any) -> bool:
+    """Return whether a session's `missing` names holes in the samples, and tables with first and last id."""
+    return (
+        isinstance(value, dict)
+        and all(isinstance(value.get(key), list) for key in ("samples", "rows"))
+        and all(
+            isinstance(hole, dict) and all(key in hole and fits(hole[key]) for key, fits in _HOLE_VALUES.items())
+            for hole in value["samples"]
+        )
+        and all(
+            isinstance(row, list) and len(row) == 3 and isinstance(row[0], str) and all(map(_COUNT, row[1:]))
+            for row in value["rows"]
+        )
+    )
+
+
 # The table `session` is key -> JSON value, null where unknown.
 SESSION_VALUES: dict[str, Check] = {
     "uuid": _TEXT,  # of this recording
@@ -250,6 +304,7 @@ SESSION_VALUES: dict[str, Check] = {
     "plan": _of(dict),  # snapshot of the plan, or null
     "run_end": _among("finished", "stopped", "aborted", "fault", "interrupted"),  # the code of stop_reason; newer files
     "resumptions": are_breaks,  # of a resumed run
+    "missing": are_missing,  # what a recovery did not find; of salvaged recordings
     "channels": are_channels,  # [name, unit] of each column of the samples' `channel`; newer files
     "derived": are_derived,  # definitions of derived channels, see `protocol.recording.derived`; newer files
     "camera": _of(dict),  # source, mark_mm, u_scale ...; of recordings with a camera
@@ -259,7 +314,12 @@ SESSION_VALUES: dict[str, Check] = {
 
 
 def check_session(meta: Mapping[str, Any]) -> None:
-    """Refuse a session with a value that its key cannot have; null means unknown. RecordingError: names the key."""
+    """Refuse a session's description with a value that its key cannot have; null means unknown.
+
+    Raises
+    ------
+    RecordingError : names the key.
+    """
     for key, fits in SESSION_VALUES.items():
         if meta.get(key) is not None and not fits(meta[key]):
             raise RecordingError(f"the session's description has an unusable {key!r}: {meta[key]!r:.60}", FOREIGN)

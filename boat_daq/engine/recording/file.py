@@ -3,7 +3,7 @@
 Rules: tables and metadata are written before the file goes into WAL mode, so that even the bare file names itself. A
 commit is a transaction with synchronous=FULL; inserts carry their keys and are OR IGNORE, so that a commit whose
 outcome is unknown can be tried again. No other program writes (`WriterLock`) or checkpoints: SQLite up to 3.51.2 can
-damage a file where two do. A clean close leaves one plain file without -wal beside it.
+damage a file where two do. A clean close leaves one plain file; -wal goes after a check of the file alone.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from typing import Any, TypeAlias
 from boat_daq import __version__
 from boat_daq.engine.file_names import check_file_name
 from boat_daq.engine.recording.disk_space import SPACE_FLOOR_BYTES
+from boat_daq.engine.recording.write_ahead_log import read_log
 from boat_daq.engine.recording.writer_lock import WriterLock
 from protocol.base.errors import RequestError, StorageError
 from protocol.recording import open_recording, refuse_newer, schema
@@ -96,6 +97,12 @@ class RecordingFile:
     @classmethod
     def reopen(cls, path: Path, *, resume: bool = False) -> RecordingFile:
         """Open an existing, closed recording to add to it; to `resume` it, with its log on."""
+        log = read_log(path)
+        if log is not None and log.damage:  # SQLite would remove it
+            raise StorageError(
+                f"{path} has a damaged log", "Recover the recording.", command=f"boat-daq recover {path}"
+            )
+        del log
         open_recording(path).close()
         refuse_newer(path)
         lock = WriterLock(path)
@@ -140,9 +147,10 @@ class RecordingFile:
     def close(self, *, check: bool = True) -> bool:
         """Close into one checked file. False where another program has it open, so that -wal stays beside it."""
         try:
-            checks = self._connection.execute("PRAGMA quick_check(1)").fetchall() if check else [("ok",)]
-            if checks != [("ok",)]:
-                cause = f"{self.path} is damaged: {checks[0][0]}"
+            found = self._check() if check else ""
+            if found:
+                self._close_beside_a_reader()
+                cause = f"{self.path} is damaged: {found}"
                 raise StorageError(cause, "Recover the recording.", command=f"boat-daq recover {self.path}")
             self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
             mode = self._connection.execute("PRAGMA journal_mode=DELETE").fetchone()
@@ -153,6 +161,23 @@ class RecordingFile:
             raise storage_error(self.path, error) from error
         finally:
             self.abandon()
+
+    def _check(self) -> str:
+        """Copy the log into the file, and return what is wrong with the file alone; the log is still there."""
+        busy, in_log, copied = self._connection.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
+        if busy or in_log != copied:  # another program reads: the log stays
+            return str(self._connection.execute("PRAGMA quick_check(1)").fetchone()[0]).removeprefix("ok")
+        uri = f"{self.path.absolute().as_uri()}?mode=ro&immutable=1"
+        with contextlib.closing(sqlite3.connect(uri, uri=True)) as alone:
+            harden(alone)
+            return str(alone.execute("PRAGMA quick_check(1)").fetchone()[0]).removeprefix("ok")
+
+    def _close_beside_a_reader(self) -> None:
+        """Close without removing the log, as the last connection that can write would."""
+        uri = f"{self.path.absolute().as_uri()}?mode=ro"
+        with contextlib.suppress(sqlite3.Error), contextlib.closing(sqlite3.connect(uri, uri=True)) as reader:
+            reader.execute("PRAGMA user_version").fetchone()
+            self._connection.close()
 
     def abandon(self) -> None:
         """Let go of the file as it is; may be called twice."""

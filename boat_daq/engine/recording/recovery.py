@@ -1,37 +1,35 @@
 """Recover what a killed session or a bad disk left: close it properly, or save elsewhere what is readable.
 
-Rules: a recording that a living program writes is left alone. The file is checked read-only first: SQLite replays its
-log up to the last whole commit, so a torn or zeroed tail costs nothing that was acknowledged. A sound file is closed in
-place. A damaged one is never touched: all rows that can be read go into a new file beside it, and what could not be
-read is named.
+Rules: a recording that a living program writes is left alone. The log is checked first, frame by frame, because SQLite
+ignores all behind a damaged one; then the file, read-only. A sound file is closed in place. A damaged one is never
+touched (`salvage`): a new file beside it gets what can be read, and says what is missing.
 """
 
 from __future__ import annotations
 
 import os
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
-from zlib import crc32
 
 import numpy as np
 
 from boat_daq.engine.recording.file import RecordingFile, Statement, set_meta, storage_error
+from boat_daq.engine.recording.missing import Missing, missing_of
 from boat_daq.engine.recording.rows import INSERT_EVENT, OverviewRows
+from boat_daq.engine.recording.salvage import Progress, fault_of, open_damaged, salvage
+from boat_daq.engine.recording.write_ahead_log import WriteAheadLog, read_log
 from boat_daq.engine.recording.writer_lock import WriterLock, is_being_written
 from boat_daq.engine.sample_columns import mv_per_count
-from protocol.base.errors import DamagedRecordingError, RecordingError, RequestError, StorageError
+from protocol.base.errors import DamagedRecordingError, RecordingError, StorageError
 from protocol.recording import schema
-from protocol.recording.checks import DAMAGE, bytes_of, harden, refuse_active, value_fits
+from protocol.recording.checks import DAMAGE, harden
 
-Progress = Callable[[float, float], None]
-_ROWS = 1_000  # of one transaction
-_BYTES = 16 * 2**20
-_KEYS_MAX = 1 << 40
+_ROWS = 1_000  # between two reports of progress
 _NAMES_ANOTHER = bytes.fromhex("d9d505f920a163d7")  # how a journal ends that belongs to a change of several files
 
 
@@ -44,6 +42,7 @@ class Recovery:
     samples: int
     chunks: int
     damaged: tuple[str, ...] = ()
+    missing: Missing = field(default_factory=Missing)
 
 
 def find_interrupted(folder: Path) -> list[Path]:
@@ -55,20 +54,37 @@ def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
     """Close properly what a killed session left, or save what a damaged file holds."""
     if is_being_written(path):
         raise StorageError(f"{path} is being written by another program", "Close it there first.")
+    log = read_log(path)
+    if log is not None and log.damage:
+        return _salvage(path, log, log.damage, progress)
     schema.refuse_newer(path)
     _roll_back(path)
     faults, structural = _check(path, progress)
     if structural:
-        return _salvage(path, faults, progress)
+        return _salvage(path, log, faults, progress)
     with closing(schema.open_recording(path)) as db:
-        status = schema.read_session(db)["status"]
+        meta = schema.read_session(db)
         counts = _counts(db)
+    status = meta["status"]
+    if faults and (status == "recording" or any("block" in fault for fault in faults)):
+        return _salvage(path, log, faults, progress, end_known=True)
+    del log  # Windows cannot remove a mapped file
     if status == "recording":
         _close_in_place(path)
         status = "recovered"
     elif path.with_name(path.name + "-wal").exists():  # its log is left
         RecordingFile.reopen(path).close()
-    return Recovery(status, path, *counts, tuple(faults))
+    return Recovery(status, path, *counts, tuple(faults), missing_of(meta))
+
+
+def _salvage(
+    path: Path, log: WriteAheadLog | None, faults: list[str], progress: Progress | None, *, end_known: bool = False
+) -> Recovery:
+    target, lost, missing = salvage(path, log, end_known=end_known, progress=progress)
+    _close_in_place(target)
+    with closing(schema.open_recording(target)) as copy:
+        counts = _counts(copy)
+    return Recovery("salvaged", target, *counts, tuple(dict.fromkeys([*faults, *lost])), missing)
 
 
 def _roll_back(path: Path) -> None:
@@ -112,7 +128,7 @@ def _check(path: Path, progress: Progress | None) -> tuple[list[str], bool]:
             if found != ["ok"]:
                 return [str(text) for text in found], True
             schema.check_long_tables(path, db)
-            return list(_wrong_checksums(db, progress)), False
+            return list(_wrong_rows(db, progress)), False
     except (*DAMAGE, RecordingError) as error:
         if not _looks_like_ours(path):
             remedy = error.remedy if isinstance(error, RecordingError) else ""
@@ -124,24 +140,21 @@ def _check(path: Path, progress: Progress | None) -> tuple[list[str], bool]:
 
 def _looks_like_ours(path: Path) -> bool:
     """Whether a file that cannot be opened as a recording may still hold one."""
-    with suppress(OSError, *DAMAGE), closing(_open_damaged(path)) as db:
+    with suppress(OSError, *DAMAGE), closing(open_damaged(path)) as db:
         return bool(db.execute("SELECT count(*) FROM session").fetchone()[0])
     return False
 
 
-def _wrong_checksums(db: sqlite3.Connection, progress: Progress | None) -> Iterator[str]:
-    for table, column, what in (("chunk", "raw", "raw bytes of chunk"), ("block", "samples", "samples of block")):
-        sql = f"SELECT id, {column}, crc32 FROM {table} ORDER BY id"  # noqa: S608 - names are ours
-        total = db.execute(f"SELECT coalesce(max(id), 0) FROM {table}").fetchone()[0]  # noqa: S608
-        for number, content, checksum in db.execute(sql):
-            if checksum is not None and crc32(content) != checksum:
-                yield f"the {what} {number} do not match their checksum"
-            if progress is not None and number % _ROWS == 0:
-                progress(number, total)
-    size = schema.session_dtype(schema.read_session(db)).itemsize
-    for number, n, length in db.execute("SELECT id, n, length(samples) FROM block ORDER BY id"):
-        if length != n * size:
-            yield f"block {number} is for {n} samples and holds {length} bytes"
+def _wrong_rows(db: sqlite3.Connection, progress: Progress | None) -> Iterator[str]:
+    dtype = schema.session_dtype(schema.read_session(db))
+    for table in ("chunk", "block"):
+        names = ", ".join(schema.layout()[table])
+        total = db.execute(f"SELECT coalesce(max(id), 0) FROM {table}").fetchone()[0]  # noqa: S608 - names are ours
+        for row in db.execute(f"SELECT {names} FROM {table} ORDER BY id"):  # noqa: S608
+            if fault := fault_of(table, row, dtype):
+                yield fault
+            if progress is not None and row[0] % _ROWS == 0:
+                progress(row[0], total)
 
 
 def _counts(db: sqlite3.Connection) -> tuple[int, int]:
@@ -196,156 +209,3 @@ def _end(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
     number = db.execute("SELECT coalesce(max(id), 0) + 1 FROM event").fetchone()[0]
     text = "the session ended here without closing"
     yield INSERT_EVENT, (number, ended_ns or 0, None, None, "host", "recovered", None, text)
-
-
-def _open_damaged(path: Path) -> sqlite3.Connection:
-    """Open read-only what SQLite would refuse. With this pragma it reads a file that is shorter than it should be."""
-    connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)
-    harden(connection, damaged=True)
-    for pragma in ("query_only=ON", "writable_schema=ON"):
-        connection.execute(f"PRAGMA {pragma}")
-    try:
-        refuse_active(path, connection)
-    except (RecordingError, *DAMAGE):
-        connection.close()
-        raise
-    return connection
-
-
-def _salvage(path: Path, faults: list[str], progress: Progress | None) -> Recovery:
-    """Copy all rows that can be read into a new file."""
-    target = _free_name(path)
-    with closing(_open_damaged(path)) as db:
-        meta = schema.read_session(db)
-        schema.session_dtype(meta)  # refuses a file whose bytes nothing describes
-        file = RecordingFile.create(target, meta)
-        reader = _RowReader(db, bytes_of(path))
-        try:
-            file.commit(set_meta(meta))
-            optional = [name for name in schema.OPTIONAL_TABLES if reader.columns(name)]
-            file.commit([(schema.OPTIONAL_TABLES[name], ()) for name in optional])
-            tables = [*(name for name in schema.TABLE_NAMES if name not in {"session", "overview"}), *optional]
-            for done, table in enumerate(tables):
-                _copy(reader, file, table)
-                if progress is not None:
-                    progress(done + 1, len(tables))
-        except BaseException:
-            file.abandon()
-            target.unlink(missing_ok=True)
-            raise
-        file.abandon()
-    _close_in_place(target)
-    with closing(schema.open_recording(target)) as copy:
-        counts = _counts(copy)
-    return Recovery("salvaged", target, *counts, (*faults, *reader.lost))
-
-
-def _free_name(path: Path) -> Path:
-    for number in range(1, 1000):
-        target = path.with_name(f"{path.stem}.salvaged{'' if number == 1 else number}{schema.SUFFIX}")
-        if not target.exists():
-            return target
-    raise RequestError(f"there are a thousand salvaged files of {path.name} already")
-
-
-def _copy(reader: _RowReader, file: RecordingFile, table: str) -> None:
-    batch: list[Statement] = []
-    size = 0
-    present = reader.columns(table)
-    names = [name for name in file.columns(table) if name in present]
-    if names[:1] != ["id"]:
-        reader.lost.append(f"{table}: cannot be read at all")
-        return
-    marks = ", ".join("?" * len(names))
-    sql = f"INSERT OR IGNORE INTO {table} ({', '.join(names)}) VALUES ({marks})"  # noqa: S608 - names are the schema's
-    for row in reader.rows(table, names):
-        batch.append((sql, row))
-        size += _length(row)
-        if len(batch) >= _ROWS or size > _BYTES:
-            file.commit(batch)
-            batch, size = [], 0
-    file.commit(batch)
-
-
-def _length(row: tuple[Any, ...]) -> int:
-    """Return the bytes, or letters, of a row's long values."""
-    return sum(len(value) for value in row if isinstance(value, bytes | str))
-
-
-@dataclass(slots=True)
-class _RowReader:
-    """Reads tables by their keys and continues behind what cannot be read.
-
-    `left` is how many bytes the file can still hold: in a forged one many rows may share the pages of one long value.
-    """
-
-    db: sqlite3.Connection
-    left: int
-    lost: list[str] = field(default_factory=list)
-
-    def columns(self, table: str) -> set[str]:
-        """Return the names of a table's columns in the damaged file."""
-        return {row[1] for row in self.db.execute(f"PRAGMA table_info({table})")}
-
-    def rows(self, table: str, names: list[str]) -> Iterator[tuple[Any, ...]]:
-        """Give the readable rows in order, without those that do not fit the schema."""
-        kinds = [{**schema.layout(), **schema.optional_layout()}[table][name] for name in names]
-        for row in self._readable(table, names):
-            self.left -= _length(row)
-            if self.left < 0:
-                self.lost.append(f"{table}: from row {row[0]} on more than a file of this size can hold")
-                return
-            if all(map(value_fits, kinds, row)):
-                yield row
-            else:
-                self.lost.append(f"{table}: row {row[0]} does not fit the schema")
-
-    def _readable(self, table: str, names: list[str]) -> Iterator[tuple[Any, ...]]:
-        last = 0
-        where = "typeof(id) = 'integer' AND id > ? ORDER BY id"
-        sql = f"SELECT {', '.join(names)} FROM {table} WHERE {where}"  # noqa: S608 - names are the schema's
-        while True:
-            try:
-                for row in self.db.execute(sql, (last,)):
-                    if row[0] <= last:  # pages that lead back to pages before them would be read for ever
-                        raise sqlite3.DatabaseError("its keys are out of order")
-                    last = row[0]
-                    yield row
-            except DAMAGE as error:
-                behind = self._readable_behind(sql, last)
-                if behind is None or behind[0] > last + 1:
-                    upto = "to the end" if behind is None else f"to {behind[0] - 1}"
-                    self.lost.append(f"{table}: rows {last + 1} {upto} cannot be read ({error})")
-                if behind is None:
-                    return
-                last = behind[0]
-                yield behind  # by itself: sqlite3 looks one row ahead, so the loop may never give it
-            else:
-                return
-
-    def _readable_behind(self, sql: str, last: int) -> tuple[Any, ...] | None:
-        """Return the next readable row behind key `last`, by bisection; None at the end."""
-        low, high = last, last + 1
-        while self._row_from(sql, high) is _UNREADABLE:
-            low, high = high, high + (high - last)
-            if high - last > _KEYS_MAX:
-                return None
-        while high - low > 1:
-            middle = (low + high) // 2
-            if self._row_from(sql, middle) is _UNREADABLE:
-                low = middle
-            else:
-                high = middle
-        row = self._row_from(sql, high)
-        return row if isinstance(row, tuple) else None
-
-    def _row_from(self, sql: str, start: int) -> object:
-        """Return the first row from key `start` on, None without one, or `_UNREADABLE`."""
-        try:
-            row = self.db.execute(f"{sql} LIMIT 1", (start - 1,)).fetchone()
-            return _UNREADABLE if row is not None and row[0] < start else row
-        except DAMAGE:
-            return _UNREADABLE
-
-
-_UNREADABLE = object()

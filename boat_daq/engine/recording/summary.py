@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from boat_daq.engine.recording.missing import Missing, missing_of
 from boat_daq.engine.recording.writer_lock import is_being_written
 from protocol.base.errors import BoatDaqError, damaged
 from protocol.recording import ExtraChannel, Metadata, metadata_of, schema, session_channels
@@ -98,6 +99,7 @@ class Summary:
     uuid: str | None = None  # stays where the file is renamed
     channels: tuple[ExtraChannel, ...] = ()  # beside pressure and sensors
     controls_elongation: bool = False  # whether a step of its run was one of elongation
+    missing: Missing = field(default_factory=Missing)  # of a salvaged one; counted as gaps and lost samples, too
 
 
 def summarise(path: Path) -> Summary:
@@ -149,7 +151,9 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
     if samples * schema.session_dtype(meta).itemsize > bytes_of(path):
         raise damaged(path, f"claims {samples} samples, more samples than its size can hold")
     duration_s = sum(segment.duration_s for segment in segments)
+    missing = missing_of(meta)
     gaps, lost = _one(db, "SELECT count(*), coalesce(sum(value), 0) FROM event WHERE kind = 'gap'")
+    gaps, lost = gaps + len(missing.samples), int(lost) + missing.counted
     low, high = _one(db, "SELECT min(pressure_min_kpa), max(pressure_max_kpa) FROM overview")
     counts = [_one(db, f"SELECT count(*) FROM {table}")[0] for table in ("step", "result")]  # noqa: S608
     status = meta["status"]
@@ -168,11 +172,11 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
         run_end=schema.run_end_of(meta),
         duration_s=duration_s,
         rate_hz=_rate(samples, len(segments), duration_s),
-        rate_sampled_hz=_rate(samples + int(lost), len(segments), duration_s),
+        rate_sampled_hz=_rate(samples + lost, len(segments), duration_s),
         rate_asked_hz=meta["rate_hz"],
         samples=samples,
         gaps=gaps,
-        lost_samples=int(lost),
+        lost_samples=lost,
         crc_errors=_counted(db, "crc_errors"),
         damaged_frames=_counted(db, "crc_errors + malformed + oversize"),
         pressure_min_kpa=low,
@@ -187,6 +191,7 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
         breaks=tuple(_break(entry) for entry in schema.breaks_of(meta)),
         channels=session_channels(meta),
         controls_elongation=bool(_one(db, CONTROLS)[0]),
+        missing=missing,
     )
 
 

@@ -14,7 +14,7 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain, pairwise, zip_longest
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boat_daq.engine.link.opening import open_link
+from boat_daq.engine.recording.missing import Missing, missing_of
 from boat_daq.engine.recording.rows import OverviewRows
+from boat_daq.engine.recording.write_ahead_log import read_log
+from boat_daq.engine.recording.writer_lock import is_being_written
 from boat_daq.engine.sample_columns import mv_per_count
 from protocol.base.errors import ProfileError
 from protocol.link.bulk import decode_chunks
@@ -54,6 +57,7 @@ class Verification:
     chunks: int
     results: int
     seconds: float
+    missing: Missing = field(default_factory=Missing)  # of a salvaged recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +92,15 @@ def verify_recording(
     """
     started = time.monotonic()
     tally = {"samples": 0, "chunks": 0, "results": 0}
-    difference = ""
+    difference, missing = "", Missing()
+    log = None if is_being_written(path) else read_log(path)
     with closing(open_recording(path)) as db:
         try:
+            if log is not None and log.damage:
+                raise _Difference(f"{log.damage[0]}; what follows is not read without recovery")
+            missing = missing_of(read_session(db))
+            if not missing.whole:
+                raise _Difference(f"it was salvaged: {next(missing.lines())}")
             check_long_tables(path, db)
             _verify_stream(db, tally, progress)
             _verify_results(db, path, tally, reanalyse, code)
@@ -98,7 +108,7 @@ def verify_recording(
             difference = str(found)
         except DAMAGE as error:
             difference = f"the file is damaged: {error}"
-    return Verification(not difference, difference, **tally, seconds=time.monotonic() - started)
+    return Verification(not difference, difference, **tally, seconds=time.monotonic() - started, missing=missing)
 
 
 def _resumed_link(meta: dict[str, Any], state: str | None, first: int) -> Link:

@@ -82,7 +82,8 @@ class RunEntry:
         ]
         operator, lost = f"operator {s.operator}" if s.operator else "", f"{count(s.lost_samples, 'sample')} lost"
         length = f"{duration(s.duration_s)} long, {count(s.readings, 'reading')}"
-        return "\n".join(filter(None, (self.path.name, length, *breaks, s.note, operator, s.stop_reason, lost)))
+        parts = (self.path.name, length, *breaks, s.note, operator, s.stop_reason, lost, *s.missing.lines())
+        return "\n".join(filter(None, parts))
 
     @property
     def cells(self) -> tuple[str, ...]:

@@ -162,8 +162,8 @@ class RunsModel:
         self.start("recover", Job(f"Recovering {path.name}", recover, path), self._recovered)
 
     def _recovered(self, recovery: Recovery) -> None:
-        damaged = "; ".join(recovery.damaged[:1])
-        text = f"{recovery.path.name} is recovered" + (f", without what cannot be read: {damaged}" if damaged else "")
+        lost = [*recovery.missing.lines(), *recovery.damaged][:1]
+        text = f"{recovery.path.name} is recovered" + (f", without what cannot be read: {lost[0]}" if lost else "")
         self._notices.inform(text)
         self.select(recovery.path)
 

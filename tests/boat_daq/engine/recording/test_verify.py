@@ -328,6 +328,7 @@ def test_the_command_prints_identical_and_exits_0_or_1(copy):
     assert failed.exit_code == 1
     assert json.loads(failed.stdout) | {"seconds": 0} == {
         "identical": False, "difference": "chunk 50 is missing", "samples": 0, "chunks": 49, "results": 0, "seconds": 0,
+            "missing": {"samples": [], "rows": []},
     }  # fmt: skip
 
 

@@ -1,0 +1,69 @@
+"""What a salvaged recording lacks: stored in its session as `missing`, shown by `recover`, `info` and `verify`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Hole:
+    """Where samples are missing, between two that are kept; times are the board's."""
+
+    segment: int
+    after_index: int | None  # None before the first sample that is kept
+    after_s: float | None
+    before_index: int | None  # None behind the last one: there samples may be missing
+    before_s: float | None
+    samples: int | None  # None where it is unknown how many
+
+    def __str__(self) -> str:
+        """Return a sentence."""
+        after, before = f"index {self.after_index} ({_s(self.after_s)})", f"index {self.before_index}"
+        if self.before_index is None:
+            return f"samples after {after if self.after_index is not None else 'the start'} may be missing"
+        before += f" ({_s(self.before_s)})"
+        count = "an unknown number of samples" if self.samples is None else f"{self.samples} samples"
+        if self.after_index is None:
+            return f"{count} before {before} are missing"
+        return f"{count} between {after} and {before} are missing"
+
+
+@dataclass(frozen=True, slots=True)
+class Missing:
+    """Samples and rows that a recovery did not find."""
+
+    samples: tuple[Hole, ...] = ()
+    rows: tuple[tuple[str, int, int], ...] = ()  # table, first and last id; of blocks without those derived again
+
+    def __bool__(self) -> bool:
+        return bool(self.samples or self.rows)
+
+    @property
+    def counted(self) -> int:
+        """Samples that are known to be missing."""
+        return sum(hole.samples or 0 for hole in self.samples)
+
+    @property
+    def whole(self) -> bool:
+        """Whether all that is known to have been recorded is there; more may have been."""
+        return not self.rows and all(hole.before_index is None for hole in self.samples)
+
+    def lines(self) -> Iterator[str]:
+        """Give a sentence for each."""
+        yield from map(str, self.samples)
+        for table, first, last in self.rows:
+            name = "raw bytes of chunk" if table == "chunk" else f"row of {table}"
+            yield f"{name} {first} is missing" if first == last else f"{name} {first} to {last} are missing"
+
+
+def missing_of(meta: Mapping[str, Any]) -> Missing:
+    """Return what the recording of a session is known to lack."""
+    stored = meta.get("missing") or {"samples": [], "rows": []}
+    holes = (Hole(**{name: hole[name] for name in Hole.__dataclass_fields__}) for hole in stored["samples"])
+    return Missing(tuple(holes), tuple((table, first, last) for table, first, last in stored["rows"]))
+
+
+def _s(time_s: float | None) -> str:
+    return "unknown time" if time_s is None else f"{time_s:.3f} s"

@@ -1,1 +1,0 @@
-"""Several runs together: folders of runs, a unit over time, between-run spread, when to calibrate again."""

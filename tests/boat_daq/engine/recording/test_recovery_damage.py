@@ -1,0 +1,257 @@
+"""Damage in the file and the log of a killed recording: what is intact is kept, what is missing is named exactly."""
+
+from __future__ import annotations
+
+import json
+import random
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from click.testing import Result
+from typer.testing import CliRunner
+
+from boat_daq.commands.recordings import info, verify
+from boat_daq.commands.recordings import recover as recover_command
+from boat_daq.engine.recording.file import RecordingFile
+from boat_daq.engine.recording.recovery import Recovery, recover
+from boat_daq.engine.recording.summary import summarise
+from boat_daq.engine.recording.verify import verify_recording
+from boat_daq.engine.recording.write_ahead_log import read_log
+from protocol.base.errors import RecordingError, StorageError
+from protocol.recording import RunEnd, open_recording, read_session, session_dtype
+from tests.boat_daq.engine.recording_source import Source, begin, stored_samples
+from tests.faults.nightly_counts import few_and_many
+
+PAGE = 4096
+FRAME = PAGE + 24
+
+
+@dataclass(frozen=True)
+class Killed:
+    """A recording as a killed program leaves it, and what was committed."""
+
+    database: bytes
+    log: bytes
+    samples: np.ndarray  # in order; their `index` counts from the first
+    blocks: dict[int, list[set[int]]]  # id -> the pages in which each piece of its samples lies
+    chunks: dict[int, list[set[int]]]  # host_ns -> the same of its raw bytes
+    block_of: dict[int, int]  # index of a sample -> id
+
+
+@pytest.fixture(scope="module", params=["100 Hz", "1 kHz", "checkpoints"])
+def killed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Killed:
+    """Short rows; rows longer than a page; and a log that began again over older frames after each checkpoint."""
+    folder = tmp_path_factory.mktemp("killed")
+    source = Source(rate_hz=1000 if request.param == "1 kHz" else 100)
+    recorder = begin(folder / "run.boat", source)
+    if request.param == "checkpoints":
+        recorder._file._connection.execute("PRAGMA wal_autocheckpoint=40")
+    for number in range(30):
+        if number % 7 == 3:
+            recorder.event("user", "mark", text="x" * 300)
+        recorder(source.next(100_000 if request.param == "1 kHz" else 330_000))
+        assert recorder.flush()
+    content = [(folder / name).read_bytes() for name in ("run.boat", "run.boat-wal")]
+    with closing(open_recording(folder / "run.boat")) as db:
+        blocks = dict(db.execute("SELECT id, samples FROM block").fetchall())
+        chunks = dict(db.execute("SELECT host_ns, raw FROM chunk").fetchall())
+    recorder.close(RunEnd.STOPPED)
+    samples, pages = np.concatenate(source.samples), pages_of(*content)
+    block_of = {int(i): n for n, blob in blocks.items() for i in np.frombuffer(blob, samples.dtype)["index"]}
+    where = [{key: places(value, pages) for key, value in table.items()} for table in (blocks, chunks)]
+    return Killed(*content, samples, *where, block_of)
+
+
+def invoke(command: Callable[..., None], *arguments: str) -> Result:
+    app = typer.Typer()
+    app.command()(command)
+    return CliRunner().invoke(app, list(arguments))
+
+
+def left(folder: Path, database: bytes, log: bytes) -> Path:
+    for file in folder.iterdir():
+        file.unlink()
+    (folder / "run.boat").write_bytes(database)
+    (folder / "run.boat-wal").write_bytes(log)
+    return folder / "run.boat"
+
+
+def pages_of(database: bytes, log: bytes) -> list[bytes]:
+    """Return the frames of a log and the pages of a file."""
+    frames = [log[at : at + FRAME] for at in range(32, len(log) - FRAME + 1, FRAME)]
+    return frames + [database[at : at + PAGE] for at in range(0, len(database), PAGE)]
+
+
+def places(content: bytes, pages: list[bytes]) -> list[set[int]]:
+    """Return where each piece of a value lies, without those that lie across the end of a page."""
+    pieces = (content[at : at + 48] for at in range(0, len(content) - 47, 48))
+    found = ({n for n, page in enumerate(pages) if piece in page} for piece in pieces)
+    return [where for where in found if where]
+
+
+def check(killed: Killed, folder: Path, database: bytes, log: bytes) -> Recovery | None:
+    """Recover a damaged copy, and compare it with what was committed. None: refused, for the file's first pages."""
+    path = left(folder, database, log)
+    try:
+        recovery = recover(path)
+    except RecordingError:
+        assert database[: 5 * PAGE] != killed.database[: 5 * PAGE]
+        return None
+    whole = killed.samples
+    with closing(open_recording(recovery.path)) as db:
+        stored = np.frombuffer(stored_samples(recovery.path), session_dtype(read_session(db)))
+        assert db.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+    position = stored["index"].astype(int) - int(whole["index"][0])
+    assert (np.diff(position) > 0).all()
+    again = whole[position].copy()
+    after_hole = np.concatenate([[True], np.diff(position) > 1])
+    assert (stored[~after_hole] == again[~after_hole]).all()
+    again["flags"] = stored["flags"]  # derived again, the first sample behind a hole is marked
+    assert (stored == again).all()
+    missing = set(whole["index"].tolist()) - set(stored["index"].tolist())
+    named, perhaps = set(), set()
+    for hole in recovery.missing.samples:
+        first = int(whole["index"][0]) if hole.after_index is None else hole.after_index + 1
+        last = int(whole["index"][-1]) if hole.before_index is None else hole.before_index - 1
+        (perhaps if hole.before_index is None else named).update(range(first, last + 1))
+        assert hole.samples is None or hole.samples == last + 1 - first
+    assert named <= missing <= named | perhaps
+    pairs = zip(pages_of(killed.database, killed.log), pages_of(database, log), strict=True)
+    intact = {n for n, (was, now) in enumerate(pairs) if was == now}
+    lost = [
+        {n for n, at in table.items() if not all(map(intact.intersection, at))}
+        for table in (killed.blocks, killed.chunks)
+    ]
+    assert {killed.block_of[index] for index in missing} <= lost[0]
+    assert {int(whole["host_ns"][index - int(whole["index"][0])]) for index in missing} <= lost[1]
+    if recovery.status == "salvaged":
+        assert path.read_bytes() == database
+        assert path.with_name("run.boat-wal").read_bytes() == log
+        assert recovery.damaged
+    verdict, summary = verify_recording(recovery.path), summarise(recovery.path)
+    assert summary.missing == recovery.missing == verdict.missing
+    if missing:
+        assert recovery.missing
+        assert summary.lost_samples == len(missing & named) or not missing & named
+    return recovery
+
+
+def zeroed(content: bytes, at: int, n: int) -> bytes:
+    return content[:at] + bytes(len(content[at : at + n])) + content[at + n :]
+
+
+def flipped(content: bytes, at: int, rng: random.Random) -> bytes:
+    return content[:at] + bytes([content[at] ^ rng.randrange(1, 256)]) + content[at + 1 :]
+
+
+def damaged(killed: Killed, rng: random.Random) -> tuple[bytes, bytes]:
+    """Return both files with one to three damages."""
+    files = [killed.database, killed.log]
+    for _ in range(rng.choice([1, 1, 2, 3])):
+        which = int(rng.random() < 0.7)
+        content = files[which]
+        match rng.randrange(4):
+            case 0:
+                content = zeroed(content, rng.randrange(which ^ 1, len(content) // PAGE) * PAGE, PAGE)
+            case 1:
+                content = zeroed(content, rng.randrange(len(content)), rng.choice([1, 32, 512]))
+            case 2:
+                for _ in range(rng.randrange(1, 6)):
+                    content = flipped(content, rng.randrange(100, len(content)), rng)
+            case _:
+                files[1] = zeroed(files[1], 0, 32)
+        files[which] = content if content is not killed.log else files[which]
+    return files[0], files[1]
+
+
+@pytest.mark.fault(59, how="one page of the log of a killed recording zeroed", times=3)
+def test_one_zeroed_page_of_the_log_loses_no_committed_sample(killed: Killed, tmp_path: Path) -> None:
+    """SQLite ignores all behind it: recovery reads on, in a copy, and the damaged files stay."""
+    log = zeroed(killed.log, len(killed.log) // 10 // PAGE * PAGE, PAGE)
+    recovery = check(killed, tmp_path, killed.database, log)
+    assert recovery is not None
+    assert not recovery.missing.samples
+    assert (recovery.status, recovery.path.name) == ("salvaged", "run.salvaged.boat")
+    assert recovery.samples == len(killed.samples)
+    if not recovery.missing:
+        assert verify_recording(recovery.path).identical
+
+
+@pytest.mark.parametrize("times", few_and_many(59, "pages zeroed, bytes flipped, headers zeroed, up to three", 40, 500))
+def test_random_damage_loses_only_what_lay_in_damaged_pages(killed: Killed, tmp_path: Path, times: int) -> None:
+    """Nothing wrong is stored, no intact row is lost, and what is called missing is what is missing."""
+    rng = random.Random(times)
+    refused = lost = 0
+    for _ in range(times):
+        recovery = check(killed, tmp_path, *damaged(killed, rng))
+        refused += recovery is None
+        lost += recovery is not None and bool(recovery.missing)
+    assert refused < times / 4
+    assert lost
+
+
+@pytest.mark.fault(59, how="the last frames of the log zeroed", times=1)
+def test_what_is_missing_is_said_by_every_reader(killed: Killed, tmp_path: Path) -> None:
+    """`recover`, `info` and `verify`, before and after: no "0 lost" and no plain "identical"."""
+    sound = read_log(left(tmp_path, killed.database, killed.log))
+    assert sound is not None
+    log = zeroed(killed.log, 32 + (len(sound.frames) - 2) * FRAME, 2 * FRAME)
+    path = left(tmp_path, killed.database, log)
+    before = invoke(verify, str(path))
+    assert (before.exit_code, before.stdout[:10]) == (1, "different:")
+    found = json.loads(invoke(recover_command, str(path), "--json").stdout)
+    assert found["missing"]["samples"][-1]["before_index"] is None
+    target = Path(found["path"])
+    last = found["missing"]["samples"][-1]["after_index"]
+    said = f"samples after index {last} ({found['missing']['samples'][-1]['after_s']:.3f} s) may be missing"
+    information, after = invoke(info, str(target)).stdout, invoke(verify, str(target)).stdout
+    assert said in information
+    assert "at least 0 samples in 1 gap" in information
+    assert said in after
+    assert after.splitlines()[0] != "identical"
+    assert recover(target).missing == summarise(target).missing
+
+
+@pytest.mark.fault(59, how="a damaged log before something is added to the recording", times=1)
+def test_nothing_opens_a_damaged_log_for_writing(killed: Killed, tmp_path: Path) -> None:
+    """SQLite would keep what is before the damage and remove the rest."""
+    log = flipped(killed.log, 32 + 2 * FRAME + 100, random.Random(1))
+    path = left(tmp_path, killed.database, log)
+    with pytest.raises(StorageError, match="damaged log"):
+        RecordingFile.reopen(path)
+    assert path.with_name("run.boat-wal").read_bytes() == log
+
+
+def test_log_stays_until_the_file_alone_is_sound(killed: Killed, tmp_path: Path) -> None:
+    """A page that is written wrongly by the checkpoint, on a bad disk: the log, which is sound, is not removed."""
+    path = left(tmp_path, killed.database, killed.log)
+    file = RecordingFile.reopen(path)
+    assert file._check() == ""
+    content = path.read_bytes()
+    path.write_bytes(content[: 2 * PAGE] + bytes(PAGE) + content[3 * PAGE :])
+    with pytest.raises(StorageError, match="is damaged"):
+        file.close()
+    assert path.with_name("run.boat-wal").read_bytes()[: len(killed.log)] == killed.log
+
+
+def test_sound_log_is_read_like_sqlite_does(killed: Killed, tmp_path: Path) -> None:
+    """Every frame is verified, and the pages are those that SQLite makes of it."""
+    path = left(tmp_path, killed.database, killed.log)
+    log = read_log(path)
+    assert log is not None
+    assert log.damage == []
+    assert log.committed() == len(log.frames)
+    database = np.frombuffer(killed.database, np.uint8).reshape(-1, PAGE)
+    pages = {number + 1: page.tobytes() for number, page in enumerate(database)}
+    pages |= {page: log.image(frame) for page, frame in log.newest(database).items()}
+    with closing(sqlite3.connect(path)) as db:
+        db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    merged = path.read_bytes()
+    assert len(merged) == PAGE * len(pages)
+    assert all(merged[(n - 1) * PAGE :][:PAGE] == page for n, page in pages.items())

@@ -6,13 +6,13 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from tests.boat_daq.engine.simulator.test_camera import Kept
 
 from analysis.tracking.run import track
 from analysis.tracking.tracker import MarkTracker, Optics
 from boat_daq.engine.simulator.virtual_camera import CAMERA_FAULTS, VirtualCamera, parse_camera_fault
 from protocol.simulator.plant import TICK_S
 from tests.analysis.tracking.filmed_run import SMALL
+from tests.boat_daq.engine.simulator.test_virtual_camera import Kept
 
 WRONG_MM, WRONG_U = 0.02, 4.0  # a value is wrong beyond both: this length, and so many of its standard uncertainties
 REST_S, END_S, SPEED_MM_PER_S = 0.6, 1.6, 0.75

@@ -21,7 +21,7 @@ CONTROL = (
     "Clients may set pressures, run plans and record, within the limits and the interlock that hold here. Without it "
     "they read, and may vent. Control ends with this window."
 )
-_TOKEN = "Needed for an address of other computers; each client must send it first."  # noqa: S105 - an explanation
+_TOKEN = "Clients send the token before they control; those of other computers before anything."  # noqa: S105 - an explanation
 
 
 class OutletsPanel(QDialog):

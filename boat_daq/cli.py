@@ -1,6 +1,7 @@
 """The console script. Every group of commands has its own module in `boat_daq/commands/`.
 
-A command imports its libraries (numba, Qt, scipy) when it runs, so that `--help` and `board` start at once.
+The module of a command is imported when the command is called, and its libraries (numba, Qt, scipy) when it runs, so
+that `--version`, `--help` and `board` start at once.
 """
 
 from __future__ import annotations
@@ -9,49 +10,18 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Iterator, Mapping
 from importlib import import_module
 from itertools import chain
 from types import FrameType
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+import typer.main
+from typer.core import TyperGroup
 
 import boat_daq
-from boat_daq.commands import camera, configuration, demo, optics, reproduce, shadow, twin
-from boat_daq.commands.console import emit_error, show
-from protocol.base.errors import cause_and_remedy
-
-app = typer.Typer(
-    name="boat-daq",
-    help="Calibrate soft optical sensors in pneumatic actuators: record, analyse, report.",
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    add_completion=True,
-)
-
-
-def show_version(value: bool) -> None:
-    if value:
-        show(f"boat-daq {boat_daq.__version__}")
-        raise typer.Exit
-
-
-@app.callback(invoke_without_command=True)
-def start(
-    context: typer.Context,
-    version: Annotated[
-        bool, typer.Option("--version", help="Print the version.", callback=show_version, is_eager=True)
-    ] = False,
-) -> None:
-    """Calibrate soft optical sensors in pneumatic actuators: record, analyse, report.
-
-    Without a command it opens the window.
-
-    Example: boat-daq demo --headless
-    """
-    if context.invoked_subcommand is None:
-        demo.gui()
-
+from boat_daq import commands
 
 _COMMANDS = (  # in the order of --help; each is a function in the module named, or of its own name
     (
@@ -70,22 +40,90 @@ _COMMANDS = (  # in the order of --help; each is a function in the module named,
     ("folders.batch", "folders.history", "analyze.strokes", "methods.tradeoff", "methods.atlas"),
     ("examples", "importing.export", "calibration", "calibration.convert", "fit", "qualify", "bugreport"),
 )
-for command in chain.from_iterable(_COMMANDS):
-    module, _, function = command.rpartition(".")
-    name = "import" if function == "importing" else function
-    imported = import_module(f"boat_daq.commands.{module or function}")
-    app.command(name, cls=getattr(imported, "COMMAND_CLASS", None))(getattr(imported, function))
-_GROUPS = (
-    ("camera", camera.app),
-    ("config", configuration.config),
-    ("unit", configuration.unit),
-    ("optics", optics.app),
-    ("shadow", shadow.app),
-    ("twin", twin.app),
-    ("reproduce", reproduce.app),
+_GROUPS = ("camera", "configuration.config", "configuration.unit", "optics", "shadow", "twin", "reproduce")
+_NAMES = {"importing": "import"}  # where the name of the function is not that of the command
+_STYLE: dict[str, Any] = {"rich_markup_mode": None, "pretty_exceptions_enable": False}
+
+
+class Commands(Mapping[str, Any]):
+    """Commands and groups by name; each is imported when it is looked up."""
+
+    def __init__(self) -> None:
+        self._places = {self._name(place): place for place in (*chain.from_iterable(_COMMANDS), *_GROUPS)}
+        self._loaded: dict[str, Any] = {}
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._loaded:
+            self._loaded[name] = self._load(name, self._places[name])
+        return self._loaded[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    @staticmethod
+    def _name(place: str) -> str:
+        function = place.rpartition(".")[2]
+        return _NAMES.get(function, function)
+
+    @staticmethod
+    def _load(name: str, place: str) -> Any:
+        module, _, attribute = place.rpartition(".")
+        imported = import_module(f"{commands.__name__}.{module or attribute}")
+        parent = typer.Typer(add_completion=False, **_STYLE)
+        if place in _GROUPS:
+            parent.add_typer(getattr(imported, attribute if module else "app"), name=name)
+        else:
+            parent.command(name, cls=getattr(imported, "COMMAND_CLASS", None))(getattr(imported, attribute))
+        return typer.main.get_group(parent).commands[name]
+
+
+class Root(TyperGroup):
+    """The program's group of commands."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.commands: Any = Commands()
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names in the order of --help."""
+        return list(self.commands)
+
+
+app = typer.Typer(
+    name="boat-daq",
+    cls=Root,
+    help="Calibrate soft optical sensors in pneumatic actuators: record, analyse, report.",
+    add_completion=True,
+    **_STYLE,
 )
-for name, group in _GROUPS:
-    app.add_typer(group, name=name)
+
+
+def show_version(value: bool) -> None:
+    if value:
+        typer.echo(f"boat-daq {boat_daq.__version__}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def start(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=show_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Calibrate soft optical sensors in pneumatic actuators: record, analyse, report.
+
+    Without a command it opens the window.
+
+    Example: boat-daq demo --headless
+    """
+    if context.invoked_subcommand is None:
+        from boat_daq.commands.demo import gui
+
+        gui()
 
 
 class Interruption:
@@ -121,6 +159,8 @@ class Interruption:
 
 def explain(error: Exception) -> tuple[str, str]:
     """Return cause and remedy of an error; the traceback of an unexpected one is written to the log."""
+    from protocol.base.errors import cause_and_remedy
+
     if (known := cause_and_remedy(error)) is not None:
         remedy, command = known[1], getattr(error, "command", "")
         return known[0], f"{remedy.rstrip('.')}: {command}" if remedy and command else remedy or command
@@ -146,5 +186,7 @@ def main() -> None:
         interruption.leave()
         raise SystemExit(130) from leaving  # releases of typer differ in the code they leave with after Ctrl-C
     except Exception as error:  # noqa: BLE001 - the last one to see it
+        from boat_daq.commands.console import emit_error
+
         emit_error(type(error).__name__, *explain(error))
         raise SystemExit(1) from None

@@ -13,30 +13,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
-from rich.text import Text
 
-from analysis.numbers import finite
 from protocol.base.errors import StorageError
-
-
-class PlainConsole(Console):
-    """A console that prints text from files literally: no markup, no emoji, no terminal control characters."""
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(markup=False, emoji=False, highlight=False, **options)
-
-    def render_str(self, text: str, **options: Any) -> Text:
-        """Return `text` with the characters that control a terminal replaced by a box."""
-        return super().render_str(text.translate(_CONTROLS), **options)
-
-
-_CONTROL_CODES = (*range(32), *range(127, 160), *range(0x202A, 0x202F), *range(0x2066, 0x206A), *range(0xD800, 0xE000))
-_CONTROLS = {code: "\ufffd" for code in _CONTROL_CODES if chr(code) not in "\n\t"}  # C0, C1, bidirectional, surrogates
-out = PlainConsole()
-err = PlainConsole(stderr=True)
 
 
 class _Json:
@@ -58,6 +36,8 @@ Advance = Callable[[float, float], None]  # moves a progress bar to (done, total
 
 def emit_json(value: Any) -> None:
     """Print one JSON object on standard output."""
+    from analysis.numbers import finite
+
     _Json.pending = False
     text = json.dumps(finite(value), ensure_ascii=False, allow_nan=False)
     typer.echo(text.encode("utf-8", "backslashreplace").decode())  # a name that is not UTF-8 becomes JSON's escape
@@ -74,6 +54,8 @@ def emit_error(kind: str, cause: str, remedy: str) -> None:
 
 def show(text: str) -> None:
     """Print a line of the result on standard output."""
+    from boat_daq.commands.terminal import out
+
     out.print(text, soft_wrap=True)
 
 
@@ -95,12 +77,9 @@ def show_table(
     ----------
     left : number of leading columns that are aligned to the left; the others are numbers.
     """
-    table = Table(title=title, box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    for number, name in enumerate(columns):
-        table.add_column(name, justify="left" if number < left else "right", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
-    out.print(table)
+    from boat_daq.commands.terminal import print_table
+
+    print_table(columns, rows, left, title)
 
 
 @contextmanager
@@ -120,6 +99,8 @@ def writing(path: Path) -> Iterator[None]:
 
 def notify(text: str) -> None:
     """Print a message on standard error."""
+    from boat_daq.commands.terminal import err
+
     err.print(text, soft_wrap=True)
 
 
@@ -135,17 +116,7 @@ def notify_shortcomings() -> None:
 @contextmanager
 def progress_bar(label: str) -> Iterator[Advance]:
     """Show a bar on standard error for work of more than a second; yields ``advance(done, total)``."""
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as progress:
-        task = progress.add_task(label, total=None)
+    from boat_daq.commands.terminal import bar
 
-        def advance(done: float, total: float, /) -> None:
-            progress.update(task, completed=done, total=total)
-
+    with bar(label) as advance:
         yield advance

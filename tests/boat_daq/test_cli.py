@@ -1,4 +1,4 @@
-"""The command line: interruption."""
+"""The command line: start and interruption."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import subprocess
 import sys
 
 import pytest
+
+from boat_daq.cli import Commands
 
 INTERRUPTED_IN_A_CALLBACK = """
 import ctypes, os, signal, time
@@ -62,6 +64,27 @@ __main__.main()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
+@pytest.mark.parametrize("call", ["--version", "analyze --help"])
+def test_help_imports_no_library_of_the_analysis(call: str) -> None:
+    """What only prints text starts within 0.2 s, because it imports neither numpy nor rich, 0.3 s of CPU."""
+    program = f"""
+import atexit, sys
+atexit.register(lambda: print(sorted({{"numpy", "rich", "pandas", "numba", "pydantic"}} & set(sys.modules))))
+from boat_daq.__main__ import main
+sys.argv[1:] = {call.split()}
+main()
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
+    assert len(ended.stdout.splitlines()) > 1
+    assert ended.stdout.splitlines()[-1] == "[]"
+
+
+def test_every_command_is_found_under_its_name() -> None:
+    """Each name of `--help` loads a command of that name."""
+    found = Commands()
+    assert {name: command.name for name, command in found.items()} == {name: name for name in found}
+
+
 def test_ctrl_c_while_ctrl_c_is_handled_keeps_the_exit_code() -> None:
     """One during the handling of the first, one that is pending as the interpreter is to ignore them: -2 before."""
     command = [sys.executable, "-c", INTERRUPTED_AGAIN]

@@ -81,7 +81,7 @@ def test_markup_and_control_characters_are_printed_as_text(capsys: pytest.Captur
     """Brackets remain, control characters become a replacement character; in a message, a line and a table."""
     from rich.table import Table
 
-    from boat_daq.commands.console import PlainConsole
+    from boat_daq.commands.terminal import PlainConsole
 
     console = PlainConsole(width=200)
     table = Table(CONTROL_TEXT, box=None)

@@ -1,12 +1,9 @@
 """The virtual board: all of protocol/SPEC.md over a simulated specimen, without clock or port.
 
-`receive` takes the host's bytes at the present board time, `advance` passes board time and returns the bytes sent
-meanwhile. Rules of this file:
-
-- The same seed and the same bytes in at the same board times give the same bytes out, however `advance` is divided: the
-  control ticks at fixed times, noise is a function of the number of a tick or a sample, and blocks are computed element
-  by element.
-- Everything is sent in the order of board time; between two messages samples are made and framed by the block.
+`receive` takes the host's bytes at the present board time, `advance` passes board time and returns the bytes sent. The
+same seed and the same bytes at the same board times give the same bytes, however `advance` is divided: the control
+ticks at fixed times, noise is a function of the number of a tick or a sample, and blocks are computed element by
+element. Everything is sent in the order of board time; samples between two messages are framed by the block.
 """
 
 from __future__ import annotations
@@ -36,18 +33,12 @@ _KPA_PER_CYCLE = 180.0  # travel of a full cycle, for softening
 
 
 class VirtualBoard:
-    """A board with one specimen.
+    """A board with one of `specimens.SPECIMEN_NAMES`. RequestError: no such specimen.
 
     Parameters
     ----------
-    specimen : a name of `protocol.simulator.specimens.SPECIMEN_NAMES`.
-    faults : the faults and their times (`protocol.simulator.faults`).
     log_truth : keep the noise-free values of each sample for `take_truth`.
     log_elongation : keep the true elongation of each tick for `take_elongation`.
-
-    Raises
-    ------
-    RequestError : no such specimen.
     """
 
     def __init__(
@@ -126,16 +117,9 @@ class VirtualBoard:
                 self._handle(frame)
 
     def advance(self, dt_us: int, *, free_bytes: int | None = None) -> bytes:
-        """Pass `dt_us` of true time and return the bytes sent since the last call.
+        """Pass `dt_us` of true time and return the bytes sent since the last call. ValueError: `dt_us` is negative.
 
-        Parameters
-        ----------
-        dt_us : true time to pass, microseconds, 0 or more.
-        free_bytes : bytes free in the transmit buffer; samples beyond are dropped and counted, messages are not.
-
-        Raises
-        ------
-        ValueError : `dt_us` is negative.
+        Samples beyond `free_bytes` of the transmit buffer are dropped and counted; messages are not.
         """
         if dt_us < 0:
             raise ValueError("board time does not run backwards")

@@ -1,8 +1,8 @@
 """The virtual board's control: its state, its limits, its watchdog and its commands (protocol/SPEC.md).
 
-Rules of this file: levels are tested on every tick, not edges; the board never leaves its limits on command; it vents
-by itself beyond a limit by more than 2 kPa, on a lost heartbeat, an e-stop, a target not reached and a failed pressure
-sensor; each of these latches FAULT until CLEAR_FAULT finds its cause gone. VENT is executed in every state.
+Levels are tested on every tick, not edges. The board never leaves its limits on command; it vents by itself beyond a
+limit by more than 2 kPa, on a lost heartbeat, an e-stop, a target not reached and a failed pressure sensor; each of
+these latches FAULT until CLEAR_FAULT finds its cause gone. VENT is executed in every state.
 """
 
 from __future__ import annotations

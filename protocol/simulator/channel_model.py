@@ -1,6 +1,6 @@
 """The channel model between virtual board and host: it changes bytes only where a fault is active.
 
-Damage is drawn byte by byte in the order sent, so that it does not depend on how the bytes are divided.
+Damage is drawn byte by byte in the order sent, independent of how the bytes are divided.
 """
 
 from __future__ import annotations

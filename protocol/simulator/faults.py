@@ -19,13 +19,7 @@ Lasting = Literal["stays", "seconds", "count"]
 
 @dataclass(frozen=True, slots=True)
 class FaultRow:
-    """A row of the table.
-
-    Parameters
-    ----------
-    default : value where none is given.
-    value_name : unit or meaning of the value.
-    """
+    """A row of the table: `default` of the value, and `value_name`, its unit or meaning."""
 
     default: float
     value_name: str
@@ -117,12 +111,7 @@ def fault_list() -> str:
 
 
 def parse_fault(text: str) -> Fault:
-    """Return the fault in NAME@SECONDS[:VALUE]; without @SECONDS it begins at power-on.
-
-    Raises
-    ------
-    RequestError : an unknown name (the remedy lists all), or an invalid number.
-    """
+    """Return the fault in NAME@SECONDS[:VALUE], by default at power-on. RequestError: no such name or value."""
     head, _, value = text.strip().partition(":")
     name, _, seconds = head.partition("@")
     if name not in FAULTS:
@@ -131,17 +120,7 @@ def parse_fault(text: str) -> Fault:
 
 
 def make_fault(name: str, at_s: float = 0.0, value: float | None = None) -> Fault:
-    """Return a fault.
-
-    Parameters
-    ----------
-    name : one of `FAULTS`.
-    value : default the table's.
-
-    Raises
-    ------
-    RequestError : an unknown name, a time before power-on, a value out of range.
-    """
+    """Return one of `FAULTS`, by default with the table's value. RequestError: no such name, time or value."""
     if name not in FAULTS:
         raise RequestError(f"there is no fault {name!r}", "use one of\n" + fault_list())
     kind = FAULTS[name]

@@ -1,12 +1,10 @@
 """Rate-independent hysteresis: a generalised Prandtl-Ishlinskii operator.
 
-A play operator is a clamp: fed the input v it moves its state w no further than into the interval
-[up(v) - r, down(v) + r], so rising inputs follow one envelope and falling inputs the other (asymmetric loops). A
-weighted sum of plays with growing radii r has return-point memory (a closed minor loop erases itself) and congruent
-minor loops, independent of the rate (M. Al Janaideh, S. Rakheja, C.-Y. Su, Mechatronics 19, 2009, 656-670).
-
-The composition of two clamps is a clamp. So a block of inputs is a prefix scan over intervals, log2(n) numpy passes for
-any number of plays; and as clamping selects and never rounds, the result does not depend on the division into blocks.
+A play operator clamps its state w into [up(v) - r, down(v) + r] for the input v, so rising inputs follow one envelope
+and falling inputs the other (asymmetric loops). A weighted sum of plays with growing radii r has return-point memory (a
+closed minor loop erases itself) and congruent minor loops, independent of the rate (M. Al Janaideh, S. Rakheja, C.-Y.
+Su, Mechatronics 19, 2009, 656-670). The composition of two clamps is a clamp, so a block of inputs is a prefix scan
+over intervals, log2(n) numpy passes; clamping never rounds, so the division into blocks does not matter.
 """
 
 from __future__ import annotations
@@ -20,10 +18,11 @@ from protocol.base.arrays import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class PlaySum:
-    """Parameters of a weighted sum of play operators.
+    """Parameters of a weighted sum of play operators; each envelope is v + curvature v^2.
 
-    Each envelope is v + curvature v^2; `up_curvature` <= `down_curvature`, so that the interval is never empty.
-    Both must rise over the inputs used: |v| < 1 / (2 |curvature|).
+    `up_curvature` <= `down_curvature`, so that the interval is never empty. Both envelopes must rise over the inputs
+    used:
+    v| < 1 / (2 |curvature|).
     """
 
     radii: tuple[float, ...]
@@ -63,25 +62,15 @@ class Hysteresis:
 
 
 def clamp(value: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return `value` limited to [low, high].
-
-    Parameters
-    ----------
-    value, low, high : of one shape, or broadcast to it; low <= high.
-    """
+    """Return `value` limited to [low, high]; all broadcast to one shape."""
     clamped: FloatArray = np.minimum(np.maximum(value, low), high)
     return clamped
 
 
 def compose_clamps(low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return for each row the one clamp equal to all clamps up to and with it, applied in turn.
+    """Return for each row the one clamp equal to all clamps up to and with it; bounds [n, m] in the order of
+    application.
 
-    Parameters
-    ----------
-    low, high : bounds, shape (n, m), row after row in the order of application; low <= high.
-
-    Notes
-    -----
     Hillis-Steele scan: after the pass with shift s each row holds the composition of its last 2 s clamps.
     """
     low, high = low.copy(), high.copy()

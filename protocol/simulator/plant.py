@@ -1,10 +1,9 @@
 """The plant of the virtual board: from a commanded pressure to elongation and signal.
 
-The regulator steps every 10 ms of board time, as firmware does: a setpoint that moves at the commanded ramp (the pumps'
-rate at most), a pressure that follows it with lag and a small overshoot, a leak that the pumps compensate, a valve that
-vents. Body and sensors take whole blocks of those steps: hysteresis and creep turn pressure into elongation, the
-sensor's cubic and its small hysteresis loop turn elongation into signal. Nothing here is random: noise is an argument,
-so that the noise-free truth is computed by the same code.
+The regulator steps every 10 ms of board time, as firmware does: a ramped setpoint (the pumps' rate at most), a pressure
+that follows with lag and small overshoot, a leak that the pumps compensate, a valve that vents. Hysteresis and creep
+turn blocks of pressure into elongation, the sensor's cubic and small loop turn elongation into signal. Noise is an
+argument, so that the noise-free truth is computed by the same code.
 """
 
 from __future__ import annotations
@@ -124,8 +123,8 @@ class Body:
 class Sensors:
     """Noise-free signals of a specimen's sensors: each one's cubic and its small hysteresis loop over elongation.
 
-    The loop is lens-shaped: plays of growing radius about the middle of the range, their mean slope subtracted, so that
-    on a full cycle it closes at both ends and both branches lie about the cubic.
+    The loop is lens-shaped: plays of growing radius about the middle of the range less their mean slope, so that on a
+    full cycle it closes at both ends, with the branches about the cubic.
     """
 
     _PLAYS = 8

@@ -1,8 +1,7 @@
-"""SAMPLE frames by the block: `messages.encode_message` as array operations over many samples.
+"""SAMPLE frames by the block: `messages.encode_message` as array operations; tests compare every frame with it.
 
-- A CRC-32 is affine: the CRC of a body of fixed length is a constant, xor one table entry for each byte and position.
-- The body is shorter than 254 bytes, so COBS is one byte longer than it: each 00 becomes the distance to the next.
-Tests compare every frame with `encode_message`.
+A CRC-32 is affine: the CRC of a body of fixed length is a constant, xor one table entry for each byte and position. The
+body is shorter than 254 bytes, so COBS adds one byte: each 00 becomes the distance to the next.
 """
 
 from __future__ import annotations
@@ -32,13 +31,7 @@ def frame_length(n_sensors: int) -> int:
 
 
 def encode_samples(bodies: NDArray[np.void], first_seq: int) -> Bytes:
-    """Return the frames of consecutive samples, shape (n, frame_length).
-
-    Parameters
-    ----------
-    bodies : records of `body_dtype`, shape (n,); `type` and `seq` are filled in here.
-    first_seq : number of the first frame; the others follow modulo 256.
-    """
+    """Return the frames [n, frame_length] of records [n] of `body_dtype`; sets `type` and `seq`."""
     n, size = bodies.size, bodies.dtype.itemsize
     bodies["type"] = MessageType.SAMPLE
     bodies["seq"] = (first_seq + np.arange(n)) & 0xFF

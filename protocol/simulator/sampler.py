@@ -1,14 +1,9 @@
 """The virtual board's sampling: its instants, and the content of each SAMPLE.
 
 Instant n of a run is at start + floor(n / rate), whether it is sent or not; between the plant's ticks values are
-interpolated. Everything is computed element by element, and noise is a function of the number of the instant.
-
-The ADC front end: from a sensor's signal to two counts, with ambient light, noise and quantisation.
-
-The board reads each sensor with its emitter off (dark) and, 50 us later, on (lit); the host subtracts. Both readings
-contain the ambient light: a level, the mains' flicker, and the contribution of faults. Noise is divided between the two
-so that a sample's signal has the specimen's noise, quantisation included. It is a function of the sample's number,
-drawn in fixed blocks, so that a stream does not depend on how it was divided.
+interpolated. Each sensor is read with its emitter off (dark) and, 50 us later, on (lit); both contain the ambient
+light: a level, the mains' flicker, and faults. Noise, divided between the two so that the signal has the specimen's
+noise with quantisation, is a function of the sample's number, so that a stream does not depend on its division.
 """
 
 from __future__ import annotations
@@ -46,10 +41,7 @@ _BLOCK = 1024
 
 
 class SampleNoise:
-    """Standard normal and uniform numbers as a function of the sample number: the same for any slicing.
-
-    A row is: pressure, then (lit, dark) of each sensor; the uniform number is for the jitter.
-    """
+    """Noise by sample number: standard normal (pressure, lit and dark of each sensor), uniform for the jitter."""
 
     def __init__(self, seed: int, run: int, n_sensors: int) -> None:
         self._key = (seed, run)
@@ -95,14 +87,13 @@ class FrontEnd:
         faults: Mapping[str, float],
         since_us: int,
     ) -> Counts:
-        """Return counts, shape (n, sensors, 2), the last axis (lit, dark).
+        """Return counts [n, sensors, (lit, dark)].
 
         Parameters
         ----------
-        signal_mv : without noise, shape (n, sensors).
-        time_us : board time of each sample, shape (n,).
-        noise : standard normal numbers, shape (n, sensors, 2).
-        faults : the active ones, name -> value.
+        signal_mv : signal without noise, [n, sensors].
+        time_us : board time of each sample, [n].
+        noise : standard normal numbers, [n, sensors, 2].
         since_us : board time at which `ambient_ramp` began.
         """
         n, sensors = signal_mv.shape
@@ -139,10 +130,7 @@ def _sensor(number: float, sensors: int) -> int:
 
 
 def truth_dtype(n_sensors: int) -> np.dtype[np.void]:
-    """Return the record of the true values of one sample, without noise.
-
-    `run` counts the STARTs of the board from 1; `run` and `index` identify the sample in a recording.
-    """
+    """Return the record of a sample's true values; `run` counts the STARTs from 1 and, with `index`, names it."""
     head = [("run", "<u4"), ("index", "<u4"), ("time_us", "<i8"), ("elongation_mm", "<f8"), ("pressure_kpa", "<f8")]
     return np.dtype([*head, ("signal_mv", "<f8", (n_sensors,))])
 
@@ -215,14 +203,7 @@ class Sampler:
     def make(
         self, plant: PlantBlock, stop_us: int, faults: Mapping[str, float], since_us: Mapping[str, int]
     ) -> SampleBlock:
-        """Return the samples up to and with `stop_us`.
-
-        Parameters
-        ----------
-        plant : ticks that enclose `stop_us`.
-        faults : the active ones, name -> value.
-        since_us : board time at which each began.
-        """
+        """Return the samples up to and with `stop_us`; `since_us`: starts of the faults."""
         if not self._rate_hz:
             nothing = np.empty(0, np.int64)
             return SampleBlock(nothing, self._bodies(0), np.empty(0, truth_dtype(self._n_sensors)))

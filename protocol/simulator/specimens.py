@@ -2,10 +2,9 @@
 
 SA1 has the paper's figures: its published cubics; elongation -2.70 mm at -40 kPa and +3.80 mm at +50 kPa, the only
 range whose end-to-end slopes give its sensitivities; noise of FSO / 10^(SNR/20); and loops of signal against pressure
-of 4.95 and 4.46 % FSO over its continuous cycle. Most of a loop is actuator hysteresis (elongation against pressure),
-the rest sensor hysteresis. SA2 and SA3 differ by a typical unit-to-unit variability. "SA1-falling" is SA1 with a stage
-that does not invert: its voltage falls with elongation. "SA1x1" to "SA1x4" have that many sensors: the first ones of
-SA1, then those of the others.
+of 4.95 and 4.46 % FSO over its continuous cycle, mostly actuator hysteresis (elongation against pressure), the rest
+sensor hysteresis. SA2 and SA3 differ by a typical unit-to-unit variability. The voltage of "SA1-falling" falls with
+elongation. "SA1x1" to "SA1x4" have that many sensors: first those of SA1, then those of the others.
 """
 
 from __future__ import annotations
@@ -22,10 +21,7 @@ SENSOR_COUNTS = ("1", "2", "3", "4")
 
 @dataclass(frozen=True, slots=True)
 class SpecimenActuator:
-    """From pressure (kPa) to elongation (mm): hysteresis, then creep.
-
-    `creep` holds (share, time constant in s): that share of a change of elongation follows with that time constant.
-    """
+    """From pressure (kPa) to elongation (mm): hysteresis, then creep as (share, time constant in s) of a change."""
 
     hysteresis: PlaySum
     creep: tuple[tuple[float, float], ...]
@@ -111,12 +107,7 @@ SPECIMEN_NAMES = (*RISING_NAMES, *(name + FALLING for name in RISING_NAMES))
 
 
 def find_specimen(name: str) -> Specimen:
-    """Return the specimen of that name; `-falling` mirrors its sensors, `x1` to `x4` gives it that many.
-
-    Raises
-    ------
-    RequestError : no such specimen.
-    """
+    """Return a specimen; `-falling` mirrors its sensors, `x1` to `x4` set their number. RequestError: unknown."""
     base, ending, sensors = name.removesuffix(FALLING).partition("x")
     specimen = _SPECIMENS.get(base)
     if specimen is None or (ending and (name.endswith(FALLING) or sensors not in SENSOR_COUNTS)):

@@ -1,8 +1,7 @@
 """The virtual board's transmitter: numbered frames, a finite transmit buffer, and the effects of faults on them.
 
-Samples beyond the free buffer are dropped, counted, and reported with the next one that fits (EVENT 9, flag bit 4) or,
-if none follows, at the end of their run; messages always fit. A dropped frame never had a sequence number; one lost in
-the channel did.
+Samples beyond the free buffer are dropped, counted, and reported with the next one that fits (EVENT 9, flag bit 4) or
+at the end of their run; messages always fit. A dropped frame has no sequence number; one lost in the channel had one.
 """
 
 from __future__ import annotations
@@ -22,14 +21,9 @@ ABSURD_COUNTS = 0xFFFF
 
 
 class Transmitter:
-    """Sends frames in order; `take` returns the bytes sent.
+    """Sends frames in order; `take` returns the bytes sent, none while `off`, as on a booting board.
 
-    `free_bytes` are free in the transmit buffer until the next `take`; None = unlimited. While `off`, as on a booting
-    board, nothing is sent.
-
-    Parameters
-    ----------
-    n_sensors : number of sensors of a sample.
+    `free_bytes` are free in the transmit buffer until the next `take`; None = unlimited.
     """
 
     def __init__(self, n_sensors: int, schedule: FaultSchedule, seed: int) -> None:

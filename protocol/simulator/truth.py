@@ -1,10 +1,10 @@
-"""True figures of a specimen: the noise-free model driven over a plan's cycle.
+"""True figures of a specimen: the noise-free model driven over a plan's cycle, by the definitions of
+analysis/METHODS.md.
 
-The definitions are those of `analysis/METHODS.md`: hysteresis is the largest distance between the two branches on a
-common grid, in % of the full-scale output (of the span, for the actuator); sensitivity is the end-to-end slope of the
-cubic over the range reached; SNR is 20 log10(FSO / noise rms). A staircase's branches are what is measured of it: the
-means of its holds, with straight lines between them (for the sensor's loop, between their residuals from its cubic).
-Those of a continuous cycle are read at every tick.
+Hysteresis is the largest distance between the two branches on a common grid, in % of the full-scale output (of the
+span, for the actuator); sensitivity is the end-to-end slope of the cubic over the range reached; SNR is 20 log10(FSO /
+noise rms). A staircase's branches are the means of its holds, with straight lines between them (for the sensor's loop,
+between their residuals from its cubic); those of a continuous cycle are read at every tick.
 """
 
 from __future__ import annotations
@@ -70,17 +70,7 @@ class NoiseFreeRun:
 
 
 def noise_free_run(unit: str, targets_kpa: Sequence[float], *, ramp_kpa_per_s: float, dwell_s: float) -> NoiseFreeRun:
-    """Return the noise-free run of a specimen from rest through a sequence of holds.
-
-    Parameters
-    ----------
-    unit : the specimen's name, as in `SPECIMEN_NAMES`.
-    dwell_s : time of each hold after its ramp.
-
-    Raises
-    ------
-    RequestError : no such specimen.
-    """
+    """Return the noise-free run of a specimen from rest through holds of `dwell_s`. RequestError: no such specimen."""
     model = find_specimen(unit)
     pneumatics = Pneumatics()
     pressure: list[float] = []
@@ -105,18 +95,13 @@ def truth_figures(
     ramp_kpa_per_s: float = 10.0,
     dwell_s: float = 0.5,
 ) -> Truth:
-    """Return the true figures of a specimen over a cycle, the third one of a run.
+    """Return the true figures of a specimen over a cycle, the third of a run. RequestError: no such specimen.
 
     Parameters
     ----------
-    unit : the specimen's name, as in `SPECIMEN_NAMES`.
     cycle_kpa : targets of one cycle, first and last the same; more than the three of `CONTINUOUS` are a staircase, read
         from `_SETTLED_S` after each arrival.
-    ramp_kpa_per_s, dwell_s : rate between the targets, and time at each.
-
-    Raises
-    ------
-    RequestError : no such specimen.
+    dwell_s : time at each target.
     """
     model = find_specimen(unit)
     targets = (*cycle_kpa, *cycle_kpa[1:], *cycle_kpa[1:])
@@ -157,8 +142,8 @@ def truth_figures(
 def loop_width(abscissa: FloatArray, ordinate: FloatArray) -> float:
     """Return the largest distance between the falling and the rising branch of one cycle, arrays of shape (n,).
 
-    The cycle starts and ends at its highest abscissa. Each branch consists of the successive extremes it reaches, so
-    that ripple about a plateau cannot fold it, and both are interpolated on a common grid of the abscissa.
+    The cycle starts and ends at its highest abscissa. A branch is the successive extremes that it reaches, so that
+    ripple about a plateau cannot fold it; both are interpolated on a common grid.
     """
     turn = int(np.argmin(abscissa))
     branches = []

@@ -1,13 +1,10 @@
 """The link to firmware that prints text (or RX8 packets): the same interface as `Connection`, described by a profile.
 
-What such firmware does not send is supplied as follows:
-
-- HELLO is made from the profile. It follows IDENTIFY once the device has sent one good line; at once where the profile
-  has a `start` command, since such a device is silent until started.
-- There are no answers. A command with a template counts as done when it is sent: whether it was executed, the samples
-  show. HEARTBEAT, CLEAR_FAULT and SET_LIMITS without one are answered "not supported"; START and STOP without one are
-  done at once. VENT and SET_PRESSURE without one cannot be sent.
-- Without an index, loss cannot be detected; without a time, samples are assumed to be evenly spaced.
+HELLO is made from the profile: after IDENTIFY and one good line; at once if the profile has a `start` command, since
+such a device is silent until started. There are no answers: a command with a template counts as done when it is sent.
+Without one, HEARTBEAT, CLEAR_FAULT and SET_LIMITS are answered "not supported", START and STOP are done at once, VENT
+and SET_PRESSURE cannot be sent. Without an index, loss cannot be detected; without a time, samples are assumed to be
+evenly spaced.
 """
 
 from __future__ import annotations
@@ -33,12 +30,7 @@ _KEYS = {type(example): key for key, example in COMMANDS.items()}
 
 
 class TextConnection:
-    """A device described by a text profile, host side: a `protocol.link.events.Link`.
-
-    Parameters
-    ----------
-    profile : from `load_profile`.
-    """
+    """A device described by a text profile, host side: a `protocol.link.events.Link`."""
 
     def __init__(self, profile: TextProfile, *, decoder_state: dict[str, Any] | None = None) -> None:
         self.profile = profile
@@ -90,12 +82,7 @@ class TextConnection:
         return {"reader": self._reader.state(), "samples": self._stream.state(), "number": self._number}
 
     def send(self, command: Command, now_ns: int) -> bytes:
-        """Return the text of a command; empty where the profile needs none.
-
-        Raises
-        ------
-        RequestError : VENT or SET_PRESSURE on a profile that cannot command pressure.
-        """
+        """Return the text of a command; empty if none is needed. RequestError: the profile cannot command pressure."""
         seq, self._seq = self._seq, (self._seq + 1) & 0xFF
         template = self.profile.templates.get(_KEYS[type(command)])
         if isinstance(command, messages.SetPressure) and not self.can_command:

@@ -2,14 +2,13 @@
 
     RX8 [h=43] @1P @0P @1S1 @0S1 @1S2 @0S2 [t=00]
 
-`[h=...]` are the header's bytes in hexadecimal, `[t=...]` the tail's, either may be missing but not both; between them
-one mark a byte: `@nNAME` is byte n of variable NAME, 0 the lowest, and `x` a byte to skip. A variable may have 1 to 4
-bytes in any order, all of them once. Letters' case matters in names only.
+`[h=...]` are the header's bytes in hexadecimal, `[t=...]` the tail's (one may be missing); between them one mark a
+byte: `@nNAME` is byte n of variable NAME, 0 the lowest, and `x` a byte to skip. A variable has 1 to 4 bytes in any
+order. Case matters in names only.
 
-The packets carry no checksum: a changed byte is not detected, only a lost or added one. So a packet counts when its
-header and tail fit and the next packet's header follows directly, the whole next packet while the stream is not yet
-synchronised. A sample is therefore delivered one period late, and the very last one not at all. After a misfit the
-search continues one byte after the failed start, never after the whole packet, so that a header byte among the data
+There is no checksum: only a lost or added byte is detected. So a packet counts when its header and tail fit and the
+next packet's header follows (the whole next packet until synchronised): samples are one period late, and the last is
+not delivered. After a misfit the search continues one byte after the failed start, so that a header byte among the data
 costs no packet.
 """
 
@@ -38,12 +37,7 @@ class PacketFormat:
 
 
 def parse_format(text: str) -> PacketFormat:
-    """Return the packet that an RX8 format string describes.
-
-    Raises
-    ------
-    ProfileError : not such a string; neither header nor tail; a byte of a variable missing or given twice.
-    """
+    """Return the packet of an RX8 format string. ProfileError: invalid, or a byte is missing or given twice."""
     match = _FORMAT.fullmatch(text)
     if match is None:
         remedy = "write it like RX8 [h=43] @1P @0P @1S1 @0S1 @1S2 @0S2 [t=00]"
@@ -82,12 +76,7 @@ def _hex(which: str, text: str | None) -> bytes:
 
 
 class PacketReader(ByteReader):
-    """Bytes in, rows of numbers out, one for each packet; malformed are stretches of bytes that are not a packet.
-
-    Parameters
-    ----------
-    format_ : the packet; a row has its variables in their order.
-    """
+    """Bytes in, a row of the variables for each packet out; malformed are stretches of bytes that are not a packet."""
 
     def __init__(self, format_: PacketFormat, signed: tuple[bool, ...]) -> None:
         super().__init__()

@@ -27,21 +27,15 @@
     set_pressure = "P{kpa:.1f}\\n"
     vent = "V\\n"
 
-The names used are time, index, pressure, and for each sensor either sN_lit and sN_dark (counts) or sN_signal. A field
-of any other name is an extra channel: it is recorded in its unit, which may be any text; one without a name, or with a
-name that begins with `_`, is left out. A field may have the `label` with which it is printed, where that is not its
-name, a `suffix` behind its number, such as a unit, and `base = 16` for hexadecimal digits (`signed = true` for a two's
-complement of them). A value is `field * scale + offset` in `unit`; that of a channel is NaN where
-the field is no number. A profile is user input: an unknown key, a wrong type or a missing part is refused by name, and
-a limit has no default.
+Names of fields are time, index, pressure, and for each sensor sN_lit and sN_dark (counts) or sN_signal. Any other name
+is an extra channel, recorded in its unit, which may be any text; a field without a name or with one that begins with
+`_` is left out. A field may have a `label` if it is printed with another name, a `suffix` behind its number, such as a
+unit, and `base = 16` for hexadecimal digits (`signed = true` for two's complement). A value is `field * scale + offset`
+in `unit`; that of a channel is NaN where the field is no number.
 
-Command templates of a text profile: a value in, a line out.
-
-A template is text with fields such as `{kpa:.1f}`. Rules of this file:
-
-- A field is one of the names listed for its command and an optional number format. Attributes, indices, conversions
-  and nested fields are refused: a profile is untrusted input.
-- A template is rendered once when it is loaded, so that a faulty one is found before a session and not during it.
+A profile is untrusted: an unknown key, a wrong type or a missing part is refused by name, and a limit has no default. A
+field of a command template, such as `{kpa:.1f}`, is a name listed for its command and an optional number format.
+Templates are rendered once on loading, so that a faulty one is found before a session.
 """
 
 from __future__ import annotations
@@ -108,16 +102,7 @@ COMMANDS: dict[str, Command] = {  # key of the profile -> an example of its comm
 
 
 def compile_template(key: str, text: str) -> Template:
-    """Return the function that renders a command's template.
-
-    Parameters
-    ----------
-    key : of the profile, one of `COMMANDS`.
-
-    Raises
-    ------
-    ProfileError : a field or format that is not allowed; names the key.
-    """
+    """Return the function that renders the template of one of `COMMANDS`. ProfileError: it is refused."""
     example = COMMANDS[key]
     _check(key, text, _values(example))
 
@@ -224,12 +209,7 @@ class TextProfile:
 
 
 def load_profile(source: str | Path) -> TextProfile:
-    """Return the profile in a file, or in TOML text (a string of more than one line).
-
-    Raises
-    ------
-    ProfileError : the file cannot be read, is not TOML, or holds something that is not allowed; names the key.
-    """
+    """Return the profile in a file, or in TOML text of more than one line. ProfileError: names the key."""
     text = source if isinstance(source, str) and "\n" in source else _read(Path(source))
     if len(text) > _FILE_MAX:
         raise ProfileError(f"the profile has more than {_FILE_MAX} characters", "shorten it")

@@ -1,9 +1,8 @@
-"""Propose a text profile from what a device prints: separator, fields, checksum, rate, and what the names tell.
+"""Propose a text profile from what a device prints: separator, fields, checksum, rate, and meanings.
 
-Rules: what the names or units of the text tell is *stated*; what only the numbers suggest (a column that grows by a
-constant step is a time) is *guessed*, and the operator has to confirm it. A proposal is tried by the decoder itself,
-through `load_profile`: there is no second reader. The voltages of an ADC cannot be read from its counts: reference and
-bits are proposed from the largest count.
+What names or units in the text give is *stated*; what only the numbers suggest (a column that grows by a constant step
+is a time) is *guessed*, to be confirmed by the operator. A proposal is tried by the decoder itself, through
+`load_profile`. Reference voltage and bits of an ADC are proposed from the largest count.
 """
 
 from __future__ import annotations
@@ -62,9 +61,9 @@ class ProposedField:
 
     Parameters
     ----------
-    name : its meaning as in a profile; `_` where it is left out, another text for an extra channel.
-    base, suffix, signed : how its number is printed.
-    scale : of the number in `unit`.
+    name : meaning as in a profile; `_` if left out, another text for an extra channel.
+    base, suffix, signed : printed form of its number.
+    scale : factor from the number to `unit`.
     guessed : whether the meaning is suggested by its numbers alone.
     """
 
@@ -94,10 +93,10 @@ class Proposal:
     ----------
     lines : keys of the profile's table `lines` beside the fields; empty for packets.
     rx8 : the format string of packets; empty for lines.
-    vref_mv, adc_bits : of counts; 0 where no signal is in counts.
-    fitting, seen : lines that have this syntax, and all but comments; packets and bytes for packets.
-    limits_kpa : of the pressure, which no text tells; None where it is not stated.
-    polarity : -1 where the voltage falls with light.
+    vref_mv, adc_bits : reference and bits of counts; 0 if no signal is in counts.
+    fitting, seen : number of lines with this syntax, and of all but comments; packets and bytes for packets.
+    limits_kpa : pressure limits; None until stated, since no text gives them.
+    polarity : -1 if the voltage falls with light.
     """
 
     fields: tuple[ProposedField, ...]
@@ -173,16 +172,9 @@ class _Syntax:
 
 
 def propose(data: bytes, seconds: float = 0.0) -> Proposal:
-    """Return the profile that lines of text suggest.
+    """Return the profile that lines of text suggest. ProfileError: no syntax fits most of the lines.
 
-    Parameters
-    ----------
-    data : what the device sent; the first and the last line may be incomplete.
-    seconds : in which it was sent; 0 where that is not known.
-
-    Raises
-    ------
-    ProfileError : no syntax fits most of the lines.
+    The first and the last line may be incomplete; `seconds` is the duration of the data, 0 if unknown.
     """
     line_end = "\n" if 2 * data.count(b"\n") >= data.count(b"\r") else "\r"
     pieces = data.decode("latin-1").split(line_end)
@@ -209,16 +201,7 @@ def propose(data: bytes, seconds: float = 0.0) -> Proposal:
 
 
 def propose_any(data: bytes, seconds: float = 0.0) -> Proposal:
-    """Return the profile that the data suggest: of lines where they are text, else of packets.
-
-    Parameters
-    ----------
-    seconds : in which it was sent; 0 where that is not known.
-
-    Raises
-    ------
-    ProfileError : neither fits.
-    """
+    """Return the profile that lines or else packets suggest; `seconds` as in `propose`. ProfileError: neither fits."""
     printable = sum(byte in b"\t\r\n" or 32 <= byte < 127 for byte in data[:PACKET_BYTES_MAX])
     is_text = printable >= ENOUGH * min(len(data), PACKET_BYTES_MAX)
     return propose(data, seconds) if is_text else propose_packets(data, seconds)
@@ -241,12 +224,7 @@ def _comment_prefixes(lines: Sequence[str]) -> list[str]:
 
 
 def _syntax(lines: Sequence[str]) -> _Syntax:
-    """Return the first syntax that fits most of the lines, the stricter ones first.
-
-    Raises
-    ------
-    ProfileError : none does.
-    """
+    """Return the first syntax that fits most of the lines, the stricter ones first. ProfileError: none does."""
     found = [_Syntax({"style": "json"}, list(_json_rows(lines))), _equally_wide(lines)]
     for delimiter, decimal in ((a, b) for a in DELIMITERS for b in ".," if a != b):
         found += [_labelled(lines, assign, delimiter, decimal) for assign in "=:"]
@@ -321,10 +299,7 @@ def _is_number(text: str, decimal: str) -> bool:
 
 
 def _without_damage(rows: list[list[tuple[str, str]]], decimal: str) -> list[list[tuple[str, str]]]:
-    """Return the rows without those where a text stands in a column of numbers: damaged on the way.
-
-    Among nearly nothing but decimal numbers a hexadecimal one is damage too.
-    """
+    """Return the rows without damaged ones: text in a column of numbers, or a hexadecimal among decimals."""
 
     def is_number(text: str) -> bool:
         return _is_number(text, decimal) or _HEX.fullmatch(text) is not None
@@ -511,16 +486,9 @@ def _with_device(proposal: Proposal, values: Sequence[np.ndarray[Any, Any] | Non
 
 
 def propose_packets(data: bytes, seconds: float = 0.0) -> Proposal:
-    """Return the profile that packets of bytes suggest, as an RX8 format.
+    """Return the profile that packets suggest, as an RX8 format. ProfileError: no byte repeats at a constant distance.
 
-    Parameters
-    ----------
-    data : what the device sent, beginning anywhere.
-    seconds : in which it was sent; 0 where that is not known.
-
-    Raises
-    ------
-    ProfileError : no byte comes back at a constant distance.
+    The data may begin anywhere; `seconds` is their duration, 0 if unknown.
     """
     content = np.frombuffer(data[:PACKET_BYTES_MAX], np.uint8)
     length, start = _packet(content)
@@ -554,8 +522,8 @@ def _constant(packets: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 def _packet(content: np.ndarray[Any, Any]) -> tuple[int, int]:
     """Return the length of the packets and where the first whole one begins.
 
-    The shortest length counts at which a byte stays the same. A packet begins with its longest run of such bytes that
-    are not 0, of which the first is the header; those at its end are the tail.
+    It is the shortest length at which a byte stays the same. A packet begins with its longest run of such bytes other
+    than 0, the first of which is the header; those at its end are the tail.
     """
     for length in PACKET_LENGTHS:
         n = len(content) // length
@@ -571,10 +539,10 @@ def _packet(content: np.ndarray[Any, Any]) -> tuple[int, int]:
 
 
 def _begin(fixed: np.ndarray[Any, Any], packets: np.ndarray[Any, Any]) -> int:
-    """Return where a packet begins: behind a line end among its constant bytes, else at the first of a run of them.
+    """Return where a packet begins: after a line end among its constant bytes, else at the first of a run of them.
 
-    A high byte that never changes looks like a header: of several places, that one counts from which the bytes make
-    variables of one order, high or low byte first; then that with the longest run.
+    A high byte that never changes looks like a header: preferred is the place from which the bytes make variables of
+    one byte order, then the one with the longest run.
     """
     length, packet = len(fixed), packets[len(packets) // 2]
 
@@ -596,7 +564,7 @@ def _begin(fixed: np.ndarray[Any, Any], packets: np.ndarray[Any, Any]) -> int:
 
 
 def _variables(packets: np.ndarray[Any, Any]) -> tuple[list[str], list[ProposedField]]:
-    """Return the marks of the bytes and the variables: of two bytes, the one that changes more slowly is the higher.
+    """Return the marks of the bytes and the variables; the slower byte of a pair is the high one.
 
     A packet with an odd number of bytes has a counter or a state at its end or its beginning.
     """

@@ -1,28 +1,9 @@
-"""Readers of other firmware: bytes in, rows of numbers out, one for each good line or packet.
+"""Readers of delimited lines of other firmware: bytes in, rows of numbers out, one for each good line.
 
-Delimited lines:
-
-- A line has exactly the profile's fields. A line with one more or less, a wrong checksum or an invalid number is
-  counted, never an error: two lines run together must not pass for one.
-- Comments and empty lines are ignored.
-- The fields of a line are in their order, or each is printed with its label (`p=12.5 s1=420`), or the line is JSON, or
-  all fields have one width and nothing between them. A line then has exactly the labels of the profile, in any order.
-- The first line may be incomplete: unless a checksum or a start command protects it, it is dropped, since half a number
-  is still a number.
-
-Packets of the PSoC 'Bridge Control Panel', as its RX8 format string describes them:
-
-    RX8 [h=43] @1P @0P @1S1 @0S1 @1S2 @0S2 [t=00]
-
-`[h=...]` are the header's bytes in hexadecimal, `[t=...]` the tail's, either may be missing but not both; between them
-one mark a byte: `@nNAME` is byte n of variable NAME, 0 the lowest, and `x` a byte to skip. A variable may have 1 to 4
-bytes in any order, all of them once. Letters' case matters in names only.
-
-The packets carry no checksum: a changed byte is not detected, only a lost or added one. So a packet counts when its
-header and tail fit and the next packet's header follows directly, the whole next packet while the stream is not yet
-synchronised. A sample is therefore delivered one period late, and the very last one not at all. After a misfit the
-search continues one byte after the failed start, never after the whole packet, so that a header byte among the data
-costs no packet.
+A line has exactly the profile's fields, in order, with labels in any order (`p=12.5 s1=420`), as JSON, or of one width
+with nothing between. A line with one more or less, a wrong checksum or an invalid number is counted, never an error:
+two lines run together must not pass for one. Comments and empty lines are ignored. The first line may be incomplete: it
+is dropped unless a checksum or a start command protects it, since half a number is still a number.
 """
 
 from __future__ import annotations
@@ -70,12 +51,7 @@ class LineFormat:
 
 
 class LineReader(ByteReader):
-    """Bytes in, rows of numbers out.
-
-    Parameters
-    ----------
-    first_is_whole : whether the first line is received from its beginning.
-    """
+    """Bytes in, rows of numbers out; `first_is_whole` if the first line is received from its beginning."""
 
     def __init__(self, format_: LineFormat, *, first_is_whole: bool) -> None:
         super().__init__()
@@ -207,13 +183,7 @@ CHECKSUMS: dict[str, tuple[Callable[[bytes], int], int]] = {  # name -> of the c
 
 
 def checked(line: bytes, kind: str, delimiter: bytes) -> tuple[bytes, bool]:
-    """Return the line without its checksum, and whether that is right.
-
-    Parameters
-    ----------
-    line : that of NMEA 0183 has its text between $ and *, any other one the checksum as its last field.
-    kind : one of `CHECKSUMS`; in hexadecimal digits.
-    """
+    """Return the line without its hexadecimal checksum (behind *, or the last field), and whether it is right."""
     of, length = CHECKSUMS[kind]
     text, found, digits = line.removeprefix(b"$").rpartition(b"*") if kind == "nmea" else line.rpartition(delimiter)
     try:
@@ -223,12 +193,7 @@ def checked(line: bytes, kind: str, delimiter: bytes) -> tuple[bytes, bool]:
 
 
 def hexadecimal(text: bytes, *, signed: bool) -> float:
-    """Return a hexadecimal number, with 0x or without; a `signed` one is a two's complement of its digits.
-
-    Raises
-    ------
-    ValueError : it is not one.
-    """
+    """Return a hexadecimal number, with 0x or without; `signed` is two's complement. ValueError: not one."""
     digits = text.strip().lower().removeprefix(b"0x")
     if not digits.isalnum():  # no sign, no 12_34
         raise ValueError
@@ -237,12 +202,7 @@ def hexadecimal(text: bytes, *, signed: bool) -> float:
 
 
 def json_values(line: bytes | str) -> Iterator[tuple[str, str]]:
-    """Yield label and text of each value in a line of JSON; a value inside another one as `outer.inner`.
-
-    Raises
-    ------
-    ValueError : it is not JSON, or not an object or a list.
-    """
+    """Yield (label, text) of the values in JSON, a nested one as `outer.inner`. ValueError: no JSON object or list."""
     content = json.loads(line)
     if not isinstance(content, dict | list):
         raise ValueError("not an object")  # noqa: TRY004 - as json reports what is not JSON

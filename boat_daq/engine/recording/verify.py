@@ -86,7 +86,7 @@ def verify_recording(
 
     Parameters
     ----------
-    path : a recording; one that is interrupted is checked up to its last commit.
+    path : a recording; one that is interrupted, or in progress, is checked up to its last commit.
     reanalyse : computes a stored result anew, or returns None for an unknown kind.
     code : state of the program that `reanalyse` computes with; a result names the one it was computed by.
     """
@@ -95,6 +95,7 @@ def verify_recording(
     difference, missing = "", Missing()
     log = None if is_being_written(path) else read_log(path)
     with closing(open_recording(path)) as db:
+        db.execute("BEGIN")  # one state of the file, whatever is recorded meanwhile
         try:
             if log is not None and log.damage:
                 raise _Difference(f"{log.damage[0]}; what follows is not read without recovery")

@@ -17,16 +17,18 @@ import protocol
 from boat_daq.engine.link import opening
 from boat_daq.engine.link.block import Block
 from boat_daq.engine.link.opening import open_link
+from boat_daq.engine.recording import verify
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.verify import verify_recording
 from protocol import Connection, Start
+from protocol.link.bulk import decode_chunks
 from protocol.recording import RunEnd, dtype_from_description, open_recording, read_session, session_dtype
 from protocol.simulator.board import VirtualBoard
 from protocol.simulator.faults import parse_fault
 from protocol.text.connection import TextConnection
 from protocol.text.profile import load_profile
 from tests.boat_daq.engine.board_link import BoardTransport, Seen, identified, meta_of, record_run
-from tests.boat_daq.engine.recording_source import add_result
+from tests.boat_daq.engine.recording_source import Source, add_result, begin
 
 PROFILE = Path(protocol.__file__).parent / "profiles" / "delimited_lines.toml"
 
@@ -367,3 +369,23 @@ def test_a_recording_without_a_decoder_state_is_opened_by_its_description(record
     link = open_link(meta, None)
     assert isinstance(link, Connection)
     assert link.n_sensors == meta["n_sensors"] == 2
+
+
+def test_a_recording_in_progress_is_compared_up_to_its_last_commit(tmp_path, monkeypatch):
+    """A commit between the reading of the bytes and that of the samples gave a false alarm."""
+    source = Source()
+    recorder = begin(tmp_path / "run.boat", source)
+
+    def decode_and_record(chunks, link):
+        yield from decode_chunks(chunks, link)
+        recorder(source.next(200_000))
+        assert recorder.flush()
+
+    recorder(source.next(1_000_000))
+    assert recorder.flush()
+    monkeypatch.setattr(verify, "decode_chunks", decode_and_record)
+    verdict = verify_recording(tmp_path / "run.boat")
+    monkeypatch.undo()
+    recorder.close(RunEnd.STOPPED)
+    assert (verdict.difference, verdict.samples) == ("", 100)
+    assert verify_recording(tmp_path / "run.boat").samples == 120

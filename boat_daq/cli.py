@@ -6,6 +6,7 @@ that `--version`, `--help` and `board` start at once.
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import sys
@@ -126,24 +127,34 @@ def start(
         gui()
 
 
+def ending_signals() -> tuple[signal.Signals, ...]:
+    """Return the signals that end the program in order: SIGHUP, a closed terminal, unless nohup has it ignored."""
+    hangup = getattr(signal, "SIGHUP", None)
+    heeded = hangup is not None and signal.getsignal(hangup) != signal.SIG_IGN
+    return (signal.SIGINT, signal.SIGTERM, *((hangup,) if heeded else ()))
+
+
 class Interruption:
-    """Turns SIGINT (Ctrl-C) and SIGTERM into a KeyboardInterrupt, and records it in `came`."""
+    """Turns `ending_signals` into a KeyboardInterrupt, and records it in `came`."""
 
     def __init__(self) -> None:
         self.came, self._leaving = False, False
         sys.unraisablehook = self._again
-        for number in (signal.SIGINT, signal.SIGTERM):
+        self._signals = ending_signals()
+        for number in self._signals:
             signal.signal(number, self)
 
-    def __call__(self, _signal: int, _frame: FrameType | None) -> None:
+    def __call__(self, number: int, _frame: FrameType | None) -> None:
         self.came = True
+        if number == getattr(signal, "SIGHUP", None):
+            _discard_output()
         if not self._leaving:
             raise KeyboardInterrupt
 
     def leave(self) -> None:
         """Ignore what comes from now on: the interpreter, as it ends, would be killed by it and lose the exit code."""
         self._leaving = True  # for one that is pending already, which `signal.signal` handles first
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in self._signals:
             signal.signal(number, signal.SIG_IGN)
 
     def _again(self, ignored: sys.UnraisableHookArgs) -> None:
@@ -155,6 +166,19 @@ class Interruption:
             threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT)).start()
         elif not self.came:
             sys.__unraisablehook__(ignored)
+
+
+def _discard_output() -> None:
+    """Lead output to a closed terminal nowhere: writing to it would raise an error amid the closing."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for descriptor in (1, 2):
+        try:
+            os.ttyname(descriptor)
+        except OSError as error:
+            if error.errno not in (errno.EIO, errno.ENXIO, errno.ENODEV):  # a file or a pipe: it is still read
+                continue
+        os.dup2(nowhere, descriptor)
+    os.close(nowhere)
 
 
 def explain(error: Exception) -> tuple[str, str]:

@@ -139,7 +139,13 @@ def run(
         interrupted.append(True)
         window.close()  # vents, and closes the recording
 
-    for number in (signal.SIGINT, signal.SIGTERM):  # handled between two ticks; an exception would be lost in a slot
+    hangup = getattr(signal, "SIGHUP", None)  # nohup has it ignored
+    closing = () if hangup is None or signal.getsignal(hangup) == signal.SIG_IGN else (hangup,)
+    for number in (
+        signal.SIGINT,
+        signal.SIGTERM,
+        *closing,
+    ):  # handled between two ticks; an exception would be lost in a slot
         signal.signal(number, stop)
     code = app.exec()
     return INTERRUPTED if interrupted else code

@@ -1,7 +1,11 @@
-"""Ending a run early: SIGINT and SIGTERM vent and close; SIGKILL leaves a vented board and a recoverable file."""
+"""Ending a run early: SIGINT, SIGTERM and a closed terminal vent and close.
+
+SIGKILL leaves a vented board and a recoverable file.
+"""
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -35,11 +39,18 @@ def truth(folder: Path) -> np.ndarray[Any, Any]:
     return np.array([float(line.split(",")[3]) for line in lines])
 
 
+def recording(board: ServedBoard, folder: Path) -> list[str]:
+    options = ["--port", board.url, "--plan", "calibration", "--out", str(folder / "run.boat")]
+    return [sys.executable, "-m", "boat_daq", "record", *options]
+
+
 def start_under_pressure(board: ServedBoard, folder: Path) -> subprocess.Popen[str]:
     """Start a calibration and wait until the unit is under pressure."""
-    command = [sys.executable, "-m", "boat_daq", "record", "--port", board.url, "--plan", "calibration"]
-    command += ["--out", str(folder / "run.boat")]
-    process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(recording(board, folder), cwd=ROOT, stderr=subprocess.PIPE, text=True)
+    return under_pressure(process, folder)
+
+
+def under_pressure(process: subprocess.Popen[str], folder: Path) -> subprocess.Popen[str]:
     deadline = time.monotonic() + 60
     while time.monotonic() < deadline:
         pressure = truth(folder)
@@ -56,6 +67,41 @@ def test_signal_vents_and_closes(number: int, board: ServedBoard, tmp_path: Path
     process = start_under_pressure(board, tmp_path)
     process.send_signal(number)
     process.communicate(timeout=60)
+    check_ended(process, tmp_path)
+
+
+ON_TERMINAL = """
+import fcntl, os, signal, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+if sys.argv[1] == "nohup":
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    for descriptor in (1, 2):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
+os.execv(sys.argv[2], sys.argv[2:])
+"""
+
+
+@pytest.mark.parametrize("how", ["heeded", pytest.param("nohup", marks=pytest.mark.nightly)])
+def test_closed_terminal_vents_and_closes(board: ServedBoard, tmp_path: Path, how: str) -> None:
+    """SIGHUP ended the program at once; as under nohup, it records on."""
+    ours, theirs = os.openpty()
+    command = [sys.executable, "-c", ON_TERMINAL, how, *recording(board, tmp_path)]
+    process = subprocess.Popen(
+        command, cwd=ROOT, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True, text=True
+    )
+    os.close(theirs)
+    under_pressure(process, tmp_path)
+    os.close(ours)  # what closing a terminal's window does
+    if how == "nohup":
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(5)
+        process.terminate()
+    process.wait(60)
+    check_ended(process, tmp_path)
+
+
+def check_ended(process: subprocess.Popen[str], tmp_path: Path) -> None:
+    """Exit 130, the unit vented, one closed file, identical to its bytes."""
     assert process.returncode == 130
     assert abs(truth(tmp_path)[-1]) < 1.0
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run.boat", "truth.csv"]

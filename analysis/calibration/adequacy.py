@@ -1,13 +1,12 @@
-"""Whether a curve is adequate: lack of fit, curves of other families beside it, and the expanded uncertainty it keeps.
+"""Whether a curve is adequate: lack of fit, curves of other families, and the expanded uncertainty it keeps.
 
-The position means are tested against what scatter and reading allow. Polynomials of degree 1 to 6 and a monotone spline
-are compared by the error of predicting each inner position from the others; the simplest within one standard error of
-the best is preferred. If the curve is suspect, the average of it and all richer ones, by Akaike's weights, gives a
-known deviation d(x). It is not corrected: U is widened until it holds the truth as often as 2 u does without.
-
-Sources: Draper and Smith, Applied Regression Analysis (1998), 2.1; Hastie, Tibshirani, Friedman, The Elements of
-Statistical Learning (2009), 7.10; Buckland, Burnham, Augustin, Biometrics 53 (1997) 603 (weights); Phillips et al.,
-J. Res. NIST 102 (1997) 577 (uncorrected bias); GUM F.2.4.5.
+The position means are tested against scatter and reading. Polynomials of degree 1 to 6 and a monotone spline are
+compared by the error of predicting each inner position from the others; the simplest within one standard error of the
+best is preferred. For a suspect curve, the Akaike-weighted average of it and all richer ones gives a known deviation
+d(x); U is widened until it holds the truth as often as 2 u does without. Sources: Draper and Smith, Applied Regression
+Analysis (1998), 2.1; Hastie, Tibshirani, Friedman, The Elements of Statistical Learning (2009), 7.10; Buckland,
+Burnham, Augustin, Biometrics 53 (1997) 603 (weights); Phillips et al., J. Res. NIST 102 (1997) 577 (uncorrected bias);
+GUM F.2.4.5.
 """
 
 from __future__ import annotations
@@ -68,11 +67,11 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Adequacy:
-    """The verdict on a curve; `p_value` is NaN where nothing was left to test it by.
+    """The verdict on a curve; `p_value` is NaN if nothing was left to test it by.
 
-    `preferred` is the candidate that predicts best, or its simpler equal; `averaged` has weights and curves of the
-    reference, the chosen curve alone without a suspicion; `remainder` is the rms over the range by which the chosen
-    curve misses, in the unit of y.
+    `preferred` predicts best, or is its simpler equal; `averaged` holds (weight, curve) of the reference, the chosen
+    curve alone without a suspicion; `remainder` is the rms deviation of the chosen curve over the range, in the unit of
+    y.
     """
 
     verdict: CurveVerdict
@@ -226,11 +225,11 @@ def _averaged(chosen: JointFit, candidates: Sequence[Candidate]) -> tuple[tuple[
 
 
 def lack_of_fit_p(chosen: JointFit, richer: JointFit) -> float:
-    """Return the chance of such a lack of fit for the right curve; NaN where nothing is left to test by.
+    """Return the p-value of the lack of fit; NaN if nothing is left to test by.
 
-    The position means are tested by their scatter within positions and their reading, all together and by what a
-    `richer` curve gains: the lesser chance of the two, twice (Bonferroni). If hardly one was read twice, or the loop is
-    not of the model's shape: the gain against what the richer curve leaves.
+    The position means are tested by their scatter and reading, together and by the gain of a `richer` curve: twice the
+    lesser p (Bonferroni). If hardly one was read twice, or the loop has another shape: the gain against the residuals
+    of the richer curve.
     """
     if chosen.dof < 1:
         return float("nan")
@@ -258,9 +257,9 @@ def _chance(ratio: float, dof: int, within: int) -> float:
 def expanded(
     deviation: npt.ArrayLike, u: npt.ArrayLike, factor: float = COVERAGE_FACTOR, *, half_loop: npt.ArrayLike = 0.0
 ) -> FloatArray:
-    """Return U that holds as much of a normal error about a known deviation as `factor` u holds without one.
+    """Return U that covers a normal error about a known deviation as often as `factor` u does without one.
 
-    `half_loop` is half the distance of two branches about the deviation, one as likely as the other.
+    `half_loop` is half the distance of two equally likely branches about the deviation.
     """
     given = (np.asarray(one, dtype=np.float64) for one in (deviation, half_loop, u))
     away, half, spread = np.broadcast_arrays(*given)

@@ -57,8 +57,8 @@ def aicc(calibration: Calibration) -> float:
 def leave_one_out(x: FloatArray, y: FloatArray, group: FloatArray, degree: int) -> dict[str, Any]:
     """Predict each group (a cycle) of the points [n] from the others.
 
-    Returns the rms of the prediction errors and, by group, the largest change of the curve without it, in the unit of
-    y; None for a group without which the degree cannot be carried.
+    Returns the rms prediction error and, by group, the largest change of the curve without it, in the unit of y; None
+    for a group without which the degree cannot be fitted.
     """
     whole = fit_calibration(x, y, degree)
     design = whole.fit.basis.design(x)
@@ -166,10 +166,10 @@ def _near_turning_points(calibration: Calibration, x_unit: str) -> Iterator[tupl
 def _suspect_points(
     calibration: Calibration, point: Callable[[int], str] | None, y_unit: str
 ) -> Iterator[tuple[WarningCode, str]]:
-    """Name the point that is off the curve, and one that could be off unseen; none of an exact fit.
+    """Yield warnings of a point off the curve, and of one that could be off unseen; none for an exact fit.
 
-    The largest externally studentised residual against Student's t, Bonferroni's bound over all points (R. D. Cook,
-    S. Weisberg, Residuals and Influence in Regression, 1982, 2.2.2).
+    The largest externally studentised residual against Student's t with Bonferroni's bound (R. D. Cook, S. Weisberg,
+    Residuals and Influence in Regression, 1982, 2.2.2).
     """
     fit, dof, x, y = calibration.fit, calibration.dof, calibration.x, calibration.y
     alone = int(np.argmax(fit.leverage))

@@ -1,8 +1,8 @@
-"""Whether two calibrations of one unit agree: coefficients side by side, the difference of the curves, E_n.
+"""Whether two calibrations of one unit agree: coefficients, the difference of the curves, E_n.
 
-On the range that both share, E_n = (y - y_ref) / sqrt(U^2 + U_ref^2), U = 2 times the standard uncertainty of the
-curve, free of the loop about it (ISO/IEC 17043, ISO 13528, 9.7); |E_n| <= 1 agrees. Nothing is extrapolated; two
-calibrations that share no range are refused.
+On the shared range E_n = (y - y_ref) / sqrt(U^2 + U_ref^2), U = 2 times the standard uncertainty of the curve, free of
+the loop about it (ISO/IEC 17043, ISO 13528, 9.7); |E_n| <= 1 agrees. Nothing is extrapolated; calibrations without a
+shared range are refused.
 """
 
 from __future__ import annotations
@@ -88,9 +88,8 @@ def compare_fits(new: Mapping[str, Any], before: Mapping[str, Any]) -> Agreement
 def between_calibrations_mm(calibrations: Sequence[Calibration], x_mm: float) -> tuple[float, int]:
     """Return the sd between calibrations of one sensor, as elongation at `x_mm`, and its degrees of freedom.
 
-    The variance over calibrations of y(x_mm) less what the uncertainty of each fit makes of it (floored at zero),
-    through the mean slope. The spread of the signal at one pressure would hold the actuator's as well. Raises
-    RequestError if fewer than two of them reach `x_mm`.
+    The variance of y(x_mm) less the uncertainty of the fits (floored at zero), through the mean slope: the spread of
+    the signal at one pressure would hold the actuator's as well. RequestError: fewer than two of them reach `x_mm`.
     """
     fits = [c for c in calibrations if c.x_range[0] <= x_mm <= c.x_range[1]]
     if len(fits) < 2:

@@ -1,10 +1,10 @@
 """Polynomial fits under a constraint: through the origin, or monotone over the range.
 
-A constraint y(0) = 0 is one linear equation of the coefficients in the scaled basis: the fit is done in its null space;
-the constant is exactly zero and costs no degree of freedom. Monotone means that the slope has one sign over the range:
-a least-squares problem with linear inequalities at many x, solved as a problem of least distance by non-negative least
-squares; of rising and falling the better one is kept. Where the inequalities bind, the standard errors are those of the
-fit without them, which are larger. Source: Lawson and Hanson, Solving Least Squares Problems (1974), chapters 20, 23.
+y(0) = 0 is one linear equation of the scaled coefficients: the fit is done in its null space, the constant is exactly
+zero. Monotone (one sign of the slope over the range) is a least-squares problem with linear inequalities at many x,
+solved as least distance by non-negative least squares; the better of rising and falling is kept. Where inequalities
+bind, the standard errors are the larger ones of the fit without them. Source: Lawson and Hanson, Solving Least Squares
+Problems (1974), chapters 20, 23.
 """
 
 from __future__ import annotations
@@ -100,8 +100,8 @@ def with_solution(
     """Return a calibration of the same points with another solution, [degree + 1] in its scaled basis.
 
     `factor` is F, [degree + 1, parameters], with the covariance sd^2 F F^T; `leverage` and `weights` are [n], the
-    largest weight 1; `sd` is of a point of weight 1, by default from the residuals. With `zero_constant` the monomial
-    constant is exactly zero.
+    largest weight 1; `sd` belongs to weight 1, by default from the residuals. With `zero_constant` the constant is
+    exactly zero.
     """
     old = calibration.fit
     weights = old.weights if weights is None else weights

@@ -30,10 +30,7 @@ def curve_name(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class CurveCandidate:
-    """What one curve would be for a sensor; NaN where a number cannot be given.
-
-    `prediction_rms_mv` is the error of each inner position from the others, `expanded_mm` U in the middle of the range.
-    """
+    """One candidate curve of a sensor: rms error of predicting inner positions, U in mid-range; NaN if unknown."""
 
     name: str
     verdict: str = ""

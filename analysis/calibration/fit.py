@@ -1,7 +1,7 @@
 """The calibration: y(x) through the plateaus, with its uncertainty and its range (ISO/TS 28038:2018, 6 and 7).
 
-`analysis.polynomial` solves; this module turns the solution into the content of a calibration certificate. Outside
-`range` nothing is promised: `y` evaluates anywhere, the inverse refuses (`analysis.calibration.inverse`).
+`analysis.polynomial` solves; this module derives the content of a calibration certificate. `y` evaluates outside
+`range` without any warranty; the inverse refuses there (`analysis.calibration.inverse`).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Calibration:
 
     Attributes
     ----------
-    coefficients, std_errors, covariance : of the monomials, b0 first; none of a spline.
+    coefficients, std_errors, covariance : monomial ones, b0 first; empty for a spline.
     r2, adjusted_r2 : share of the (weighted) variance explained; NaN if y does not vary.
     rmse, residual_sd : residuals over n, and over n - degree - 1; NaN without degrees of freedom.
     turning_points : every x where the slope changes sign, inside the range or not.
@@ -177,8 +177,8 @@ class Calibration:
     def curve_parts(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return u of y(x) by the scatter of the signals, and by the reading of x: together `curve_u` of a joint fit.
 
-        The covariance of a fit through points takes every point's error for its own; what points of one position share
-        is the second part then, and nothing counts twice.
+        The covariance of a fit through points treats errors as independent; the second part is then what positions
+        share.
         """
         if self.joint is not None:
             joint = self.joint
@@ -201,9 +201,9 @@ class Calibration:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the lower and upper limit of the curve, or of one new reading, at confidence `level`; x of any shape.
 
-        Student's t with n - degree - 1 degrees of freedom, or as many fewer as there are positions if x was read on a
-        grid; those of the joint fit if there is one; widened by what the curve is known to miss. Pointwise, not
-        simultaneous. NaN without degrees of freedom.
+        Pointwise, by Student's t with n - degree - 1 degrees of freedom, with positions for points if x was read on a
+        grid, or with those of the joint fit; widened by the known deviation of the curve. NaN without degrees of
+        freedom.
         """
         spread = self.curve_u(x) if self.adequacy is None else self.adequacy.average_u(x)
         if new_reading:
@@ -226,17 +226,10 @@ class Calibration:
 def fit_calibration(
     x: npt.ArrayLike, y: npt.ArrayLike, degree: int = 3, *, standard_uncertainty: npt.ArrayLike | None = None
 ) -> Calibration:
-    """Fit y(x), a polynomial of `degree` 0 to 10, by (weighted) least squares.
+    """Fit y(x), a polynomial of `degree` 0 to 10, by (weighted) least squares; x and y are [n].
 
-    Parameters
-    ----------
-    x, y : [n], for instance elongation in mm and signal in mV.
-    standard_uncertainty : [n] of y; gives weights 1/u^2. Only the ratios matter: the scale is that of the residuals.
-
-    Raises
-    ------
-    DataError : fewer than degree + 1 distinct x, all x equal, clustered x, NaN; the message names which.
-    RequestError : degree or uncertainties outside what the method is defined for.
+    `standard_uncertainty` [n] of y gives weights 1/u^2; only the ratios matter, the residuals set the scale. DataError:
+    fewer than degree + 1 distinct x, clustered x, NaN. RequestError: degree or uncertainties are not allowed.
 
     Examples
     --------
@@ -265,7 +258,7 @@ def fit_by_branch(
     reading_sd: float = 0.0,
     shared: FloatArray | None = None,
 ) -> Calibration:
-    """Fit y(x) and a loop about it to the means of positions that were read again and again.
+    """Fit y(x) and a loop about it to the means of positions that were read repeatedly.
 
     The range is that of the means at the end levels. Positions too few for the joint fit are fitted by
     `fit_calibration`; raises what it raises.
@@ -273,7 +266,7 @@ def fit_by_branch(
     Parameters
     ----------
     positions, branch : [n] label of the position of each point; 1 loading, -1 unloading, 0 at the shared end levels.
-    reading_sd : of one reading: the grid / sqrt(12); 0 if x is exact.
+    reading_sd : sd of one reading, the grid / sqrt(12); 0 if x is exact.
     shared : [n] error of y that a position has in every cycle alike, see `PositionMeans`.
     """
     usual = USUAL_DEGREE if degree == SPLINE else int(degree)
@@ -343,7 +336,7 @@ def _calibration(
 
 
 def turning_points(fit: LeastSquares) -> tuple[float, ...]:
-    """Return every real x where the slope changes sign, ascending; none for a straight line or a constant.
+    """Return every real x where the slope changes sign, ascending.
 
     Leading coefficients that are rounding error of the fit are dropped first: a line fitted as a cubic turns nowhere.
     """

@@ -1,7 +1,7 @@
 """A polynomial fit of any two columns, with its options: stated uncertainty, constraints, wrong points left out.
 
-The constraint is fitted first; points are left out under the same constraint. A stated uncertainty gives the
-covariance, whatever the scatter is (ISO/TS 28038:2018, 6 and 7); the chi-square test shows whether the two agree.
+Points are left out under the same constraint. A stated uncertainty gives the covariance, whatever the scatter (ISO/TS
+28038:2018, 6 and 7); the chi-square test shows whether the two agree.
 """
 
 from __future__ import annotations
@@ -32,10 +32,7 @@ class FitOptions:
 
 @dataclass(frozen=True, slots=True)
 class GeneralFit:
-    """A fit with its tests; a stated uncertainty gives the covariance of the calibration.
-
-    `residual_sd` is the scatter about the curve of a point of weight 1; `kept` is [n of all points].
-    """
+    """A fit with its tests; `residual_sd` is the scatter at weight 1, `kept` is [n of all points]."""
 
     calibration: Calibration
     residual_sd: float
@@ -67,10 +64,9 @@ def general_fit(
     standard_uncertainty: npt.ArrayLike | None = None,
     options: FitOptions | None = None,
 ) -> GeneralFit:
-    """Fit y(x), a polynomial of `degree` 0 to 10, with options.
+    """Fit y(x), a polynomial of `degree` 0 to 10, with options; raises as `fit_calibration`, or for a constraint.
 
-    `standard_uncertainty` [n] of each y gives the weights and the covariance. Raises what `fit_calibration` raises, or
-    if the points do not carry a constraint.
+    `standard_uncertainty` [n] of each y gives the weights and the covariance.
     """
     options = options or FitOptions()
 

@@ -1,13 +1,11 @@
 """From mV to mm: the inverse of a calibration, with its uncertainty, for one sensor or several.
 
-The curve is kept as powers of the scaled variable. A table of 257 nodes gives the start; Newton's method, kept inside
-its bracket by bisection, gives the value to the last digits. The uncertainty over the range is kept at 129 nodes and
-interpolated. An inverse written to a file or as code (`calibration_export`) gives the same values.
-
-Outside the range there is no value: NaN and a mark, or the end of the range on request. Up to two standard
-uncertainties and half a division of the grid beyond it the value is that of the tangent at the end, and marked: noise
-carries half the signals of the end there. A curve that turns inside its range has no inverse and is refused.
-Source: ISO/TS 28038:2018, clause 8.
+The curve is kept as powers of the scaled variable. A table of 257 nodes gives the start; Newton's method, bracketed by
+bisection, the value. The uncertainty is interpolated between 129 nodes. An inverse in a file or in code
+(`calibration_export`) gives the same values. Outside the range the value is NaN and marked, or the end on request. Up
+to two standard uncertainties and half a division of the grid beyond it, it follows the tangent at the end and is
+marked, since noise carries half the signals of the end there. A curve that turns inside its range is refused. Source:
+ISO/TS 28038:2018, clause 8.
 """
 
 from __future__ import annotations
@@ -39,9 +37,9 @@ BEYOND_SIGMA = 2.0  # standard uncertainties beyond an end of the range, as it w
 class ElongationEstimate:
     """Elongations with their uncertainty, k = 1; NaN where they are not known.
 
-    `outside` : the signal lies outside the range by more than two standard uncertainties and half a division of the
-    grid. `beyond` : by no more; the value is that of the tangent at the end. `disagreement` : two sensors differ by
-    more than 4 sigma.
+    `outside`: the signal is outside the range by more than two standard uncertainties and half a division of the grid;
+    `beyond`: by less, with the value of the tangent at the end; `disagreement`: two sensors differ by more than 4
+    sigma.
     """
 
     elongation_mm: FloatArray
@@ -72,12 +70,12 @@ class Inverse:
 
     Attributes
     ----------
-    x_range, starts : mm, that u = -1..1 spans; [pieces + 1] ends of the pieces in u.
+    x_range, starts : mm, mapped to u = -1..1; [pieces + 1] ends of the pieces in u.
     powers : [pieces, degree + 1] coefficients of the signal, mV, in powers of u less the middle of the piece.
     nodes : [NODES] signal at equally spaced u.
-    noise_mm, shared_mm : [U_NODES] standard uncertainty at equally spaced u: of the noise of one signal, and of what
-        the sensors of one unit share in part (curve, reading, model). No more than the width of the range.
-    reference : of the type B contributions: a constant, mm, and a share of x, which add in squares.
+    noise_mm, shared_mm : [U_NODES] standard uncertainty at equally spaced u, by the noise of one signal, and by what
+        the sensors of one unit share in part (curve, reading, model); at most the width of the range.
+    reference : type B contributions: a constant, mm, and a share of x, which add in squares.
     """
 
     x_range: tuple[float, float]
@@ -101,14 +99,14 @@ class Inverse:
         reading_sd: float = 0.0,
         type_b: tuple[TypeBContribution, ...] = (),
     ) -> Inverse:
-        """Prepare the inverse; raises DataError if the curve turns inside its range, or is refused for its lack of fit.
+        """Prepare the inverse. DataError: the curve turns inside its range, or is refused for its lack of fit.
 
         Parameters
         ----------
         noise_sd : sd of one new signal, mV, independent between sensors; by default the residual sd of the fit.
         model_sd : sd of what the curve leaves out and the sensors share (repeatability, drift), mV.
         half_loop : half the sensor's loop, mV: at equally spaced x from end to end of the range, or everywhere.
-        reading_sd : sd of the readings of x, mm, of a calibration that does not know its positions.
+        reading_sd : sd of the readings of x, mm, if the calibration does not know its positions.
         type_b : contributions of the reference, the same in every sensor.
         """
         if calibration.reading is None:
@@ -224,11 +222,9 @@ class Fusion:
 
     @classmethod
     def of(cls, sensors: Sequence[Calibration | Inverse]) -> Fusion:
-        """Prepare the fusion of the sensors of one unit: calibrations, or inverses with their own noise.
+        """Prepare the fusion of the sensors of one unit. RequestError: no sensor. DataError: one has no inverse.
 
-        Noise is independent; the correlation of the rest is that of the residuals of the calibrations if these rest on
-        the same points; else none is assumed. Raises RequestError without a calibration, DataError for one without an
-        inverse.
+        Noise is independent; the rest is correlated as the residuals are if the calibrations rest on the same points.
         """
         if not sensors:
             raise RequestError("there is no calibrated sensor", "Calibrate at least one.")
@@ -245,9 +241,9 @@ class Fusion:
     def evaluate(self, signal_mv: npt.ArrayLike, *, clamp: bool = False) -> ElongationEstimate:
         """Return the fused elongation of signals [..., sensors].
 
-        A sensor outside its range does not take part; if all are outside, x is NaN (or clamped). `beyond` marks a value
-        that a sensor beyond the end of its range takes part in. Two sensors that differ by more than 4 sigma of their
-        difference raise `disagreement`; the value is given all the same.
+        A sensor outside its range does not take part; if all are outside, x is NaN (or clamped). `beyond`: a sensor
+        beyond the end of its range takes part; `disagreement`: two sensors differ by more than 4 sigma of their
+        difference.
         """
         signal = np.asarray(signal_mv, dtype=np.float64)
         if signal.shape[-1:] != (len(self.inverses),):

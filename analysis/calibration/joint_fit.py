@@ -3,10 +3,10 @@
 A position p (a level of one branch) has the mean reading x_p with a variance u_p^2 and the mean signal y_p with a
 variance s_p^2. With z = x mapped to -1..1 over the means at the end levels and B = 1 loading, -1 unloading,
     y_p = f(z_p) + B_p (1 - z_p^2) (c0 + c1 z_p) / 2 + e_p,    variance of e_p = s_p^2 + f'^2 u_p^2 + t^2.
-The loop closes at both ends and belongs to the design, not to the error of the curve. Errors in x are adjusted for, so
-that scattered readings do not flatten the curve; t^2 is its moment estimate if the means give reason to suspect one.
-Sources: W. A. Fuller, Measurement Error Models (1987), 3.2 (adjusted x); R. DerSimonian, N. Laird, Controlled Clinical
-Trials 7 (1986) 177 (t^2); GUM (JCGM 100) 5.1.2.
+The loop closes at both ends and is not an error of the curve. Errors in x are adjusted for, so that scattered readings
+do not flatten the curve; t^2 is a moment estimate, used if the means give reason. Sources: W. A. Fuller, Measurement
+Error Models (1987), 3.2 (adjusted x); R. DerSimonian, N. Laird, Controlled Clinical Trials 7 (1986) 177 (t^2); GUM
+(JCGM 100) 5.1.2.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class PositionMeans:
     Attributes
     ----------
     branch : 1 loading, -1 unloading, 0 at the end levels, which both share.
-    x_variance, y_variance : of the means, from the scatter within positions and the grid.
+    x_variance, y_variance : variances of the means, from the scatter within positions and the grid.
     dof : degrees of freedom of that scatter; 0 if no position was read twice.
     independent : False if most of the error is the rounding that a position has in every cycle.
     shared : u of y by one cause that moves all positions, fully correlated; its square is in `y_variance`.
@@ -100,8 +100,7 @@ def position_means(
 ) -> PositionMeans:
     """Return the means over the readings of each position; `fit` is a polynomial through the points, for its slope.
 
-    `branch` is 1, -1, or 0 at the end levels; `reading` that of x on a grid, None if x is exact, and its scatter the
-    actuator's.
+    `branch` is 1, -1, or 0 at the end levels; `reading` is None if x is exact and its scatter the actuator's.
     """
     labels, first, of_point = np.unique(np.asarray(positions), return_index=True, return_inverse=True)
     of_point = of_point.reshape(-1)
@@ -168,9 +167,9 @@ class JointFit:
     Attributes
     ----------
     influence : [curve and loop, positions] d coefficients / d y_p; zero rows where a constraint holds.
-    known_variance : [positions] of y_p about the curve by scatter and reading.
-    misfit_sd : t, what the positions miss the model by besides.
-    residuals, leverage, slope : [positions] in the direction of y; slope of the branch that each lies on.
+    known_variance : [positions] variance of y_p about the curve by scatter and reading.
+    misfit_sd : t, the further scatter of the positions about the model.
+    residuals, leverage, slope_at : [positions] in the direction of y; slope of the branch of each.
     """
 
     basis: CurveBasis
@@ -284,7 +283,7 @@ class JointFit:
         return float(np.sqrt(max(excess, 0.0)))
 
     def draws(self, rng: np.random.Generator, count: int) -> tuple[FloatArray, FloatArray]:
-        """Draw coefficients [count, coefficients] that the errors allow, and the ends of their range [count, 2].
+        """Draw coefficients [count, coefficients] within the errors, and the ends of their range [count, 2].
 
         An error of reading moves a position's y by -f' e and, at an end, the range by e.
         """
@@ -406,10 +405,10 @@ def loop_is_represented(fit: JointFit) -> bool:
 
 
 def fit_of_best_loop(means: PositionMeans, basis: CurveBasis, most_terms: int) -> JointFit | None:
-    """Return the fit with as many loop terms as lessen the variance of the residuals.
+    """Return the fit with as many loop terms as lessen the residual variance; None if the positions carry no such loop.
 
-    None if the positions carry no loop, or one of another shape. A term is kept if it takes more than its own
-    expectation off the sum of squares (H. Theil, Economic Forecasts and Policy, 1961, 6.3: F > 1).
+    A term is kept if it lowers the sum of squares by more than its expectation (H. Theil, Economic Forecasts and
+    Policy, 1961, 6.3: F > 1).
     """
     fits: list[JointFit] = []
     with suppress(DataError):  # as many as the positions carry
@@ -433,9 +432,9 @@ class LoopEstimate:
 def greatest_loop_width(fit: JointFit, rng: np.random.Generator, draws: int = WIDTH_DRAWS) -> LoopEstimate:
     """Estimate the greatest distance of the branches.
 
-    The square of the greatest width exceeds the truth's by about its variance, found by redrawing the loop. The
-    interval is about the greatest width less its own bias, and starts at zero if a loop of zero would be estimated as
-    wide with a chance of 5 % or more.
+    Its square exceeds the truth's by about its variance, found by redrawing the loop. The interval is about the
+    greatest width less its own bias; it starts at zero if a loop of zero would give such a width with a chance of 5 %
+    or more.
     """
     z = np.linspace(-1.0, 1.0, WIDTH_POINTS)
     rows = (1.0 - z**2)[:, None] * z[:, None] ** np.arange(fit.loop.size)

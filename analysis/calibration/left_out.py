@@ -1,8 +1,8 @@
-"""Points that are off the curve are left out one by one, each with its residual and reason.
+"""Points off the curve are left out one by one, each with its residual and reason.
 
 Strategy: the point with the largest externally studentised residual is left out as long as Student's t with
-Bonferroni's bound rejects it, at most a quarter of the points; the rest is fitted again each time.
-Source: R. D. Cook, S. Weisberg, Residuals and Influence in Regression, 1982, 2.2.2.
+Bonferroni's bound rejects it, at most a quarter of the points; the rest is fitted again each time. Source: R. D. Cook,
+S. Weisberg, Residuals and Influence in Regression, 1982, 2.2.2.
 """
 
 from __future__ import annotations

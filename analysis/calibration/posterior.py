@@ -3,11 +3,10 @@
 y_i = f(x_i) + noise, sd sigma sqrt(v_i). If x was read on a grid, each position p is one latent x with the likelihood
 L_p of its readings (`analysis.calibration.quantised_x`), integrated out, and the mean of its signals
     y_p = f(x_p) + noise,  variance  tau^2 + sigma_w^2 / n_p,
-sigma_w the scatter within positions, tau what they scatter about the curve besides. Priors: flat in the coefficients,
-1 / (tau + t) for the noise, t = sigma_w / sqrt(n_p), or s_x times the rms slope if no position was read twice.
-
-A chain shorter than 50 autocorrelation times is called not converged. Sources: Foreman-Mackey et al., PASP 125 (2013)
-306; Goodman and Weare, CAMCoS 5 (2010) 65; Carroll et al., Measurement Error in Nonlinear Models (2006), 8.
+sigma_w the scatter within positions, tau the further scatter about the curve. Priors: flat in the coefficients, 1 /
+(tau + t) for the noise, t = sigma_w / sqrt(n_p), or s_x times the rms slope if no position was read twice. A chain
+shorter than 50 autocorrelation times is called not converged. Sources: Foreman-Mackey et al., PASP 125 (2013) 306;
+Goodman and Weare, CAMCoS 5 (2010) 65; Carroll et al., Measurement Error in Nonlinear Models (2006), 8.
 """
 
 from __future__ import annotations
@@ -49,8 +48,8 @@ class Posterior:
     Attributes
     ----------
     basis_samples, sigma_samples : [draws, degree + 1] coefficients in the scaled basis; [draws] noise sd.
-    mean, sd : [degree + 1] of the monomial coefficients.
-    tau : integrated autocorrelation time, steps, the longest of all parameters.
+    mean, sd : [degree + 1] mean and sd of the monomial coefficients.
+    tau : longest integrated autocorrelation time of all parameters, steps.
     converged : steps >= 50 tau and an acceptance between 0.1 and 0.9.
     """
 
@@ -134,19 +133,17 @@ def sample_posterior(
     start_sd: float = 1.0,
     progress: Progress | None = None,
 ) -> Posterior:
-    """Sample the posterior of a polynomial calibration.
-
-    Raises what `fit_calibration` raises, and DataError for n <= degree + 1 or residuals of zero.
+    """Sample the posterior of a polynomial calibration. DataError: as `fit_calibration`, n <= degree + 1, no residuals.
 
     Parameters
     ----------
     reading_sd : sd of the reading error in x: the grid / sqrt(12) for a reading to the nearest mark.
-    positions : [n] labels; readings of one position share what the grid rounds alike. None: each its own, unless the
-        signals refute it (`analysis.calibration.quantised_x`).
-    standard_uncertainty : [n] of y if the noise is unequal; only the ratios matter, their scale is sampled.
+    positions : [n] labels; readings of one position share their rounding error. None: each its own, unless the signals
+        refute it (`analysis.calibration.quantised_x`).
+    standard_uncertainty : [n] u of y if the noise is unequal; only the ratios matter, their scale is sampled.
     monotone : leave out curves that turn inside the range.
-    samples : effective, that are enough; more than `KEPT_SAMPLES` are all kept.
-    start_sd : size of the ball that it starts in, standard errors.
+    samples : sufficient effective number; more than `KEPT_SAMPLES` are all kept.
+    start_sd : radius of the starting ball, standard errors.
     """
     calibration = fit_calibration(x, y, degree, standard_uncertainty=standard_uncertainty)
     if reading_sd > 0:
@@ -175,10 +172,10 @@ def sample_posterior(
 
 
 class _StudentMove(emcee.moves.RedBlueMove):  # type: ignore[misc]  # emcee comes without types
-    """Proposes from Student's t with the mean and covariance of the other half of the ensemble, whatever the place.
+    """Propose from Student's t with the mean and covariance of the other half of the ensemble, whatever the place.
 
-    In whitened coordinates the posterior is nearly normal, so most such steps are taken and neighbours in the chain are
-    hardly related: a fifth of the autocorrelation time of the stretch move.
+    In whitened coordinates the posterior is nearly normal, so most such steps are taken: a fifth of the autocorrelation
+    time of the stretch move.
     """
 
     def get_proposal(self, sample: FloatArray, complement: list[FloatArray], rng: Any) -> tuple[FloatArray, FloatArray]:
@@ -197,8 +194,8 @@ class _StudentMove(emcee.moves.RedBlueMove):  # type: ignore[misc]  # emcee come
 class _Target:
     """The log-probability in whitened z: basis coefficients = best + root z[:-1], tau = residual sd * exp(z[-1]).
 
-    `root` is that of the least-squares covariance, the reading of x included. `design` [points, degree + 1] of the
-    points, or [positions * edges, degree + 1] of the ends of the positions' cells.
+    `root` is that of the least-squares covariance with the reading of x. `design` [points, degree + 1] is at the
+    points, or [positions * edges, degree + 1] at the ends of the positions' cells.
     """
 
     calibration: Calibration

@@ -1,7 +1,6 @@
 """The error of readings on a grid: one latent x for each position that was read.
 
-The likelihood of the x of a position is that of its readings, readers being normal with sd s about it and the grid
-rounding what they see to its nearest mark of distance d:
+Readers are normal with sd s about x, and the grid of distance d rounds to its nearest mark:
     L_p(x) = product over the readings r of  Phi((r + d/2 - x) / s) - Phi((r - d/2 - x) / s).
 Pooled within positions, readings scatter by S^2 = s^2 + d^2 / 12 - u_c^2(s), u_c^2 the part of the rounding error that
 a position shares (B. Widrow, I. Kollar, Quantization Noise, 2008, 4); it is solved for s. A movement of the actuator
@@ -31,17 +30,17 @@ CLOSE = 0.1  # of even spacing, and the chance of a smaller gap
 
 @dataclass(frozen=True, slots=True)
 class Positions:
-    """The readings of a calibration, gathered by position, [positions] unless stated.
+    """The readings of a calibration by position, [positions] by default.
 
     Attributes
     ----------
     of_point, count : [n] number of the position of each point; readings of each position.
     x, y : mean reading and mean signal, weighted as the fit's points are.
     edges, shares : [positions, cells + 1] ends of equal cells of x, and the share of L_p in each, [positions, cells].
-    x_variance, mean_variance : of L_p; of y by the scatter within positions, zeros if none was read twice.
-    relative_variance : of what misses the curve besides: ones, or that of a single reading.
-    noise_sd : scatter of the signal within positions, for a point of weight 1; 0 if it is not known.
-    misfit_sd : moment estimate of what the positions' means scatter beyond all that, for a relative variance of 1.
+    x_variance, mean_variance : variance of L_p; of y by the scatter within positions, zeros if none was read twice.
+    relative_variance : relative variance of the misfit: ones, or that of a single reading.
+    noise_sd : scatter of the signal within positions, for a point of weight 1; 0 if unknown.
+    misfit_sd : moment estimate of the further scatter of the means, for a relative variance of 1.
     reader_sd, grid : s; and d, sqrt(12) times the reading sd.
     """
 
@@ -68,25 +67,26 @@ class Positions:
         """Return the covariance of the least-squares coefficients in the scaled basis, [degree + 1, degree + 1].
 
         Every position counts once: sum_p u_p^2 g_p g_p^T, g_p the influence of its mean, u_p of reading, scatter and
-        misfit together. Readings that scatter about their position flatten a curve through each of them (attenuation):
-        its distance from the curve through the means is an uncertainty of its own.
+        misfit. Scattered readings flatten a curve through them (attenuation): its distance from that through the means
+        is added.
         """
         variance = fit.slope(self.x) ** 2 * self.x_variance + self.mean_variance
         variance = variance + self.misfit_sd**2 * self.relative_variance
         return self._propagated(fit, variance)
 
     def beyond_fit(self, fit: LeastSquares) -> FloatArray:
-        """Return what the reading alone adds to the fit's own covariance, which takes every point's error for its own:
-        sum_p (1 - 1 / n_p) f'^2 Var(x_p) g_p g_p^T, and the flattening, [degree + 1, degree + 1].
+        """Return what the reading adds to the fit's own covariance, [degree + 1, degree + 1].
+
+        It is sum_p (1 - 1 / n_p) f'^2 Var(x_p) g_p g_p^T and the flattening: the fit treats points as independent.
         """
         variance = (1.0 - 1.0 / self.count) * fit.slope(self.x) ** 2 * self.x_variance
         return self._propagated(fit, variance)
 
     def _propagated(self, fit: LeastSquares, variance: FloatArray) -> FloatArray:
-        """Return the covariance that variances of the positions' means make, [degree + 1, degree + 1].
+        """Return the covariance by variances of the positions' means, [degree + 1, degree + 1].
 
-        The influence d coefficients / d y_p is that of a fit through the positions' means; how far its coefficients are
-        from those of the fit through all points is added as an uncertainty of its own.
+        The influence d coefficients / d y_p is that of a fit through the means; the distance of its coefficients from
+        those of the fit through all points is added.
         """
         root = np.sqrt(np.bincount(self.of_point, fit.weights))
         influence = np.linalg.pinv(fit.basis.design(self.x) * root[:, None]) * root
@@ -97,13 +97,13 @@ class Positions:
 def gather(
     fit: LeastSquares, x: FloatArray, y: FloatArray, reading_sd: float, labels: npt.ArrayLike | None = None
 ) -> Positions:
-    """Gather the readings of a calibration by position; raises DataError if there is not one label for each point.
+    """Gather the readings of a calibration by position. DataError: not one label for each point.
 
     Parameters
     ----------
-    reading_sd : of one reading to the nearest mark: the grid / sqrt(12).
-    labels : [n] anything that names the position of each point; None: each is its own, unless equal readings share
-        their error (`share_their_error`).
+    reading_sd : sd of one reading to the nearest mark: the grid / sqrt(12).
+    labels : [n] position of each point; None: each its own, unless equal readings share their error
+        (`share_their_error`).
     """
     weights = fit.weights
     if labels is not None:
@@ -149,8 +149,8 @@ def share_their_error(fit: LeastSquares, x: FloatArray, y: FloatArray, reading_s
     """Return whether readings of one x cannot have independent errors: their signals lie too close together.
 
     Independent errors spread the signals of one x over f' d. Two tests at 1 %: the pooled variance within equal x
-    against (f' s_x)^2, chi-square; and the number of neighbours closer than a tenth of even spacing, binomial, which
-    finds the groups that several positions of one x make.
+    against (f' s_x)^2, chi-square; and the number of neighbours closer than a tenth of even spacing, binomial, for
+    groups.
     """
     weights = fit.weights
     values, of_x, many = np.unique(np.round(x, 9), return_inverse=True, return_counts=True)
@@ -175,10 +175,10 @@ def share_their_error(fit: LeastSquares, x: FloatArray, y: FloatArray, reading_s
 def _movement(
     dx: FloatArray, dy: FloatArray, slope: FloatArray, weights: FloatArray, dof: int
 ) -> tuple[FloatArray, float]:
-    """Return how far the actuator was from its mean position at each point, mm, and the variance of the signal's noise.
+    """Return the actuator's movement from its mean position at each point, mm, and the noise variance of the signal.
 
-    Signal and reading move together only if the actuator does: the regression of the reading on the signal, both within
-    positions, is taken for movement if it is significant, and for all of it within its standard error.
+    Signal and reading move together only if the actuator does: a significant regression of reading on signal within
+    positions is movement, and all of it within its standard error.
     """
     variance = float(weights @ dy**2) / dof
     steep = np.abs(slope) > 0.05 * np.abs(slope).max(initial=0.0)

@@ -1,6 +1,6 @@
-"""The one stored form of a calibration: the curves with their points, what is uncertain of a new signal, the origin.
+"""The one stored form of a calibration: the curves with their points, the uncertainty of a new signal, the origin.
 
-A run gives it (`analysis.calibration_export.run_record`); acceptance stores its JSON in the file of the unit; live
+A run gives it (`analysis.calibration_export.run_record`); acceptance stores its JSON in the unit's file; live
 conversion, control, history, export and certificate read it. Lengths are in mm, signals in mV. The points are fitted
 again, so that curve, covariance and inverse are those accepted; older records lack branches, loop and ambient light.
 """
@@ -31,7 +31,7 @@ class SensorRecord:
     Attributes
     ----------
     fit : the curve, its covariance, range and tests, as `fit --json` shows them.
-    positions, branches : [n] as `fit_by_branch` takes them; None in the oldest records.
+    positions, branches : [n] as in `fit_by_branch`; None in the oldest records.
     ambient_mv : [n] error by ambient light that a position has in every cycle; None without one.
     noise_mv, between_cycles_mv : sd of one signal, None for the residual sd of the fit; sd from cycle to cycle.
     half_loop_mv : half the width of the loop at equally spaced elongations.
@@ -126,8 +126,8 @@ class SensorRecord:
 class CalibrationRecord:
     """The calibration of a unit; `unit` is empty if the run names none.
 
-    `calibrated_utc` is when the run began, or when its calibration was accepted; `posterior` has figures of each
-    sensor's sampled curve, `out_of_tolerance` a sentence for each sensor with figures out of tolerance.
+    `calibrated_utc` is when the run began or its calibration was accepted; `posterior` has figures of each sampled
+    curve, `out_of_tolerance` a sentence for each sensor out of tolerance.
     """
 
     sensors: tuple[SensorRecord, ...]
@@ -145,12 +145,7 @@ class CalibrationRecord:
 
     @classmethod
     def parse(cls, content: Mapping[str, Any], **origin: str) -> CalibrationRecord:
-        """Return the record of a stored calibration.
-
-        Parameters
-        ----------
-        origin : unit, recording, calibrated_utc, operator and program_version, which are stored beside the content.
-        """
+        """Return the record of a stored calibration; `origin` (unit, recording, ...) is stored beside the content."""
         return cls(
             sensors=tuple(map(SensorRecord.parse, content.get("sensors", ()))),
             simulated=bool(content.get("simulated")),

@@ -1,6 +1,6 @@
 """Tests of a fit's residuals: is the stated uncertainty true, and does the curve explain y?
 
-With a stated uncertainty of every point, sum (r / u)^2 is chi-square with n - p degrees of freedom where curve and
+With a stated uncertainty of every point, sum (r / u)^2 is chi-square with n - p degrees of freedom if curve and
 uncertainties are right (ISO/TS 28038:2018, 6.4). The curve is tested against a constant by F.
 """
 
@@ -35,10 +35,7 @@ class StatedUncertainty(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ChiSquared:
-    """The test of a stated uncertainty: statistic, degrees of freedom, its 95 % interval, and the verdict.
-
-    `ratio` is the scatter about the curve over what was stated.
-    """
+    """The test of a stated uncertainty, with the 95 % interval; `ratio` is scatter about the curve over stated u."""
 
     chi_squared: float
     dof: int

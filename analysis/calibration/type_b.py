@@ -1,9 +1,9 @@
 """Contributions to the uncertainty of an elongation that no run shows: type B evaluations (GUM 4.3).
 
-A contribution is what a certificate or a data sheet states: a half width with its distribution, an expanded or a
-standard uncertainty, with the sensitivity of the elongation and degrees of freedom. The four `EXPECTED` are named as
-not assessed if they are not given. An elongation is traceable (VIM 2.41) if its scale has a certificate and all four
-are assessed. A relative contribution (%) is of the elongation itself. Keys end in their unit.
+A certificate or a data sheet states a half width with its distribution, an expanded or a standard uncertainty, the
+sensitivity of the elongation and degrees of freedom. The four `EXPECTED` are named as not assessed if they are missing.
+An elongation is traceable (VIM 2.41) if its scale has a certificate and all four are assessed. A contribution in % is
+relative to the elongation itself. Keys end in their unit.
 """
 
 from __future__ import annotations
@@ -52,10 +52,10 @@ _PLAIN = ("distribution", "k", "dof", "certificate", "source", "sensitivity_mm_p
 
 @dataclass(frozen=True, slots=True)
 class TypeBContribution:
-    """One contribution, named by its influence quantity, of `EXPECTED` or free.
+    """One contribution, named by its influence quantity, `EXPECTED` or free.
 
-    `u` is in `unit` (mm, percent of the elongation, kpa, k), `sensitivity` in mm per unit; that of per cent is |x| /
-    100. `dof` is infinite if the statement is certain.
+    `u` is in `unit` (mm, percent of the elongation, kpa, k), `sensitivity` in mm per unit (|x| / 100 for percent);
+    `dof` is infinite if the statement is certain.
     """
 
     name: str
@@ -105,7 +105,7 @@ class ContributionError(RequestError):
 
 
 def contributions(tables: Mapping[str, Any]) -> tuple[TypeBContribution, ...]:
-    """Return the contributions of the tables of a file; raises ContributionError, which names table and key.
+    """Return the contributions in a file's tables. ContributionError: names table and key.
 
     Each has one of `half_width_UNIT`, `expanded_UNIT` (with `k`) and `u_UNIT`, UNIT being mm, percent, kpa or k; a
     `distribution`; and may have `dof`, `certificate`, `source`. A kpa or k needs `sensitivity_mm_per_kpa` or `_k`.

@@ -4,10 +4,8 @@
     analysis = analyse(load_recording("run.boat"), "readings.csv")
     print(analysis.sensors[0].figures["sensitivity_mv_per_mm"].value)
 
-Names are imported when they are first used, so that a part that needs none of it (the optics, the shadow) loads none.
-
-`fit_calibration` fits any two arrays, `Inverse` and `Fusion` turn mV into mm, `sample_posterior` gives bands,
-`write_report` writes HTML or PDF.
+Names are imported when first used, so that other parts (optics, shadow) load none. `fit_calibration` fits any two
+arrays, `Inverse` and `Fusion` turn mV into mm, `sample_posterior` gives bands, `write_report` writes HTML or PDF.
 """
 
 from __future__ import annotations

@@ -13,13 +13,9 @@ CONNECT_S = 10.0
 
 
 def check_scheduler(address: str, *, allow_remote: bool) -> None:
-    """Refuse the address of a Dask scheduler that is not on this computer, unless it is allowed.
+    """Refuse a Dask scheduler on another computer, unless it is allowed. RequestError: it is not.
 
     Tasks and results travel unencrypted, and the scheduler can run programs here.
-
-    Raises
-    ------
-    RequestError : the address is on another computer.
     """
     if allow_remote or address.startswith("inproc://"):
         return
@@ -37,12 +33,7 @@ def check_scheduler(address: str, *, allow_remote: bool) -> None:
 
 
 def connect(address: str) -> Any:
-    """Return a client of the Dask scheduler at an address.
-
-    Raises
-    ------
-    RequestError : Dask is not installed, or no scheduler answers.
-    """
+    """Return a client of the Dask scheduler at an address. RequestError: Dask is missing, or no scheduler answers."""
     library = optional("distributed")
     try:
         return library.Client(address, timeout=CONNECT_S)

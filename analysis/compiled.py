@@ -1,16 +1,12 @@
 """The one decorator of compiled functions, and the folder in which their machine code is kept.
 
-Compiled functions release the interpreter's lock, so that plain threads run simulations side by side, and each
-simulation's arithmetic is the same wherever it runs: no fast-math unless a function requests it, so that IEEE
-arithmetic in the written order gives results identical bit for bit on one core, on two and on a cluster. Where a
-product is fused with a sum, that is so on processors of one kind.
+Compiled functions release the interpreter's lock, so that threads run side by side. No fast-math unless requested: IEEE
+arithmetic in the written order gives identical bits on any number of cores or computers (of one kind of processor,
+where a product is fused with a sum).
 
-numba reuses cached machine code while the file of the function itself is unchanged, although functions of other files
-are compiled into it. The cache therefore lies in a folder named by a hash of all files in `PACKAGES`: an edit of any of
-them names another, empty folder, and machine code of the old sources is never loaded. The folder is beside the sources,
-as Python's bytecode is, or in the user's cache folder where the installation is read-only.
-
-Rule: a compiled function calls compiled functions of its own file or of `PACKAGES` only (tested).
+numba reuses cached code while the function's own file is unchanged, although functions of other files are compiled into
+it. The cache folder is therefore named by a hash of all files in `PACKAGES`, beside the sources or in the user's cache
+folder. Rule: a compiled function calls compiled functions of its own file or of `PACKAGES` only (tested).
 """
 
 from __future__ import annotations
@@ -104,22 +100,17 @@ def inner_fusing(function: Function) -> Function:
 
 
 def compile_ahead(function: Callable[..., Any], *arguments: Any) -> None:
-    """Compile `function` for arguments like these in this thread: threads of a pool that compile end only when done.
-
-    Parameters
-    ----------
-    function : decorated with one of the above.
-    """
+    """Compile `function` for arguments like these in this thread: threads of a pool that compile end only when done."""
     dispatcher = cast(Any, function)
     dispatcher.compile(tuple(dispatcher.typeof_pyval(each) for each in arguments))
 
 
 @numba.extending.intrinsic
 def _pointers(_typing_context: Any, tables: Any) -> Any:
-    """The same named tuple with the addresses of its contiguous arrays' first elements, to be indexed flat.
+    """Return the named tuple with the addresses of its contiguous arrays' first elements, to be indexed flat.
 
-    Inner loops read through pointers because passing arrays costs them two thirds of their time, all of it atomic
-    reference counting. A pointer has no length and no owner: the caller keeps the arrays alive.
+    Passing arrays costs inner loops two thirds of their time, all of it atomic reference counting. A pointer has no
+    length and no owner: the caller keeps the arrays alive.
     """
     types: Any = numba.types
     unpacked: Any = cgutils.unpack_tuple

@@ -1,11 +1,9 @@
 """Conformity of a measured value with a limit: pass, conditional pass, conditional fail or fail, and how probable.
 
-Strategy: the non-binary rule with a guard band of ILAC-G8:09/2019, 4.2.3. The guard band is the expanded uncertainty U
-on the side of the limit, times a factor (1 by default; 0 is simple acceptance, shared risk). The probability of
-conformity is that of JCGM 106:2012, 7.2 to 7.4: the measurand is distributed about the value as the uncertainty states.
-
-Rules: an interval may be longer on one side: the half that faces a limit counts. Without an uncertainty a statement is
-conditional, and has no probability.
+The non-binary rule with a guard band of ILAC-G8:09/2019, 4.2.3: the expanded uncertainty U on the side of the limit
+times a factor (1 by default; 0 is simple acceptance). The probability is that of JCGM 106:2012, 7.2 to 7.4. An interval
+may be asymmetric: the half that faces a limit counts. Without an uncertainty a statement is conditional, and has no
+probability.
 """
 
 from __future__ import annotations
@@ -43,12 +41,10 @@ class Conformity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ConformityStatement:
-    """A statement of conformity.
+    """A statement of conformity; NaN without an uncertainty.
 
-    Attributes
-    ----------
-    probability : that the measurand is within the limits; NaN without an uncertainty.
-    guard_band : on the side of the limit that is nearest in its uncertainties; NaN without one.
+    `probability` is that of the measurand within the limits, `guard_band` belongs to the limit nearest in
+    uncertainties.
     """
 
     conformity: Conformity
@@ -68,7 +64,7 @@ def conformity_statement(
     dof: float = math.inf,
     guard_factor: float = GUARD_FACTOR,
 ) -> ConformityStatement:
-    """State whether a value conforms with its limits.
+    """Return the statement of conformity of a value with its limits.
 
     Parameters
     ----------

@@ -1,10 +1,8 @@
 """The precision of every computation: draft, normal or reference, chosen in one place (`--fidelity`).
 
-A level moves every method along its own front of time against error at once. Its numbers are those that the rule of the
-trade-off (`analysis.studies.tradeoff.measure.choose`) finds in the measured table with the level's margin; a test
-compares them.
-
-A level does not set geometry, data or seeds. What a caller sets explicitly (rays, a mesh of a file) overrides it.
+The numbers of a level are those that the rule of the trade-off (`analysis.studies.tradeoff.measure.choose`) finds in
+the measured table with the level's margin (tested). A level sets no geometry, data or seeds; explicit values (rays, a
+mesh of a file) override it.
 """
 
 from __future__ import annotations
@@ -32,8 +30,8 @@ class Fidelity:
     mesh_error_mm : error of the elongation of the default actuator on that mesh, measured for the trade-off.
     wall_modulus_kpa, neck_radius_mm : the two fitted numbers of the actuator, fitted on that mesh.
     table : pressures, elongations and shapes of the shadow's reduced model.
-    posterior_samples : effective; 4,000 give a standard deviation to 1.1 %, the width of the 95 % band to 1.5 %.
-    points_a_column : looked at for each column of pixels of a live curve, of which the extremes are painted.
+    posterior_samples : effective number; 4,000 give a standard deviation to 1.1 %, the width of the 95 % band to 1.5 %.
+    points_a_column : points per column of pixels of a live curve, whose extremes are painted.
     """
 
     level: Level
@@ -70,12 +68,7 @@ _LEVELS: dict[str, Fidelity] = {
 
 
 def fidelity(level: str = "normal") -> Fidelity:
-    """Return a level by its name.
-
-    Raises
-    ------
-    RequestError : there is no such level.
-    """
+    """Return a level by its name. RequestError: there is no such level."""
     if level not in _LEVELS:
         raise RequestError(f"there is no precision {level!r}", f"choose among {', '.join(LEVELS)}")
     return _LEVELS[level]

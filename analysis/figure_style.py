@@ -1,7 +1,4 @@
-"""The look of every figure and report: colours, sizes, fonts; the only place where one is written.
-
-Colours are those of Okabe and Ito, safe for colour blindness; sensors keep theirs everywhere.
-"""
+"""The look of every figure and report: colours (Okabe and Ito, safe for colour blindness), sizes, fonts."""
 
 from __future__ import annotations
 
@@ -79,12 +76,7 @@ def sensor_colour(number: int) -> str:
 
 
 def save_picture(figure: Figure, path: Path, **options: Any) -> None:
-    """Write a figure whole, in the format of the file's suffix.
-
-    Raises
-    ------
-    OSError : the file cannot be written. ValueError : the suffix names no format.
-    """
+    """Write a figure whole, in the format of the suffix. OSError: it cannot be written. ValueError: no such format."""
     with written_whole(path) as part:
         figure.savefig(part, format=path.suffix[1:], **options)
 

@@ -14,9 +14,7 @@ import numpy as np
 def json_object(result: object, *keys: str) -> dict[str, Any]:
     """Return a result as a JSON object; NaN and infinities are left for the writer to turn into null.
 
-    Parameters
-    ----------
-    keys : attributes in order, as "name", or "key=name.of.attribute" under another key; default all fields.
+    `keys` are attributes in order, "name" or "key=name.of.attribute"; by default all fields.
     """
     if not keys:
         assert is_dataclass(result)

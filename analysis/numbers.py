@@ -1,7 +1,4 @@
-"""Numbers as they are printed, with as many digits as their uncertainty warrants (GUM 7.2.6), and as JSON holds them.
-
-Rules: an uncertainty is given with two significant digits, the value to the same decimal place.
-"""
+"""Numbers as printed, with two significant digits of their uncertainty (GUM 7.2.6), and as JSON holds them."""
 
 from __future__ import annotations
 
@@ -46,12 +43,7 @@ def rounded(value: float, uncertainty: float) -> str:
 
 
 def rounded_up(value: float, digits: int = 2) -> float:
-    """Return a value rounded up to so many significant digits, as an allowance that must not fall below it.
-
-    Parameters
-    ----------
-    value : any; 0, NaN and infinities are returned as they are. digits : 1 or more.
-    """
+    """Return a value rounded up to `digits` significant ones, for an allowance; 0, NaN and infinities are unchanged."""
     if value == 0.0 or not math.isfinite(value):
         return value
     exact = Decimal(value)  # of the binary number: no product of floats rounds below it

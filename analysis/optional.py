@@ -20,12 +20,7 @@ EXTRAS = {  # module: name of the library, extra that brings it
 
 
 def optional(module: str) -> Any:
-    """Return an optional library, or a module of it.
-
-    Raises
-    ------
-    RequestError : it is not installed; names the extra that brings it.
-    """
+    """Return an optional library or module. RequestError: it is not installed; names the extra."""
     library, extra = EXTRAS[module.partition(".")[0]]
     try:
         return importlib.import_module(module)

@@ -1,11 +1,9 @@
 """Least squares by polynomials without loss of digits.
 
-Strategy: x is centred and scaled to -1..1, the basis is Legendre's, QR solves it, and the solution is refined with
-residuals in extended precision (Björck 1967; Golub and Van Loan, Matrix Computations, 5.3.8). The change to monomials,
-where the digits are lost, is done once and exactly, in rational arithmetic.
-
-Rules: no normal equations, no raw Vandermonde matrix; a set of x that cannot carry the degree is refused with the
-reason, never solved silently.
+x is centred and scaled to -1..1, the basis is Legendre's, QR solves it, and the solution is refined with residuals in
+extended precision (Björck 1967; Golub and Van Loan, Matrix Computations, 5.3.8). The change to monomials, where the
+digits are lost, is done once and exactly, in rational arithmetic. No normal equations, no raw Vandermonde matrix; an x
+that cannot carry the degree is refused with the reason.
 """
 
 from __future__ import annotations
@@ -74,10 +72,9 @@ class ScaledBasis:
 
 @dataclass(frozen=True, slots=True)
 class LeastSquares:
-    """A solved fit, in the basis and in monomials.
+    """A solved fit, in the basis and in monomials; `weights` [n], the largest 1; `residuals` unweighted.
 
-    `basis_factor` [p, p] is R^-1, so that the covariance of the basis coefficients is s^2 R^-1 R^-T;
-    `monomial_factor` is T R^-1. `residuals` are observed minus fitted, unweighted; `weights` [n], the largest 1.
+    `basis_factor` [p, p] is R^-1: s^2 R^-1 R^-T is the covariance of basis coefficients. `monomial_factor` is T R^-1.
     """
 
     basis: ScaledBasis
@@ -127,19 +124,10 @@ def least_squares(
     weights: FloatArray | None = None,
     ends: tuple[float, float] | None = None,
 ) -> LeastSquares:
-    """Fit a polynomial of `degree` through (x, y), minimising sum w (y - f)^2.
+    """Fit a polynomial of `degree` 0 to 10 through (x, y), [n] each, minimising sum w (y - f)^2, weights 1 by default.
 
-    Parameters
-    ----------
-    x, y : [n] points.
-    degree : 0 to 10.
-    weights : [n] positive; None weighs all points alike.
-    ends : that the scaled basis maps to -1 and 1; those of x by default.
-
-    Raises
-    ------
-    RequestError : the degree is not 0..10, or the weights are not positive.
-    DataError : NaN or Inf, different lengths, too few distinct x, all x equal, or x too clustered.
+    `ends` are mapped to -1 and 1, by default those of x. RequestError: a degree or weights that are not allowed.
+    DataError: NaN or Inf, different lengths, too few distinct x, all x equal, or x too clustered.
     """
     _check(x, y, degree, weights)
     spanned = x if ends is None else np.asarray(ends)
@@ -169,13 +157,7 @@ def least_squares(
 
 
 def with_coefficients(fit: LeastSquares, x: FloatArray, y: FloatArray, basis_coefficients: FloatArray) -> LeastSquares:
-    """Return the same fit with other coefficients, found elsewhere.
-
-    Parameters
-    ----------
-    x, y : [n] points.
-    basis_coefficients : [degree + 1] in the scaled basis.
-    """
+    """Return the fit with other coefficients, [degree + 1] in the scaled basis; x and y are its points, [n]."""
     change = fit.basis.to_monomials()
     return replace(
         fit,

@@ -9,13 +9,7 @@ Progress = Callable[[float, float], None]
 
 
 def part_of(progress: Progress | None, before: float, size: float, total: float) -> Progress:
-    """Return the progress of one part of a longer work.
-
-    Parameters
-    ----------
-    progress : of the whole work; None is called never.
-    before, size, total : what is done when the part begins, what the part adds, and all there is to do.
-    """
+    """Return the progress of a part of `size` after `before` of `total`; nothing is called if `progress` is None."""
 
     def within(done: float, of: float) -> None:
         if progress is not None:

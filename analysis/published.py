@@ -1,4 +1,4 @@
-"""The published figures of the two sensors of unit SA1: the one copy that the analysis, reports and studies use.
+"""The published figures of the two sensors of unit SA1, for analysis, reports and studies.
 
 The virtual board has its own truth (`protocol.simulator.specimens`); a test compares the two.
 """

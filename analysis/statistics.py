@@ -1,8 +1,4 @@
-"""Small statistics that every figure shares: standard errors, robust scale, intervals.
-
-Rules: nothing here depends on sensors or pressures; randomness comes from a generator that is passed in, so that the
-same seed gives the same numbers.
-"""
+"""Small statistics that every figure shares: standard errors, robust scale, intervals. Generators are passed in."""
 
 from __future__ import annotations
 
@@ -18,12 +14,10 @@ PERCENTILES = (2.5, 97.5)
 
 
 def effective_count(values: FloatArray) -> float:
-    """Return how many independent samples a stationary series is worth, n / (1 + 2 sum rho_k).
+    """Return how many independent samples a stationary series is worth, n / (1 + 2 sum rho_k), within 1..n.
 
-    The sum runs over Geyer's initial positive sequence (pairs of lags while their sum is positive): it needs no
-    window to be chosen. White noise gives n, to within its own scatter; the result lies in 1..n.
-
-    Source: C. J. Geyer, Practical Markov chain Monte Carlo, Statistical Science 7 (1992) 473-483, section 3.3.
+    The sum is Geyer's initial positive sequence (pairs of lags while positive), which needs no window. Source: C. J.
+    Geyer, Practical Markov chain Monte Carlo, Statistical Science 7 (1992) 473-483, section 3.3.
     """
     n = values.size
     if n < 4:
@@ -77,15 +71,11 @@ def resampling_weights(n: int, rng: np.random.Generator, resamples: int) -> Floa
 def bootstrap_interval(
     estimate: float, replicates: FloatArray, n: int, *, positive: bool = False
 ) -> tuple[float, float]:
-    """Return the 95 % expanded percentile interval of a bootstrap over `n` items; NaN where there is none.
+    """Return the 95 % expanded percentile interval of `replicates` [resamples] of a bootstrap over `n` items, or NaN.
 
-    The plain percentile interval is too short for few items by sqrt((n-1)/n) z/t; it is widened about the estimate by
-    the inverse. Source: T. C. Hesterberg, What teachers should know about the bootstrap, Am. Stat. 69 (2015) 371-386.
-
-    Parameters
-    ----------
-    replicates : [resamples]
-    positive : widen on the scale of logarithms if both percentiles allow it; a spread then stays above zero.
+    The percentile interval is too short for few items by sqrt((n-1)/n) z/t, so it is widened about the estimate, with
+    `positive` on a log scale if both limits allow it. Source: T. C. Hesterberg, What teachers should know about the
+    bootstrap, Am. Stat. 69 (2015) 371-386.
     """
     finite = replicates[np.isfinite(replicates)]
     if n < 2 or finite.size < 0.9 * replicates.size or not np.isfinite(estimate):
@@ -102,16 +92,11 @@ def bootstrap_interval(
 
 
 def limit_error(draws: FloatArray, level: float = 0.95) -> float:
-    """Return the Monte-Carlo error (k = 2) of the worst limit of equal-tailed intervals.
+    """Return the Monte-Carlo error (k = 2) of the worst limit of equal-tailed intervals; draws [draws, places] in
+    order.
 
-    Parameters
-    ----------
-    draws : [draws, places] in the order of the chain; each place has its interval.
-
-    Notes
-    -----
-    The limits of a batch vary sqrt(batches) times as much as those of all draws, autocorrelated draws included where a
-    batch is much longer than their correlation. Source: J. M. Flegal, G. L. Jones, Ann. Statist. 38 (2010) 1034-1070.
+    Limits of a batch vary sqrt(batches) times as much as those of all draws, even autocorrelated, if a batch is much
+    longer than their correlation. Source: J. M. Flegal, G. L. Jones, Ann. Statist. 38 (2010) 1034-1070.
     """
     length = len(draws) // BATCHES
     batches = draws[: BATCHES * length].reshape(BATCHES, length, -1)
@@ -128,13 +113,7 @@ def theil_sen(x: FloatArray, y: FloatArray) -> tuple[float, float, float]:
 
 
 def interpolate(grid: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Interpolate linearly on `grid`, NaN outside the span of x; x in any order, equal x are averaged.
-
-    Parameters
-    ----------
-    grid : [points] where to interpolate.
-    x, y : [n] points, in any order.
-    """
+    """Interpolate linearly on `grid`, NaN outside the span of x; x in any order, equal x are averaged."""
     order = np.argsort(x, kind="stable")
     knots, first, count = np.unique(x[order], return_index=True, return_counts=True)
     means = np.add.reduceat(y[order], first) / count

@@ -1,7 +1,4 @@
-"""Warnings: what a reader of a result has to know besides, as a code to decide by and a text to read.
-
-The code is part of the interface; the text may change freely.
-"""
+"""Warnings about a result: a code for programs, which is part of the interface, and a text that may change freely."""
 
 from __future__ import annotations
 
@@ -99,14 +96,7 @@ _FLAGS = {**dict.fromkeys(map(WarningCode, _OF_CALIBRATION), "calibration"), War
 
 @dataclass(frozen=True, slots=True)
 class Warning:
-    """One warning.
-
-    Attributes
-    ----------
-    code : what it is about; programs decide by it.
-    subject : the sensor (s1, s2, ...) or the figure that it concerns; "" for the whole.
-    text : a sentence without its end, cause first.
-    """
+    """One warning; `subject` is a sensor (s1, ...), a figure, or "" for the whole; `text` has its cause first."""
 
     code: WarningCode
     subject: str

@@ -1,7 +1,4 @@
-"""Numbers as text: fixed decimals, a real minus sign, the units of the lab.
-
-Rules: a measured value has a constant number of decimals, so that it does not move; an unknown one is an en dash.
-"""
+"""Numbers as text: constant decimals, a real minus sign, the units of the lab; an unknown one is an en dash."""
 
 from __future__ import annotations
 
@@ -29,12 +26,7 @@ def number(value: float | None, decimals: int, *, sign: bool = False) -> str:
 
 
 def in_units(units: ShownUnits, stored: str, value: float, decimals: int, *, band: float = -1.0) -> str:
-    """Return a value with its unit as it is shown, with a band of half this width where it is not negative.
-
-    Parameters
-    ----------
-    stored : unit of the value; `decimals` are in it. An elongation and a pressure have a sign.
-    """
+    """Return a value with its unit as shown, and a half band unless negative; `decimals` apply to the `stored` unit."""
     shown = units.shown(stored)
     places = shown.decimals(decimals)
     text = number(shown.value(value), places, sign=stored in ("mm", "kPa"))
@@ -112,12 +104,7 @@ def count(n: int, singular: str, plural: str = "") -> str:
 
 
 def plain_number(text: str) -> float:
-    """Return the number a person typed: comma or point, a typographic minus, spaces around.
-
-    Raises
-    ------
-    ValueError : it is not one finite number.
-    """
+    """Return the number a person typed: comma or point, typographic minus, spaces. ValueError: not a finite number."""
     value = float(text.strip().translate(TYPED).removesuffix("mm"))
     if not math.isfinite(value):
         raise ValueError(text)

@@ -1,4 +1,4 @@
-"""What a script that measures imports, as `analysis` is what one imports that evaluates.
+"""What a script that measures imports, as `analysis` is for one that evaluates.
 
     from pathlib import Path
     from boat_daq.measure import Session

@@ -1,8 +1,8 @@
 """The program's own `protocol` and `analysis`, where other files and packages have these names too.
 
-Python imports what it finds first on `sys.path`: beside a script, or with `python -m`, that is a lab's `analysis.py`.
-The program orders `sys.path` before it imports anything. A script orders its own; there, a package that needs another
-one of ours refuses a stranger in its place. Nothing is imported to find out: a lab's file may start a measurement.
+Python imports what is first on `sys.path`: a lab's `analysis.py` beside a script, or with `python -m`. The program
+orders `sys.path` before importing; in a script, a package refuses a stranger in place of another one of ours. Nothing
+is imported to find out: a lab's file may start a measurement.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ NAMES = ("protocol", "analysis")
 def prefer_own_packages() -> None:
     """Order `sys.path` so that `protocol` and `analysis` are the program's own, in helper processes as well.
 
-    The working folder, first with `python -m`, is left out: any of its files could hide one of a library. A process
-    that `multiprocessing` spawns takes over `sys.path`; PYTHONSAFEPATH holds for its first imports, before that.
+    The working folder, first with `python -m`, is left out: any of its files could hide a library's. PYTHONSAFEPATH
+    holds for the first imports of a spawned process, which then takes over `sys.path`.
     """
     os.environ["PYTHONSAFEPATH"] = "1"
     if not sys.flags.safe_path and Path(sys.path[0]).resolve() == Path.cwd().resolve() != ROOT:
@@ -38,12 +38,7 @@ def prefer_own_packages() -> None:
 
 
 def require_own(name: str) -> None:
-    """Refuse to continue where `import name` gives another file or package than the program's own.
-
-    Raises
-    ------
-    ImportError : names what is found in its place, and the remedy.
-    """
+    """Refuse another `name` than the program's own package. ImportError: names what is found, and the remedy."""
     spec = find_spec(name)
     found = Path(spec.origin or next(iter(spec.submodule_search_locations or [""]))) if spec is not None else None
     if found is None or found.resolve() == ROOT / name / "__init__.py":
@@ -56,13 +51,7 @@ def require_own(name: str) -> None:
 
 
 def start_module(module: str, *arguments: str, **options: Any) -> subprocess.Popen[Any]:
-    """Start a module of the program as a process of its own, without the working folder on its path.
-
-    Parameters
-    ----------
-    module : name of a module, as behind `python -m`.
-    options : of `subprocess.Popen`.
-    """
+    """Start a module as `python -m` does, without the working folder on its path; `options` are those of `Popen`."""
     import subprocess
 
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))

@@ -1,7 +1,7 @@
 """A plugin in a process of its own: `python -m boat_daq.plugin_process GROUP NAME`, called with JSON on standard input.
 
-The entry point is called with them by keyword; what it returns is written to standard output as JSON. What it prints
-goes to standard error. It is the caller that limits its time.
+The entry point takes it as keywords; its result is JSON on standard output, its prints go to standard error. The caller
+limits its time.
 """
 
 import sys

@@ -1,10 +1,9 @@
 """A calibration as one C99 header without a library: Newton's method in double precision, or tables in single.
 
-Strategy: the header has the arrays of `Inverse` and the same steps. Its start table has 33 nodes, which bounds the work
-to 5 bisections and 60 steps; 3 or 4 steps are usual. With a bound on the error, tables over the signal in single
-precision take the place of the iteration: constant time, and a tenth of it on a processor without floating point.
-
-Rule: names from a recording are comments and a string; nothing in them ends a comment or a string.
+The header has the arrays of `Inverse` and the same steps. Its start table has 33 nodes, so at most 5 bisections and 60
+steps are needed; 3 or 4 steps are usual. With a bound on the error, tables over the signal in single precision replace
+the iteration: constant time, a tenth of it without a floating-point unit. Names from a recording appear in comments and
+a string only; nothing in them ends a comment or a string.
 """
 
 from __future__ import annotations
@@ -24,15 +23,9 @@ PER_ROW = 6
 
 
 def c_header(calibration: CalibrationFile, table_error_mm: float | None = None) -> str:
-    """Return the header's text.
+    """Return the header's text, with tables of at most `table_error_mm` error in single precision if given.
 
-    Parameters
-    ----------
-    table_error_mm : bound on the error of tables in single precision; None for Newton's method in double precision.
-
-    Raises
-    ------
-    DataError : the calibration gives no elongation. RequestError : no table keeps to the bound.
+    DataError: the calibration gives no elongation. RequestError: no table keeps to the bound.
     """
     fusion, single = calibration.reader(), table_error_mm is not None
     sensors = [_sensor(inverse, number, table_error_mm) for number, inverse in enumerate(fusion.inverses)]

@@ -1,11 +1,8 @@
-"""A calibration as a JSON file: identity, coefficients, covariance, ranges, U over x, and all that its inverse needs.
+"""A calibration as a JSON file: identity, coefficients, covariance, ranges, U over x, and its inverse.
 
-Strategy: the file holds the arrays of `Inverse` themselves, numbers as their shortest exact decimals, so that a reader
-of the file gives the values of the program that wrote it, to the last bit. Code for other machines is made from the
-same value (`analysis.calibration_export.c_header`, `analysis.calibration_export.matlab`).
-
-Rules: the file has a version; a newer one is refused. What the run warns of is in the file. A calibration that gives no
-elongation is written with the reason and without an inverse; nothing converts with it.
+The file holds the arrays of `Inverse` as shortest exact decimals, so that a reader gives the values of the program that
+wrote it, to the last bit. `c_header` and `matlab` make code from the same value. A newer version of the file is
+refused. Warnings of the run are in the file. A calibration that gives no elongation has the reason and no inverse.
 """
 
 from __future__ import annotations
@@ -47,7 +44,7 @@ class CalibrationFile:
     Attributes
     ----------
     head : simulated, unit, recording, recording_id, calibrated_utc, operator, program_version, traceability, warnings.
-    sensors : of each, name, fit (as `fit --json`), adequacy, and U over x.
+    sensors : name, fit (as `fit --json`), adequacy, and U over x of each.
     fusion : the inverses of all sensors; None where `void` gives the reason.
     """
 
@@ -60,16 +57,7 @@ class CalibrationFile:
     def of(
         cls, record: CalibrationRecord, *, u_elongation: Sequence[FloatArray] = (), warnings: Sequence[Warning] = ()
     ) -> CalibrationFile:
-        """Return the file of a calibration.
-
-        Parameters
-        ----------
-        u_elongation : of each sensor, [points, 2] x and U, mm; where there is none the file has none.
-
-        Raises
-        ------
-        DataError : no sensor is calibrated.
-        """
+        """Return the file; `u_elongation` is (x, U) in mm, [points, 2] each. DataError: no sensor is calibrated."""
         if all(sensor.void for sensor in record.sensors):
             raise DataError(
                 f"this run is no calibration: {record.sensors[0].void}",
@@ -121,12 +109,7 @@ class CalibrationFile:
         return (*found, f"an elongation is {self.head['traceability']}", *warned)
 
     def reader(self) -> Fusion:
-        """Return what turns signals into elongation.
-
-        Raises
-        ------
-        DataError : the calibration gives no elongation.
-        """
+        """Return the fusion that converts signals. DataError: the calibration gives no elongation."""
         if self.fusion is None:
             raise DataError(f"this calibration gives no elongation: {self.void}", "Choose another curve or run.")
         return self.fusion
@@ -172,12 +155,7 @@ def _inverse_json(inverse: Inverse) -> dict[str, Any]:
 
 
 def read_calibration(path: str | Path) -> CalibrationFile:
-    """Return the calibration of a file that `CalibrationFile.text` wrote.
-
-    Raises
-    ------
-    FileError : not such a file, of a newer version, or damaged; the message names what.
-    """
+    """Return the calibration of a file by `CalibrationFile.text`. FileError: of another kind, newer, or damaged."""
     path = Path(path)
     if not path.is_file():
         raise FileError(f"{path} does not exist" if not path.exists() else f"{path} is not a file", "Check the name.")

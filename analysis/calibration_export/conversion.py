@@ -1,7 +1,7 @@
 """Signals into elongation by a calibration: what `convert` writes and what an export adds to the samples.
 
-Rules: simulated and real are never mixed: signals of a virtual board are converted by a calibration of a virtual board,
-and those of a real one by that of a real one. A sample that may not enter a figure has no elongation.
+Signals of a virtual board need a calibration of a virtual board, real ones a real one. A sample that may not enter a
+figure has no elongation.
 """
 
 from __future__ import annotations
@@ -25,16 +25,9 @@ from protocol.recording import NOT_FOR_FIGURES, SampleFlag
 
 
 def convert_signals(calibration: CalibrationFile, signal_mv: FloatArray, flags: npt.ArrayLike) -> ConvertedElongation:
-    """Return the elongation of signals, all sensors fused.
+    """Return the elongation of signals [n, sensors], all sensors fused. DataError: the calibration gives no elongation.
 
-    Parameters
-    ----------
-    signal_mv : [n, sensors].
-    flags : [n] `SampleFlag`; a sample that is marked as no measurement is left out, a wrong pressure does not matter.
-
-    Raises
-    ------
-    DataError : the calibration gives no elongation.
+    `flags` [n] are `SampleFlag`: a sample marked as no measurement is left out; a wrong pressure does not matter.
     """
     unusable = (np.asarray(flags) & int(NOT_FOR_FIGURES & ~SampleFlag.PRESSURE_INVALID)) != 0
     known = np.isfinite(signal_mv) & ~unusable[:, None]
@@ -45,13 +38,7 @@ def convert_signals(calibration: CalibrationFile, signal_mv: FloatArray, flags: 
 
 
 def convert_recording(recording: Recording, calibration: CalibrationFile) -> ConvertedElongation:
-    """Return the elongation of every sample of a recording.
-
-    Raises
-    ------
-    RequestError : the calibration is of the other kind of board, or has another number of sensors. DataError : it gives
-        no elongation.
-    """
+    """Return the elongation of every sample of a recording; raises as `check_signals` and `convert_signals`."""
     check_signals(calibration, recording.n_sensors, simulated=recording.simulated)
     return convert_signals(calibration, recording.signal_mv, recording.flags)
 
@@ -59,13 +46,7 @@ def convert_recording(recording: Recording, calibration: CalibrationFile) -> Con
 def own_elongation(recording: Recording, options: Options, elongation: str | Path | None = None) -> ConvertedElongation:
     """Return the elongation of every sample of a calibration run, by its own calibration.
 
-    Parameters
-    ----------
-    elongation : CSV of elongations; without one the recording's own readings are used.
-
-    Raises
-    ------
-    BoatDaqError : the run is no calibration, or its calibration gives no elongation.
+    `elongation` is a CSV of readings, by default the recording's own. BoatDaqError: no calibration, or no elongation.
     """
     if elongation is None and not len(recording.readings) and recording.camera is None:
         raise DataError("no elongation was read in this run", "Give a calibration of its unit.")
@@ -73,16 +54,7 @@ def own_elongation(recording: Recording, options: Options, elongation: str | Pat
 
 
 def check_signals(calibration: CalibrationFile, sensors: int, *, simulated: bool) -> None:
-    """Refuse a calibration that does not belong to the signals.
-
-    Parameters
-    ----------
-    simulated : whether they are those of a virtual board.
-
-    Raises
-    ------
-    RequestError : it is of the other kind of board, or has another number of sensors.
-    """
+    """Refuse a calibration for other signals. RequestError: virtual and real, or the numbers of sensors, differ."""
     if bool(calibration.head["simulated"]) is not simulated:
         kinds = ("a real board", "a virtual board")
         cause = f"signals of {kinds[simulated]} are not converted by a calibration of {kinds[not simulated]}"
@@ -119,12 +91,7 @@ def heading(calibration: CalibrationFile) -> list[str]:
 
 
 def converted_rows(time_s: FloatArray, signal_mv: FloatArray, converted: ConvertedElongation) -> pd.DataFrame:
-    """Return the rows that `convert` writes: time_s, s1_mv .., elongation_mm, u_mm, valid.
-
-    Parameters
-    ----------
-    time_s, signal_mv : [n], [n, sensors].
-    """
+    """Return the rows of `convert`: time_s, s1_mv .., elongation_mm, u_mm, valid; `signal_mv` is [n, sensors]."""
     names = {f"s{number + 1}_mv": column for number, column in enumerate(signal_mv.T)}
     columns = {"time_s": time_s, **names, "elongation_mm": converted.elongation_mm, "u_mm": converted.u_mm}
     return pd.DataFrame(columns | {"valid": converted.valid.astype(np.uint8)})

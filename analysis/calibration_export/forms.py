@@ -17,16 +17,9 @@ FORMS: Mapping[str, str] = {"json": ".json", "c": ".h", "matlab": ".m", "csv": "
 
 
 def calibration_text(calibration: CalibrationFile, form: str, table_error_mm: float | None = None) -> str:
-    """Return a calibration in one of the forms.
+    """Return a calibration in one of `FORMS`, with a bound on the error of tables (None: none in C, the usual in CSV).
 
-    Parameters
-    ----------
-    form : one of `FORMS`.
-    table_error_mm : bound on the error of a table; None for none in C, and the usual one in CSV.
-
-    Raises
-    ------
-    DataError : in a form of code, it gives no elongation. RequestError : no table keeps to the bound.
+    DataError: code of a calibration without an elongation. RequestError: no table keeps to the bound.
     """
     if form == "json":
         return calibration.text()
@@ -38,16 +31,7 @@ def calibration_text(calibration: CalibrationFile, form: str, table_error_mm: fl
 
 
 def write_calibration(calibration: CalibrationFile, path: Path, form: str, table_error_mm: float | None = None) -> None:
-    """Write a calibration in one of the forms, whole or not at all.
-
-    Parameters
-    ----------
-    calibration, form, table_error_mm : as `calibration_text` takes them.
-
-    Raises
-    ------
-    DataError, RequestError : as `calibration_text`. FileError : the file cannot be written.
-    """
+    """Write a calibration as `calibration_text`, whole or not at all. FileError: the file cannot be written."""
     text = calibration_text(calibration, form, table_error_mm)
     with writing(path, "Choose another folder."):
         write_whole(path, text)

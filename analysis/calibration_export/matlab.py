@@ -10,12 +10,7 @@ FUNCTION = "boat_elongation"
 
 
 def matlab_function(calibration: CalibrationFile) -> str:
-    """Return the text of the function, which belongs in a file `boat_elongation.m`.
-
-    Raises
-    ------
-    DataError : the calibration gives no elongation.
-    """
+    """Return the function's text, for a file `boat_elongation.m`. DataError: the calibration gives no elongation."""
     fusion = calibration.reader()
     template = template_of(f"{FUNCTION}.m.j2")
     return str(

@@ -56,10 +56,5 @@ def sensor_record(analysis: AnalysedRun, number: int) -> SensorRecord:
 
 
 def elongation_reader(analysis: AnalysedRun) -> Fusion:
-    """Return the fusion of the run's sensors, with the uncertainties of its budget, as the live display uses it.
-
-    Raises
-    ------
-    BoatDaqError : a sensor is not calibrated, or its curve has no inverse.
-    """
+    """Return the fusion of a run's sensors with the u of its budget. BoatDaqError: a sensor gives no elongation."""
     return calibration_record(analysis).fusion()

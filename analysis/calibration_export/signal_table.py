@@ -21,16 +21,9 @@ USUAL_ERROR_MM = 0.001
 
 
 def signal_table(inverse: Inverse, error_mm: float, *, single: bool = False) -> tuple[FloatArray, FloatArray]:
-    """Return signals, equally spaced and rising, and their elongations, [nodes] each.
+    """Return equally spaced, rising signals and their elongations [nodes]; interpolation errs by `error_mm` at most.
 
-    Parameters
-    ----------
-    error_mm : bound on the error of the elongation that is interpolated between them.
-    single : whether it is interpolated in single precision.
-
-    Raises
-    ------
-    RequestError : more than 4097 nodes would be needed, or single precision is too coarse.
+    RequestError: more than 4097 nodes would be needed, or `single` precision is too coarse.
     """
     if not error_mm > 0:
         raise RequestError(
@@ -64,13 +57,7 @@ def _error(inverse: Inverse, signal: FloatArray, x: FloatArray, *, single: bool)
 def table_csv(calibration: CalibrationFile, error_mm: float = USUAL_ERROR_MM) -> str:
     """Return the tables of all sensors as CSV: sensor, signal_mv, elongation_mm, u_mm (U, k = 2).
 
-    Parameters
-    ----------
-    error_mm : bound on the error, as `signal_table` takes it.
-
-    Raises
-    ------
-    DataError : the calibration gives no elongation. RequestError : no table keeps to the bound.
+    DataError: the calibration gives no elongation. RequestError: no table keeps to `error_mm`.
     """
     lines = [f"# {' '.join(line.replace(',', ';').split())}" for line in (calibration.title, *calibration.remarks)]
     lines.append(f"# between the rows interpolate linearly: within {error_mm:g} mm of the calibration's inverse")

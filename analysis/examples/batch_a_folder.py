@@ -11,12 +11,7 @@ from analysis.figures.batch import batch, write_table
 
 
 def main(folder: str, table: str, workers: int | None = None) -> int:
-    """Write the table; return its number of rows.
-
-    Parameters
-    ----------
-    workers : processes; None takes one for each core.
-    """
+    """Write the table; return its number of rows. `workers` None takes one process for each core."""
     rows = batch(folder, workers=workers)
     write_table(rows, table)
     print(rows[[c for c in ("run", "sensor", "cycles", "snr_db", "error") if c in rows]].to_string(index=False))

@@ -1,20 +1,15 @@
-"""When a run knows enough: what its cycles leave uncertain, how many more a smaller uncertainty takes, and where.
+"""When a run ends by its uncertainty: its value after each cycle, the cycles still needed, and the plateaus to hold.
 
-Strategy: the run is analysed again after every cycle. What it is to know is a `StopCriterion`: a value now, a value
-asked for, and how it falls with the cycles: its square falls to that of its least value as a power of the cycles. From
-that follow the cycles still needed, and the value that no number of cycles goes below.
+The run is analysed again after every cycle. The square of a `StopCriterion` falls to that of its least value as a power
+of the cycles; from that follow the cycles still needed. A calibration has one: U of one reading of all sensors, in the
+middle of the range; its curve falls as one over the cycles; noise, loop, drift and repeatability do not. A
+repeatability run has two, for its worse sensor: half widths of drift per 100 cycles (power 3) and repeatability (1).
 
-- A calibration has one: U of one reading of all sensors together, as the live display states it, in the middle of the
-  range. The part of the curve falls as one over the cycles; noise, loop, drift and repeatability of the unit do not.
-- A repeatability run has two, of its worse sensor: the half widths of the intervals of drift per 100 cycles (power 3)
-  and of repeatability (power 1).
+The next cycles hold the ends, then the plateau whose reading lowers the largest variance of the curve most
+(G-optimality), until U is expected to suffice. The others are passed in order, so that the loop's history stays.
 
-Which plateaus the next cycles hold follows from the curve's covariance: the ends, then one after the other that whose
-reading lowers the largest variance of the curve most (G-optimality), until U is expected to be what was asked for. The
-others are passed, in the same order, so that the loop's history stays that of the plan.
-
-Rules: a run ends at what is small for certain, not by chance: what the cycles differ by is taken at its upper limit,
-which a few cycles leave wide. It never ends before its second cycle, because one cycle shows no repeatability.
+A run must not end by chance: the effect of cycles is taken at its upper limit, and one cycle shows no repeatability, so
+that no run ends before its second.
 """
 
 from __future__ import annotations
@@ -51,13 +46,9 @@ _BRANCHES = ("unloading", "loading")
 
 @dataclass(frozen=True, slots=True)
 class StopCriterion:
-    """A value that is to become as small as is asked for.
+    """A value that is to fall to the one asked for.
 
-    Parameters
-    ----------
-    now, asked : the value after the cycles so far, and the one asked for.
-    least : after any number of further cycles.
-    power : of the cycles, by which the square falls to that of `least`.
+    `least` is the limit after any number of cycles; the square falls to its square as the cycles to minus `power`.
     """
 
     name: str
@@ -85,13 +76,10 @@ class StopCriterion:
 
 @dataclass(frozen=True, slots=True)
 class StopAssessment:
-    """What a run knows after its cycles.
+    """The state of a run after its cycles; `fewest` is the number before which it does not end.
 
-    Parameters
-    ----------
-    fewest : cycles before which the run does not end.
-    criteria : what is asked for, all of it; none where `void` gives the reason.
-    hold : branch and pressure, kPa, of the plateaus that the next cycles hold; None for all.
+    `criteria` are all to be met, none where `void` gives the reason; `hold` is branch and pressure, kPa, of the
+    plateaus that the next cycles hold, None for all.
     """
 
     cycles: int
@@ -204,12 +192,7 @@ def _cycles(count: int) -> str:
 
 
 def assess_calibration(analysis: Analysis, asked_mm: float, planned: int) -> StopAssessment:
-    """Return what a calibration run knows of an elongation.
-
-    Parameters
-    ----------
-    asked_mm : U of an elongation that is asked for (k = 2).
-    """
+    """Return the state of a calibration run for `asked_mm`, the U asked for (k = 2)."""
     cycles, budgets = len(analysis.cycles.used), analysis.budgets
     if budgets is None or budgets.void or not budgets.budgets:
         void = "no plateau was read" if budgets is None else budgets.void
@@ -229,35 +212,23 @@ def assess_calibration(analysis: Analysis, asked_mm: float, planned: int) -> Sto
 
 
 def u_at_most(u_mm: float, effect: CycleEffect, mm_per_mv: float) -> float:
-    """Return U with what the cycles differ by at its upper limit.
+    """Return U with the effect of cycles at its upper limit.
 
     An estimate of few degrees of freedom is small by chance in some runs, and a rule that ends a run at a small U
-    chooses these: by so much its stated U would hold less (Y. S. Chow, H. Robbins, Ann. Math. Statist. 36, 1965, 457).
-
-    Parameters
-    ----------
-    u_mm : U as the budget states it.
+    selects these, so that its U would cover less (Y. S. Chow, H. Robbins, Ann. Math. Statist. 36, 1965, 457).
     """
     wider = max(effect.upper_mv(_CONFIDENCE) ** 2 - effect.mean_variance, 0.0)
     return math.hypot(u_mm, COVERAGE_FACTOR * mm_per_mv * math.sqrt(wider))
 
 
 def fused_u_mm(analysis: AnalysedRun, x_mm: float) -> float:
-    """Return U (k = 2) of one reading of all sensors together at an elongation, as the live display states it.
-
-    Raises
-    ------
-    DataError : a sensor has no inverse.
-    """
+    """Return U (k = 2) of one fused reading at an elongation, as displayed live. DataError: a sensor has no inverse."""
     signals = [float(s.calibration.predict(x_mm)) for s in analysis.sensors if s.calibration is not None]
     return COVERAGE_FACTOR * float(elongation_reader(analysis).evaluate(signals).standard_uncertainty_mm)
 
 
 def _falling_share(budget: Budget, reading: Positions | None, cycles: int) -> float:
-    """Return the share of the variance that falls with the cycles: of the curve, and of a reader who scatters.
-
-    The rounding to the grid is the same in every cycle, and does not fall.
-    """
+    """Return the share of variance that falls with cycles: curve and reader's scatter, not the rounding to the grid."""
     shares = budget.shares()
     falling = shares.get("fit", 0.0)
     if reading is None:
@@ -270,20 +241,11 @@ def _falling_share(budget: Budget, reading: Positions | None, cycles: int) -> fl
 def held_plateaus(
     analysis: AnalysedRun, calibration: Calibration, criterion: StopCriterion, x_mm: float
 ) -> tuple[tuple[str, float], ...] | None:
-    """Return the plateaus that the next cycle holds: the fewest that lead to U, the most informative first.
+    """Return branch and pressure, kPa, of the plateaus to hold next: the fewest that lead to U at `x_mm`; None for all.
 
-    Parameters
-    ----------
-    x_mm : the elongation that it is of.
-
-    Returns
-    -------
-    Branch and pressure, kPa; None for all of them: where one cycle of all does not lead to U, or the curve is a spline.
-
-    Notes
-    -----
-    A reading at x, of the variance s^2 of one point, updates the covariance by Sherman and Morrison's formula:
-    C - C g g' C / (s^2 + g' C g), g the basis at x (Fedorov, Theory of optimal experiments, 1972).
+    All are held if one full cycle does not lead to U, or for a spline. A reading at x, of the variance s^2 of one
+    point, updates the covariance by Sherman and Morrison's formula: C - C g g' C / (s^2 + g' C g), g the basis at x
+    (Fedorov, Theory of optimal experiments, 1972).
     """
     loops = analysis.loops
     if calibration.spline is not None or loops.elongation_mm is None:
@@ -324,12 +286,7 @@ def _read_at(covariance: FloatArray, g: FloatArray, variance: float) -> FloatArr
 
 
 def half_width(sensors: Sequence[SensorAnalysis], key: str) -> tuple[float, str]:
-    """Return half the width of the 95 % interval of a figure, of the worse sensor; NaN, and why, where it is not known.
-
-    Parameters
-    ----------
-    key : `DRIFT` or `SPREAD`, both in % FSO.
-    """
+    """Return half the 95 % interval of `DRIFT` or `SPREAD`, % FSO, for the worse sensor; NaN and why if unknown."""
     figures = [sensor.figures[key] for sensor in sensors]
     void = next((figure.void for figure in figures if figure.void), "")
     half = max((figure.high - figure.low for figure in figures), default=math.nan) / 2.0
@@ -337,12 +294,7 @@ def half_width(sensors: Sequence[SensorAnalysis], key: str) -> tuple[float, str]
 
 
 def assess_repeats(analysis: Analysis, asked_percent: float, planned: int) -> StopAssessment:
-    """Return what a repeatability run knows of drift and spread.
-
-    Parameters
-    ----------
-    asked_percent : half width of both intervals that is asked for, % FSO.
-    """
+    """Return the state of a repeatability run; `asked_percent` is the half width of both intervals, % FSO."""
     cycles, criteria = len(analysis.cycles.used), []
     for key, name, power in ((DRIFT, "drift ±", 3.0), (SPREAD, "repeatability ±", 1.0)):
         half, void = half_width(analysis.sensors, key)
@@ -353,16 +305,7 @@ def assess_repeats(analysis: Analysis, asked_percent: float, planned: int) -> St
 
 
 def assess_run(file: str | Path, asked: float, planned: int, *, repeats: bool = False) -> StopAssessment:
-    """Analyse a run as far as it is recorded, and return what it knows.
-
-    Parameters
-    ----------
-    asked : as in `assess_calibration`, or in `assess_repeats` where `repeats`.
-
-    Raises
-    ------
-    FileError, DataError : as `analyse`.
-    """
+    """Analyse a run as recorded so far, and return its state; `asked` is in mm, or % FSO if `repeats`."""
     if repeats:
         return assess_repeats(analyse(file, options=Options(mcmc=False)), asked, planned)
     return assess_calibration(analyse(file, options=Options(mcmc=False, fidelity="draft")), asked, planned)

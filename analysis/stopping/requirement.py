@@ -12,12 +12,7 @@ EXAMPLES = {"mm": "0.08", "% FSO": "0.5"}
 
 
 def check_asked(asked: float, unit: str) -> None:
-    """Reject an uncertainty that is no number above 0; `unit` is mm or % FSO.
-
-    Raises
-    ------
-    RequestError : it is none.
-    """
+    """Reject an uncertainty that is no number above 0; `unit` is mm or % FSO. RequestError: it is none."""
     if not 0.0 < asked < math.inf:
         remedy = f"give a number of {unit} above 0, as {EXAMPLES[unit]}"
         raise RequestError(f"an uncertainty of {asked:g} {unit}", remedy)

@@ -23,14 +23,7 @@ from pathlib import Path
 
 
 class BoatDaqError(Exception):
-    """Base of the family.
-
-    Parameters
-    ----------
-    cause : what happened, in the operator's terms.
-    remedy : what to do about it; may be empty.
-    command : the remedy on the command line, which the window does not show; may be empty.
-    """
+    """Base of the family: cause in the operator's terms, remedy (may be empty), and the remedy on the command line."""
 
     def __init__(self, cause: str, remedy: str = "", *, command: str = "") -> None:
         super().__init__(cause)

@@ -1,6 +1,6 @@
-"""Read files that somebody else named: regular files only, and no more of them than a bound.
+"""Read files that somebody else named: regular files only, up to a size limit.
 
-A FIFO waits for a writer for ever, a device such as `/dev/zero` never ends, and the size of neither is known before.
+A FIFO may block for ever, a device such as `/dev/zero` never ends, and neither has a size that is known beforehand.
 """
 
 from __future__ import annotations
@@ -13,12 +13,7 @@ from typing import BinaryIO
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Open a file for reading, without waiting for one that is a FIFO or a device.
-
-    Raises
-    ------
-    OSError : missing, unreadable, a folder, or no regular file.
-    """
+    """Open a regular file for reading without blocking. OSError: missing, unreadable, or not a regular file."""
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0))
     try:
         mode = os.fstat(descriptor).st_mode
@@ -33,12 +28,7 @@ def open_regular(path: Path) -> BinaryIO:
 
 
 def read_regular(path: Path, most_bytes: int) -> bytes:
-    """Return a file's content.
-
-    Raises
-    ------
-    OSError : as `open_regular`, or larger than `most_bytes`.
-    """
+    """Return a file's content. OSError: as `open_regular`, or larger than `most_bytes`."""
     with open_regular(path) as file:
         content = file.read(most_bytes + 1)
     if len(content) > most_bytes:

@@ -1,8 +1,7 @@
-"""Read untrusted TOML: the standard library's reader with the bounds that it lacks.
+"""Read untrusted TOML: the standard library's reader with limits that it lacks.
 
-`tomllib` needs memory in proportion to the square of a dotted key's parts (tens of gigabytes for a key of 100 kB),
-raises a plain ValueError for a number of more digits than Python converts, and accepts integers beyond the 64 bits of
-TOML, which later can neither become a float nor be printed.
+`tomllib` needs memory quadratic in the parts of a dotted key (tens of gigabytes for 100 kB), raises a plain ValueError
+for a number with too many digits, and accepts integers beyond 64 bits, which can become neither a float nor text.
 """
 
 from __future__ import annotations
@@ -18,12 +17,7 @@ _LONG_KEY = re.compile(rf"""(?<![\w"'-])(?:{_PART}){{{KEY_PARTS_MAX}}}""")
 
 
 def read_toml(text: str) -> dict[str, Any]:
-    """Return the table in `text`.
-
-    Raises
-    ------
-    ValueError : not TOML, or beyond these bounds; names the line where there is one.
-    """
+    """Return the table in `text`. ValueError: not TOML, or beyond these limits; names the line where there is one."""
     if found := _LONG_KEY.search(text):
         line = text.count("\n", 0, found.start()) + 1
         raise ValueError(f"a key of more than {KEY_PARTS_MAX} parts (at line {line})")

@@ -1,8 +1,7 @@
-"""Units of measurement, with SI prefixes: what a unit's name means, and the conversion from one to another.
+"""Units of measurement with SI prefixes, and conversion between them.
 
-Each quantity has one unit in which the program stores and computes (kPa, mV, mm, s, degC, mA, L/min ...); a
-`MeasurementUnit` is a factor and an offset to it. Conversion happens where values come in and where they are shown,
-never in between. Factors are exact, or those of NIST SP 811.
+Each quantity is stored and computed in one unit (kPa, mV, mm, s, degC, mA, L/min ...); a `MeasurementUnit` is a factor
+and an offset to it. Values are converted on input and display only. Factors are exact, or those of NIST SP 811.
 """
 
 from __future__ import annotations
@@ -86,10 +85,7 @@ def _exact(name: str) -> MeasurementUnit | None:
 
 
 def conversion(given: str, wanted: str) -> tuple[float, float] | None:
-    """Return factor and offset from one unit to another; None where they are not of one quantity.
-
-    A value in `wanted` is `value * factor + offset`. A difference of two values has the factor alone.
-    """
+    """Return (factor, offset): `value * factor + offset` is in `wanted`; None if the quantities differ."""
     if given == wanted:
         return 1.0, 0.0
     one, other = find_unit(given), find_unit(wanted)
@@ -132,10 +128,7 @@ CHOICES: Final = {  # quantity -> the units in which it can be shown, the stored
 
 @dataclass(frozen=True, slots=True)
 class ShownUnits:
-    """The units in which values are shown, by quantity; what is stored and computed does not depend on them.
-
-    `rest_length_mm` is what an elongation is a percentage of.
-    """
+    """The units in which values are shown, by quantity; an elongation in % is relative to `rest_length_mm`."""
 
     pressure: str = "kPa"
     voltage: str = "mV"
@@ -145,12 +138,7 @@ class ShownUnits:
 
     @classmethod
     def of(cls, text: str) -> ShownUnits:
-        """Return the units that a text such as `bar,V,%` names; a quantity that it does not name keeps its own.
-
-        Raises
-        ------
-        ValueError : a part is none of `CHOICES`; names those.
-        """
+        """Return the units in a text such as `bar,V,%`; others are the default. ValueError: not in `CHOICES`."""
         chosen: dict[str, Any] = {}
         for part in filter(None, (part.strip() for part in text.split(","))):
             found = find_unit(part)

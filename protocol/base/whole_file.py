@@ -1,7 +1,7 @@
-"""Write files so that a reader finds the old content or the new, whole, and never a part of it.
+"""Write files so that a reader finds the old content or the new, never a part of it.
 
-Strategy: a file beside is written, flushed to the disk and renamed; then its folder is flushed, so that the new name
-survives a power cut. Each writer has a file beside of its own, so that two of them never write into the same one.
+Strategy: each writer writes a temporary file of its own beside the target, flushes it to the disk and renames it; then
+the folder is flushed, so that the new name survives a power cut.
 """
 
 from __future__ import annotations
@@ -21,13 +21,10 @@ _number = itertools.count(1)
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Give the name to write to, which becomes `path` once all is written; else it is removed.
+    """Yield a temporary name that becomes `path` on success and is removed otherwise. OSError: `path` cannot be
+    written.
 
     A symbolic link stays one, and a file keeps its permissions. A pipe or a device is written to directly.
-
-    Raises
-    ------
-    OSError : the folder cannot be written, or `path` is write-protected or a folder.
     """
     path = Path(os.path.realpath(path))
     replaced = path.exists()
@@ -52,12 +49,7 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file: text as UTF-8, with its ends of lines as they are; a name that is no Unicode with question marks.
-
-    Raises
-    ------
-    OSError : as `written_whole`.
-    """
+    """Write a file whole; text as UTF-8 with its line ends as they are. OSError: as `written_whole`."""
     data = content.encode("utf-8", errors="replace") if isinstance(content, str) else content
     with written_whole(path) as part:
         part.write_bytes(data)

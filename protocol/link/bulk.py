@@ -1,8 +1,7 @@
 """Decode whole recordings: the same bytes to the same samples, bit for bit.
 
-There is one decoder, the link; it receives a recording's chunks joined in batches, so that the overhead of a call is
-spread over thousands of samples. Losses, repeats and flags are those of the live stream, because nothing in the decoder
-depends on the division into chunks.
+The link itself decodes the recorded chunks, joined in batches, so that the overhead of a call is spread over thousands
+of samples. Losses, repeats and flags equal those of the live stream: nothing depends on the division into chunks.
 """
 
 from __future__ import annotations
@@ -30,17 +29,7 @@ class Decoded:
 
 
 def decode_chunks(chunks: Iterable[tuple[int, bytes]], link: Link) -> Iterator[list[LinkEvent]]:
-    """Yield the link's events batch after batch, in bounded memory.
-
-    Parameters
-    ----------
-    chunks : (host_ns, bytes) as recorded, in order.
-    link : a link in the state that the recording's was in before its first chunk.
-
-    Yields
-    ------
-    The events of about 256 kB of bytes.
-    """
+    """Yield the events of each 256 kB of chunks (host_ns, bytes); `link` is in the state before the first."""
     batch: list[tuple[int, bytes]] = []
     size = 0
     for chunk in chunks:
@@ -54,16 +43,10 @@ def decode_chunks(chunks: Iterable[tuple[int, bytes]], link: Link) -> Iterator[l
 
 
 def decode_samples(chunks: Iterable[tuple[int, bytes]] | bytes, link: Link) -> Decoded:
-    """Return the samples, gaps and events in recorded bytes.
+    """Return the samples, gaps and events in recorded chunks (host_ns, bytes), or in bytes alone, whose `host_ns` is
+    then 0.
 
-    Parameters
-    ----------
-    chunks : (host_ns, bytes) as recorded, in order; or bytes alone, whose `host_ns` is then 0.
-    link : as for `decode_chunks`.
-
-    Returns
-    -------
-    `Decoded`; `samples` is empty, of two sensors, where there are none. Samples of one call have one sensor count.
+    `samples` is empty, with two sensors, where there are none. Samples of one call have one sensor count.
     """
     if isinstance(chunks, bytes):
         view = chunks

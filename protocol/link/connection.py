@@ -1,14 +1,10 @@
 """The host's side of the binary protocol: bytes in, events out; commands in, bytes out (protocol/SPEC.md).
 
 `framing` finds and checks frames, `messages` decodes them, `sample_stream` counts losses, `pending_commands` repeats
-commands; this module joins them. Rules of this file:
-
-- Samples are converted to arrays a chunk at a time, everything else frame by frame. Consecutive samples form one
-  `Samples`, split only by another message between them.
-- A HELLO without an IDENTIFY, or a "booted", is a restart if the board had state to lose: a command answered or a
-  sample received since the last HELLO. So neither a board that resets when its port is opened nor a repeated answer
-  counts as a restart.
-- With a board of another protocol version only IDENTIFY, VENT and STOP are sent.
+commands. Consecutive samples form one `Samples`, split only by another message between them. A HELLO without an
+IDENTIFY, or a "booted", is a restart if the board had state to lose: a command answered or a sample received since the
+last HELLO. So neither a board that resets when its port is opened nor a repeated answer counts as a restart. A board of
+another protocol version receives only IDENTIFY, VENT and STOP.
 """
 
 from __future__ import annotations
@@ -60,8 +56,8 @@ class Connection:
 
     Parameters
     ----------
-    n_sensors : number of sensors of a board whose HELLO is not among the bytes (a recording begun later); else it is
-        taken from the HELLO, and samples before it are counted as unknown.
+    n_sensors : number of sensors if the bytes hold no HELLO (a recording begun later); else the HELLO gives it, and
+        samples before it are counted as unknown.
     in_turn : a command waits until the one before it is answered, and is then returned by `poll`; VENT never waits.
     """
 
@@ -125,12 +121,10 @@ class Connection:
         return self._pending_commands.next_deadline_ns
 
     def send(self, command: Command, now_ns: int) -> bytes:
-        """Return the bytes of a command; empty where it waits for its turn and is returned by `poll`.
+        """Return the bytes of a command; empty while it waits for its turn (see `poll`). RequestError: a value does not
+        fit.
 
-        Raises
-        ------
-        RequestError : a value that its field cannot hold.
-        RemoteError : the board uses another protocol version, and the command is not IDENTIFY, VENT or STOP.
+        RemoteError: the board uses another protocol version, and the command is not IDENTIFY, VENT or STOP.
         """
         if self._wrong_version is not None and not isinstance(command, _TO_ANY_VERSION):
             cause = f"the board uses protocol version {self._wrong_version}, this program version {PROTOCOL_VERSION}"
@@ -146,10 +140,7 @@ class Connection:
         return self._pending_commands.poll(now_ns, heard_ns)
 
     def receive(self, data: bytes, now_ns: int) -> list[LinkEvent]:
-        """Return the events in the bytes, in their order; samples carry `now_ns` as their `host_ns`.
-
-        Damaged, unknown and repeated frames are counted in `statistics`, never raised.
-        """
+        """Return the events in the bytes; `now_ns` is the samples' `host_ns`. Damaged frames are counted."""
         bodies = self._reader.receive_bodies(data)
         return self._take(bodies, np.full(len(bodies), now_ns, np.int64))
 

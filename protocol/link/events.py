@@ -1,8 +1,7 @@
 """What a link reports: events, counters, and the interface of every kind of link.
 
-`Link` is the one interface; `Connection` (the binary protocol) and `TextConnection` (firmware that prints text)
-implement it, so that no caller depends on which of the two it has. A link is sans-IO: bytes and the time go in, events
-and bytes come out; it opens no port, reads no clock and starts no thread.
+`Connection` (binary protocol) and `TextConnection` (firmware that prints text) implement `Link`. A link is sans-IO:
+bytes and the time go in, events and bytes come out; it opens no port, reads no clock and starts no thread.
 """
 
 from __future__ import annotations
@@ -50,10 +49,7 @@ class WrongProtocol:
 
 @dataclass(frozen=True, slots=True)
 class BoardRestarted:
-    """The board lost its state: a new segment begins, never spliced to the last.
-
-    `hello` is None where the restart was seen without one (an event "booted", or an index that began again).
-    """
+    """The board lost its state: a new segment begins. `hello` is None if seen by "booted" or a new index alone."""
 
     hello: Hello | None
 
@@ -145,8 +141,8 @@ class Link(Protocol):
     def decoder_state(self) -> dict[str, Any]:
         """Return the decoder's memory of the bytes so far, ready for JSON.
 
-        A link made with it (`decoder_state=`) derives the same samples from the bytes that follow: a recording begun in
-        the middle of a stream stores it, so that it can be derived again from its own bytes alone.
+        A link made with it (`decoder_state=`) derives the same samples from the bytes that follow. A recording begun in
+        the middle of a stream stores it, so that its own bytes suffice.
         """
 
     def receive(self, data: bytes, now_ns: int) -> list[LinkEvent]:
@@ -159,9 +155,9 @@ class Link(Protocol):
         """Return the bytes of a command; empty while another awaits its answer: then `poll` returns them."""
 
     def feed(self, command: Heartbeat, now_ns: int) -> bytes:
-        """Return bytes that feed the board's watchdog at once: `command`, or the repeat of a pending one.
+        """Return bytes that feed the watchdog at once: `command`, or the repeat of a pending one.
 
-        For a virtual board that runs faster than real time: its watchdog may expire within 250 ms of the host's.
+        For a virtual board faster than real time: its watchdog may expire within 250 ms of the host's.
         """
 
     def poll(self, now_ns: int, heard_ns: int | None = None) -> tuple[list[LinkEvent], bytes]:

@@ -42,17 +42,7 @@ class Frame:
 
 
 def encode_frame(type_: int, seq: int, payload: bytes = b"") -> bytes:
-    """Return a frame as transmitted, the closing 00 included; `seq` is taken modulo 256.
-
-    Parameters
-    ----------
-    type_ : 0 to 255.
-    payload : at most 194 bytes.
-
-    Raises
-    ------
-    RequestError : the type is not a byte, or the payload longer than 194 bytes.
-    """
+    """Return a frame with its closing 00, `seq` modulo 256. RequestError: no byte, or a payload over 194 bytes."""
     if not 0 <= type_ <= 0xFF or len(payload) > BODY_MAX - BODY_MIN:
         raise RequestError(f"no frame can hold type {type_} with {len(payload)} bytes of payload")
     body = bytes((type_, seq & 0xFF)) + payload
@@ -86,21 +76,14 @@ class ByteReader:
 
 
 class FrameReader(ByteReader):
-    """Bytes in, good frames out: the receiving half of either side.
-
-    Malformed is what is not COBS, or a body shorter or longer than a body can be; oversize a run of more than 210 bytes
-    without a 00.
-    """
+    """Bytes in, good frames out. Malformed: not COBS, or a wrong length; oversize: over 210 bytes without a 00."""
 
     def receive(self, data: bytes) -> list[Frame]:
         """Return the frames that `data` completes, in order."""
         return [Frame(body[0], body[1], body[2:-4]) for body in self.receive_bodies(data)]
 
     def receive_bodies(self, data: bytes, ends: list[int] | None = None) -> list[bytes]:
-        """Return the good bodies (type, seq, payload, CRC) that `data` completes: the fast form of `receive`.
-
-        `ends`, where given, is extended by the end of each body: the number of bytes of `data` up to its 00.
-        """
+        """Return the good bodies (type, seq, payload, CRC) that `data` completes; `ends` receives their ends in it."""
         self.bytes += len(data)
         start = 0
         if self._skipping:

@@ -1,11 +1,8 @@
 """Messages: payloads of frames to values and back, for both sides of the link (protocol/SPEC.md, "Messages").
 
-Rules of this file:
-
-- A payload longer than its layout is a newer minor version: its known head is used.
-- A shorter one is malformed: `RemoteError` from a board, `AckStatus.WRONG_LENGTH` for a command.
-- An unknown code (a newer event, boot reason or status) remains a plain integer; it is never an error.
-- Values are those of the frame: Pa, counts, microseconds of the board's 32-bit clock.
+A payload longer than its layout is a newer minor version: its known head is used. A shorter one is malformed:
+`RemoteError` from a board, `AckStatus.WRONG_LENGTH` for a command. An unknown code (event, boot reason, status) remains
+an integer. Values are those of the frame: Pa, counts, microseconds of the board's 32-bit clock.
 """
 
 from __future__ import annotations
@@ -216,12 +213,7 @@ _Code = TypeVar("_Code", bound=enum.IntEnum)
 
 
 def encode_command(command: Command, seq: int) -> bytes:
-    """Return the frame of a command.
-
-    Raises
-    ------
-    RequestError : a value that its field cannot hold.
-    """
+    """Return the frame of a command. RequestError: a value does not fit its field."""
     type_ = COMMAND_TYPES[type(command)]
     return _encode(type_, seq, _COMMANDS[type_][1].pack, *astuple(command))
 
@@ -237,12 +229,7 @@ def decode_command(frame: Frame) -> Command | AckStatus:
 
 
 def encode_message(message: BoardMessage, seq: int) -> bytes:
-    """Return the frame of a board's message.
-
-    Raises
-    ------
-    RequestError : a value that its field cannot hold, or an identity that is not ASCII of up to 16 bytes.
-    """
+    """Return the frame of a board's message. RequestError: a value does not fit (identity: 16 ASCII characters)."""
     match message:
         case Hello():
             if len(message.board_id) > 16 or not message.board_id.isascii():
@@ -269,13 +256,9 @@ def encode_message(message: BoardMessage, seq: int) -> bytes:
 
 
 def decode_message(frame: Frame, n_sensors: int, n_channels: int = 0) -> BoardMessage | None:
-    """Return the board's message in a frame, None for an unknown type.
+    """Return the board's message in a frame, None for an unknown type. RemoteError: too short, or an impossible HELLO.
 
     A HELLO of another protocol version is returned with that version and zeros.
-
-    Raises
-    ------
-    RemoteError : the payload is too short, or a HELLO describes no possible board.
     """
     payload = frame.payload
     try:

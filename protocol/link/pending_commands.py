@@ -1,20 +1,17 @@
 """Commands and their answers: numbering, repetition, and loss (protocol/SPEC.md, "Commands").
 
 A command without an answer is repeated with the same seq after 250 ms, three transmissions in all; 250 ms after the
-third it is lost. Rules of this file:
+third it is lost. In turn (as in a session) one command is open at a time, because a board that remembers only the last
+type and seq would act twice on a repeat with another command before it; the repeats feed its watchdog. Rules:
 
-- In turn (as in a session): one command at a time, because a board that remembers only the last type and seq would act
-  twice on a repeat with another command before it. Commands sent meanwhile wait; the repeats feed the board's watchdog.
-  Otherwise every command is transmitted at once.
 - VENT never waits. A command that it overtook is repeated after its answer where acting twice is harmless, and not at
   all where it is not (START, CLEAR_FAULT); an earlier SET_PRESSURE is never transmitted after it.
 - An answer belongs to the command with its type *and* seq. Any other answer is counted and changes nothing.
-- A repetition never undoes a later command: a command is superseded by one of the same type with other values,
-  SET_PRESSURE by VENT, START and STOP by each other. It is not repeated, so the newer one need not wait; its answer is
-  still reported, its loss only if the board has answered nothing at all since it was sent.
+- A command superseded by a later one (same type with other values; SET_PRESSURE by VENT; START and STOP by each other)
+  is not repeated. Its answer is still reported, its loss only if the board has answered nothing since it was sent.
 - After a restart of the board only VENT and IDENTIFY of the earlier commands are transmitted.
-- A stall of this program is not a silent board: no command is given up before everything that had arrived by its
-  deadline was read, nor by a late caller, since the answer may be in the backlog. Three more windows are granted.
+- A stall of this program is not a silent board: before a command is given up, everything that arrived by its deadline
+  has been read; a late caller gets three more windows, since the answer may be in the backlog.
 """
 
 from __future__ import annotations
@@ -55,12 +52,7 @@ class _Pending:
 
 
 class PendingCommands:
-    """The commands that await their answer, or their turn.
-
-    Parameters
-    ----------
-    in_turn : whether a command waits until the one before it is answered or lost.
-    """
+    """The commands that await their answer or, with `in_turn`, the answer to the one before."""
 
     def __init__(self, *, in_turn: bool = False) -> None:
         self._in_turn = in_turn

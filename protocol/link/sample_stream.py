@@ -1,21 +1,17 @@
-"""Samples in order: exact loss, dropped repeats, one unwrapped board clock, flags of the host.
+"""Samples in order: exact loss, dropped repeats, one unwrapped board clock, flags of the host (protocol/SPEC.md).
 
-Both kinds of link pass their samples to `SampleStream` as arrays of `recording.sample_dtype` in order of arrival,
-`index` and `time_us` as the board wrote them. Rules of this file (protocol/SPEC.md, "How the host interprets samples"):
+Both kinds of link pass arrays of `recording.sample_dtype` in order of arrival, `index` and `time_us` as sent. Rules:
 
-- **Loss.** Differences of the index are taken modulo its wrap. A step of 1 + n forward is a gap of exactly n: the
-  checksum guarantees that the board wrote that index. A step back is a repeat or out of order: dropped and counted.
-- **A new stream** begins at index 0 after an answered START, or where the index begins again after a HELLO, a
-  "booted" or an answered STOP. Its first sample with index n lost n. The very first stream may have begun before this
-  link: its start is adopted, and counted as loss only if a later answered START shows that this link began it.
-- **An index that went back for good** without any of these (a forward step that was false, a restart whose messages
-  were lost): 16 samples in a row, each index one above the other, while the clock continues from the last sample
-  kept. Repeats differ, since their clock is old. The 16 are kept, as a restart; none is lost.
-- **Time** is unwrapped by the smallest step; over a gap so long that the clock may have wrapped in it, by the number
-  of wraps that fits the sampling period best. A clock that runs backward is kept as it is and flagged.
-- **Flags.** GAP_BEFORE, and IMPLAUSIBLE for values that are impossible in spite of a good checksum (`implausible`).
-- All of this depends on the board's bytes alone, never on the commands sent or the host's clock, nor on the division
-  into chunks: the same bytes give the same samples, bit for bit, at any later time.
+- **Loss.** Index differences are taken modulo the wrap. A step of 1 + n is a gap of exactly n: the checksum guarantees
+  that the board wrote that index. A step back is a repeat or out of order: dropped and counted.
+- **A new stream** begins at index 0 after an answered START, or where the index begins again after a HELLO, a "booted"
+  or an answered STOP; a first index n lost n. The very first stream may be older than this link: its start is adopted,
+  and counted as loss only if a later answered START shows that this link began it.
+- **A restart without these** (messages lost, or a false forward step): 16 samples in a row, each index one above the
+  last, while the clock continues from the last sample kept. Repeats differ by their old clock. The 16 are kept.
+- **Time** is unwrapped by the smallest step; over a gap that may hold wraps, by the number that fits the sampling
+  period best. A clock that runs backward is kept and flagged.
+- Only the board's bytes count, not commands, the host's clock or chunks: the same bytes give the same samples.
 """
 
 from __future__ import annotations
@@ -43,19 +39,10 @@ Rows = np.ndarray[Any, np.dtype[np.void]]
 
 
 def implausible(rows: Rows, adc_bits: int) -> BoolArray:
-    """Return which samples are impossible: kept, and left out of every figure.
+    """Return which samples [n] are impossible: kept, and left out of every figure; `adc_bits` is 1 to 16.
 
-    A pressure above 1 MPa, below vacuum or not a number; counts beyond the converter's; a dark reading more than
-    1/256 of full scale above the lit one (less can be noise near zero signal); a signal that is not a number.
-
-    Parameters
-    ----------
-    rows : n samples, of either kind.
-    adc_bits : of the board's converter, 1 to 16.
-
-    Returns
-    -------
-    BoolArray, shape (n,).
+    A pressure above 1 MPa, below vacuum or not a number; counts beyond the converter's; a dark reading more than 1/256
+    of full scale above the lit one (less can be noise near zero signal); a signal that is not a number.
     """
     pressure = rows["pressure_pa"]
     absurd = ~((pressure >= PRESSURE_MIN_PA) & (pressure <= PRESSURE_MAX_PA))
@@ -99,10 +86,9 @@ class SampleStream:
 
     Parameters
     ----------
-    index_wrap, time_wrap_us : where the board's index and clock begin again at 0; None for a device whose lines carry
-        no index: its samples are ordered by their time and numbered on arrival, and losses cannot be detected.
-    announces_restart : whether the clock is reset only together with a HELLO. A device without HELLO may restart at
-        any time; a run of late samples then proves it whatever their clock.
+    index_wrap, time_wrap_us : value at which index and clock restart at 0; None for a device without an index: its
+        samples are ordered by time and numbered on arrival, and losses cannot be detected.
+    announces_restart : False for a device without HELLO: a run of late samples then is a restart whatever their clock.
     """
 
     def __init__(

@@ -1,7 +1,4 @@
-"""The recording: its schema, checks of untrusted files, and files of elongations.
-
-`from protocol.recording import ...` is the public interface of this package: what is imported here.
-"""
+"""The recording: its schema, checks of untrusted files, files of readings. Its imports are the interface."""
 
 from protocol.recording.channels import CHANNELS_MAX, RESERVED, ExtraChannel, channels_of, session_channels
 from protocol.recording.derived import DerivedChannel, DerivedColumns, channel_units, parse_definition

@@ -1,7 +1,4 @@
-"""Extra channels: what a device measures beside pressure and sensors, such as a temperature or a flow.
-
-A channel has a name and a unit, both as the device or its profile states them; its values are recorded in that unit.
-"""
+"""Extra channels: what a device measures beside pressure and sensors, such as a temperature, in its own unit."""
 
 from __future__ import annotations
 
@@ -44,10 +41,7 @@ class ExtraChannel(NamedTuple):
 
 
 def channels_of(stated: Iterable[tuple[str, str]]) -> tuple[ExtraChannel, ...]:
-    """Return channels of given names and units, each with a column of its own.
-
-    White space is reduced, long texts are cut, and a name given twice, or that of another column, is numbered.
-    """
+    """Return channels for (name, unit), shortened if too long; names already used are numbered."""
     channels: list[ExtraChannel] = []
     taken: set[str] = set()
     for name, unit in stated:

@@ -1,8 +1,8 @@
 """Checks of layout and values, for recordings from untrusted sources.
 
-SQLite stores any type in any column, and executes what a file's schema holds: views, triggers, virtual tables,
-generated columns. So the schema is compared with that of a recording before a row is read, and values are checked by
-type and size where they are used. Nothing is repaired here: what does not fit is refused by name.
+SQLite stores any type in any column, and executes what a schema holds: views, triggers, virtual tables, generated
+columns. So the schema is compared before a row is read, and values are checked where they are used. Nothing is
+repaired: a file that does not fit is refused by name.
 """
 
 from __future__ import annotations
@@ -41,15 +41,9 @@ _TYPES = {
 
 
 def harden(connection: sqlite3.Connection, *, damaged: bool = False) -> None:
-    """Set a connection to execute nothing that its file holds.
+    """Set a connection to execute nothing that its file holds. sqlite3.Error: the file is not a database.
 
-    Parameters
-    ----------
-    damaged : whether the file is read in spite of its schema, which SQLite's defensive mode refuses.
-
-    Raises
-    ------
-    sqlite3.Error : the file is not a database.
+    A `damaged` file is read in spite of its schema, which SQLite's defensive mode refuses.
     """
     for pragma in ("trusted_schema=OFF", "cell_size_check=ON", "mmap_size=0", "temp_store=MEMORY"):
         connection.execute(f"PRAGMA {pragma}")
@@ -78,12 +72,7 @@ def declared(sql: str, tables: Sequence[str]) -> Columns:
 
 
 def refuse_active(path: Path, connection: sqlite3.Connection) -> set[str]:
-    """Return the names of the tables, provided that nothing in the schema executes when it is read.
-
-    Raises
-    ------
-    RecordingError : there is a view, a trigger or a virtual table.
-    """
+    """Return the names of the tables. RecordingError: there is a view, a trigger or a virtual table."""
     rows = connection.execute("SELECT type, name, sql FROM main.sqlite_schema LIMIT 1000").fetchall()
     for kind, name, sql in rows:
         if kind in {"view", "trigger"} or "VIRTUAL" in str(sql).upper()[:20]:
@@ -93,17 +82,7 @@ def refuse_active(path: Path, connection: sqlite3.Connection) -> set[str]:
 
 
 def check_layout(path: Path, connection: sqlite3.Connection, ours: Columns, may_lack: set[tuple[str, str]]) -> None:
-    """Refuse a file that lacks a table or a column of a recording; NULLs replace the columns that it may lack.
-
-    Parameters
-    ----------
-    ours : tables and columns of a recording.
-    may_lack : (table, column) that older recordings do not have.
-
-    Raises
-    ------
-    RecordingError : one is missing, or something in the file would execute when read.
-    """
+    """Refuse a file without the columns `ours`, except `may_lack` (table, column). RecordingError: names it."""
     missing = set(ours) - refuse_active(path, connection)
     if missing:
         raise damaged(path, f"is an incomplete recording: it has no table {min(missing)!r}")
@@ -120,20 +99,11 @@ def check_layout(path: Path, connection: sqlite3.Connection, ours: Columns, may_
 
 
 def check_values(path: Path, connection: sqlite3.Connection, columns: Columns) -> None:
-    """Refuse rows with a value of another type than its column is declared with, or out of all bounds, or too many.
+    """Refuse values of another type than their column's or out of bounds, and too many rows.
 
-    Reading is aborted after more steps than a file of that size can need: the pages of a forged file may be linked in a
-    ring, and a scan of it would never end. Nor may texts and blobs be longer together than the file: in a forged one
-    many rows share the pages of one long value.
-
-    Parameters
-    ----------
-    columns : tables and columns to check.
-
-    Raises
-    ------
-    RecordingError : there is such a value, named by table and column; or a table has more rows than any session makes.
-    sqlite3.Error : the rows cannot be read.
+    A forged file may link its pages in a ring, or share those of one long value among many rows: reading is aborted
+    after more steps than a file of that size needs, and texts and blobs together may not be longer than the file.
+    RecordingError: names table and column. sqlite3.Error: the rows cannot be read.
     """
     size = bytes_of(path)
     left = _FEWEST_CALLS + size // _BYTES_A_CALL
@@ -314,12 +284,7 @@ SESSION_VALUES: dict[str, Check] = {
 
 
 def check_session(meta: Mapping[str, Any]) -> None:
-    """Refuse a session's description with a value that its key cannot have; null means unknown.
-
-    Raises
-    ------
-    RecordingError : names the key.
-    """
+    """Refuse a session with a value that its key cannot have; null means unknown. RecordingError: names the key."""
     for key, fits in SESSION_VALUES.items():
         if meta.get(key) is not None and not fits(meta[key]):
             raise RecordingError(f"the session's description has an unusable {key!r}: {meta[key]!r:.60}", FOREIGN)

@@ -1,15 +1,11 @@
 """Derived channels: columns computed from the columns of a sample by an expression, such as ``s1_mv / s2_mv``.
 
-A definition is one line, ``NAME [UNIT] = EXPRESSION``. It is stored with the recording, in `session.derived`; values
-are never stored, because they are a function of the samples of one instant alone: live, in blocks, and offline, in one
-piece, the same operations on the same numbers give the same bits.
+A definition is one line, ``NAME [UNIT] = EXPRESSION``, stored in `session.derived`. Values are not stored: the same
+operations on the same samples give the same bits, live in blocks and offline in one piece.
 
-Strategy: an expression is data from a file or a person, so it is never given to Python. It is read by precedence
-climbing into a program of at most `_MAX_STEPS` numpy operations, from a closed list, on float64 columns; time and
-memory are linear in the samples. Nothing in the language loops, allocates, names an attribute or reaches outside.
-
-Units are carried along: those of a product are multiplied, those of a sum must agree; a unit that is stated is used as
-it is.
+Strategy: an expression is untrusted, so Python never evaluates it. It is parsed by precedence climbing into at most
+`_MAX_STEPS` numpy operations from a closed list, on float64 columns; time and memory are linear in the samples. Units
+of a product are multiplied, those of a sum must agree; a stated unit takes precedence.
 """
 
 from __future__ import annotations
@@ -267,12 +263,7 @@ class Expression:
 
     @classmethod
     def read(cls, text: str) -> Expression:
-        """Read an expression.
-
-        Raises
-        ------
-        ExpressionError : it is none, or larger than it may be.
-        """
+        """Parse an expression. ExpressionError: it is none, or too large."""
         return cls(_Reader(text).read())
 
     @property
@@ -281,12 +272,7 @@ class Expression:
         return tuple(dict.fromkeys(step.value for step in self.steps if isinstance(step.value, str)))
 
     def evaluate(self, columns: Mapping[str, NDArray[Any]]) -> Column:
-        """Return the value of every row; what is undefined there is NaN or infinite.
-
-        Parameters
-        ----------
-        columns : [n] each, of all `channels`; others are not looked at.
-        """
+        """Return the value of every row from `columns` [n]; NaN or infinite where undefined."""
         n = max((len(column) for column in columns.values()), default=0)
         result = np.empty(n)
         with np.errstate(all="ignore"):
@@ -312,12 +298,7 @@ class Expression:
         return stack[0]
 
     def unit(self, units: Mapping[str, str]) -> str:
-        """Return the unit of the result, from those of the channels.
-
-        Raises
-        ------
-        ExpressionError : unlike units are added or compared.
-        """
+        """Return the unit of the result, from those of channels. ExpressionError: unlike units added or compared."""
         stack: list[Powers] = []
         for step in self.steps:
             if isinstance(step.value, str):
@@ -360,16 +341,7 @@ class DerivedColumns:
 
     @classmethod
     def of(cls, definitions: Iterable[DerivedChannel], units: Mapping[str, str]) -> DerivedColumns:
-        """Check definitions; each may use those before it.
-
-        Parameters
-        ----------
-        definitions : at most `MAX_CHANNELS`.
-
-        Raises
-        ------
-        ExpressionError : one is refused: its expression, an unknown channel, a name that is taken.
-        """
+        """Check definitions; each may use those before it. ExpressionError: over `MAX_CHANNELS`, or one refused."""
         known, channels, expressions = dict(units), list[DerivedChannel](), list[Expression]()
         for definition in definitions:
             name = definition.name
@@ -392,12 +364,7 @@ class DerivedColumns:
         return cls(tuple(channels), tuple(expressions))
 
     def evaluate(self, columns: Mapping[str, NDArray[Any]]) -> dict[str, Column]:
-        """Return the values of every derived channel [n], by name.
-
-        Parameters
-        ----------
-        columns : [n] each, of the channels of the samples.
-        """
+        """Return the values [n] of every derived channel by name, from `columns` [n]."""
         known = dict(columns)
         for channel, expression in zip(self.channels, self.expressions, strict=True):
             known[channel.name] = expression.evaluate(known)
@@ -405,12 +372,7 @@ class DerivedColumns:
 
 
 def parse_definition(text: str) -> DerivedChannel:
-    """Return a definition ``NAME [UNIT] = EXPRESSION``.
-
-    Raises
-    ------
-    ExpressionError : it has another form, or its expression is refused.
-    """
+    """Return a definition ``NAME [UNIT] = EXPRESSION``. ExpressionError: another form, or its expression is refused."""
     found = _DEFINITION.fullmatch(text) if len(text) <= MAX_LETTERS + 80 else None
     if found is None:
         remedy = "Write NAME [UNIT] = EXPRESSION, such as ratio = s1_mv / s2_mv."
@@ -435,13 +397,7 @@ def are_derived(value: object) -> bool:
 
 
 def channel_units(n_sensors: int, kind: str, extra: Iterable[ExtraChannel] = ()) -> dict[str, str]:
-    """Return the units of the channels that an expression may use, by name.
-
-    Parameters
-    ----------
-    n_sensors, kind : as `sample_dtype`.
-    extra : extra channels, used by their column.
-    """
+    """Return the units of the channels of an expression by name; `n_sensors` and `kind` as in `sample_dtype`."""
     units = {"pressure_kpa": "kPa"} | {f"s{n}_mv": "mV" for n in range(1, n_sensors + 1)}
     if kind == "counts":
         units |= {f"s{n}_{part}": "counts" for n in range(1, n_sensors + 1) for part in ("lit", "dark")}

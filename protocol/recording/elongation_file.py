@@ -1,12 +1,10 @@
 """Files of readings, as `record --elongation` and `analyze --elongation` accept them.
 
-One row a plateau with the columns `pressure_kpa,elongation_mm`, in the order of the run; or also `cycle` and `branch`
-("unloading", "loading", "start"), and then in any order. The separator is a comma, semicolon, tab or bar; unless it is
-the comma, decimals may be commas. Lines that begin with # are comments; other columns are ignored. Encoding: UTF-8
-or UTF-16 as spreadsheets write them, else the Windows code page 1252.
-
-Rules: a row that is not two finite numbers is refused with its line, because in a file by order one lost row would
-shift every later reading to another plateau. The rows are assigned to plateaus elsewhere.
+One row a plateau with the columns `pressure_kpa,elongation_mm`, in the order of the run; or in any order with `cycle`
+and `branch` ("unloading", "loading", "start") as well. The separator is a comma, semicolon, tab or bar; decimals may be
+commas unless it is the comma. Lines that begin with # and other columns are ignored. Encoding: UTF-8, UTF-16 or
+Windows-1252. A row that is not two finite numbers is refused with its line: in a file by order a lost row would shift
+every later reading to another plateau.
 """
 
 from __future__ import annotations
@@ -38,12 +36,7 @@ class ElongationRow:
 
 
 def read_elongation_rows(path: Path) -> tuple[ElongationRow, ...]:
-    """Return the rows of a file of readings.
-
-    Raises
-    ------
-    RequestError : it cannot be read, lacks a column, or a row is not numeric; names the line.
-    """
+    """Return the rows of a file of readings. RequestError: unreadable, or names the missing column or the line."""
     lines = [(n, line) for n, line in enumerate(_text(path).splitlines(), 1) if line.strip(' ,;|\t"')]
     lines = [(n, line) for n, line in lines if not line.lstrip(' "\t').startswith("#")]
     if not lines:

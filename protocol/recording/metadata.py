@@ -1,7 +1,6 @@
-"""What people state about a recording: operator, customer, item, note, ambient conditions, and fields of their own.
+"""Metadata of a recording: operator, customer, item, note, ambient conditions, and free fields.
 
-It is stored with the session when a recording begins. What is stated later is a newer event of the recording: the
-newest counts, what was stated before stays, and the samples are not touched.
+They are stored with the session; a later entry is a new event. The newest counts, older ones stay.
 """
 
 from __future__ import annotations
@@ -40,16 +39,10 @@ class Metadata:
 
     @classmethod
     def of(cls, values: Mapping[str, Any], most: float = math.inf) -> Metadata:
-        """Return the metadata of values; other keys are left out.
+        """Return the metadata in values; other keys are left out. ValueError: names a value of another type or range.
 
-        Parameters
-        ----------
-        values : by key, of a file or typed.
-        most : letters of one text, where it is to be stored: a recording may hold a longer note, and opens.
-
-        Raises
-        ------
-        ValueError : a value is of another type or outside its range; names it.
+        `most` limits the length of a text to be stored, in characters; a recording with a longer note opens all the
+        same.
         """
         texts: dict[str, Any] = {key: values.get(key) or "" for key in _TEXTS}
         numbers: dict[str, Any] = {key: values.get(key) for key in RANGES}
@@ -69,16 +62,7 @@ class Metadata:
         return cls(**texts, **numbers, fields=dict(fields))
 
     def changed(self, values: Mapping[str, str]) -> Metadata:
-        """Return the metadata with values that were typed; an empty one is not stated any more.
-
-        Parameters
-        ----------
-        values : by key; a key that is none of the attributes names a free field.
-
-        Raises
-        ------
-        RequestError : a value cannot be used; names its key.
-        """
+        """Return the metadata with typed values by key; an empty one removes. RequestError: names the key."""
         known: dict[str, str | float | None] = {}
         fields = dict(self.fields)
         for key, text in values.items():
@@ -139,12 +123,7 @@ def _number(key: str, text: str) -> float | None:
 
 
 def metadata_of(connection: sqlite3.Connection, meta: Mapping[str, Any]) -> Metadata:
-    """Return the metadata of a recording: those that were stated last, with its newest note.
-
-    Raises
-    ------
-    RecordingError : they are unusable.
-    """
+    """Return a recording's newest metadata, with its newest note. RecordingError: they are unusable."""
     sql = "SELECT text FROM event WHERE kind = ? AND source = 'user' ORDER BY id DESC LIMIT 1"
     added = connection.execute(sql, (METADATA_EVENT,)).fetchone()
     stated = meta.get("metadata") or {}

@@ -1,22 +1,13 @@
 """The recording's schema: the content of a `.boat` file, described once for writer and readers.
 
-One SQLite file a session. It holds the raw bytes as received and, in the same transaction, the samples decoded from
-them, so that every number can be derived again from the bytes. Changes are additive only: a column or a table may be
-added (and `SCHEMA_VERSION` raised), none renamed or given another meaning. So a newer file can be read, though not
-extended, and an older one is read unchanged: NULLs replace the columns that it lacks (`ADDED`).
+One SQLite file a session: the raw bytes as received and, in the same transaction, the samples decoded from them, so
+that every number can be derived again. Changes are additive: a column or a table may be added (and `SCHEMA_VERSION`
+raised), none renamed or redefined. So a newer file can be read, though not extended, and NULLs replace the columns that
+an older one lacks (`ADDED`). Samples are stored in blocks of little-endian records of `sample_dtype`;
+docs/how-to/script.md reads them in six lines.
 
-Samples are stored in blocks: one row of table `block` holds many samples as little-endian records of `sample_dtype`.
-Six lines read them; any language can do the same:
-
-    import json, sqlite3, numpy as np
-    db = sqlite3.connect("file:RUN.boat?mode=ro", uri=True)
-    meta = {key: json.loads(value) for key, value in db.execute("SELECT key, value FROM session")}
-    dtype = np.dtype([(name, code, *([tuple(shape)] if shape else [])) for name, code, shape in meta["sample_dtype"]])
-    rows = db.execute("SELECT samples FROM block ORDER BY id")
-    samples = np.concatenate([np.frombuffer(blob, dtype) for (blob,) in rows])
-
-Three clocks, never mixed: `time_us` is the board's, unwrapped, and is the time of every analysis; `host_ns` is the
-host's monotonic clock at the arrival of the bytes; UTC with its offset names the session and is stored in `session`.
+Three clocks, never mixed: `time_us` is the board's, unwrapped, and the time of every analysis; `host_ns` is the host's
+monotonic clock at arrival; UTC with its offset names the session and is stored in `session`.
 """
 
 from __future__ import annotations
@@ -83,20 +74,11 @@ NOT_FOR_FIGURES = SampleFlag.SATURATED | SampleFlag.PRESSURE_INVALID | SampleFla
 
 
 def sample_dtype(n_sensors: int, kind: SampleKind = "counts", n_channels: int = 0) -> np.dtype[np.void]:
-    """Return the record of one sample.
+    """Return the packed little-endian record of one sample, for 1 to 4 sensors and 0 to `CHANNELS_MAX` extra channels.
 
-    Parameters
-    ----------
-    n_sensors : number of sensors, 1 to 4.
-    kind : "counts" where the board sends ADC counts with the emitter on and off; "signal" where a text
-        profile gives a signal in mV and there is nothing to subtract.
-    n_channels : number of extra channels, 0 to `channels.CHANNELS_MAX`.
-
-    Returns
-    -------
-    Packed little-endian dtype with fields `index` (sampling instant, counted from START), `time_us` (board clock,
-    unwrapped), `host_ns` (host monotonic clock at arrival), `pressure_pa` (gauge), `state`, `flags`, and for each
-    sensor `lit` and `dark` (counts), or `signal_mv`; where there are extra channels `channel`, each in its own unit.
+    Fields: `index` (sampling instant, counted from START), `time_us` (board clock, unwrapped), `host_ns` (host
+    monotonic clock at arrival), `pressure_pa` (gauge), `state`, `flags`; for each sensor `lit` and `dark` (counts; kind
+    "counts") or `signal_mv` (kind "signal": a text profile with nothing to subtract); `channel`, each in its own unit.
     """
     head: list[Any] = [
         ("index", "<u4"),
@@ -126,11 +108,9 @@ def fitted(samples: np.ndarray[Any, np.dtype[np.void]], dtype: np.dtype[np.void]
 
 
 def overview_extremes(samples: np.ndarray[Any, np.dtype[np.void]], mv_per_count: float) -> tuple[Any, ...]:
-    """Return the columns pressure_min_kpa to flags of one row of `overview`; implausible samples enter the flags only.
+    """Return pressure_min_kpa to flags of one row of `overview`; `mv_per_count` is unused for signals in mV.
 
-    Parameters
-    ----------
-    mv_per_count : unused where the samples carry signals.
+    Implausible samples enter the flags only.
     """
     good = samples[(samples["flags"] & SampleFlag.IMPLAUSIBLE) == 0]
     counts = "lit" in (samples.dtype.names or ())
@@ -152,12 +132,7 @@ def describe_dtype(dtype: np.dtype[np.void]) -> list[tuple[str, str, tuple[int, 
 
 
 def dtype_from_description(rows: list[Any]) -> np.dtype[np.void]:
-    """Return the dtype that `describe_dtype` described; only plain numbers are accepted.
-
-    Raises
-    ------
-    ValueError : a field is not a plain little-endian number.
-    """
+    """Return the dtype that `describe_dtype` described. ValueError: a field is not a plain little-endian number."""
     fields: list[Any] = []
     for name, code, shape in rows:
         if np.dtype(code).kind not in "iuf" or any(int(n) < 1 or int(n) > 64 for n in shape):
@@ -167,12 +142,7 @@ def dtype_from_description(rows: list[Any]) -> np.dtype[np.void]:
 
 
 def session_dtype(meta: Mapping[str, Any]) -> np.dtype[np.void]:
-    """Return the record of a session's samples: all fields of `sample_dtype`, and those added by a newer version.
-
-    Raises
-    ------
-    RecordingError : the session lacks it, or a field is missing or of another type.
-    """
+    """Return the record of a session's samples: `sample_dtype` and fields of newer versions. RecordingError: not so."""
     try:
         dtype = dtype_from_description(meta["sample_dtype"])
         ours = sample_dtype(meta["n_sensors"], meta["sample_kind"], len(meta.get("channels") or ()))
@@ -279,16 +249,11 @@ _HEADER: Final = struct.Struct(">16s44xI4xI28x")  # magic, user_version, applica
 
 
 def open_recording(path: Path | str) -> sqlite3.Connection:
-    """Open a recording for reading, as an untrusted file.
+    """Open a recording for reading, as an untrusted file. RecordingError: missing, no recording, or another schema.
 
-    It is opened read-only, its schema is not executed (no views, triggers or virtual tables), no value larger than
-    `checks.MAX_VALUE_BYTES` is read, and every value of the short tables has its column's type; `check_long_tables`
-    checks the others. A recording that is being written, or was left by a killed program, is read up to its last
-    commit. Close the connection soon: while it is open the writer's log grows.
-
-    Raises
-    ------
-    RecordingError : the file is missing, is not a recording, or has another schema.
+    Read-only; its schema is not executed, no value larger than `checks.MAX_VALUE_BYTES` is read, and the short tables
+    are checked (`check_long_tables` checks the others). A recording that is being written, or was left by a killed
+    program, is read up to its last commit. Close the connection soon: while it is open the writer's log grows.
     """
     path = Path(path)
     version = layout_version(path)
@@ -338,17 +303,7 @@ def optional_layout() -> checks.Columns:
 
 
 def optional_rows(path: Path | str, connection: sqlite3.Connection, table: str) -> list[tuple[Any, ...]]:
-    """Return every column but `id` of the rows of an optional table; none where the recording has no such table.
-
-    Parameters
-    ----------
-    table : of `OPTIONAL_TABLES`.
-
-    Raises
-    ------
-    RecordingError : the table is not that of a recording, or a value does not fit its column.
-    sqlite3.Error : the rows cannot be read.
-    """
+    """Return all columns but `id` of one of `OPTIONAL_TABLES`; no rows without it. RecordingError: it does not fit."""
     if not checks.columns_of(connection, (table,))[table]:
         return []
     layout = {table: optional_layout()[table]}
@@ -359,23 +314,12 @@ def optional_rows(path: Path | str, connection: sqlite3.Connection, table: str) 
 
 
 def check_long_tables(path: Path | str, connection: sqlite3.Connection) -> None:
-    """Check the values of the tables that grow with time, before they are read whole.
-
-    Raises
-    ------
-    RecordingError : a value does not fit its column.
-    sqlite3.Error : the rows cannot be read.
-    """
+    """Check the tables that grow with time, before they are read. RecordingError: a value does not fit."""
     checks.check_values(Path(path), connection, {name: layout()[name] for name in LONG_TABLES})
 
 
 def layout_version(path: Path) -> int:
-    """Return the version of a recording's layout, from the file's first 100 bytes, without SQLite.
-
-    Raises
-    ------
-    RecordingError : the file is missing, empty, or not a recording.
-    """
+    """Return the layout version, from the first 100 bytes, without SQLite. RecordingError: no recording."""
     if path.exists() and not (path.is_file() or path.is_dir()):  # reading a pipe would block
         raise RecordingError(f"{path} is not a regular file", "Check the name.")
     try:
@@ -396,12 +340,7 @@ def layout_version(path: Path) -> int:
 
 
 def refuse_newer(path: Path) -> None:
-    """Refuse to extend a recording with the layout of a newer program: its content could become inconsistent.
-
-    Raises
-    ------
-    RecordingError : names both versions.
-    """
+    """Refuse to extend a recording of a newer layout: it could become inconsistent. RecordingError: both versions."""
     version = layout_version(path)
     if version > SCHEMA_VERSION:
         cause = f"{path} has layout {version}, this program writes {SCHEMA_VERSION} and can only read it"
@@ -415,12 +354,7 @@ def run_end_of(meta: Mapping[str, Any]) -> RunEnd | None:
 
 
 def breaks_of(meta: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the session's `resumptions`, oldest first; none for a run without interruption.
-
-    Raises
-    ------
-    RecordingError : they are not a list of breaks.
-    """
+    """Return the session's `resumptions`, oldest first. RecordingError: they are not a list of breaks."""
     entries = meta.get("resumptions", [])
     if not checks.are_breaks(entries):
         raise RecordingError("the session's 'resumptions' are not a list of breaks", checks.FOREIGN)
@@ -435,12 +369,7 @@ def note_of(connection: sqlite3.Connection, meta: Mapping[str, Any]) -> str | No
 
 
 def read_session(connection: sqlite3.Connection) -> dict[str, Any]:
-    """Return the table `session` as a dictionary of decoded JSON values.
-
-    Raises
-    ------
-    RecordingError : a value is not JSON, or a required key is missing.
-    """
+    """Return the table `session`, decoded from JSON. RecordingError: not JSON, or a required key is missing."""
     try:
         rows = connection.execute("SELECT key, value FROM session").fetchall()
         if sum(len(value) for _, value in rows) > checks.MAX_TEXT:

@@ -1,4 +1,4 @@
-"""A part of a profile: its value over time. The plan runs it, and a recording keeps it with the step that it made.
+"""One segment of a profile over time: run by the plan, recorded with its step.
 
 A step's detail holds `segment` (its fields), `start` (the value it began at) and `quantity`, "kPa" or "mm".
 """
@@ -13,13 +13,7 @@ SEGMENT_KINDS = ("step", "ramp", "sine")
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """One part of a profile; values in the plan's quantity.
-
-    Parameters
-    ----------
-    kind : "step" to `target`, "ramp" to it, or "sine" about it.
-    reading : wait for a reading at its end, in a run that waits for readings.
-    """
+    """A "step" or "ramp" to `target`, or a "sine" about it, in the plan's quantity; `reading` waits for one."""
 
     kind: str
     target: float

@@ -169,7 +169,7 @@ class JointFit:
     influence : [curve and loop, positions] d coefficients / d y_p; zero rows where a constraint holds.
     known_variance : [positions] variance of y_p about the curve by scatter and reading.
     misfit_sd : t, the further scatter of the positions about the model.
-    residuals, leverage, slope_at : [positions] in the direction of y; slope of the branch of each.
+    residuals, leverage, slope_at : [positions] residual of y, leverage, and slope of the branch of each.
     """
 
     basis: CurveBasis

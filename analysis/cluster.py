@@ -13,10 +13,7 @@ CONNECT_S = 10.0
 
 
 def check_scheduler(address: str, *, allow_remote: bool) -> None:
-    """Refuse a Dask scheduler on another computer, unless it is allowed. RequestError: it is not.
-
-    Tasks and results travel unencrypted, and the scheduler can run programs here.
-    """
+    """Refuse a Dask scheduler on another computer: traffic is unencrypted, and it can run programs here."""
     if allow_remote or address.startswith("inproc://"):
         return
     try:

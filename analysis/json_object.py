@@ -12,10 +12,7 @@ import numpy as np
 
 
 def json_object(result: object, *keys: str) -> dict[str, Any]:
-    """Return a result as a JSON object; NaN and infinities are left for the writer to turn into null.
-
-    `keys` are attributes in order, "name" or "key=name.of.attribute"; by default all fields.
-    """
+    """Return a result as JSON object with NaN; `keys` are "name" or "key=name.of.attribute", by default all fields."""
     if not keys:
         assert is_dataclass(result)
         keys = tuple(field.name for field in fields(result))

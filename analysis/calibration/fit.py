@@ -336,10 +336,7 @@ def _calibration(
 
 
 def turning_points(fit: LeastSquares) -> tuple[float, ...]:
-    """Return every real x where the slope changes sign, ascending.
-
-    Leading coefficients that are rounding error of the fit are dropped first: a line fitted as a cubic turns nowhere.
-    """
+    """Return every real x where the slope changes sign, ascending; coefficients that are rounding error are dropped."""
     coefficients = fit.basis_coefficients.copy()
     scale = np.abs(coefficients).max()
     while coefficients.size > 1 and abs(coefficients[-1]) <= 1e-12 * scale:

@@ -64,10 +64,7 @@ def general_fit(
     standard_uncertainty: npt.ArrayLike | None = None,
     options: FitOptions | None = None,
 ) -> GeneralFit:
-    """Fit y(x), a polynomial of `degree` 0 to 10, with options; raises as `fit_calibration`, or for a constraint.
-
-    `standard_uncertainty` [n] of each y gives the weights and the covariance.
-    """
+    """Fit y(x), a polynomial of `degree` 0 to 10; `standard_uncertainty` [n] of y gives weights and covariance."""
     options = options or FitOptions()
 
     def constrained(calibration: Calibration) -> Calibration:

@@ -98,10 +98,7 @@ def position_means(
     branch: npt.ArrayLike,
     reading: Positions | None = None,
 ) -> PositionMeans:
-    """Return the means over the readings of each position; `fit` is a polynomial through the points, for its slope.
-
-    `branch` is 1, -1, or 0 at the end levels; `reading` is None if x is exact and its scatter the actuator's.
-    """
+    """Return the means over the readings of each position; `fit` gives the slope, `reading` None means exact x."""
     labels, first, of_point = np.unique(np.asarray(positions), return_index=True, return_inverse=True)
     of_point = of_point.reshape(-1)
     count = np.bincount(of_point)
@@ -283,10 +280,7 @@ class JointFit:
         return float(np.sqrt(max(excess, 0.0)))
 
     def draws(self, rng: np.random.Generator, count: int) -> tuple[FloatArray, FloatArray]:
-        """Draw coefficients [count, coefficients] within the errors, and the ends of their range [count, 2].
-
-        An error of reading moves a position's y by -f' e and, at an end, the range by e.
-        """
+        """Draw coefficients [count, coefficients] within the errors, and the ends of their range [count, 2]."""
         means, size = self.means, (count, self.means.x.size)
         by_reading = np.sqrt(means.x_variance) * rng.standard_normal(size)
         rest = np.sqrt(means.own_variance + self.misfit_sd**2) * rng.standard_normal(size)

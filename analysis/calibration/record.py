@@ -31,7 +31,7 @@ class SensorRecord:
     Attributes
     ----------
     fit : the curve, its covariance, range and tests, as `fit --json` shows them.
-    positions, branches : [n] as in `fit_by_branch`; None in the oldest records.
+    positions, branches : [n] labels for `fit_by_branch`; None in the oldest records.
     ambient_mv : [n] error by ambient light that a position has in every cycle; None without one.
     noise_mv, between_cycles_mv : sd of one signal, None for the residual sd of the fit; sd from cycle to cycle.
     half_loop_mv : half the width of the loop at equally spaced elongations.

@@ -25,10 +25,7 @@ from protocol.recording import NOT_FOR_FIGURES, SampleFlag
 
 
 def convert_signals(calibration: CalibrationFile, signal_mv: FloatArray, flags: npt.ArrayLike) -> ConvertedElongation:
-    """Return the elongation of signals [n, sensors], all sensors fused. DataError: the calibration gives no elongation.
-
-    `flags` [n] are `SampleFlag`: a sample marked as no measurement is left out; a wrong pressure does not matter.
-    """
+    """Return the fused elongation of signals [n, sensors]; samples whose flag [n] says no measurement are left out."""
     unusable = (np.asarray(flags) & int(NOT_FOR_FIGURES & ~SampleFlag.PRESSURE_INVALID)) != 0
     known = np.isfinite(signal_mv) & ~unusable[:, None]
     found = calibration.reader().evaluate(np.where(known, signal_mv, np.nan))
@@ -44,10 +41,7 @@ def convert_recording(recording: Recording, calibration: CalibrationFile) -> Con
 
 
 def own_elongation(recording: Recording, options: Options, elongation: str | Path | None = None) -> ConvertedElongation:
-    """Return the elongation of every sample of a calibration run, by its own calibration.
-
-    `elongation` is a CSV of readings, by default the recording's own. BoatDaqError: no calibration, or no elongation.
-    """
+    """Return the elongation of a calibration run's samples by its own calibration; readings from a CSV if given."""
     if elongation is None and not len(recording.readings) and recording.camera is None:
         raise DataError("no elongation was read in this run", "Give a calibration of its unit.")
     return convert_recording(recording, CalibrationFile.of_run(analyse(recording, elongation, options=options)))

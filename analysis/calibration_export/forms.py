@@ -17,10 +17,7 @@ FORMS: Mapping[str, str] = {"json": ".json", "c": ".h", "matlab": ".m", "csv": "
 
 
 def calibration_text(calibration: CalibrationFile, form: str, table_error_mm: float | None = None) -> str:
-    """Return a calibration in one of `FORMS`, with a bound on the error of tables (None: none in C, the usual in CSV).
-
-    DataError: code of a calibration without an elongation. RequestError: no table keeps to the bound.
-    """
+    """Return a calibration in one of `FORMS`. DataError: code without an elongation. RequestError: the bound."""
     if form == "json":
         return calibration.text()
     if form == "matlab":

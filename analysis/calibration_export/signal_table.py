@@ -21,10 +21,7 @@ USUAL_ERROR_MM = 0.001
 
 
 def signal_table(inverse: Inverse, error_mm: float, *, single: bool = False) -> tuple[FloatArray, FloatArray]:
-    """Return equally spaced, rising signals and their elongations [nodes]; interpolation errs by `error_mm` at most.
-
-    RequestError: more than 4097 nodes would be needed, or `single` precision is too coarse.
-    """
+    """Return rising signals and elongations [nodes] for linear interpolation. RequestError: `error_mm` is too small."""
     if not error_mm > 0:
         raise RequestError(
             f"an error of {error_mm:g} mm is no bound for a table", "Give a length above 0, such as 0.001."

@@ -161,7 +161,4 @@ class Link(Protocol):
         """
 
     def poll(self, now_ns: int, heard_ns: int | None = None) -> tuple[list[LinkEvent], bytes]:
-        """Return the commands that were lost, and the bytes of those to repeat or send next.
-
-        Everything that had arrived by `heard_ns` (default `now_ns`) has been received: no command due later is lost.
-        """
+        """Return the lost commands, and the bytes to send next; all that arrived by `heard_ns` has been received."""

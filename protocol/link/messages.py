@@ -256,10 +256,7 @@ def encode_message(message: BoardMessage, seq: int) -> bytes:
 
 
 def decode_message(frame: Frame, n_sensors: int, n_channels: int = 0) -> BoardMessage | None:
-    """Return the board's message in a frame, None for an unknown type. RemoteError: too short, or an impossible HELLO.
-
-    A HELLO of another protocol version is returned with that version and zeros.
-    """
+    """Return the message in a frame (None: unknown type; zeros: a HELLO of another version). RemoteError: malformed."""
     payload = frame.payload
     try:
         match frame.type:

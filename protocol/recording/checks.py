@@ -41,10 +41,7 @@ _TYPES = {
 
 
 def harden(connection: sqlite3.Connection, *, damaged: bool = False) -> None:
-    """Set a connection to execute nothing that its file holds. sqlite3.Error: the file is not a database.
-
-    A `damaged` file is read in spite of its schema, which SQLite's defensive mode refuses.
-    """
+    """Set a connection to execute nothing that its file holds. sqlite3.Error: not a database."""
     for pragma in ("trusted_schema=OFF", "cell_size_check=ON", "mmap_size=0", "temp_store=MEMORY"):
         connection.execute(f"PRAGMA {pragma}")
     connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)

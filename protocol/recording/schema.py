@@ -108,10 +108,7 @@ def fitted(samples: np.ndarray[Any, np.dtype[np.void]], dtype: np.dtype[np.void]
 
 
 def overview_extremes(samples: np.ndarray[Any, np.dtype[np.void]], mv_per_count: float) -> tuple[Any, ...]:
-    """Return pressure_min_kpa to flags of one row of `overview`; `mv_per_count` is unused for signals in mV.
-
-    Implausible samples enter the flags only.
-    """
+    """Return pressure_min_kpa to flags of one row of `overview`; implausible samples enter the flags only."""
     good = samples[(samples["flags"] & SampleFlag.IMPLAUSIBLE) == 0]
     counts = "lit" in (samples.dtype.names or ())
     signal_mv = (good["lit"].astype(float) - good["dark"]) * mv_per_count if counts else good["signal_mv"]

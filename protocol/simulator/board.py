@@ -117,10 +117,7 @@ class VirtualBoard:
                 self._handle(frame)
 
     def advance(self, dt_us: int, *, free_bytes: int | None = None) -> bytes:
-        """Pass `dt_us` of true time and return the bytes sent since the last call. ValueError: `dt_us` is negative.
-
-        Samples beyond `free_bytes` of the transmit buffer are dropped and counted; messages are not.
-        """
+        """Pass `dt_us` and return the bytes sent; samples beyond `free_bytes` are dropped. ValueError: `dt_us` < 0."""
         if dt_us < 0:
             raise ValueError("board time does not run backwards")
         self._true_us += dt_us

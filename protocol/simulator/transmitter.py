@@ -21,10 +21,7 @@ ABSURD_COUNTS = 0xFFFF
 
 
 class Transmitter:
-    """Sends frames in order; `take` returns the bytes sent, none while `off`, as on a booting board.
-
-    `free_bytes` are free in the transmit buffer until the next `take`; None = unlimited.
-    """
+    """Sends frames in order while `free_bytes` last (None: no limit); nothing while `off`, as on a booting board."""
 
     def __init__(self, n_sensors: int, schedule: FaultSchedule, seed: int) -> None:
         self.free_bytes: int | None = None

@@ -172,10 +172,7 @@ class _Syntax:
 
 
 def propose(data: bytes, seconds: float = 0.0) -> Proposal:
-    """Return the profile that lines of text suggest. ProfileError: no syntax fits most of the lines.
-
-    The first and the last line may be incomplete; `seconds` is the duration of the data, 0 if unknown.
-    """
+    """Return the profile that lines sent in `seconds` (0: unknown) suggest. ProfileError: no syntax fits most."""
     line_end = "\n" if 2 * data.count(b"\n") >= data.count(b"\r") else "\r"
     pieces = data.decode("latin-1").split(line_end)
     raw = [line.strip() for line in pieces[1:-1] if line.strip() and len(line) <= LINE_MAX][:_LINES_MAX]
@@ -486,10 +483,7 @@ def _with_device(proposal: Proposal, values: Sequence[np.ndarray[Any, Any] | Non
 
 
 def propose_packets(data: bytes, seconds: float = 0.0) -> Proposal:
-    """Return the profile that packets suggest, as an RX8 format. ProfileError: no byte repeats at a constant distance.
-
-    The data may begin anywhere; `seconds` is their duration, 0 if unknown.
-    """
+    """Return the profile that packets sent in `seconds` (0: unknown) suggest. ProfileError: no byte repeats."""
     content = np.frombuffer(data[:PACKET_BYTES_MAX], np.uint8)
     length, start = _packet(content)
     packets = content[start : start + (len(content) - start) // length * length].reshape(-1, length)

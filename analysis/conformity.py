@@ -41,11 +41,7 @@ class Conformity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ConformityStatement:
-    """A statement of conformity; NaN without an uncertainty.
-
-    `probability` is that of the measurand within the limits, `guard_band` belongs to the limit nearest in
-    uncertainties.
-    """
+    """A statement of conformity: probability, and guard band of the limit nearest in uncertainties; NaN without U."""
 
     conformity: Conformity
     probability: float

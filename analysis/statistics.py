@@ -74,8 +74,7 @@ def bootstrap_interval(
     """Return the 95 % expanded percentile interval of `replicates` [resamples] of a bootstrap over `n` items, or NaN.
 
     The percentile interval is too short for few items by sqrt((n-1)/n) z/t, so it is widened about the estimate, with
-    `positive` on a log scale if both limits allow it. Source: T. C. Hesterberg, What teachers should know about the
-    bootstrap, Am. Stat. 69 (2015) 371-386.
+    `positive` on a log scale if both limits allow it. Source: T. C. Hesterberg, Am. Stat. 69 (2015) 371-386.
     """
     finite = replicates[np.isfinite(replicates)]
     if n < 2 or finite.size < 0.9 * replicates.size or not np.isfinite(estimate):
@@ -92,8 +91,7 @@ def bootstrap_interval(
 
 
 def limit_error(draws: FloatArray, level: float = 0.95) -> float:
-    """Return the Monte-Carlo error (k = 2) of the worst limit of equal-tailed intervals; draws [draws, places] in
-    order.
+    """Return the Monte-Carlo error (k = 2) of the worst limit of equal-tailed intervals of [draws, places] in order.
 
     Limits of a batch vary sqrt(batches) times as much as those of all draws, even autocorrelated, if a batch is much
     longer than their correlation. Source: J. M. Flegal, G. L. Jones, Ann. Statist. 38 (2010) 1034-1070.

@@ -1,7 +1,6 @@
 """A plugin in a process of its own: `python -m boat_daq.plugin_process GROUP NAME`, called with JSON on standard input.
 
-The entry point takes it as keywords; its result is JSON on standard output, its prints go to standard error. The caller
-limits its time.
+Its keywords are that JSON; the result is JSON on standard output, prints go to standard error. The caller limits time.
 """
 
 import sys

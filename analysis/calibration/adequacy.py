@@ -70,8 +70,7 @@ class Adequacy:
     """The verdict on a curve; `p_value` is NaN if nothing was left to test it by.
 
     `preferred` predicts best, or is its simpler equal; `averaged` holds (weight, curve) of the reference, the chosen
-    curve alone without a suspicion; `remainder` is the rms deviation of the chosen curve over the range, in the unit of
-    y.
+    curve alone without a suspicion; `remainder` is the rms deviation of the chosen curve, in the unit of y.
     """
 
     verdict: CurveVerdict
@@ -228,8 +227,7 @@ def lack_of_fit_p(chosen: JointFit, richer: JointFit) -> float:
     """Return the p-value of the lack of fit; NaN if nothing is left to test by.
 
     The position means are tested by their scatter and reading, together and by the gain of a `richer` curve: twice the
-    lesser p (Bonferroni). If hardly one was read twice, or the loop has another shape: the gain against the residuals
-    of the richer curve.
+    lesser p (Bonferroni). If hardly one was read twice, or the loop has another shape: the gain against what is left.
     """
     if chosen.dof < 1:
         return float("nan")

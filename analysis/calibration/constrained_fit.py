@@ -100,8 +100,8 @@ def with_solution(
     """Return a calibration of the same points with another solution, [degree + 1] in its scaled basis.
 
     `factor` is F, [degree + 1, parameters], with the covariance sd^2 F F^T; `leverage` and `weights` are [n], the
-    largest weight 1; `sd` belongs to weight 1, by default from the residuals. With `zero_constant` the constant is
-    exactly zero.
+    largest weight 1; `sd` belongs to it, by default from the residuals; `zero_constant` makes the constant exactly
+    zero.
     """
     old = calibration.fit
     weights = old.weights if weights is None else weights

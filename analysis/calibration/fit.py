@@ -177,8 +177,7 @@ class Calibration:
     def curve_parts(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return u of y(x) by the scatter of the signals, and by the reading of x: together `curve_u` of a joint fit.
 
-        The covariance of a fit through points treats errors as independent; the second part is then what positions
-        share.
+        For a fit through points, whose covariance takes errors as independent, the second is what positions share.
         """
         if self.joint is not None:
             joint = self.joint
@@ -201,9 +200,8 @@ class Calibration:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the lower and upper limit of the curve, or of one new reading, at confidence `level`; x of any shape.
 
-        Pointwise, by Student's t with n - degree - 1 degrees of freedom, with positions for points if x was read on a
-        grid, or with those of the joint fit; widened by the known deviation of the curve. NaN without degrees of
-        freedom.
+        Pointwise, by Student's t with n - degree - 1 degrees of freedom (n counts positions if x was read on a grid),
+        or those of the joint fit; widened by the known deviation of the curve. NaN without degrees of freedom.
         """
         spread = self.curve_u(x) if self.adequacy is None else self.adequacy.average_u(x)
         if new_reading:

@@ -38,8 +38,7 @@ class ElongationEstimate:
     """Elongations with their uncertainty, k = 1; NaN where they are not known.
 
     `outside`: the signal is outside the range by more than two standard uncertainties and half a division of the grid;
-    `beyond`: by less, with the value of the tangent at the end; `disagreement`: two sensors differ by more than 4
-    sigma.
+    `beyond`: by less, from the tangent at the end; `disagreement`: two sensors differ by more than 4 sigma.
     """
 
     elongation_mm: FloatArray
@@ -241,9 +240,8 @@ class Fusion:
     def evaluate(self, signal_mv: npt.ArrayLike, *, clamp: bool = False) -> ElongationEstimate:
         """Return the fused elongation of signals [..., sensors].
 
-        A sensor outside its range does not take part; if all are outside, x is NaN (or clamped). `beyond`: a sensor
-        beyond the end of its range takes part; `disagreement`: two sensors differ by more than 4 sigma of their
-        difference.
+        Sensors outside their range do not take part; if all are outside, x is NaN (or clamped). `beyond`: one beyond
+        the end of its range takes part; `disagreement`: two sensors differ by more than 4 sigma of their difference.
         """
         signal = np.asarray(signal_mv, dtype=np.float64)
         if signal.shape[-1:] != (len(self.inverses),):

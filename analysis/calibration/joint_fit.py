@@ -427,8 +427,8 @@ def greatest_loop_width(fit: JointFit, rng: np.random.Generator, draws: int = WI
     """Estimate the greatest distance of the branches.
 
     Its square exceeds the truth's by about its variance, found by redrawing the loop. The interval is about the
-    greatest width less its own bias; it starts at zero if a loop of zero would give such a width with a chance of 5 %
-    or more.
+    greatest width less its bias; it starts at zero if a loop of zero would give such a width with a chance of 5 % or
+    more.
     """
     z = np.linspace(-1.0, 1.0, WIDTH_POINTS)
     rows = (1.0 - z**2)[:, None] * z[:, None] ** np.arange(fit.loop.size)

@@ -67,8 +67,7 @@ class Positions:
         """Return the covariance of the least-squares coefficients in the scaled basis, [degree + 1, degree + 1].
 
         Every position counts once: sum_p u_p^2 g_p g_p^T, g_p the influence of its mean, u_p of reading, scatter and
-        misfit. Scattered readings flatten a curve through them (attenuation): its distance from that through the means
-        is added.
+        misfit. Scattered readings flatten a curve (attenuation): its distance from that through the means is added.
         """
         variance = fit.slope(self.x) ** 2 * self.x_variance + self.mean_variance
         variance = variance + self.misfit_sd**2 * self.relative_variance
@@ -149,8 +148,7 @@ def share_their_error(fit: LeastSquares, x: FloatArray, y: FloatArray, reading_s
     """Return whether readings of one x cannot have independent errors: their signals lie too close together.
 
     Independent errors spread the signals of one x over f' d. Two tests at 1 %: the pooled variance within equal x
-    against (f' s_x)^2, chi-square; and the number of neighbours closer than a tenth of even spacing, binomial, for
-    groups.
+    against (f' s_x)^2, chi-square; and the number of neighbours closer than a tenth of even spacing, binomial.
     """
     weights = fit.weights
     values, of_x, many = np.unique(np.round(x, 9), return_inverse=True, return_counts=True)

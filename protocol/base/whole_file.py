@@ -21,8 +21,7 @@ _number = itertools.count(1)
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Yield a temporary name that becomes `path` on success and is removed otherwise. OSError: `path` cannot be
-    written.
+    """Yield a temporary name that becomes `path` on success, else is removed. OSError: `path` cannot be written.
 
     A symbolic link stays one, and a file keeps its permissions. A pipe or a device is written to directly.
     """

@@ -43,8 +43,7 @@ def decode_chunks(chunks: Iterable[tuple[int, bytes]], link: Link) -> Iterator[l
 
 
 def decode_samples(chunks: Iterable[tuple[int, bytes]] | bytes, link: Link) -> Decoded:
-    """Return the samples, gaps and events in recorded chunks (host_ns, bytes), or in bytes alone, whose `host_ns` is
-    then 0.
+    """Return the samples, gaps and events in chunks (host_ns, bytes), or in bytes alone, whose `host_ns` is then 0.
 
     `samples` is empty, with two sensors, where there are none. Samples of one call have one sensor count.
     """

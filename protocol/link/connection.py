@@ -121,8 +121,7 @@ class Connection:
         return self._pending_commands.next_deadline_ns
 
     def send(self, command: Command, now_ns: int) -> bytes:
-        """Return the bytes of a command; empty while it waits for its turn (see `poll`). RequestError: a value does not
-        fit.
+        """Return the bytes of a command; empty until its turn (see `poll`). RequestError: a value does not fit.
 
         RemoteError: the board uses another protocol version, and the command is not IDENTIFY, VENT or STOP.
         """

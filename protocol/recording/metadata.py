@@ -41,8 +41,7 @@ class Metadata:
     def of(cls, values: Mapping[str, Any], most: float = math.inf) -> Metadata:
         """Return the metadata in values; other keys are left out. ValueError: names a value of another type or range.
 
-        `most` limits the length of a text to be stored, in characters; a recording with a longer note opens all the
-        same.
+        `most` limits a text to be stored, in characters; a recording with a longer note opens all the same.
         """
         texts: dict[str, Any] = {key: values.get(key) or "" for key in _TEXTS}
         numbers: dict[str, Any] = {key: values.get(key) for key in RANGES}

@@ -20,9 +20,8 @@ from protocol.base.arrays import FloatArray
 class PlaySum:
     """Parameters of a weighted sum of play operators; each envelope is v + curvature v^2.
 
-    `up_curvature` <= `down_curvature`, so that the interval is never empty. Both envelopes must rise over the inputs
-    used:
-    v| < 1 / (2 |curvature|).
+    `up_curvature` <= `down_curvature`, so that the interval is never empty. Both envelopes must rise over the inputs v:
+    |v| < 1 / (2 |curvature|).
     """
 
     radii: tuple[float, ...]
@@ -68,8 +67,7 @@ def clamp(value: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
 
 
 def compose_clamps(low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return for each row the one clamp equal to all clamps up to and with it; bounds [n, m] in the order of
-    application.
+    """Return for each row the one clamp equal to all clamps up to and with it; bounds [n, m], row after row.
 
     Hillis-Steele scan: after the pass with shift s each row holds the composition of its last 2 s clamps.
     """

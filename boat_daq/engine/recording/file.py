@@ -24,7 +24,7 @@ from typing import Any, TypeAlias
 from boat_daq import __version__
 from boat_daq.engine.file_names import check_file_name
 from boat_daq.engine.recording.disk_space import SPACE_FLOOR_BYTES
-from boat_daq.engine.recording.write_ahead_log import read_log
+from boat_daq.engine.recording.write_ahead_log import has_damaged_log
 from boat_daq.engine.recording.writer_lock import WriterLock
 from protocol.base.errors import RequestError, StorageError
 from protocol.recording import open_recording, refuse_newer, schema
@@ -97,12 +97,10 @@ class RecordingFile:
     @classmethod
     def reopen(cls, path: Path, *, resume: bool = False) -> RecordingFile:
         """Open an existing, closed recording to add to it; to `resume` it, with its log on."""
-        log = read_log(path)
-        if log is not None and log.damage:  # SQLite would remove it
+        if has_damaged_log(path):  # SQLite would remove it
             raise StorageError(
                 f"{path} has a damaged log", "Recover the recording.", command=f"boat-daq recover {path}"
             )
-        del log
         open_recording(path).close()
         refuse_newer(path)
         lock = WriterLock(path)

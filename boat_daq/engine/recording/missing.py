@@ -30,6 +30,9 @@ class Hole:
         return f"{count} between {after} and {before} are missing"
 
 
+UNREAD = Hole(0, None, None, None, None, None)  # of a recording whose log is damaged, before its recovery
+
+
 @dataclass(frozen=True, slots=True)
 class Missing:
     """Samples and rows that a recovery did not find."""

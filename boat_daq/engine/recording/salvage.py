@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boat_daq.engine.recording.derive_again import derive_missing
-from boat_daq.engine.recording.file import RecordingFile, Statement, set_meta
+from boat_daq.engine.recording.file import RecordingFile, Statement, set_meta, storage_error
 from boat_daq.engine.recording.missing import Missing
 from boat_daq.engine.recording.page_rows import Row, rows_of_page
 from boat_daq.engine.recording.write_ahead_log import WriteAheadLog, page_size_of
@@ -66,6 +66,8 @@ def salvage(
                 file.abandon()
     except DAMAGE as error:
         raise RecordingError(f"{path} cannot be read: {error}", "Use another copy.") from error
+    except OSError as error:
+        raise storage_error(target, error) from error
     finally:
         copy.unlink(missing_ok=True)
 

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from boat_daq.engine.recording.missing import Missing, missing_of
+from boat_daq.engine.recording.missing import UNREAD, Missing, missing_of
+from boat_daq.engine.recording.write_ahead_log import has_damaged_log
 from boat_daq.engine.recording.writer_lock import is_being_written
 from protocol.base.errors import BoatDaqError, damaged
 from protocol.recording import ExtraChannel, Metadata, metadata_of, schema, session_channels
@@ -151,14 +152,14 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
     if samples * schema.session_dtype(meta).itemsize > bytes_of(path):
         raise damaged(path, f"claims {samples} samples, more samples than its size can hold")
     duration_s = sum(segment.duration_s for segment in segments)
-    missing = missing_of(meta)
+    status = meta["status"]
+    if status == "recording" and not is_being_written(path):
+        status = "interrupted"
+    missing = Missing((UNREAD,)) if status == "interrupted" and has_damaged_log(path) else missing_of(meta)
     gaps, lost = _one(db, "SELECT count(*), coalesce(sum(value), 0) FROM event WHERE kind = 'gap'")
     gaps, lost = gaps + len(missing.samples), int(lost) + missing.counted
     low, high = _one(db, "SELECT min(pressure_min_kpa), max(pressure_max_kpa) FROM overview")
     counts = [_one(db, f"SELECT count(*) FROM {table}")[0] for table in ("step", "result")]  # noqa: S608
-    status = meta["status"]
-    if status == "recording" and not is_being_written(path):
-        status = "interrupted"
     stated = metadata_of(db, meta)
     stored = ("uuid", "unit", "port", "board_id", "program_version", "started_utc", "ended_utc")
     return Summary(

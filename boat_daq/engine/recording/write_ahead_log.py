@@ -112,6 +112,12 @@ def read_log(database: Path) -> WriteAheadLog | None:
     )
 
 
+def has_damaged_log(database: Path) -> bool:
+    """Return whether SQLite would not read all of the log beside a database."""
+    log = read_log(database)
+    return log is not None and bool(log.damage)
+
+
 def page_size_of(database: Path) -> int:
     """Return the size of a database's pages; SQLite's usual one where its header does not tell."""
     with database.open("rb") as file:

@@ -205,6 +205,7 @@ def test_what_is_missing_is_said_by_every_reader(killed: Killed, tmp_path: Path)
     path = left(tmp_path, killed.database, log)
     before = invoke(verify, str(path))
     assert (before.exit_code, before.stdout[:10]) == (1, "different:")
+    assert "may be missing" in invoke(info, str(path)).stdout
     found = json.loads(invoke(recover_command, str(path), "--json").stdout)
     assert found["missing"]["samples"][-1]["before_index"] is None
     target = Path(found["path"])

@@ -12,19 +12,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.numbers import decimals_for
-from analysis.optics.scene.parameters import (
-    ALL,
-    BYS,
-    FULL_FAINTEST,
-    PAPER_RAYS,
-    PAPER_SECONDARY,
-    Design,
-    Light,
-    Waveguide,
-    phase_of,
-)
+from analysis.optics.scene.parameters import ALL, PAPER_RAYS, PAPER_SECONDARY, Design, Light, Waveguide
+from analysis.optics.scene.scene_file import OpticalScene, read_scene
 from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, writing
-from boat_daq.commands.options import AllowRemoteOption, OptionalFidelity, one_of
+from boat_daq.commands.options import AllowRemoteOption, OptionalFidelity
 from protocol.base.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -45,27 +36,15 @@ State = Annotated[
     typer.Option(help="Deformation state, 0 = most compressed .. 14 = most elongated; default 7 (rest)."),
 ]
 Rays = Annotated[int, typer.Option(help="Rays released.")]
-Secondary = Annotated[int, typer.Option(help="Budget of secondary (reflected) rays.")]
 OptionalRays = Annotated[int | None, typer.Option(help="Rays released; default 250, or the precision's.")]
-OptionalSecondary = Annotated[
+Secondary = Annotated[
     int | None,
-    typer.Option(help="Budget of secondary (reflected) rays, -1 for all; default 100, or in proportion to the rays."),
-]
-By = Annotated[
-    str,
     typer.Option(
-        callback=one_of(*BYS),
-        help="Rank by the count of detected rays, or by detected power with all secondaries followed.",
+        help="Budget of secondary (reflected) rays, -1 for all; default 100, or in proportion to a precision's rays."
     ),
 ]
-Phase = Annotated[
-    float | None,
-    typer.Option(
-        help="Turn of the fan in its own steps, -0.5 to 0.5; default 0 for 250 rays (the paper's), else 0.25."
-    ),
-]
-Order = Annotated[str, typer.Option(help="Order in which the budget is spent: time, bounce or index.")]
-Index = Annotated[float, typer.Option(help="Refractive index of the resin.")]
+Order = Annotated[str | None, typer.Option(help="Order in which the budget is spent: time (default), bounce or index.")]
+Index = Annotated[float | None, typer.Option(help="Refractive index of the resin; default 1.50.")]
 Curves = Annotated[
     Path | None,
     typer.Option(
@@ -74,18 +53,15 @@ Curves = Annotated[
         "default the shadow's 15 stored states.",
     ),
 ]
-Faintest = Annotated[
-    float | None,
+SceneFile = Annotated[
+    Path | None,
     typer.Option(
-        help="Power, in parts of a released ray, below which a ray is dropped; default 1e-12, or 0.001 where all "
-        "secondaries are followed."
+        "--scene",
+        metavar="FILE.toml",
+        help="What the paper leaves open: thickness_mm, index, attenuation_db_per_cm, receiver_mm, face, curves, "
+        "emission, order, secondary, phase, faintest, rank_by.",
     ),
 ]
-Thickness = Annotated[float, typer.Option(help="Thickness of the guides, mm.")]
-Attenuation = Annotated[float, typer.Option(help="Attenuation of the resin, dB/cm.")]
-Face = Annotated[str, typer.Option(help="Place of the cavities: the outer or inner face, both, or midline (voids).")]
-Emission = Annotated[str, typer.Option(help="Emission: uniform (in angle) or lambertian.")]
-Receiver = Annotated[float | None, typer.Option(help="Width of the receiver, mm; default the whole end face.")]
 Confidence = Annotated[
     float | None,
     typer.Option(
@@ -127,29 +103,38 @@ def released_rays(
     return number if rays is None else rays, in_proportion if secondary is None else secondary
 
 
-def _light(
-    rays: int, secondary: int, phase: float | None, order: str, emission: str, faintest: float | None = None
-) -> Light:
-    """Return the light of the options."""
-    turn = phase_of(rays) if phase is None else phase
-    light = Light(rays=rays, secondary=secondary, phase=turn, order=order, emission=emission)  # type: ignore[arg-type]  # checked there
-    least = FULL_FAINTEST if secondary == ALL and faintest is None else faintest
-    return light if least is None else replace(light, faintest=least)
+def _scene_of(
+    path: Path | None,
+    *,
+    index: float | None = None,
+    curves: Path | None = None,
+    order: str | None = None,
+    secondary: int | None = None,
+) -> OpticalScene:
+    """Return the scene of a file, with the options that were given in place of its values."""
+    given = {"index": index, "curves": None if curves is None else str(curves), "order": order, "secondary": secondary}
+    return replace(read_scene(path), **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]  # checked there
 
 
-def curves_of(path: Path | None) -> FloatArray:
-    """Return the curves of a file, or of one of the names in its place."""
-    if str(path) == "shadow":
+def _notify_unused(scene: OpticalScene, *names: str) -> None:
+    """Report values of a scene that a command does not use."""
+    if unused := scene.stated(*names):
+        notify(f"not used here: {', '.join(unused)}")
+
+
+def curves_of(name: str) -> FloatArray:
+    """Return the curves of a name, or of a file."""
+    if name == "shadow":
         from analysis.shadow.model.states import kept_states
 
         return kept_states().curves_mm
-    if str(path) == "paper":
+    if name == "paper":
         from analysis.shadow.model.states import PAPER_LOWEST_KPA, STIFFER_WALL, kept_states
 
         return kept_states(STIFFER_WALL, lowest_kpa=PAPER_LOWEST_KPA).curves_mm
     from analysis.optics.scene.curve_file import curves_named
 
-    return curves_named(str(path or "default"))
+    return curves_named(name)
 
 
 def _frame(curves: FloatArray, state: int | None, guide: Waveguide) -> tuple[SceneFrame, int]:
@@ -176,17 +161,11 @@ def trace(
     spacing: Spacing = 0.9,
     state: State = None,
     rays: OptionalRays = None,
-    secondary: OptionalSecondary = None,
-    phase: Phase = None,
-    order: Order = "time",
-    index: Index = 1.50,
+    secondary: Secondary = None,
+    order: Order = None,
+    index: Index = None,
     curves: Curves = None,
-    thickness: Thickness = 2.0,
-    attenuation: Attenuation = 0.0,
-    face: Face = "outer",
-    emission: Emission = "uniform",
-    faintest: Faintest = None,
-    receiver: Receiver = None,
+    scene: SceneFile = None,
     out: Annotated[Path | None, typer.Option(help="Write an image of the rays: PNG or SVG.")] = None,
     tolerance: Tolerance = None,
     fidelity: OptionalFidelity = None,
@@ -200,13 +179,12 @@ def trace(
 
     if tolerance is not None and (rays is not None or fidelity is not None):
         raise typer.BadParameter("chooses the rays: omit --rays and --fidelity", param_hint="--tolerance")
-    if tolerance is not None and phase is not None:
-        raise typer.BadParameter("chooses the turn of the fan: omit --phase", param_hint="--tolerance")
-    design = Design(cavities, width, depth, spacing, face)  # type: ignore[arg-type]  # checked there
-    guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
-    released, budget = released_rays(rays, secondary, fidelity, lambda level: level.rays)
-    light = _light(released, budget, phase, order, emission, faintest)
-    frame, number = _frame(curves_of(curves), state, guide)
+    chosen = _scene_of(scene, index=index, curves=curves, order=order, secondary=secondary)
+    if tolerance is not None and chosen.phase is not None:
+        raise typer.BadParameter("chooses the turn of the fan: omit phase in the scene", param_hint="--tolerance")
+    design, guide = Design(cavities, width, depth, spacing, chosen.face), chosen.guide
+    light = chosen.light(*released_rays(rays, chosen.secondary, fidelity, lambda level: level.rays))
+    frame, number = _frame(curves_of(chosen.curves), state, guide)
     traced = _traced(frame, design, guide, light, tolerance)
     if out is not None:
         from analysis.optics.sweep.report import draw_scene, save
@@ -231,8 +209,8 @@ def trace(
         "work_rays": traced.work,
         "energy": outcome.energy,
         "secondaries": {"followed": outcome.granted, "refused": outcome.refused},
-        "order": order,
-        "index": index,
+        "order": used.order,
+        "index": guide.index,
     }
     if outcome.granted > used.rays:
         notify("most rays are reflected parts with next to no power: their number is no measure, use the power")
@@ -290,23 +268,19 @@ def _with_sd(value: float, sd: float, decimals: int) -> str:
     return f"{value:.{decimals}f} +- {sd:.{decimals}f}"
 
 
-@app.command()
-def scene(
+@app.command("scene")
+def scene_command(
     cavities: Cavities = 5,
     width: Width = 1.0,
     depth: Depth = 0.5,
     spacing: Spacing = 0.9,
     state: State = None,
-    rays: Rays = 250,
-    secondary: Secondary = 100,
-    phase: Phase = None,
-    order: Order = "time",
-    index: Index = 1.50,
+    rays: Rays = PAPER_RAYS,
+    secondary: Secondary = None,
+    order: Order = None,
+    index: Index = None,
     curves: Curves = None,
-    thickness: Thickness = 2.0,
-    face: Face = "outer",
-    emission: Emission = "uniform",
-    receiver: Receiver = None,
+    scene: SceneFile = None,
     out: Annotated[Path | None, typer.Option(help="File to write; default scene.json.")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -319,10 +293,11 @@ def scene(
     """
     from analysis.optics.tracer.ray_optics_export import ray_optics_scene
 
-    design = Design(cavities, width, depth, spacing, face)  # type: ignore[arg-type]  # checked there
-    guide = Waveguide(thickness_mm=thickness, index=index, receiver_mm=receiver)
-    light = _light(rays, secondary, phase, order, emission)
-    frame, number = _frame(curves_of(curves), state, guide)
+    chosen = _scene_of(scene, index=index, curves=curves, order=order, secondary=secondary)
+    _notify_unused(chosen, "attenuation_db_per_cm", "faintest")
+    design, guide = Design(cavities, width, depth, spacing, chosen.face), chosen.guide
+    light = chosen.light(rays, PAPER_SECONDARY if chosen.secondary is None else chosen.secondary)
+    frame, number = _frame(curves_of(chosen.curves), state, guide)
     name = f"BOAT n={cavities} w={width:g} d={depth:g} s={spacing:g} mm, state {number}"
     built = ray_optics_scene(frame, design, guide, light, name)
     if as_json and out is None:
@@ -339,23 +314,8 @@ def scene(
 @app.command()
 def sweep(
     cavities: Annotated[str, typer.Option(help="Numbers of cavities, as 3,5,7.")] = "3,5,7",
-    by: By = "count",
     rays: OptionalRays = None,
-    secondary: OptionalSecondary = None,
-    phase: Phase = None,
-    order: Order = "time",
-    index: Index = 1.50,
-    curves: Curves = None,
-    thickness: Thickness = 2.0,
-    attenuation: Attenuation = 0.0,
-    face: Face = "outer",
-    emission: Emission = "uniform",
-    faintest: Faintest = None,
-    receiver: Receiver = None,
-    fans: Annotated[
-        int | None,
-        typer.Option(min=1, help="Turns of the fan whose ranks are compared; default 7 with 250 rays, else 1."),
-    ] = None,
+    scene: SceneFile = None,
     confidence: Confidence = None,
     seconds: RaceSeconds = None,
     tolerance: Tolerance = None,
@@ -372,12 +332,8 @@ def sweep(
 
     Example: boat-daq optics sweep --cavities 3,5,7 --rays 250 --out sweep
     """
-    if confidence is not None and (phase is not None or fans is not None):
-        raise typer.BadParameter("turns the fan at random: omit --phase and --fans", param_hint="--confidence")
-    if tolerance is not None and (rays, phase, fidelity, confidence) != (None, None, None, None):
-        raise typer.BadParameter(
-            "chooses the rays: omit --rays, --phase, --fidelity and --confidence", param_hint="--tolerance"
-        )
+    if tolerance is not None and (rays, fidelity, confidence) != (None, None, None):
+        raise typer.BadParameter("chooses the rays: omit --rays, --fidelity and --confidence", param_hint="--tolerance")
     if seconds is not None and confidence is None:
         raise typer.BadParameter("limits a race: add --confidence", param_hint="--seconds")
     if confidence is not None and fidelity is not None:
@@ -385,14 +341,17 @@ def sweep(
     from analysis.optics.sweep.fans import light_within
     from analysis.optics.sweep.sweep import SweepRequest
 
-    designs = _grid(cavities, face, thickness)
+    chosen = read_scene(scene)
+    if chosen.phase is not None and (confidence is not None or tolerance is not None):
+        raise typer.BadParameter(
+            "must have no phase with --confidence or --tolerance, which turn the fan", param_hint="--scene"
+        )
+    designs, by, secondary = _grid(cavities, chosen), chosen.rank_by or "count", chosen.secondary
     released, budget = released_rays(rays, secondary, fidelity, lambda level: level.ranking_rays)
-    guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
     if confidence is not None:  # the model that the race samples more finely
         most, released, budget = rays, PAPER_RAYS, PAPER_SECONDARY if secondary is None else secondary
-    budget = ALL if by == "power" and secondary is None else budget
-    light = _light(released, budget, phase, order, emission, faintest)
-    request = SweepRequest(designs, guide, light, curves_of(curves), by)  # type: ignore[arg-type]  # checked above
+    light = chosen.light(released, ALL if by == "power" and secondary is None else budget)
+    request = SweepRequest(designs, chosen.guide, light, curves_of(chosen.curves), by)
     if tolerance is not None:
         request = replace(request, light=light_within(request, tolerance))
     if out is not None:
@@ -402,24 +361,23 @@ def sweep(
         within = math.inf if seconds is None else seconds
         _race(request, confidence, most, seed, within, out, scheduler, allow_remote=allow_remote, as_json=as_json)
     else:
-        _sweep(request, fans, out, scheduler, allow_remote=allow_remote, as_json=as_json)
+        _sweep(request, out, scheduler, allow_remote=allow_remote, as_json=as_json)
 
 
-def _grid(cavities: str, face: str, thickness_mm: float) -> tuple[Design, ...]:
-    """Return the paper's designs that fit the guide; parameters are those of the command."""
+def _grid(cavities: str, scene: OpticalScene) -> tuple[Design, ...]:
+    """Return the paper's designs that fit the guide of a scene; `cavities` as the option."""
     from analysis.optics.sweep.sweep import paper_grid
 
-    grid = paper_grid(cavity_counts(cavities), face)  # type: ignore[arg-type]  # the design checks its face
-    designs = tuple(design for design in grid if face != "both" or design.cut_mm < thickness_mm)
+    grid = paper_grid(cavity_counts(cavities), scene.face)
+    designs = tuple(design for design in grid if scene.face != "both" or design.cut_mm < scene.thickness_mm)
     if len(designs) < len(grid):
         notify(f"{len(grid) - len(designs)} designs whose opposite cavities would meet are left out")
     return designs
 
 
 def _sweep(
-    request: SweepRequest, fans: int | None, out: Path | None, scheduler: str | None, *, allow_remote: bool,
-    as_json: bool,
-) -> None:  # fmt: skip
+    request: SweepRequest, out: Path | None, scheduler: str | None, *, allow_remote: bool, as_json: bool
+) -> None:
     """Run a sweep, write its files and print its result; parameters are those of the command."""
     from analysis.optics.sweep.fans import compare_fans, fans_of
     from analysis.optics.sweep.report import sweep_json, sweep_text, write_sweep
@@ -429,7 +387,7 @@ def _sweep(
     with progress_bar("sweep") as advance:
         result = run_sweep(request, file=file, scheduler=scheduler, allow_remote=allow_remote, progress=advance)
     with progress_bar("turns of the fan") as advance:
-        number = fans or fans_of(request.light.rays)
+        number = fans_of(request.light.rays)
         turned = compare_fans(
             result, number, file=file, scheduler=scheduler, allow_remote=allow_remote, progress=advance
         )
@@ -461,13 +419,8 @@ def _race(
 @app.command()
 def optimise(
     rays: Annotated[int, typer.Option(help="Rays of each evaluation.")] = 2_000,
-    by: By = "power",
     seconds: Annotated[float, typer.Option(help="Time limit of the search, s.")] = 50.0,
-    index: Index = 1.50,
-    curves: Curves = None,
-    thickness: Thickness = 2.0,
-    face: Face = "outer",
-    attenuation: Attenuation = 0.0,
+    scene: SceneFile = None,
     seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
     confidence: Annotated[
         float | None,
@@ -498,16 +451,16 @@ def optimise(
     if out is not None:
         with writing(out):
             out.mkdir(parents=True, exist_ok=True)
-    guide = Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation)
-    first = Design(5, 1.0, 0.5, 0.9, face).face  # type: ignore[arg-type]  # checked there
+    chosen = read_scene(scene)
+    _notify_unused(chosen, "emission", "order", "secondary", "phase", "faintest")
     with progress_bar("search") as advance:
         found = search(
-            guide,
-            curves_of(curves),
+            chosen.guide,
+            curves_of(chosen.curves),
             rays=rays,
             seconds=seconds,
-            first_face=first,
-            by=by,  # type: ignore[arg-type]  # checked above
+            first_face=chosen.face,
+            by=chosen.rank_by or "power",
             seed=seed,
             confidence=confidence,
             race_seconds=math.inf if race_seconds is None else race_seconds,

@@ -114,7 +114,7 @@ def optics(
     if out is not None:
         with writing(out):
             out.mkdir(parents=True, exist_ok=True)
-    wider = curves_of(Path("paper"))
+    wider = curves_of("paper")
     curves = {"-40 to +50 kPa": default_curves(), "-50 to +50 kPa": wider, "formula": parametric_curves()}
     with progress_bar("readings") as advance:
         outcomes = reproduce(curves, fans=fans, rays=rays, alike=every, folder=out, progress=advance)

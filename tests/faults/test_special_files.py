@@ -13,6 +13,7 @@ from analysis.data.csv_import import import_csv
 from analysis.data.csv_import import load_profile as load_map
 from analysis.data.load import load_recording
 from analysis.optics.scene.curve_file import read_curves
+from analysis.optics.scene.scene_file import read_scene
 from analysis.segmentation.plateau_readings import read_elongation_file
 from analysis.shadow.fem.mesh_files import read_mesh
 from analysis.shadow.fem.parameters import read_parameters
@@ -30,7 +31,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="FIFOs and /dev/
 READERS: dict[str, tuple[Callable[[Path], object], ...]] = {
     "run.csv": (import_csv, load_recording, read_elongation_file, read_elongation_csv, read_curves),
     "run.boat": (load_recording, summarise, recover, verify_recording),
-    "plan.toml": (lambda path: load_plan(str(path)), read_parameters),
+    "plan.toml": (lambda path: load_plan(str(path)), read_parameters, read_scene),
     "settings.toml": (lambda path: load_settings(path.parent),),
     "SA1.toml": (lambda path: UnitLibrary(path.parent).load("SA1"),),
     "map.json": (load_map,),

@@ -9,16 +9,15 @@ each name is optional; an unknown one is rejected, with the nearest known one: n
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
 import math
-import tomllib
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from analysis.shadow.fem.material import NeoHookean
-from protocol.base.errors import FileError, RequestError
+from protocol.base.errors import RequestError
+from protocol.base.toml_file import read_values
 
 MOST_ELEMENTS = 20_000
 
@@ -107,9 +106,6 @@ def check_number(name: str, value: float, *, whole: bool = False) -> None:
         raise RequestError(f"{name} = {value} is not positive", f"give {name} above zero")
 
 
-_MAX_BYTES = 10_000  # some thirty values; `tomllib` takes memory with the square of a long key's length
-
-
 def read_parameters(path: Path) -> ActuatorParameters:
     """Read the parameters of an actuator.
 
@@ -118,22 +114,5 @@ def read_parameters(path: Path) -> ActuatorParameters:
     FileError : if the file cannot be read as TOML.
     RequestError : if a name is unknown or a value impossible.
     """
-    try:
-        if path.exists() and not path.is_file():  # a pipe would be waited for, a device never ends
-            raise FileError(f"{path} is not a regular file", "choose the file with the parameters")
-        if path.stat().st_size > _MAX_BYTES:
-            raise FileError(f"{path} is larger than {_MAX_BYTES // 1000} kB", "choose the file with the parameters")
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise FileError(f"{path} cannot be read: {error.strerror}", "choose the file with the parameters") from error
-    except (ValueError, RecursionError) as error:  # no UTF-8, no TOML, a number of too many digits
-        raise FileError(f"{path} is not a TOML file: {error}", "write lines like wall_mm = 2.2") from error
-    known = {f.name: f.type for f in fields(ActuatorParameters)}
-    for name in values:
-        if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
-            raise RequestError(
-                f"{path.name} has '{name:.60}', which is not a parameter of the actuator",
-                f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}",
-            )
-    return ActuatorParameters(**values)
+    known = [field.name for field in fields(ActuatorParameters)]
+    return ActuatorParameters(**read_values(path, known, of="the actuator", example="wall_mm = 2.2"))

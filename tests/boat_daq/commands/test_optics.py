@@ -18,6 +18,12 @@ from tests.boat_daq.commands.calls import call, exit_code, refusal, shown_progre
 LEDGER = {"released", "detected", "escaped", "trapped", "cut", "corner", "dropped"}
 
 
+def scene(folder: Path, text: str) -> tuple[str, str]:
+    """Return the option of a scene file."""
+    (path := folder / "scene.toml").write_text(text)
+    return "--scene", str(path)
+
+
 def test_trace_prints_the_documented_keys() -> None:
     """Design, state, rays, NDR, power, ledger and hits; the ledger closes."""
     out = call("optics", "trace", "--state", "0", "--secondary", "0")
@@ -39,15 +45,16 @@ def test_trace_prints_the_documented_keys() -> None:
     assert ledger["released"] == 250 == sum(ledger[k] for k in LEDGER - {"released"})
 
 
-def test_trace_turns_the_fan_and_drops_the_faintest() -> None:
+def test_trace_turns_the_fan_and_drops_the_faintest(tmp_path: Path) -> None:
     """The phase is the paper's 0 for 250 rays and else a quarter; rays that are dropped early are not followed."""
-    plain, turned = call("optics", "trace"), call("optics", "trace", "--phase", "0.25")
+    plain, turned = call("optics", "trace"), call("optics", "trace", *scene(tmp_path, "phase = 0.25"))
     assert (plain["phase"], turned["phase"]) == (0.0, 0.25)
     assert plain["power"] != turned["power"]
     assert call("optics", "trace", "--rays", "100")["phase"] == 0.25
     assert plain["jitter"] is None
     assert call("optics", "trace", "--tolerance", "20")["jitter"] == 1
-    every = [call("optics", "trace", "--rays", "10", "--secondary", "5000", "--faintest", p) for p in ("1e-2", "1e-5")]
+    few = ("optics", "trace", "--rays", "10", "--secondary", "5000")
+    every = [call(*few, *scene(tmp_path, f"faintest = {power}")) for power in ("1e-2", "1e-5")]
     followed = [each["secondaries"]["followed"] for each in every]  # type: ignore[index]
     assert followed[0] < followed[1]
     assert every[0]["power"] == pytest.approx(every[1]["power"], abs=0.05)
@@ -116,9 +123,9 @@ def test_sweep_prints_all_designs(tmp_path: Path) -> None:
 
 
 @pytest.mark.nightly
-def test_sweep_of_both_faces_leaves_out_cavities_that_would_meet() -> None:
+def test_sweep_of_both_faces_leaves_out_cavities_that_would_meet(tmp_path: Path) -> None:
     """Two opposite cavities 1 mm deep would cut the 2 mm guide: 36 of 216 designs."""
-    out = call("optics", "sweep", "--cavities", "3", "--rays", "2", "--face", "both")
+    out = call("optics", "sweep", "--cavities", "3", "--rays", "2", *scene(tmp_path, 'face = "both"'))
     assert isinstance(out["designs"], list)
     assert len(out["designs"]) == 180
     assert max(design["depth_mm"] for design in out["designs"]) == 0.9
@@ -131,20 +138,14 @@ def test_sweep_of_both_faces_leaves_out_cavities_that_would_meet() -> None:
         (("trace", "--depth", "2"), "cuts through"),
         (("trace", "--spacing", "0"), "overlap"),
         (("trace", "--spacing", "1e-15"), "below the wavelength"),
-        (("trace", "--face", "both", "--depth", "1"), "cuts through"),
-        (("trace", "--face", "top"), "face is 'top'"),
-        (("scene", "--face", "midline"), "voids"),
-        (("optimise", "--face", "midline"), "face 'midline'"),
         (("trace", "--index", "0.5"), "index"),
         (("trace", "--rays", "0"), "rays"),
         (("trace", "--order", "colour"), "order"),
         (("trace", "--curves", "absent.csv"), "no curve file"),
-        (("trace", "--thickness", "40"), "touch"),
         (("trace", "--rays", "10000001"), "rays"),
         (("trace", "--rays", "2", "--out", "absent/rays.png"), "cannot be written"),
         (("trace", "--rays", "2", "--out", "rays.xyz"), "names no picture"),
         (("scene", "--out", "absent/scene.json"), "cannot be written"),
-        (("scene", "--rays", "20001", "--emission", "lambertian"), "one by one"),
         (("optimise", "--seconds", "nan"), "nan s"),
         (("optimise", "--out", "/dev/null"), "cannot be written"),
         (("optimise", "--rays", "0"), "rays"),
@@ -153,6 +154,42 @@ def test_sweep_of_both_faces_leaves_out_cavities_that_would_meet() -> None:
 def test_failures_name_cause_and_remedy(words: tuple[str, ...], cause: str) -> None:
     """Each bad request is refused with a cause that names it."""
     assert cause in refusal("optics", *words).cause
+
+
+@pytest.mark.parametrize(
+    ("words", "text", "cause"),
+    [
+        (("trace", "--depth", "1"), 'face = "both"', "cuts through"),
+        (("trace",), 'face = "top"', "face is 'top'"),
+        (("scene",), 'face = "midline"', "voids"),
+        (("optimise",), 'face = "midline"', "face 'midline'"),
+        (("trace",), "thickness_mm = 40", "touch"),
+        (("scene", "--rays", "20001"), 'emission = "lambertian"', "one by one"),
+        (("sweep",), "thickness = 2", "has 'thickness'"),
+        (("sweep",), 'rank_by = "hits"', "rank_by is 'hits'"),
+        (("trace",), 'curves = "absent.csv"', "no curve file"),
+    ],
+)
+def test_scene_files_are_refused_with_a_cause(tmp_path: Path, words: tuple[str, ...], text: str, cause: str) -> None:
+    """A value or a key that cannot be is named."""
+    assert cause in refusal("optics", *words, *scene(tmp_path, text)).cause
+
+
+def test_options_precede_the_scene_file(tmp_path: Path) -> None:
+    """`--index` and `--order` replace the values of the file; what a command does not use is named."""
+    given = scene(tmp_path, 'index = 1.4\norder = "bounce"\nattenuation_db_per_cm = 1.0')
+    assert {key: call("optics", "trace", *given)[key] for key in ("index", "order")} == {
+        "index": 1.4,
+        "order": "bounce",
+    }
+    assert call("optics", "trace", "--index", "1.6", *given)["index"] == 1.6
+    assert "attenuation_db_per_cm" in CliRunner().invoke(app, ["optics", "scene", "--json", *given]).stderr
+
+
+@pytest.mark.parametrize("words", [("--tolerance", "20"), ("--confidence", "0.95")])
+def test_a_phase_is_refused_where_the_fan_is_turned(tmp_path: Path, words: tuple[str, str]) -> None:
+    """Tolerance and race turn the fan themselves."""
+    assert exit_code("optics", "sweep", *words, *scene(tmp_path, "phase = 0.1")) == 2
 
 
 @pytest.mark.parametrize("cavities", ["many", "3,0", ""])

@@ -101,5 +101,5 @@ def test_two_units_of_an_option_are_found() -> None:
 def test_an_option_has_one_unit() -> None:
     """An option of several commands is given in the same unit of measurement in all."""
     rows = list(numeric_options(typer.main.get_command(app)))
-    assert ("--settling", "s") in {(name, unit_of(metavar, text)) for name, metavar, text in rows}
+    assert ("--check-point", "mm") in {(name, unit_of(metavar, text)) for name, metavar, text in rows}
     assert of_several_units(rows) == {}

@@ -281,7 +281,7 @@ def guess_unit(name: str, values: FloatArray) -> str:
 def unmapped(name: str, missing: list[str], mapping: ColumnMap, table: Table) -> RequestError:
     """Return the refusal of a table in which no column was mapped to the names `missing`."""
     options = f"Map it by the numbers of the columns: {_map_options(missing, mapping, table)}"
-    remedy = "Give --rate HZ, or --map time_s=COLUMN:ms" if missing == ["time_s"] else options
+    remedy = "Add --map time_s=COLUMN:ms, or import it with --rate HZ" if missing == ["time_s"] else options
     found = [_text_in(table, i) for i in table.text if recognised(table.names[i]) in missing]
     cause = "; ".join([f"{name}: no column was recognised as {', '.join(missing)}", *found])
     return RequestError(cause, f"{remedy}. Columns: {_listed(table)}.")

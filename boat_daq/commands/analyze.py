@@ -16,14 +16,10 @@ from boat_daq.commands.options import (
     DeriveOption,
     FidelityOption,
     LeaveOutOption,
-    LensOption,
     LimitOption,
     MapOption,
-    MarkOption,
-    MarkUncertaintyOption,
     NoMcmcOption,
     NoShadowOption,
-    RateOption,
     RunArgument,
     SeedOption,
     TypeBOption,
@@ -42,13 +38,13 @@ def analyze(
     run: RunArgument,
     elongation: Annotated[Path | None, typer.Option(help="CSV of elongation readings, one row a plateau.")] = None,
     video: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Video of the marks during this run, taken with any camera.")
+        str | None,
+        typer.Option(
+            metavar="VIDEO|FILE.toml",
+            help="Video of the marks during this run, or a file with source (the video), mark_mm, u_mark_mm and lens.",
+        ),
     ] = None,
-    mark_mm: MarkOption = 10.0,
-    u_mark_mm: MarkUncertaintyOption = 0.02,
-    lens: LensOption = None,
     mapping: MapOption = None,
-    rate: RateOption = None,
     seed: SeedOption = 0,
     no_mcmc: NoMcmcOption = False,
     degree: DegreeOption = "3",
@@ -56,9 +52,6 @@ def analyze(
     settled_within: Annotated[
         float, typer.Option(min=0.01, metavar="KPA", help="A plateau is settled within this pressure deviation.")
     ] = 1.0,
-    settling: Annotated[
-        float, typer.Option(min=0.0, metavar="S", help="Time omitted after each arrival at a plateau.")
-    ] = 0.5,
     limit: LimitOption = None,
     type_b: TypeBOption = None,
     leave_out: LeaveOutOption = False,
@@ -82,11 +75,11 @@ def analyze(
     from boat_daq.workflows.run_analysis import with_plugins
 
     limits = limits_of(limit)
-    recording = load_recording(run, columns=column_map(mapping) or None, rate_hz=rate)
+    recording = load_recording(run, columns=column_map(mapping) or None)
     if video is not None:
-        from boat_daq.workflows.camera_tracking import CameraChoice
+        from boat_daq.workflows.camera_tracking import camera_choice
 
-        choice = CameraChoice(str(video), mark_mm, u_mark_mm, lens, recording.unit)
+        choice = camera_choice(video, recording.unit)
         recording, reason = _filmed(recording, run, choice, store=not no_store)
         no_store |= bool(reason)
         if reason:
@@ -97,7 +90,7 @@ def analyze(
             seed=seed,
             mcmc=not no_mcmc,
             x_resolution_mm=x_resolution,
-            plateau=PlateauSettings(settled_within, settling),
+            plateau=PlateauSettings(settled_within),
             fidelity=fidelity,
             leave_out=leave_out,
             type_b=stated_contributions(recording, type_b),
@@ -253,7 +246,6 @@ def _show_camera(camera: Mapping[str, Any]) -> None:
 def strokes(
     run: RunArgument,
     mapping: MapOption = None,
-    rate: RateOption = None,
     min_speed: Annotated[
         float, typer.Option(min=0.0, metavar="KPA_PER_S", help="Slower samples are omitted from the half width.")
     ] = 0.0,
@@ -270,7 +262,7 @@ def strokes(
     from analysis.segmentation.strokes import stroke_figures
     from boat_daq.commands.importing import column_map
 
-    recording = load_recording(run, columns=column_map(mapping) or None, rate_hz=rate)
+    recording = load_recording(run, columns=column_map(mapping) or None)
     figures = stroke_figures(recording, min_speed_kpa_per_s=min_speed)
     if as_json:
         emit_json({"simulated": recording.simulated, **figures})
@@ -302,18 +294,14 @@ def report(
     ] = None,
     degree: DegreeOption = "3",
     limit: LimitOption = None,
-    type_b: TypeBOption = None,
     leave_out: LeaveOutOption = False,
     seed: SeedOption = 0,
     no_mcmc: NoMcmcOption = False,
     no_shadow: NoShadowOption = False,
     fidelity: FidelityOption = "normal",
     units: Annotated[
-        str, typer.Option(metavar="UNIT,...", help="Units of the report, such as bar,V,% (elongation over its length).")
+        str, typer.Option(metavar="UNIT,...", help="Units of the report, such as bar,V,% (elongation over 75 mm).")
     ] = "",
-    rest_length: Annotated[
-        float, typer.Option(min=1.0, metavar="MM", help="Length at rest, of which an elongation in % is a part.")
-    ] = 75.0,
     as_json: JsonOption = False,
 ) -> None:
     """Write a calibration or repeatability report, by the kind of the run; several runs are compared.
@@ -333,7 +321,7 @@ def report(
     from protocol.base.units import ShownUnits
 
     try:
-        shown = replace(ShownUnits.of(units), rest_length_mm=rest_length)
+        shown = ShownUnits.of(units)
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--units") from error
     options = Options(degree_of(degree), seed=seed, mcmc=not no_mcmc, fidelity=fidelity, leave_out=leave_out)
@@ -343,7 +331,7 @@ def report(
         analyses = []
         for number, run in enumerate(runs):
             recording = load_recording(run)
-            stated = replace(options, type_b=stated_contributions(recording, type_b))
+            stated = replace(options, type_b=stated_contributions(recording))
             part = part_of(advance, number, 1, len(runs) + 1)
             found = analyse(recording, files[number % len(files)], options=stated, progress=part)
             analyses.append(with_plugins(found, str(run)))

@@ -13,6 +13,8 @@ from boat_daq.commands.options import AllowRemoteOption
 if TYPE_CHECKING:
     from boat_daq.engine.simulator.server import BoardServer, BoardSettings
 
+_OF_CAMERA = "camera."  # begins a fault of the virtual camera
+
 
 def board(
     pty: Annotated[bool, typer.Option("--pty", help="Serve on a pseudo-terminal.")] = False,
@@ -29,7 +31,11 @@ def board(
     seed: Annotated[int, typer.Option(min=0, help="Seed of all noise.")] = 0,
     fault: Annotated[
         list[str] | None,
-        typer.Option("--fault", metavar="NAME@SECONDS[:VALUE]", help="See --list-faults; may be repeated."),
+        typer.Option(
+            "--fault",
+            metavar="NAME@SECONDS[:VALUE]|list",
+            help="Fault of the board or of its camera; `list` prints them; may be repeated.",
+        ),
     ] = None,
     truth: Annotated[Path | None, typer.Option(help="CSV to write with the noise-free values of each sample.")] = None,
     link: Annotated[Path | None, typer.Option(help="Symbolic link to make to the pseudo-terminal.")] = None,
@@ -50,11 +56,6 @@ def board(
             "--camera", metavar="KEY=VALUE", help="Of the camera: tilt_deg, distortion, noise_grey, texture, ..."
         ),
     ] = None,
-    camera_fault: Annotated[
-        list[str] | None,
-        typer.Option("--camera-fault", metavar="NAME@SECONDS[:DURATION]", help="See --list-faults; may be repeated."),
-    ] = None,
-    list_faults: Annotated[bool, typer.Option("--list-faults", help="List the faults and exit.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Run a virtual board; the first line of standard output is its port. Ctrl-C ends it.
@@ -64,7 +65,7 @@ def board(
 
     Example: boat-daq board --pty --speed 100 --fault estop@30:5 --truth truth.csv
     """
-    if list_faults:
+    if fault == ["list"]:
         _present_faults(as_json=as_json)
         return
     if pty == (tcp is not None):
@@ -73,23 +74,25 @@ def board(
         raise typer.BadParameter("--link goes with --pty")
     if video is not None and mjpeg is not None:
         raise typer.BadParameter("use either --video or --mjpeg")
-    if (camera or camera_fault) and video is None and mjpeg is None:
-        raise typer.BadParameter("--camera and --camera-fault go with --video or --mjpeg")
     from boat_daq.engine.simulator.server import BoardServer, BoardSettings
+
+    filmed = [text for text in fault or () if text.startswith(_OF_CAMERA)]
+    if (camera or filmed) and video is None and mjpeg is None:
+        raise typer.BadParameter("--camera and faults of a camera go with --video or --mjpeg")
 
     settings = BoardSettings(
         port=tcp or "pty",
         speed=speed,
         unit=unit,
         seed=seed,
-        faults=tuple(fault or ()),
+        faults=tuple(text for text in fault or () if text not in filmed),
         truth=str(truth) if truth else None,
         link=str(link) if link else None,
         allow_remote=allow_remote,
         video=str(video) if video else None,
         mjpeg=mjpeg,
         scene=tuple(camera or ()),
-        camera_faults=tuple(camera_fault or ()),
+        camera_faults=tuple(text.removeprefix(_OF_CAMERA) for text in filmed),
     )
     server = BoardServer(settings)
     try:
@@ -104,7 +107,7 @@ def _present_faults(*, as_json: bool) -> None:
     from boat_daq.engine.simulator.virtual_camera import CAMERA_FAULTS
     from protocol.simulator.faults import FAULTS, fault_list
 
-    listed = "\n".join(f"  {name:20} {sentence}" for name, (sentence, _) in CAMERA_FAULTS.items())
+    listed = "\n".join(f"  {_OF_CAMERA + name:20} {sentence}" for name, (sentence, _) in CAMERA_FAULTS.items())
     present(FAULTS, f"{fault_list()}\nof the camera:\n{listed}", as_json=as_json)
 
 
@@ -175,7 +178,6 @@ def profile(
         float | None,
         typer.Option(min=0.1, max=600, help="Time of listening, 3 by default; that of the file, if known."),
     ] = None,
-    name: Annotated[str, typer.Option(help="Name of the profile.")] = "Own board",
     out: Annotated[Path | None, typer.Option(help="File to write.")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -195,7 +197,7 @@ def profile(
 
     data, took_s = listen(port, seconds or 3.0) if port else (Path(file or "").read_bytes(), seconds or 0.0)
     found = propose_any(data, took_s)
-    text = tomli_w.dumps(found.content(name))
+    text = tomli_w.dumps(found.content("Own board"))
     fields = [{key: getattr(f, key) for key in ("label", "name", "unit", "guessed")} for f in found.fields]
     if out is not None:
         from protocol.base.whole_file import write_whole

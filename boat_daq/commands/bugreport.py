@@ -13,9 +13,6 @@ from boat_daq.commands.console import JsonOption, emit_json, notify
 
 def bugreport(
     out: Annotated[Path | None, typer.Option(metavar="FILE.zip", help="File to write; default a dated name.")] = None,
-    recording: Annotated[
-        Path | None, typer.Option(metavar="RUN", help="Recording to summarise; default the last one.")
-    ] = None,
     personal: Annotated[bool, typer.Option("--personal", help="Keep names, notes and paths.")] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -28,7 +25,7 @@ def bugreport(
     from boat_daq.engine.bug_report import contents, write_bug_report
 
     path = out or Path(f"boat-daq_bug_{datetime.now().astimezone():%Y-%m-%d_%H%M%S}.zip")
-    write_bug_report(path, personal=personal, recording=recording)
+    write_bug_report(path, personal=personal)
     names = contents(path)
     if as_json:
         emit_json({"file": path, "contents": names, "personal": personal})

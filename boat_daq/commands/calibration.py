@@ -12,14 +12,11 @@ import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, writing
 from boat_daq.commands.options import (
-    AllowRemoteOption,
     DegreeOption,
     LeaveOutOption,
     MapOption,
     RateOption,
     RunArgument,
-    TypeBOption,
-    XResolutionOption,
     one_of,
 )
 
@@ -41,11 +38,7 @@ def calibration(
         Path | None, typer.Option("--out", metavar="PATH", help="File to write; default standard output.")
     ] = None,
     elongation: Annotated[Path | None, typer.Option(help="CSV of elongation readings, one row a plateau.")] = None,
-    mapping: MapOption = None,
-    rate: RateOption = None,
     degree: DegreeOption = "3",
-    x_resolution: XResolutionOption = None,
-    type_b: TypeBOption = None,
     leave_out: LeaveOutOption = False,
     table_error: Annotated[
         float | None,
@@ -72,15 +65,12 @@ def calibration(
     from analysis.calibration.curve_choice import degree_of
     from analysis.calibration_export.calibration_file import CalibrationFile
     from analysis.calibration_export.forms import calibration_text, write_calibration
-    from boat_daq.commands.importing import column_map
     from boat_daq.workflows.calibration_in_force import stated_contributions
 
     with progress_bar("Analysing") as advance:
-        recording = load_recording(run, columns=column_map(mapping) or None, rate_hz=rate)
-        stated = stated_contributions(recording, type_b)
-        options = Options(
-            degree_of(degree), x_resolution_mm=x_resolution, mcmc=False, leave_out=leave_out, type_b=stated
-        )
+        recording = load_recording(run)
+        stated = stated_contributions(recording)
+        options = Options(degree_of(degree), mcmc=False, leave_out=leave_out, type_b=stated)
         found = CalibrationFile.of_run(analyse(recording, elongation, options=options, progress=advance))
     form = "c" if format == "h" else format
     if to is None:
@@ -114,7 +104,6 @@ def convert(
     to: Annotated[
         Path | None, typer.Option("--out", metavar="FILE.csv", help="File to write; default standard output.")
     ] = None,
-    allow_remote: AllowRemoteOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Convert signals to elongation: time_s, s1_mv .., elongation_mm, u_mm (U, k = 2) and valid, as CSV.
@@ -141,9 +130,7 @@ def convert(
         from boat_daq.workflows.live_conversion import converted_samples
 
         rate_hz = int(rate) if rate else None
-        parts = converted_samples(
-            found, str(port), profile, rate_hz, duration, allow_remote=allow_remote, notify=notify
-        )
+        parts = converted_samples(found, str(port), profile, rate_hz, duration, notify=notify)
     samples = valid = 0
     with contextlib.closing(parts), _output(to) as out:
         for part in parts:

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show
-from boat_daq.commands.options import LensOption, MarkOption, MarkUncertaintyOption
 
 app = typer.Typer(help="Elongation from a camera: marks to print, lens, cameras, videos.")
 
@@ -80,10 +79,19 @@ def calibrate(
 
 @app.command()
 def track(
-    video: Annotated[Path, typer.Argument(metavar="VIDEO", help="Video of the marks.")],
-    mark_mm: MarkOption = 10.0,
-    u_mark_mm: MarkUncertaintyOption = 0.02,
-    lens: LensOption = None,
+    video: Annotated[
+        str,
+        typer.Argument(
+            metavar="VIDEO|FILE.toml",
+            help="Video of the marks, or a file with source (the video), mark_mm, u_mark_mm and lens.",
+        ),
+    ],
+    mark_mm: Annotated[
+        float | None,
+        typer.Option(
+            "--mark-mm", min=0, metavar="MM", help="Side of the marks' black square; 0 = by the millimetre grid."
+        ),
+    ] = None,
     to: Annotated[Path | None, typer.Option("--out", metavar="FILE.csv", help="Table to write.")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -91,12 +99,12 @@ def track(
 
     Example: boat-daq camera track run.mkv --mark-mm 8 --out run.elongation.csv
     """
-    from boat_daq.workflows.camera_tracking import CameraChoice, track_video
+    from boat_daq.workflows.camera_tracking import camera_choice, track_video
     from protocol.base.errors import writing
     from protocol.base.whole_file import write_whole
 
     with progress_bar("Tracking") as advance:
-        record, about = track_video(CameraChoice(str(video), mark_mm, u_mark_mm, lens), advance)
+        record, about = track_video(camera_choice(video, mark_mm=mark_mm), advance)
     if to is not None:
         rows = zip(record.time_s, record.elongation_mm, record.u_mm, record.fault, strict=True)
         lines = [f"{t:.6f},{x:.6f},{u:.6f},{fault}" if not fault else f"{t:.6f},,,{fault}" for t, x, u, fault in rows]

@@ -10,10 +10,7 @@ import typer
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar
 from boat_daq.commands.options import (
     LimitOption,
-    OptionalDegree,
-    SeedOption,
     SetOption,
-    TypeBOption,
     limits_of,
     values_of,
 )
@@ -31,14 +28,10 @@ def certificate(
     ] = None,
     values: SetOption = None,
     number: Annotated[str, typer.Option(metavar="TEXT", help="Number of the certificate; default a unique one.")] = "",
-    date: Annotated[str, typer.Option(metavar="YYYY-MM-DD", help="Date of issue; default today.")] = "",
     elongation: Annotated[
         list[Path] | None, typer.Option(help="CSV of elongation readings; repeat it for each run, in order.")
     ] = None,
-    degree: OptionalDegree = None,
     limit: LimitOption = None,
-    type_b: TypeBOption = None,
-    seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
     """Write a calibration certificate (ISO/IEC 17025, 7.8): PDF/A-3 with its XML inside, or the XML (DCC 3.2.1) alone.
@@ -59,8 +52,8 @@ def certificate(
     if item and len(item) != len(runs):
         raise typer.BadParameter(f"{len(item)} items for {len(runs)} runs", param_hint="--item")
     order = CertificateOrder(
-        tuple(runs), tuple(elongation or ()), degree or "", type_b, limits_of(limit), seed, values_of(values), customer,
-        tuple(item or ()), number, date, laboratory,
+        tuple(runs), tuple(elongation or ()), "", limits_of(limit), values_of(values), customer,
+        tuple(item or ()), number, laboratory,
     )  # fmt: skip
     with progress_bar("Certifying") as advance:
         made = certificate_for(order, advance)

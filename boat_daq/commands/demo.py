@@ -32,8 +32,6 @@ def gui(
     ] = None,
     port: Annotated[str | None, typer.Option(help="Port to connect to at once.")] = None,
     board: Annotated[bool, typer.Option("--board", help="Connect to a virtual board.")] = False,
-    speed: Annotated[float, typer.Option(min=1, max=1000, help="Virtual board's time over real time.")] = 1.0,
-    rate: Annotated[int | None, typer.Option(help="Samples per second; default as in the settings.", min=1)] = None,
     profile: Annotated[Path | None, typer.Option(help="Text profile (TOML) of the firmware on the port.")] = None,
 ) -> None:
     """Open the window. Esc vents, in every state.
@@ -53,7 +51,7 @@ def gui(
         raise
     except ImportError as error:  # a library of the system
         raise RequestError(f"the window cannot be loaded: {error}", QT_REMEDY) from error
-    raise typer.Exit(run(port, board=board, speed=speed, rate_hz=rate, profile=str(profile or ""), file=file))
+    raise typer.Exit(run(port, board=board, profile=str(profile or ""), file=file))
 
 
 def demo(
@@ -81,7 +79,7 @@ def demo(
     if uncertainty is not None:
         check_asked(uncertainty, "mm")
     if not headless and not as_json and has_screen():
-        gui(port=None, board=True, speed=1.0)
+        gui(port=None, board=True)
         return
     import dataclasses
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from boat_daq.commands.console import JsonOption, notify, present, progress_bar
-from boat_daq.commands.options import FidelityOption
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
     from analysis.calibration.fit import Calibration
     from analysis.calibration.general_fit import GeneralFit
     from analysis.calibration.posterior import Posterior
-    from analysis.fidelity import Level
     from protocol.base.arrays import BoolArray, FloatArray
 
 _BAND_POINTS = 101
@@ -69,8 +67,6 @@ def fit(
             metavar="COL", help="Column that names the position of x: equal positions share one rounding error."
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the posterior.")] = 0,
-    level: FidelityOption = "normal",
     as_json: JsonOption = False,
 ) -> None:
     """Fit a polynomial calibration to any two columns of a CSV.
@@ -91,7 +87,7 @@ def fit(
     calibration = found.calibration.with_reading(reading_sd, read.positions)
     posterior = None
     if x_resolution > 0:
-        posterior = _posterior(read, calibration, reading_sd, monotone=monotone, seed=seed, level=level)
+        posterior = _posterior(read, calibration, reading_sd, monotone=monotone)
     for warning in (*found.warnings, *(posterior.warnings if posterior is not None else ())):
         notify(warning.text)
     content = _content(found, calibration, read.masked)
@@ -138,19 +134,17 @@ def _content(found: GeneralFit, calibration: Calibration, masked: int) -> dict[s
     )
 
 
-def _posterior(
-    read: _Points, calibration: Calibration, reading_sd: float, *, monotone: bool, seed: int, level: Level
-) -> Posterior:
+def _posterior(read: _Points, calibration: Calibration, reading_sd: float, *, monotone: bool) -> Posterior:
     """Sample the posterior of a fit whose x were read on a grid; notify where they share one error."""
     from analysis.calibration.posterior import sample_posterior
     from analysis.calibration.quantised_x import share_their_error
     from analysis.fidelity import fidelity
 
-    fineness = fidelity(level)
+    fineness = fidelity("normal")
     with progress_bar("samples") as advance:
         found = sample_posterior(
             read.x, read.y, calibration.degree, reading_sd=reading_sd, positions=read.positions,
-            standard_uncertainty=read.u, monotone=monotone, seed=seed, walkers=fineness.walkers,
+            standard_uncertainty=read.u, monotone=monotone, walkers=fineness.walkers,
             samples=fineness.posterior_samples, progress=advance,
         )  # fmt: skip
     if read.positions is None and share_their_error(calibration.fit, calibration.x, calibration.y, reading_sd):

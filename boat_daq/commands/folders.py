@@ -72,7 +72,6 @@ def history(
         typer.Option("--max-drift", min=0.0, metavar="MM", help="Permissible drift; default U of an elongation."),
     ] = None,
     to: Annotated[Path | None, typer.Option("--out", metavar="FILE.html|FILE.pdf", help="Also write a report.")] = None,
-    seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
     """Show the calibrations of one unit over time: a control chart of a check point, En, and when it is due again.
@@ -86,7 +85,7 @@ def history(
     from analysis.figures.unit_history import calibrations_in, due_first, unit_history
 
     with progress_bar("Analysing") as advance:
-        found = calibrations_in(folder, unit, simulated=simulated, seed=seed, progress=advance)
+        found = calibrations_in(folder, unit, simulated=simulated, progress=advance)
     for entry in found.left_out:
         notify(f"{entry['run']} omitted: {entry['reason']}")
     sensors = range(min(len(a.sensors) for a in found.analyses))

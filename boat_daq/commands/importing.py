@@ -9,12 +9,10 @@ import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show, show_table
 from boat_daq.commands.options import (
-    DegreeOption,
     DeriveOption,
     MapOption,
     RateOption,
     RunArgument,
-    TypeBOption,
     one_of,
 )
 
@@ -114,8 +112,6 @@ def export(
         typer.Option(metavar="FILE.json", help="Calibration for the elongation; default the run's own readings."),
     ] = None,
     elongation: Annotated[Path | None, typer.Option(help="CSV of elongation readings, one row a plateau.")] = None,
-    degree: DegreeOption = "3",
-    type_b: TypeBOption = None,
     derive: DeriveOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -127,7 +123,6 @@ def export(
     Example: boat-daq export run.boat --format csv --out run.csv
     """
     from analysis import Options, load_recording
-    from analysis.calibration.curve_choice import degree_of
     from analysis.calibration_export.calibration_file import read_calibration
     from analysis.calibration_export.conversion import convert_recording, other_unit
     from analysis.data.export import export as write
@@ -143,8 +138,7 @@ def export(
             notify(remark)
         converted: ConvertedElongation | None = convert_recording(recording, found)
     else:
-        stated = stated_contributions(recording, type_b)
-        options = Options(degree_of(degree), mcmc=False, type_b=stated)
+        options = Options(mcmc=False, type_b=stated_contributions(recording))
         converted, void = exported_elongation(recording, options, elongation)
         if void:
             notify(f"without elongation: {void}; --calibration FILE.json gives one")

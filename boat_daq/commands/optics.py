@@ -319,7 +319,6 @@ def sweep(
     confidence: Confidence = None,
     seconds: RaceSeconds = None,
     tolerance: Tolerance = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the turns of the fan in a race.")] = 0,
     scheduler: Scheduler = None,
     allow_remote: AllowRemoteOption = False,
     out: Annotated[
@@ -359,7 +358,7 @@ def sweep(
             out.mkdir(parents=True, exist_ok=True)
     if confidence is not None:
         within = math.inf if seconds is None else seconds
-        _race(request, confidence, most, seed, within, out, scheduler, allow_remote=allow_remote, as_json=as_json)
+        _race(request, confidence, most, within, out, scheduler, allow_remote=allow_remote, as_json=as_json)
     else:
         _sweep(request, out, scheduler, allow_remote=allow_remote, as_json=as_json)
 
@@ -398,7 +397,7 @@ def _sweep(
 
 
 def _race(
-    request: SweepRequest, confidence: float, most_rays: int | None, seed: int, seconds: float, out: Path | None,
+    request: SweepRequest, confidence: float, most_rays: int | None, seconds: float, out: Path | None,
     scheduler: str | None, *, allow_remote: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Run the race of a sweep, write its files and print its result; parameters are those of the command."""
@@ -408,7 +407,7 @@ def _race(
 
     with progress_bar("race") as advance:
         found = race_sweep(
-            request, confidence, most_rays=most_rays or RACE_MOST_RAYS, seed=seed, seconds=seconds, folder=out,
+            request, confidence, most_rays=most_rays or RACE_MOST_RAYS, seconds=seconds, folder=out,
             scheduler=scheduler, allow_remote=allow_remote, progress=advance,
         )  # fmt: skip
     for path in write_race(found, request.by, out) if out is not None else ():
@@ -421,12 +420,10 @@ def optimise(
     rays: Annotated[int, typer.Option(help="Rays of each evaluation.")] = 2_000,
     seconds: Annotated[float, typer.Option(help="Time limit of the search, s.")] = 50.0,
     scene: SceneFile = None,
-    seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
     confidence: Annotated[
         float | None,
         typer.Option(help="Race: find the best of all designs evaluated with this probability, as 0.95."),
     ] = None,
-    race_seconds: RaceSeconds = None,
     tolerance: Annotated[
         float | None,
         typer.Option(
@@ -445,8 +442,6 @@ def optimise(
     from analysis.optics.sweep.optimise import optimise as search
     from analysis.optics.sweep.report import optimum_json, optimum_text
 
-    if race_seconds is not None and confidence is None:
-        raise typer.BadParameter("limits a race: add --confidence", param_hint="--race-seconds")
     Light(rays=rays, secondary=0)  # refuses a number that cannot be traced
     if out is not None:
         with writing(out):
@@ -461,9 +456,7 @@ def optimise(
             seconds=seconds,
             first_face=chosen.face,
             by=chosen.rank_by or "power",
-            seed=seed,
             confidence=confidence,
-            race_seconds=math.inf if race_seconds is None else race_seconds,
             tolerance=tolerance,
             progress=advance,
         )

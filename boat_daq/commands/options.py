@@ -87,14 +87,6 @@ DeriveOption = Annotated[
     list[str] | None,
     typer.Option("--derive", metavar="NAME=EXPRESSION", help="Derived channel: 'ratio = s1_mv / s2_mv'; repeatable."),
 ]
-MarkOption = Annotated[
-    float,
-    typer.Option("--mark-mm", min=0, metavar="MM", help="Side of the marks' black square; 0 = by the millimetre grid."),
-]
-MarkUncertaintyOption = Annotated[
-    float, typer.Option("--mark-u-mm", min=0, metavar="MM", help="Standard uncertainty of that side.")
-]
-LensOption = Annotated[Path | None, typer.Option(metavar="FILE.json", help="Lens, as `camera calibrate` writes it.")]
 PlotOption = Annotated[Path | None, typer.Option(help="Also write a plot: PNG, SVG or PDF.")]
 
 

@@ -12,15 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar
-from boat_daq.commands.options import (
-    DeriveOption,
-    LensOption,
-    MarkOption,
-    MarkUncertaintyOption,
-    SetOption,
-    TemplateOption,
-    UncertaintyOption,
-)
+from boat_daq.commands.options import UncertaintyOption
 from boat_daq.engine.file_names import named, path_in
 
 if TYPE_CHECKING:
@@ -55,32 +47,17 @@ def record(
     operator: Annotated[str, typer.Option(help="Name of the operator.")] = "",
     unit: Annotated[str, typer.Option(help="Name of the unit: SA1 ...")] = "",
     note: Annotated[str, typer.Option(help="Note to store in the recording.")] = "",
-    set_values: SetOption = None,
-    template: TemplateOption = "",
-    rate: Annotated[int | None, typer.Option(help="Samples per second; default as in the settings.", min=1)] = None,
     duration: Annotated[float | None, typer.Option(help="Without a plan: seconds to record.", min=0)] = None,
-    derive: DeriveOption = None,
     camera: Annotated[
         str | None,
-        typer.Option(metavar="SOURCE", help="Camera that reads the elongation: a number, http:// or rtsp://."),
-    ] = None,
-    mark_mm: MarkOption = 10.0,
-    u_mark_mm: MarkUncertaintyOption = 0.02,
-    lens: LensOption = None,
-    video: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Store the pictures too: .mkv (lossless), .avi or .mp4.")
+        typer.Option(
+            metavar="SOURCE|FILE.toml",
+            help="Camera that reads the elongation: a number, http://, rtsp://, or a file with source, mark_mm, "
+            "u_mark_mm, lens and video.",
+        ),
     ] = None,
     resume: Annotated[
         Path | None, typer.Option(metavar="FILE.boat", help="Resume the interrupted run of this recording.")
-    ] = None,
-    allow_remote: Annotated[
-        bool, typer.Option("--allow-remote", help="Allow a port or a camera on another computer.")
-    ] = False,
-    hold: Annotated[
-        bool, typer.Option("--hold", help="Plan in mm: hold the pressure where the control stops; default: vent.")
-    ] = False,
-    max_u: Annotated[
-        float | None, typer.Option(min=0.001, metavar="MM", help="Plan in mm: U of the elongation that stops it.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -96,14 +73,11 @@ def record(
     """
     ends: dict[str, float | None] = {"staircase": uncertainty, "continuous": repeatability}
     _check_asked(ends)
-    from boat_daq.engine.derived_store import parse_lines
     from boat_daq.engine.session.reading_sources import read_elongation_csv
     from boat_daq.workflows.run_session import SessionRequest, run_session
 
     if resume is not None and (out is not None or duration is not None):
         raise typer.BadParameter("--resume continues its own recording: omit --out and --duration")
-    if video is not None and camera is None:
-        raise typer.BadParameter("--video goes with --camera")
     values = {"cycles": cycles, "dwell_s": dwell, "ramp_kpa_per_s": ramp}
     changes = {name: value for name, value in values.items() if value is not None}
     begun = None if resume is not None else chosen_plan(plan, changes)
@@ -117,14 +91,9 @@ def record(
         path=resume or _path(out, unit, plan or "", operator),
         plan=begun,
         profile=str(profile) if profile else None,
-        rate_hz=rate,
         unit=unit,
         duration_s=duration,
-        metadata={"operator": operator, "unit": unit, "note": note, **stated(set_values, template)},
-        allow_remote=allow_remote,
-        derived=parse_lines("\n".join(derive)) if derive else None,
-        hold=hold,
-        max_u_mm=max_u,
+        metadata={"operator": operator, "unit": unit, "note": note},
         uncertainty=uncertainty if repeatability is None else repeatability,
     )
     if resume is not None:
@@ -135,11 +104,11 @@ def record(
         enter = _entry(elongation, readings, request, growing=uncertainty is not None)
     open_camera = None
     if camera is not None:
-        from boat_daq.workflows.camera_tracking import CameraChoice, open_channel
+        from boat_daq.workflows.camera_tracking import camera_choice, open_channel
 
-        choice = CameraChoice(camera, mark_mm, u_mark_mm, lens, request.unit, allow_remote=allow_remote)
+        choice = camera_choice(camera, request.unit)
         choice.tracker()  # refuses what cannot be before the board is opened
-        open_camera = partial(open_channel, choice=choice, video=video)
+        open_camera = partial(open_channel, choice=choice)
     summary, failure, at_end = run_session(request, enter, open_camera, notify=notify, progress_bar=progress_bar)
     if as_json:
         ended = {"failed": bool(failure), "failure": failure}
@@ -223,19 +192,6 @@ def _entry(
         enter_readings(session, rows)
 
     return enter
-
-
-def stated(values: list[str] | None, template: str) -> dict[str, Any]:
-    """Return the metadata that were given, as `session.metadata`; none where none were: the unit's file states them.
-
-    Parameters
-    ----------
-    values : of `--set`. template : of `--template`.
-    """
-    from boat_daq.commands.metadata import with_stated
-    from protocol.recording import Metadata
-
-    return {"metadata": with_stated(Metadata(), values, template).as_json()} if values or template else {}
 
 
 def _report(summary: Summary, failure: str, request: SessionRequest) -> None:

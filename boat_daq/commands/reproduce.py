@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 
 app = typer.Typer(invoke_without_command=True, no_args_is_help=True)
 _CYCLES = 100
+_SEED, _SPEED = 0, 60.0  # of the virtual board
+_FANS, _RAYS = 3, 1_000  # turns with the paper's 250 rays; rays of the converged sweeps
 
 
 @app.callback()
 def paper(
     context: typer.Context,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for numbers, drawings and runs.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the virtual board.")] = 0,
-    speed: Annotated[float, typer.Option(min=1, max=200, help="Virtual board's time over real time.")] = 60.0,
     as_json: JsonOption = False,
 ) -> None:
     """Compute the paper's figures and numbers again, beside the paper's own: one to three minutes on two cores.
@@ -51,8 +51,8 @@ def paper(
     with writing(out):
         out.mkdir(parents=True, exist_ok=True)
     parts = [
-        calibration_part(_run(out, "calibration", 5, seed=seed, speed=speed)),
-        repeatability_part(_run(out, "repeatability", _CYCLES, seed=seed, speed=speed)),
+        calibration_part(_run(out, "calibration", 5)),
+        repeatability_part(_run(out, "repeatability", _CYCLES)),
     ]
     with progress_bar("sweeping the paper's designs") as advance:
         parts.append(optics_part(advance))
@@ -68,7 +68,7 @@ def paper(
             as_json=as_json)  # fmt: skip
 
 
-def _run(out: Path, name: str, cycles: int, *, seed: int, speed: float) -> Analysis:
+def _run(out: Path, name: str, cycles: int) -> Analysis:
     """Return the analysis of a run of a plan that comes with the program, recorded where there is none yet."""
     import dataclasses
 
@@ -82,19 +82,14 @@ def _run(out: Path, name: str, cycles: int, *, seed: int, speed: float) -> Analy
         for old in out.glob(f"{name}.part.boat*"):
             old.unlink()
         plan = dataclasses.replace(load_plan(name), cycles=cycles)
-        record_on_virtual_board(part, plan, unit="SA1", seed=seed, speed=speed)
+        record_on_virtual_board(part, plan, unit="SA1", seed=_SEED, speed=_SPEED)
         part.rename(run)
     with progress_bar(f"analysing {name}") as advance:
-        return analyse(run, options=Options(seed=seed, mcmc=False), progress=advance)
+        return analyse(run, options=Options(seed=_SEED, mcmc=False), progress=advance)
 
 
 @app.command()
 def optics(
-    fans: Annotated[int, typer.Option(min=1, help="Turns of the fan with the paper's 250 rays.")] = 3,
-    rays: Annotated[int, typer.Option(min=251, help="Rays of the converged sweeps.")] = 1_000,
-    every: Annotated[
-        bool, typer.Option("--all", help="Turns and converged sweeps of every reading; default those with one change.")
-    ] = False,
     out: Annotated[
         Path | None, typer.Option(help="Folder for outcomes and their table; a stopped call is resumed from it.")
     ] = None,
@@ -117,7 +112,7 @@ def optics(
     wider = curves_of("paper")
     curves = {"-40 to +50 kPa": default_curves(), "-50 to +50 kPa": wider, "formula": parametric_curves()}
     with progress_bar("readings") as advance:
-        outcomes = reproduce(curves, fans=fans, rays=rays, alike=every, folder=out, progress=advance)
+        outcomes = reproduce(curves, fans=_FANS, rays=_RAYS, folder=out, progress=advance)
     if out is not None:
         table = out / "optics.md"
         with writing(table):

@@ -22,7 +22,6 @@ def queue(
     port: Annotated[str, typer.Option(help="Serial port, pty or socket://HOST:PORT.")] = "",
     profile: Annotated[Path | None, typer.Option(help="Text profile (TOML) of other firmware.")] = None,
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the recordings.")] = Path(),
-    operator: Annotated[str, typer.Option(help="Name of the operator.")] = "",
     preview: Annotated[bool, typer.Option("--preview", help="Print runs, times and file names, and exit.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Confirm every wait for the operator beforehand.")] = False,
     as_json: JsonOption = False,
@@ -37,7 +36,7 @@ def queue(
     from boat_daq.engine.run_queue import load_queue
 
     runs = load_queue(file)
-    rows = [_row(run, file.parent, out, operator) for run in runs]
+    rows = [_row(run, file.parent, out) for run in runs]
     if preview:
         if as_json:
             emit_json({"runs": rows, "lasts_s": sum(row["lasts_s"] + row["pause_s"] for row in rows)})
@@ -53,7 +52,7 @@ def queue(
     out.mkdir(parents=True, exist_ok=True)
     for number, run in enumerate(runs, 1):
         _before(run, number, len(runs), ask=not yes)
-        content, failure = _run(run, file.parent, port, profile, out, operator)
+        content, failure = _run(run, file.parent, port, profile, out)
         done.append(content)
         if failure:
             notify(f"run {number} failed: {failure}; the queue ends here")
@@ -64,18 +63,19 @@ def queue(
         raise typer.Exit(1)
 
 
-def _row(run: QueuedRun, folder: Path, out: Path, operator: str) -> dict[str, Any]:
+def _row(run: QueuedRun, folder: Path, out: Path) -> dict[str, Any]:
     plan = run.loaded(folder)
-    path = _path(run, plan.name, out, operator)
+    path = _path(run, plan.name, out)
     return {**dataclasses.asdict(run), "plan": plan.name, "lasts_s": round(plan.duration_s), "file": str(path)}
 
 
-def _path(run: QueuedRun, plan: str, out: Path, operator: str) -> Path:
+def _path(run: QueuedRun, plan: str, out: Path) -> Path:
     from boat_daq.engine.file_names import named
     from boat_daq.engine.settings import load_settings
 
-    template = run.name or load_settings().file_name or "{unit}_{plan}_{number}"
-    return named(template, out, datetime.now().astimezone(), unit=run.unit, plan=plan, operator=operator)
+    settings = load_settings()
+    template = run.name or settings.file_name or "{unit}_{plan}_{number}"
+    return named(template, out, datetime.now().astimezone(), unit=run.unit, plan=plan, operator=settings.operator)
 
 
 def _before(run: QueuedRun, number: int, of: int, *, ask: bool) -> None:
@@ -91,20 +91,18 @@ def _before(run: QueuedRun, number: int, of: int, *, ask: bool) -> None:
         typer.confirm(f"{run.wait}. Continue?", default=True, abort=True, err=True)
 
 
-def _run(
-    run: QueuedRun, folder: Path, port: str, profile: Path | None, out: Path, operator: str
-) -> tuple[dict[str, Any], str]:
+def _run(run: QueuedRun, folder: Path, port: str, profile: Path | None, out: Path) -> tuple[dict[str, Any], str]:
     """Record one run; return what was recorded, and why it failed."""
     from boat_daq.workflows.run_session import SessionRequest, run_session
 
     plan = run.loaded(folder)
     request = SessionRequest(
         port=port,
-        path=_path(run, plan.name, out, operator),
+        path=_path(run, plan.name, out),
         plan=plan,
         profile=str(profile) if profile else None,
         unit=run.unit,
-        metadata={"operator": operator, "unit": run.unit, "note": run.note},
+        metadata={"unit": run.unit, "note": run.note},
     )
     summary, failure, _ = run_session(request, notify=notify, progress_bar=progress_bar)
     cycles = summary.cycles.complete

@@ -10,7 +10,7 @@ import typer
 from typer.core import TyperCommand
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, show
-from boat_daq.workflows.outlets import ADDRESS, HOLD_S
+from boat_daq.workflows.outlets import ADDRESS
 from protocol.base.errors import RequestError
 
 if TYPE_CHECKING:
@@ -37,7 +37,6 @@ def serve(
     port: Annotated[str, typer.Option(help="Serial port, pty, socket://HOST:PORT or replay:FILE[@SPEED].")],
     profile: Annotated[Path | None, typer.Option(help="Text profile (TOML) of other firmware.")] = None,
     unit: Annotated[str, typer.Option(help="Name of the unit: its limits hold, its calibration gives mm.")] = "",
-    rate: Annotated[int | None, typer.Option(help="Samples per second; default as in the settings.", min=1)] = None,
     lsl: Annotated[bool, typer.Option("--lsl", help="Stream samples and markers over LSL, on this computer.")] = False,
     lsl_network: Annotated[bool, typer.Option("--lsl-network", help="The same, for other computers too.")] = False,
     secop: Annotated[str, typer.Option(metavar="[HOST:PORT]", help=f"Serve as a SECoP node; default {ADDRESS}.")] = "",
@@ -54,12 +53,6 @@ def serve(
     token_file: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Token that clients send; default one of this user's.")
     ] = None,
-    hold: Annotated[
-        float,
-        typer.Option(
-            "--hold-after-disconnect", metavar="S", min=0, help="Vent a pressure so long after its client left."
-        ),
-    ] = HOLD_S,
     record: Annotated[Path | None, typer.Option(metavar="FILE.boat", help="Record as well.")] = None,
     duration: Annotated[float | None, typer.Option(min=0, help="Seconds to serve; default until Ctrl-C.")] = None,
     as_json: JsonOption = False,
@@ -83,7 +76,7 @@ def serve(
     from boat_daq.workflows.outlets import NodeChoice, open_node, open_streams
 
     start_log("serve")
-    choice = NodeChoice(listen or secop or ADDRESS, allow_control, token_file, hold)
+    choice = NodeChoice(listen or secop or ADDRESS, allow_control, token_file)
     try:
         host, _ = choice.host_and_port
     except RequestError as error:
@@ -91,7 +84,6 @@ def serve(
     armable = built_in_plans() if plans is None else plans_in(plans)
     options: dict[str, Any] = {
         "profile": str(profile) if profile else None,
-        "rate_hz": rate,
         "unit": unit,
         "record_to": record,
     }

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show, writing
-from boat_daq.commands.optics import cavity_counts
 from boat_daq.commands.options import FidelityOption, PlotOption, RunArgument, one_of
 from boat_daq.commands.shadow_model import (
     MeshOption,
@@ -153,7 +152,6 @@ def _plot_state(solution: Solution, parameters: Path | None, path: Path, level: 
 def table(
     parameters: ParametersOption = None,
     plot: Annotated[Path | None, typer.Option(help="Plot error against the number of shapes into this file.")] = None,
-    rebuild: Annotated[bool, typer.Option("--rebuild", help="Build it even if it is in the cache.")] = False,
     fidelity: FidelityOption = "normal",
     as_json: JsonOption = False,
 ) -> None:
@@ -164,15 +162,12 @@ def table(
     from analysis.fidelity import fidelity as at
     from analysis.shadow.model.drawing import table_errors_figure
     from analysis.shadow.model.frames import table_settings
-    from analysis.shadow.model.table import build_table, load_table
+    from analysis.shadow.model.table import load_table
 
     chosen, settings = chosen_parameters(parameters, fidelity), table_settings(at(fidelity))
     begun = time.perf_counter()
     with progress_bar("building the table") as progress:
-        if rebuild:
-            made = build_table(chosen, settings, progress)
-        else:
-            made = load_table(chosen, settings, progress=progress)
+        made = load_table(chosen, settings, progress=progress)
     seconds = time.perf_counter() - begun
     result = {
         "pressure_range_kpa": made.pressure_range_kpa,
@@ -223,9 +218,7 @@ def states(
     out: Annotated[Path, typer.Option(help="CSV (or .npz) to write.")],
     lowest: Annotated[float, typer.Option(help="Pressure of the most compressed state, kPa.")] = -40.0,
     highest: Annotated[float, typer.Option(help="Pressure of the most elongated state, kPa.")] = 50.0,
-    dense: Annotated[bool, typer.Option("--dense", help="Points every 0.5 mm in place of 7 a guide.")] = False,
     parameters: ParametersOption = None,
-    mesh: MeshOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Write the guides in 15 states (7 compressed, rest, 7 elongated), as curves for the optical model.
@@ -234,8 +227,7 @@ def states(
     """
     from analysis.shadow.model.states import guide_states, write_states
 
-    model = chosen_model(parameters, mesh)
-    found = guide_states(model, lowest_kpa=lowest, highest_kpa=highest, every_half_mm=dense)
+    found = guide_states(chosen_model(parameters, None), lowest_kpa=lowest, highest_kpa=highest)
     write_states(found, out)
     bow, points = found.bow_mm(), found.curves_mm.shape[2]
     content = {
@@ -262,9 +254,9 @@ def modulus(
     files: Annotated[list[Path], typer.Argument(metavar="FILE.csv...", help="One compression test a specimen.")],
     height_mm: Annotated[float, typer.Option(help="Height of the specimens at rest, mm.")],
     area_mm2: Annotated[float, typer.Option(help="Cross-section of the specimens at rest, mm².")],
-    window: Annotated[tuple[float, float], typer.Option(help="Range of strain for the slope.")] = (0.02, 0.1),
-    force_column: Annotated[str | None, typer.Option(help="Name or number of the force column.")] = None,
-    displacement_column: Annotated[str | None, typer.Option(help="Name or number of the displacement column.")] = None,
+    columns: Annotated[
+        str, typer.Option(metavar="FORCE,DISPLACEMENT", help="Names or numbers of the columns; default found by name.")
+    ] = "",
     parameters: ParametersOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -278,8 +270,11 @@ def modulus(
 
     if len({path.resolve() for path in files}) < len(files):
         raise typer.BadParameter("one file is given for two specimens, which leaves no spread", param_hint="FILE.csv")
-    tests = [read_compression_test(path, height_mm, area_mm2, force_column, displacement_column) for path in files]
-    found = effective_modulus(tests, window)
+    force, _, displacement = columns.partition(",")
+    if bool(force) != bool(displacement):
+        raise typer.BadParameter(f"{columns!r} is not FORCE,DISPLACEMENT", param_hint="--columns")
+    tests = [read_compression_test(path, height_mm, area_mm2, force or None, displacement or None) for path in files]
+    found = effective_modulus(tests)
     spread = found.sd_kpa if math.isfinite(found.sd_kpa) else found.standard_error_kpa
     table = chosen_table(
         replace(chosen_parameters(parameters), lattice_modulus_kpa=found.mean_kpa, lattice_modulus_sd_kpa=spread)
@@ -351,27 +346,22 @@ def replay(
 @app.command()
 def chain(
     rays: Annotated[int | None, typer.Option(help="Rays of each simulation; default 5000.", min=1)] = None,
-    cavities: Annotated[str, typer.Option(help="Numbers of cavities, as 3,5,7.")] = "3,5,7",
     parameters: ParametersOption = None,
-    out: Annotated[Path | None, typer.Option(help="Write the shadow's curves into this CSV.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Compute pressure, guides, detected light and the best pattern, and compare with the parametric curves.
 
     The light of the paper's design is compared with the published calibrations, by the best gain and offset.
 
-    Example: boat-daq shadow chain --out curves.csv
+    Example: boat-daq shadow chain --rays 5000
     """
     from analysis.optics.scene.curves import parametric_curves
     from analysis.optics.sweep.signal import SIGNAL_RAYS, chain_signal
     from analysis.optics.sweep.sweep import paper_grid
-    from analysis.shadow.model.states import guide_states, write_states
+    from analysis.shadow.model.states import guide_states
 
-    designs = tuple(paper_grid(cavity_counts(cavities)))
+    designs = tuple(paper_grid())
     states = guide_states(chosen_model(parameters, None))
-    if out is not None:
-        write_states(states, out)
-        notify(f"wrote {out}")
     found: dict[str, Any] = {}
     for name, curves in (("shadow", states.curves_mm), ("parametric", parametric_curves())):
         found[name] = _outcome(_chain_sweep(name, designs, curves, rays or SIGNAL_RAYS))

@@ -10,7 +10,7 @@ import typer
 from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show, show_table
 from boat_daq.commands.options import RecordingArgument
 from boat_daq.commands.shadow_model import ParametersOption
-from boat_daq.engine.settings import UnitLibrary
+from boat_daq.engine.settings import UnitLibrary, load_settings
 
 if TYPE_CHECKING:
     from analysis.data.recording import Recording
@@ -27,7 +27,6 @@ app = typer.Typer(no_args_is_help=True, help="Control the elongation of a unit, 
 def accept(
     run: RecordingArgument,
     anyway: Annotated[bool, typer.Option("--anyway", help="Accept figures out of tolerance.")] = False,
-    operator: Annotated[str, typer.Option(help="Who accepts it.")] = "",
     as_json: JsonOption = False,
 ) -> None:
     """Accept the calibration of a run: it comes into force for its unit, as in the window.
@@ -37,7 +36,7 @@ def accept(
     from boat_daq.workflows.acceptance import accept_run
 
     with progress_bar("calibrating"):
-        record = accept_run(run, UnitLibrary(), anyway=anyway, operator=operator)
+        record = accept_run(run, UnitLibrary(), anyway=anyway, operator=load_settings().operator)
     present(
         {"unit": record.unit, "calibrated_utc": record.calibrated_utc, "simulated": record.simulated},
         f"unit {record.unit}: calibration of {run.name} in force since {record.calibrated_utc}",
@@ -169,7 +168,6 @@ def hold(
 @app.command()
 def dynamics(
     run: RecordingArgument,
-    settled_mm: Annotated[float, typer.Option(min=0.001, metavar="MM", help="A step is settled within this.")] = 0.05,
     out: Annotated[Path | None, typer.Option(metavar="FILE.pdf|FILE.html", help="Write it as a report.")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -181,7 +179,7 @@ def dynamics(
     from boat_daq.engine.settings import UnitLibrary
     from boat_daq.workflows.unit_control import dynamics_of, report_dynamics
 
-    found = dynamics_of(UnitLibrary(), run, settled_mm)
+    found = dynamics_of(UnitLibrary(), run)
     if out is not None:
         report_dynamics(found, out)
         notify(f"wrote {out}")

@@ -60,11 +60,11 @@ _BEGUN = re.compile(rf"{RECORDING}(.+\.boat)\s*$", re.MULTILINE)
 _MARKED = re.compile(rf"({MessageKind.MARK}): .*")
 
 
-def write_bug_report(out: Path, *, personal: bool = False, recording: Path | None = None) -> Path:
-    """Pack a report. `recording`: whose summary goes in; the last one in the log when None."""
+def write_bug_report(out: Path, *, personal: bool = False) -> Path:
+    """Pack a report, with the summary of the last recording in the log."""
     if out.exists():
         raise RequestError(f"{out} exists already", "choose another name")
-    texts = {name: without_password(text) for name, text in collect(recording).items()}
+    texts = {name: without_password(text) for name, text in collect().items()}
     if not personal:
         hide = Redaction(texts)
         texts = {name: hide(text) for name, text in texts.items()}
@@ -83,10 +83,10 @@ def contents(out: Path) -> tuple[str, ...]:
         return tuple(archive.namelist())
 
 
-def collect(recording: Path | None = None) -> dict[str, str]:
+def collect() -> dict[str, str]:
     """Return the texts of a report by their names, as they are."""
     logs = _logs()
-    found = recording or _last_recording(logs)
+    found = _last_recording(logs)
     versions = {
         "boat_daq": __version__,
         "made_utc": now_utc(),

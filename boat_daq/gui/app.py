@@ -108,8 +108,6 @@ def run(
     port: str | None = None,
     *,
     board: bool = False,
-    speed: float = 1.0,
-    rate_hz: int | None = None,
     profile: str = "",
     file: Path | None = None,
 ) -> int:
@@ -117,18 +115,17 @@ def run(
 
     Parameters
     ----------
-    rate_hz : samples per second; as in the settings when None.
     profile : path of the text profile of the firmware on `port`.
     """
     app = make_application()
-    window = make_window(rate_hz)
+    window = make_window()
     model = window.model
     Collector(window, window.page_made)
     model.notices.attempt(model.windows.join)
     window.fit_screen()
     window.show()
     if board:
-        model.notices.attempt(lambda: model.connection.start_virtual_board(speed=speed))
+        model.notices.attempt(lambda: model.connection.start_virtual_board(speed=1.0))
     elif port:
         model.notices.attempt(lambda: model.connection.connect(port, profile))
     if file is not None:

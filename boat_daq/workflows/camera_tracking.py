@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 from boat_daq.engine.camera.capture import TrackedFrame
 from boat_daq.engine.camera.source import Picture, open_source, open_video
 from boat_daq.engine.session.camera_channel import FAULT_TEXTS, CameraChannel
-from boat_daq.engine.settings import UnitLibrary
+from boat_daq.engine.settings import UnitLibrary, load_settings
 from protocol.base.errors import RequestError
+from protocol.base.toml_file import read_values
 
 if TYPE_CHECKING:
     from analysis.data.camera_record import CameraRecord
@@ -32,7 +33,7 @@ class CameraChoice:
     u_mark_mm: float = 0.02
     lens: Path | None = None  # file of the calibrated lens; None takes the unit's
     unit: str = ""  # name of the unit, whose lens is taken; empty for none
-    allow_remote: bool = False
+    video: Path | None = None  # file for the pictures of a session; None stores none
 
     def tracker(self) -> MarkTracker:
         """Return a tracker for it."""
@@ -60,14 +61,48 @@ class CameraChoice:
         }
 
 
+_FILE_KEYS: dict[str, tuple[type, ...]] = {
+    "source": (str, int),
+    "mark_mm": (int, float),
+    "u_mark_mm": (int, float),
+    "lens": (str,),
+    "video": (str,),
+}
+
+
+def camera_choice(text: str, unit: str = "", mark_mm: float | None = None) -> CameraChoice:
+    """Return the camera that an option names: its source, or a TOML file with it, its marks, lens and video.
+
+    Paths in the file are relative to it; `mark_mm` replaces its value.
+
+    Raises
+    ------
+    FileError : the file cannot be read as TOML. RequestError : an unknown key, a wrong value, or no source.
+    """
+    marks: dict[str, Any] = {} if mark_mm is None else {"mark_mm": mark_mm}
+    path = Path(text)
+    if path.suffix.lower() != ".toml":
+        return CameraChoice(text, unit=unit, **marks)
+    values = read_values(path, _FILE_KEYS, of="the camera", example="mark_mm = 8")
+    for key, value in values.items():
+        if not isinstance(value, _FILE_KEYS[key]) or isinstance(value, bool):
+            raise RequestError(f"{path.name}: {key} = {value!r:.60} is not possible", "write it as in the documents")
+    if "source" not in values:
+        raise RequestError(f"{path.name} names no source", "add a line such as source = 0")
+    files: dict[str, Any] = {key: path.parent / values.pop(key) for key in ("lens", "video") if key in values}
+    source = str(values.pop("source"))
+    beside = path.parent / source
+    return CameraChoice(str(beside) if beside.is_file() else source, unit=unit, **{**values, **files, **marks})
+
+
 def keep_lens(unit: str, lens: Lens) -> None:
     """Store a lens with a unit."""
     library = UnitLibrary()
     library.save(replace(library.load(unit), lens=lens.as_json()))
 
 
-def open_channel(session: Session, choice: CameraChoice, *, video: Path | None = None) -> CameraChannel:
-    """Open a camera beside a session. `video`: file for the pictures; None stores none."""
+def open_channel(session: Session, choice: CameraChoice) -> CameraChannel:
+    """Open a camera beside a session."""
     tracker = choice.tracker()
 
     def tracked(picture: Picture, time_s: float) -> TrackedFrame:
@@ -77,8 +112,8 @@ def open_channel(session: Session, choice: CameraChoice, *, video: Path | None =
             return TrackedFrame(None, None, str(found.fault), marks)
         return TrackedFrame(float(found.elongation_mm), float(found.u_mm), marks_px=marks)
 
-    source = open_source(choice.source, allow_remote=choice.allow_remote)
-    return CameraChannel(session, source, tracked, lambda: choice.about(tracker), video=video)
+    source = open_source(choice.source, allow_remote=load_settings().allow_remote)
+    return CameraChannel(session, source, tracked, lambda: choice.about(tracker), video=choice.video)
 
 
 def track_video(choice: CameraChoice, progress: Progress | None = None) -> tuple[CameraRecord, dict[str, Any]]:

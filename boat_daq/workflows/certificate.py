@@ -41,14 +41,11 @@ class CertificateOrder:
     runs: tuple[Path, ...]
     elongations: tuple[Path, ...] = ()
     curve: str = ""
-    type_b: Path | None = None
     limits: Mapping[str, float] = field(default_factory=dict)
-    seed: int = 0
     values: Mapping[str, str] = field(default_factory=dict)  # metadata by key, in place of those of the recordings
     customer: str = ""
     items: tuple[str, ...] = ()
     number: str = ""
-    issued: str = ""
     laboratory: Path | None = None  # TOML file; None for the stored one
 
 
@@ -90,15 +87,15 @@ def analyses_for(order: CertificateOrder, progress: Progress | None = None) -> t
     analyses, previous = [], []
     for number, run in enumerate(order.runs):
         recording = _with_values(load_recording(run), order.values)
-        type_b = stated_contributions(recording, order.type_b)
-        options = Options(chosen_curve(recording, order.curve), seed=order.seed, mcmc=False, type_b=type_b)
+        type_b = stated_contributions(recording)
+        options = Options(chosen_curve(recording, order.curve), mcmc=False, type_b=type_b)
         given = order.elongations[number % len(order.elongations)] if order.elongations else readings_beside(run)
         part = part_of(progress, number, 1, len(order.runs))
         analyses.append(analyse(recording, given, options=options, progress=part))
         previous.append(calibration_before(recording))
     laboratory = load_laboratory(order.laboratory)
     request = Request(
-        laboratory, order.customer, order.items, order.limits, order.issued, order.number, tuple(previous)
+        laboratory, order.customer, order.items, order.limits, number=order.number, previous=tuple(previous)
     )
     return analyses, request
 

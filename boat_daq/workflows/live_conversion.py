@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from analysis.calibration.record import CalibrationRecord
 from boat_daq.engine.sample_columns import columns
-from boat_daq.engine.settings import UnitLibrary, load_settings
+from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkError, LinkState, SessionSnapshot
 from boat_daq.workflows.calibration_in_force import newest_calibration
 from boat_daq.workflows.session_messages import MessagePrinter, Notify
@@ -110,7 +110,6 @@ def converted_samples(
     rate_hz: int | None = None,
     duration_s: float | None = None,
     *,
-    allow_remote: bool = False,
     notify: Notify,
 ) -> Generator[pd.DataFrame, None, None]:
     """Yield the rows of a board's samples as they come, converted; nothing is recorded.
@@ -120,8 +119,7 @@ def converted_samples(
     from analysis.calibration_export.conversion import check_signals, convert_signals, converted_rows
     from boat_daq.engine.session.session import Session
 
-    settings = load_settings()
-    session = Session(replace(settings, allow_remote=settings.allow_remote or allow_remote))
+    session = Session()
     waiting: deque[Any] = deque()
     try:
         session.live.add_sink(waiting.append)

@@ -25,13 +25,13 @@ from boat_daq.engine.recording.summary import Summary, summarise
 from boat_daq.engine.session.camera_channel import FAULT_TEXTS, REST_S, CameraChannel
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.session.shared_vent import SharedVent
-from boat_daq.engine.settings import home, load_settings
+from boat_daq.engine.settings import home
 from boat_daq.engine.snapshot import LinkState, MessageKind, SessionSnapshot, SessionState
 from boat_daq.workflows.end_at_uncertainty import EndUncertainty, EnoughCycles
 from boat_daq.workflows.session_messages import MessagePrinter, Notify
 from boat_daq.workflows.unit_control import regulator_of
 from protocol.base.errors import BoatDaqError, DeviceError
-from protocol.recording import BoardState, DerivedChannel
+from protocol.recording import BoardState
 
 _POLL_S = 0.1
 CLEARING_S = 3.0
@@ -61,8 +61,6 @@ class SessionRequest:
     duration_s: float | None = None  # without a plan, seconds of board time to record; None until Ctrl-C
     metadata: Mapping[str, Any] = field(default_factory=dict)
     broken: BrokenRun | None = None
-    allow_remote: bool = False
-    derived: tuple[DerivedChannel, ...] | None = None  # derived channels in place of the stored ones; None for those
     hold: bool = False
     max_u_mm: float | None = None
     uncertainty: float | None = None
@@ -115,8 +113,7 @@ def run_session(
     start_log("record")
     camera: CameraChannel | None = None
     enough: EnoughCycles | None = None
-    settings = load_settings()
-    session = Session(replace(settings, allow_remote=settings.allow_remote or request.allow_remote))
+    session = Session()
     shared = SharedVent(session.vent, lambda: request.unit or request.path.name, home("config"))
     try:
         seen = _connect(session, request, notify)
@@ -160,8 +157,6 @@ def run_session(
 
 def _connect(session: Session, request: SessionRequest, notify: Notify) -> SessionSnapshot:
     """Connect and begin the recording of a request, and return the session once samples come."""
-    if request.derived is not None:
-        session.live.set_derived(request.derived)
     session.connect(
         request.port,
         request.profile,

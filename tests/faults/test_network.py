@@ -1,4 +1,4 @@
-"""Boards and schedulers on other computers need --allow-remote."""
+"""Boards and schedulers on other computers must be allowed."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ def test_local_scheduler_needs_no_option(address: str) -> None:
 
 
 def test_boards_are_local_by_default() -> None:
-    """Without the option a host connects, and a virtual board listens, on this computer only."""
+    """Unless allowed, a host connects, and a virtual board listens, on this computer only."""
     with pytest.raises(DeviceError, match="another machine") as host:
         open_transport("socket://192.0.2.1:7777")
     with pytest.raises(RequestError) as board:
         TcpCarrier("0.0.0.0:0")
-    assert "--allow-remote" in host.value.command
+    assert "allow_remote=true" in host.value.command
     assert "--allow-remote" in board.value.remedy
 
 
-@pytest.mark.parametrize("command", [["record"], ["board"], ["batch"], ["optics", "sweep"]])
+@pytest.mark.parametrize("command", [["board"], ["batch"], ["optics", "sweep"]])
 def test_commands_have_the_option_allow_remote(command: list[str]) -> None:
     """Each command that can connect to another computer has it."""
     from typer.testing import CliRunner

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from contextlib import closing
@@ -13,6 +14,7 @@ import pytest
 
 from analysis import load_recording
 from boat_daq.engine.link.opening import identify_port
+from boat_daq.engine.settings import Settings, save_settings
 from protocol.link.messages import AckStatus, Heartbeat, SetPressure, Start, Stop
 from protocol.recording import BoardState
 from tests.firmware.emulated_chip import ChipHost, compile_board, emulated, needs_chip
@@ -52,10 +54,14 @@ def test_chip_is_identified_and_regulates(program: Path) -> None:
 def test_ten_minutes_of_calibration_are_recorded(program: Path, tmp_path: Path, rate_hz: int) -> None:
     """The calibration plan in the chip's real time: 0 lost, identical, its plateaus at the plan's pressures."""
     run = tmp_path / "run.boat"
-    options = ["--plan", "calibration", "--cycles", "10", "--rate", str(rate_hz), "--out", str(run), "--json"]
+    save_settings(Settings(rate_hz=rate_hz), tmp_path)
+    options = ["--plan", "calibration", "--cycles", "10", "--out", str(run), "--json"]
     with emulated(program) as chip:
         command = [sys.executable, "-m", "boat_daq", "record", "--port", chip.url, *options]
-        done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=3000)
+        done = subprocess.run(
+            command, capture_output=True, text=True, cwd=ROOT, timeout=3000,
+            env=os.environ | {"BOAT_DAQ_HOME": str(tmp_path)},
+        )  # fmt: skip
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout)
     assert (summary["stop_reason"], summary["lost_samples"], summary["gaps"]) == ("finished", 0, 0)

@@ -20,6 +20,7 @@ from typing import Any
 import pytest
 
 from analysis import load_recording
+from boat_daq.engine.settings import Settings, save_settings
 from protocol.link.messages import (
     AckStatus,
     BoardEvent,
@@ -299,15 +300,17 @@ def test_noise_on_the_line_costs_only_the_damaged_frames(chip: EmulatedChip, tmp
 
 
 @pytest.mark.fault(7, how="the clock of an emulated chip wraps while `record` runs at 1 kHz", times=1)
-def test_clock_wraps_while_recording(program: Path, tmp_path: Path) -> None:
+def test_clock_wraps_while_recording(program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The 32-bit clock wraps three seconds after boot: 1,000 samples/s, none lost, time continuous."""
+    monkeypatch.setenv("BOAT_DAQ_HOME", str(tmp_path))
+    save_settings(Settings(rate_hz=1000))
     run = tmp_path / "run.boat"
     with emulated(program) as chip:
         with chip.halted() as debugger:
             debugger.reset()
             debugger.run_to("boat_init")
             debugger.write("clock_ms", struct.pack("<I", (2**32 - 6_000_000) // 1000))
-        summary = ended_record(started_record(chip.url, run, "--duration", "10", "--rate", "1000"), 0)
+        summary = ended_record(started_record(chip.url, run, "--duration", "10"), 0)
         with chip.halted() as debugger:
             assert debugger.actuator().ms > 6_000
     assert (summary["lost_samples"], summary["samples"] > 9_000) == (0, True)

@@ -72,12 +72,10 @@ def guide_states(
     *,
     lowest_kpa: float = _LOWEST_KPA,
     highest_kpa: float = 50.0,
-    every_half_mm: bool = False,
 ) -> GuideStates:
     """Solve the fifteen states.
 
-    `lowest_kpa`, `highest_kpa`: pressures of the most compressed and the most elongated state. `every_half_mm`:
-    centrelines sampled every 0.5 mm in place of the seven tracked points.
+    `lowest_kpa`, `highest_kpa`: pressures of the most compressed and the most elongated state.
     Raises RequestError if the pressures do not lie on both sides of zero, or beyond the critical pressure.
     """
     if not lowest_kpa < 0.0 < highest_kpa:
@@ -89,7 +87,7 @@ def guide_states(
     pressures = np.concatenate(
         [np.linspace(lowest_kpa, 0.0, _STEPS + 1), np.linspace(0.0, highest_kpa, _STEPS + 1)[1:]]
     )
-    carried = full.guides.centreline if every_half_mm else full.guides.tracked
+    carried = full.guides.tracked
     curves, elongations = [], []
     state: Solution | None = None
     for pressure in pressures:

@@ -170,7 +170,7 @@ def _check_address(name: str, parts: SplitResult, *, allow_remote: bool) -> None
         local = host == "localhost"
     if not local and not allow_remote:
         remedy = "allow it: the connection is neither encrypted nor authenticated"
-        raise RequestError(f"{host} is another computer", remedy, command="--allow-remote")
+        raise RequestError(f"{host} is another computer", remedy, command="boat-daq config set allow_remote=true")
 
 
 class _Capture:

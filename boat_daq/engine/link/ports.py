@@ -166,7 +166,7 @@ class SocketTransport:
         if not allow_remote and not _is_loopback(host):
             cause = f"{host} is another machine, and the link is neither encrypted nor authenticated"
             remedy = "Allow remote ports in the settings if the network is yours."
-            raise DeviceError(cause, remedy, command="--allow-remote")
+            raise DeviceError(cause, remedy, command="boat-daq config set allow_remote=true")
         try:
             self._socket = socket.create_connection((host, port), timeout=2.0)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

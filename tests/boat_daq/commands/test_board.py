@@ -67,8 +67,8 @@ def test_refusal_names_the_option(arguments, code, word):
 
 def test_faults_are_listed():
     """Each with its sentence, as text and as an object."""
-    text = program("board", "--list-faults").out
-    table = json.loads(program("board", "--list-faults", "--json").out)
+    text = program("board", "--fault", "list").out
+    table = json.loads(program("board", "--fault", "list", "--json").out)
     assert list(table) == list(FAULTS)
     assert all(kind.sentence in text for kind in FAULTS.values())
 

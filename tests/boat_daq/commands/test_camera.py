@@ -18,7 +18,7 @@ from boat_daq.engine.camera.opencv import opencv
 from boat_daq.engine.camera.video import VideoStore
 from boat_daq.engine.simulator.picture import CameraScene, Renderer, checkerboard
 from boat_daq.workflows import camera_tracking
-from boat_daq.workflows.camera_tracking import CameraChoice
+from boat_daq.workflows.camera_tracking import CameraChoice, camera_choice
 from tests.analysis.boat_builder import write_boat
 from tests.analysis.tracking.filmed_run import LEVELS, filmed_run, with_camera
 from tests.boat_daq.commands.calls import call, program, text
@@ -50,6 +50,17 @@ def test_track_gives_every_frame(video: Path, tmp_path: Path) -> None:
     assert len(rows) == 41
 
 
+def test_a_camera_may_be_a_file(video: Path, tmp_path: Path) -> None:
+    """It names the source beside it, a number or an address, and the marks; an option precedes it."""
+    (video.parent / "camera.toml").write_text('source = "run.mkv"\nmark_mm = 8\nu_mark_mm = 0.05\nvideo = "out.avi"')
+    choice = camera_choice(str(video.parent / "camera.toml"), "SA1")
+    assert (choice.source, choice.mark_mm, choice.u_mark_mm, choice.unit) == (str(video), 8, 0.05, "SA1")
+    assert choice.video == video.parent / "out.avi"
+    assert camera_choice(str(video.parent / "camera.toml"), mark_mm=9).mark_mm == 9
+    (tmp_path / "number.toml").write_text("source = 0")
+    assert camera_choice(str(tmp_path / "number.toml")) == camera_choice("0") == CameraChoice("0")
+
+
 def test_marks_that_contradict_the_grid_are_refused(video: Path) -> None:
     """6 mm are stated, the grid shows 8."""
     ended = program("camera", "track", video, "--mark-mm", 6)
@@ -65,10 +76,18 @@ def test_a_video_without_marks_is_refused(tmp_path: Path) -> None:
         store.write(rng.integers(0, 255, (120, 160), np.uint8))
     store.close()
     (tmp_path / "text.mkv").write_text("text", encoding="utf-8")
+    for name, given in (
+        ("lens", 'source = "blank.mkv"\nlens = "text.mkv"'), ("side", "mark = 8"), ("none", "mark_mm = 8"),
+        ("text", 'source = "blank.mkv"\nu_mark_mm = "wide"'),
+    ):  # fmt: skip
+        (tmp_path / f"{name}.toml").write_text(given, encoding="utf-8")
     for words, cause in (
         (("blank.mkv",), "a mark is not in the picture, or is covered in 5 of 5 frames"),
         (("text.mkv",), "text.mkv is no video"),
-        (("blank.mkv", "--lens", tmp_path / "text.mkv"), "is no lens"),
+        (("lens.toml",), "is no lens"),
+        (("side.toml",), "side.toml has 'mark', which is not a parameter of the camera"),
+        (("none.toml",), "names no source"),
+        (("text.toml",), "u_mark_mm = 'wide' is not possible"),
         (("blank.mkv", "--mark-mm", 900), "marks of 900 mm are not possible"),
     ):
         ended = program("camera", "track", tmp_path / words[0], *words[1:])
@@ -101,7 +120,6 @@ def test_marks_and_cameras(tmp_path: Path) -> None:
 def test_options_that_contradict_each_other_are_refused(tmp_path: Path) -> None:
     """Usage errors, before anything is opened."""
     for words in (
-        ("record", "--port", "x", "--video", "v.mkv"),
         ("board", "--pty", "--video", "v.mkv", "--mjpeg", "0"),
         ("board", "--pty", "--camera", "tilt_deg=3"),
         ("camera", "calibrate", "a.png", "--out", "l.json", "--corners", "8"),

@@ -199,9 +199,8 @@ def test_malformed_list_of_cavities_is_a_usage_error(cavities: str) -> None:
 
 
 def test_a_time_limit_is_of_a_race() -> None:
-    """`sweep --seconds` and `optimise --race-seconds` need a confidence, and more than no time."""
+    """`sweep --seconds` needs a confidence, and more than no time."""
     assert exit_code("optics", "sweep", "--seconds", "5") == 2
-    assert exit_code("optics", "optimise", "--race-seconds", "5") == 2
     assert "0 s" in refusal("optics", "sweep", "--confidence", "0.95", "--seconds", "0").cause
 
 

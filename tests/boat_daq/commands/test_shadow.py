@@ -85,7 +85,6 @@ def test_solve_at_rest(words: list[str], coarse: list[str]) -> None:
         (["export", "--format", "stl", "--out", "x.stl"], 1),
         (["modulus", "none.csv", "--height-mm", "50", "--area-mm2", "2500"], 1),
         (["modulus", "s1.csv", "./s1.csv", "--height-mm", "50", "--area-mm2", "2500"], 2),
-        (["chain", "--cavities", "many"], 2),
     ],
 )
 def test_bad_requests(words: list[str], code: int) -> None:
@@ -116,13 +115,12 @@ def test_export_writes_all_formats(tmp_path: Path, coarse: list[str]) -> None:
 
 
 def test_states_writes_curves(tmp_path: Path, coarse: list[str]) -> None:
-    """Fifteen states, seven points a guide, or one every half millimetre."""
+    """Fifteen states, seven points a guide."""
     found = call("shadow", "states", "--out", str(tmp_path / "curves.csv"), *coarse)
     assert found["points"] == 7
     assert len(found["elongation_mm"]) == 15
     lines = (tmp_path / "curves.csv").read_text().splitlines()
     assert len([line for line in lines if not line.startswith("#")]) == 1 + 15 * 2 * 7
-    assert call("shadow", "states", "--dense", "--out", str(tmp_path / "curves.npz"), *coarse)["points"] == 217
 
 
 @pytest.mark.usefixtures("cache")
@@ -188,12 +186,12 @@ def test_chain_compares_light_with_the_published_signals(monkeypatch: pytest.Mon
     """The light of the paper's design falls over the states, so both gains are negative; few rays are noted."""
     solved = GuideStates(default_curves(), np.zeros(15), elongations(), "stored")
     monkeypatch.setattr("analysis.shadow.model.states.guide_states", lambda model: solved)
-    out = call("shadow", "chain", "--cavities", "3", "--rays", "4")
+    out = call("shadow", "chain", "--rays", "4")
     signal = out["signal"]
     assert isinstance(signal, dict)
     assert signal["inverted"] == all(fit["gain_mv_per_percent"] < 0 for fit in signal["sensors"])
     assert len(signal["light_percent"]) == len(signal["light_sd_percent"]) == 15
-    result = CliRunner().invoke(app, ["shadow", "chain", "--cavities", "3", "--rays", "4"])
+    result = CliRunner().invoke(app, ["shadow", "chain", "--rays", "4"])
     assert "published signal of sensor 2: +12.5 %" in result.stdout
     assert "scatters more than it changes" in result.stderr
     assert out["shadow"]["rays"] == signal["rays"] == 4

@@ -77,7 +77,7 @@ def test_another_computer_needs_permission(address: str) -> None:
     """Nothing is connected before."""
     with pytest.raises(RequestError, match="is another computer") as refusal:
         open_source(address)
-    assert refusal.value.command == "--allow-remote"
+    assert refusal.value.command == "boat-daq config set allow_remote=true"
 
 
 @pytest.mark.parametrize("address", ["http:///x", "http://127.0.0.1:99999/", "rtsp://"])

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, notify, present, writing
+from boat_daq.commands.console import JsonOption, notify, present
 from boat_daq.commands.options import values_of
 
 if TYPE_CHECKING:
-    from boat_daq.engine.described import StoredChange
     from boat_daq.engine.settings import Settings, Unit, UnitLibrary
 
 config = typer.Typer(no_args_is_help=True, help="Show and change the stored settings.")
@@ -22,7 +20,6 @@ unit = typer.Typer(no_args_is_help=True, help="Show and change the stored units:
 NameArgument = Annotated[str, typer.Argument(metavar="NAME", help="Name of the unit.")]
 ValuesArgument = Annotated[list[str], typer.Argument(metavar="KEY=VALUE...", help="Values by key.")]
 KeysArgument = Annotated[list[str] | None, typer.Argument(metavar="[KEY]...", help="Only these; default all.")]
-FileArgument = Annotated[Path, typer.Argument(metavar="FILE.toml")]
 
 
 @config.command("get")
@@ -48,74 +45,6 @@ def config_set(values: ValuesArgument, as_json: JsonOption = False) -> None:
     settings = with_typed(load_settings(), values_of(values), "settings")
     save_settings(settings)
     _show_settings(settings, list(values_of(values)), as_json=as_json)
-
-
-@config.command("reset")
-def config_reset(keys: KeysArgument = None, as_json: JsonOption = False) -> None:
-    """Set settings to their defaults; without a key all, and a file that is refused is kept as settings.toml.refused.
-
-    Example: boat-daq config reset baud
-    """
-    from boat_daq.engine.described import with_defaults
-    from boat_daq.engine.settings import Settings, load_settings, save_settings
-
-    settings = with_defaults(load_settings(), keys, "settings") if keys else Settings()
-    save_settings(settings)
-    _show_settings(settings, keys, as_json=as_json)
-
-
-@config.command("undo")
-def config_undo(as_json: JsonOption = False) -> None:
-    """Take the newest change back; a second call makes it again.
-
-    Example: boat-daq config undo
-    """
-    from boat_daq.engine.described import with_undone
-    from boat_daq.engine.settings import save_settings, stored_settings
-
-    settings, changes = stored_settings()
-    settings = with_undone(settings, changes, "settings")
-    save_settings(settings)
-    _show_settings(settings, None, as_json=as_json)
-
-
-@config.command("changes")
-def config_changes(as_json: JsonOption = False) -> None:
-    """Show what changed when, newest first.
-
-    Example: boat-daq config changes
-    """
-    from boat_daq.engine.settings import stored_settings
-
-    _show_changes(stored_settings()[1], as_json=as_json)
-
-
-@config.command("export")
-def config_export(file: FileArgument, as_json: JsonOption = False) -> None:
-    """Write the settings to a file that `config import` reads.
-
-    Example: boat-daq config export rig.toml
-    """
-    from boat_daq.engine.settings import load_settings, settings_text
-    from protocol.base.whole_file import write_whole
-
-    with writing(file):
-        write_whole(file, settings_text(load_settings()))
-    present({"path": str(file)}, f"wrote {file}", as_json=as_json)
-
-
-@config.command("import")
-def config_import(file: FileArgument, as_json: JsonOption = False) -> None:
-    """Take all settings from a file.
-
-    Example: boat-daq config import rig.toml
-    """
-    from boat_daq.engine.settings import read_settings, save_settings
-    from boat_daq.engine.toml_values import read_text
-
-    settings = read_settings(read_text(file), str(file))[0]
-    save_settings(settings)
-    _show_settings(settings, None, as_json=as_json)
 
 
 @unit.command("list")
@@ -188,63 +117,6 @@ def unit_set(name: NameArgument, values: ValuesArgument, as_json: JsonOption = F
     library = UnitLibrary()
     library.save(with_typed(library.stored(name), values_of(values), f"unit {name}"))
     _show_unit(library, name, as_json=as_json)
-
-
-@unit.command("reset")
-def unit_reset(name: NameArgument, keys: KeysArgument = None, as_json: JsonOption = False) -> None:
-    """Set values of a unit to their defaults; without a key all. Calibrations stay.
-
-    Example: boat-daq unit reset SA1 polarity
-    """
-    from boat_daq.engine.described import with_defaults
-    from boat_daq.engine.settings import UnitLibrary
-
-    library = UnitLibrary()
-    library.save(with_defaults(library.stored(name), keys or (), f"unit {name}"))
-    _show_unit(library, name, as_json=as_json)
-
-
-@unit.command("undo")
-def unit_undo(name: NameArgument, as_json: JsonOption = False) -> None:
-    """Take the newest change of a unit's values back; a second call makes it again. Calibrations stay.
-
-    Example: boat-daq unit undo SA1
-    """
-    from boat_daq.engine.described import with_undone
-    from boat_daq.engine.settings import UnitLibrary
-
-    library = UnitLibrary()
-    stored = library.stored(name)
-    library.save(with_undone(stored, stored.changes, f"unit {name}"))
-    _show_unit(library, name, as_json=as_json)
-
-
-@unit.command("export")
-def unit_export(name: NameArgument, file: FileArgument, as_json: JsonOption = False) -> None:
-    """Write a unit with its calibrations and changes to a file that `unit import` reads.
-
-    Example: boat-daq unit export SA1 SA1.toml
-    """
-    from boat_daq.engine.settings import UnitLibrary
-    from protocol.base.whole_file import write_whole
-
-    text = UnitLibrary().text(name)
-    with writing(file):
-        write_whole(file, text)
-    present({"path": str(file)}, f"wrote {file}", as_json=as_json)
-
-
-@unit.command("import")
-def unit_import(file: FileArgument, as_json: JsonOption = False) -> None:
-    """Take a unit from a file; one that is stored keeps its calibrations, which the file must begin with.
-
-    Example: boat-daq unit import SA1.toml
-    """
-    from boat_daq.engine.settings import UnitLibrary, read_unit
-
-    library, found = UnitLibrary(), read_unit(file)
-    library.save(found)
-    _show_unit(library, found.name, as_json=as_json)
 
 
 def _show_settings(settings: Settings, keys: list[str] | None, *, as_json: bool) -> None:
@@ -320,20 +192,3 @@ def _lines(found: Mapping[str, Mapping[str, Any]]) -> list[str]:
             f"    {about['meaning']} ({'; '.join(filter(None, parts))})",
         ]
     return lines
-
-
-def _show_changes(changes: tuple[StoredChange, ...], *, as_json: bool) -> None:
-    rows = [dataclasses.asdict(change) for change in reversed(changes)]
-    lines = [f"{c.utc}  {c.key}: {c.before or '-'} -> {c.after or '-'}" for c in reversed(changes)]
-    present({"changes": rows}, *lines, as_json=as_json)
-
-
-@unit.command("changes")
-def unit_changes(name: NameArgument, as_json: JsonOption = False) -> None:
-    """Show what changed when, newest first; calibrations have dates of their own.
-
-    Example: boat-daq unit changes SA1
-    """
-    from boat_daq.engine.settings import UnitLibrary
-
-    _show_changes(UnitLibrary().stored(name).changes, as_json=as_json)

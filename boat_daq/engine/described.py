@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -16,7 +16,6 @@ from itertools import accumulate
 from typing import Any, TypeVar
 
 from boat_daq.engine.toml_values import BadValue, build
-from protocol.base.errors import RequestError
 
 D = TypeVar("D")  # a dataclass
 
@@ -137,15 +136,6 @@ def with_defaults(values: D, keys: Iterable[str], where: str) -> D:
     known = described(values)
     typed = {key: text_of(known[key].default) if key in known else "" for key in list(keys) or known}
     return with_typed(values, typed, where)
-
-
-def with_undone(values: D, changes: Sequence[StoredChange], where: str) -> D:
-    """Return the dataclass with the newest changes taken back: those of one moment."""
-    known = [change for change in changes if change.key in described(values)]
-    if not known:
-        raise RequestError(f"{where}: nothing was changed", "Values are changed one by one, by key.")
-    newest = [change for change in known if change.utc == known[-1].utc]
-    return with_typed(values, {change.key: change.before for change in reversed(newest)}, where)
 
 
 def text_of(value: object) -> str:

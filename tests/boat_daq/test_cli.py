@@ -1,14 +1,19 @@
-"""The command line: start and interruption."""
+"""The command line: start, interruption, and the number of options."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from typing import Any
 
 import pytest
+import typer.main
 
-from boat_daq.cli import Commands
+from boat_daq.cli import Commands, app
+
+MOST_OPTIONS, MOST_OF_A_COMMAND = 250, 16
 
 INTERRUPTED_IN_A_CALLBACK = """
 import ctypes, os, signal, time
@@ -108,3 +113,19 @@ def test_what_ctrl_c_leaves_unfinished_prints_no_traceback() -> None:
     command = [sys.executable, "-c", UNFINISHED_OBJECTS]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.stderr.count("AttributeError") == 1
+
+
+def options_of(command: Any, name: str = "boat-daq") -> Iterator[tuple[str, list[str]]]:
+    """Yield every command with its options, without --help and --json, which each has."""
+    named = [p.opts[0] for p in command.params if p.param_type_name == "option"]
+    yield name, [option for option in named if option not in ("--help", "--json")]
+    for word, below in getattr(command, "commands", {}).items():
+        yield from options_of(below, f"{name} {word}")
+
+
+def test_a_person_can_learn_the_options() -> None:
+    """What nobody types is in a file or a setting: at most 250 options, 16 of a command."""
+    found = dict(options_of(typer.main.get_command(app)))
+    assert {"--scene", "--tolerance"} <= set(found["boat-daq optics trace"])
+    assert sum(map(len, found.values())) <= MOST_OPTIONS
+    assert {name: len(options) for name, options in found.items() if len(options) > MOST_OF_A_COMMAND} == {}

@@ -34,7 +34,7 @@ from analysis.figures.acceptance import LimitStatement, judge
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
 from analysis.figures.uncertainty import BudgetOfSensor
-from analysis.figures.unit_history import refuse_mixture
+from analysis.history.unit_history import refuse_mixture
 from analysis.json_object import json_object
 from analysis.numbers import finite
 from analysis.version import program_version

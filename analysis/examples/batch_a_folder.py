@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 
-from analysis.figures.batch import batch, write_table
+from analysis.history.batch import batch, write_table
 
 
 def main(folder: str, table: str, workers: int | None = None) -> int:

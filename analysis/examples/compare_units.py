@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 
 from analysis import AnalysisError, analyse, write_report
-from analysis.figures.between_runs import sensor_spread
+from analysis.history.between_runs import sensor_spread
 
 
 def main(report: str, runs: Sequence[str]) -> int:

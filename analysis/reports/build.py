@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 
 from analysis.conformity import Conformity
 from analysis.figures.acceptance import judge, worst_conformity
-from analysis.figures.between_runs import RunComparison, UnitComparison, compare_runs
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
+from analysis.history.between_runs import RunComparison, UnitComparison, compare_runs
 from analysis.numbers import rounded, with_uncertainty
 from analysis.progress import Progress
 from analysis.reports import drawings

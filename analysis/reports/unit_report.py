@@ -13,8 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
 from analysis import figure_style as style
-from analysis.figures.between_runs import UnitComparison
-from analysis.figures.unit_history import UnitHistory, due_first, time_of
+from analysis.history.between_runs import UnitComparison
+from analysis.history.unit_history import UnitHistory, due_first, time_of
 from analysis.numbers import rounded, with_uncertainty
 from analysis.progress import Progress
 from analysis.reports.document import Report, ReportDrawing, ReportTable, Section, date_of

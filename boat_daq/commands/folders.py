@@ -11,7 +11,7 @@ from boat_daq.commands.console import JsonOption, emit_json, notify, present, pr
 from boat_daq.commands.options import AllowRemoteOption, FolderArgument, SeedOption
 
 if TYPE_CHECKING:
-    from analysis.figures.unit_history import UnitHistory
+    from analysis.history.unit_history import UnitHistory
 
 
 _COLUMNS = ("run", "unit", "sensor", "cycles", "sensitivity_mv_per_mm", "snr_db", "error")
@@ -31,8 +31,8 @@ def batch(
 
     Example: boat-daq batch recordings --out table.csv
     """
-    from analysis.figures.batch import batch as run_batch
-    from analysis.figures.batch import write_table
+    from analysis.history.batch import batch as run_batch
+    from analysis.history.batch import write_table
 
     with progress_bar("Analysing") as advance:
         table = run_batch(
@@ -82,7 +82,7 @@ def history(
     """
     if to is not None and to.suffix.lower() not in (".html", ".pdf"):
         raise typer.BadParameter("must end in .html or .pdf", param_hint="--out")
-    from analysis.figures.unit_history import calibrations_in, due_first, unit_history
+    from analysis.history.unit_history import calibrations_in, due_first, unit_history
 
     with progress_bar("Analysing") as advance:
         found = calibrations_in(folder, unit, simulated=simulated, progress=advance)

@@ -82,7 +82,7 @@ def analyses_for(order: CertificateOrder, progress: Progress | None = None) -> t
     """Return the analyses of the recordings, and what the certificate states besides."""
     from analysis import Options, analyse, load_recording
     from analysis.certificates.certificate import Request
-    from analysis.figures.batch import readings_beside
+    from analysis.history.batch import readings_beside
 
     analyses, previous = [], []
     for number, run in enumerate(order.runs):

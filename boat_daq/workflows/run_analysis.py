@@ -31,9 +31,9 @@ def analysed_run(
 ) -> Analysis:
     """Return the analysis of a recording with the readings beside it; `curve` is a choice of `chosen_curve`."""
     from analysis import load_recording
-    from analysis.figures.batch import readings_beside
     from analysis.figures.pipeline import analyse
     from analysis.figures.sensor_analysis import Options
+    from analysis.history.batch import readings_beside
 
     recording = load_recording(path)
     type_b = stated_contributions(recording)

@@ -20,7 +20,7 @@ from protocol.base.arrays import FloatArray
 from protocol.base.errors import RequestError
 
 if TYPE_CHECKING:
-    from analysis.figures.unit_history import DatedCalibration, UnitHistory
+    from analysis.history.unit_history import DatedCalibration, UnitHistory
 
 _CURVE_POINTS = 41
 
@@ -55,7 +55,7 @@ def in_force_at_times(history: Sequence[StoredCalibration]) -> list[StoredCalibr
 
 def unit_over_time(unit: Unit) -> UnitOverTime:
     """Return a unit's calibrations over time; the check point is 0 mm, or the middle of the range that all share."""
-    from analysis.figures.unit_history import due_first, history_of
+    from analysis.history.unit_history import due_first, history_of
     from protocol.base.errors import BoatDaqError
 
     records = [record_of(unit, entry) for entry in in_force_at_times(unit.history)]
@@ -76,7 +76,7 @@ def unit_over_time(unit: Unit) -> UnitOverTime:
 
 
 def _dated(record: CalibrationRecord, sensor: int) -> DatedCalibration:
-    from analysis.figures.unit_history import DatedCalibration
+    from analysis.history.unit_history import DatedCalibration
 
     inverse = record.sensors[sensor].inverse()
     assert inverse.calibration is not None

@@ -12,7 +12,7 @@ import pytest
 
 from analysis import Options, analyse
 from analysis.data.load import load_recording
-from analysis.figures.batch import write_table
+from analysis.history.batch import write_table
 from analysis.numbers import neutral
 from analysis.reports.build import write_report
 from analysis.shadow.model.table import read_table

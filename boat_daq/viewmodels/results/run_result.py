@@ -235,7 +235,7 @@ def sample_run(
 
 def compare_runs(paths: list[Path], *, progress: Progress | None = None) -> tuple[RunResult, ...]:
     """Return the analyses of several recordings."""
-    from analysis.figures.unit_history import refuse_mixture
+    from analysis.history.unit_history import refuse_mixture
 
     found = [analyse_run(str(path), progress=part_of(progress, i, 1, len(paths))) for i, path in enumerate(paths)]
     refuse_mixture(run.simulated for run in found)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis import fit_calibration
-from analysis.figures.unit_history import DatedCalibration, UnitHistory, history_of
+from analysis.history.unit_history import DatedCalibration, UnitHistory, history_of
 from analysis.reports.html import render_html
 from analysis.reports.unit_report import curve_differences, unit_report, write_unit_report
 from protocol.base.errors import RequestError

@@ -10,7 +10,7 @@ import pytest
 from analysis.calibration.curve_choice import CurveCandidate
 from analysis.calibration.record import CalibrationRecord
 from analysis.fidelity import fidelity
-from analysis.figures.batch import readings_beside
+from analysis.history.batch import readings_beside
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.viewmodels.results import calibration

@@ -7,7 +7,7 @@ import datetime
 import numpy as np
 import pytest
 
-from analysis.figures.calibration_interval import proposed_interval
+from analysis.history.calibration_interval import proposed_interval
 
 START = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
 

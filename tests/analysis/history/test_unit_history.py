@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis import Options, analyse
-from analysis.figures.unit_history import en_scores, unit_history
+from analysis.history.unit_history import en_scores, unit_history
 from tests.analysis.boat_builder import Plant, Staircase
 
 

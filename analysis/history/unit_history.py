@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from analysis.calibration.fit import Calibration
-from analysis.figures.batch import readings_beside, runs_in
-from analysis.figures.calibration_interval import CalibrationInterval, proposed_interval
 from analysis.figures.pipeline import Analysis, analyse
+from analysis.history.batch import readings_beside, runs_in
+from analysis.history.calibration_interval import CalibrationInterval, proposed_interval
 from analysis.progress import Progress
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError, DataError, RequestError

@@ -9,7 +9,7 @@ import pytest
 
 from analysis import BoatDaqError
 from analysis.examples import batch_a_folder, calibrate_a_run, compare_units
-from analysis.figures.batch import batch, write_table
+from analysis.history.batch import batch, write_table
 from tests.analysis.boat_builder import Plant, Staircase, write_boat
 
 

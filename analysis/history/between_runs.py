@@ -16,7 +16,7 @@ import numpy as np
 
 from analysis.figures.pipeline import Analysis
 from analysis.figures.uncertainty import ElongationBudgets, middle_budgets
-from analysis.figures.unit_history import UnitHistory, refuse_mixture, unit_history
+from analysis.history.unit_history import UnitHistory, refuse_mixture, unit_history
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError, RequestError
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.figures.between_runs import one_way
+from analysis.history.between_runs import one_way
 from protocol.base.errors import RequestError
 
 

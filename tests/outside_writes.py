@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import ctypes
 import os
+import shlex
 import struct
+import subprocess
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -23,7 +25,10 @@ CACHES = (".pytest_cache", ".hypothesis", ".import_linter_cache", "out")  # and 
 HOMES = ("HOME", "USERPROFILE", "APPDATA", "LOCALAPPDATA")
 OTHER_HOMES = ("XDG_CONFIG_HOME", "XDG_CACHE_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME", "MPLCONFIGDIR", "BOAT_DAQ_HOME")
 FIXED_IN_TMP = ("XDG_RUNTIME_DIR", "DASK_TEMPORARY_DIRECTORY")  # without them Qt and Dask use a fixed name in /tmp
+KEYMAPS = Path("/var/lib/xkb")  # where Xvfb, started by root, compiles its keymap
 SHOTS = "BOAT_DAQ_SHOTS"  # a folder for the screenshots of tests/system
+
+MOUNTER = pytest.StashKey["Mounter"]()
 
 # linux/landlock.h
 _CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
@@ -70,6 +75,27 @@ def write_only_in(folders: Iterable[Path]) -> None:
     os.close(ruleset)
 
 
+class Mounter:
+    """A shell that is started before this process is confined: the kernel refuses mounts to a confined process."""
+
+    def __init__(self) -> None:
+        self._shell = subprocess.Popen(["sh"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1)
+
+    def run(self, *command: str) -> tuple[int, str]:
+        """Run mount or umount; return its exit code and its messages."""
+        assert self._shell.stdin is not None
+        assert self._shell.stdout is not None
+        self._shell.stdin.write(f"{shlex.join(command)} 2>&1; echo exit $?\n")
+        text = ""
+        while not (line := self._shell.stdout.readline()).startswith("exit "):
+            text += line
+        return int(line.split()[1]), text.strip()
+
+    def close(self) -> None:
+        """End the shell."""
+        self._shell.communicate()
+
+
 def own_folders(config: pytest.Config) -> list[Path]:
     """Return the folders in which this run may write; caches are made."""
     caches = [config.rootpath / name for name in CACHES]
@@ -78,6 +104,7 @@ def own_folders(config: pytest.Config) -> list[Path]:
         cache.mkdir(exist_ok=True)
     given = [config.option.basetemp, config.getoption("xmlpath", None), os.environ.get(SHOTS)]
     parents = [Path(path).absolute().parent for path in given if path]
+    parents += [KEYMAPS] if KEYMAPS.is_dir() else []
     return [
         *caches, *parents, *(Path(name) for name in ("/dev", "/proc", sys.prefix, "/tmp")),
         Path(tempfile.gettempdir()),
@@ -117,6 +144,9 @@ def pytest_configure(config: pytest.Config) -> None:
         home = ExitStack()
         home.enter_context(temporary_home())
         config.add_cleanup(home.close)
+    if sys.platform == "linux":
+        config.stash[MOUNTER] = Mounter()
+        config.add_cleanup(config.stash[MOUNTER].close)
     starts_workers = getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput")
     if landlock_version() >= _LEAST_VERSION and not starts_workers:
         write_only_in(own_folders(config))

@@ -30,6 +30,7 @@ from tests.boat_daq.engine.recording_source import Source, begin, reading
 from tests.faults.drill import OVER, ROOT, SHORT, drill, needs_pty
 from tests.faults.nightly_counts import few_and_many
 from tests.faults.old_recordings import write_recording
+from tests.outside_writes import MOUNTER, Mounter
 
 LONG = dataclasses.replace(SHORT, cycles=40)
 needs_tmpfs = pytest.mark.skipif(
@@ -37,19 +38,24 @@ needs_tmpfs = pytest.mark.skipif(
 )
 
 
+@pytest.fixture
+def mounter(pytestconfig: pytest.Config) -> Mounter:
+    """What can mount and unmount."""
+    return pytestconfig.stash[MOUNTER]
+
+
 @contextmanager
-def small_disk(folder: Path, megabytes: int) -> Iterator[Path]:
+def small_disk(mounter: Mounter, folder: Path, megabytes: int) -> Iterator[Path]:
     """Mount a file system of that size; skip the test where mounting is refused."""
     place = folder / "disk"
     place.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", f"size={megabytes}m", "tmpfs", str(place)]
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        pytest.skip(f"no tmpfs can be mounted here: {done.stderr.strip()}")
+    code, text = mounter.run("mount", "-t", "tmpfs", "-o", f"size={megabytes}m", "tmpfs", str(place))
+    if code:
+        pytest.skip(f"no tmpfs can be mounted here: {text}")
     try:
         yield place
     finally:
-        subprocess.run(["umount", "--lazy", str(place)], check=True)
+        assert mounter.run("umount", "--lazy", str(place))[0] == 0
 
 
 def fill(place: Path, leave_bytes: int) -> None:
@@ -66,9 +72,9 @@ def fill(place: Path, leave_bytes: int) -> None:
 @needs_pty
 @needs_tmpfs
 @pytest.mark.fault(28, how="a tmpfs of 64 MB filled up in a run under pressure, over a pty", times=1)
-def test_full_disk_stops_the_run(tmp_path: Path) -> None:
+def test_full_disk_stops_the_run(mounter: Mounter, tmp_path: Path) -> None:
     """The run is aborted and vented with a message; what was written opens and is identical to its bytes."""
-    with small_disk(tmp_path, 64) as place:
+    with small_disk(mounter, tmp_path, 64) as place:
         with drill(tmp_path, home=place) as found:
             found.start(LONG)
             found.wait(lambda s: s.recorded_s > 10 and s.last is not None and abs(s.last.pressure_kpa) > 5)
@@ -89,12 +95,12 @@ def test_full_disk_stops_the_run(tmp_path: Path) -> None:
 @needs_tmpfs
 @pytest.mark.parametrize("instants", few_and_many(28, "a tmpfs filled at random instants while it is written", 3, 60))
 def test_disk_full_at_any_instant_loses_no_acknowledged_sample(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, instants: int
+    mounter: Mounter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, instants: int
 ) -> None:
     """At any instant: one error, acknowledged samples are stored, the others as soon as space is free again."""
     monkeypatch.setattr(recording_file, "SPACE_FLOOR_BYTES", 0)
     rng = random.Random(instants)
-    with small_disk(tmp_path, 8) as place:
+    with small_disk(mounter, tmp_path, 8) as place:
         for number in range(instants):
             source, errors = Source(), []
             path = place / f"{number}.boat"
@@ -139,12 +145,12 @@ def test_removed_folder_ends_the_run(tmp_path: Path) -> None:
 
 @needs_tmpfs
 @pytest.mark.fault(29, how="a tmpfs that is read-only: a recording begun, read and recovered there", times=3)
-def test_read_only_disk_is_read_and_not_written(tmp_path: Path) -> None:
+def test_read_only_disk_is_read_and_not_written(mounter: Mounter, tmp_path: Path) -> None:
     """No recording is begun there; those on it can be read, and are not recovered in place."""
-    with small_disk(tmp_path, 8) as place:
+    with small_disk(mounter, tmp_path, 8) as place:
         path = write_recording(place / "run.boat")
         samples = summarise(path).samples
-        subprocess.run(["mount", "-o", "remount,ro", str(place)], check=True, capture_output=True)
+        assert mounter.run("mount", "-o", "remount,ro", str(place))[0] == 0
         with pytest.raises(StorageError, match="cannot write in"):
             RecordingFile.create(place / "second.boat", meta_of(Source().link))
         with pytest.raises(StorageError, match="cannot be written"):

@@ -52,7 +52,7 @@ def controller(*, whole: bool) -> dict[str, Any]:
     return ended
 
 
-def recording(folder: Path, *, whole: bool) -> dict[str, Any]:
+def recording(folder: Path) -> dict[str, Any]:
     """A run that its board leaves in mid-cycle, what is known of it, and the same run resumed to its end."""
     from boat_daq.engine.plan import built_in_plans
     from boat_daq.engine.recording.resumption import prepare_resumption
@@ -62,8 +62,7 @@ def recording(folder: Path, *, whole: bool) -> dict[str, Any]:
     from boat_daq.workflows.run_session import SessionRequest, run_session
 
     path = folder / "run.boat"
-    cycles = 3 if whole else 2
-    plan = dataclasses.replace(built_in_plans()["repeatability"], cycles=cycles, ramp_kpa_per_s=40.0)
+    plan = dataclasses.replace(built_in_plans()["repeatability"], cycles=3, ramp_kpa_per_s=40.0)
     with serve(BoardSettings(speed=20.0, faults=("estop@20:1",))) as board:
         _, first, _ = run_session(SessionRequest(board.url, path, plan))
     broken, end = prepare_resumption(path), summarise(path).run_end
@@ -154,7 +153,7 @@ def journeys(folder: Path, extent: str) -> str:
     folder.mkdir(parents=True)
     whole = extent == "whole"
     outcome: dict[str, Any] = {
-        "controller": controller(whole=whole), "recording": recording(folder, whole=whole),
+        "controller": controller(whole=whole), "recording": recording(folder),
         "analysis": analysis(folder, whole=whole), "window": window(folder, whole=whole),
     }  # fmt: skip
     outcome["sentences"] = scrambled_text.ScrambledLoader.total

@@ -131,9 +131,7 @@ class Controller:
     def tick(self, now_ns: int, heard_ns: int | None = None) -> None:
         """Do what is due by time alone: feed the watchdog, repeat a vent, detect silence. Called every 10 to 50 ms.
 
-        Parameters
-        ----------
-        heard_ns : time by which all that had arrived was read; by default `now_ns`.
+        `heard_ns`: time by which all that had arrived was read; by default `now_ns`.
         """
         self.board.now_ns = now_ns
         heard_ns = now_ns if heard_ns is None else heard_ns
@@ -223,10 +221,7 @@ class Controller:
         self._act()
 
     def vent(self, cause: str = BY_OPERATOR, *, sent: bool = False) -> None:
-        """Vent now, in any state, even while another vent is unacknowledged.
-
-        `sent`: the command was sent already.
-        """
+        """Vent now, in any state, even while another vent is unacknowledged. `sent`: the command was sent already."""
         self.board.forget_pending()
         self.target_kpa = self.loop = None
         self._unanswered = None

@@ -1,10 +1,9 @@
 """Feed the board's watchdog, measure how fast its clock runs, and notice when its samples stop.
 
 The watchdog counts board time. A virtual board at 100 times real time gives a host 100 times less of its own: so the
-watchdog is fed by the board's clock, as the samples show it, and the longest timeout the protocol has is taken for a
-board that runs faster than the host. At SPEED x, 5000 ms of board time are 5000/SPEED ms here, fed at every tenth: at
-100x there are 50 ms, and the reading thread may be kept waiting for 45 of them. Where the computer is too busy for
-that, the board vents, as it should, and the message proposes a lower speed."""
+watchdog is fed by the board's clock, as the samples show it, and a board that runs faster than the host has the longest
+timeout of the protocol, fed at every tenth: at 100x 50 ms here. Where the computer is too busy for that, the board
+vents, and the message proposes a lower speed."""
 
 from __future__ import annotations
 

@@ -134,9 +134,7 @@ class SecopNode:
     def answer(self, line: str, *, may_control: bool = False) -> Iterator[str]:
         """Yield the lines that answer a request, in order; `activate` and `deactivate` are the carrier's to act on.
 
-        Parameters
-        ----------
-        may_control : whether this client has sent the token.
+        `may_control`: whether this client has sent the token.
         """
         found = _REQUEST.fullmatch(line.strip())
         action, where, data = (found[1], found[2] or "", found[3]) if found else ("request", "", None)

@@ -73,10 +73,6 @@ class SecopServer:
     address : host and port; port 0 for a free one.
     token : what a client sends as ``_authenticate TOKEN`` before control, and beyond loopback before anything.
     hold_s : how long a pressure is held after the client that set it has left, s; inf holds it.
-
-    Raises
-    ------
-    RequestError : no token for control or an address beyond loopback; the address cannot be listened on.
     """
 
     def __init__(
@@ -301,12 +297,7 @@ def is_loopback(host: str) -> bool:
 
 
 def read_token(path: Path) -> str:
-    """Return the token of a file.
-
-    Raises
-    ------
-    RequestError : it cannot be read, can be read by others, or is too short to be one.
-    """
+    """Return the token of a file."""
     try:
         if os.name == "posix" and stat.S_IMODE(path.stat().st_mode) & 0o077:
             raise RequestError(f"{path} can be read by other users", f"chmod 600 {path}")
@@ -320,12 +311,7 @@ def read_token(path: Path) -> str:
 
 
 def own_token(path: Path) -> str:
-    """Return the token of this user's file, which is made where there is none.
-
-    Raises
-    ------
-    RequestError : as `read_token`; it cannot be written.
-    """
+    """Return the token of this user's file, which is made where there is none."""
     if not path.exists():
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -171,8 +171,7 @@ class Session:
     ) -> None:
         """Open a port and identify the board there; return at once.
 
-        `snapshot().link` becomes OPENING and then UP, or FAILED with `link_error`: no such port, busy, no permission,
-        silent for 2.5 s, not a BOAT board, another protocol version.
+        `snapshot().link` becomes OPENING and then UP, or FAILED with `link_error`.
 
         Parameters
         ----------
@@ -365,13 +364,8 @@ class Session:
     ) -> Reading:
         """Keep a reading for a plateau.
 
-        A second one for the same step corrects the first, which stays in the file.
-
-        Parameters
-        ----------
-        elongation_mm : None withdraws the reading.
-        source : "typed", "csv", "photograph", "simulated" ...
-        resolution_mm : of the grid; the setting's when None.
+        A second one for the same step corrects the first, which stays in the file; an elongation of None withdraws it.
+        `source` is "typed", "csv", "photograph", "simulated" ...; `resolution_mm` is the setting's when None.
         """
         resolution = self.settings.resolution_mm if resolution_mm is None else resolution_mm
         reading = Reading(step_id, elongation_mm, resolution, source, now_utc(), reader, note)

@@ -105,6 +105,7 @@ def read_log(database: Path) -> WriteAheadLog | None:
     ok = max((_verified(frames, heads, seeds, order) for order in orders), key=np.count_nonzero)
     salts = head[4:6] if header_valid else _first_salts(heads, ok)
     n = _current(heads, salts)
+    n -= _never_committed(heads[:n], salts, ok[:n])
     behind = np.concatenate([[not header_valid], ~ok[:-1]])[: len(ok)]
     unproven = ~ok & behind & (heads[:, 2:4] == salts).all(axis=1)
     return WriteAheadLog(
@@ -166,6 +167,17 @@ def _first_salts(heads: IntArray, ok: BoolArray) -> Any:
         if k == 0 or (heads[k, 2:4] == heads[k - 1, 2:4]).all():
             return heads[k, 2:4]
     return np.array([-1, -1])
+
+
+def _never_committed(heads: IntArray, salts: IntArray, ok: BoolArray) -> int:
+    """Return how many frames at the end belong to a commit whose last frame was not begun.
+
+    The page of the last one may be of before: a killed program had written its header only.
+    """
+    ends = np.flatnonzero(ok & (heads[:, 1] > 0))
+    rest = heads[int(ends[-1]) + 1 if len(ends) else 0 :]
+    begun = (rest[:, 1] == 0).all() and (rest[:, 2:4] == salts).all()
+    return len(rest) if begun and len(ends) else 0
 
 
 def _current(heads: IntArray, salts: IntArray) -> int:

@@ -219,6 +219,19 @@ def test_what_is_missing_is_said_by_every_reader(killed: Killed, tmp_path: Path)
     assert recover(target).missing == summarise(target).missing
 
 
+def test_frame_that_a_killed_program_had_begun_is_no_damage(killed: Killed, tmp_path: Path) -> None:
+    """It writes header and page by themselves: over an older frame, the older page stays."""
+    sound = read_log(left(tmp_path, killed.database, killed.log))
+    assert sound is not None
+    end = 32 + len(sound.frames) * FRAME
+    header = killed.log[end - FRAME :][:4] + bytes(4) + killed.log[16:24] + bytes(range(8))
+    log = killed.log[:end] + header + bytes(range(256)) * 16 + killed.log[end + FRAME :]
+    path = left(tmp_path, killed.database, log)
+    recovery = recover(path)
+    assert (recovery.status, recovery.damaged, recovery.samples) == ("recovered", (), len(killed.samples))
+    assert verify_recording(path).identical
+
+
 @pytest.mark.fault(59, how="a damaged log before something is added to the recording", times=1)
 def test_nothing_opens_a_damaged_log_for_writing(killed: Killed, tmp_path: Path) -> None:
     """SQLite would keep what is before the damage and remove the rest."""

@@ -75,6 +75,7 @@ class Inverse:
     noise_mm, shared_mm : [U_NODES] standard uncertainty at equally spaced u, by the noise of one signal, and by what
         the sensors of one unit share in part (curve, reading, model); at most the width of the range.
     reference : type B contributions: a constant, mm, and a share of x, which add in squares.
+    u_void : why U is not known; `noise_mm` and `shared_mm` are then what is known, which weighs the sensors alone.
     """
 
     x_range: tuple[float, float]
@@ -86,6 +87,7 @@ class Inverse:
     half_division_mm: float = 0.0
     reference: tuple[float, float] = (0.0, 0.0)
     calibration: Calibration | None = None
+    u_void: str = ""
 
     @classmethod
     def of(
@@ -97,6 +99,7 @@ class Inverse:
         half_loop: npt.ArrayLike = 0.0,
         reading_sd: float = 0.0,
         type_b: tuple[TypeBContribution, ...] = (),
+        u_void: str = "",
     ) -> Inverse:
         """Prepare the inverse. DataError: the curve turns inside its range, or is refused for its lack of fit.
 
@@ -120,7 +123,7 @@ class Inverse:
         half_division = calibration.reading.grid / 2.0 if calibration.reading is not None else 0.0
         nodes = signal_at(np.linspace(-1.0, 1.0, NODES), starts, powers)
         terms = reference_terms(type_b)
-        return cls(calibration.x_range, starts, powers, nodes, *parts, half_division, terms, calibration)
+        return cls(calibration.x_range, starts, powers, nodes, *parts, half_division, terms, calibration, u_void)
 
     def __call__(self, signal: npt.ArrayLike, *, clamp: bool = False) -> FloatArray:
         """Return x for every signal, of any shape; NaN outside the range, or its end with `clamp`."""
@@ -142,7 +145,11 @@ class Inverse:
         return low, high
 
     def standard_uncertainty(self, x: npt.ArrayLike) -> FloatArray:
-        """Return u(x) of one new reading: noise, curve and reference, half of U where the curve misses."""
+        """Return u(x) of one new reading: noise, curve and reference, half of U where the curve misses; NaN unknown."""
+        return np.full(np.shape(x), np.nan) if self.u_void else self.known_u(x)
+
+    def known_u(self, x: npt.ArrayLike) -> FloatArray:
+        """Return u(x) of what is known: u itself, unless `u_void` says that more is not."""
         noise, shared = self.parts(x)
         return np.asarray(np.sqrt(noise**2 + shared**2 + self.reference_u(x) ** 2), dtype=np.float64)
 
@@ -160,7 +167,7 @@ class Inverse:
         """Return x with its uncertainty, and where it is outside the range or a little beyond its end."""
         values = np.asarray(signal, dtype=np.float64)
         inside, end = self(values), self(values, clamp=True)
-        uncertainty = self.standard_uncertainty(end)
+        uncertainty = self.known_u(end)
         past = np.isnan(inside) & ~np.isnan(values)
         x, beyond = end if clamp else inside, np.zeros(values.shape, dtype=bool)
         if past.any():
@@ -173,7 +180,8 @@ class Inverse:
             x = np.where(beyond, end + tangent, x)
         outside = np.asarray(past & ~beyond, dtype=bool)
         none = np.zeros(x.shape, dtype=bool)
-        return ElongationEstimate(x, np.where(np.isnan(x), np.nan, uncertainty), outside, beyond, none)
+        stated = np.where(np.isnan(x) | bool(self.u_void), np.nan, uncertainty)
+        return ElongationEstimate(x, stated, outside, beyond, none)
 
 
 def signal_at(u: FloatArray, starts: FloatArray, powers: FloatArray) -> FloatArray:
@@ -237,11 +245,22 @@ class Fusion:
             correlation = np.eye(len(inverses))
         return cls(inverses, np.atleast_2d(correlation))
 
+    @property
+    def u_void(self) -> str:
+        """Why U is not known: of no sensor; "" otherwise."""
+        return self.inverses[0].u_void if all(inverse.u_void for inverse in self.inverses) else ""
+
+    @property
+    def used(self) -> tuple[bool, ...]:
+        """Whether each sensor takes part: all, or those whose U is known."""
+        return tuple(bool(self.u_void) or not inverse.u_void for inverse in self.inverses)
+
     def evaluate(self, signal_mv: npt.ArrayLike, *, clamp: bool = False) -> ElongationEstimate:
         """Return the fused elongation of signals [..., sensors].
 
         Sensors outside their range do not take part; if all are outside, x is NaN (or clamped). `beyond`: one beyond
         the end of its range takes part; `disagreement`: two sensors differ by more than 4 sigma of their difference.
+        A sensor whose U is not known takes part only if no other's is, and U is then NaN.
         """
         signal = np.asarray(signal_mv, dtype=np.float64)
         if signal.shape[-1:] != (len(self.inverses),):
@@ -249,9 +268,15 @@ class Fusion:
                 f"signals of shape {signal.shape} do not fit {len(self.inverses)} sensors",
                 "The last axis is the sensor.",
             )
+        if not all(self.used):
+            signal = np.where(self.used, signal, np.nan)
         each = [inverse.evaluate(signal[..., i]) for i, inverse in enumerate(self.inverses)]
         x = np.stack([p.elongation_mm for p in each], axis=-1)
-        u = np.stack([p.standard_uncertainty_mm for p in each], axis=-1)
+        if self.u_void:
+            inside = (np.clip(x[..., i], *inverse.x_range) for i, inverse in enumerate(self.inverses))
+            u = np.stack([inv.known_u(end) for inv, end in zip(self.inverses, inside, strict=True)], axis=-1)
+        else:
+            u = np.stack([p.standard_uncertainty_mm for p in each], axis=-1)
         known = np.isfinite(x)
         weight = np.where(known, 1.0 / np.where(known, u, 1.0) ** 2, 0.0)
         total = weight.sum(axis=-1)
@@ -265,8 +290,10 @@ class Fusion:
         outside = np.asarray(none & np.isfinite(signal).any(axis=-1), dtype=bool)
         if clamp and none.any():
             ends = np.stack([inv(signal[..., i], clamp=True) for i, inv in enumerate(self.inverses)], axis=-1)
-            fused = np.where(outside, ends[..., 0], fused)
+            fused = np.where(outside, ends[..., self.used.index(True)], fused)
         beyond = np.asarray(np.stack([p.beyond for p in each], axis=-1).any(axis=-1), dtype=bool)
+        if self.u_void:
+            return ElongationEstimate(fused, np.full(fused.shape, np.nan), outside, beyond, np.zeros_like(none))
         return ElongationEstimate(fused, spread, outside, beyond, self._disagreement(x, u))
 
     def _disagreement(self, x: FloatArray, u: FloatArray) -> BoolArray:

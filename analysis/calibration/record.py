@@ -35,6 +35,7 @@ class SensorRecord:
     ambient_mv : [n] error by ambient light that a position has in every cycle; None without one.
     noise_mv, between_cycles_mv : sd of one signal, None for the residual sd of the fit; sd from cycle to cycle.
     half_loop_mv : half the width of the loop at equally spaced elongations.
+    u_reason : why U is not known; `between_cycles_mv` and `half_loop_mv` are NaN where they were not assessed.
     fitted : the calibration of the run, if the record was not read from a file.
     """
 
@@ -52,13 +53,16 @@ class SensorRecord:
     type_b: Mapping[str, Any] = field(default_factory=dict)
     figures: Mapping[str, float] = field(default_factory=dict)
     void: str = ""
+    u_reason: str = ""
     fitted: Calibration | None = None
 
     @classmethod
     def parse(cls, stored: Mapping[str, Any]) -> SensorRecord:
         """Return the record of a sensor of a stored calibration."""
         between, half_loop = stored.get("between_cycles_mv"), stored.get("half_loop_mv")
-        if between is None or half_loop is None:  # the loop's rms is in the model
+        if u_reason := str(stored.get("u_reason") or ""):
+            between, half_loop = (np.nan if one is None else one for one in (between, half_loop))
+        elif between is None or half_loop is None:  # the loop's rms is in the model
             between, half_loop = stored.get("model_mv") or 0.0, 0.0
         return cls(
             name=str(stored.get("name", "")),
@@ -74,6 +78,7 @@ class SensorRecord:
             half_loop_mv=np.atleast_1d(np.asarray(half_loop, dtype=np.float64)),
             type_b=stored.get("type_b") or {},
             figures=stored.get("figures") or {},
+            u_reason=u_reason,
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -89,7 +94,8 @@ class SensorRecord:
             "noise_mv": self.noise_mv,
             "model_mv": float(np.sqrt(self.between_cycles_mv**2 + np.mean(self.half_loop_mv**2))),
             "between_cycles_mv": self.between_cycles_mv,
-            "half_loop_mv": self.half_loop_mv.tolist(),
+            "half_loop_mv": self.half_loop_mv.tolist() if np.isfinite(self.half_loop_mv).all() else None,
+            "u_reason": self.u_reason,
             "type_b": dict(self.type_b),
             "figures": dict(self.figures),
         }
@@ -117,8 +123,8 @@ class SensorRecord:
         from analysis.calibration.inverse import Inverse
 
         return Inverse.of(
-            self.calibration(), noise_sd=self.noise_mv, model_sd=self.between_cycles_mv, half_loop=self.half_loop_mv,
-            type_b=contributions(self.type_b),
+            self.calibration(), noise_sd=self.noise_mv, model_sd=float(np.nan_to_num(self.between_cycles_mv)),
+            half_loop=np.nan_to_num(self.half_loop_mv), type_b=contributions(self.type_b), u_void=self.u_reason,
         )  # fmt: skip
 
 

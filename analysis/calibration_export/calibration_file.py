@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from protocol.base.errors import BoatDaqError, DataError, FileError
 from protocol.base.regular_file import read_regular
 from protocol.base.uncertainty import COVERAGE_FACTOR
 
-_FORMAT, _VERSION = "boat-daq calibration", 1
+_FORMAT, _VERSION = "boat-daq calibration", 2  # 1 where every U is known: its readers know no other
 MOST_BYTES = 4_000_000
 MOST_SENSORS, MOST_PIECES, MOST_POWERS = 16, 64, 11
 _HEAD = (
@@ -105,6 +105,8 @@ class CalibrationFile:
             verdict = (sensor["adequacy"] or {}).get("verdict", "")
             if verdict not in ("", "adequate"):
                 found.append(f"{sensor['name']}: the curve is {verdict}, and U is widened by what it misses")
+            if sensor.get("u_reason"):
+                found.append(f"{sensor['name']}: U is not known: {sensor['u_reason']}")
         warned = [" ".join(filter(None, (w.get("subject"), w.get("text")))) for w in self.head["warnings"]]
         return (*found, f"an elongation is {self.head['traceability']}", *warned)
 
@@ -123,7 +125,7 @@ class CalibrationFile:
         constant, relative = fusion.inverses[0].reference if fusion is not None else (0.0, 0.0)
         return {
             "format": _FORMAT,
-            "version": _VERSION,
+            "version": _VERSION if any(sensor.get("u_reason") for sensor in sensors) else 1,
             **self.head,
             "units": {"signal": "mV", "elongation": "mm", "noise_mm, shared_mm": "mm, standard uncertainty (k = 1)"},
             "coverage_factor": COVERAGE_FACTOR,
@@ -144,7 +146,8 @@ def _sensor(record: SensorRecord, u_mm: list[Any]) -> Mapping[str, Any]:
     return {
         "name": record.name,
         "adequacy": adequacy.as_json() if adequacy is not None else None,
-        "u_elongation_mm": u_mm,
+        "u_elongation_mm": u_mm or None,
+        "u_reason": record.u_reason,
         "fit": record.fit or None,
     }
 
@@ -199,7 +202,10 @@ def _parsed(content: Mapping[str, Any]) -> CalibrationFile:
         return CalibrationFile(head, kept, None, void)
     terms = _typed(content, "reference_u", dict)
     reference = (_number(terms, "constant_mm", least=0.0), _number(terms, "relative", least=0.0))
-    inverses = tuple(_inverse(sensor.get("inverse"), sensor["name"], reference) for sensor in sensors)
+    inverses = tuple(
+        replace(_inverse(sensor.get("inverse"), sensor["name"], reference), u_void=str(sensor.get("u_reason") or ""))
+        for sensor in sensors
+    )
     correlation = _array(content, "correlation", (len(sensors), len(sensors)))
     if np.abs(correlation).max() > 1.0 + 1e-9 or not np.allclose(correlation, correlation.T):
         raise _DamageError("correlation is no matrix of correlations")

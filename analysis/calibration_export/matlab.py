@@ -25,6 +25,8 @@ def matlab_function(calibration: CalibrationFile) -> str:
                 for number, inverse in enumerate(fusion.inverses)
             ],
             correlation=fusion.correlation.tolist(),
+            left_out=[number + 1 for number, used in enumerate(fusion.used) if not used],
+            u_known=not fusion.u_void,
             reference=fusion.inverses[0].reference,
             beyond=BEYOND_SIGMA,
             disagreement=DISAGREEMENT_SIGMA,

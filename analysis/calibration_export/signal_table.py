@@ -64,5 +64,7 @@ def table_csv(calibration: CalibrationFile, error_mm: float = USUAL_ERROR_MM) ->
         signal, x = signal_table(inverse, error_mm)
         u = COVERAGE_FACTOR * inverse.standard_uncertainty(x)
         rows = zip(signal.tolist(), x.tolist(), u.tolist(), strict=True)
-        lines += [f"{sensor['name']},{y!r},{at!r},{spread:.6g}" for y, at, spread in rows]
+        lines += [
+            f"{sensor['name']},{y!r},{at!r},{'' if np.isnan(spread) else f'{spread:.6g}'}" for y, at, spread in rows
+        ]
     return "\n".join(lines) + "\n"

@@ -33,7 +33,7 @@ from analysis.conformity import RULE
 from analysis.figures.acceptance import LimitStatement, judge
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
-from analysis.figures.uncertainty import BudgetOfSensor
+from analysis.figures.uncertainty import BudgetOfSensor, signal_parts
 from analysis.history.unit_history import refuse_mixture
 from analysis.json_object import json_object
 from analysis.numbers import finite
@@ -316,6 +316,10 @@ def _item(
     ]
     if all(sensor.void for sensor in sensors):
         cause = f"{recording.source or 'the run'} has no calibration to certify: {sensors[0].void}"
+        if any(
+            one.calibration is not None and signal_parts(analysis, i).void for i, one in enumerate(analysis.sensors)
+        ):
+            raise DataError(cause, "Run three cycles or more, and read both branches.")
         raise DataError(cause, "Calibrate the unit, or choose another curve.")
     begun, ended = (str(recording.meta.get(key) or "")[:10] for key in ("started_utc", "ended_utc"))
     if recording.meta.get("imported_from") is not None:
@@ -345,6 +349,8 @@ def _sensor(analysis: Analysis, index: int, before: Mapping[str, Any], limits: M
         raise_without_inverse(calibration)
     except BoatDaqError as error:
         return CalibratedSensor(sensor.name, error.cause)
+    if unknown := signal_parts(analysis, index).void:
+        return CalibratedSensor(sensor.name, f"its U is not known: {unknown}")
     found = None
     if before:
         try:

@@ -49,7 +49,7 @@ _STOPS = {
         "check the sensors, or choose setpoints further inside the range",
     ),
     StopCode.UNCERTAIN: (
-        "the uncertainty of the elongation is {u:.2f} mm, above its bound of {bound:g} mm",
+        "the uncertainty of the elongation is {u:.2f} mm (nan: not known), its bound {bound:g} mm",
         "choose setpoints where the sensors are steeper, or raise the bound",
     ),
     StopCode.NOT_FOLLOWING: (
@@ -234,7 +234,7 @@ class ElongationController:
         present = {
             StopCode.UNKNOWN: not math.isfinite(found.mm),
             StopCode.DISAGREEMENT: found.disagreement,
-            StopCode.UNCERTAIN: found.u_mm > bounds.u_mm,
+            StopCode.UNCERTAIN: math.isfinite(found.mm) and not found.u_mm <= bounds.u_mm,
             StopCode.NOT_FOLLOWING: abs(error) > bounds.deviation_mm,
         }
         for code, now in present.items():

@@ -72,7 +72,7 @@ class Analysis(AnalysedRun):
     warnings: tuple[Warning, ...]
     budgets: ElongationBudgets | None
     u_elongation: tuple[FloatArray, ...]
-    u_elongation_void: tuple[str, ...]
+    u_reason: tuple[str, ...]
     parts: tuple[Part, ...]
     camera: CameraFigures | None = None
     lab_figures: tuple[LabFigure, ...] = ()
@@ -113,8 +113,8 @@ class Analysis(AnalysedRun):
             "excursions_left_out": len(self.cycles.excursions),
             "plateaus": len(self.plateaus),
             "sensors": [
-                {**sensor.as_json(), "u_elongation_mm": u.tolist(), "u_elongation_void": why}
-                for sensor, u, why in zip(self.sensors, self.u_elongation, self.u_elongation_void, strict=True)
+                {**sensor.as_json(), "u_elongation_mm": u.tolist() if u.size else None, "u_reason": why}
+                for sensor, u, why in zip(self.sensors, self.u_elongation, self.u_reason, strict=True)
             ],
             "system_sensitivity_mv_per_mm": self.system_sensitivity.value,
             "actuator_hysteresis_percent": {
@@ -186,7 +186,7 @@ def analyse(
         warnings=(*(film.warnings if film else ()), *left_out, *run_warnings(run, sensors)),
         budgets=middle_budgets(analysed),
         u_elongation=tuple(u for u, _ in over_x),
-        u_elongation_void=tuple(why for _, why in over_x),
+        u_reason=tuple(why for _, why in over_x),
         parts=tuple(_part(run, part) for part in parts) if len(parts) > 1 else (),
         camera=_camera(film, run, sensors) if film is not None else None,
     )

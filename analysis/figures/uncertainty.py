@@ -9,7 +9,7 @@ and is not zero. The expanded uncertainty uses k = 2, with a statement of its tr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,6 +22,7 @@ from analysis.calibration.curve_choice import CURVES, CurveCandidate, degree_of
 from analysis.calibration.fit import Calibration
 from analysis.calibration.inverse import raise_without_inverse
 from analysis.calibration.type_b import Traceability, TypeBContribution, not_assessed, traceability
+from analysis.figures.figure import Figure
 from analysis.figures.sensor_analysis import AnalysedRun, with_curve
 from analysis.json_object import json_object
 from analysis.numbers import percent
@@ -30,6 +31,8 @@ from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError, DataError
 from protocol.base.uncertainty import COVERAGE_FACTOR
 
+ONE_CYCLE = "one cycle gives no uncertainty: run three"
+NOT_READ = "no elongation was read"
 _CURVE_POINTS = 41
 KNOWN_COURSE = 4.0
 """Times the square of the error of a loop's width: below it the mean square of the loop tells nothing of its course."""
@@ -58,12 +61,16 @@ class Component:
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """A combined budget. `u` standard, `expanded` with k = 2, `dof` effective; `traceability` of an elongation."""
+    """A combined budget. `u` standard, `expanded` with k = 2, `dof` effective; `traceability` of an elongation.
+
+    `void` says which component that U rests on was not assessed: U is then not known, and NaN.
+    """
 
     components: tuple[Component, ...]
     u: float
     dof: float
     traceability: Traceability | None = None
+    void: str = ""
 
     @property
     def expanded(self) -> float:
@@ -85,6 +92,8 @@ class Budget:
 
     def what_halves_it(self) -> str:
         """Return which single component halves the uncertainty when removed, or that none does."""
+        if self.void:
+            return ""
         shares = self.shares()
         name, share = next(iter(shares.items()))
         if share >= 0.75:
@@ -101,6 +110,7 @@ class Budget:
         return {
             "components": lines,
             **json_object(self, "standard_uncertainty_mm=u", "expanded_uncertainty_mm=expanded"),
+            "void": self.void,
             "coverage_factor": COVERAGE_FACTOR,
             "effective_dof": self.dof,
             "what_halves_it": self.what_halves_it(),
@@ -119,7 +129,11 @@ def combine(components: Sequence[Component], traced: Traceability | None = None)
 
 @dataclass(frozen=True, slots=True)
 class SignalParts:
-    """Standard uncertainties of a signal, mV, each without the others; `half_loop` at equally spaced x."""
+    """Standard uncertainties of a signal, mV, each without the others; `half_loop` at equally spaced x.
+
+    What was not assessed is NaN, and `void` says why U is then not known. A drift that two cycles cannot show is NaN
+    too: what they differ by is in the repeatability.
+    """
 
     noise: float
     resolution: float
@@ -129,6 +143,7 @@ class SignalParts:
     half_loop: FloatArray
     noise_dof: float
     repeatability_dof: float
+    void: str = ""
 
     @property
     def independent(self) -> float:
@@ -138,7 +153,7 @@ class SignalParts:
     @property
     def between_cycles(self) -> float:
         """What differs from cycle to cycle."""
-        return float(np.hypot(self.repeatability, self.drift))
+        return float(np.hypot(self.repeatability, self.drift if np.isfinite(self.drift) else 0.0))
 
     @property
     def shared(self) -> float:
@@ -151,25 +166,36 @@ def signal_parts(analysis: AnalysedRun, sensor: int) -> SignalParts:
     figures = analysis.sensors[sensor].figures
     fso = figures["fso_mv"].value
     cycles = analysis.loops.n_cycles
-    noise = _known(figures["noise_mv"].value)
+    noise, pooled = figures["noise_mv"].value, figures["repeatability_percent_fso"].value
     resolution = _resolution(analysis)
     ambient = _ambient(analysis, sensor)
-    repeatability = _known(figures["repeatability_percent_fso"].value) * fso / 100.0
-    per_cycle = _known(figures["drift_percent_fso_per_100_cycles"].value) * fso / 1e4
+    per_cycle = figures["drift_percent_fso_per_100_cycles"].value * fso / 1e4
     drift = abs(per_cycle) * cycles / np.sqrt(12.0)  # a ramp over the run, seen at any time of it
+    ramp = float(drift) if np.isfinite(drift) else 0.0  # not told from the repeatability, which then holds it
     mean_noise = np.nanmedian([p.signal_se_mv[sensor] for p in analysis.plateaus]) if analysis.plateaus else 0.0
-    repeatability = _without(repeatability, drift, float(mean_noise))
+    repeatability = _without(pooled * fso / 100.0, ramp, float(mean_noise))
+    half_loop, no_loop = _half_loop(analysis, sensor)
     together = CycleEffect.of(analysis.loops, sensor)
     return SignalParts(
         noise=_without(noise, resolution, ambient),
         resolution=resolution,
         ambient=ambient,
-        repeatability=together.repeatability(repeatability, float(drift)),
+        repeatability=together.repeatability(repeatability, ramp),
         drift=float(drift),
-        half_loop=_half_loop(analysis, sensor),
+        half_loop=half_loop,
         noise_dof=float(max(analysis.recording.n // 10, 1)),
-        repeatability_dof=together.dof(repeatability, float(drift)),
+        repeatability_dof=together.dof(repeatability, ramp),
+        void=_not_known(figures, cycles) or no_loop,
     )
+
+
+def _not_known(figures: Mapping[str, Figure], cycles: int) -> str:
+    """Return why noise or repeatability were not assessed; "" where both were."""
+    if cycles == 1:
+        return ONE_CYCLE
+    keys = ("noise_mv", "repeatability_percent_fso")
+    unknown = [figures[key] for key in keys if not np.isfinite(figures[key].value)]
+    return next((figure.void or "the noise is not known" for figure in unknown), "")
 
 
 def elongation_budget(analysis: AnalysedRun, x_mm: float, *, runs: Sequence[AnalysedRun] = ()) -> tuple[Budget, ...]:
@@ -188,13 +214,15 @@ def elongation_uncertainty(analysis: AnalysedRun, sensor: int) -> tuple[FloatArr
     """Return x and U (mm) over the calibrated range, [points, 2], and why U is not given everywhere in it.
 
     A curve that turns inside its range gives U on either side of the turn; nearer to it than U the side is not known,
-    and U is NaN. No points if the curve gives no elongation at all.
+    and U is NaN. No points if the curve gives no elongation at all, or a component of U was not assessed.
     """
     try:
         of_sensor = BudgetOfSensor.of(analysis, sensor)
         raise_without_inverse(of_sensor.calibration, by_parts=True)
     except BoatDaqError as error:
         return np.empty((0, 2)), error.cause
+    if of_sensor.parts.void:
+        return np.empty((0, 2)), of_sensor.parts.void
     calibration = of_sensor.calibration
     x, turns = np.linspace(*calibration.x_range, _CURVE_POINTS), np.asarray(calibration.turns_inside)
     level = calibration.slope(x) == 0.0
@@ -289,17 +317,20 @@ class BudgetOfSensor:
         fit_dof = calibration.joint.effective_dof if calibration.joint is not None else calibration.dof
         components = [
             Component("reading", by_reading, per_mv, source="grid, the same in every cycle"),
-            Component("noise", parts.noise, per_mv, parts.noise_dof, "within plateaus"),
-            Component("repeatability", parts.repeatability, per_mv, parts.repeatability_dof, cycles),
+            _of_run("noise", parts.noise, per_mv, parts.noise_dof, "within plateaus"),
+            _of_run("repeatability", parts.repeatability, per_mv, parts.repeatability_dof, cycles),
             between,
-            Component("zero drift", parts.drift, per_mv, source=f"drift over {cycles}"),
+            _of_run(
+                "zero drift", parts.drift, per_mv, source=f"drift over {cycles}", void="the repeatability holds it"
+            ),
             Component("resolution", of_counts[0], per_mv, source="ADC step" if self.counted else no_counts),
             Component("ambient residual", of_counts[1], per_mv,
                       source="signal against dark" if self.counted else no_counts),
             Component("fit", by_fit, per_mv, fit_dof, "covariance"),
         ]  # fmt: skip
         by_deviation = self._by_deviation(x_mm, per_mv, combine(components).u)
-        return combine([*components, *by_deviation, *self._type_b(x_mm)], traceability(self.type_b))
+        found = combine([*components, *by_deviation, *self._type_b(x_mm)], traceability(self.type_b))
+        return replace(found, u=float("nan"), dof=float("nan"), void=parts.void) if parts.void else found
 
     def _type_b(self, x_mm: float) -> list[Component]:
         """Return the contributions that were stated, and those that are expected and were not."""
@@ -313,13 +344,13 @@ class BudgetOfSensor:
 
         Both are deviations that are not corrected (GUM F.2.4.5), the loop's of either sign.
         """
-        half_loop = self.parts.half_loop
+        half_loop = np.nan_to_num(self.parts.half_loop)  # U is void where it was not assessed
         half = per_mv * float(np.interp(x_mm, np.linspace(*self.calibration.x_range, half_loop.size), half_loop))
         with_loop = float(expanded(0.0, u_mm, half_loop=half)) / COVERAGE_FACTOR
-        loop = Component(
-            "hysteresis", _without(with_loop, u_mm) / per_mv, per_mv,
-            source=f"either branch of the loop, {1000 * half:.0f} µm off the curve",
-        )  # fmt: skip
+        own = _without(with_loop, u_mm) / per_mv if np.isfinite(self.parts.half_loop).all() else float("nan")
+        loop = _of_run(
+            "hysteresis", own, per_mv, source=f"either branch of the loop, {1000 * half:.0f} µm off the curve"
+        )
         adequacy = self.calibration.adequacy
         if adequacy is None:
             return loop, Component("lack of fit", float("nan"), source="not assessed: no positions")
@@ -338,15 +369,27 @@ def _calibration(analysis: AnalysedRun, sensor: int) -> Calibration:
     return calibration
 
 
-def _half_loop(analysis: AnalysedRun, sensor: int) -> FloatArray:
-    """Half the distance of the branches, mV, without the reading error of x; the rms if hardly wider than that."""
+def _of_run(
+    name: str, u: float, per_mv: float, dof: float = float("inf"), source: str = "",
+    void: str = "the run does not show it",
+) -> Component:  # fmt: skip
+    """Return a component that the run itself shows; where it does not, its source says so."""
+    return Component(name, u, per_mv, dof, source if np.isfinite(u) else f"not assessed: {void}")
+
+
+def _half_loop(analysis: AnalysedRun, sensor: int) -> tuple[FloatArray, str]:
+    """Half the distance of the branches, mV, less the reading error of x, or NaN and why; the rms if hardly wider."""
     calibration, width = analysis.sensors[sensor].calibration, analysis.sensors[sensor].sensor_loop
     joint = analysis.sensors[sensor].joint_loop
+    if calibration is None:
+        return np.full(1, np.nan), "the sensor is not calibrated"
+    if width is None or width.void:
+        return np.full(
+            1, np.nan
+        ), f"the loop of the sensor is not known: {width.void if width is not None else NOT_READ}"
     if joint is not None:
         grid = np.linspace(*joint.ends, _CURVE_POINTS)
         squares, by_reading = joint.loop_width(grid) ** 2 / 4.0, joint.loop_width_u(grid) ** 2 / 4.0
-    elif calibration is None or width is None or width.void:
-        return np.zeros(1)
     else:
         grid = np.linspace(*calibration.x_range, _CURVE_POINTS)
         squares = np.interp(grid, width.grid, 0.5 * (width.loading - width.unloading)) ** 2
@@ -354,7 +397,7 @@ def _half_loop(analysis: AnalysedRun, sensor: int) -> FloatArray:
     own = squares - by_reading
     if not np.mean(squares) > KNOWN_COURSE * np.mean(by_reading):
         own = np.mean(own, keepdims=True)
-    return np.asarray(np.sqrt(np.maximum(own, 0.0)))
+    return np.asarray(np.sqrt(np.maximum(own, 0.0))), ""
 
 
 def _resolution(analysis: AnalysedRun) -> float:
@@ -394,8 +437,4 @@ def _ambient(analysis: AnalysedRun, sensor: int) -> float:
 
 
 def _without(whole: float, *parts: float) -> float:
-    return float(np.sqrt(max(whole**2 - sum(p**2 for p in parts), 0.0)))
-
-
-def _known(value: float) -> float:
-    return float(value) if np.isfinite(value) else 0.0
+    return float(np.sqrt(np.maximum(whole**2 - sum(p**2 for p in parts), 0.0)))  # NaN stays NaN

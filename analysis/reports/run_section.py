@@ -294,7 +294,7 @@ def budget(found: ElongationBudgets | None, of: str = "", analysis: Analysis | N
         parts += [_budget_drawing(found), _budget_table(found.budgets)]
     if analysis is not None and any(u.size for u in analysis.u_elongation):
         over_x = partial(drawings.uncertainty_over_x, analysis.u_elongation)
-        why = (f" Sensor {i}: {reason}." for i, reason in enumerate(analysis.u_elongation_void, 1) if reason)
+        why = (f" Sensor {i}: {reason}." for i, reason in enumerate(analysis.u_reason, 1) if reason)
         caption = "U of one reading of elongation by each sensor, over the range."
         parts.append(ReportDrawing((over_x,), caption + "".join(why), 2.4))
     return [Section(title, tuple(parts))]
@@ -314,7 +314,7 @@ def _budget_drawing(found: ElongationBudgets) -> ReportDrawing:
 
 
 def _dof(dof: float) -> str:
-    return f"{dof:.0f}" if dof < 10_000 else "above 10,000"
+    return NOTHING if np.isnan(dof) else f"{dof:.0f}" if dof < 10_000 else "above 10,000"
 
 
 def _budget_table(budgets: Sequence[Budget]) -> ReportTable:
@@ -328,14 +328,15 @@ def _budget_table(budgets: Sequence[Budget]) -> ReportTable:
         ]
         rows.append((parts[0].name, *sum(both, ()), " / ".join(dict.fromkeys(c.source for c in parts))))
     dof = " / ".join(dict.fromkeys(_dof(b.dof) for b in budgets))
-    covers = " / ".join(dict.fromkeys(percent(b.coverage) for b in budgets))
-    combined = (t for b in budgets for t in (f"{1000 * b.u:.1f}", "100 %"))
-    expanded = (t for b in budgets for t in (f"{1000 * b.expanded:.0f}", ""))
+    covers = " / ".join(dict.fromkeys(NOTHING if b.void else percent(b.coverage) for b in budgets))
+    combined = (t for b in budgets for t in (("not known", NOTHING) if b.void else (f"{1000 * b.u:.1f}", "100 %")))
+    expanded = (t for b in budgets for t in ("not known" if b.void else f"{1000 * b.expanded:.0f}", ""))
     rows.append(("combined", *combined, f"effective degrees of freedom {dof}"))
     traced = " / ".join(dict.fromkeys(b.traceability.text for b in budgets if b.traceability is not None))
     rows.append(("expanded, k = 2", *expanded, "; ".join(part for part in (f"covers about {covers}", traced) if part)))
     heads = (t for i in range(1, len(budgets) + 1) for t in (f"sensor {i}, µm", "share"))
-    caption = " ".join(f"Sensor {i}: {b.what_halves_it()}." for i, b in enumerate(budgets, 1))
+    halves = (f"U is not known: {b.void}" if b.void else b.what_halves_it() for b in budgets)
+    caption = " ".join(f"Sensor {i}: {text}." for i, text in enumerate(halves, 1))
     return ReportTable(("Component", *heads, "source"), tuple(rows), caption)
 
 

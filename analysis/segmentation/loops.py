@@ -183,7 +183,9 @@ def loop_width(abscissa: FloatArray, ordinate: FloatArray, weights: FloatArray) 
             curves[b, k] = interpolate(grid, *points[b])
     whole = np.isfinite(curves).all(axis=(0, 2))
     if not whole.any():
-        return LoopWidth(per_cycle, float("nan"), np.full(0, np.nan), grid, curves[0, 0], curves[1, 0], "no whole loop")
+        return LoopWidth(
+            per_cycle, float("nan"), np.full(0, np.nan), grid, curves[0, 0], curves[1, 0], "no cycle has both branches"
+        )
     apart = curves[1, whole] - curves[0, whole]
     chosen = weights[:, whole]
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -197,7 +197,9 @@ def assess_calibration(analysis: Analysis, asked_mm: float, planned: int) -> Sto
     if budgets is None or budgets.void or not budgets.budgets:
         void = "no plateau was read" if budgets is None else budgets.void
         return StopAssessment(cycles, planned, FEWEST_CYCLES, (), void=void)
-    worst = int(np.argmax([budget.u for budget in budgets.budgets]))
+    if all(budget.void for budget in budgets.budgets):
+        return StopAssessment(cycles, planned, FEWEST_CYCLES, (), void=budgets.budgets[0].void)
+    worst = int(np.nanargmax([budget.u for budget in budgets.budgets]))
     u_mm = fused_u_mm(analysis, budgets.x_mm)
     calibration = analysis.sensors[worst].calibration
     assert calibration is not None

@@ -215,7 +215,10 @@ def _show_sensors(analysis: Analysis) -> None:
             show(f"{sensor.name}: curve {sensor.figures['lack_of_fit_percent_fso'].note or 'not tested'}")
     for sensor, budget in zip(sensors, analysis.budgets.budgets if analysis.budgets else (), strict=False):
         assert analysis.budgets is not None
-        expanded = f"U = {1000 * budget.expanded:.0f} µm (k = 2) at {analysis.budgets.x_mm:+.2f} mm"
+        at = f"at {analysis.budgets.x_mm:+.2f} mm"
+        expanded = (
+            f"U is not known: {budget.void}" if budget.void else f"U = {1000 * budget.expanded:.0f} µm (k = 2) {at}"
+        )
         show(f"{sensor.name}: {expanded}, {budget.traceability.text if budget.traceability else ''}")
     for sensor in sensors:
         for found in sensor.influences:

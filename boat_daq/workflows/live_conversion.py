@@ -38,7 +38,7 @@ _MOST_WAITING = 100_000  # blocks of samples that the output is behind
 
 @dataclass(frozen=True, slots=True)
 class LiveElongation:
-    """Elongation with its expanded uncertainty (k = 2), mm; NaN outside the calibrated range.
+    """Elongation with its expanded uncertainty (k = 2), mm; NaN outside the calibrated range, U also where unknown.
 
     `beyond` marks values a little beyond its end, as `analysis.calibration.inverse` reads them; None marks none.
     """
@@ -49,8 +49,8 @@ class LiveElongation:
     beyond: NDArray[np.bool_] | None = None
 
     def band(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return times, lower and upper edge where the elongation is known; the band closes at both ends of a hole."""
-        known = np.isfinite(self.mm)
+        """Return times, lower and upper edge where both are known; the band closes at both ends of a hole."""
+        known = np.isfinite(self.mm) & np.isfinite(self.expanded_mm)
         begins, ends = known & ~np.append(False, known[:-1]), known & ~np.append(known[1:], False)
         copies = known.astype(np.int64) + begins + ends
         at = np.repeat(np.arange(known.size), copies)

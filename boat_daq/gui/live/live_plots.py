@@ -39,7 +39,7 @@ def value_text(quantity: str, values: Mapping[str, float], model: LiveModel) -> 
         return in_units(model.units, "mm", values[CAMERA], 3, band=2.0 * values[CAMERA_U])
     if quantity != ELONGATION:
         return model.text(quantity, values[quantity])
-    known = math.isfinite(values[ELONGATION])
+    known = math.isfinite(values[ELONGATION]) and math.isfinite(values["expanded_mm"])
     return in_units(model.units, "mm", values[ELONGATION], 2, band=values["expanded_mm"] if known else -1.0)
 
 

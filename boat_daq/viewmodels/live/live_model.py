@@ -395,7 +395,10 @@ class LiveModel:
             return NOTHING, "\u25b2 out of range", "\u25b2 range"
         mm = self.units.shown("mm")
         elongation = number(mm.value(float(found.mm[0])), mm.decimals(2), sign=True)
-        band = f"\u00b1{number(mm.factor * float(found.expanded_mm[0]), mm.decimals(2))}"
+        u_mm = float(found.expanded_mm[0])
+        if not math.isfinite(u_mm):
+            return elongation, "U not known", "no U"
+        band = f"\u00b1{number(mm.factor * u_mm, mm.decimals(2))}"
         if found.disagree[0]:  # the band does not hold then
             return elongation, "\u25b2 disagree", "\u25b2 differ"
         if found.beyond is not None and found.beyond[0]:

@@ -150,7 +150,7 @@ class CalibrationModel:
         """Return whether an elongation is traceable, and why U is not given everywhere; empty without a calibration."""
         if self.result is None:
             return ""
-        voids = enumerate(self.result.u_elongation_void, 1)
+        voids = enumerate(self.result.u_reason, 1)
         missing = [f"Sensor {number}: {why}." for number, why in voids if why]
         return "\n".join([text for text in (traceability_text(self.result.traceability), *missing) if text])
 

@@ -100,8 +100,10 @@ def _expanded_rows(found: Analysis) -> list[tuple[Cell, ...]]:
         return []
     where, budgets = f"at {found.budgets.x_mm:+.2f} mm", found.budgets.budgets
     expanded = [
-        (f"\u00b1{1000 * b.expanded:.0f} \u00b5m", f"k = 2, {b.dof:.0f} degrees of freedom, {where}") for b in budgets
-    ]
+        ("not known", b.void) if b.void
+        else (f"\u00b1{1000 * b.expanded:.0f} \u00b5m", f"k = 2, {b.dof:.0f} degrees of freedom, {where}")
+        for b in budgets
+    ]  # fmt: skip
     traced = [one for b in budgets if (one := b.traceability) is not None]
     reasons = [("yes" if one.traceable else "no", one.text) for one in traced]
     return [

@@ -122,7 +122,7 @@ class RunResult(RunCalibration):
     ----------
     partial : number of partial cycles, which are left out.
     u_elongation : [points, 2] x and U, mm, of each sensor; none where the curve gives no elongation.
-    u_elongation_void : reason of each sensor for which U is not given everywhere.
+    u_reason : reason of each sensor for which U is not given everywhere.
     candidates : the curves of each sensor; none where they were not compared.
     drift_half, spread_half : half widths of the 95 % intervals of drift (% FSO per 100 cycles) and repeatability
         (% FSO), of the worse sensor.
@@ -137,7 +137,7 @@ class RunResult(RunCalibration):
     breaks: tuple[BreakResult, ...] = ()
     uncertainty: tuple[tuple[Cell, ...], ...] = ()
     u_elongation: tuple[FloatArray, ...] = ()
-    u_elongation_void: tuple[str, ...] = ()
+    u_reason: tuple[str, ...] = ()
     traceability: Traceability | None = None
     candidates: tuple[tuple[CurveCandidate, ...], ...] = ()
     camera: CameraResult | None = None
@@ -182,7 +182,7 @@ def analyse_run(
         breaks=tuple(map(break_result, found.breaks)),
         uncertainty=uncertainty_rows(found),
         u_elongation=found.u_elongation,
-        u_elongation_void=found.u_elongation_void,
+        u_reason=found.u_reason,
         traceability=next((b.traceability for b in budgets), None),
         candidates=tuple(candidates),
         camera=camera_result(found),

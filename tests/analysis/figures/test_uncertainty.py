@@ -232,7 +232,7 @@ def test_a_curve_that_turns_gives_u_on_either_side_of_the_turn(tmp_path: Path) -
     stairs = Staircase(Plant(cubics=(turning, straight), noise_mv=(1.0, 1.0), loop_mm=0.1), cycles=2)
     stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
     analysis = analyse(stairs.recording(), tmp_path / "e.csv", options=Options(mcmc=False, x_resolution_mm=0.0))
-    (of_turning, why), (of_straight, none) = zip(analysis.u_elongation, analysis.u_elongation_void, strict=True)
+    (of_turning, why), (of_straight, none) = zip(analysis.u_elongation, analysis.u_reason, strict=True)
     assert "turns at 2.5 mm" in why
     assert none == ""
     assert np.isfinite(of_straight).all()
@@ -282,9 +282,9 @@ def test_signal_parts_by_hand() -> None:
     assert parts.drift == pytest.approx(drift)
     assert parts.repeatability == pytest.approx(np.sqrt(1.25**2 - drift**2 - 0.2**2))
     assert (parts.noise_dof, parts.repeatability_dof) == (123.0, 3 * 35)
-    assert (parts.half_loop.tolist(), parts.ambient) == ([0.0], 0.0)
+    assert parts.ambient == 0.0
     assert parts.independent == pytest.approx(1.5)
-    assert parts.shared == pytest.approx(np.sqrt(1.25**2 - 0.2**2))
+    assert parts.between_cycles == pytest.approx(np.sqrt(1.25**2 - 0.2**2))
     continuous = a_run()
     continuous.plateaus = []
     assert signal_parts(continuous, 0).repeatability == pytest.approx(np.sqrt(1.25**2 - drift**2))
@@ -302,7 +302,7 @@ def test_without_counts_there_is_no_resolution(lacks: str) -> None:
 
 
 def test_run_of_one_cycle_and_level_has_degrees_of_freedom() -> None:
-    """One at least, and figures that are not known count nothing."""
+    """One at least, and figures that are not known are not known: no zeros, and why there is no U."""
     run = a_run()
     run.loops, run.recording.n, run.plateaus = loops_of(np.zeros((1, 2))), 5, []
     run.sensors[0].figures = {
@@ -310,7 +310,8 @@ def test_run_of_one_cycle_and_level_has_degrees_of_freedom() -> None:
     }
     parts = signal_parts(run, 0)
     assert (parts.noise_dof, parts.repeatability_dof) == (1.0, 1.0)
-    assert (parts.noise, parts.repeatability, parts.drift) == (0.0, 0.0, 0.0)
+    np.testing.assert_array_equal((parts.noise, parts.repeatability, parts.drift), np.full(3, np.nan))
+    assert parts.void == "one cycle gives no uncertainty: run three"
 
 
 def test_half_the_loop_keeps_its_course_over_x() -> None:
@@ -324,12 +325,14 @@ def test_half_the_loop_keeps_its_course_over_x() -> None:
     assert found.half_loop[[0, 20, 40]] == pytest.approx(np.sqrt(np.array([4.0, 5.0, 6.0]) ** 2 - by_reading))
     assert found.half_loop.size == 41
     assert found.shared == pytest.approx(np.sqrt(found.between_cycles**2 + np.mean(found.half_loop**2)))
-    assert signal_parts(a_run(calibration=None, sensor_loop=loop), 0).half_loop.tolist() == [0.0]
+    assert np.isnan(signal_parts(a_run(calibration=None, sensor_loop=loop), 0).half_loop).all()
     run = a_run(calibration=curve, sensor_loop=loop)
     run.reading_sd_mm = 5.0
     assert signal_parts(run, 0).half_loop.tolist() == [0.0]
     loop.void = "no overlap"
-    assert signal_parts(a_run(calibration=curve, sensor_loop=loop), 0).half_loop.tolist() == [0.0]
+    unknown = signal_parts(a_run(calibration=curve, sensor_loop=loop), 0)
+    assert np.isnan(unknown.half_loop).all()
+    assert unknown.void == "the loop of the sensor is not known: no overlap"
 
 
 def test_loop_no_wider_than_its_error_has_its_rms_everywhere() -> None:
@@ -337,12 +340,13 @@ def test_loop_no_wider_than_its_error_has_its_rms_everywhere() -> None:
     joint = SimpleNamespace(
         ends=(-1.0, 3.0), loop_width=lambda x: 10.0 + 0.0 * x, loop_width_u=lambda x: 4.9 * np.ones_like(x)
     )
-    course = signal_parts(a_run(joint_loop=joint), 0).half_loop
+    fitted = {"joint_loop": joint, "calibration": SimpleNamespace(), "sensor_loop": SimpleNamespace(void="")}
+    course = signal_parts(a_run(**fitted), 0).half_loop
     assert course == pytest.approx(np.full(41, 0.5 * np.sqrt(100.0 - 4.9**2)))
     joint.loop_width_u = lambda x: 6.0 * np.ones_like(x)
-    assert signal_parts(a_run(joint_loop=joint), 0).half_loop == pytest.approx([4.0])
+    assert signal_parts(a_run(**fitted), 0).half_loop == pytest.approx([4.0])
     joint.loop_width_u = lambda x: 11.0 * np.ones_like(x)
-    assert signal_parts(a_run(joint_loop=joint), 0).half_loop.tolist() == [0.0]
+    assert signal_parts(a_run(**fitted), 0).half_loop.tolist() == [0.0]
 
 
 def test_ambient_light_is_found_through_the_noise_of_the_dark_readings() -> None:
@@ -427,7 +431,8 @@ def test_u_is_not_given_within_u_of_a_turn(monkeypatch: pytest.MonkeyPatch, expa
     curve = SimpleNamespace(
         x_range=(-2.0, 3.0), turns_inside=(0.5,), monotone=False, adequacy=None, slope=lambda x: np.ones(np.shape(x))
     )
-    stub = SimpleNamespace(calibration=curve, at=lambda _: SimpleNamespace(expanded=expanded_mm))
+    parts = SimpleNamespace(void="")
+    stub = SimpleNamespace(calibration=curve, parts=parts, at=lambda _: SimpleNamespace(expanded=expanded_mm))
     monkeypatch.setattr(BudgetOfSensor, "of", lambda *_: stub)
     table, reason = elongation_uncertainty(SimpleNamespace(), 0)
     assert table.shape == ((41, 2) if known else (0, 2))

@@ -29,7 +29,7 @@ def test_tab_shows_what_was_not_assessed_with_its_reason(live):
     live.go("Calibrate")
     page = live.pages["Calibrate"]
     voids = "the curve turns at 2.5 mm", ""
-    model.calibration.show(dataclasses.replace(run_result(), uncertainty=ROWS, u_elongation_void=voids))
+    model.calibration.show(dataclasses.replace(run_result(), uncertainty=ROWS, u_reason=voids))
     live.refresh()
     QApplication.processEvents()
     table = page.budget

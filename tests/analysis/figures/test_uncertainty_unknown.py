@@ -1,0 +1,177 @@
+"""What was not assessed is never zero: a sensor that freezes, readings of one branch, one cycle."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis import Options, Recording, analyse
+from analysis.calibration.record import CalibrationRecord, SensorRecord
+from analysis.calibration_export.calibration_file import CalibrationFile, read_calibration
+from analysis.calibration_export.conversion import convert_signals
+from analysis.calibration_export.forms import calibration_text
+from analysis.calibration_export.run_record import calibration_record
+from analysis.certificates.certificate import Request, certificate_of
+from analysis.certificates.laboratory import Laboratory
+from analysis.figures.pipeline import Analysis
+from analysis.figures.uncertainty import ONE_CYCLE, signal_parts
+from analysis.numbers import finite
+from analysis.reports.run_section import budget as budget_section
+from analysis.stopping.criterion import assess_calibration
+from protocol.base.errors import DataError
+from tests.analysis.boat_builder import Plant, Staircase
+
+CASES = {
+    "one cycle": ONE_CYCLE,
+    "loading read only": "the loop of the sensor is not known: no cycle has both branches",
+    "frozen half-way": "lost or left out",
+}
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Analysis]:
+    """The three cases, and two cycles, by name; the frozen sensor is the second of two."""
+    file = tmp_path_factory.mktemp("runs") / "e.csv"
+    options = Options(mcmc=False, x_resolution_mm=0.0)
+    found = {}
+    for name, cycles in (("one cycle", 1), ("two cycles", 2)):
+        stairs = Staircase(Plant(loop_mm=0.25), cycles=cycles)
+        stairs.elongations().to_csv(file, index=False)
+        found[name] = analyse(stairs.recording(meta={"unit": "SA1"}), file, options=options)
+    stairs = Staircase(Plant(loop_mm=0.25), cycles=3)
+    run, read, levels = stairs.recording(meta={"unit": "SA1"}), stairs.elongations(), stairs.levels()
+    signal = run.signal_mv.copy()
+    signal[run.n // 2 :, 1] = signal[run.n // 2, 1]
+    read.to_csv(file, index=False)
+    frozen = Recording.from_arrays(run.time_s, run.pressure_kpa, signal, meta={"unit": "SA1"})
+    found["frozen half-way"] = analyse(frozen, file, options=options)
+    read["cycle"] = [cycle for _, _, cycle in levels]
+    read["branch"] = ["loading" if up else "unloading" for _, up, _ in levels]
+    read[read["branch"] == "loading"].to_csv(file, index=False)
+    found["loading read only"] = analyse(run, file, options=options)
+    return found
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_u_that_rests_on_nothing_is_not_given(runs: dict[str, Analysis], name: str) -> None:
+    """No U in JSON, budget, report and stopping rule, each with the reason; the calibration itself is there."""
+    analysis = runs[name]
+    assert analysis.sensors[1].calibration is not None
+    shown = finite(analysis.to_json())["sensors"][1]
+    assert shown["u_elongation_mm"] is None
+    assert CASES[name] in shown["u_reason"]
+    assert analysis.budgets is not None
+    budget = analysis.budgets.budgets[1]
+    assert np.isnan([budget.u, budget.expanded, budget.coverage]).all()
+    assert finite(budget.as_json())["expanded_uncertainty_mm"] is None
+    assert CASES[name] in budget.void
+    assert all(c.source.startswith("not assessed") for c in budget.components if not c.assessed)
+    shown_text = repr(budget_section(analysis.budgets, analysis=analysis))
+    assert f"U is not known: {budget.void}" in shown_text
+    assert "nan" not in shown_text.split("rows=")[-1].lower()
+    if name != "frozen half-way":
+        assert assess_calibration(analysis, 0.1, 5).void == budget.void
+
+
+def test_two_cycles_hold_the_drift_in_the_repeatability(runs: dict[str, Analysis]) -> None:
+    """Both make what two cycles differ by: U is known, and the budget says that the drift is not told apart."""
+    analysis = runs["two cycles"]
+    assert analysis.u_reason == ("", "")
+    assert analysis.budgets is not None
+    budget = analysis.budgets.budgets[0]
+    by_name = {c.name: c for c in budget.components}
+    assert by_name["repeatability"].assessed
+    assert not by_name["zero drift"].assessed
+    assert np.isfinite(budget.u)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_calibration_without_u_converts_without_u(runs: dict[str, Analysis], tmp_path: Path, name: str) -> None:
+    """The elongation has a value and no U; stored, exported and read again alike. A sound sensor is used alone."""
+    analysis = runs[name]
+    record = calibration_record(analysis)
+    again = CalibrationRecord.parse(finite(record.as_json()))
+    file = CalibrationFile.of_run(analysis)
+    (tmp_path / "c.json").write_text(file.text(), encoding="utf-8")
+    assert file.as_json()["version"] == 2
+    x = np.linspace(-2.0, 3.0, 6)
+    signal = np.column_stack([s.calibration.predict(x) for s in analysis.sensors if s.calibration is not None])
+    readers = (record.fusion(), again.fusion(), file.reader(), read_calibration(tmp_path / "c.json").reader())
+    for reader in readers:
+        found = reader.evaluate(signal)
+        np.testing.assert_allclose(found.elongation_mm, x, atol=1e-6)
+        assert np.isnan(found.standard_uncertainty_mm).all() == (name != "frozen half-way")
+    if name == "frozen half-way":
+        alone = record.sensors[0].inverse().standard_uncertainty(x)
+        np.testing.assert_allclose(readers[0].evaluate(signal).standard_uncertainty_mm, alone, rtol=1e-9)
+    converted = convert_signals(file, signal, np.zeros(6, dtype=np.int64))
+    assert converted.valid.all()
+    assert np.isnan(converted.u_mm).all() == (name != "frozen half-way")
+    for form in ("c", "matlab", "csv"):
+        assert "U is not known: " in calibration_text(file, form)
+    rows = [line.split(",") for line in calibration_text(file, "csv").splitlines() if line.startswith("s2,")]
+    assert {row[3] for row in rows} == {""}
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+@pytest.mark.parametrize("name", ["one cycle", "frozen half-way"])
+def test_exported_c_code_has_no_u_either(runs: dict[str, Analysis], tmp_path: Path, name: str) -> None:
+    """Compiled, it gives the elongation of `convert`, and NaN or the U of the sound sensor."""
+    analysis = runs[name]
+    file = CalibrationFile.of_run(analysis)
+    signal = np.array([float(s.calibration.predict(1.0)) for s in analysis.sensors if s.calibration is not None])
+    signal[1] += 20.0
+    expected = file.reader().evaluate(signal)
+    (tmp_path / "c.h").write_text(calibration_text(file, "c"), encoding="utf-8")
+    given = ", ".join(map(repr, signal.tolist()))
+    main = f"""#include <stdio.h>
+#include "c.h"
+int main(void) {{
+    double signals[2] = {{ {given} }}, u;
+    unsigned flags;
+    double x = boat_elongation(signals, &u, &flags);
+    printf("%.9f %.9f %u", x, u, flags);
+    return 0;
+}}
+"""
+    (tmp_path / "m.c").write_text(main, encoding="utf-8")
+    subprocess.run(["cc", "-std=c99", "-Wall", "-Werror", "-o", tmp_path / "m", tmp_path / "m.c"], check=True)
+    x, u, flags = subprocess.run([tmp_path / "m"], check=True, capture_output=True, text=True).stdout.split()
+    assert float(x) == pytest.approx(float(expected.elongation_mm), abs=1e-6)
+    assert float(u) == pytest.approx(2.0 * float(expected.standard_uncertainty_mm), abs=1e-6, nan_ok=True)
+    assert np.isnan(float(u)) == (name == "one cycle")
+    assert flags == "0"
+
+
+@pytest.mark.parametrize("name", ["one cycle", "loading read only"])
+def test_no_certificate_without_u(runs: dict[str, Analysis], name: str) -> None:
+    """Refused with the cause and what to do."""
+    request = Request(Laboratory("Lab"), "C", ("SA1",))
+    with pytest.raises(DataError, match="its U is not known") as caught:
+        certificate_of([runs[name]], request)
+    assert "three cycles" in caught.value.remedy
+    assert CASES[name] in caught.value.cause
+
+
+def test_a_certificate_has_no_results_of_the_sensor_without_u(runs: dict[str, Analysis]) -> None:
+    """The sound sensor is certified, the frozen one named with its reason."""
+    made = certificate_of([runs["frozen half-way"]], Request(Laboratory("Lab"), "C", ("SA1",)))
+    sound, frozen = made.items[0].sensors
+    assert sound.levels
+    assert not frozen.levels
+    assert frozen.void.startswith("its U is not known: ")
+
+
+def test_unknown_parts_are_stored_as_unknown(runs: dict[str, Analysis]) -> None:
+    """No zero in the stored form: null, with the reason; older records keep their numbers."""
+    stored = finite(calibration_record(runs["one cycle"]).as_json())["sensors"][0]
+    assert stored["between_cycles_mv"] is None
+    assert stored["u_reason"] == ONE_CYCLE
+    assert SensorRecord.parse({"name": "s1", "model_mv": 2.0}).between_cycles_mv == 2.0
+    loading = finite(calibration_record(runs["loading read only"]).as_json())["sensors"][0]
+    assert loading["half_loop_mv"] is None
+    assert np.isfinite(signal_parts(runs["loading read only"], 0).repeatability)

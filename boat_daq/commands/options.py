@@ -61,7 +61,6 @@ _DEGREE = typer.Option(
     help="Curve: degree 1 to 6, a monotone spline, or the best of them.",
 )
 DegreeOption = Annotated[str, _DEGREE]
-OptionalDegree = Annotated[str | None, _DEGREE]
 XResolutionOption = Annotated[
     float | None, typer.Option(min=0.0, metavar="MM", help="Resolution of the readings; 0 = exact.")
 ]

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 app = typer.Typer(invoke_without_command=True, no_args_is_help=True)
 _CYCLES = 100
 _SEED, _SPEED = 0, 60.0  # of the virtual board
-_FANS, _RAYS = 3, 1_000  # turns with the paper's 250 rays; rays of the converged sweeps
 
 
 @app.callback()
@@ -112,7 +111,7 @@ def optics(
     wider = curves_of("paper")
     curves = {"-40 to +50 kPa": default_curves(), "-50 to +50 kPa": wider, "formula": parametric_curves()}
     with progress_bar("readings") as advance:
-        outcomes = reproduce(curves, fans=_FANS, rays=_RAYS, folder=out, progress=advance)
+        outcomes = reproduce(curves, folder=out, progress=advance)
     if out is not None:
         table = out / "optics.md"
         with writing(table):

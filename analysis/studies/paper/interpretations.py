@@ -118,14 +118,14 @@ def one_change(every: Sequence[PaperReading]) -> list[PaperReading]:
     return [r for r in every if sum(getattr(r, axis) != getattr(every[0], axis) for axis in AXES) <= 1]
 
 
-def plan(states: Sequence[str], fans: int, rays: int, *, alike: bool = False) -> list[tuple[PaperReading, Sampling]]:
+def plan(states: Sequence[str], fans: int, rays: int) -> list[tuple[PaperReading, Sampling]]:
     """Return the sweeps in order.
 
     `states`: names of the deformation curves. `fans`: turns of the fan with the paper's rays. `rays`: released in the
-    converged sweeps. `alike`: whether every reading has turns and converged sweeps, or only those with one change.
+    converged sweeps. Only readings with one change have turns and converged sweeps.
     """
     every = readings(states)
-    finer = every if alike else one_change(every)
+    finer = one_change(every)
     kinds: tuple[By, ...] = ("count", "power")
     as_paper = [(reading, Sampling("count", PAPER_RAYS, fans if reading in finer else 1)) for reading in every]
     return as_paper + [(reading, Sampling(by, rays, 1)) for by in kinds for reading in finer]
@@ -136,7 +136,6 @@ def reproduce(
     *,
     fans: int = FANS,
     rays: int = CONVERGED_RAYS,
-    alike: bool = False,
     folder: Path | None = None,
     progress: Progress | None = None,
 ) -> list[Outcome]:
@@ -147,7 +146,7 @@ def reproduce(
     """
     if fans < 1:
         raise RequestError(f"{fans} turns of the fan", "compare one or more")
-    todo = plan(list(curves), fans, rays, alike=alike)
+    todo = plan(list(curves), fans, rays)
     file = None if folder is None else folder / _FILE_NAME
     kept = {} if file is None else _kept(file)
     total, done, out = sum(sampling.cost for _, sampling in todo), 0.0, []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,6 @@ from analysis.optics.scene.curves import default_curves, elongations
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design
 from analysis.shadow.model.states import GuideStates
 from analysis.studies.paper import interpretations
-from boat_daq.commands import reproduce as command
 from tests.boat_daq.commands.calls import call, refusal
 
 
@@ -23,8 +23,7 @@ def test_optics_ranks_the_papers_design_in_each_reading(tmp_path: Path, monkeypa
     monkeypatch.setattr(interpretations, "paper_grid", lambda face: [PAPER_OPTIMUM, Design(5, 1.0, 0.6, 0.9)])
     monkeypatch.setattr(interpretations, "FACES", ("outer",))
     monkeypatch.setattr(interpretations, "THICKNESSES_MM", (2.0,))
-    monkeypatch.setattr(command, "_FANS", 1)
-    monkeypatch.setattr(command, "_RAYS", 260)
+    monkeypatch.setattr(interpretations, "reproduce", partial(interpretations.reproduce, fans=1, rays=260))
     out = call("reproduce", "optics", "--out", str(tmp_path))
     assert isinstance(out["readings"], list)
     assert len(out["readings"]) == 6 + 2 * 4

@@ -38,9 +38,6 @@ def test_every_combination_is_swept_and_single_changes_converged() -> None:
     assert len(finer) == 8
     assert [sampling.by for _, sampling in todo[48:]] == ["count"] * 8 + ["power"] * 8
     assert [s.fans for r, s in todo[:48]] == [3 if r in finer else 1 for r, _ in todo[:48]]
-    alike = plan(["a", "b", "c"], 3, 1_000, alike=True)
-    assert len(alike) == 3 * 48
-    assert {s.fans for _, s in alike[:48]} == {3}
     with pytest.raises(RequestError, match="turns of the fan"):
         reproduce(CURVES, fans=0)
 

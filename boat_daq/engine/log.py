@@ -59,7 +59,7 @@ class _Queue(QueueHandler):
 
 
 def without_password(text: str) -> str:
-    """Return a text without the passwords of addresses such as socket://USER:PASSWORD@HOST."""
+    """Return a text without the passwords of addresses, which follow the user's name and a colon."""
     return _PASSWORD.sub(r"\1[password]@", text)
 
 

@@ -65,7 +65,7 @@ def test_a_mesh_of_ones_own_keeps_ones_own_material() -> None:
 
 def test_the_error_of_a_mesh_is_the_measured_one() -> None:
     """To two digits, that of the setting in the table of the trade-off."""
-    file = Path(__file__).parents[2] / "docs" / "tradeoff" / "tradeoff.json"
+    file = Path(__file__).parents[2] / "analysis/studies/tradeoff/references/measured.json"
     methods = {one["name"]: one for one in json.loads(file.read_text(encoding="utf-8"))["methods"]}
     measured = {point["setting"]: point["error"] for point in methods["full-fem"]["points"]}
     for level in map(fidelity, LEVELS):

@@ -174,6 +174,7 @@ class RecordingFile:
         """Close without removing the log, as the last connection that can write would."""
         uri = f"{self.path.absolute().as_uri()}?mode=ro"
         with contextlib.suppress(sqlite3.Error), contextlib.closing(sqlite3.connect(uri, uri=True)) as reader:
+            harden(reader)
             reader.execute("PRAGMA user_version").fetchone()
             self._connection.close()
 

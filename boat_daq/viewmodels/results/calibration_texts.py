@@ -30,7 +30,7 @@ class NextStep(Enum):
     CHOOSE_READINGS = "Choose the file of readings \u2026"
 
 
-class Missing(NamedTuple):
+class NoCurve(NamedTuple):
     """What is shown in place of a curve: title, text and the next step."""
 
     title: str
@@ -50,21 +50,21 @@ def readings_text(result: RunResult) -> str:
     return f"{text}, {'all' if used == [read] else ' or '.join(map(str, used))} in the curve"
 
 
-def missing(result: RunResult) -> Missing | None:
+def missing(result: RunResult) -> NoCurve | None:
     """Return what is missing for a curve of any sensor, and the next step; None where there is one."""
     lack = lacking(result)
     if lack is None:
         return None
     title = lack_text(result, lack)
     if lack is Lack.CYCLES:
-        return Missing(
+        return NoCurve(
             title,
             "A curve needs at least one complete cycle, from the highest pressure to the lowest and back. Run the plan "
             "to its end for a calibration; this recording is kept.",
             NextStep.SHOW_PLAN,
         )
     if lack is Lack.PLATEAUS:
-        return Missing(
+        return NoCurve(
             title,
             "Its pressure is never constant, so that no elongation can be read in it. Its loops and the figures over "
             "pressure are shown here; the changes from cycle to cycle are on the Repeat page.",
@@ -73,9 +73,9 @@ def missing(result: RunResult) -> Missing | None:
     least = f"A curve needs readings at {LEAST_ELONGATIONS} or more different elongations."
     if not result.stepped:
         text = f"{least} Give them in a CSV file: pressure_kpa,elongation_mm, a row a plateau, in the order of the run."
-        return Missing(title, text, NextStep.CHOOSE_READINGS)
+        return NoCurve(title, text, NextStep.CHOOSE_READINGS)
     text = f"{least} Type them from your notes or paste a column of a spreadsheet; the curve is then fitted again."
-    return Missing(title, text, NextStep.ENTER_READINGS)
+    return NoCurve(title, text, NextStep.ENTER_READINGS)
 
 
 def warnings(result: RunResult) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import typer
 from typer.core import TyperCommand
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, show
-from boat_daq.workflows.outlets import ADDRESS
+from boat_daq.workflows.outlets import ADDRESS, HOLD_S
 from protocol.base.errors import RequestError
 
 if TYPE_CHECKING:
@@ -53,6 +53,12 @@ def serve(
     token_file: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Token that clients send; default one of this user's.")
     ] = None,
+    hold: Annotated[
+        float,
+        typer.Option(
+            "--hold-after-disconnect", metavar="S", min=0, help="Vent a pressure this long after its client left."
+        ),
+    ] = HOLD_S,
     record: Annotated[Path | None, typer.Option(metavar="FILE.boat", help="Record as well.")] = None,
     duration: Annotated[float | None, typer.Option(min=0, help="Seconds to serve; default until Ctrl-C.")] = None,
     as_json: JsonOption = False,
@@ -76,7 +82,7 @@ def serve(
     from boat_daq.workflows.outlets import NodeChoice, open_node, open_streams
 
     start_log("serve")
-    choice = NodeChoice(listen or secop or ADDRESS, allow_control, token_file)
+    choice = NodeChoice(listen or secop or ADDRESS, allow_control, token_file, hold)
     try:
         host, _ = choice.host_and_port
     except RequestError as error:

@@ -21,7 +21,7 @@ import numpy as np
 from boat_daq.engine.recording.file import RecordingFile, Statement, set_meta, storage_error
 from boat_daq.engine.recording.missing import Missing, missing_of
 from boat_daq.engine.recording.rows import INSERT_EVENT, OverviewRows
-from boat_daq.engine.recording.salvage import Progress, fault_of, open_damaged, salvage
+from boat_daq.engine.recording.salvage.salvaged_file import Progress, fault_of, open_damaged, salvage
 from boat_daq.engine.recording.write_ahead_log import WriteAheadLog, read_log
 from boat_daq.engine.recording.writer_lock import WriterLock, is_being_written
 from boat_daq.engine.sample_columns import mv_per_count

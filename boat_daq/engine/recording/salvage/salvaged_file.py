@@ -21,10 +21,10 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from boat_daq.engine.recording.derive_again import derive_missing
 from boat_daq.engine.recording.file import RecordingFile, Statement, set_meta, storage_error
 from boat_daq.engine.recording.missing import Missing
-from boat_daq.engine.recording.page_rows import Row, rows_of_page
+from boat_daq.engine.recording.salvage.derive_again import derive_missing
+from boat_daq.engine.recording.salvage.page_rows import Row, rows_of_page
 from boat_daq.engine.recording.write_ahead_log import WriteAheadLog, page_size_of
 from protocol.base.errors import RecordingError, RequestError
 from protocol.recording import schema

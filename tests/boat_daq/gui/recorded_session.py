@@ -75,9 +75,10 @@ class RecordedSession:
     """Shows `shown` and `ring`; records the commands it receives."""
 
     def __init__(self, shown: SessionSnapshot, ring: RingBuffer | None = None) -> None:
-        self.shown, self.live = shown, SimpleNamespace(ring=ring, derived=())
-        self.settings = Settings()
         self.calls: list[str] = []
+        keep = lambda _: self.calls.append("set_derived")  # noqa: E731
+        self.shown, self.live = shown, SimpleNamespace(ring=ring, derived=(), set_derived=keep)
+        self.settings = Settings()
         self.kept: list[Reading] = []
         self.marks: tuple[StepMark, ...] = ()
 

@@ -86,6 +86,7 @@ class Reason(StrEnum):
     NOT_CALIBRATED = "not_calibrated"
     REST_OUTSIDE_RANGE = "rest_outside_range"
     NO_OVERLAP = "no_overlap"
+    ONE_BRANCH = "one_branch"
     NO_FULL_SCALE = "no_full_scale"
     FULL_SCALE_IS_NOISE = "full_scale_is_noise"
     NO_NOISE = "no_noise"

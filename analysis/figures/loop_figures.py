@@ -16,7 +16,7 @@ from analysis.figures.figure import Figure, Reason
 from analysis.figures.intervals import bootstrap_figure, no_full_scale
 from analysis.numbers import percent
 from analysis.segmentation.cycles import Cycles
-from analysis.segmentation.loops import Loops, LoopWidth, branch_mean, end_levels, loop_width
+from analysis.segmentation.loops import Loops, LoopWidth, branch_mean, end_levels, width_of_loops
 from analysis.segmentation.plateaus import Plateau
 from protocol.base.arrays import FloatArray
 
@@ -53,13 +53,14 @@ def sensor_loop_width(loops: Loops, sensor: int, calibration: Calibration | None
     if calibration is not None:
         known = np.isfinite(x)
         signal[known] -= calibration.predict(x[known])
-    return loop_width(x, signal, weights)
+    return width_of_loops(loops, x, signal, weights)
 
 
 def hysteresis(width: LoopWidth, full_scale_value: float, n: int, definition: str) -> Figure:
     """Hysteresis, % of full scale, of the loop averaged over cycles."""
     if width.void:
-        return Figure.nothing("% FSO", Reason.NO_OVERLAP, width.void, definition)
+        reason = Reason.ONE_BRANCH if width.one_branch else Reason.NO_OVERLAP
+        return Figure.nothing("% FSO", reason, width.void, definition)
     if not full_scale_value > 0:
         return no_full_scale("% FSO", definition)
     scale = 100.0 / full_scale_value

@@ -37,7 +37,7 @@ from analysis.json_object import json_object
 from analysis.progress import Progress, part_of
 from analysis.segmentation.cycles import find_cycles
 from analysis.segmentation.derived_channels import derived_json
-from analysis.segmentation.loops import Loops, continuous_loops, loop_width, staircase_loops
+from analysis.segmentation.loops import Loops, continuous_loops, staircase_loops, width_of_loops
 from analysis.segmentation.losses import LossCounter
 from analysis.segmentation.plateau_readings import elongations_of
 from analysis.segmentation.plateaus import find_plateaus
@@ -254,7 +254,7 @@ def _actuator_hysteresis(run: SegmentedRun, sensors: Sequence[SensorAnalysis]) -
     if x is None or not np.isfinite(x).any():
         return Figure.nothing("%", Reason.NO_ELONGATION, "no elongation was read", definition), ()
     span = float(np.nanmax(x) - np.nanmin(x))
-    width = loop_width(run.loops.pressure_kpa, x, run.weights)
+    width = width_of_loops(run.loops, run.loops.pressure_kpa, x, run.weights)
     per_cycle = tuple((100.0 / span * width.per_cycle).tolist()) if span > 0 else ()
     loop = actuator_loop(run, sensors)
     if loop is not None:

@@ -57,8 +57,8 @@ from analysis.segmentation.loops import (
     Loops,
     LoopWidth,
     cluster_levels,
-    loop_width,
     staircase_loops,
+    width_of_loops,
 )
 from analysis.segmentation.losses import LossCounter, Losses
 from analysis.segmentation.plateau_readings import Elongations
@@ -295,7 +295,7 @@ def _drawn(
         over_pressure = pressure_full_scale(run.loops, sensor, run.weights)
         figures = {"fso_mv": with_shared_error(over_pressure, run.ambient_sd_mv(sensor))}
     fso = figures["fso_mv"].value
-    system = loop_width(run.loops.pressure_kpa, run.loops.signal_mv[sensor], run.weights)
+    system = width_of_loops(run.loops, run.loops.pressure_kpa, run.loops.signal_mv[sensor], run.weights)
     own = None
     if run.loops.elongation_mm is not None:
         own = sensor_loop_width(run.loops, sensor, calibration, run.weights)

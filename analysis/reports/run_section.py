@@ -273,7 +273,8 @@ def over_cycles(analysis: Analysis) -> Section:
 def _single_cycles(number: int, sensor: SensorAnalysis) -> str:
     """Explain why a cycle's hysteresis is larger than the headline's; nothing where it is not."""
     lift, figure = sensor.by_cycle.hysteresis_lift_percent_fso, sensor.figures["system_hysteresis_percent_fso"]
-    median = float(np.nanmedian(sensor.system_hysteresis_per_cycle)) if sensor.system_hysteresis_per_cycle else np.nan
+    known = [value for value in sensor.system_hysteresis_per_cycle if np.isfinite(value)]
+    median = float(np.median(known)) if known else np.nan
     u = (figure.high - figure.low) / 4
     if not median - figure.value > max(u, NEGLIGIBLE_LIFT) or not np.isfinite(lift):
         return ""

@@ -7,7 +7,7 @@ their own points, never extrapolated. A damaged plateau or cycle leaves NaN, and
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +19,12 @@ from analysis.segmentation.plateaus import Plateau, branch_members
 from analysis.statistics import interpolate
 from protocol.base.arrays import BoolArray, FloatArray
 
+BRANCHES = ("unloading", "loading")
 _BINS, MIN_BINS = 45, 6
 MIN_PER_BIN = 3
+FEWEST_INSIDE = 2  # levels inside the range that a branch holds, or the only one; and a third of the other's
+LIKE_SPEED = 5.0  # a branch passed so many times as fast as the other was vented, not driven
+ENDS_SHARE = 0.1  # of the range: samples nearer to an end may be held there
 MAX_DAMAGED_CYCLE = 0.05  # share of a continuous cycle's samples that may be lost or left out
 
 
@@ -38,6 +42,7 @@ class Loops:
     void : a sentence for every cycle or plateau that carries no figure.
     ends_kpa : lowest and highest pressure that the cycles reach.
     binned : the levels are bins of a continuous run.
+    one_branch : why a cycle has no loop, "" where both its branches were driven, of each cycle; empty if all were.
     """
 
     level_kpa: FloatArray
@@ -49,6 +54,7 @@ class Loops:
     void: tuple[str, ...]
     ends_kpa: tuple[float, float]
     binned: bool
+    one_branch: tuple[str, ...] = ()
 
     @property
     def n_cycles(self) -> int:
@@ -66,9 +72,14 @@ def staircase_loops(
     shape = (2, len(numbers), levels.size)
     pressure, x = np.full(shape, np.nan), np.full(shape, np.nan)
     signal, own = np.full((n_sensors, *shape), np.nan), np.zeros(shape, dtype=bool)
+    one_branch = []
     for k, number in enumerate(numbers):
-        for b, members in enumerate(branch_members(plateaus, number)):
-            name = ("unloading", "loading")[b]
+        branches = branch_members(plateaus, number)
+        one_branch.append(
+            _not_held(*(len({*level_of[m]} - {*level_of[m[[0, -1]]]}) if m.size else 0 for m in branches))
+        )
+        for b, members in enumerate(branches):
+            name = BRANCHES[b]
             for i in members:
                 p, g = plateaus[i], level_of[i]
                 if p.void or g < 0:
@@ -85,7 +96,32 @@ def staircase_loops(
         for which, reason in ([("", p.void)] if p.void else [(f" of s{i}", r) for i, r in enumerate(p.damaged, 1)])
         if reason
     )
-    return Loops(levels, pressure, None if elongation_mm is None else x, signal, own, numbers, void, ends, False)
+    x_or_none = None if elongation_mm is None else x
+    return Loops(levels, pressure, x_or_none, signal, own, numbers, void, ends, False, tuple(one_branch))
+
+
+def _not_held(unloading: int, loading: int) -> str:
+    """Return which branch a cycle did not drive, from the number of levels inside the range that each held."""
+    most, least = max(unloading, loading), min(unloading, loading)
+    if not most:
+        return "no branch was driven: no level inside the range was held"
+    if least >= min(FEWEST_INSIDE, most) and 3 * least >= most:
+        return ""
+    which = BRANCHES[loading > unloading]
+    levels = "no level" if not least else f"{least} of {most} levels"
+    held = f"{levels} inside the range {'was' if least < 2 else 'were'} held on the other"
+    return f"only the {which} branch was driven: {held}"
+
+
+def _not_passed(unloading: int, loading: int) -> str:
+    """Return which branch a continuous cycle did not drive, from the number of samples of each inside the range."""
+    most, least = max(unloading, loading), min(unloading, loading)
+    if least >= MIN_BINS * MIN_PER_BIN and most <= LIKE_SPEED * least:
+        return ""
+    if most < MIN_BINS * MIN_PER_BIN:
+        return f"no branch was driven: {most} samples are inside the range, {MIN_BINS * MIN_PER_BIN} show a branch"
+    how = f"the other was passed in {least} samples, this one in {most}"
+    return f"only the {BRANCHES[loading > unloading]} branch was driven: {how}"
 
 
 def continuous_loops(recording: Recording, cycles: Cycles) -> Loops:
@@ -124,7 +160,11 @@ def continuous_loops(recording: Recording, cycles: Cycles) -> Loops:
     )
     signal[np.broadcast_to(~np.asarray(whole).T[:, None, :, None], signal.shape)] = np.nan
     centres = low + (np.arange(bins) + 0.5) * (high - low) / bins
-    return Loops(centres, pressure, None, signal, np.isfinite(pressure), numbers, tuple(void), (low, high), True)
+    margin = ENDS_SHARE * (high - low)
+    inside = (smooth > low + margin) & (smooth < high - margin)
+    one_branch = tuple(_not_passed(int(inside[c.unloading].sum()), int(inside[c.loading].sum())) for c in used)
+    own = np.isfinite(pressure)
+    return Loops(centres, pressure, None, signal, own, numbers, tuple(void), (low, high), True, one_branch)
 
 
 def cluster_levels(pressure_kpa: FloatArray, apart_kpa: float = 2.0) -> tuple[FloatArray, npt.NDArray[np.int64]]:
@@ -155,6 +195,16 @@ class LoopWidth:
     loading: FloatArray
     void: str = ""
     shared: float = 1.0
+    one_branch: bool = False
+
+
+def width_of_loops(loops: Loops, abscissa: FloatArray, ordinate: FloatArray, weights: FloatArray) -> LoopWidth:
+    """Measure as `loop_width`, of the cycles that drove both branches; void, with the reason, where none did."""
+    both = np.asarray([not why for why in loops.one_branch], dtype=bool)
+    if both.all():
+        return loop_width(abscissa, ordinate, weights)
+    found = loop_width(np.where(both[None, :, None], abscissa, np.nan), ordinate, weights)
+    return found if both.any() else replace(found, void=loops.one_branch[0], one_branch=True)
 
 
 def loop_width(abscissa: FloatArray, ordinate: FloatArray, weights: FloatArray) -> LoopWidth:

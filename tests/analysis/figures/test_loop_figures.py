@@ -131,7 +131,7 @@ def test_loop_of_a_curved_sensor_is_what_its_curve_leaves() -> None:
     x = np.broadcast_to(np.linspace(-2.0, 4.0, 7), (2, 3, 7)) + np.array([0.0, 0.4])[:, None, None]
     curve = Curve(5.0, -30.0, 4.0)
     signal = curve.predict(x) + np.array([1.0, -2.0])[:, None, None]
-    loops = SimpleNamespace(elongation_mm=x, signal_mv=signal[None])
+    loops = SimpleNamespace(one_branch=(), elongation_mm=x, signal_mv=signal[None])
     assert sensor_loop_width(loops, 0, curve, WEIGHTS).mean_loop == pytest.approx(3.0)
     assert sensor_loop_width(loops, 0, None, WEIGHTS).mean_loop != pytest.approx(3.0, abs=0.01)
     np.testing.assert_array_equal(loops.signal_mv[0], signal)

@@ -68,6 +68,13 @@ class Geometry(NamedTuple):
 
 
 @compiled
+def _copy(target: FloatArray, source: FloatArray) -> None:
+    """Copy the numbers of a row, as `target[:] = source` does, which takes numba three times as long to compile."""
+    for i in range(len(source)):
+        target[i] = source[i]
+
+
+@compiled
 def _section(nodes: FloatArray, curvature: FloatArray, arc: int, s: float, out: FloatArray) -> None:
     """Write point and tangent of the centreline at arc length `s` of one arc to out[:4]."""
     if s == nodes[arc + 1, 4]:
@@ -126,11 +133,11 @@ def _cut_guide(
             void = inside and side == MIDLINE
             _write_cell(cells[c], nodes[arc], curvature[arc], left, deep / 2 if void else right)
             g.links[c, ARC] = arc
-            cells[c, C_START : C_START + 4] = section
+            _copy(cells[c, C_START : C_START + 4], section)
             _section(nodes, curvature, arc, stop, section)
-            cells[c, C_END : C_END + 4] = section
+            _copy(cells[c, C_END : C_END + 4], section)
             if void:  # the resin on the right of the void is the next cell
-                cells[c + 1] = cells[c]
+                _copy(cells[c + 1], cells[c])
                 _write_cell(cells[c + 1], nodes[arc], curvature[arc], -deep / 2, right)
                 g.links[c + 1, ARC] = arc
                 c += 1
@@ -146,7 +153,7 @@ def _cut_guide(
 @compiled
 def _edge(row: FloatArray, cell: FloatArray, left: bool) -> None:
     u = cell[C_LEFT] if left else cell[C_RIGHT]
-    row[:5] = cell[:5]
+    _copy(row, cell[:5])
     row[5] = cell[C_LEVEL_L] if left else cell[C_LEVEL_R]
     row[6] = -1.0 if left else 1.0
     row[7] = cell[C_INVERSE_L] if left else cell[C_INVERSE_L + 1]
@@ -156,7 +163,7 @@ def _edge(row: FloatArray, cell: FloatArray, left: bool) -> None:
 
 
 @compiled
-def _wall(g: Geometry, cell: int, at_end: bool, low: float, high: float, kind: int) -> None:
+def _wall(g: Geometry, cell: int, at_end: bool, low: float, high: float) -> None:
     """Write the wall at an end of a cell from offset `low` to `high`, the resin on the cell's side."""
     number, section = (4 * cell + 3, C_END) if at_end else (4 * cell + 2, C_START)
     x, y = g.cells[cell, section], g.cells[cell, section + 1]
@@ -166,31 +173,33 @@ def _wall(g: Geometry, cell: int, at_end: bool, low: float, high: float, kind: i
     row[6], row[7] = -1.0 if at_end else 1.0, 1.0
     row[8], row[9], row[10], row[11] = x - low * ty, y + low * tx, -ty, tx
     row[12], row[13], row[14], row[15] = x - high * ty, y + high * tx, -ty, tx
-    g.kinds[number], g.corners[number] = kind, surface.CORNER_A | surface.CORNER_B
+    g.kinds[number], g.corners[number] = INTERFACE, surface.CORNER_A | surface.CORNER_B
     g.links[cell, WALL_AFTER if at_end else WALL_BEFORE] = _WALL
 
 
 @compiled
-def _step_in(g: Geometry, thick: int, thin: int, at_end: bool) -> None:
+def _step_in(g: Geometry, thick: int, thin: int) -> None:
     """Write the wall between a full cell and its shallower neighbour, and mark the corners at both its ends."""
-    cells = g.cells
+    cells, at_end = g.cells, thin > thick
     left = cells[thin, C_LEFT] < cells[thick, C_LEFT]
     low = cells[thin, C_LEFT] if left else cells[thick, C_RIGHT]
     high = cells[thick, C_LEFT] if left else cells[thin, C_RIGHT]
-    _wall(g, thick, at_end, low, high, INTERFACE)
+    _wall(g, thick, at_end, low, high)
     side = 0 if left else 1
     g.corners[4 * thick + side] |= surface.CORNER_B if at_end else surface.CORNER_A
     g.corners[4 * thin + side] |= surface.CORNER_A if at_end else surface.CORNER_B
 
 
 @compiled
-def _step_in_both(g: Geometry, thick: int, thin: int, at_end: bool) -> None:
+def _step_in_both(g: Geometry, thick: int, thin: int) -> None:
     """Write the walls between a full cell and a neighbour cut from both sides; the right one takes the thin's place."""
-    cells, spare = g.cells, 4 * thin + (2 if at_end else 3)
-    _wall(g, thick, at_end, cells[thick, C_RIGHT], cells[thin, C_RIGHT], INTERFACE)
+    cells, at_end = g.cells, thin > thick
+    spare = 4 * thin + (2 if at_end else 3)
+    _wall(g, thick, at_end, cells[thick, C_RIGHT], cells[thin, C_RIGHT])
     number = 4 * thick + (3 if at_end else 2)
-    g.surfaces[spare], g.kinds[spare], g.corners[spare] = g.surfaces[number], INTERFACE, g.corners[number]
-    _wall(g, thick, at_end, cells[thin, C_LEFT], cells[thick, C_LEFT], INTERFACE)
+    _copy(g.surfaces[spare], g.surfaces[number])
+    g.kinds[spare], g.corners[spare] = INTERFACE, g.corners[number]
+    _wall(g, thick, at_end, cells[thin, C_LEFT], cells[thick, C_LEFT])
     g.links[thick, WALL_AFTER if at_end else WALL_BEFORE] = WALLS
     for side in range(2):
         g.corners[4 * thick + side] |= surface.CORNER_B if at_end else surface.CORNER_A
@@ -198,13 +207,14 @@ def _step_in_both(g: Geometry, thick: int, thin: int, at_end: bool) -> None:
 
 
 @compiled
-def _fork(g: Geometry, full: int, left: int, at_end: bool) -> None:
+def _fork(g: Geometry, full: int, left: int) -> None:
     """Write the wall between a full cell and a void, and link the full cell to the two cells beside the void.
 
     `full`: the cell before or after the void. `left`: the cell on the left of the void; the one on its right is the
-    next. `at_end`: whether the void begins at the full cell's end.
+    next.
     """
-    _wall(g, full, at_end, g.cells[left + 1, C_LEFT], g.cells[left, C_RIGHT], INTERFACE)
+    at_end = left > full  # the void begins there
+    _wall(g, full, at_end, g.cells[left + 1, C_LEFT], g.cells[left, C_RIGHT])
     g.links[full, WALL_AFTER if at_end else WALL_BEFORE] = FORK
     g.links[full, AFTER if at_end else BEFORE] = left
     g.links[left, BEFORE if at_end else AFTER] = full
@@ -221,11 +231,11 @@ def _link_voids(g: Geometry, first: int, after: int) -> None:
     while c < after - 1:
         if g.cells[c, C_RIGHT] == full:
             if g.cells[c + 1, C_RIGHT] != full:
-                _fork(g, c, c + 1, True)
+                _fork(g, c, c + 1)
             c += 1
         else:
             if g.cells[c + 2, C_RIGHT] == full:
-                _fork(g, c + 2, c, False)
+                _fork(g, c + 2, c)
             else:
                 for beside in range(2):
                     g.links[c + beside, AFTER], g.links[c + beside + 2, BEFORE] = c + beside + 2, c + beside
@@ -248,21 +258,20 @@ def _link(g: Geometry, guide: int, first: int, after: int, joined: bool, side_cu
     for c in range(first, after - 1 if side_cut != MIDLINE else first):
         now = g.cells[c, C_LEFT] - g.cells[c, C_RIGHT]
         then = g.cells[c + 1, C_LEFT] - g.cells[c + 1, C_RIGHT]
-        if then < now and side_cut == BOTH:
-            _step_in_both(g, c, c + 1, True)
-        elif then > now and side_cut == BOTH:
-            _step_in_both(g, c + 1, c, False)
-        elif then < now:
-            _step_in(g, c, c + 1, True)
-        elif then > now:
-            _step_in(g, c + 1, c, False)
+        thick, thin = (c, c + 1) if then < now else (c + 1, c)
+        if then != now and side_cut == BOTH:
+            _step_in_both(g, thick, thin)
+        elif then != now:
+            _step_in(g, thick, thin)
     g.end_cells[guide, 0], g.end_cells[guide, 1] = first, after - 1
     for side in range(2):
         g.corners[4 * first + side] |= surface.CORNER_A
         g.corners[4 * (after - 1) + side] |= surface.CORNER_B
     if not joined:
-        _wall(g, first, False, g.cells[first, C_RIGHT], g.cells[first, C_LEFT], INTERFACE)
-        _wall(g, after - 1, True, g.cells[after - 1, C_RIGHT], g.cells[after - 1, C_LEFT], surface.RECEIVER)
+        for end in range(2):
+            cell = first if end == 0 else after - 1
+            _wall(g, cell, end == 1, g.cells[cell, C_RIGHT], g.cells[cell, C_LEFT])
+        g.kinds[4 * (after - 1) + 3] = surface.RECEIVER
 
 
 @compiled
@@ -271,7 +280,7 @@ def _mark(g: Geometry, first: int, after: int, free: IntArray, cavity: int) -> N
 
     `free`: (arcs, 2) whether the uncut edge of an arc has the whole scene behind its tangents.
     """
-    start = NO_CELL
+    start = int(NO_CELL)  # no literal, for which numba would compile `_mark_cavity` once more
     for c in range(first, after):
         thickness = g.cells[c, C_LEFT] - g.cells[c, C_RIGHT]
         before = g.cells[c - 1, C_LEFT] - g.cells[c - 1, C_RIGHT] if c > first else thickness
@@ -372,9 +381,12 @@ def build(g: Geometry, frame: SceneFrame, pattern: FloatArray) -> None:
     `pattern`: cavities, width, depth, spacing (mm), number of the face in `parameters.FACES`.
     """
     guides, n, face = len(frame.nodes), int(pattern[0]), int(pattern[4])
-    g.kinds[:], g.corners[:], g.owners[:] = NO_SURFACE, 0, NO_CAVITY
-    g.links[:, WALL_BEFORE], g.links[:, WALL_AFTER] = 0, 0
-    g.emitter[:], g.receiver_direction[:] = frame.emitter, frame.receiver_direction
+    for i in range(len(g.kinds)):
+        g.kinds[i], g.corners[i], g.owners[i] = NO_SURFACE, 0, NO_CAVITY
+    for i in range(len(g.links)):
+        g.links[i, WALL_BEFORE], g.links[i, WALL_AFTER] = 0, 0
+    _copy(g.emitter, frame.emitter)
+    _copy(g.receiver_direction, frame.receiver_direction)
     walls, first = np.empty(2 * n), np.zeros(guides + 1, dtype=np.int64)
     for i in range(guides):
         nodes, curvature, ends = frame.nodes[i], frame.curvature[i], frame.ends[i]
@@ -389,8 +401,9 @@ def build(g: Geometry, frame: SceneFrame, pattern: FloatArray) -> None:
             _mark(g, start, after, frame.free[i], i * n)
         first[i + 1] = after
     base = 4 * len(g.cells)
-    g.surfaces[base:], g.kinds[base:] = frame.surfaces, frame.kinds
-    g.owners[base:], g.corners[base:] = frame.owners, frame.corners
+    for i in range(len(frame.kinds)):
+        _copy(g.surfaces[base + i], frame.surfaces[i])
+        g.kinds[base + i], g.owners[base + i], g.corners[base + i] = frame.kinds[i], frame.owners[i], frame.corners[i]
     build_bvh(g.surfaces, g.bvh_order, _write_order(g, first), g.bvh_boxes, g.bvh_nodes)
 
 

@@ -225,9 +225,12 @@ def simulate_many(
     """
     no_points, no_owners = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
     guides, arcs = frames.curvature[0].shape
-    most, face = int(np.max(patterns[:, 0])), int(np.max(patterns[:, 4]))
-    g = allocate(guides, arcs, len(frames.surfaces[0]), most, frames.source_cell, face)
-    most_secondary = int(np.max(shares[:, 1]))
+    most, face, most_secondary = 0.0, 0.0, shares[0, 1]
+    for p in range(len(patterns)):
+        most, face = max(most, patterns[p, 0]), max(face, patterns[p, 4])
+    for s in range(len(shares)):
+        most_secondary = max(most_secondary, shares[s, 1])
+    g = allocate(guides, arcs, len(frames.surfaces[0]), int(most), frames.source_cell, int(face))
     q, later = new_queue(most_secondary, rules.faintest), new_queue(most_secondary, rules.faintest)
     jittered = len(fan.places) > 0
     shift = 0.5 if jittered else (2.0 * fan.phase) % 1.0
@@ -235,13 +238,18 @@ def simulate_many(
     for p in range(len(patterns)):
         for s in range(len(frames.nodes)):
             build(g, _frame_at(frames, s), patterns[p])
-            by_root[:] = 0.0
+            for i in range(fan.rays):
+                by_root[i, 0], by_root[i, 1] = 0.0, 0.0
             tally = new_tally(by_root, no_points, no_owners)
             followed = Fan(fan.half, fan.rays, fan.lambertian, fan.phase, shares[s, 0], fan.places)
             simulate(g, rules, followed, shares[s, 1], q, later, tally)
-            counts[p, s] = tally.counts[:COUNTS]
-            energy[p, s] = tally.energy / fan.rays
-            changes[p, s] = changes_along_fan(by_root, step, shift, jittered)
+            change = changes_along_fan(by_root, step, shift, jittered)
+            for i in range(COUNTS):
+                counts[p, s, i] = tally.counts[i]
+            for i in range(ledger.ENERGIES):
+                energy[p, s, i] = tally.energy[i] / fan.rays
+            for i in range(2):
+                changes[p, s, i] = change[i]
 
 
 def stacked(frames: Sequence[SceneFrame]) -> SceneFrame:

@@ -49,10 +49,13 @@ def add_tally(tally: Tally, later: Tally) -> None:
 @compiled
 def add_twins(tally: Tally, followed: int) -> None:
     """Count the mirror images of all that the first `followed` released rays became."""
-    tally.counts[:COUNTS] *= 2
-    tally.energy[:] *= 2.0
+    for i in range(COUNTS):
+        tally.counts[i] *= 2
+    for i in range(ENERGIES):
+        tally.energy[i] *= 2.0
     for i in range(followed):
-        tally.by_root[2 * followed - 1 - i] = tally.by_root[i]
+        for kind in range(2):
+            tally.by_root[2 * followed - 1 - i, kind] = tally.by_root[i, kind]
 
 
 @inner

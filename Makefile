@@ -55,7 +55,7 @@ check: setup-test
 	$(BIN)/lint-imports
 
 compiled: setup-test  # what numba compiles, once and not in each of the tests' workers
-	$(BIN)/python -m tests.compiled
+	$(BIN)/boat-daq setup
 
 collected: setup-test  # rewritten asserts, once and not in each of the workers; what fails here fails there, with its message
 	-@QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest --collect-only -qq >/dev/null
@@ -164,6 +164,7 @@ $(BIN)/python:
 # Not compiled: of a thousand modules Python compiles the few that are imported, at their first import.
 $(VENV)/.installed: pyproject.toml | system $(BIN)/python
 	$(BIN)/python -m pip install -q --disable-pip-version-check --no-compile --editable .
+	$(BIN)/boat-daq setup
 	@touch $@
 
 $(VENV)/.installed-test: pyproject.toml | system-test $(BIN)/python

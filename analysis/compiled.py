@@ -5,43 +5,57 @@ arithmetic in the written order gives identical bits on any number of cores or c
 where a product is fused with a sum).
 
 numba reuses cached code while the function's own file is unchanged, although functions of other files are compiled into
-it. The cache folder is therefore named by a hash of all files in `PACKAGES`, beside the sources or in the user's cache
-folder. Rule: a compiled function calls compiled functions of its own file or of `PACKAGES` only (tested).
+it. The cache folder is therefore named by a hash of all files in `PACKAGES` and of the compiler's versions. It lies
+beside the sources of a checkout, and in the user's cache folder where they are installed. What takes long to compile is
+announced once by the logger `analysis.compiled`, which writes to standard error.
+
+Rule: a compiled function calls compiled functions of its own file or of `PACKAGES` only (tested).
 """
 
 from __future__ import annotations
 
 import hashlib
+import logging
 import shutil
+import sys
 import tempfile
 import time
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
 import numba.extending
 import platformdirs
-from numba.core import cgutils
+from numba.core import cgutils, event
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 PACKAGES = ("optics/scene", "optics/tracer", "shadow/fem")
+COMPILE_S = {"analysis.optics": 15, "analysis.shadow": 20}
+"""CPU time that the first call of a package takes to compile; elsewhere it is not worth a line."""
 UNUSED_S = 30 * 86_400.0
 _HERE = Path(__file__).parent
+_INSTALLED = {"site-packages", "dist-packages"}
+_LOG = logging.getLogger(__name__)
 _CONFIG: Any = numba.config
 
 
 def _sources_hash() -> str:
     files = [Path(__file__), *(file for name in PACKAGES for file in sorted((_HERE / name).glob("*.py")))]
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
+    versions = f"{numba.__version__} {version('llvmlite')} {sys.implementation.cache_tag}".encode()
+    return hashlib.sha256(b"".join([versions, *(file.read_bytes() for file in files)])).hexdigest()[:16]
 
 
 def _cache_folder() -> Path | None:
     """Return the first folder that can be written, or None: every process then compiles for itself."""
     chosen = [Path(_CONFIG.CACHE_DIR)] if _CONFIG.CACHE_DIR else []
     name = f"compiled-{_sources_hash()}"
-    for base in (*chosen, _HERE / "__pycache__", platformdirs.user_cache_path("boat-daq") / "compiled"):
+    places = [_HERE / "__pycache__", platformdirs.user_cache_path("boat-daq") / "compiled"]
+    if _INSTALLED & set(_HERE.parts):  # a new installation would lose what lies beside the old one
+        places.reverse()
+    for base in (*chosen, *places):
         try:
             (base / name).mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=base / name):
@@ -60,6 +74,26 @@ def _remove_unused(base: Path) -> None:
 
 
 CACHE_FOLDER = _cache_folder()
+
+
+class _Announcement(event.Listener):
+    """Says once for each package that it is being compiled, when the first of its functions is not in the cache."""
+
+    def __init__(self) -> None:
+        self._said: set[str] = set()
+
+    def on_start(self, event: Any) -> None:
+        """Announce the package of a function that numba begins to compile."""
+        package = ".".join(event.data["dispatcher"].py_func.__module__.split(".")[:2])
+        if package in COMPILE_S and package not in self._said:
+            self._said.add(package)
+            _LOG.warning("compiling once, about %d s", COMPILE_S[package])
+
+    def on_end(self, event: Any) -> None:
+        """Nothing is said."""
+
+
+cast(Any, event).register("numba:compile", _Announcement())
 
 
 def _cached(function: Function, **options: Any) -> Function:

@@ -39,14 +39,14 @@ _COMMANDS = (  # in the order of --help; each is a function in the module named,
     ("recordings.recover", "recordings.upgrade", "recordings.verify", "recordings.info", "metadata"),
     ("analyze", "analyze.report", "certificate"),
     ("folders.batch", "folders.history", "analyze.strokes", "methods.tradeoff", "methods.atlas"),
-    ("examples", "importing.export", "calibration", "calibration.convert", "fit", "qualify", "bugreport"),
+    ("examples", "importing.export", "calibration", "calibration.convert", "fit", "qualify", "setup", "bugreport"),
 )
 _GROUPS = ("camera", "configuration.config", "configuration.unit", "optics", "shadow", "twin", "reproduce")
 _NAMES = {"importing": "import"}  # where the name of the function is not that of the command
 _STYLE: dict[str, Any] = {"rich_markup_mode": None, "pretty_exceptions_enable": False}
 
 
-class Commands(Mapping[str, Any]):
+class LazyCommands(Mapping[str, Any]):
     """Commands and groups by name; each is imported when it is looked up."""
 
     def __init__(self) -> None:
@@ -86,7 +86,7 @@ class Root(TyperGroup):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
-        self.commands: Any = Commands()
+        self.commands: Any = LazyCommands()
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names in the order of --help."""

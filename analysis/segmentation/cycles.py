@@ -191,7 +191,7 @@ class _Group:
 
 def _groups(smooth: FloatArray, span: float) -> list[_Group]:
     """The run's extremes: reversals of at least half the span, and what the run starts and ends with."""
-    rows = _turning_points(smooth, SWING_SHARE * span)
+    rows = turning_points(smooth, SWING_SHARE * span)
     if rows.size < 2:
         return []
     signs = np.where(np.diff(smooth[rows], append=smooth[rows[-2]]) < 0, 1, -1)
@@ -206,7 +206,7 @@ def _groups(smooth: FloatArray, span: float) -> list[_Group]:
 
 
 @compiled
-def _turning_points(values: Any, threshold: float) -> Any:  # pragma: no cover - compiled
+def turning_points(values: Any, threshold: float) -> Any:  # pragma: no cover - compiled
     """Rows where the values turn by more than `threshold`, begun by the first extreme and ended by the last."""
     rows = []
     low, high, direction = 0, 0, 0
@@ -340,7 +340,7 @@ def _small_excursions(smooth: FloatArray, span: float, noise: float) -> tuple[Ex
     """List reversals of 10 to 50 % of the span, smallest first removed, as rainflow counting does (ASTM E1049)."""
     step = max(1, smooth.size // 20_000)
     coarse = smooth[::step]
-    rows = _turning_points(coarse, max(EXCURSION_SHARE * span, 4.0 * noise / np.sqrt(5))).tolist()
+    rows = turning_points(coarse, max(EXCURSION_SHARE * span, 4.0 * noise / np.sqrt(5))).tolist()
     found: list[Excursion] = []
     while len(rows) > 3:
         swings = np.abs(np.diff(coarse[rows]))[1:-1]  # the first and last swing are the run's lead-in and lead-out

@@ -121,6 +121,7 @@ def run(
     window = make_window()
     model = window.model
     Collector(window, window.page_made)
+    model.compile_ahead()
     model.notices.attempt(model.windows.join)
     window.fit_screen()
     window.show()

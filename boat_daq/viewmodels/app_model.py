@@ -48,6 +48,7 @@ from boat_daq.viewmodels.results.repeatability import RepeatabilityModel
 from boat_daq.viewmodels.results.runs import RunActions, RunsModel
 from boat_daq.viewmodels.settings_model import SettingsModel
 from boat_daq.workflows.jobs import Job, JobRunner, prepare
+from boat_daq.workflows.live_conversion import compile_conversion, compile_rest
 from boat_daq.workflows.run_analysis import load_analysis
 from protocol.base.units import ShownUnits
 
@@ -125,6 +126,17 @@ class AppModel:
         self.optics.set_fidelity(chosen)
         self.shadow.set_fidelity(chosen.level)
         self.calibration.fidelity = self.repeatability.fidelity = self.runs.fidelity = chosen
+
+    def compile_ahead(self) -> None:
+        """Compile what is not in the cache in helper processes; the live conversion waits for its own part."""
+        self.unit.hold()
+        job = Job("prepare the conversion", compile_conversion)
+        self.jobs.start("conversion code", job, self._conversion_compiled)
+
+    def _conversion_compiled(self, job: Job) -> None:
+        self.unit.release()
+        if job.result:
+            self.jobs.start("compiled code", Job("compile once", compile_rest), lambda _: None)
 
     def tick(self) -> SessionSnapshot:
         """Take a snapshot and the results of background work; return the snapshot."""

@@ -1,6 +1,7 @@
 """The live conversion from signals to elongation, by the calibration in force of a unit.
 
-The stored points are fitted again, so that the live conversion is exactly the accepted calibration.
+The stored points are fitted again, so that the live conversion is exactly the accepted calibration. Its machine code is
+compiled in a helper process (`compile_conversion`), as all other is: nothing compiles in the window's own.
 """
 
 from __future__ import annotations
@@ -87,8 +88,25 @@ def prepare(record: CalibrationRecord, units: UnitLibrary | None = None) -> Conv
     """Return the conversion by a calibration, all sensors fused; with `units` also the prediction of the signals."""
     fusion = record.fusion()
     conversion = Conversion(fusion, live_prediction_of(units, record.unit, fusion) if units is not None else None)
-    conversion(np.zeros((1, len(fusion.inverses))))  # compiles now, not in the first frame
+    conversion(np.zeros((1, len(fusion.inverses))))  # loads the machine code now, not in the first frame
     return conversion
+
+
+def compile_conversion() -> bool:
+    """Compile what the live conversion needs, unless all is in the cache; return whether it was not."""
+    from analysis.compile_all import compile_calibration, is_complete
+
+    missing = not is_complete()
+    if missing:
+        compile_calibration()
+    return missing
+
+
+def compile_rest() -> None:
+    """Compile everything that is not in the cache."""
+    from analysis.compile_all import compile_all
+
+    compile_all()
 
 
 def conversion_in_force(session: Session, unit: str) -> tuple[Conversion | None, str]:

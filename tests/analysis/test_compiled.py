@@ -71,6 +71,63 @@ def test_an_edit_of_another_file_is_compiled_again(tree: Path) -> None:
     assert run(tree)[:2] == (31, 0)
 
 
+def test_the_first_call_says_that_it_compiles_and_no_later_one(tmp_path: Path) -> None:
+    """One line on standard error where the cache is empty; a second process finds all in it."""
+    program = "from analysis.optics.tracer.budget import new_queue; new_queue(4, 0.1)"
+    for said in (["compiling once, about 15 s"], []):
+        ran = subprocess.run(
+            [sys.executable, "-c", program],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert ran.stderr.splitlines() == said
+        assert ran.stdout == ""
+
+
+def test_an_installed_package_keeps_machine_code_in_the_users_folder(tree: Path) -> None:
+    """A new installation replaces what lies beside the old one; the user's cache folder stays."""
+    installed = tree / "site-packages"
+    installed.mkdir()
+    (tree / "analysis").rename(installed / "analysis")
+    _, _, folder = run(installed)
+    assert folder.is_relative_to(installed / "cache")
+    assert not list((installed / "analysis").rglob("*.nbi"))
+
+
+def test_what_is_compiled_ahead_serves_every_later_call() -> None:
+    """After `compile_all` a trace, a sweep, a frame of the shadow, an inverse and a run's cycles compile nothing."""
+    program = """
+import numba
+from numba.core import event
+from analysis import analyse
+from analysis.compile_all import COMPILE_STEPS, compile_all
+compile_all()
+started = []
+
+class Counted(event.Listener):
+    def on_start(self, event):
+        started.append(event.data["dispatcher"].py_func.__name__)
+
+    def on_end(self, event):
+        pass
+
+event.register("numba:compile", Counted())
+for step in COMPILE_STEPS.values():
+    step()
+analyse("recordings/simulated_SA1_two_cycles.boat", mcmc=False)
+print(started)
+
+numba.njit(lambda x: x)(1)
+print(started)
+"""
+    ran = subprocess.run(
+        [sys.executable, "-c", program], cwd=SOURCES.parent, capture_output=True, text=True, check=True
+    )
+    assert ran.stdout.splitlines() == ["[]", "['<lambda>']"]
+
+
 @pytest.mark.nightly
 def test_a_read_only_installation_keeps_machine_code_in_the_users_folder(tree: Path) -> None:
     """Where nothing can be written beside the sources the user's cache folder is used."""

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import typer.main
 
-from boat_daq.cli import Commands, app
+from boat_daq.cli import LazyCommands, app
 
 MOST_OPTIONS, MOST_OF_A_COMMAND = 250, 16
 
@@ -86,7 +86,7 @@ main()
 
 def test_every_command_is_found_under_its_name() -> None:
     """Each name of `--help` loads a command of that name."""
-    found = Commands()
+    found = LazyCommands()
     assert {name: command.name for name, command in found.items()} == {name: name for name in found}
 
 

@@ -1,6 +1,7 @@
 """The live conversion from signals to elongation, by the calibration of the unit on the bench.
 
-It is prepared on a helper thread: the analysis and its compiler take a moment to load, which must not delay the window.
+It is prepared on a helper thread: the analysis takes a moment to load, which must not delay the window. Its machine
+code is compiled by a helper process before (`AppModel.compile_ahead`), and only loaded here.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ class UnitInUse:
         self.preparation: Background[Conversion] = Background("calibration")
         self.conversion: Conversion | None = None
         self._record: CalibrationRecord | None = None
+        self._held: list[tuple[CalibrationRecord, UnitLibrary | None]] | None = None  # None: nothing waits
         self._followed = ("", False, 0)  # name, whether simulated, revision of the library
 
     def name(self, snapshot: SessionSnapshot) -> str:
@@ -81,7 +83,24 @@ class UnitInUse:
         self._record = record
         self._live.inverse = self.conversion = self._live.prediction = None
         self.preparation.pending.clear()  # of another calibration
-        if record is not None:
+        if self._held is not None:
+            self._held = [(record, units)] if record is not None else []
+        elif record is not None:
+            self.preparation.call(prepare, record, units)
+
+    @property
+    def held(self) -> bool:
+        """Whether no conversion is prepared yet."""
+        return self._held is not None
+
+    def hold(self) -> None:
+        """Prepare no conversion until `release`: its machine code is being compiled in a helper process."""
+        self._held = []
+
+    def release(self) -> None:
+        """Prepare the conversion that was waiting."""
+        held, self._held = self._held or [], None
+        for record, units in held:
             self.preparation.call(prepare, record, units)
 
     def regulator(self, snapshot: SessionSnapshot, step_mv: float) -> Regulator:

@@ -1,0 +1,81 @@
+"""Everything that numba compiles, compiled once and kept, so that no later call waits for it (`boat-daq setup`).
+
+Each step makes the calls whose machine code it keeps. That all is there is noted in the cache's folder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from analysis.compiled import CACHE_FOLDER
+from analysis.progress import Progress
+
+_DONE = "complete"
+
+
+def compile_calibration() -> None:
+    """Invert a curve, and find the turning points of a pressure."""
+    from analysis.calibration.fit import fit_calibration
+    from analysis.calibration.inverse import Inverse
+    from analysis.segmentation.cycles import turning_points
+
+    x = np.arange(6.0)
+    Inverse.of(fit_calibration(x, 2.0 * x)).evaluate(np.array([3.0]))
+    turning_points(np.sin(x), 0.1)
+
+
+def compile_optics() -> None:
+    """Trace one scene, and sweep one design."""
+    from analysis.optics.scene.curves import default_curves, frame_of
+    from analysis.optics.scene.parameters import Design, Light, Waveguide
+    from analysis.optics.sweep.sweep import SweepRequest, run_sweep
+    from analysis.optics.tracer.simulation import trace
+
+    trace(frame_of(default_curves(), 0, Waveguide()), Design(), Waveguide(), Light())
+    run_sweep(SweepRequest((Design(),), Waveguide(), Light(rays=10, secondary=4), default_curves()))
+
+
+def compile_shadow() -> None:
+    """Compute a frame of a small shadow by its table and by the full model, and the energy."""
+    from analysis.shadow.fem.parameters import ActuatorParameters
+    from analysis.shadow.model.frames import Shadow
+    from analysis.shadow.model.table import build_table
+
+    parameters = ActuatorParameters(cells=2, axial_elements=6, wall_elements=1, lattice_elements=3)
+    actuator = Shadow(parameters, build_table(parameters))
+    problem = actuator.model.problem
+    actuator.state(pressure_kpa=20.0, elongation_mm=1.0)
+    full = actuator.state(pressure_kpa=10.0, model="full")
+    problem.potential(full.nodes_mm - problem.nodes, full.pressure_kpa)
+
+
+COMPILE_STEPS: dict[str, Callable[[], None]] = {
+    "calibration": compile_calibration,
+    "rays": compile_optics,
+    "shadow": compile_shadow,
+}
+
+
+def is_complete() -> bool:
+    """Return whether all has been compiled from the sources as they are."""
+    return CACHE_FOLDER is not None and (CACHE_FOLDER / _DONE).is_file()
+
+
+def compile_all(*, notify: Callable[[str], None] | None = None, progress: Progress | None = None) -> bool:
+    """Compile what is not in the cache; return whether something was to be done.
+
+    `notify`: function of the name of each step, as it begins.
+    """
+    if is_complete():
+        return False
+    for done, (name, step) in enumerate(COMPILE_STEPS.items()):
+        if notify is not None:
+            notify(name)
+        step()
+        if progress is not None:
+            progress(done + 1, len(COMPILE_STEPS))
+    if CACHE_FOLDER is not None:
+        (CACHE_FOLDER / _DONE).touch()
+    return True

@@ -1,0 +1,39 @@
+"""`setup`: compiled once, said in words and as JSON."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from analysis import compile_all, compiled
+from boat_daq.cli import app
+
+
+def test_it_compiles_each_step_once(monkeypatch: pytest.MonkeyPatch, tmp_path: object) -> None:
+    """The first call takes every step, the second none; a line on standard error names each as it begins."""
+    taken: list[str] = []
+    steps = {name: (lambda name=name: taken.append(name)) for name in compile_all.COMPILE_STEPS}
+    monkeypatch.setattr(compile_all, "CACHE_FOLDER", tmp_path)
+    monkeypatch.setattr(compiled, "CACHE_FOLDER", tmp_path)
+    monkeypatch.setattr(compile_all, "COMPILE_STEPS", steps)
+    first = CliRunner().invoke(app, ["setup", "--json"])
+    assert taken == ["calibration", "rays", "shadow"]
+    assert first.stderr.splitlines() == [
+        "compiling the inverse of calibrations",
+        "compiling the ray tracer",
+        "compiling the finite elements",
+    ]
+    assert json.loads(first.stdout)["compiled"] is True
+    second = CliRunner().invoke(app, ["setup"])
+    assert len(taken) == 3
+    assert second.stdout == f"all is compiled, in {tmp_path}\n"
+
+
+def test_without_a_cache_each_call_compiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no folder can be written nothing is noted as complete."""
+    monkeypatch.setattr(compile_all, "CACHE_FOLDER", None)
+    monkeypatch.setattr(compile_all, "COMPILE_STEPS", {"rays": lambda: None})
+    assert compile_all.compile_all()
+    assert not compile_all.is_complete()

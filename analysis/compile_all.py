@@ -1,18 +1,22 @@
 """Everything that numba compiles, compiled once and kept, so that no later call waits for it (`boat-daq setup`).
 
-Each step makes the calls whose machine code it keeps. That all is there is noted in the cache's folder.
+Each step makes the calls whose machine code it keeps. That all is there is noted in the cache's folder, with the dates
+of the sources: numba compiles again what lies in a file of another date, as after a new installation.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
-from analysis.compiled import CACHE_FOLDER
+from analysis.compiled import CACHE_FOLDER, PACKAGES
 from analysis.progress import Progress
 
 _DONE = "complete"
+_HERE = Path(__file__).parent
+_ALONE = ("calibration/inverse.py", "segmentation/cycles.py")  # compiled functions outside `PACKAGES`
 
 
 def compile_calibration() -> None:
@@ -60,7 +64,15 @@ COMPILE_STEPS: dict[str, Callable[[], None]] = {
 
 def is_complete() -> bool:
     """Return whether all has been compiled from the sources as they are."""
-    return CACHE_FOLDER is not None and (CACHE_FOLDER / _DONE).is_file()
+    if CACHE_FOLDER is None or not (CACHE_FOLDER / _DONE).is_file():
+        return False
+    return (CACHE_FOLDER / _DONE).read_text(encoding="utf-8") == _dates()
+
+
+def _dates() -> str:
+    """Return when each file with compiled functions was written."""
+    files = [file for name in PACKAGES for file in sorted((_HERE / name).glob("*.py"))]
+    return "\n".join(str(file.stat().st_mtime_ns) for file in (*files, *(_HERE / name for name in _ALONE)))
 
 
 def compile_all(*, notify: Callable[[str], None] | None = None, progress: Progress | None = None) -> bool:
@@ -77,5 +89,5 @@ def compile_all(*, notify: Callable[[str], None] | None = None, progress: Progre
         if progress is not None:
             progress(done + 1, len(COMPILE_STEPS))
     if CACHE_FOLDER is not None:
-        (CACHE_FOLDER / _DONE).touch()
+        (CACHE_FOLDER / _DONE).write_text(_dates(), encoding="utf-8")
     return True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -11,7 +12,7 @@ from analysis import compile_all, compiled
 from boat_daq.cli import app
 
 
-def test_it_compiles_each_step_once(monkeypatch: pytest.MonkeyPatch, tmp_path: object) -> None:
+def test_it_compiles_each_step_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The first call takes every step, the second none; a line on standard error names each as it begins."""
     taken: list[str] = []
     steps = {name: (lambda name=name: taken.append(name)) for name in compile_all.COMPILE_STEPS}
@@ -29,6 +30,17 @@ def test_it_compiles_each_step_once(monkeypatch: pytest.MonkeyPatch, tmp_path: o
     second = CliRunner().invoke(app, ["setup"])
     assert len(taken) == 3
     assert second.stdout == f"all is compiled, in {tmp_path}\n"
+
+
+def test_files_of_another_date_are_compiled_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """As after a new installation of the same version, whose machine code numba does not load."""
+    monkeypatch.setattr(compile_all, "CACHE_FOLDER", tmp_path)
+    monkeypatch.setattr(compile_all, "COMPILE_STEPS", {"rays": lambda: None})
+    assert compile_all.compile_all()
+    assert compile_all.is_complete()
+    (tmp_path / "inverse.py").touch()
+    monkeypatch.setattr(compile_all, "_ALONE", (str(tmp_path / "inverse.py"),))
+    assert not compile_all.is_complete()
 
 
 def test_without_a_cache_each_call_compiles(monkeypatch: pytest.MonkeyPatch) -> None:

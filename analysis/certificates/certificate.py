@@ -324,6 +324,9 @@ def _item(
     begun, ended = (str(recording.meta.get(key) or "")[:10] for key in ("started_utc", "ended_utc"))
     if recording.meta.get("imported_from") is not None:
         ended = begun  # the end of an imported file is its import
+    if not begun and not recording.simulated:
+        cause = f"it is not known when {recording.source or 'the run'} was recorded"
+        raise DataError(cause, "State it when importing.", command="boat-daq import FILE.csv --started TIME")
     begun, own = begun or issued, str(recording.meta.get("uuid") or Path(recording.source).stem)
     return CalibratedItem(
         name=name or NOT_STATED,

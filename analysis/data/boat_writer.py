@@ -108,11 +108,12 @@ def _session(recording: Recording, samples: npt.NDArray[np.void]) -> dict[str, A
     assert samples.dtype.names is not None
     values: dict[str, Any] = dict.fromkeys(schema.SESSION_KEYS)
     values |= {key: value for key, value in recording.meta.items() if key != "sample_dtype"}
-    now = datetime.datetime.now(datetime.UTC).isoformat()
+    started = recording.meta.get("started_utc") or None  # the time of the import says nothing of the run
     values |= {
         "uuid": str(uuid.uuid4()), "status": "closed", "simulated": recording.simulated,
-        "program_version": program_version(), "started_utc": recording.meta.get("started_utc") or now,
-        "started_host_ns": 0, "ended_utc": now, "ended_host_ns": 0, "stop_reason": "finished",
+        "program_version": program_version(), "started_utc": started,
+        "started_host_ns": 0, "ended_utc": _ended(started, recording.duration_s), "ended_host_ns": 0,
+        "stop_reason": "finished",
         "port": f"import:{recording.meta.get('imported_from', '')}", "n_sensors": recording.n_sensors,
         "sample_kind": "counts" if "lit" in samples.dtype.names else "signal",
         "sample_dtype": schema.describe_dtype(samples.dtype),
@@ -126,6 +127,15 @@ def _session(recording: Recording, samples: npt.NDArray[np.void]) -> dict[str, A
         cause = f"{error.cause}, in a comment line of the file"
         raise FileError(cause, "Correct the comment lines of the file.") from error
     return values
+
+
+def _ended(started: object, duration_s: float) -> str | None:
+    """Return the time of the last sample, ISO 8601; None where that of the first is not known."""
+    try:
+        begun = datetime.datetime.fromisoformat(str(started))
+        return (begun + datetime.timedelta(seconds=duration_s)).isoformat()
+    except (ValueError, OverflowError):
+        return None
 
 
 def _keep_original(db: sqlite3.Connection, original: Path) -> int:

@@ -23,6 +23,7 @@ from protocol.base.uncertainty import COVERAGE_FACTOR
 
 DAYS_PER_YEAR = 365.25
 LONGEST_RATIO = 2.0
+LEAST_DAYS = 1.0  # that calibrations cover: less shows warm-up and handling, not ageing
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +73,8 @@ def proposed_interval(
         void = "the time of a calibration is not known"
     elif len(known) < 2:
         void = "one calibration shows no drift"
-    elif not days[-1] > 0:
-        void = "the calibrations are of one instant"
+    elif not days[-1] >= LEAST_DAYS:
+        void = "the calibrations cover less than a day"
     elif not (np.isfinite(error_mm).all() and np.isfinite(u_mm).all() and (u_mm > 0).all()):
         void = "the uncertainty of a calibration is not known"
     elif not (math.isfinite(limit_mm) and limit_mm > 0):

@@ -161,8 +161,8 @@ def continuous_loops(recording: Recording, cycles: Cycles) -> Loops:
     signal[np.broadcast_to(~np.asarray(whole).T[:, None, :, None], signal.shape)] = np.nan
     centres = low + (np.arange(bins) + 0.5) * (high - low) / bins
     margin = ENDS_SHARE * (high - low)
-    inside = (smooth > low + margin) & (smooth < high - margin)
-    one_branch = tuple(_not_passed(int(inside[c.unloading].sum()), int(inside[c.loading].sum())) for c in used)
+    between = (smooth > low + margin) & (smooth < high - margin)
+    one_branch = tuple(_not_passed(int(between[c.unloading].sum()), int(between[c.loading].sum())) for c in used)
     own = np.isfinite(pressure)
     return Loops(centres, pressure, None, signal, own, numbers, tuple(void), (low, high), True, one_branch)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,6 +21,7 @@ from boat_daq.commands.options import (
 if TYPE_CHECKING:
     from analysis.data.export import ConvertedElongation, Format
 
+_TIMES = [f"%Y-%m-%d{time}{zone}" for time in ("", "T%H:%M", "T%H:%M:%S", " %H:%M", " %H:%M:%S") for zone in ("", "%z")]
 _FORMATS: tuple[Format, ...] = ("csv", "parquet", "hdf5", "mat", "rosbag", "rosbag-sqlite3")
 
 
@@ -29,6 +32,11 @@ def importing(
     profile: Annotated[Path | None, typer.Option(help="Map that was saved before.")] = None,
     save_profile: Annotated[Path | None, typer.Option(help="File to save the map in.")] = None,
     rate: RateOption = None,
+    unit: Annotated[str | None, typer.Option(metavar="NAME", help="Unit that was measured.")] = None,
+    started: Annotated[
+        datetime | None,
+        typer.Option(metavar="TIME", formats=_TIMES, help="When the run began, such as 2026-01-31T14:05."),
+    ] = None,
     preview: Annotated[
         bool, typer.Option("--preview", help="Show the columns that were found; write nothing.")
     ] = False,
@@ -37,7 +45,7 @@ def importing(
     """Import a CSV file into a recording.
 
     Separator, decimal sign, encoding, header and units are detected. Columns that are not recognised are mapped by name
-    or by number from 1.
+    or by number from 1. Unit and time of the run are those of the comment lines, or as stated, else not known.
 
     Example: boat-daq import lab.csv --out lab.boat --map pressure_kpa=3:bar --map s1_mv="Sensor A:V"
     """
@@ -61,6 +69,9 @@ def importing(
     if to is None:
         raise typer.BadParameter("give --out FILE.boat, or --preview")
     recording = importer.import_csv(file, columns=columns, rate_hz=rate)
+    stated = {"unit": unit, "started_utc": started.astimezone(UTC).isoformat() if started is not None else None}
+    meta = {**recording.meta, **{key: value for key, value in stated.items() if value}}
+    recording = replace(recording, meta=meta)
     from analysis.data.boat_writer import write_boat_file
 
     write_boat_file(to, recording, original=file)

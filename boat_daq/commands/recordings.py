@@ -133,7 +133,7 @@ def _lines(summary: Summary) -> Iterator[tuple[str, str]]:
     yield "operator", summary.operator or "-"
     yield "unit", f"{summary.unit or '-'} on board {summary.board_id or '-'} at {summary.port or '-'}"
     yield from ((name.lower(), text) for name, text in summary.metadata.lines() if name != "Operator")
-    yield "started", summary.started_utc
+    yield "started", summary.started_utc or "-"
     yield "ended", summary.ended_utc or "-"
     rate = "-" if summary.rate_hz is None else f"{summary.rate_hz:.2f} Hz"
     if summary.lost_samples and summary.rate_sampled_hz is not None:

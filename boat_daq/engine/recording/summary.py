@@ -73,7 +73,7 @@ class Summary:
     port: str | None
     board_id: str | None
     program_version: str
-    started_utc: str
+    started_utc: str  # "" where it is not known
     ended_utc: str | None
     stop_reason: str | None
     run_end: schema.RunEnd | None  # the code of it; None while it is in progress, or was interrupted
@@ -169,7 +169,7 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
         operator=stated.operator or meta["operator"],
         note=stated.note or schema.note_of(db, meta),
         metadata=stated,
-        **{key: meta[key] for key in (*stored, "stop_reason")},
+        **{key: meta[key] for key in (*stored, "stop_reason")} | {"started_utc": meta["started_utc"] or ""},
         run_end=schema.run_end_of(meta),
         duration_s=duration_s,
         rate_hz=_rate(samples, len(segments), duration_s),

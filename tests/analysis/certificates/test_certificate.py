@@ -88,3 +88,12 @@ def test_calibration_before_is_compared_as_found(calibration: Analysis) -> None:
     assert item.previous.startswith("2025-01-01")
     assert item.sensors[0].as_found.difference_mv == pytest.approx(-5.0)
     assert item.sensors[0].as_json()["as_found"]["agrees"] is False
+
+
+def test_a_run_of_unknown_time_is_not_dated_by_its_certificate(calibration: Analysis) -> None:
+    """An imported run without a time is refused, with what states it; a simulated one is no certificate anyway."""
+    unknown = with_meta(calibration, started_utc=None, ended_utc=None)
+    with pytest.raises(DataError, match="not known when") as caught:
+        certificate_of([unknown], REQUEST)
+    assert "--started" in caught.value.command
+    assert certificate_of([with_meta(unknown, simulated=True)], REQUEST).items[0].begun

@@ -41,13 +41,21 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Analysis]:
     for name, cycles in (("one cycle", 1), ("two cycles", 2)):
         stairs = Staircase(Plant(loop_mm=0.25), cycles=cycles)
         stairs.elongations().to_csv(file, index=False)
-        found[name] = analyse(stairs.recording(meta={"unit": "SA1"}), file, options=options)
+        found[name] = analyse(
+            stairs.recording(meta={"unit": "SA1", "started_utc": "2026-01-01T00:00:00+00:00"}), file, options=options
+        )
     stairs = Staircase(Plant(loop_mm=0.25), cycles=3)
-    run, read, levels = stairs.recording(meta={"unit": "SA1"}), stairs.elongations(), stairs.levels()
+    run, read, levels = (
+        stairs.recording(meta={"unit": "SA1", "started_utc": "2026-01-01T00:00:00+00:00"}),
+        stairs.elongations(),
+        stairs.levels(),
+    )
     signal = run.signal_mv.copy()
     signal[run.n // 2 :, 1] = signal[run.n // 2, 1]
     read.to_csv(file, index=False)
-    frozen = Recording.from_arrays(run.time_s, run.pressure_kpa, signal, meta={"unit": "SA1"})
+    frozen = Recording.from_arrays(
+        run.time_s, run.pressure_kpa, signal, meta={"unit": "SA1", "started_utc": "2026-01-01T00:00:00+00:00"}
+    )
     found["frozen half-way"] = analyse(frozen, file, options=options)
     read["cycle"] = [cycle for _, _, cycle in levels]
     read["branch"] = ["loading" if up else "unloading" for _, up, _ in levels]

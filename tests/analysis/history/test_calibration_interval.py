@@ -58,7 +58,8 @@ def test_limit_that_the_calibration_itself_does_not_keep_is_due_at_once() -> Non
     ("days", "u", "limit", "reason"),
     [
         ((0.0,), 0.1, 1.0, "one calibration"),
-        ((0.0, 0.0), 0.1, 1.0, "one instant"),
+        ((0.0, 0.0), 0.1, 1.0, "less than a day"),
+        ((0.0, 25 / 86_400, 50 / 86_400), 0.1, 1.0, "less than a day"),
         ((0.0, 1.0), 0.0, 1.0, "uncertainty of a calibration"),
         ((0.0, 1.0), 0.1, float("nan"), "uncertainty of an elongation"),
     ],

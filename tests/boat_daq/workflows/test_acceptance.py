@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.calibration.fit import fit_calibration
-from analysis.calibration.record import SensorRecord
+from analysis.calibration.record import CalibrationRecord, SensorRecord
 from analysis.warning import Warning, WarningCode
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.workflows import acceptance
@@ -24,6 +24,7 @@ from boat_daq.workflows.acceptance import (
     obstacle_to,
     withdraw,
 )
+from boat_daq.workflows.live_conversion import prepare
 from protocol.base.errors import RequestError
 from tests.boat_daq.viewmodels.helpers import SAMPLE
 
@@ -55,6 +56,18 @@ def test_each_sensor_needs_a_curve_with_an_inverse() -> None:
     assert found is not None and "one signal would give two elongations" in str(found)
     assert str(obstacle_to(None)) == "Nothing is analysed yet."
     assert str(obstacle_to(replace(RUN, sensors=()))) == "The run has no sensor."
+
+
+def test_a_calibration_without_u_is_marked_where_it_is_accepted() -> None:
+    """One cycle: out of tolerance with the reason, which is stored; live, a value without a band."""
+    unknown = replace(SENSOR.record, u_reason="one cycle gives no uncertainty: run three")
+    missed = missed_bounds(replace(RUN, sensors=(replace(SENSOR, record=unknown),)))
+    assert missed == ("Sensor 1: U is not known: one cycle gives no uncertainty: run three",)
+    assert missed_bounds(RUN) == ()
+    found = prepare(CalibrationRecord((unknown,), simulated=False))(np.array([[1660.0], [1700.0]]))
+    assert np.isfinite(found.mm).all()
+    assert np.isnan(found.expanded_mm).all()
+    assert [edge.size for edge in found.band(np.array([0.0, 1.0]))] == [0, 0, 0]
 
 
 def test_acceptance_and_withdrawal_add_entries(tmp_path) -> None:

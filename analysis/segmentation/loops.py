@@ -19,7 +19,7 @@ from analysis.segmentation.plateaus import Plateau, branch_members
 from analysis.statistics import interpolate
 from protocol.base.arrays import BoolArray, FloatArray
 
-BRANCHES = ("unloading", "loading")
+_BRANCHES = ("unloading", "loading")
 _BINS, MIN_BINS = 45, 6
 MIN_PER_BIN = 3
 FEWEST_INSIDE = 2  # levels inside the range that a branch holds, or the only one; and a third of the other's
@@ -79,7 +79,7 @@ def staircase_loops(
             _not_held(*(len({*level_of[m]} - {*level_of[m[[0, -1]]]}) if m.size else 0 for m in branches))
         )
         for b, members in enumerate(branches):
-            name = BRANCHES[b]
+            name = _BRANCHES[b]
             for i in members:
                 p, g = plateaus[i], level_of[i]
                 if p.void or g < 0:
@@ -107,7 +107,7 @@ def _not_held(unloading: int, loading: int) -> str:
         return "no branch was driven: no level inside the range was held"
     if least >= min(FEWEST_INSIDE, most) and 3 * least >= most:
         return ""
-    which = BRANCHES[loading > unloading]
+    which = _BRANCHES[loading > unloading]
     levels = "no level" if not least else f"{least} of {most} levels"
     held = f"{levels} inside the range {'was' if least < 2 else 'were'} held on the other"
     return f"only the {which} branch was driven: {held}"
@@ -121,7 +121,7 @@ def _not_passed(unloading: int, loading: int) -> str:
     if most < MIN_BINS * MIN_PER_BIN:
         return f"no branch was driven: {most} samples are inside the range, {MIN_BINS * MIN_PER_BIN} show a branch"
     how = f"the other was passed in {least} samples, this one in {most}"
-    return f"only the {BRANCHES[loading > unloading]} branch was driven: {how}"
+    return f"only the {_BRANCHES[loading > unloading]} branch was driven: {how}"
 
 
 def continuous_loops(recording: Recording, cycles: Cycles) -> Loops:

@@ -13,6 +13,7 @@ import numpy as np
 
 from analysis.compiled import CACHE_FOLDER, PACKAGES
 from analysis.progress import Progress
+from protocol.base.whole_file import write_whole
 
 _DONE = "complete"
 _HERE = Path(__file__).parent
@@ -89,5 +90,5 @@ def compile_all(*, notify: Callable[[str], None] | None = None, progress: Progre
         if progress is not None:
             progress(done + 1, len(COMPILE_STEPS))
     if CACHE_FOLDER is not None:
-        (CACHE_FOLDER / _DONE).write_text(_dates(), encoding="utf-8")
+        write_whole(CACHE_FOLDER / _DONE, _dates())
     return True

@@ -97,7 +97,7 @@ app = typer.Typer(
     name="boat-daq",
     cls=Root,
     help="Calibrate soft optical sensors in pneumatic actuators: record, analyse, report.",
-    add_completion=True,
+    add_completion=False,
     **_STYLE,
 )
 

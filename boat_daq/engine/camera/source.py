@@ -232,6 +232,7 @@ class MjpegAddress:
             ) from None
         kind = self._answer.headers.get_content_type()
         if self._answer.status != 200 or not kind.startswith("multipart/"):
+            self._answer.close()
             self._connection.close()
             cause = f"{name} is no MJPEG stream: status {self._answer.status}, {kind}"
             raise DeviceError(cause, "give the address of the stream itself, not of its page")
@@ -247,6 +248,7 @@ class MjpegAddress:
                 cause = f"{self.name} sends no more pictures: {error}"
                 raise DeviceError(cause, "check that the camera is on") from None
         finally:
+            self._answer.close()
             self._connection.close()
 
     def _decoded(self, jpeg: bytes) -> Picture:

@@ -119,7 +119,8 @@ def _request(path: Path, request: str) -> VentAnswer | None:
     try:
         with socket.create_connection(("127.0.0.1", port), timeout=ANSWER_S) as link:
             link.sendall(f"{key} {request}\n".encode())
-            answer = link.makefile("rb").readline(_LINE_MAX).decode("utf-8", "replace").strip()
+            with link.makefile("rb") as lines:
+                answer = lines.readline(_LINE_MAX).decode("utf-8", "replace").strip()
     except ConnectionRefusedError:
         path.unlink(missing_ok=True)  # killed: nothing listens there any more
         return None

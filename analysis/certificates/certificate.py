@@ -233,9 +233,9 @@ class Request:
     laboratory : None where it is not known.
     customer : overrides that of the metadata.
     items : names in the order of the runs; overrides those of the metadata.
-    limits : of the customer, see `analysis.figures.acceptance.LIMITS`.
+    limits : the customer's, see `analysis.figures.acceptance.LIMITS`.
     issued : date, ISO 8601; today where it is empty.
-    previous : of each run the calibration in force before; None where there is none.
+    previous : calibration in force before each run; None where there is none.
     """
 
     laboratory: Laboratory | None = None

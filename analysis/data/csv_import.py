@@ -335,7 +335,7 @@ def import_csv(
     ----------
     columns : NAME -> "COLUMN" or "COLUMN:UNIT"; COLUMN is a name or a number from 1; "" for no column.
     profile : a saved map (`save_profile`); `columns` overrides it.
-    separator : of the columns, " " for white space; found when None.
+    separator : column separator, " " for white space; found when None.
     signals_only : allow a file without pressure, which is NaN then.
 
     Raises

@@ -68,7 +68,7 @@ class Recording:
     pressure_kpa, target_kpa : [n] gauge; target is NaN where none was set or known.
     signal_mv : [n, sensors] (lit - dark) * vref / 2^bits, or the signal itself if the device gives one.
     lit, dark : [n, sensors] ADC counts, or None if the source has no counts.
-    state, flags, segment, index : [n] as `protocol.recording` defines them.
+    state, flags, segment, index : [n], see `protocol.recording`.
     usable, pressure_usable : [n, sensors] and [n] True where the signal, or the pressure, may enter a figure.
     masked : number of rows left out, by reason.
     interval_s : median sampling interval, NaN below two samples.

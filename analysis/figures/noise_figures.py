@@ -68,7 +68,7 @@ def noise_and_snr(
     Parameters
     ----------
     parts : sums of squares, degrees of freedom and cycle, as `staircase_noise` returns them.
-    weights : [resamples, cycles] of the bootstrap.
+    weights : [resamples, cycles] bootstrap weights.
     rounding_mv : noise that the rounding of doubles at the signal's level may make; less counts as none.
     """
     squares, dof, cycle_of = parts

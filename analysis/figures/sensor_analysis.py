@@ -83,10 +83,10 @@ class Options:
 
     Attributes
     ----------
-    degree : of the polynomial, spline, or auto for the curve that predicts best, see `calibration.adequacy`.
+    degree : polynomial degree, spline, or auto for the curve that predicts best, see `calibration.adequacy`.
     x_resolution_mm : grid of the readings; None takes that of the recording, else 0.5 mm.
     monotone : only monotone curves in the posterior.
-    resamples, posterior_samples : in place of the precision's.
+    resamples, posterior_samples : numbers that replace the precision's.
     leave_out : leave out readings whose points are off the curve, each with a warning.
     type_b, derived : contributions that no run shows; derived channels besides those of the recording.
     """

@@ -45,7 +45,7 @@ class UnitHistory:
     ----------
     coefficients, std_errors : [n, degree + 1], the reading of x included; NaN beyond a curve's degree, and of a spline.
     value_mv, expanded_mv, expanded_mm : [n] y(x0), its U (k = 2), and U of an elongation there.
-    centre_mv, lower_mv, upper_mv : of the control chart; NaN below two calibrations.
+    centre_mv, lower_mv, upper_mv : limits of the control chart; NaN below two calibrations.
     en, curves : [n] En score against the calibration before; of each, [points, 2] x and y over its range.
     """
 

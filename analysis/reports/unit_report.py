@@ -59,7 +59,7 @@ def unit_report(unit: str, histories: Sequence[UnitHistory], *, simulated: bool)
 
     Parameters
     ----------
-    unit, histories, simulated : as `write_unit_report` takes them.
+    unit, histories, simulated : see `write_unit_report`.
     """
     last, due = histories[0], due_first(histories)
     calibrations = f"{len(last.when)} calibration{'s' if len(last.when) > 1 else ''}"
@@ -102,7 +102,7 @@ def history_tables(history: UnitHistory, number: int) -> tuple[ReportTable | str
 
     Parameters
     ----------
-    number : of the sensor, from 1.
+    number : sensor number, from 1.
     """
     columns = (history.value_mv, history.expanded_mv, history.expanded_mm, history.en)
     rows = []

@@ -93,7 +93,7 @@ def released_rays(
 
     Parameters
     ----------
-    rays, secondary : as given; else of the fidelity, and without one the paper's.
+    rays, secondary : values given, else those of the precision, else the paper's.
     of_level : a precision's number of rays.
     """
     from analysis.fidelity import fidelity
@@ -226,8 +226,8 @@ def _traced(
 
     Parameters
     ----------
-    frame, design, guide, light : as `trace_within`.
-    tolerance : of the count; None for any error.
+    frame, design, guide, light : see `trace_within`.
+    tolerance : largest error of the count; None for any error.
     """
     from analysis.optics.tracer.simulation import trace as trace_scene
     from analysis.optics.tracer.tolerance import ToleratedTrace, stated_error, trace_within

@@ -100,7 +100,7 @@ def solved_state(
     Parameters
     ----------
     pressure, elongation : kPa, mm; None where it is free.
-    parameters, mesh, level : as `chosen_model`.
+    parameters, mesh, level : see `chosen_model`.
 
     Raises
     ------

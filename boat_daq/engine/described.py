@@ -43,7 +43,7 @@ class Described:
     Attributes
     ----------
     key, label, meaning : its name in the file, in a form, and what it is.
-    lowest, highest : of a number; `above` the lowest itself is refused.
+    lowest, highest : bounds of a number; `above` the lowest itself is refused.
     """
 
     key: str

@@ -102,7 +102,7 @@ class Plan:
     pressure_drift_kpa_per_s, signal_drift_mv_per_s : a plateau is steady when no drift faster than this is credible.
     arrival_timeout_s : time allowed beyond the ramp's own until the pressure has arrived.
     reading_timeout_s : longest wait at a plateau for its reading, where readings are waited for.
-    quantity : of a profile's values, "kPa" or "mm".
+    quantity : quantity of a profile's values, "kPa" or "mm".
     """
 
     name: str

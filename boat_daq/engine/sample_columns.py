@@ -72,7 +72,7 @@ def columns(samples: NDArray[np.void], mv_per_count: float) -> Columns:
 
     Parameters
     ----------
-    samples : of dtype `protocol.recording.sample_dtype`.
+    samples : array of `protocol.recording.sample_dtype`.
     mv_per_count : vref_mv / 2**adc_bits; unused where the samples carry a signal.
     """
     if "signal_mv" in (samples.dtype.names or ()):

@@ -48,8 +48,8 @@ class SessionRequest:
 
     Attributes
     ----------
-    max_u_mm : of a plan in millimetres, the uncertainty (k = 2) of the elongation that ends the control.
-    uncertainty : at which the plan has enough cycles, mm of U or % FSO as in `EnoughCycles`; None runs all of them.
+    max_u_mm : uncertainty (k = 2) of the elongation that ends the control of a plan in millimetres.
+    uncertainty : value at which the cycles are enough, mm of U or % FSO as in `EnoughCycles`; None runs all.
     """
 
     port: str

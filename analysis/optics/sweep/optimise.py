@@ -179,9 +179,9 @@ def optimise(
     seconds : time after which the search stops; it is repeatable if it converges before.
     first_face : face of the grid from which the search starts.
     by : what P is computed from.
-    confidence : with which a race finds the best of the designs evaluated; None evaluates the six best alike.
-    most_rays, race_seconds : of the race, as in `Race` and `Race.run`.
-    tolerance : of the winners' counts in the final evaluation, or of their power of 250 rays; None for any error.
+    confidence : probability that the race finds the best of the designs evaluated; None evaluates the six best.
+    most_rays, race_seconds : bounds of the race, see `Race` and `Race.run`.
+    tolerance : largest final error of the winners' counts, or of their power, rays of 250; None for any.
 
     Raises RequestError: no design of the grid can be built in these states, no time is allowed, or the tolerance cannot
     be met.

@@ -15,7 +15,7 @@ def open_transport(url: str, *, baud: int = DEFAULT_BAUD, allow_remote: bool = F
     ----------
     url : a serial device or pseudo-terminal ("COM3", "/dev/ttyACM0"), "socket://host:port", or
         "replay:FILE.boat[@SPEED]" (SPEED a factor, default 1; "max" for as fast as it goes).
-    baud : of a serial device; 8N1.
+    baud : baud rate of a serial device, 8N1.
     allow_remote : let "socket://" leave this machine; the connection is neither encrypted nor authenticated.
     """
     if url.startswith("socket://"):

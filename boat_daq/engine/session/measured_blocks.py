@@ -38,7 +38,7 @@ class MeasuredBlock:
     pressure_kpa : [n] gauge.
     target_kpa : [n] commanded, NaN while nothing is.
     signal_mv : [n, sensors].
-    state, flags : [n] as `protocol.recording` defines them.
+    state, flags : [n], see `protocol.recording`.
     others : [n] each, the extra and derived channels by column, each in its unit.
     skipped : samples discarded before this block because the script did not take them in time. They are recorded.
     """

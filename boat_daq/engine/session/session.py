@@ -125,7 +125,7 @@ class Session:
 
         Parameters
         ----------
-        seconds : of board time; None for as long as the link is there.
+        seconds : board time; None for as long as the link is there.
         every_s : samples are collected for so long before they are yielded.
         """
         queue = SampleQueue(self.live.target_kpa, lambda: self.mv_per_count, self.live.other_channels)
@@ -181,7 +181,7 @@ class Session:
         unit : name of the unit under test (SA1 ..), whose limits then hold.
         record_to, metadata : begin this recording before the board's first sample; as `start_recording`. Where that
             fails, the link FAILED.
-        resume_in : in place of `record_to`, resume the recording of a broken run; as `resume_recording`.
+        resume_in : recording of a broken run to resume, instead of `record_to`; see `resume_recording`.
         """
         rate_hz = rate_hz or self.settings.rate_hz
         control = Controller(rate_hz=rate_hz, zero_tolerance_kpa=self.settings.zero_tolerance_kpa)

@@ -35,7 +35,7 @@ def tolerance_of(text: str, units: tuple[str, ...]) -> TypedTolerance | None:
 
     Parameters
     ----------
-    text : for example "0.05 % FSO" or "\u00b10.005mm"; a number alone where there is one unit.
+    text : number with its unit, for example "0.05 % FSO" or "\u00b10.005mm"; a number alone where there is one unit.
     """
     plain = plain_text(text)
     if plain in ("", AUTOMATIC.lower()):

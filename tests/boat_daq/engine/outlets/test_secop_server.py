@@ -130,7 +130,7 @@ def test_the_client_of_frappy_reads_and_drives(session: Session, server: SecopSe
         client.setParameter("pressure", "target", 8.0)
         session.wait(lambda s: s.last.state is BoardState.HOLDING, 10)
         deadline = time.monotonic() + 5
-        while client.cache["pressure", "value"][0] < 6 and time.monotonic() < deadline:
+        while client.cache["pressure", "value"][0] < 6.5 and time.monotonic() < deadline:
             time.sleep(0.05)
         assert client.cache["pressure", "value"][0] == pytest.approx(8, abs=1.5)
         client.execCommand("vent", next(iter(client.modules["vent"]["commands"])))

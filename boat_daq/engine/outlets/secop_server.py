@@ -159,7 +159,7 @@ class SecopServer:
             writer.write(f'{_CLOSING}["ProtocolError", "a line has more than {MAX_LINE} bytes", {{}}]\n'.encode())
         finally:
             self._clients.discard(client)
-            self._note_absence(client)
+            self._note_absence()
             await _closed(writer)
 
     async def _first_line(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bytes:
@@ -233,9 +233,9 @@ class SecopServer:
             client.writer.write(answer.encode() + b"\n")
         self._subscribe(client, answers[-1])
 
-    def _note_absence(self, client: _Client) -> None:
-        """Begin to count the time of a pressure whose client has left."""
-        if client is self._driver and not any(other.may_control for other in self._clients):
+    def _note_absence(self) -> None:
+        """Begin to count the time of a pressure once no client that may control is connected."""
+        if self._driver is not None and self._left_s is None and not any(one.may_control for one in self._clients):
             self._left_s = time.monotonic()
 
     async def _vent_after_driver(self) -> None:

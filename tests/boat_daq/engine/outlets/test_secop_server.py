@@ -382,6 +382,16 @@ def test_a_pressure_whose_client_left_is_vented(session: Session, tmp_path: Path
     driver.close()
     seen = session.wait(lambda s: s.last.state is BoardState.VENTED, 5)
     assert seen.last.state is BoardState.VENTED
+    first, last = Client(server.port).authenticated(), Client(server.port).authenticated()
+    deadline_s = time.monotonic() + 10.0
+    while first.ask("change pressure:target 10")[0] != "changed":  # until the mean of the last samples is zero
+        assert time.monotonic() < deadline_s
+        time.sleep(0.1)
+    session.wait(lambda s: s.last.pressure_kpa > 5, 5)
+    first.close()
+    time.sleep(0.2)
+    last.close()
+    assert session.wait(lambda s: s.last.state is BoardState.VENTED, 5).last.state is BoardState.VENTED
     assert any("left 0.5 s ago" in message.cause for message in seen.messages)
     server.close()
 

@@ -30,7 +30,6 @@ from protocol.recording import BoardState, SampleFlag
 
 BOOT_S = 0.2  # after the first HELLO: a second one, with no sample yet, is a boot
 MANUAL_RAMP_KPA_PER_S = 10.0
-BY_OPERATOR = "vented by the operator"
 
 NO_REGULATOR = (
     "the elongation of this unit cannot be controlled: it has no accepted calibration, or is not identified",
@@ -220,7 +219,7 @@ class Controller:
         self.sequencer.finish_early(cause)
         self._act()
 
-    def vent(self, cause: str = BY_OPERATOR, *, sent: bool = False) -> None:
+    def vent(self, cause: str | None = None, *, sent: bool = False) -> None:
         """Vent now, in any state, even while another vent is unacknowledged. `sent`: the command was sent already."""
         self.board.forget_pending()
         self.target_kpa = self.loop = None
@@ -229,8 +228,9 @@ class Controller:
             self.board.vent_sent()
         else:
             self.board.send(messages.Vent())
-        self.board.note(MessageKind.VENT, cause, "info" if cause == BY_OPERATOR else "warning")
-        self.sequencer.abort(cause, SessionState.ABORTED)
+        text = cause or "vented by the operator"
+        self.board.note(MessageKind.VENT, text, "info" if cause is None else "warning")
+        self.sequencer.abort(text, SessionState.ABORTED)
         self._act()
 
     def abort(self, cause: str) -> None:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from boat_daq.engine.control.board_commands import Send
-from boat_daq.engine.control.controller import BY_OPERATOR, Controller
+from boat_daq.engine.control.controller import Controller
 from boat_daq.engine.control.elongation import Regulator
 from boat_daq.engine.control.preflight import Check
 from boat_daq.engine.plan import Plan, resume_point
@@ -60,7 +60,7 @@ class GuardedController:
             else:
                 self._send(effect.command, effect.feeds)
 
-    def vent(self, cause: str = BY_OPERATOR) -> None:
+    def vent(self, cause: str | None = None) -> None:
         """Vent now; the command leaves before the lock is taken.
 
         Of requests within `VENTS_MERGED_S`, with nothing commanded between, one is carried out.

@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from boat_daq.engine.control.controller import BY_OPERATOR, MANUAL_RAMP_KPA_PER_S, Controller
+from boat_daq.engine.control.controller import MANUAL_RAMP_KPA_PER_S, Controller
 from boat_daq.engine.control.elongation import Regulator
 from boat_daq.engine.control.preflight import Check
 from boat_daq.engine.installation import shortcomings
@@ -317,10 +317,11 @@ class Session:
         with self._acting() as control:
             control.sequencer.hold_at(plateaus)
 
-    def vent(self, cause: str = BY_OPERATOR) -> None:
+    def vent(self, cause: str | None = None) -> None:
         """Vent now, in any state, from any thread.
 
-        Ends a run. The command leaves before anything is waited for. `cause` goes into the recording.
+        Ends a run. The command leaves before anything is waited for. `cause`, by default the
+        operator's, goes into the recording.
         """
         self._control.vent(cause)
 

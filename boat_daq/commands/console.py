@@ -88,7 +88,7 @@ def writing(path: Path) -> Iterator[None]:
 
     Raises
     ------
-    StorageError : in place of an OSError, or of a file format that is not known.
+    StorageError : the file cannot be written, or its format is not known.
     """
     try:
         yield

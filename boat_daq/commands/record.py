@@ -172,7 +172,7 @@ def _entry(
 
     Raises
     ------
-    RequestError : as `check_against_plan`.
+    RequestError : the readings do not match the plan, see `check_against_plan`.
     """
     from boat_daq.engine.session.reading_sources import (
         check_against_plan,

@@ -105,11 +105,8 @@ def drill(
 
     Parameters
     ----------
-    folder : of the truth and the units.
-    faults : of the board.
-    speed : of the board over real time.
-    unit : that is connected.
-    home : folder of the recording, where it is not `folder`.
+    folder : holds the truth and the units, and the recording where `home` is None.
+    speed : board seconds per second.
     own_process : whether the board runs while this process is blocked.
     """
     assert os.name == "posix"

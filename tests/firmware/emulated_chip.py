@@ -279,9 +279,8 @@ def emulated(program: Path, *, address: str = "", options: list[str] | None = No
 
     Parameters
     ----------
-    program : of `compile_board`.
     address : "HOST:PORT" of the UART; any free port when empty.
-    options : of the emulator's time, in place of `REAL_TIME`.
+    options : timing options of the emulator, in place of `REAL_TIME`.
     """
     place = address or f"127.0.0.1:{free_port()}"
     with tempfile.TemporaryDirectory() as folder:

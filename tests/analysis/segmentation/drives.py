@@ -47,7 +47,7 @@ class Drive:
 
     Parameters
     ----------
-    dwell_s : of each hold; 0 without.
+    dwell_s : duration of each hold; 0 for none.
     """
 
     cycles: int

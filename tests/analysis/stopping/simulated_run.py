@@ -36,9 +36,9 @@ class SimulatedRun:
 
     Parameters
     ----------
-    plan : of plateaus. unit : a name of `SPECIMEN_NAMES`. seed : of all noise.
-    cycle_sd_mv : of what all signals of one cycle differ by from those of the others.
-    resolution_mm : of the grid that the elongation is read on.
+    plan : plateaus only. unit : a name of `SPECIMEN_NAMES`.
+    cycle_sd_mv : standard deviation of an offset common to one cycle's signals.
+    resolution_mm : grid of the elongation readings.
     """
 
     def __init__(

@@ -60,15 +60,7 @@ class FilmedRun:
 
 
 def filmed_run(targets_kpa: Sequence[float], *, dwell_s: float, scene: CameraScene = SMALL, seed: int = 0) -> FilmedRun:
-    """Return a staircase of SA1 at 10 kPa/s, at rest for `REST_S` before and vented after.
-
-    Parameters
-    ----------
-    targets_kpa : of its steps.
-    dwell_s : of each hold.
-    scene : of the camera.
-    seed : of the noise.
-    """
+    """Return a staircase of SA1 at 10 kPa/s, at rest for `REST_S` before and vented after."""
     specimen, rng = find_specimen("SA1"), np.random.default_rng(seed)
     run = noise_free_run("SA1", targets_kpa, ramp_kpa_per_s=10.0, dwell_s=dwell_s)
     rest = round(REST_S * 100)

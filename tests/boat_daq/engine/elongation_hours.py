@@ -57,12 +57,7 @@ class Findings:
 
 
 class Hours:
-    """One unit under control for hours.
-
-    Parameters
-    ----------
-    specimen : of the virtual board. seed : of its noise and of the setpoints.
-    """
+    """One unit under control for hours."""
 
     def __init__(self, specimen: str, seed: int) -> None:
         self.rig = ControllerRig(*DRIFTS, seed=seed, specimen=specimen).connected()

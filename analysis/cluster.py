@@ -6,8 +6,8 @@ import ipaddress
 from typing import Any
 from urllib.parse import urlsplit
 
-from analysis.optional import optional
 from protocol.base.errors import RequestError
+from protocol.base.optional import optional
 
 CONNECT_S = 10.0
 

@@ -201,7 +201,10 @@ def explain(error: Exception) -> tuple[str, str]:
 
 def main() -> None:
     """Run the command line; failures become the exit codes of the surface (0, 1, 2, 130)."""
+    from boat_daq.commands.console import accept_every_character, emit_error
+
     interruption = Interruption()
+    accept_every_character()
     try:
         app()
     except SystemExit as leaving:
@@ -210,7 +213,5 @@ def main() -> None:
         interruption.leave()
         raise SystemExit(130) from leaving  # releases of typer differ in the code they leave with after Ctrl-C
     except Exception as error:  # noqa: BLE001 - the last one to see it
-        from boat_daq.commands.console import emit_error
-
         emit_error(type(error).__name__, *explain(error))
         raise SystemExit(1) from None

@@ -19,10 +19,10 @@ import pytest
 from typer.testing import CliRunner
 
 import boat_daq
-from analysis.optional import EXTRAS
 from boat_daq.cli import app
 from boat_daq.commands import examples
 from protocol.base.errors import RequestError
+from protocol.base.optional import EXTRAS
 from protocol.recording import SUFFIX
 from protocol.recording.schema import APPLICATION_ID
 from tests.conftest import ROOT
@@ -88,9 +88,9 @@ def test_every_declaration_is_imported(imported: dict[str, set[str]]) -> None:
 def test_extras_are_imported_where_they_are_used(imported: dict[str, set[str]]) -> None:
     """Through `optional`; each is an extra and no requirement."""
     assert {module: imported[module] for module in EXTRAS if module in imported} == {}
-    for module, (_, extra) in EXTRAS.items():
-        declared = {canonical(name) for name in PROJECT["optional-dependencies"][extra]}
-        assert distributions(module) & declared, module
+    for module, (_, extra, requirements) in EXTRAS.items():
+        assert list(requirements) == PROJECT["optional-dependencies"][extra]
+        assert distributions(module) & {canonical(name) for name in requirements}, module
     assert not DECLARED & EXTRA
 
 

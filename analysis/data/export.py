@@ -20,10 +20,10 @@ import pandas as pd
 
 from analysis.data.recording import META_KEYS, Recording
 from analysis.data.ros_bag import write_bag
-from analysis.optional import optional
 from analysis.progress import Progress
 from protocol.base.arrays import BoolArray, FloatArray
 from protocol.base.errors import RequestError, writing
+from protocol.base.optional import optional
 from protocol.base.whole_file import write_whole, written_whole
 
 Format = Literal["csv", "parquet", "hdf5", "mat", "rosbag", "rosbag-sqlite3"]

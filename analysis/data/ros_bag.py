@@ -19,9 +19,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from analysis.optional import optional
 from analysis.progress import Progress
 from protocol.base.errors import FileError
+from protocol.base.optional import optional
 
 NOT_TOPICS = ("index", "time_s", "pressure_kpa", "segment", "lit", "dark")
 _FRAME = b"boat\0"

@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from analysis.json_object import json_object
-from analysis.optional import optional
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError, FileError, RequestError, writing
+from protocol.base.optional import optional
 from protocol.base.regular_file import read_regular
 from protocol.base.whole_file import write_whole
 

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from analysis.optional import optional
 from analysis.tracking.lens import Lens, Picture
 from protocol.base.arrays import BoolArray, FloatArray
+from protocol.base.optional import optional
 
 BASE, TIP = 0, 1
 MODULES = 6  # of a side, its black border included

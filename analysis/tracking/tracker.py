@@ -18,11 +18,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from analysis.optional import optional
 from analysis.tracking.lens import Lens, Picture
 from analysis.tracking.marks import BASE, TIP, Mark, PictureFault, find_marks, homography, measure_mark, project
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError
+from protocol.base.optional import optional
 
 LEARNED_PICTURES = 15
 SEARCH_EVERY = 15  # pictures

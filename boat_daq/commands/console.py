@@ -6,7 +6,11 @@ Rules: `show` and `emit_json` print results; `notify` and `progress_bar` print m
 
 from __future__ import annotations
 
+import codecs
+import io
 import json
+import sys
+import unicodedata
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -34,13 +38,39 @@ JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on sta
 Advance = Callable[[float, float], None]  # moves a progress bar to (done, total), in any unit
 
 
+_PLAIN = dict(
+    zip("−–—µμσχ±²³×≤°", ("-", "-", "-", "u", "u", "sigma", "chi", "+/-", "^2", "^3", "x", "<=", " deg"), strict=True)
+)
+
+
+def _in_ascii(error: UnicodeError) -> tuple[str, int]:
+    """Replace the characters that an output lacks: the handler of `codecs.register_error`."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(map(_plain, error.object[error.start : error.end])), error.end
+
+
+def _plain(character: str) -> str:
+    letters = unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode()
+    return _PLAIN.get(character) or letters or "?"
+
+
+def accept_every_character() -> None:
+    """Print on outputs of any encoding, as after `> file.txt` on Windows: characters that it lacks become ASCII."""
+    codecs.register_error("boat-daq", _in_ascii)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and "utf" not in stream.encoding.lower():
+            stream.reconfigure(errors="boat-daq")
+
+
 def emit_json(value: Any) -> None:
-    """Print one JSON object on standard output."""
+    """Print one JSON object on standard output; in ASCII where the output's encoding is not that of JSON."""
     from analysis.numbers import finite
 
     _Json.pending = False
-    text = json.dumps(finite(value), ensure_ascii=False, allow_nan=False)
-    typer.echo(text.encode("utf-8", "backslashreplace").decode())  # a name that is not UTF-8 becomes JSON's escape
+    ascii_only = "utf" not in (getattr(sys.stdout, "encoding", None) or "utf-8").lower()
+    text = json.dumps(finite(value), ensure_ascii=ascii_only, allow_nan=False)
+    print(text.encode("utf-8", "backslashreplace").decode())  # a name that is not UTF-8 becomes JSON's escape
 
 
 def emit_error(kind: str, cause: str, remedy: str) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-import sys
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,8 +15,6 @@ from boat_daq.commands.console import JsonOption, emit_json, notify, progress_ba
 from boat_daq.commands.options import FidelityOption, NoMcmcOption, UncertaintyOption
 from boat_daq.engine.file_names import path_in
 from protocol.base.errors import RequestError
-
-QT_REMEDY = "Install Qt's system libraries (on Debian libegl1, libgl1, libxkbcommon-x11-0 and libxcb-cursor0)."
 
 if TYPE_CHECKING:
     from analysis import Analysis
@@ -34,7 +31,7 @@ def gui(
     board: Annotated[bool, typer.Option("--board", help="Connect to a virtual board.")] = False,
     profile: Annotated[Path | None, typer.Option(help="Text profile (TOML) of the firmware on the port.")] = None,
 ) -> None:
-    """Open the window. Esc vents, in every state.
+    """Open the window. F4 vents, in every state.
 
     Example: boat-daq gui --board
     """
@@ -43,14 +40,17 @@ def gui(
     if profile is not None and port is None:
         raise typer.BadParameter("--profile needs --port")
     from boat_daq.engine.log import start_log
+    from boat_daq.engine.screen import missing_library, require_screen
 
+    require_screen()
     start_log("gui")
     try:
         from boat_daq.gui.app import run
     except ModuleNotFoundError:
         raise
     except ImportError as error:  # a library of the system
-        raise RequestError(f"the window cannot be loaded: {error}", QT_REMEDY) from error
+        remedy = "Install boat-daq again in a new environment."
+        raise (missing_library(error) or RequestError(f"Qt cannot be loaded: {error}", remedy)) from error
     raise typer.Exit(run(port, board=board, profile=str(profile or ""), file=file))
 
 
@@ -78,9 +78,13 @@ def demo(
 
     if uncertainty is not None:
         check_asked(uncertainty, "mm")
-    if not headless and not as_json and has_screen():
-        gui(port=None, board=True)
-        return
+    if not headless and not as_json:
+        from boat_daq.engine.screen import screen_error
+
+        if (refused := screen_error()) is None:
+            gui(port=None, board=True)
+            return
+        notify(f"note: {refused.cause}; the session runs without a window")
     import dataclasses
 
     from analysis import Options, analyse
@@ -112,13 +116,6 @@ def demo(
     if not no_report:
         notify(f"shadow: measured tip within {content['shadow']['largest_deviation_mm']:.2f} mm of the nominal model")
         notify(f"reports: {', '.join(str(path) for path in content['reports'])}")
-
-
-def has_screen() -> bool:
-    """Return whether a window can be opened here."""
-    if sys.platform in ("win32", "darwin"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def free_name(folder: Path, stem: str) -> Path:

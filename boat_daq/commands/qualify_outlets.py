@@ -43,8 +43,8 @@ print(json.dumps({"modules": sorted(client.modules), "reached_kpa": reached}))
 
 def lsl(rig: DrillRig) -> DrillResult:
     """An LSL inlet on this computer."""
-    from analysis.optional import optional
     from boat_daq.engine.outlets.lsl import LslOutlet
+    from protocol.base.optional import optional
 
     pylsl = optional("pylsl")
     values: list[Any] = []
@@ -154,7 +154,7 @@ def ros(rig: DrillRig) -> DrillResult:
     """A recording is exported as a ROS 2 bag and read back."""
     from analysis import load_recording
     from analysis.data.export import export
-    from analysis.optional import optional
+    from protocol.base.optional import optional
 
     highlevel, typesys = optional("rosbags.highlevel"), optional("rosbags.typesys")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib import metadata
 
+from protocol.base.optional import install_command
 from protocol.link.framing import is_compiled
 
 
@@ -31,7 +32,7 @@ class Shortcoming:
 SLOW_DECODER = Shortcoming(
     "frames of the board are decoded by Python, a tenth as fast: the compiled part of the library cobs is missing",
     "Install a C compiler and the headers of Python (on Debian gcc and python3-dev), then the library cobs once more",
-    command="pip install --force-reinstall --no-cache-dir --no-binary cobs cobs",
+    command=install_command("--force-reinstall", "--no-cache-dir", "--no-binary", "cobs", "cobs"),
 )
 
 

@@ -6,15 +6,25 @@ Python's garbage collection is moved to the window's thread meanwhile.
 from __future__ import annotations
 
 import gc
+import os
 import signal
 import sys
 from dataclasses import replace
 from pathlib import Path
 
-from PySide6.QtCore import QLocale, QObject, QTimer, SignalInstance
+from PySide6.QtCore import (
+    QLocale,
+    QMessageLogContext,
+    QObject,
+    QTimer,
+    QtMsgType,
+    SignalInstance,
+    qInstallMessageHandler,
+)
 from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QApplication
 
+from boat_daq.engine.screen import WITHOUT_WINDOW
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, home, load_settings, recordings_folder
 from boat_daq.gui import actions, style
@@ -64,11 +74,22 @@ class Collector(QObject):
         gc.freeze()
 
 
+def _report(kind: QtMsgType, _: QMessageLogContext, text: str) -> None:
+    """Print what Qt reports while it starts; leave with exit code 1 where it would abort the process."""
+    fatal = kind == QtMsgType.QtFatalMsg
+    print(f"error: Qt cannot open a window: {text.splitlines()[0]}" if fatal else text, file=sys.stderr)
+    if fatal:
+        print(f"  try: {WITHOUT_WINDOW}", file=sys.stderr, flush=True)
+        os._exit(1)
+
+
 def make_application() -> QApplication:
     """Return the one application with the program's font and base style."""
     app = QApplication.instance()
     if not isinstance(app, QApplication):
+        qInstallMessageHandler(_report)
         app = QApplication(sys.argv[:1])
+        qInstallMessageHandler(None)
     app.setApplicationName("boat-daq")
     app.setDesktopFileName("boat-daq")
     app.setWindowIcon(QIcon(str(style.HERE / "boat-daq.svg")))

@@ -78,9 +78,9 @@ def elongation_of(conversion: Callable[[], Conversion | None]) -> Elongation:
 
 def open_streams(session: Session, *, network: bool, conversion: Conversion | None, calibration_id: str) -> LslOutlet:
     """Stream a session over LSL. `conversion`: None without a calibration."""
-    from analysis.optional import optional
     from boat_daq.engine.outlets.lsl import LslOutlet
     from protocol.base.errors import RequestError
+    from protocol.base.optional import optional
 
     try:
         pylsl = optional("pylsl")

@@ -11,12 +11,12 @@ from itertools import count
 
 import numpy as np
 
-from analysis.optional import optional
 from analysis.studies.tradeoff.measure import Method, Setting
 from analysis.tracking.lens import Picture
 from analysis.tracking.marks import BASE, TIP, find_marks, project
 from analysis.tracking.tracker import LEARNED_PICTURES, MarkTracker, Optics, learn_plane, similarity, square
 from protocol.base.arrays import FloatArray
+from protocol.base.optional import optional
 
 MARK_MM = 8.0
 WIDTHS_PX = (160, 320, 640, 1280)

@@ -23,8 +23,8 @@ from urllib.parse import SplitResult, urlsplit
 import numpy as np
 import numpy.typing as npt
 
-from boat_daq.engine.camera.opencv import opencv
 from protocol.base.errors import DeviceError, RequestError
+from protocol.base.optional import optional
 
 Picture = npt.NDArray[np.uint8]
 
@@ -62,7 +62,7 @@ def open_source(name: str, *, allow_remote: bool = False) -> CameraSource:
 
     `name`: number of a camera, path of a video, http://HOST:PORT/... (MJPEG) or rtsp://HOST/...
     """
-    opencv()
+    optional("cv2")
     if name.isascii() and name.isdecimal():
         return _Capture(name, _open_camera(int(name)), live=True)
     parts = urlsplit(name)
@@ -107,7 +107,7 @@ def read_picture(path: Path) -> Picture:
 def _quiet() -> Iterator[Any]:
     """Give OpenCV without its own messages: the errors here name cause and remedy."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    cv = opencv()
+    cv = optional("cv2")
     log = cv.utils.logging
     before = log.getLogLevel()
     log.setLogLevel(log.LOG_LEVEL_SILENT)
@@ -179,12 +179,12 @@ class _Capture:
     def __init__(self, name: str, capture: Any, *, live: bool) -> None:
         self.name, self.live = name, live
         self._capture, self._closed = capture, False
-        stated = 0.0 if live else float(capture.get(opencv().CAP_PROP_FRAME_COUNT))
+        stated = 0.0 if live else float(capture.get(optional("cv2").CAP_PROP_FRAME_COUNT))
         self.frame_count = int(stated) if 0 < stated < 1e9 else 0
 
     def frames(self) -> Iterator[CameraFrame]:
         """Give the frames; those of a file as fast as they are taken."""
-        cv, number = opencv(), 0
+        cv, number = optional("cv2"), 0
         rate_hz = self._capture.get(cv.CAP_PROP_FPS)
         step_s = 1.0 / rate_hz if math.isfinite(rate_hz) and rate_hz > 0.1 else 1.0 / 30.0
         last_s = -math.inf
@@ -252,7 +252,7 @@ class MjpegAddress:
             self._connection.close()
 
     def _decoded(self, jpeg: bytes) -> Picture:
-        cv = opencv()
+        cv = optional("cv2")
         picture = cv.imdecode(np.frombuffer(jpeg, np.uint8), cv.IMREAD_GRAYSCALE)
         if picture is None or picture.size > PIXELS_MAX:
             raise DeviceError(f"{self.name} sent what is no JPEG picture", "check the camera")

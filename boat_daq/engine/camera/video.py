@@ -8,9 +8,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from boat_daq.engine.camera.opencv import opencv
 from boat_daq.engine.camera.source import Picture
 from protocol.base.errors import RequestError
+from protocol.base.optional import optional
 
 CODECS = {".mkv": "FFV1", ".avi": "MJPG", ".mp4": "mp4v"}  # FFV1 is lossless
 FRAMES_PER_S = 30.0
@@ -25,7 +25,7 @@ class VideoStore:
         if not path.absolute().parent.is_dir():
             raise RequestError(f"{path} cannot be written", "name a file in a folder that exists")
         self._path, self._rate_hz = path, rate_hz
-        self._cv: Any = opencv()
+        self._cv: Any = optional("cv2")
         self._writer: Any = None
 
     def write(self, picture: Picture) -> None:

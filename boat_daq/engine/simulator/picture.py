@@ -18,8 +18,8 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from boat_daq.engine.camera.opencv import opencv
 from protocol.base.arrays import FloatArray
+from protocol.base.optional import optional
 
 Picture = npt.NDArray[np.uint8]
 
@@ -81,7 +81,7 @@ class Renderer:
 
     def __init__(self, scene: CameraScene) -> None:
         self.scene = scene
-        self._cv = opencv()
+        self._cv = optional("cv2")
         rng = np.random.default_rng((scene.seed, 1))
         self._plane = _plane_of_points(scene)
         self._cards = [self._card(number, rng) for number in (0, 1)]
@@ -247,6 +247,6 @@ def checkerboard(
     picture = grey.reshape(scene.height, _POINTS, scene.width, _POINTS).mean(axis=(1, 3))
     rng = np.random.default_rng((scene.seed, 3, round(100 * tilt_deg) % 36_000))
     noise = scene.noise_grey * rng.standard_normal(picture.shape)
-    blurred: FloatArray = opencv().GaussianBlur(picture, (0, 0), scene.blur_px)
+    blurred: FloatArray = optional("cv2").GaussianBlur(picture, (0, 0), scene.blur_px)
     rounded: Picture = np.clip(np.rint(blurred + noise), 0, 255).astype(np.uint8)
     return rounded

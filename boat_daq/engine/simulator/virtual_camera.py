@@ -20,11 +20,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from boat_daq.engine.camera.opencv import opencv
 from boat_daq.engine.camera.video import FRAMES_PER_S, VideoStore
 from boat_daq.engine.simulator.picture import FAULTLESS, CameraScene, Disturbance, Picture, Renderer
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DeviceError, RequestError
+from protocol.base.optional import optional
 from protocol.simulator.plant import TICK_S
 
 BOUNDARY = "boat-daq-frame"
@@ -141,7 +141,7 @@ class MjpegStream:
         """Give a frame to the viewers."""
         if picture is None:
             return
-        cv = opencv()
+        cv = optional("cv2")
         jpeg = cv.imencode(".jpg", picture, [cv.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
         with self._changed:
             self._newest = (self._newest[0] + 1, time_s, jpeg)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import json
 import runpy
 import sys
 
@@ -15,6 +17,25 @@ def test_long_message_stays_one_line(capsys: pytest.CaptureFixture[str]) -> None
     text = "error: " + "/a-folder/of-a-long-name" * 8 + " cannot be written"
     console.notify(text)
     assert capsys.readouterr().err == text + "\n"
+
+
+@pytest.mark.parametrize("encoding", ["cp850", "cp437", "cp932", "gbk", "cp1252", "ascii", "utf-8"])
+def test_output_of_any_encoding_is_written(encoding: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As after `> file.txt` on Windows: what the encoding lacks becomes ASCII, and JSON is read back as it was."""
+    bytes_out = io.BytesIO()
+    with io.TextIOWrapper(bytes_out, encoding) as stream:
+        monkeypatch.setattr(sys, "stdout", stream)
+        console.accept_every_character()
+        print("b1 − 0.2 µm², 20 °C – Grün 日本")
+        text = {"note": "χ² ≤ 3 µV 日本"}
+        console.emit_json(text)
+        stream.flush()
+        line, content = bytes_out.getvalue().splitlines()
+    assert json.loads(content) == text
+    if encoding == "ascii":
+        assert line.decode() == "b1 - 0.2 um^2, 20  degC - Grun ??"
+    else:
+        assert line.decode(encoding).startswith("b1 ")
 
 
 def test_progress_bar_needs_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:

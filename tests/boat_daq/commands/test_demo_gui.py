@@ -22,14 +22,14 @@ def test_window_takes_the_profile_of_its_port(monkeypatch, tmp_path):
     assert CliRunner().invoke(app, ["gui", "--profile", str(profile)]).exit_code == 2
 
 
-def test_a_missing_library_of_the_system_is_named_with_its_remedy(monkeypatch):
-    """Qt's modules are there and cannot be loaded, as without libGL: what the window needs is named."""
+def test_a_window_that_cannot_be_loaded_is_reported_with_a_remedy(monkeypatch):
+    """Qt's modules are there and cannot be loaded, as after an interrupted installation."""
     monkeypatch.setattr("boat_daq.engine.log.start_log", lambda _: None)
     monkeypatch.setitem(sys.modules, "boat_daq.gui.app", types.ModuleType("app"))
     ran = CliRunner().invoke(app, ["gui"])
     assert isinstance(ran.exception, RequestError)
-    assert ran.exception.cause.startswith("the window cannot be loaded: ")
-    assert "libgl1" in ran.exception.remedy
+    assert ran.exception.cause.startswith("Qt cannot be loaded: ")
+    assert "Install" in ran.exception.remedy
 
 
 def test_a_file_named_on_the_command_line_is_handed_to_the_window(monkeypatch, tmp_path):

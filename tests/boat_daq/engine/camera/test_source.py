@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import http.server
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from boat_daq.engine.camera import opencv as library
 from boat_daq.engine.camera.source import _Capture, open_source, read_picture
 from boat_daq.engine.camera.video import VideoStore
 from boat_daq.engine.simulator.virtual_camera import MjpegStream
 from protocol.base.errors import DeviceError, RequestError
+from protocol.base.optional import optional
 
 PICTURE = np.tile(np.linspace(0, 255, 64, dtype=np.uint8), (48, 1))
 
@@ -121,20 +122,16 @@ def test_an_address_that_is_no_stream_is_refused(page: str) -> None:
 
 def test_without_opencv_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """How to install it."""
-
-    def absent(name: str) -> None:
-        raise ModuleNotFoundError(name)
-
-    monkeypatch.setattr(library.importlib, "import_module", absent)
+    monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(RequestError, match="OpenCV is not installed") as refusal:
         open_source("0")
-    assert "boat-daq[camera]" in refusal.value.remedy
+    assert "opencv-python-headless" in refusal.value.command
 
 
 def test_a_picture_file_is_read_grey(tmp_path: Path) -> None:
     """And what is none is refused."""
     path = tmp_path / "board.png"
-    assert library.opencv().imwrite(str(path), PICTURE)
+    assert optional("cv2").imwrite(str(path), PICTURE)
     assert (read_picture(path) == PICTURE).all()
     path.write_text("no picture", encoding="utf-8")
     with pytest.raises(RequestError, match="is no picture"):
@@ -150,9 +147,7 @@ def test_frames_of_a_video_have_their_own_times() -> None:
         times_ms, read_so_far = (0.0, 50.0, 60.0, 0.0, 140.0), 0
 
         def get(self, key: int) -> float:
-            from boat_daq.engine.camera.opencv import opencv
-
-            cv = opencv()
+            cv = optional("cv2")
             if key == cv.CAP_PROP_POS_MSEC:
                 return self.times_ms[self.read_so_far - 1] if self.read_so_far else 0.0
             return 25.0 if key == cv.CAP_PROP_FPS else 5.0

@@ -9,9 +9,10 @@ import pytest
 from typer.testing import CliRunner
 
 from analysis.cluster import connect
-from analysis.optional import EXTRAS, optional
 from boat_daq.cli import app
+from protocol.base import optional as optional_module
 from protocol.base.errors import RequestError
+from protocol.base.optional import EXTRAS, install_command, optional
 from tests.conftest import ROOT
 
 EXAMPLE = ROOT / "recordings" / "simulated_SA1_two_cycles.boat"
@@ -24,7 +25,7 @@ def test_parquet_without_its_library_names_the_extra(monkeypatch: pytest.MonkeyP
     ran = CliRunner().invoke(app, ["export", str(EXAMPLE), "--format", "parquet", "--out", str(target)])
     assert isinstance(ran.exception, RequestError)
     assert ran.exception.cause == "pyarrow is not installed"
-    assert "boat-daq[parquet]" in ran.exception.remedy
+    assert '"pyarrow>=15"' in ran.exception.command
     assert list(tmp_path.iterdir()) == []
 
 
@@ -33,7 +34,22 @@ def test_cluster_without_its_library_names_the_extra(monkeypatch: pytest.MonkeyP
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(RequestError, match="Dask is not installed") as refused:
         connect("tcp://127.0.0.1:1")
-    assert "boat-daq[cluster]" in refused.value.remedy
+    assert '"distributed>=' in refused.value.command
+
+
+def test_command_installs_where_the_program_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """By this interpreter's pip; by pipx into its own environment; by uv where there is no pip."""
+    monkeypatch.setattr(sys, "executable", "/opt/env 1/bin/python")
+    assert install_command('"h5py>=3.10"') == '"/opt/env 1/bin/python" -m pip install "h5py>=3.10"'
+    prefix = tmp_path / "pipx" / "venvs" / "boat-daq"
+    prefix.mkdir(parents=True)
+    (prefix / "pipx_metadata.json").write_text("{}", encoding="utf-8")
+    with monkeypatch.context() as pipx:
+        pipx.setattr(sys, "prefix", str(prefix))
+        assert install_command('"h5py>=3.10"') == 'pipx inject boat-daq "h5py>=3.10"'
+        assert install_command("--no-binary", "cobs", "cobs") == "pipx runpip boat-daq install --no-binary cobs cobs"
+    monkeypatch.setattr(optional_module, "find_spec", lambda _: None)
+    assert install_command("cobs") == 'uv pip install --python "/opt/env 1/bin/python" cobs'
 
 
 def test_bundle_names_no_pip(monkeypatch: pytest.MonkeyPatch) -> None:

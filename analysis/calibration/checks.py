@@ -179,10 +179,10 @@ def _suspect_points(
         yield WarningCode.HIGH_LEVERAGE, f"{alone_there}: an error in it would not be seen"
     weighted = np.sqrt(fit.weights) * fit.residuals
     left = 1.0 - fit.leverage
-    if dof < 2 or not calibration.residual_sd > 1e-12 * np.abs(calibration.y).max() or left.min() < 1e-9:
+    if dof < 2 or not calibration.scatter_sd > 1e-12 * np.abs(calibration.y).max() or left.min() < 1e-9:
         return
     own = weighted**2 / left
-    rest = np.maximum(dof * calibration.residual_sd**2 - own, 0.0) / (dof - 1)
+    rest = np.maximum(dof * calibration.scatter_sd**2 - own, 0.0) / (dof - 1)
     with np.errstate(divide="ignore"):
         studentised = np.sqrt(own / rest)
     worst = int(np.argmax(studentised))

@@ -94,17 +94,14 @@ def with_solution(
     leverage: FloatArray,
     *,
     zero_constant: bool = False,
-    weights: FloatArray | None = None,
-    sd: float | None = None,
 ) -> Calibration:
     """Return a calibration of the same points with another solution, [degree + 1] in its scaled basis.
 
-    `factor` is F, [degree + 1, parameters], with the covariance sd^2 F F^T; `leverage` and `weights` are [n], the
-    largest weight 1; `sd` belongs to it, by default from the residuals; `zero_constant` makes the constant exactly
-    zero.
+    `factor` is F, [degree + 1, parameters], with the covariance sd^2 F F^T; `leverage` is [n]; `zero_constant` makes
+    the constant exactly zero.
     """
     old = calibration.fit
-    weights = old.weights if weights is None else weights
+    weights = old.weights
     change = np.asarray(old.basis.to_monomials(), dtype=np.float64)
     coefficients = change @ basis_coefficients
     if zero_constant:
@@ -112,13 +109,12 @@ def with_solution(
     residuals = calibration.y - old.basis.design(calibration.x) @ basis_coefficients
     fit: LeastSquares = replace(
         old, basis_coefficients=basis_coefficients, coefficients=coefficients, basis_factor=factor,
-        monomial_factor=change @ factor, residuals=residuals, leverage=leverage, weights=weights,
+        monomial_factor=change @ factor, residuals=residuals, leverage=leverage,
     )  # fmt: skip
     squares, dof = float(weights @ residuals**2), calibration.n - factor.shape[1]
     mean = float(weights @ calibration.y / weights.sum())
     total = float(weights @ (calibration.y - mean) ** 2)
-    residual_sd = float(np.sqrt(squares / dof)) if dof > 0 else float("nan")
-    sd = residual_sd if sd is None else sd
+    sd = float(np.sqrt(squares / dof)) if dof > 0 else float("nan")
     covariance = sd**2 * fit.monomial_factor @ fit.monomial_factor.T
     if zero_constant:
         covariance[0], covariance[:, 0] = 0.0, 0.0

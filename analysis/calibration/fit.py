@@ -22,7 +22,7 @@ from analysis.calibration.quantised_x import Positions, gather
 from analysis.json_object import json_object
 from analysis.polynomial import LeastSquares, least_squares, with_coefficients
 from protocol.base.arrays import FloatArray
-from protocol.base.errors import DataError
+from protocol.base.errors import DataError, RequestError
 
 SLOPE_POINTS, FLAT = 401, 1e-3  # of the mean slope: a spline that is flatter anywhere has no inverse there
 LARGEST = 1e150  # its square is still a number
@@ -36,7 +36,8 @@ class Calibration:
     ----------
     coefficients, std_errors, covariance : monomial ones, b0 first; empty for a spline.
     r2, adjusted_r2 : share of the (weighted) variance explained; NaN if y does not vary.
-    rmse, residual_sd : residuals over n, and over n - degree - 1; NaN without degrees of freedom.
+    rmse, residual_sd : residuals over n, and over n - degree - 1; NaN without degrees of freedom. `residual_sd` is the
+        smallest u of y where these were stated.
     turning_points : every x where the slope changes sign, inside the range or not.
     monotone : no turning point inside the range, and not flat.
     reading : error of readings of x on a grid, see `with_reading`; None if x is known.
@@ -68,6 +69,19 @@ class Calibration:
         return (
             replace(self, reading=gather(self.fit, self.x, self.y, reading_sd, positions)) if reading_sd > 0 else self
         )
+
+    def as_stated(self, sd: float) -> Calibration:
+        """Return the same curve with the covariance of stated uncertainties, `sd` at weight 1, whatever the scatter."""
+        covariance = sd**2 * self.fit.monomial_factor @ self.fit.monomial_factor.T
+        if self.fit.basis_factor.shape[1] <= self.degree:  # the constant is exactly zero
+            covariance[0], covariance[:, 0] = 0.0, 0.0
+        return replace(self, std_errors=np.sqrt(np.diag(covariance)), covariance=covariance, residual_sd=sd)
+
+    @property
+    def scatter_sd(self) -> float:
+        """Standard deviation of the residuals at weight 1, also where uncertainties were stated."""
+        squares = float(self.fit.weights @ self.fit.residuals**2)
+        return float(np.sqrt(squares / self.dof)) if self.dof > 0 else float("nan")
 
     @property
     def spline(self) -> MonotoneSplineBasis | None:
@@ -222,12 +236,24 @@ class Calibration:
 
 
 def fit_calibration(
-    x: npt.ArrayLike, y: npt.ArrayLike, degree: int = 3, *, standard_uncertainty: npt.ArrayLike | None = None
+    x: npt.ArrayLike,
+    y: npt.ArrayLike,
+    degree: int = 3,
+    *,
+    standard_uncertainty: npt.ArrayLike | None = None,
+    weights: npt.ArrayLike | None = None,
 ) -> Calibration:
     """Fit y(x), a polynomial of `degree` 0 to 10, by (weighted) least squares; x and y are [n].
 
-    `standard_uncertainty` [n] of y gives weights 1/u^2; only the ratios matter, the residuals set the scale. DataError:
-    fewer than degree + 1 distinct x, clustered x, NaN. RequestError: degree or uncertainties are not allowed.
+    Parameters
+    ----------
+    standard_uncertainty : u of y, [n] or one for all; it alone sets the standard errors, as in `boat-daq fit --u`.
+    weights : [n] proportional to 1/u^2; only the ratios matter, the residuals set the standard errors.
+
+    Raises
+    ------
+    DataError : fewer than degree + 1 distinct x, clustered x, NaN.
+    RequestError : degree, uncertainties or weights are not allowed.
 
     Examples
     --------
@@ -236,14 +262,26 @@ def fit_calibration(
     """
     x = np.asarray(x, dtype=np.float64).ravel()
     y = np.asarray(y, dtype=np.float64).ravel()
-    weights = None
+    stated = None
+    if weights is not None:
+        weights = np.asarray(weights, dtype=np.float64).ravel()
     if standard_uncertainty is not None:
-        with np.errstate(divide="ignore"):
-            weights = 1.0 / np.asarray(standard_uncertainty, dtype=np.float64).ravel() ** 2
+        if weights is not None:
+            raise RequestError("both uncertainties and weights are given", "Give standard_uncertainty or weights.")
+        stated = np.asarray(standard_uncertainty, dtype=np.float64).ravel()
+        stated = np.full(y.shape, stated[0]) if stated.size == 1 else stated
+        weights = weights_of(stated)
     if any(np.abs(v[np.isfinite(v)]).max(initial=0.0) > LARGEST for v in (x, y)):
         raise DataError(f"a value is larger than {LARGEST:g}: its square has no number", "Give it in a larger unit.")
     fit = least_squares(x, y, degree, weights)
-    return _calibration(x, y, fit, (float(x.min()), float(x.max())), weights)
+    found = _calibration(x, y, fit, (float(x.min()), float(x.max())), weights)
+    return found if stated is None else found.as_stated(float(stated.min()))
+
+
+def weights_of(u: npt.ArrayLike) -> FloatArray:
+    """Return the weights 1/u^2, [n]; infinite ones are refused by the fit."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(1.0 / np.asarray(u, dtype=np.float64).ravel() ** 2, dtype=np.float64)
 
 
 def fit_by_branch(

@@ -13,12 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from analysis.calibration.checks import calibration_warnings
-from analysis.calibration.constrained_fit import monotone, through_zero, with_solution
-from analysis.calibration.fit import Calibration, fit_calibration
+from analysis.calibration.constrained_fit import monotone, through_zero
+from analysis.calibration.fit import Calibration, fit_calibration, weights_of
 from analysis.calibration.left_out import LeftOutPoint, leave_out
 from analysis.calibration.residual_tests import ChiSquared, Explanation, chi_squared, explanation, residual_warnings
 from analysis.warning import Warning, WarningCode
-from protocol.base.arrays import BoolArray, FloatArray
+from protocol.base.arrays import BoolArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,7 @@ def general_fit(
         return monotone(found) if options.monotone else found
 
     u = None if standard_uncertainty is None else np.asarray(standard_uncertainty, dtype=np.float64).ravel()
-    calibration = constrained(fit_calibration(x, y, degree, standard_uncertainty=u))
+    calibration = constrained(fit_calibration(x, y, degree, weights=None if u is None else weights_of(u)))
     left_out: tuple[LeftOutPoint, ...] = ()
     kept = np.ones(calibration.n, dtype=bool)
     if options.leave_out:
@@ -81,7 +81,7 @@ def general_fit(
         u = None if u is None else u[kept]
     stated = None if u is None else chi_squared(calibration, u)
     return GeneralFit(
-        calibration if u is None else _as_stated(calibration, u),
+        calibration if u is None else calibration.as_stated(float(u.min())),
         calibration.residual_sd,
         options,
         stated,
@@ -90,15 +90,6 @@ def general_fit(
         explanation(calibration),
         (*map(_left_out, left_out), *calibration_warnings(calibration), *residual_warnings(calibration, stated)),
     )
-
-
-def _as_stated(calibration: Calibration, u: FloatArray) -> Calibration:
-    """Return the same curve with the covariance that the stated uncertainties give."""
-    fit = calibration.fit
-    return with_solution(
-        calibration, fit.basis_coefficients, fit.basis_factor, fit.leverage, sd=float(u.min()),
-        zero_constant=fit.basis_factor.shape[1] <= calibration.degree,
-    )  # fmt: skip
 
 
 def _left_out(one: LeftOutPoint) -> Warning:

@@ -74,15 +74,17 @@ def studentised_residuals(calibration: Calibration) -> FloatArray:
     fit, dof = calibration.fit, calibration.dof
     left = 1.0 - fit.leverage
     largest = float(np.abs(calibration.y).max(initial=0.0))
-    if dof < 2 or not calibration.residual_sd > 1e-12 * largest:
+    if dof < 2 or not calibration.scatter_sd > 1e-12 * largest:
         return np.full(calibration.n, np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         own = fit.weights * fit.residuals**2 / left
-        rest = np.maximum(dof * calibration.residual_sd**2 - own, 0.0) / (dof - 1)
+        rest = np.maximum(dof * calibration.scatter_sd**2 - own, 0.0) / (dof - 1)
         return np.asarray(np.where(left < 1e-9, np.nan, np.sqrt(own / rest)), dtype=np.float64)
 
 
 def _of_points(calibration: Calibration, kept: BoolArray) -> Calibration:
     weights = calibration.fit.weights[kept]
-    u = None if np.all(weights == 1.0) else 1.0 / np.sqrt(weights)
-    return fit_calibration(calibration.x[kept], calibration.y[kept], calibration.degree, standard_uncertainty=u)
+    equal = bool(np.all(weights == 1.0))
+    return fit_calibration(
+        calibration.x[kept], calibration.y[kept], calibration.degree, weights=None if equal else weights
+    )

@@ -145,7 +145,11 @@ def sample_posterior(
     samples : sufficient effective number; more than `KEPT_SAMPLES` are all kept.
     start_sd : radius of the starting ball, standard errors.
     """
-    calibration = fit_calibration(x, y, degree, standard_uncertainty=standard_uncertainty)
+    with np.errstate(divide="ignore"):
+        weights = (
+            None if standard_uncertainty is None else 1.0 / np.asarray(standard_uncertainty, dtype=np.float64) ** 2
+        )
+    calibration = fit_calibration(x, y, degree, weights=weights)
     if reading_sd > 0:
         calibration = calibration.with_reading(reading_sd, positions)
     target = _Target.of(calibration, reading_sd, monotone)

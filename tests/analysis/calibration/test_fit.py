@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import curve_fit
 
 from analysis import BoatDaqError, fit_calibration
+from protocol.base.errors import RequestError
 from tests.analysis.boat_builder import PAPER
 
 DIGITS = {"Pontius": 10.0, "Wampler1": 5.0, "Wampler5": 5.0, "Filip": 5.0}
@@ -66,6 +68,20 @@ def test_weights_follow_the_ratio_of_the_uncertainties() -> None:
     y, u = np.asarray([1.0, 2.0, 4.0]), np.asarray([1.0, 2.0, 0.5])
     fit = fit_calibration(np.arange(3.0), y, 0, standard_uncertainty=u)
     assert fit.coefficients[0] == pytest.approx((y / u**2).sum() / (1 / u**2).sum(), rel=1e-14)
+
+
+def test_stated_uncertainty_sets_the_standard_errors() -> None:
+    """(A^T A)^-1 / u^2 whatever the scatter, by scipy's absolute_sigma; weights keep the scale of the residuals."""
+    x = np.arange(8.0)
+    y, u = 1 + 2 * x + 0.01 * np.cos(9 * x), np.linspace(0.3, 0.7, 8)
+    for absolute, spread in ((True, {"standard_uncertainty": u}), (False, {"weights": 7 / u**2})):
+        _, covariance = curve_fit(lambda t, a, b: a + b * t, x, y, sigma=u, absolute_sigma=absolute)
+        found = fit_calibration(x, y, 1, **spread)
+        np.testing.assert_allclose(found.covariance, covariance, rtol=1e-5)
+        np.testing.assert_allclose(found.curve_sd([0.0]), np.sqrt(covariance[0, 0]), rtol=1e-5)
+    assert fit_calibration(x, y, 1, standard_uncertainty=0.5).std_errors[1] == pytest.approx(0.5 / np.sqrt(42.0))
+    with pytest.raises(RequestError, match="both"):
+        fit_calibration(x, y, 1, standard_uncertainty=u, weights=u)
 
 
 def test_covariance_is_that_of_the_normal_equations() -> None:

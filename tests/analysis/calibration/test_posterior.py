@@ -116,7 +116,7 @@ def test_unequal_noise_weighs_the_points() -> None:
     u = np.where(X > 0, 4.0, 1.0)
     y = TRUTH(X) + u * np.random.default_rng(8).standard_normal(X.size)
     posterior = sample_posterior(X, y, standard_uncertainty=u, seed=0)
-    fit = fit_calibration(X, y, standard_uncertainty=u)
+    fit = fit_calibration(X, y, weights=1 / u**2)
     np.testing.assert_allclose(posterior.sd, fit.std_errors * np.sqrt(fit.dof / (fit.dof - 2)), rtol=0.04)
 
 
